@@ -11,10 +11,10 @@ use std::time::Duration;
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
 use growbot_client::growth::{GrowthError, Job, Manner, Order, Orders, WhenParked, grow_job};
+use growbot_client::keep_clear::Surroundings;
 use growbot_client::run_log::{
     Board as WrittenBoard, BoardStatus, GrowthResult, Origin, ResultOutcome, RunEvent, RunLog, RunLogError, events_of,
 };
-use growbot_client::warning::PREVENTING;
 use growbot_core::link::message::Silence;
 use growbot_core::robot::Robot as Described;
 use growbot_core::simulation::{Disturbance, Imperfection};
@@ -24,10 +24,12 @@ use pyo3::prelude::*;
 
 use crate::arguments::{flag, path, word, wrong_type};
 use crate::conditions::Conditions;
+use crate::growable::{check, surroundings};
 use crate::plan::Plan;
 use crate::refused::{Kind, Refused};
 use crate::robot::robot_of;
 use crate::run::json_of;
+use crate::scene::Scene;
 use crate::simulate::seed_of;
 
 /// How often Ctrl-C is looked for.
@@ -48,6 +50,8 @@ enum Asked {
 struct Task {
     plan: Plan,
     conditions: Conditions,
+    /// What corrections are kept off.
+    around: Option<Scene>,
     seed: u64,
     log: Option<PathBuf>,
     replace: bool,
@@ -111,6 +115,8 @@ impl Worker {
     }
 
     fn open(&mut self, settings: &TipSettings) -> Result<&mut Line, Refused> {
+        // One program at a time has a robot's line.
+        self.line = None;
         let Opened { port, simulation } = open(&self.port, &self.robot, settings).map_err(board_error)?;
         let name = if self.port.is_simulated() { format!("{} (simulated)", self.name) } else { self.name.clone() };
         let client = Client::new(port, &name).taking_over(self.take_over);
@@ -157,9 +163,18 @@ impl Worker {
 
     /// Grows a body: its result, and why it is not done.
     fn grown(&mut self, task: &Task) -> Result<(GrowthResult, Option<Refused>), Refused> {
-        let Task { plan: Plan { inner: plan, robot }, conditions, seed, orders, .. } = task;
+        let Task { plan: Plan { inner: plan, robot }, conditions, around, seed, orders, .. } = task;
         let simulated = self.port.is_simulated();
         let noise = if simulated { conditions.sensor_noise() } else { conditions.assumed_noise() };
+        let around = around.as_ref().map(|scene| Surroundings::new(robot, &scene.loaded, plan.radius));
+        let feedback = conditions.feedback().then(|| {
+            let feedback = Feedback::new(robot, &plan.start, &plan.path, &plan.legs, noise);
+            around.iter().fold(feedback, Feedback::among)
+        });
+        if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::can_begin) {
+            let message = format!("{too_near}: plan with a larger margin_mm or another radius_mm, or set force=True");
+            return Err(Refused::new(Kind::Input, message));
+        }
         let imperfection =
             Imperfection { disturbance: conditions.disturbance(), noise: conditions.sensor_noise(), seed: *seed };
         if simulated {
@@ -169,7 +184,6 @@ impl Worker {
         let (port, line) = (self.name.clone(), self.line()?);
         let job = Job::of_plan(robot, plan);
         let fed_back = conditions.feedback().then_some(noise);
-        let feedback = fed_back.map(|noise| Feedback::new(robot, &plan.start, &plan.path, &plan.legs, noise));
         let origin = Origin { port: &port, imperfection: simulated.then_some(&imperfection) };
         let begun = match &task.log {
             None => Ok(RunLog::none()),
@@ -302,6 +316,7 @@ impl Board {
         let take_over = take_over.map_or(Ok(false), |value| flag("take_over", value))?;
         let (asks, asked) = mpsc::channel();
         let simulated = port.is_simulated();
+        let begins_with_growth = simulated && port.resident().is_none();
         let thread = thread::Builder::new().name("growbot".to_owned()).spawn(move || {
             Worker { robot, port, name, take_over, line: None }.serve(&asked);
         });
@@ -313,8 +328,7 @@ impl Board {
             orders: Mutex::new(Arc::default()),
             simulated,
         };
-        // A simulated robot begins with its growth.
-        if !simulated && let Err(refused) = board.answer(py, Asked::Hello) {
+        if !begins_with_growth && let Err(refused) = board.answer(py, Asked::Hello) {
             board.close(py);
             return Err(refused);
         }
@@ -338,7 +352,7 @@ impl Board {
         self.answer(py, Asked::EmergencyStop)
     }
 
-    #[pyo3(signature = (plan, conditions = None, seed = None, log = None, replace_log = None, force = None))]
+    #[pyo3(signature = (plan, conditions = None, seed = None, log = None, replace_log = None, force = None, scene = None))]
     #[expect(clippy::too_many_arguments, reason = "Python's keywords")]
     fn grow(
         &self,
@@ -348,13 +362,17 @@ impl Board {
         log: Option<&Bound<PyAny>>,
         replace_log: Option<&Bound<PyAny>>,
         force: Option<&Bound<PyAny>>,
+        scene: Option<&Bound<PyAny>>,
     ) -> Result<Growth, Refused> {
         let plan = plan.cast::<Plan>().map_err(|_| wrong_type("plan", plan, "a growbot.Plan"))?.get().clone();
         let conditions = Conditions::read(conditions)?;
         let seed = seed_of(seed)?;
         let log = log.map(|file| path("log", file)).transpose()?;
         let replace = replace_log.map_or(Ok(false), |value| flag("replace_log", value))?;
-        check(&plan, &conditions, self.simulated, force.map_or(Ok(false), |value| flag("force", value))?)?;
+        let force = force.map_or(Ok(false), |value| flag("force", value))?;
+        check(&plan, &conditions, self.simulated, force)?;
+        // Grown by force, it is not kept off anything.
+        let around = if force { None } else { surroundings(&plan, scene)? };
         let (events, told) = if self.simulated {
             let (sender, receiver) = mpsc::sync_channel(AHEAD);
             (Events::Ahead(sender), receiver)
@@ -367,6 +385,7 @@ impl Board {
         self.ask(Asked::Grow(Box::new(Task {
             plan,
             conditions,
+            around,
             seed,
             log,
             replace,
@@ -386,39 +405,6 @@ impl Board {
             py.detach(|| drop(thread.join()));
         }
     }
-}
-
-/// Whether a growth may be asked for.
-fn check(plan: &Plan, conditions: &Conditions, simulated: bool, force: bool) -> Result<(), Refused> {
-    let warnings = plan.inner.warnings.iter();
-    let preventing: Vec<&str> =
-        warnings.map(|warning| warning.code.as_str()).filter(|code| PREVENTING.contains(code)).collect();
-    if !preventing.is_empty() && !force {
-        let codes = preventing.join(", ");
-        let message = format!("not grown because of {codes}: change the plan, or grow it all the same with force=True");
-        return Err(Refused::with(Kind::Input, message, codes, "no such warning"));
-    }
-    if conditions.is_for_simulations_alone() {
-        return Err(Refused::new(
-            Kind::Input,
-            "sag, whole steps, gravity_only and odometry_scale_percent are for growths without a board: use Plan.simulate, or leave them out",
-        ));
-    }
-    if !simulated && conditions.disturbance() != Disturbance::default() {
-        return Err(Refused::new(
-            Kind::Input,
-            "layers of a robot cannot be disturbed: leave out noises and biases, or connect to \"sim\"",
-        ));
-    }
-    let sensors = &plan.robot.description().sensors;
-    if conditions.feedback() && sensors.filament_motion.is_none() && !sensors.orientation {
-        let message = format!(
-            "robot {} has nothing to measure layers by: give it sensors.filament_motion or sensors.orientation, or leave out feedback",
-            plan.robot.name()
-        );
-        return Err(Refused::new(Kind::Input, message));
-    }
-    Ok(())
 }
 
 /// A growth under way.

@@ -11,6 +11,7 @@ mod arguments;
 mod board;
 mod conditions;
 mod course;
+mod growable;
 mod plan;
 mod pose;
 mod refused;

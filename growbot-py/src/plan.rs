@@ -8,20 +8,21 @@ use growbot_client::degrees::degrees_below_turn;
 use growbot_client::files::replace_file;
 use growbot_client::plan::{self as client, Goal, Search, planner_name};
 use growbot_client::plan_file::{self, PlanFile, WrittenSegment};
-use growbot_client::through_scene::{self, LENGTH_MAX, Through};
+use growbot_client::through_scene::{self, EFFORT, LENGTH_MAX, Through};
 use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
 use growbot_core::plan::Planner;
 use growbot_core::pose::{Pose as CorePose, tip_direction};
 use growbot_core::robot::Robot as Described;
 use growbot_core::slicing::{Slicing, layers};
-use growbot_host::view::{Subject, page};
+use growbot_host::view::Subject;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyType};
 
 use crate::arguments::{self, Rows, check_rows, flag, number, text, threads, whole, within, word, wrong_type};
 use crate::course::frames;
+use crate::growable::page_of;
 use crate::pose::{Pose, as_goal, as_pose, goal_of, pose_of, rows_of};
 use crate::refused::{Kind, Refused};
 use crate::robot::{Robot, robot_of};
@@ -193,8 +194,8 @@ fn room_of(
             Ok(None)
         };
     };
-    let scene = scene.cast::<Scene>().map_err(|_| wrong_type("scene", scene, "a growbot.Scene"))?.get().clone();
-    let effort = given.unwrap_or(if limit.is_some() { u64::MAX } else { 5 });
+    let scene = Scene::given(scene)?;
+    let effort = given.unwrap_or(if limit.is_some() { u64::MAX } else { EFFORT });
     let deadline = limit.and_then(|limit| Instant::now().checked_add(Duration::from_secs_f64(limit)));
     Ok(Some(Room { scene, effort, deadline }))
 }
@@ -241,6 +242,7 @@ pub fn plan(
                 grown: None,
                 effort: *effort,
                 deadline: *deadline,
+                first_only: false,
                 length_max: LENGTH_MAX,
             };
             let goals: Vec<Goal> = on_the_way.iter().chain([&goal]).copied().collect();
@@ -569,8 +571,9 @@ impl Plan {
 
     /// The page that shows the body: HTML that needs no network.
     fn html(&self, py: Python<'_>) -> Result<String, Refused> {
-        let subject = Subject { name: "plan", robot: &self.robot, plan: &self.inner, run: None, laid: None };
-        py.detach(|| page::of_one(&subject)).map_err(|error| Refused::new(Kind::Input, error))
+        let subject =
+            Subject { name: "plan", robot: &self.robot, plan: &self.inner, run: None, laid: None, scene: None };
+        page_of(py, &subject)
     }
 
     /// Writes the page to a file [default: a temporary one], and opens it in the browser. Returns where it is.

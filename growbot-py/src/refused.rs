@@ -162,6 +162,7 @@ impl From<ThroughError> for Refused {
                     NoPath::TooFar { distance, left } => Self::with(Kind::NoPath, message, distance, left),
                     NoPath::Separated { need } => Self::with(Kind::NoPath, message, "none", need),
                     NoPath::AtResolution { step, .. } => Self::with(Kind::NoPath, message, error.code(), step),
+                    NoPath::NotClear => Self::with(Kind::NoPath, message, "two-plane", "shortest"),
                     NoPath::NotFound => Self::with(Kind::NoPath, message, error.code(), "effort and time_limit_s"),
                 }
             }

@@ -7,11 +7,12 @@ use growbot_client::plan as client;
 use growbot_client::run_log::{Events, RunEvent, RunLine, RunRecord};
 use growbot_core::layer_bytes::decode;
 use growbot_core::robot::Robot as Described;
-use growbot_host::view::{Subject, page};
+use growbot_host::view::Subject;
 use pyo3::prelude::*;
 use pyo3::types::PyType;
 
 use crate::arguments::{bytes_of_file, path};
+use crate::growable::page_of;
 use crate::plan::{Plan, framed, table};
 use crate::refused::{Kind, Refused};
 
@@ -101,9 +102,15 @@ impl RunLog {
 
     /// The page that shows the body: HTML that needs no network.
     fn html(&self, py: Python<'_>) -> Result<String, Refused> {
-        let subject =
-            Subject { name: &self.name, robot: &self.robot, plan: &self.plan, run: Some(&self.record), laid: None };
-        py.detach(|| page::of_one(&subject)).map_err(|error| Refused::new(Kind::Input, error))
+        let subject = Subject {
+            name: &self.name,
+            robot: &self.robot,
+            plan: &self.plan,
+            run: Some(&self.record),
+            laid: None,
+            scene: None,
+        };
+        page_of(py, &subject)
     }
 
     fn _repr_html_(&self, py: Python<'_>) -> Result<String, Refused> {

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use growbot_client::plan_file::written_hash;
-use growbot_scene::file::{LoadedScene, load};
+use growbot_scene::file::{LoadedScene, SceneError, load};
 use nalgebra::Vector3;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyType;
 
-use crate::arguments::{Rows, path};
+use crate::arguments::{Rows, path, wrong_type};
 use crate::refused::{Kind, Refused};
 
 /// Obstacles, from a scene file (TOML), a mesh (.stl, .obj, .ply, .glb) or a cloud of points (.ply, .pcd).
@@ -21,14 +21,24 @@ pub struct Scene {
     pub file: PathBuf,
 }
 
+impl Scene {
+    /// What was given as a scene.
+    pub fn given(scene: &Bound<PyAny>) -> Result<Self, Refused> {
+        Ok(scene.cast::<Self>().map_err(|_| wrong_type("scene", scene, "a growbot.Scene"))?.get().clone())
+    }
+
+    pub fn read(file: PathBuf) -> Result<Self, SceneError> {
+        Ok(Self { loaded: Arc::new(load(&file)?), file })
+    }
+}
+
 #[pymethods]
 impl Scene {
     #[new]
     #[pyo3(signature = (file))]
     fn new(py: Python<'_>, file: &Bound<PyAny>) -> Result<Self, Refused> {
         let file = path("file", file)?;
-        let loaded = py.detach(|| load(&file)).map_err(|error| Refused::new(Kind::File, error))?;
-        Ok(Self { loaded: Arc::new(loaded), file })
+        py.detach(|| Self::read(file)).map_err(|error| Refused::new(Kind::File, error))
     }
 
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyType>, (PathBuf,)) {

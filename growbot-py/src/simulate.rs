@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use growbot_client::plan as client;
 use growbot_core::layer::Layer;
 use growbot_core::robot::Robot as Described;
-use growbot_host::view::{Subject, page};
+use growbot_host::view::Subject;
 use growbot_sim::parallel;
 use growbot_sim::simulation::{Outcome, Simulation};
 use numpy::PyArray1;
@@ -15,9 +16,13 @@ use pyo3::types::PyAnyMethods;
 
 use crate::arguments::{check_rows, threads, whole, wrong_type};
 use crate::conditions::Conditions;
+use crate::growable::page_of;
 use crate::plan::{Plan, framed, structured, table};
 use crate::pose::Pose;
 use crate::refused::{Kind, Refused};
+
+/// How often Ctrl-C is looked for.
+const LOOK: Duration = Duration::from_millis(50);
 
 /// Does the same work on many items, on that many threads, without the interpreter; Ctrl-C ends it soon.
 pub fn interruptible<T: Sync, U: Send>(
@@ -29,23 +34,39 @@ pub fn interruptible<T: Sync, U: Send>(
     let ended = AtomicBool::new(false);
     let (results, signal) = py.detach(|| {
         let mut signal = None;
-        let results = parallel::map_on(
-            threads,
-            items,
-            |item| (!ended.load(Ordering::Relaxed)).then(|| work(item)),
-            |_| {
-                if let Err(error) = Python::attach(|py| py.check_signals()) {
-                    ended.store(true, Ordering::Relaxed);
-                    signal = Some(error);
-                }
-            },
-        );
+        let mut look = || {
+            if let Err(error) = Python::attach(|py| py.check_signals()) {
+                ended.store(true, Ordering::Relaxed);
+                signal = Some(error);
+            }
+        };
+        let work = |item: &T| (!ended.load(Ordering::Relaxed)).then(|| work(item));
+        let results = if threads == 1 {
+            here(items, work, &mut look)
+        } else {
+            parallel::map_on(threads, items, work, |_| look())
+        };
         (results, signal)
     });
     match signal {
         Some(error) => Err(error.into()),
         None => Ok(results.into_iter().flatten().collect()),
     }
+}
+
+/// Does all work on this thread: one of its own would begin with memory that the system has to give first.
+fn here<T, U>(items: &[T], work: impl Fn(&T) -> U, look: &mut impl FnMut()) -> Vec<U> {
+    let mut looked = Instant::now();
+    let mut one = |item: &T| {
+        if looked.elapsed() > LOOK {
+            look();
+            looked = Instant::now();
+        }
+        work(item)
+    };
+    let results = items.iter().map(&mut one).collect();
+    look();
+    results
 }
 
 /// A growth that was simulated without a board.
@@ -197,8 +218,9 @@ impl Simulated {
             plan: &self.plan,
             run: None,
             laid: Some(&self.laid),
+            scene: None,
         };
-        py.detach(|| page::of_one(&subject)).map_err(|error| Refused::new(Kind::Input, error))
+        page_of(py, &subject)
     }
 
     fn _repr_html_(&self, py: Python<'_>) -> Result<String, Refused> {

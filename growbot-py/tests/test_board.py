@@ -147,3 +147,25 @@ def test_the_emulator(command: Path) -> None:
                 break
         growth.stop()
         assert growth.result is not None and growth.result["outcome"] == "stopped"
+
+
+def test_bodies_among_obstacles_are_kept_clear(tmp_path: Path) -> None:
+    near, far = tmp_path / "near.toml", tmp_path / "far.toml"
+    text = 'format = "growbot-scene/1"\nmargin_mm = 5.0\n[[ball]]\ncenter_mm = [{}, 0, 60]\nradius_mm = 40\n'
+    near.write_text(text.format(60))
+    far.write_text(text.format(400))
+    with growbot.connect("sim") as board:
+        with pytest.raises(growbot.InputError, match="mm into the ball.*force=True"):
+            board.grow(PLAN, scene=growbot.Scene(near))
+        feedback = growbot.Conditions(bias_percent=5, feedback=True)
+        assert board.grow(PLAN, scene=growbot.Scene(far), conditions=feedback).wait()["outcome"] == "done"
+        through = growbot.plan(START, (5, 0, 60, 0, 85), scene=growbot.Scene(far))
+        assert board.grow(through).wait()["outcome"] == "done"
+        assert "far.toml" in through.html() and "far.toml" in through.simulate(seed=1).html()
+        far.write_text(text.format(401))
+        with pytest.raises(growbot.FileError, match="not the scene that was planned through.*scene="):
+            board.grow(through)
+        far.unlink()
+        with pytest.raises(growbot.FileError, match="scene="):
+            board.grow(through)
+        assert board.grow(through, force=True).wait()["outcome"] == "done"

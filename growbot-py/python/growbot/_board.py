@@ -6,25 +6,30 @@ import json
 import os
 import weakref
 from types import TracebackType
-from typing import Any, Iterator, Optional, Union
+from typing import Any, Callable, Iterator, Optional, Union
 
 from growbot import _growbot
 from growbot._conditions import Conditions
 from growbot._errors import BoardError
-from growbot._growbot import Plan, Robot
+from growbot._growbot import Plan, Robot, Scene
+from growbot._service import ServedBoard, ServedGrowth, Service
 from growbot.events import Event, Status, from_fields
 
 
 def connect(port: str = "sim", *, robot: Optional[Union[Robot, str]] = None, take_over: bool = False) -> Board:
-    """Connects to a robot: "sim", "emulator", "tcp:HOST:PORT", or a serial device such as "/dev/ttyACM0".
+    """Connects to a robot: "sim", "sim:NAME", "emulator", "tcp:HOST:PORT", or a serial device such as "/dev/ttyACM0".
 
     robot is the one that is simulated; elsewhere the board says what it is. With take_over, another host loses the
-    board.
+    board. A robot that `growbot serve` owns is asked through the service, as by commands.
 
         with growbot.connect("sim") as board:
             for event in board.grow(plan):
                 print(event)
     """
+    service = Service.find()
+    served = service.robot_at(port) if service is not None and isinstance(port, str) else None
+    if service is not None and served is not None:
+        return Board(ServedBoard(service, served))
     return Board(_growbot.Board(port, robot, take_over))
 
 
@@ -32,10 +37,10 @@ class Growth(Iterator[Event]):
     """A growth under way: an iterator of its events, until the body is done.
 
     Ctrl-C stops the robot and raises KeyboardInterrupt once it has stopped; a second one gives the emergency stop. Who
-    leaves the loop before the end leaves a robot that is told to stop.
+    leaves the loop before the end leaves a robot that is told to stop, unless a service owns it.
     """
 
-    def __init__(self, inner: _growbot.Growth) -> None:
+    def __init__(self, inner: Union[_growbot.Growth, ServedGrowth]) -> None:
         self._inner = inner
 
     def __iter__(self) -> Growth:
@@ -81,9 +86,9 @@ class Growth(Iterator[Event]):
 class Board:
     """A robot at the end of a port; leaving the with block stops what grows, and disconnects."""
 
-    def __init__(self, inner: _growbot.Board) -> None:
+    def __init__(self, inner: Union[_growbot.Board, ServedBoard]) -> None:
         self._inner = inner
-        self._growth: Optional[weakref.ref[Growth]] = None
+        self._growth: Callable[[], Optional[Growth]] = lambda: None
 
     def __enter__(self) -> Board:
         return self
@@ -110,18 +115,40 @@ class Board:
         log: Optional[Union[str, os.PathLike[str]]] = None,
         replace_log: bool = False,
         force: bool = False,
+        scene: Optional[Scene] = None,
     ) -> Growth:
         """Grows a plan. log names the run log (.jsonl); force grows in spite of warnings that speak against it.
 
-        conditions with feedback=True close the loop; its noises and biases are for simulated robots alone.
+        In scene, or in the one that was planned through, the plan must be clear, and corrections are kept clear.
+
+        conditions with feedback=True close the loop; its noises and biases are for simulated robots alone, and for
+        those that no service owns.
         """
         self._must_be_idle()
-        growth = Growth(self._inner.grow(plan, conditions, seed, log, replace_log, force))
-        self._growth = weakref.ref(growth)
+        growth = Growth(self._inner.grow(plan, conditions, seed, log, replace_log, force, scene))
+        # One that nobody reads any more stops by itself, but for a service's.
+        self._growth = (lambda: growth) if isinstance(self._inner, ServedBoard) else weakref.ref(growth)
         return growth
 
+    def attach(self) -> Growth:
+        """The growth that a service has under way, from its first event on."""
+        self._must_be_idle()
+        growth = Growth(self._served("attach to").attach())
+        self._growth = lambda: growth
+        return growth
+
+    def leave(self) -> None:
+        """Leaves the growth under way to the service: it goes on when the with block and this program end."""
+        self._served("leave it to")
+        self._growth = lambda: None
+
+    def _served(self, what: str) -> ServedBoard:
+        if not isinstance(self._inner, ServedBoard):
+            raise BoardError(f"there is no service to {what}: start `growbot serve` with this robot, and connect again")
+        return self._inner
+
     def _under_way(self) -> Optional[Growth]:
-        growth = None if self._growth is None else self._growth()
+        growth = self._growth()
         return None if growth is None or growth.ended else growth
 
     def _must_be_idle(self) -> None:

@@ -280,6 +280,7 @@ class Board:
         log: Optional[_File] = None,
         replace_log: Optional[bool] = None,
         force: Optional[bool] = None,
+        scene: Optional[Scene] = None,
     ) -> Growth: ...
     def close(self) -> None: ...
 

@@ -1,0 +1,302 @@
+"""Robots that `growbot serve` owns: asked by HTTP on the user's socket, as commands do."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import socket
+import time
+import uuid
+from pathlib import Path
+from typing import Any, Iterator, Optional, Union
+
+from growbot._conditions import Conditions
+from growbot._errors import BoardError, FileError, InputError
+from growbot._growbot import Plan, Scene
+
+#: An order to a robot may wait for its board, s.
+_LIMIT_S = 30.0
+#: How long a service that has ended is waited for before it is asked again, s.
+_AGAIN_S = 0.5
+
+_ORDERS = ("pause", "continue", "stop", "emergency-stop")
+_TASKS = ("preheat", "load", "unload", "purge")
+
+
+class _Connection(http.client.HTTPConnection):
+    """HTTP on a Unix socket."""
+
+    def __init__(self, path: Path, timeout: Optional[float]) -> None:
+        super().__init__("localhost", timeout=timeout)
+        self._path = path
+
+    def connect(self) -> None:
+        self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self.sock.settimeout(self.timeout)
+        self.sock.connect(str(self._path))
+
+
+def _socket_of_user() -> Optional[Path]:
+    """Where the service of this user listens."""
+
+    def absolute(key: str) -> Optional[Path]:
+        path = Path(os.environ.get(key, ""))
+        return path if path.is_absolute() else None
+
+    runtime, state, home = absolute("XDG_RUNTIME_DIR"), absolute("XDG_STATE_HOME"), absolute("HOME")
+    if runtime is not None:
+        return runtime / "growbot/serve.sock"
+    if state is None and home is not None:
+        state = home / ".local/state"
+    return None if state is None else state / "growbot/serve/serve.sock"
+
+
+class Service:
+    """The service of this user."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    @classmethod
+    def find(cls) -> Optional[Service]:
+        """The one that listens; None where none does."""
+        path = _socket_of_user()
+        if path is None or not path.exists():
+            return None
+        service = cls(path)
+        try:
+            service._connected(_LIMIT_S).close()
+        except OSError:
+            return None
+        return service
+
+    def _connected(self, timeout: Optional[float]) -> _Connection:
+        connection = _Connection(self._path, timeout)
+        connection.connect()
+        return connection
+
+    def _send(self, connection: _Connection, path: str, body: Any = None) -> http.client.HTTPResponse:
+        method, headers = ("GET", {}) if body is None else ("POST", {"content-type": "application/json"})
+        if path.endswith("/jobs") and body is not None:
+            headers["idempotency-key"] = uuid.uuid4().hex
+        text = None if body is None else json.dumps(body)
+        connection.request(method, f"/api/v1{path}", body=text, headers=headers)
+        response = connection.getresponse()
+        if response.status >= 400:
+            told = response.read()
+            try:
+                detail = str(json.loads(told)["detail"])
+            except (ValueError, KeyError, TypeError):
+                detail = told.decode(errors="replace")[:500]
+            kind = InputError if response.status in (404, 422) else BoardError
+            raise kind(detail)
+        return response
+
+    def _bytes(self, path: str, body: Any = None) -> bytes:
+        connection = self._connected(_LIMIT_S)
+        try:
+            return self._send(connection, path, body).read()
+        finally:
+            connection.close()
+
+    def bytes(self, path: str, body: Any = None) -> bytes:
+        """What is at a path; with a body, what is done there."""
+        try:
+            return self._bytes(path, body)
+        except (OSError, http.client.HTTPException) as error:
+            raise BoardError(f"the service does not answer ({error}): is `growbot serve` running?") from error
+
+    def json(self, path: str, body: Any = None) -> Any:
+        """As bytes, from JSON."""
+        return json.loads(self.bytes(path, body))
+
+    def robot_at(self, port: str) -> Optional[dict[str, Any]]:
+        """The robot at a port, where the service owns it."""
+
+        def is_there(other: str) -> bool:
+            return other == port or (os.path.exists(port) and os.path.realpath(other) == os.path.realpath(port))
+
+        return next((robot for robot in self.json("/robots") if is_there(robot["port"])), None)
+
+    def lines(self, job: str) -> Iterator[Optional[str]]:
+        """The lines of a job's run log as they come, each once; None now and then, while there is none.
+
+        A service that ends is waited for: it goes on with its jobs when it is back.
+        """
+        after = 0
+        while True:
+            try:
+                connection = self._connected(None)
+                try:
+                    for number, line in _events(self._send(connection, f"/jobs/{job}/events?after={after}")):
+                        after = after if number is None else number
+                        yield line
+                finally:
+                    connection.close()
+                # The events of a job end with it, but the connection may have ended for another reason.
+                if json.loads(self._bytes(f"/jobs/{job}"))["state"] != "active":
+                    return
+                time.sleep(_AGAIN_S)
+            except (OSError, http.client.HTTPException):
+                yield None
+                time.sleep(_AGAIN_S)
+
+
+def _events(response: http.client.HTTPResponse) -> Iterator[tuple[Optional[int], Optional[str]]]:
+    """Server-sent events: their numbers and data; of a comment, which keeps the line busy, neither."""
+    number, data = None, None
+    for raw in response:
+        line = raw.decode().rstrip("\r\n")
+        if not line:
+            yield number, data
+            number, data = None, None
+        elif line.startswith("id:"):
+            number = int(line[3:])
+        elif line.startswith("data:"):
+            data = line[5:].lstrip()
+
+
+class ServedGrowth:
+    """A job of the service, in the form of a growth of a board of one's own."""
+
+    def __init__(self, service: Service, robot: str, job: str, log: Optional[Path]) -> None:
+        self._service, self._robot, self._job, self._log = service, robot, job, log
+        self._lines = service.lines(job)
+        self._result: Optional[dict[str, Any]] = None
+        self.ended = False
+
+    @property
+    def result_json(self) -> Optional[str]:
+        return None if self._result is None else json.dumps(self._result)
+
+    def next_json(self) -> Optional[str]:
+        interrupted: Optional[KeyboardInterrupt] = None
+        while not self.ended:
+            try:
+                line = next(self._lines, "")
+                if line == "":
+                    self._end()
+                    break
+                if line is None or interrupted is not None and '"event":"end"' not in line:
+                    continue
+                told = json.loads(line)
+                if told.get("event") != "end":
+                    return line
+                self._result = told["result"]
+            except KeyboardInterrupt as interrupt:
+                # The first stops the robot; a second one gives the emergency stop, while the first waits, too.
+                try:
+                    self._give("stop" if interrupted is None else "emergency-stop")
+                except KeyboardInterrupt:
+                    self._give("emergency-stop")
+                interrupted = interrupt
+                self._lines = self._service.lines(self._job)
+        if interrupted is not None:
+            raise interrupted
+        return None
+
+    def _end(self) -> None:
+        """Takes in the end of the run log."""
+        self.ended = True
+        if self._log is not None:
+            _write(self._log, self._service.bytes(f"/jobs/{self._job}/log"))
+        if self._result is None:
+            why = self._service.json(f"/jobs/{self._job}").get("why") or "the service does not say why"
+            raise BoardError(f"job {self._job} was left: {why}")
+        outcome = self._result["outcome"]
+        if outcome not in ("done", "stopped"):
+            fault = f" ({self._result['fault']})" if self._result.get("fault") else ""
+            raise BoardError(
+                f"the growth ended with {outcome}{fault}: look at robot {self._robot}; `growbot resume` resumes a body",
+                outcome,
+                "done",
+            )
+
+    def _give(self, order: str) -> None:
+        self._service.json(f"/robots/{self._robot}/orders", {"order": order})
+
+    def order(self, name: str) -> None:
+        if name in _ORDERS:
+            self._give(name)
+        elif name in _TASKS:
+            self._service.bytes(f"/jobs/{self._job}/live/orders/{name}", {})
+        else:
+            known = ", ".join(_ORDERS + _TASKS)
+            raise InputError(f"there is no order {name!r}: give one of {known}", name, known)
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Writes a file whole or not at all."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        beside.write_bytes(content)
+        os.replace(beside, path)
+    except OSError as error:
+        raise FileError(f"{path} cannot be written ({error.strerror}): name another file") from error
+
+
+class ServedBoard:
+    """A robot that the service owns, in the form of a board of one's own."""
+
+    def __init__(self, service: Service, robot: dict[str, Any]) -> None:
+        self._service: Optional[Service] = service
+        self._robot = str(robot["name"])
+        self.simulated = bool(robot["simulated"])
+
+    def _asked(self) -> Service:
+        if self._service is None:
+            raise BoardError("the board is disconnected: connect again")
+        return self._service
+
+    def _order(self, order: str) -> None:
+        self._asked().json(f"/robots/{self._robot}/orders", {"order": order})
+
+    def grow(
+        self,
+        plan: Plan,
+        conditions: Optional[Conditions] = None,
+        seed: Optional[int] = None,
+        log: Optional[Union[str, os.PathLike[str]]] = None,
+        replace_log: Optional[bool] = None,
+        force: Optional[bool] = None,
+        scene: Optional[Scene] = None,
+    ) -> ServedGrowth:
+        feedback = conditions is not None and conditions.feedback
+        if conditions not in (None, Conditions(), Conditions(feedback=True)) or seed not in (None, 1):
+            raise InputError(
+                f"robot {self._robot} is owned by the service, which takes no noise, bias or seed: leave them out, or "
+                'connect to "sim"'
+            )
+        path = None if log is None else Path(log)
+        if path is not None and path.exists() and not replace_log:
+            raise FileError(f"{path} is there already: name another file, or set replace_log=True")
+        written = json.loads(plan.to_json())
+        wanted = {"plan": written, "feedback": feedback, "force": bool(force), "name": "from Python"}
+        within = scene.file if scene is not None else (written.get("scene") or {}).get("file")
+        if within is not None:
+            # The service runs in a directory of its own.
+            wanted["scene"] = os.path.abspath(within)
+        job = self._asked().json(f"/robots/{self._robot}/jobs", wanted)
+        return ServedGrowth(self._asked(), self._robot, job["id"], path)
+
+    def attach(self) -> ServedGrowth:
+        robot = self._asked().json(f"/robots/{self._robot}")
+        if robot["job"] is None:
+            raise BoardError(f"robot {self._robot} has no job under way: grow one", "none", "a job")
+        return ServedGrowth(self._asked(), self._robot, robot["job"], None)
+
+    def status_json(self) -> str:
+        robot = self._asked().json(f"/robots/{self._robot}")
+        told = {key: robot[key] for key in ("laid", "temperature_c", "target_c", "fault")}
+        return json.dumps({"event": "status", "state": robot["board"], **told})
+
+    def stop(self) -> str:
+        self._order("stop")
+        return f"stopped: heater and steppers of the {'simulated ' if self.simulated else ''}robot are off"
+
+    def emergency_stop(self) -> None:
+        self._order("emergency-stop")
+
+    def close(self) -> None:
+        self._service = None

@@ -1,0 +1,89 @@
+//! Whether a plan may be grown, and the scene that it leads through.
+
+use std::path::PathBuf;
+
+use growbot_client::feedback::can_measure;
+use growbot_client::plan as client;
+use growbot_client::plan_file::written_hash;
+use growbot_client::through_scene::clear_in;
+use growbot_client::warning::PREVENTING;
+use growbot_core::simulation::Disturbance;
+use growbot_host::view::{SceneFile, Subject, page};
+use growbot_scene::file::LoadedScene;
+use pyo3::prelude::*;
+
+use crate::conditions::Conditions;
+use crate::plan::Plan;
+use crate::refused::{Kind, Refused};
+use crate::scene::Scene;
+
+/// The scene that a plan is to be grown in: the given one, if the plan is clear there; or the one that it was planned
+/// through.
+pub fn surroundings(plan: &Plan, scene: Option<&Bound<PyAny>>) -> Result<Option<Scene>, Refused> {
+    if let Some(scene) = scene {
+        let scene = Scene::given(scene)?;
+        clear_in(&plan.inner, &plan.robot, &scene.file.display().to_string(), &scene.loaded)
+            .map_err(|unclear| Refused::new(Kind::Input, format!("{unclear}; or set force=True")))?;
+        return Ok(Some(scene));
+    }
+    through(&plan.inner)
+}
+
+/// The scene that a plan leads through.
+fn through(plan: &client::Plan) -> Result<Option<Scene>, Refused> {
+    let Some(through) = &plan.scene else { return Ok(None) };
+    let found = Scene::read(PathBuf::from(&through.file))
+        .map_err(|error| Refused::new(Kind::File, format!("{error}; or give the plan's scene as scene=")))?;
+    if found.loaded.hash == through.hash {
+        return Ok(Some(found));
+    }
+    let message =
+        format!("{} is not the scene that was planned through: plan again, or give that one as scene=", through.file);
+    Err(Refused::with(Kind::File, message, written_hash(found.loaded.hash), written_hash(through.hash)))
+}
+
+/// The page of a body, with the scene that it leads through, as long as that is as it was.
+pub fn page_of(py: Python<'_>, subject: &Subject) -> Result<String, Refused> {
+    py.detach(|| {
+        let scene = match subject.run {
+            Some(run) => run.scene(subject.plan, subject.robot, None).ok().flatten(),
+            None => through(subject.plan).ok().flatten().map(|scene| LoadedScene::clone(&scene.loaded)),
+        };
+        let file = subject.plan.scene.as_ref().map_or("", |scene| &scene.file);
+        let scene = scene.as_ref().map(|loaded| SceneFile { file, scene: &loaded.scene });
+        page::of_one(&Subject { scene, ..*subject })
+    })
+    .map_err(|error| Refused::new(Kind::Input, error))
+}
+
+/// Whether a growth may be asked for.
+pub fn check(plan: &Plan, conditions: &Conditions, simulated: bool, force: bool) -> Result<(), Refused> {
+    let warnings = plan.inner.warnings.iter();
+    let preventing: Vec<&str> =
+        warnings.map(|warning| warning.code.as_str()).filter(|code| PREVENTING.contains(code)).collect();
+    if !preventing.is_empty() && !force {
+        let codes = preventing.join(", ");
+        let message = format!("not grown because of {codes}: change the plan, or grow it all the same with force=True");
+        return Err(Refused::with(Kind::Input, message, codes, "no such warning"));
+    }
+    if conditions.is_for_simulations_alone() {
+        return Err(Refused::new(
+            Kind::Input,
+            "sag, whole steps, gravity_only and odometry_scale_percent are for growths without a board: use Plan.simulate, or leave them out",
+        ));
+    }
+    if !simulated && conditions.disturbance() != Disturbance::default() {
+        return Err(Refused::new(
+            Kind::Input,
+            "layers of a robot cannot be disturbed: leave out noises and biases, or connect to \"sim\"",
+        ));
+    }
+    if conditions.feedback() && !can_measure(&plan.robot) {
+        let message = format!(
+            "robot {} has nothing to measure layers by: give it sensors.filament_motion or sensors.orientation, or leave out feedback",
+            plan.robot.name()
+        );
+        return Err(Refused::new(Kind::Input, message));
+    }
+    Ok(())
+}

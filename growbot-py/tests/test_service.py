@@ -1,0 +1,142 @@
+"""Robots that stay on: simulated ones in processes of their own, and those that `growbot serve` owns."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Iterator
+
+import pytest
+
+import growbot
+from conftest import START, run
+
+ROBOT = "growbot-a2"
+PLAN = growbot.plan(START, (0, 0, 40, 0, 90), robot=ROBOT)
+SETTINGS = f"""
+[robots.lab]
+port = "sim:lab"
+robot = "{ROBOT}"
+pace = 300.0
+"""
+
+
+def wait_for_state(board: growbot.Board, state: str) -> None:
+    for _ in range(600):
+        if board.status().state == state:
+            return
+        time.sleep(0.1)
+    raise AssertionError(f"the board is {board.status().state}, not {state}, after a minute")
+
+
+@pytest.fixture
+def lab(command: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A service that owns the simulated robot sim:lab."""
+    (tmp_path / "growbot.toml").write_text(SETTINGS)
+    for key, name in [("XDG_STATE_HOME", "state"), ("XDG_RUNTIME_DIR", "run")]:
+        monkeypatch.setenv(key, str(tmp_path / name))
+        (tmp_path / name).mkdir()
+    with subprocess.Popen([str(command), "serve", "--page-port", "0"], cwd=tmp_path, stdout=subprocess.PIPE) as service:
+        assert service.stdout is not None and b"127.0.0.1" in service.stdout.readline()
+        try:
+            with growbot.connect("sim:lab") as board:
+                wait_for_state(board, "idle")
+            yield tmp_path
+        finally:
+            service.kill()
+            run(command, "power", "off", "--port", "sim:lab")
+
+
+def test_a_robot_of_the_service_is_a_board_like_others(lab: Path) -> None:
+    log = lab / "run.jsonl"
+    with growbot.connect("sim:lab") as board:
+        assert board.simulated
+        growth = board.grow(PLAN, log=log)
+        seen = list(growth)
+        assert growth.result is not None and growth.result["outcome"] == "done" and growth.result["simulated"]
+        assert board.status().state == "done"
+        with pytest.raises(growbot.FileError, match="replace_log=True"):
+            board.grow(PLAN, log=log)
+        with pytest.raises(growbot.InputError, match="no noise"):
+            board.grow(PLAN, conditions=growbot.Conditions(noise_percent=5))
+        with pytest.raises(growbot.BoardError, match="no job under way"):
+            board.attach()
+    assert [event.layer for event in seen if isinstance(event, growbot.events.Laid)] == list(range(PLAN.layer_count))
+    assert growbot.RunLog(log).outcome == "done"
+    with pytest.raises(growbot.BoardError, match="disconnected"):
+        board.status()
+
+
+def test_a_growth_can_be_left_and_met_again(lab: Path) -> None:
+    long = growbot.plan(START, (0, 0, 400, 0, 90), robot=ROBOT)
+    with growbot.connect("sim:lab") as board:
+        growth = board.grow(long)
+        next(event for event in growth if isinstance(event, growbot.events.Laid))
+        board.leave()
+    with growbot.connect("sim:lab") as board:
+        growth = board.attach()
+        laid = next(event for event in growth if isinstance(event, growbot.events.Laid))
+        assert laid.layer == 0
+        growth.order("pause")
+        next(event for event in growth if isinstance(event, growbot.events.StateChanged) and event.state == "paused")
+        growth.order("continue")
+        with pytest.raises(growbot.InputError, match="there is no order"):
+            growth.order("jump")
+    # Leaving the block has stopped it.
+    assert growth.ended and growth.result is not None and growth.result["outcome"] == "stopped"
+
+
+def test_the_service_grows_in_the_scene_that_is_given(lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(lab)
+    head = 'format = "growbot-scene/1"\nmargin_mm = 2\n'
+    Path("wall.toml").write_text(head + "[[box]]\ncenter_mm = [0, 0, 60]\nsize_mm = [200, 200, 60]\n")
+    Path("aside.toml").write_text(head + "[[ball]]\ncenter_mm = [300, 0, 20]\nradius_mm = 20\n")
+    with growbot.connect("sim:lab") as board:
+        with pytest.raises(growbot.InputError, match="wall.toml"):
+            board.grow(PLAN, scene=growbot.Scene("wall.toml"))
+        aside = growbot.Scene("aside.toml")
+        assert board.grow(PLAN, scene=aside).wait()["outcome"] == "done"
+        # The plan names the file from this directory, and the service runs elsewhere.
+        plan = growbot.plan(START, (0, 0, 40, 0, 90), robot=ROBOT, scene=aside)
+        assert board.grow(plan).wait()["outcome"] == "done"
+
+
+INTERRUPTED = f"""
+import growbot
+with growbot.connect("sim:lab") as board:
+    for event in board.grow(growbot.plan((0, 0, 0, 0, 90), (0, 0, 900, 0, 90), robot="{ROBOT}")):
+        if isinstance(event, growbot.events.Laid) and event.layer == 1:
+            print("growing", flush=True)
+"""
+
+
+def test_ctrl_c_stops_the_robot_of_the_service(lab: Path) -> None:
+    process = subprocess.Popen([sys.executable, "-c", INTERRUPTED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stdout.readline() == "growing\n"
+    process.send_signal(signal.SIGINT)
+    assert "KeyboardInterrupt" in process.communicate(timeout=60)[1]
+    with growbot.connect("sim:lab") as board:
+        assert board.status().state == "stopped"
+
+
+def test_a_simulated_robot_that_stays_on(command: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    port = f"sim:{tmp_path}/lab"
+    with pytest.raises(growbot.BoardError, match="power on"):
+        growbot.connect(port)
+    run(command, "power", "on", "--port", port, "--robot", ROBOT, "--pace", "1000")
+    try:
+        with growbot.connect(port) as board:
+            assert board.simulated and board.grow(PLAN).wait()["outcome"] == "done"
+        with growbot.connect(port) as board:
+            assert board.status().state == "done"
+            result = board.grow(PLAN, conditions=growbot.Conditions(noise_percent=5), seed=3).wait()
+            assert result["outcome"] == "done" and result["seed"] == 3 and result["position_error_mm"] > 0.01
+        assert os.path.exists(tmp_path / "lab")
+    finally:
+        run(command, "power", "off", "--port", port)
