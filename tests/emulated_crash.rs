@@ -2,8 +2,6 @@
 //! not heat.
 
 use std::path::{Path, PathBuf};
-use std::thread::sleep;
-use std::time::{Duration, Instant};
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::robot_file;
@@ -17,9 +15,6 @@ use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
 use growbot_tests::tip_words::Words;
 use object::{Object, ObjectSection, ObjectSymbol};
-
-/// How long a board may take to start anew: the watchdog of a board that hangs resets it after 20 s.
-const PATIENCE: Duration = Duration::from_secs(180);
 
 /// A board that runs this image, a client of it, and the words of its tip.
 fn board(image: &Path) -> (Client, Words) {
@@ -35,11 +30,7 @@ fn board(image: &Path) -> (Client, Words) {
 fn crash(words: &Words, how: u32) {
     let boots = words.read(table::BOOTS);
     words.write(table::CRASH, how);
-    let began = Instant::now();
-    while words.read(table::BOOTS) == boots {
-        assert!(began.elapsed() < PATIENCE, "no other boot");
-        sleep(Duration::from_millis(5));
-    }
+    words.wait("another boot", |words| words.read(table::BOOTS) != boots);
     words.write(table::CRASH, 0);
 }
 

@@ -20,13 +20,16 @@ use growbot_firmware::emulated_tip as table;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
-use growbot_tests::tip_words::{Words, all_off_at_the_tip};
+use growbot_tests::tip_words::{BoardLimit, Words, all_off_at_the_tip};
 
 const PLAN: u64 = 1;
 /// Three times what the board's queue holds, bytes.
 const NOISE: usize = 3 * 4096;
-/// How long the board may take, all in all; it needs some milliseconds, but the desktop may leave the emulator
-/// standing.
+/// How long the board may take to grow, which is a minute for the proof of its heater's switches and for homing, or to
+/// switch everything off, s of its clock.
+const LIMIT_S: u32 = 120;
+/// How long it may take to say that it has stopped, all in all; it needs some milliseconds, but the desktop may leave
+/// the emulator standing.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Robot A, homing and growing faster.
@@ -46,22 +49,18 @@ fn noise() -> Vec<u8> {
     bytes
 }
 
-fn wait(what: &str, mut until: impl FnMut() -> bool) -> Duration {
-    let began = Instant::now();
-    while !until() {
-        assert!(began.elapsed() < Duration::from_secs(120), "{what}: not within two minutes");
-    }
-    began.elapsed()
-}
-
-fn start(client: &mut Client) {
+fn start(client: &mut Client, words: &Words) {
     client.request("to start", &Message::Start(Start { plan_id: PLAN, silence: Silence::Continue })).unwrap();
-    wait("to grow", || {
+    let mut limit = BoardLimit::new(words, LIMIT_S);
+    loop {
         let _ = client.event(Duration::from_millis(50));
         let status = client.status().unwrap();
         assert_ne!(status.state, State::Fault, "{:?}", status.fault);
-        status.state == State::Growing
-    });
+        if status.state == State::Growing {
+            return;
+        }
+        limit.check(format_args!("to grow, still {}", status.state.name()));
+    }
 }
 
 /// What an emergency stop switches off.
@@ -86,14 +85,14 @@ fn with_a_job() -> (Rc<RefCell<Emulator>>, Words, Client) {
 #[test]
 fn the_button_switches_everything_off_while_the_main_loop_hangs() {
     let (emulator, words, mut client) = with_a_job();
-    start(&mut client);
-    wait("heater and motors", || OUTPUTS.iter().all(|output| words.read(*output) == 1));
+    start(&mut client, &words);
+    words.wait("heater and motors", |words| OUTPUTS.iter().all(|output| words.read(*output) == 1));
     let boots = words.read(table::BOOTS);
     words.write(table::HANG, 1);
     // It hangs once no other feed comes, though ticks go on; its watchdog is fed all the same, so that nothing else
     // ends this.
     let (mut feeds, mut since) = (words.read(table::WATCHDOG_FEEDS), words.read(table::TICKS_LO));
-    wait("the main loop to hang", || {
+    words.wait("the main loop to hang", |words| {
         let now = words.read(table::TICKS_LO);
         if words.read(table::WATCHDOG_FEEDS) != feeds {
             (feeds, since) = (words.read(table::WATCHDOG_FEEDS), now);
@@ -104,7 +103,7 @@ fn the_button_switches_everything_off_while_the_main_loop_hangs() {
     assert_eq!(words.read(table::HEATER_ENABLE), 1, "nothing has switched the heater off yet");
     emulator.borrow_mut().inject(TipFault::EmergencyStop);
     let off = [table::HEATER_DUTY, table::FAN_DUTY].iter().chain(&OUTPUTS);
-    wait("heater, fan and motors off", || off.clone().all(|output| words.read(*output) == 0));
+    words.wait("heater, fan and motors off", |words| off.clone().all(|output| words.read(*output) == 0));
     assert_eq!((words.read(table::BOOTS), words.read(table::WATCHDOG_FEEDS)), (boots, feeds));
     words.write(table::HANG, 0);
     let status = client.status().unwrap();
@@ -117,8 +116,8 @@ fn behind_noise_and_half_a_frame_the_stop_switches_everything_off() {
     let outputs = OUTPUTS;
 
     for by_hand in [true, false] {
-        start(&mut client);
-        wait("heater and motors", || outputs.iter().all(|output| words.read(*output) == 1));
+        start(&mut client, &words);
+        words.wait("heater and motors", |words| outputs.iter().all(|output| words.read(*output) == 1));
         let lost = words.read(table::LINK_BYTES_LOST);
         let began = Instant::now();
         client.port().send(&noise()).unwrap();

@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 use std::rc::Rc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use growbot_client::client::Client;
 use growbot_client::robot_file;
@@ -13,7 +13,7 @@ use growbot_core::robot::Robot;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
-use growbot_tests::tip_words::all_off_at_the_tip;
+use growbot_tests::tip_words::{BoardLimit, Words, all_off_at_the_tip};
 
 /// Robot A, homing and growing faster, so that the test does not take long.
 fn robot() -> Robot {
@@ -23,9 +23,8 @@ fn robot() -> Robot {
     Robot::new(description).unwrap()
 }
 
-/// How long a board may take to a state. Its own clock says how long it took to notice a fault: this is for a busy
-/// machine.
-const PATIENCE: Duration = Duration::from_secs(300);
+/// How long a board may take to a state, s of its own clock. How long it took to notice a fault is judged apart.
+const LIMIT_S: u32 = 300;
 
 /// Grows until this state, breaks something, and waits for the fault (the emergency stop is none), which must come
 /// within this time of the board's clock, s.
@@ -33,6 +32,7 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     let what = format!("{} while {}", broken.name(), during.name());
     let robot = robot();
     let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
+    let words = Words::of(&mut emulator.borrow_mut());
     let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
     client.hello_robot(&robot).unwrap();
     let plan_id = 1;
@@ -45,13 +45,13 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     client.request("to start", &Message::Start(Start { plan_id, silence: Silence::Continue })).unwrap();
 
     let wait_for = |client: &mut Client, states: &[State]| {
-        let began = Instant::now();
+        let mut limit = BoardLimit::new(&words, LIMIT_S);
         loop {
             let status = client.status().unwrap();
             if states.contains(&status.state) {
                 return status;
             }
-            assert!(began.elapsed() < PATIENCE, "{what}: still {} after {PATIENCE:?}", status.state.name());
+            limit.check(format_args!("{what}, still {}", status.state.name()));
             let _ = client.event(Duration::from_millis(50));
         }
     };

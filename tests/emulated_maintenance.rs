@@ -5,7 +5,7 @@
 
 use std::cell::RefCell;
 use std::rc::Rc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::{
@@ -19,9 +19,10 @@ use growbot_core::robot::{Input, Robot};
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
+use growbot_tests::tip_words::{BoardLimit, Words};
 
-/// How long anything may take on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(180);
+/// How long the board may refuse a task, because it is not hot yet or still moves, s of its clock.
+const LIMIT_S: u32 = 180;
 
 /// Robot A2, whose motors are quick, homing faster and with a switch that sees its filament.
 fn robot() -> Robot {
@@ -52,14 +53,14 @@ fn refusal(done: Result<(), ClientError>) -> Refusal {
 }
 
 /// Asks until the board no longer refuses because it is not hot yet, or still moves.
-fn once_possible(client: &mut Client, task: Task) {
-    let began = Instant::now();
+fn once_possible(board: &Board, client: &mut Client, task: Task) {
+    let mut limit = BoardLimit::new(&Words::of(&mut board.borrow_mut()), LIMIT_S);
     loop {
         match client.maintain(task) {
             Err(ClientError::Refused { refusal: Refusal::Cold { .. } | Refusal::Moving, .. }) => {}
             done => return done.unwrap(),
         }
-        assert!(began.elapsed() < PATIENCE, "{task:?}: {:?}", client.status());
+        limit.check(format_args!("{task:?}: {:?}", client.status()));
         client.pass(Duration::from_millis(200)).unwrap();
     }
 }
@@ -85,17 +86,17 @@ fn what_is_refused_cold_is_done_hot_and_seen_by_the_tip() {
         position
     };
     let before = at(|tip| tip.feed_position());
-    once_possible(&mut client, feed(20));
-    once_possible(&mut client, feed(-5));
-    once_possible(&mut client, Task::Home);
+    once_possible(&board, &mut client, feed(20));
+    once_possible(&board, &mut client, feed(-5));
+    once_possible(&board, &mut client, Task::Home);
     let fed = at(|tip| tip.feed_position()) - before;
     assert_eq!(fed, (15.0 * steps_per_mm).round() as i64);
-    once_possible(&mut client, Task::Rotate { centi_deg: 9000 });
+    once_possible(&board, &mut client, Task::Rotate { centi_deg: 9000 });
     assert!(matches!(
         refusal(client.maintain(Task::Rotate { centi_deg: 36_001 })),
         Refusal::TooFar { .. } | Refusal::Moving
     ));
-    once_possible(&mut client, feed(1));
+    once_possible(&board, &mut client, feed(1));
     let turn = i64::from(robot.description().head.steps_per_turn);
     assert_eq!(at(|tip| tip.head_position()).rem_euclid(turn), turn / 4, "a quarter of a turn from where it homed");
     assert!(matches!(refusal(client.maintain(feed(2_000_000))), Refusal::TooFar { .. } | Refusal::Moving));
