@@ -1,5 +1,5 @@
-//! The Pico's image as it is shipped, in the emulator: sealed and as a UF2 file. A damaged one is told and does not heat,
-//! and a crash is told after the reset.
+//! The Pico's image as it is shipped, in the emulator: sealed and as a UF2 file. A damaged one is told and does not heat.
+//! A crash is told after the reset, and so is a crystal that has stopped.
 
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -74,6 +74,38 @@ fn the_uf2_file_of_a_sealed_image_starts_and_a_crash_is_told_after_the_reset() {
     let hello = client.hello().unwrap();
     assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::Watchdog, State::Idle));
     assert_eq!(board.borrow().resets(), 2);
+    assert_off(&board);
+}
+
+#[test]
+fn a_crystal_that_stops_while_it_heats_switches_everything_off_and_is_told() {
+    let (board, mut client, _) = board("pico-crystal.elf", &sealed());
+    client.request("to tune", &Message::Tune(Tune { target_centi_c: 15_000 })).unwrap();
+    let is_hot = |board: &Board| {
+        let mut board = board.borrow_mut();
+        board.simulated_tip().heater_is_on() && board.simulated_tip().heater_duty() > 0.5
+    };
+    for _ in 0..120 {
+        if is_hot(&board) {
+            break;
+        }
+        client.pass(Duration::from_millis(500)).unwrap();
+    }
+    assert!(is_hot(&board), "{:?}", client.status());
+
+    board.borrow_mut().crash(rp2040::Crash::CrystalStops).unwrap();
+    // Five step ticks take 1.25 ms; the watchdog would take 2 s, and it stands too.
+    board.borrow_mut().pass(Duration::from_millis(2)).unwrap();
+    assert_eq!(board.borrow().resets(), 1);
+    // What the tip has as the heater's duty is the mean of the time that passed last.
+    board.borrow_mut().pass(Duration::from_millis(1)).unwrap();
+    assert_off(&board);
+    // It runs again, so the crystal must have started.
+    let hello = client.hello().unwrap();
+    assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::ClockFailed, State::Fault));
+    assert_eq!(hello.status.fault, Some(Fault::ClockFailed));
+    client.request("to clear it", &Message::ClearFault(Empty {})).unwrap();
+    assert_eq!(client.status().unwrap().state, State::Idle);
     assert_off(&board);
 }
 

@@ -14,7 +14,7 @@
 // - 1, lose power: after so many more bytes of flash programmed or erased (u32).
 // - 2, power up.
 // - 3, slow flash: how many times as long as typical its work takes (f64).
-// - 4, crash: the main loop hangs (0) or the processor faults (1) from now on (u8).
+// - 4, crash: the main loop hangs (0), the processor faults (1), or the crystal stops (2) from now on (u8).
 // - 5, keep the flash as it is; 6, put into it what was kept: the power goes and comes again.
 //
 // Each is answered: the time (f64, ns); shares of the time since the last answer in which heater and fan were on
@@ -128,7 +128,7 @@ const WORK = [
     (request) => (board.flash.bytesLeft = request.readUInt32LE(1)),
     () => board.powerUp(),
     (request) => (board.flash.slowness = request.readDoubleLE(1)),
-    (request) => (request[1] === 0 ? board.hang() : board.fault()),
+    (request) => [() => board.hang(), () => board.fault(), () => board.stopCrystal()][request[1]](),
     () => (kept = board.chip.flash.slice()),
     () => {
         board.chip.flash.set(kept);

@@ -20,6 +20,9 @@ const BYTE_NS = 1e10 / 115200;
 const PINS = 30;
 /** Key of the watchdog among the emulator's peripherals. */
 const WATCHDOG = 0x40058;
+/** Key of the timer, and its registers of the time. */
+const TIMER = 0x40054;
+const TIMES = [0x24, 0x28];
 /** Instructions that wait for an interrupt, again and again, and where they are put: in the ROM. */
 const [HANG, HANG_AT] = [0xe7fdbf30, 0x400];
 /** The exception's number. */
@@ -276,6 +279,17 @@ export class Board {
     /** The processor faults. */
     fault() {
         this.#derail((core) => core.exceptionEntry(HARD_FAULT));
+    }
+
+    /** The crystal stops: the timer and the watchdog stand. The processor's clock goes on, as its PLL may. */
+    stopCrystal() {
+        const timer = this.chip.peripherals[TIMER];
+        const stands = new Map(TIMES.map((register) => [register, timer.readUint32(register)]));
+        const read = timer.readUint32.bind(timer);
+        timer.readUint32 = (register) => stands.get(register) ?? read(register);
+        const watchdog = this.chip.peripherals[WATCHDOG];
+        watchdog.timer.enable = false;
+        watchdog.alarm.enable = false;
     }
 
     isHigh(pin) {

@@ -8,6 +8,9 @@ pub const PROCESSOR_HZ: u32 = 125_000_000;
 const USED: u32 = 1 | 1 << 5 | 1 << 8 | 1 << 12 | 1 << 13 | 1 << 14 | 1 << 21 | 1 << 22 | 1 << 23;
 /// Clocks of the crystal in a microsecond.
 const CRYSTAL_MHZ: u32 = 12;
+/// Readings of the timer, one a step tick, after which one that has not moved stands. Ticks are 10 us apart at least, and
+/// the timer counts microseconds: one reading would do.
+const STANDING: u32 = 4;
 /// Magic numbers of the crystal's oscillator: on, at 1 to 15 MHz.
 const CRYSTAL_ON: u32 = 0xFA_BAA0;
 /// The crystal starts in 1 ms: 47 times 256 clocks.
@@ -62,6 +65,33 @@ pub fn start(device: &pac::Peripherals) {
         clocks.clk_adc_div().write(|w| w.bits(1 << 8));
         clocks.clk_adc_ctrl().write(|w| w.bits(1 << 11));
         device.WATCHDOG.tick().write(|w| w.bits(1 << 9 | CRYSTAL_MHZ));
+    }
+}
+
+/// Sees a crystal that stops. The timer and the watchdog count by it, and stand: supervision would find that no time
+/// passes, and feed a watchdog that waits for ever. The processor's PLL may run on without it, and the step interrupt
+/// with it.
+pub struct CrystalWatch {
+    /// The timer's lower half at the latest look.
+    latest: u32,
+    /// Looks for which it has been that.
+    same: u32,
+}
+
+impl CrystalWatch {
+    /// Begins to watch.
+    pub const fn new() -> Self {
+        Self { latest: 0, same: 0 }
+    }
+
+    /// Looks at the timer, at each step tick. Returns whether it stands.
+    #[inline(always)] // The interrupt that looks runs from memory.
+    pub fn has_stopped(&mut self) -> bool {
+        // SAFETY: reading this register has no effect.
+        let now = unsafe { (*pac::TIMER::ptr()).timerawl().read().bits() };
+        self.same = if now == self.latest { self.same.saturating_add(1) } else { 0 };
+        self.latest = now;
+        self.same >= STANDING
     }
 }
 

@@ -27,6 +27,7 @@ const CHECK: usize = 2;
 
 const FAULTED: u32 = 0x6E0F_E502;
 const OVERFLOWED: u32 = 0x6E0F_E504;
+const CLOCK_FAILED: u32 = 0x6E0F_E505;
 
 impl Notes {
     fn word(&self, index: usize) -> *mut u32 {
@@ -60,6 +61,8 @@ pub fn read_and_clear_cause(device: &pac::Peripherals) -> ResetCause {
         ResetCause::Watchdog
     } else if reason != 0 && end == OVERFLOWED {
         ResetCause::StackOverflow
+    } else if reason != 0 && end == CLOCK_FAILED {
+        ResetCause::ClockFailed
     } else if reason != 0 && end == FAULTED {
         ResetCause::ProcessorFault
     } else if reason == 0 && power_on {
@@ -88,6 +91,16 @@ pub fn restart() -> ! {
     loop {
         cortex_m::asm::nop();
     }
+}
+
+/// The crystal has stopped: everything off, and a new start, which waits for it. It needs nothing of the flash, which may
+/// be at work (`memory/pico.x`).
+#[inline(never)] // Not in the step interrupt, which seldom needs it.
+pub fn end_by_clock_failure() -> ! {
+    cortex_m::interrupt::disable();
+    crate::pins::make_safe();
+    NOTES.write(END, CLOCK_FAILED);
+    restart()
 }
 
 /// The handler of unexpected interrupts: they are as bad as a fault of the processor.

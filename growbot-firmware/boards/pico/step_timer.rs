@@ -1,4 +1,5 @@
-//! The step interrupt: the end of each period of a PWM slice that has no pin, so that every rate is met to a clock.
+//! The step interrupt: the end of each period of a PWM slice that has no pin, so that every rate is met to a clock. It
+//! also sees a crystal that stops.
 
 use growbot_core::robot::STEP_SLICE;
 use growbot_firmware::stepping::Engine;
@@ -6,9 +7,9 @@ use rp2040_pac as pac;
 use rp2040_pac::interrupt;
 
 use crate::HANDOVER;
-use crate::clock::PROCESSOR_HZ;
+use crate::clock::{CrystalWatch, PROCESSOR_HZ};
 use crate::interrupt_owned::InterruptOwned;
-use crate::pins;
+use crate::{pins, reset};
 
 /// The slice.
 const SLICE: usize = STEP_SLICE as usize;
@@ -30,12 +31,18 @@ pub type StepEngine = Engine<
     pins::TipOutputs,
 >;
 
-static ENGINE: InterruptOwned<StepEngine> = InterruptOwned::empty();
+/// What the step interrupt works with.
+struct Ticking {
+    engine: StepEngine,
+    crystal: CrystalWatch,
+}
+
+static TICKING: InterruptOwned<Ticking> = InterruptOwned::empty();
 
 /// Starts the ticks, which come once the interrupts are enabled. [`growbot_core::robot::Robot::check_for_board`] has
 /// checked the rate.
 pub fn start(engine: StepEngine, pwm: &pac::PWM, tick_hz: u32) {
-    ENGINE.give(engine);
+    TICKING.give(Ticking { engine, crystal: CrystalWatch::new() });
     let clocks = PROCESSOR_HZ / tick_hz.max(1);
     // The smallest whole divider, up to 255, by which a period fits.
     let divider = clocks.div_ceil(MAX_COUNTS).clamp(1, 255);
@@ -55,5 +62,12 @@ fn PWM_IRQ_WRAP() {
     // SAFETY: clears the flag of one slice, which only this interrupt does.
     unsafe { (*pac::PWM::ptr()).intr().write(|w| w.bits(1 << SLICE)) };
     // SAFETY: only the step interrupt calls this.
-    unsafe { ENGINE.with(|engine| engine.tick(&HANDOVER)) };
+    unsafe {
+        TICKING.with(|ticking| {
+            if ticking.crystal.has_stopped() {
+                reset::end_by_clock_failure();
+            }
+            ticking.engine.tick(&HANDOVER);
+        });
+    }
 }

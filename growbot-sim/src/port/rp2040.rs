@@ -226,7 +226,7 @@ impl Rp2040 {
         self.instructions
     }
 
-    /// The firmware crashes.
+    /// Ends the firmware: it hangs or crashes, or loses its clock.
     ///
     /// # Errors
     /// The emulator is gone.

@@ -103,13 +103,15 @@ pub(super) enum State {
     Floating,
 }
 
-/// How the firmware of a board ends.
+/// What ends the firmware of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Crash {
     /// Its main loop hangs.
     Hangs,
     /// The processor faults.
     Faults,
+    /// The crystal stops, and with it the timer and the watchdog. The processor's clock goes on until the next reset.
+    CrystalStops,
 }
 
 /// Outputs in the order of the messages.
