@@ -13,8 +13,13 @@ const OWNED_LOOKS: u32 = 24;
 const OWNED_LOOK: Duration = Duration::from_millis(500);
 /// The kind of a refusal.
 const REFUSED: u8 = 0x44;
-/// A board that has just started tests itself for two seconds at most; it is looked at so often,
-const MAX_LOOKS_AT_SELF_TEST: u32 = 60;
+/// A board that has just started tests itself for two seconds at most, ms of its own clock: a busy machine stretches
+/// that of an emulated one.
+const SELF_TEST_MS: u64 = 5000;
+/// It is looked at so often,
+const MAX_LOOKS_AT_SELF_TEST: u32 = 1200;
+/// so often while its clock stands,
+const MAX_LOOKS_AT_A_CLOCK: u32 = 60;
 /// with such pauses.
 const SELF_TEST_LOOK: Duration = Duration::from_millis(50);
 
@@ -100,13 +105,20 @@ impl Client {
 
     /// Waits until a board that has just started has tested itself: until then it takes no job.
     fn after_self_test(&mut self, mut hello: BoardHello) -> Result<BoardHello, ClientError> {
+        let mut standing = 0;
         for _ in 0..MAX_LOOKS_AT_SELF_TEST {
+            let before = hello.status.uptime_ms;
             // One that is not configured has nothing to test.
-            if hello.status.state != State::SelfTest || hello.robot == 0 {
+            if hello.status.state != State::SelfTest
+                || hello.robot == 0
+                || before > SELF_TEST_MS
+                || standing > MAX_LOOKS_AT_A_CLOCK
+            {
                 break;
             }
             self.pass(SELF_TEST_LOOK)?;
             hello.status = self.status()?;
+            standing = if hello.status.uptime_ms == before { standing + 1 } else { 0 };
         }
         Ok(hello)
     }
