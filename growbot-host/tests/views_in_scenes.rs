@@ -1,10 +1,18 @@
-//! `view` and `export` of bodies among obstacles: pages, pictures and GLB with the scene and the narrowest place.
+//! `view` and `export` of bodies among obstacles: pages, pictures and GLB with the scene and the narrowest place. The
+//! pages of growths among them, too.
 
+mod fake_board;
 mod running;
 
 use std::fs;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
-use running::{Ran, growbot};
+use fake_board::FakeBoard;
+use running::{PROGRAM, Ran, command, growbot};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -230,4 +238,47 @@ fn an_example_is_the_same_for_a_seed_and_a_tube_gets_through() {
     }
     assert_eq!(growbot(&["scene", "pipe-rack", "-o", &fixture.path("a.json")]).code, Some(2));
     assert_eq!(growbot(&["scene", "attic"]).code, Some(2));
+}
+
+/// The page of a growth, from the address that the growth has said.
+fn page_of(growing: &mut Child) -> String {
+    let said = BufReader::new(growing.stderr.as_mut().unwrap());
+    let address = said.lines().find_map(|line| {
+        let line = line.unwrap();
+        Some(line.split_once("watch it at http://")?.1.to_owned())
+    });
+    let address = address.expect("the growth says where it can be watched");
+    let (host, path) = address.split_once('/').unwrap();
+    let mut stream = TcpStream::connect(host).unwrap();
+    write!(stream, "GET /{path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").unwrap();
+    let mut page = String::new();
+    stream.read_to_string(&mut page).unwrap();
+    page
+}
+
+#[test]
+fn the_page_of_a_growth_shows_the_scene_and_so_it_does_when_it_is_resumed() {
+    let fixture = Fixture::new();
+    let board = FakeBoard::lasting("growbot-a");
+    // Its time hardly passes after these layers.
+    board.pause_after(3);
+    let (plan, log) = (fixture.path("past.json"), fixture.path("run.jsonl"));
+    for growth in [vec!["grow", &plan, "--log", &log], vec!["resume", &log, "--yes"]] {
+        let mut growing = command(PROGRAM)
+            .args(&growth)
+            .args(["--port", &board.port(), "--on-silence", "continue", "--watch"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let page = data(page_of(&mut growing).as_bytes());
+        assert_eq!(page["scene"]["balls"].as_array().unwrap().len(), 1, "{growth:?}: {}", page["scene"]);
+        let began = Instant::now();
+        while fs::read_to_string(&log).unwrap_or_default().matches("\"laid\",").count() < 3 {
+            assert!(began.elapsed() < Duration::from_secs(120), "{growth:?}: three layers");
+            sleep(Duration::from_millis(20));
+        }
+        growing.kill().unwrap();
+        growing.wait().unwrap();
+    }
 }

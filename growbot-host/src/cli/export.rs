@@ -143,7 +143,7 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
             format.ending()
         )));
     }
-    let subject = Subject::open_in_scene(&args.body, args.robot.as_deref(), args.scene.as_deref())?;
+    let subject = Subject::open(&args.body, args.robot.as_deref(), args.scene.as_deref())?;
     let bytes = args.encode(format, &subject)?;
     // Not every format, and no body without layers, has room to say that nobody has grown it.
     let simulated = args.kind(&subject).filter(|kind| *kind != BodyKind::AsBuilt).map(BodyKind::name);

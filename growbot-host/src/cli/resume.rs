@@ -9,11 +9,9 @@ use growbot_client::client::Client;
 use growbot_client::growth::{GrowthError, Job, Manner, OnInterrupted, resume_job};
 use growbot_client::input::name_of;
 use growbot_client::keep_clear::Surroundings;
-use growbot_client::plan::Plan;
 use growbot_client::run_log::{RunLog, RunRecord};
 use growbot_core::link::message::{BoardHello, State};
-use growbot_core::robot::Robot;
-use growbot_host::view::Subject;
+use growbot_host::view::{SceneFile, Subject};
 use growbot_sim::port::TipSettings;
 
 use super::following::{Following, OnSilence, Print};
@@ -88,25 +86,31 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
     let owned = owner(&port)?;
     let opened = match &args.file {
-        Some(file) => Some((file, args.robot_plan_and_record(file)?)),
+        Some(file) => Some((file, args.opened(file)?)),
         None => None,
     };
     if let Some(owned) = owned {
         args.refuse_what_a_service_does_not_do()?;
         let page = args.watching.of_service()?;
         let options = Options { feedback: false, force: false, print: Print::of(args.json), log: None, page };
-        let plan_id = opened.map(|(_, (robot, plan, _))| Job::of_plan(&robot, &plan).plan_id);
+        let plan_id = opened.map(|(_, Opened { robot, plan, .. })| Job::of_plan(&robot, &plan).plan_id);
         return owned.resume(plan_id, &options);
     }
-    let Some((file, (robot, plan, mut record))) = opened else {
+    let Some((file, Opened { robot, plan, run, mut scene })) = opened else {
         return Err(Failure::bad_input(
             "no service owns this robot, so that its latest job is not known: give the run log of the growth, or its \
              plan",
         ));
     };
+    let mut record = run.map(|(record, _)| record);
     let with_feedback = record.as_ref().filter(|record| record.feedback.is_some());
-    let scene = with_feedback.map(|record| record.scene(&plan, &robot, args.scene.as_deref())).transpose()?.flatten();
-    let around = scene.as_ref().map(|scene| Surroundings::new(&robot, scene, plan.radius));
+    if let (Some(record), None) = (with_feedback, &scene) {
+        // Corrections are proven to keep off the scene of the plan: without it nothing is resumed.
+        let named = plan.scene.as_ref().map(|scene| scene.file.clone()).unwrap_or_default();
+        scene = record.scene(&plan, &robot, args.scene.as_deref())?.map(|loaded| (named, loaded));
+    }
+    let around = scene.as_ref().filter(|_| with_feedback.is_some());
+    let around = around.map(|(_, scene)| Surroundings::new(&robot, scene, plan.radius));
     let pace = args.watching.pace(port.name())?;
     let mut client = port.connect(&robot, &TipSettings { pace, ..TipSettings::default() })?.client;
     let board = client.board()?;
@@ -133,7 +137,8 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let orders = stop_on_interrupt(&mut client, &port);
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     let name = format!("{name}{}", port.remark());
-    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None, scene: None };
+    let shown = scene.as_ref().map(|(file, loaded)| SceneFile { file, scene: &loaded.scene });
+    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None, scene: shown };
     let watch = args.watching.begin(&subject, &job, &known, &orders)?;
     let laid = board.status.laid as usize;
     let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan, around.as_ref()));
@@ -175,15 +180,23 @@ impl ResumeArgs {
         }
     }
 
-    fn robot_plan_and_record(&self, file: &Path) -> Result<(Robot, Plan, Option<RunRecord>), Failure> {
-        let Opened { robot, plan, run, .. } = Opened::open(file, self.robot.as_deref())?;
-        if run.is_some() && !fs::metadata(file).is_ok_and(|file| file.is_file()) {
+    /// The growth, in the scene of its plan.
+    fn opened(&self, file: &Path) -> Result<Opened, Failure> {
+        let opened = Opened::open(file, self.robot.as_deref(), self.scene.as_deref())?;
+        if let (None, Some(scene)) = (&opened.plan.scene, &self.scene) {
+            return Err(Failure::bad_input(format_args!(
+                "the plan of {} leads through no scene, so that {} proves nothing: leave --scene out",
+                name_of(file),
+                scene.display()
+            )));
+        }
+        if opened.run.is_some() && !fs::metadata(file).is_ok_and(|file| file.is_file()) {
             return Err(Failure::bad_input(format_args!(
                 "{} is no file, and a run log is continued where it is: give the file itself",
                 name_of(file)
             )));
         }
-        Ok((robot, plan, run.map(|(record, _)| record)))
+        Ok(opened)
     }
 }
 

@@ -24,14 +24,9 @@ pub struct Subject {
 
 impl Subject {
     /// Reads it from a file, from standard input (`-`), or from a pipe that the shell has opened: once, as none of
-    /// these but the file can be read again.
-    pub fn open(file: &Path, robot: Option<&Path>) -> Result<Self, Failure> {
-        Self::open_in_scene(file, robot, None)
-    }
-
-    /// The same, with the scene that its plan names; where that is elsewhere, or the plan names none, with the one that
-    /// is given.
-    pub fn open_in_scene(file: &Path, robot: Option<&Path>, given: Option<&Path>) -> Result<Self, Failure> {
+    /// these but the file can be read again. With the scene that its plan names; where that is elsewhere, or the plan
+    /// names none, with the one that is given.
+    pub fn open(file: &Path, robot: Option<&Path>, given: Option<&Path>) -> Result<Self, Failure> {
         let mut opened = Self::read(file, robot, given)?;
         if let (None, Some(given)) = (&opened.scene, given) {
             opened.scene = Some((given.display().to_string(), load(given)?));

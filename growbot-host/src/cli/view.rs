@@ -283,7 +283,7 @@ impl ViewArgs {
 
     /// Reads a file, with its scene; plots show none.
     fn open(&self, file: &Path) -> Result<Opened, Failure> {
-        Opened::open_in_scene(file, self.robot.as_deref(), self.scene.as_deref())
+        Opened::open(file, self.robot.as_deref(), self.scene.as_deref())
     }
 
     fn page(&self, subjects: &[&Subject]) -> Result<String, Failure> {
