@@ -458,6 +458,10 @@ mod tests {
         }
 
         fn plan(&self, goals: &[Goal]) -> Result<Plan, ThroughError> {
+            self.plan_within(goals, LENGTH_MAX)
+        }
+
+        fn plan_within(&self, goals: &[Goal], length_max: f64) -> Result<Plan, ThroughError> {
             let (file, loaded) = (self.scene(), load(self.scene().as_ref()).unwrap());
             let (margin, grown) = (loaded.margin, None);
             let through = Through {
@@ -468,7 +472,7 @@ mod tests {
                 effort: 1,
                 deadline: None,
                 first_only: false,
-                length_max: LENGTH_MAX,
+                length_max,
             };
             plan(&self.robot, &self.start, goals, &self.search, &through)
         }
@@ -531,20 +535,8 @@ mod tests {
         let asked = Asked::new();
         let goals = [position(200.0, 0.0, 300.0), position(0.0, 0.0, 800.0)];
         let free = asked.plan(&goals).unwrap().needs.length;
-        let (file, loaded) = (asked.scene(), load(asked.scene().as_ref()).unwrap());
         for length_max in [free + 1.0, 700.0, 300.0] {
-            let (margin, grown) = (loaded.margin, None);
-            let through = Through {
-                file: &file,
-                loaded: &loaded,
-                margin,
-                grown,
-                effort: 1,
-                deadline: None,
-                first_only: false,
-                length_max,
-            };
-            match plan(&asked.robot, &asked.start, &goals, &asked.search, &through) {
+            match asked.plan_within(&goals, length_max) {
                 Ok(plan) => assert!(plan.needs.length <= length_max && length_max > free),
                 // The second leg is 539 mm at least.
                 Err(ThroughError::NoPath(NoPath::TooFar { distance, left })) => {
