@@ -40,6 +40,38 @@ pub fn of_image(image: &[u8]) -> Result<Vec<u8>, String> {
     Ok(file)
 }
 
+/// Whether a file begins as UF2 files do.
+#[must_use]
+pub fn is_uf2(file: &[u8]) -> bool {
+    file.starts_with(&MAGIC[0].to_le_bytes())
+}
+
+/// Checks that a UF2 file is whole and for the RP2040: every block is there, behind the one before.
+///
+/// # Errors
+/// In words, what is wrong with it.
+pub fn check(file: &[u8]) -> Result<(), String> {
+    let (blocks, rest) = file.as_chunks::<BLOCK>();
+    if blocks.is_empty() || !rest.is_empty() {
+        return Err(format!("it has {} bytes, which are no whole blocks of {BLOCK}", file.len()));
+    }
+    let mut begin = FLASH.start;
+    for (number, block) in blocks.iter().enumerate() {
+        let (words, _) = block.as_chunks::<4>();
+        let word = |at: usize| words.get(at).copied().map_or(0, u32::from_le_bytes);
+        if number == 0 {
+            begin = word(3);
+        }
+        let address = begin.wrapping_add(number as u32 * PAYLOAD as u32);
+        let [first, second, last] = MAGIC;
+        let head = [first, second, HAS_FAMILY, address, PAYLOAD as u32, number as u32, blocks.len() as u32, RP2040];
+        if !FLASH.contains(&address) || !(0..).zip(head).all(|(at, is)| word(at) == is) || word(BLOCK / 4 - 1) != last {
+            return Err(format!("its block {number} of {} is damaged, or not for an RP2040", blocks.len()));
+        }
+    }
+    Ok(())
+}
+
 /// The pages of flash from the sector where an image begins to its end, with their addresses; what it leaves free is
 /// zero. The boot ROM tells by a block's number whether its sector is erased already: there must be no gaps.
 fn pages_of(image: &[u8]) -> Result<Vec<(u32, [u8; PAYLOAD])>, String> {
@@ -142,6 +174,31 @@ mod tests {
             let sum: u32 = block[32..288].iter().map(|byte| u32::from(*byte)).sum();
             assert_eq!(sum, [(2, 256), (13, 16)].into_iter().find(|(at, _)| *at == number).map_or(0, |(_, sum)| sum));
         }
+    }
+
+    #[test]
+    fn a_file_is_checked_block_by_block() {
+        let file = of_image(&elf(0x1000_0000, &[1; 2000])).unwrap();
+        assert!(is_uf2(&file) && !is_uf2(&elf(0x1000_0000, &[1; 8])));
+        assert_eq!(check(&file), Ok(()));
+        let refused = |file: &[u8], part: &str| {
+            let error = check(file).unwrap_err();
+            assert!(error.contains(part), "{part}: {error}");
+        };
+        refused(&[], "0 bytes");
+        refused(&file[..file.len() - 1], "no whole blocks");
+        // One that is cut short, or lacks its begin, has other numbers than it says.
+        refused(&file[..file.len() - BLOCK], "block 0 of 7");
+        refused(&file[BLOCK..], "block 0 of 7");
+        for at in [0, 4, 8, 12, 16, 20, 24, 28, 508] {
+            let mut changed = file.clone();
+            changed[3 * BLOCK + at] ^= 0x20;
+            refused(&changed, "block 3 of 8");
+        }
+        refused(&of_image(&elf(0x1000_0000, &[1; 8])).unwrap().repeat(2), "block 0 of 2");
+        let mut elsewhere = file;
+        elsewhere[15] = 0x20;
+        refused(&elsewhere, "block 0 of 8");
     }
 
     #[test]

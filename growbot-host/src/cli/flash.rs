@@ -4,6 +4,7 @@
 
 use std::ffi::{OsStr, OsString};
 use std::fmt;
+use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -14,6 +15,7 @@ use growbot_core::robot::{Board, BoardKind, Robot};
 use growbot_host::output::print;
 use growbot_host::{note, warning};
 use growbot_sim::image_seal::{self, SealError};
+use growbot_sim::uf2;
 
 use super::{Failure, RobotArg, drive};
 
@@ -100,12 +102,12 @@ impl FlashedBoard {
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  growbot flash --robot growbot-b\n  growbot flash --firmware stm32f405 --no-log\n  \
-                  growbot flash --board skr-pico\n  growbot flash --board pico --uf2 pico.uf2\n\nWhat it needs: a debug probe, and probe-rs (cargo install probe-rs-tools --locked)."
+                  growbot flash --board skr-pico\n  growbot flash --board pico --firmware pico.uf2\n\nWhat it needs: a debug probe, and probe-rs (cargo install probe-rs-tools --locked)."
 )]
 pub struct FlashArgs {
     #[command(flatten)]
     robot: RobotArg,
-    /// Write this image; build nothing (the robot is the one it was built for)
+    /// Write this image, an ELF or UF2 file; build nothing (the robot is the one it was built for)
     #[arg(long, value_name = "FILE", conflicts_with = "robot")]
     firmware: Option<PathBuf>,
     /// The board
@@ -144,9 +146,18 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
             (Some(build), image)
         }
     };
+    // The image in a UF2 file has its seal.
+    let is_uf2 = args.firmware.as_ref().is_some_and(|file| fs::read(file).is_ok_and(|bytes| uf2::is_uf2(&bytes)));
+    if is_uf2 && (args.seal_only || !is_drive) {
+        return Err(Failure::bad_input(format!(
+            "{} is a UF2 file, which only --board pico and skr-pico take, and which cannot be sealed: give the ELF image",
+            image.display()
+        )));
+    }
     let flash = if args.seal_only || is_drive { Vec::new() } else { Step::flash(&image, args.no_log) };
     if args.dry_run {
         let seal = format!("growbot flash --seal-only --firmware {}\n", quoted(image.as_os_str()));
+        let seal = if is_uf2 { "" } else { &seal };
         let [build, flash] = [&build.into_iter().collect(), &flash]
             .map(|steps: &Vec<Step>| steps.iter().map(|step| format!("{step}\n")).collect::<String>());
         return Ok(print(&format!("{build}{seal}{flash}"))?);
@@ -158,12 +169,14 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
         let what = if args.firmware.is_some() { "give the image that cargo makes" } else { "cargo made none" };
         return Err(Failure::bad_input(format!("there is no firmware image {}: {what}", image.display())));
     }
-    match image_seal::seal_in_place(&image) {
-        Ok(crc) => note!("sealed {}, CRC {crc:08x}", image.display()),
-        Err(error @ SealError::NoImage { .. }) if !args.seal_only => {
-            warning!("{error}; it is flashed as it is, and the board does not check it");
+    if !is_uf2 {
+        match image_seal::seal_in_place(&image) {
+            Ok(crc) => note!("sealed {}, CRC {crc:08x}", image.display()),
+            Err(error @ SealError::NoImage { .. }) if !args.seal_only => {
+                warning!("{error}; it is flashed as it is, and the board does not check it");
+            }
+            Err(error) => return Err(Failure::bad_input(error)),
         }
-        Err(error) => return Err(Failure::bad_input(error)),
     }
     if args.seal_only {
         return Ok(());
