@@ -1,4 +1,4 @@
-//! Faults of the tip behind the firmware's own image: what the robot's board would do, in QEMU, in real time.
+//! Faults of the tip behind the firmware's own image: what the robot's board would do, in QEMU.
 
 use std::cell::RefCell;
 use std::rc::Rc;

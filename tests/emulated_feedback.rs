@@ -45,7 +45,7 @@ fn grow(robot: &Robot, with_feedback: bool) -> Grown {
     let imperfection = Imperfection { disturbance, noise, seed: 11 };
     emulator.simulated_tip(|tip| {
         tip.disturb(&imperfection);
-        // A nozzle that is warm at once saves the time of heating, which is real here.
+        // A nozzle that is warm at once saves the time of heating.
         tip.warm_at_once(190.0);
     });
     let feedback = with_feedback.then(|| Feedback::new(robot, &start, &path, &legs, noise));

@@ -37,7 +37,7 @@ fn the_emulated_board_lays_the_layers_that_the_simulation_lays() {
     ];
 
     let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
-    // A nozzle that is warm at once saves the time of heating, which is real here.
+    // A nozzle that is warm at once saves the time of heating.
     emulator.simulated_tip(|tip| tip.warm_at_once(190.0));
     let tip = emulator.simulation();
     let emulated = grow_on((Box::new(emulator), tip), &robot, &path);

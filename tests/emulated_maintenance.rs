@@ -1,7 +1,6 @@
-//! Maintenance and the end of a spool, on the firmware's own image in QEMU, in real time: what is refused cold is done
-//! hot and seen by the tip, and a body that ran out of filament is the one that nothing disturbed. That all goes off
-//! when nobody attends for ten minutes, and that a robot parks after an hour without filament, the controller's own
-//! tests say.
+//! Maintenance and the end of a spool, on the firmware's own image in QEMU: what is refused cold is done hot and seen
+//! by the tip, and a body that ran out of filament is the one that nothing disturbed. That all goes off when the host
+//! is silent for ten minutes, and that a robot parks after an hour without filament, the controller's own tests say.
 
 use std::cell::RefCell;
 use std::rc::Rc;

@@ -1,11 +1,11 @@
-//! The firmware's own image grows over bad lines and through interruptions, in QEMU, in real time: whatever happens,
-//! the layers are those of the simulated growth that nothing disturbs.
+//! The firmware's own image grows over bad lines and through interruptions, in QEMU: whatever happens, the
+//! layers are those of the simulated growth that nothing disturbs.
 //!
 //! `GROWBOT_EMULATED_JOBS` and `GROWBOT_EMULATED_POINTS` are how many growths over bad lines and how many interruptions
 //! are tried, 10 and 5 without them:
 //!
 //! ```sh
-//! GROWBOT_EMULATED_JOBS=100 GROWBOT_EMULATED_POINTS=50 cargo test -p growbot-tests --test emulated_survival -- --nocapture
+//! GROWBOT_EMULATED_JOBS=100 GROWBOT_EMULATED_POINTS=50 cargo test -p growbot-tests --test it emulated_survival:: -- --nocapture
 //! ```
 
 use std::cell::{Cell, RefCell};
@@ -58,8 +58,7 @@ fn number(variable: &str, otherwise: u64) -> u64 {
     text.parse().unwrap_or_else(|_| panic!("{variable} is {text:?}: give a whole number"))
 }
 
-/// A board with this in its journal's flash, or a new one. Its nozzle is warm as soon as it is heated: heating takes
-/// real time here. Not before: the journal is erased with a cold one only.
+/// A board with this in its journal's flash, or a new one. Its nozzle is warm as soon as it is heated. Not before: the journal is erased with a cold one only.
 fn board(robot: &Robot, flash: &[u8]) -> Result<Board, String> {
     let mut emulator =
         Emulator::start_with_flash(robot, Some(&firmware("an386")), flash).map_err(|error| error.to_string())?;
@@ -224,7 +223,7 @@ impl Point {
             }
             told += 1;
             if told == self.told {
-                thread::sleep(self.later);
+                board.borrow().clock().pass(self.later).unwrap();
                 match self.crash {
                     Crash::Power => flash = Some(board.borrow_mut().cut_power().unwrap()),
                     Crash::Board => reset(board),

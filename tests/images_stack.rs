@@ -43,7 +43,7 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
     let robot = robot_file::load("growbot-a2".as_ref()).unwrap();
     let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
     let words = Words::of(&mut emulator);
-    // A nozzle that is warm at once saves the time of heating, which is real here.
+    // A nozzle that is warm at once saves the time of heating.
     emulator.simulated_tip(|tip| tip.warm_at_once(190.0));
     let mut client = Client::new(Box::new(emulator), "the emulated board");
     client.hello_robot(&robot).unwrap();
@@ -68,7 +68,7 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
     // As long as a whole look through the stack takes, by the board's clock.
     let grown_ms = client.status().unwrap().uptime_ms;
     while client.status().unwrap().uptime_ms < grown_ms + 1000 {
-        std::thread::sleep(Duration::from_millis(50));
+        client.pass(Duration::from_millis(50)).unwrap();
     }
     words.wait("a count of the stack", |words| words.read(table::STACK_UNUSED) > 0);
     let used = STACK - words.read(table::STACK_UNUSED);

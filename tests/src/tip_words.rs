@@ -5,18 +5,23 @@ use std::os::unix::fs::FileExt;
 use std::time::{Duration, Instant};
 
 use growbot_firmware::emulated_tip as table;
-use growbot_sim::port::emulator::Emulator;
+use growbot_sim::port::emulator::{BoardClock, Emulator};
 use growbot_sim::tip::Motor;
 
 /// How long the board may take to a reset, to look through its stack, or to switch off, s of its clock. It takes some
 /// 100 ms.
 const LIMIT_S: u32 = 120;
+/// How often the board is looked at.
+const LOOK: Duration = Duration::from_millis(2);
 /// How long the board's clock may stand: as long as a busy machine may leave the emulator waiting. It stands while the
 /// board is reset, and while a board that hangs waits for its watchdog, 20 s.
 const STANDING: Duration = Duration::from_secs(300);
 
 /// The memory that the board shares with its tip, by the byte offsets of `growbot_firmware::emulated_tip`.
-pub struct Words(File);
+pub struct Words {
+    memory: File,
+    clock: BoardClock,
+}
 
 impl Words {
     /// Those of a running board.
@@ -25,7 +30,7 @@ impl Words {
     /// If the system gives no second handle of the memory.
     #[must_use]
     pub fn of(emulator: &mut Emulator) -> Self {
-        Self(another(emulator.board().tip().file()))
+        Self { memory: another(emulator.board().tip().file()), clock: emulator.clock() }
     }
 
     /// Reads a word.
@@ -35,7 +40,7 @@ impl Words {
     #[must_use]
     pub fn read(&self, offset: usize) -> u32 {
         let mut bytes = [0; 4];
-        self.0.read_exact_at(&mut bytes, offset as u64).expect("the word is in the tip's memory");
+        self.memory.read_exact_at(&mut bytes, offset as u64).expect("the word is in the tip's memory");
         u32::from_le_bytes(bytes)
     }
 
@@ -44,7 +49,7 @@ impl Words {
     /// # Panics
     /// If the memory cannot be written.
     pub fn write(&self, offset: usize, value: u32) {
-        self.0.write_all_at(&value.to_le_bytes(), offset as u64).expect("the tip's memory can be written");
+        self.memory.write_all_at(&value.to_le_bytes(), offset as u64).expect("the tip's memory can be written");
     }
 
     /// Waits until the words are as they should be.
@@ -55,8 +60,15 @@ impl Words {
         let mut limit = BoardLimit::new(self, LIMIT_S);
         while !until(self) {
             limit.check(what);
-            std::thread::sleep(Duration::from_millis(2));
+            self.pass();
         }
+    }
+}
+
+impl Words {
+    /// Lets some of the board's time pass.
+    fn pass(&self) {
+        self.clock.pass(LOOK).expect("the emulator runs");
     }
 }
 
@@ -82,7 +94,8 @@ impl BoardLimit {
     #[must_use]
     pub fn new(words: &Words, limit_s: u32) -> Self {
         let clock = words.read(table::TICKS_LO);
-        Self { words: Words(another(&words.0)), limit_s, clock, passed: 0, moved: Instant::now() }
+        let words = Words { memory: another(&words.memory), clock: words.clock.clone() };
+        Self { words, limit_s, clock, passed: 0, moved: Instant::now() }
     }
 
     /// Looks at the board's clock.
@@ -122,6 +135,6 @@ pub fn all_off_at_the_tip(emulator: &mut Emulator, what: &str) {
             return;
         }
         limit.check(format_args!("{what}: {} off", on.join(", ")));
-        std::thread::sleep(Duration::from_millis(2));
+        emulator.clock().pass(LOOK).expect("the emulator runs");
     }
 }

@@ -176,6 +176,8 @@ pub fn publish_tick(low: u32, high: u32) {
         }
         word(table::HEATER_ENERGY_LO).write(after);
     }
+    // Last, because the host may stop the board here.
+    word(table::alarm_offset(low)).write(low);
 }
 
 /// Counts a feed of the watchdog.

@@ -56,6 +56,7 @@
 //! | `0x1000` | [`MACHINE`] | host | the machine description, bytes |
 //! | `0x2_0000` | [`JOURNAL`] | board | its flash, [`JOURNAL_CAPACITY`] bytes: survives a reset of the board |
 //! | `0x8_0000` | [`DESCRIPTION`] | board | the flash of the robot's description, as that of the journal |
+//! | `0xC_0000` | [`ALARMS`] | board | the latest tick of each remainder by [`ALARM_WORDS`] |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
 //!
 //! # Order of accesses
@@ -105,7 +106,7 @@ pub const VERSION: usize = 0x004;
 /// Value of [`MAGIC`]: `GBTP`.
 pub const MAGIC_VALUE: u32 = u32::from_le_bytes(*b"GBTP");
 /// Value of [`VERSION`].
-pub const VERSION_VALUE: u32 = 5;
+pub const VERSION_VALUE: u32 = 6;
 
 /// Offset, board to host: boots since the memory was zero.
 pub const BOOTS: usize = 0x010;
@@ -219,6 +220,12 @@ pub const JOURNAL_CAPACITY: usize = 2 * JOURNAL_SECTOR;
 /// Offset, board to host: the flash of the robot's description, of as many sectors and bytes.
 pub const DESCRIPTION: usize = 0x8_0000;
 
+/// Offset, board to host: at each tick, after [`TICKS_LO`] and [`TICKS_HI`], the board writes the tick's low half into
+/// the word of its remainder by [`ALARM_WORDS`]. A debugger that watches one word stops the board at one tick.
+pub const ALARMS: usize = 0xC_0000;
+/// Words of [`ALARMS`], a power of two.
+pub const ALARM_WORDS: u32 = 1024;
+
 /// Offset, board to host: the step records. Record `i` is at `STEP_RING + 4 * (i % STEP_RING_RECORDS)`.
 pub const STEP_RING: usize = 0x10_0000;
 /// Records in the ring, a power of two: over four minutes at one step a tick and 4 kHz.
@@ -257,6 +264,12 @@ pub const ENCODER_TURNS: u32 = 0;
 pub const ENCODER_STANDS_LOW: u32 = 1;
 /// [`ENCODER_STATE`]: filament stands, with the encoder's line high.
 pub const ENCODER_STANDS_HIGH: u32 = 2;
+
+/// Offset of the word of [`ALARMS`] that is written at a tick.
+#[must_use]
+pub const fn alarm_offset(tick: u32) -> usize {
+    ALARMS + 4 * (tick % ALARM_WORDS) as usize
+}
 
 #[cfg(test)]
 mod tests {
@@ -321,6 +334,7 @@ mod tests {
         assert!(words.windows(2).all(|pair| pair[0] + 4 <= pair[1]));
         assert!(words.iter().all(|offset| offset % 4 == 0));
         const { assert!(MACHINE + MACHINE_CAPACITY <= JOURNAL && JOURNAL + JOURNAL_CAPACITY <= DESCRIPTION) };
-        const { assert!(DESCRIPTION + JOURNAL_CAPACITY <= STEP_RING) };
+        const { assert!(DESCRIPTION + JOURNAL_CAPACITY <= ALARMS) };
+        const { assert!(ALARMS + 4 * ALARM_WORDS as usize <= STEP_RING) };
     }
 }

@@ -1,47 +1,70 @@
 //! The robot's firmware in QEMU, with the simulated tip behind the memory that both share.
 //!
-//! A thread plays the tip: it takes the steps out of the ring, warms the nozzle by the energy that the board has
-//! counted, and writes what the sensors show. The steps themselves depend only on the firmware: the machine's load
-//! stretches time and changes none of them.
+//! The tip takes the steps out of the ring, warms the nozzle by the energy that the board has counted, and writes what
+//! the sensors show.
+//!
+//! Time is virtual: it passes by the board's instructions, and only while the host waits. The board runs from one look
+//! of the tip to the next, so that a slow machine changes nothing. With `GROWBOT_EMULATOR_TIME=real` the board runs in
+//! real time, and a thread plays the tip: then the machine's load stretches time and changes no step.
 
+use std::cell::RefCell;
+use std::collections::VecDeque;
 use std::fs::File;
-use std::io;
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::TcpStream;
 use std::os::fd::AsRawFd;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use growbot_client::port::stream::Stream;
-use growbot_client::port::{Port, PortError};
+use growbot_client::port::{Port, PortError, real_time};
 use growbot_core::layer::Layer;
 use growbot_core::robot::{LONGEST_ENCODED, Robot};
 use growbot_firmware::emulated_tip as table;
 
 use super::OpenError;
-use super::qemu::{EmulatedRobot, QemuError, TipMemory, doing};
+use super::debugger::Debugger;
+use super::qemu::{EmulatedRobot, QemuError, Time, TipMemory, doing};
 use crate::image_seal;
 use crate::tip::hand::Hand;
 use crate::tip::{IndexMark, Motor, Tip, TipFault, Variation, encoder_pitch};
 use crate::truth::{Laid, Simulation};
 
-/// How often the tip looks at its memory.
+/// How often the tip looks at its memory in real time.
 const LOOK: Duration = Duration::from_millis(1);
+/// How often it does in virtual time, where each look costs QEMU some 0.1 ms.
+const VIRTUAL_LOOK: Duration = Duration::from_millis(5);
+/// Ticks from one byte to the board to the next. The interrupt of a tick at which QEMU has stopped the board is
+/// followed at once by the next one, so a stop at every tick would leave the main loop no time.
+const BYTE_TICKS: u32 = 2;
+/// The clock of a board that reaches no tick for so long in real time stands: real time passes instead.
+const STANDING: Duration = Duration::from_secs(10);
 /// How long QEMU may take to end once its line has broken.
 const END: Duration = Duration::from_secs(1);
+/// How errors name the board.
+const NAME: &str = "the emulated board";
 /// Where the firmware image lies, from cargo's target directory.
 pub const FIRMWARE: &str = "thumbv7em-none-eabihf/firmware/an386";
 
 /// The robot's firmware in QEMU.
 pub struct Emulator {
-    // The order is the one they are dropped in: first the thread that reads the memory, then the board and its memory.
-    player: Player,
-    stream: Stream,
+    // The order is the one they are dropped in: first what reads the memory, then the board and its memory.
+    followed: Arc<Mutex<Followed>>,
+    line: BoardLine,
     board: EmulatedRobot,
     /// The sealed copy of the image: QEMU reads it some time after its start.
     _image: Option<File>,
+}
+
+/// The line to the board, and how its time passes.
+enum BoardLine {
+    Real { stream: Stream, _player: Player },
+    Virtual(Rc<RefCell<Stepped>>),
 }
 
 impl Emulator {
@@ -69,32 +92,42 @@ impl Emulator {
         // The board gets its image sealed, as `growbot flash` does it.
         let sealed = with_seal(&firmware)?;
         let image = sealed.as_ref().map_or(firmware, path_of);
-        let board = EmulatedRobot::start(&image, memory, &[])?;
+        let mut board = EmulatedRobot::start(&image, memory, Time::of_environment())?;
         let line = board.line().try_clone().map_err(doing("share the emulator's line"))?;
-        let stream =
-            Stream::over("the emulated board".to_string(), line).map_err(doing("set up the emulator's line"))?;
-        Ok(Self { player: Player::start(words, robot), stream, board, _image: sealed })
+        let followed = Arc::new(Mutex::new(Followed::new(words, robot)));
+        let line = match board.debugger() {
+            Some(debugger) => {
+                line.set_nonblocking(true).map_err(doing("set up the emulator's line"))?;
+                let tick_hz = robot.description().motion.tick_hz;
+                BoardLine::Virtual(Rc::new(RefCell::new(Stepped::new(&followed, debugger, line, tick_hz))))
+            }
+            None => {
+                let stream = Stream::over(NAME.to_string(), line).map_err(doing("set up the emulator's line"))?;
+                BoardLine::Real { stream, _player: Player::start(&followed) }
+            }
+        };
+        Ok(Self { followed, line, board, _image: sealed })
     }
 
     /// Breaks something on the tip; a fault of the same kind is replaced. The board sees it within some milliseconds.
     pub fn inject(&mut self, fault: TipFault) {
-        self.player.followed().tip.inject(fault);
+        locked(&self.followed).tip.inject(fault);
     }
 
     /// Mends the fault of this one's kind.
     pub fn mend(&mut self, fault: TipFault) {
-        self.player.followed().tip.mend(fault);
+        locked(&self.followed).tip.mend(fault);
     }
 
     /// Does something with the tip at this moment.
     pub fn simulated_tip(&mut self, what: impl FnOnce(&mut Tip)) {
-        what(&mut self.player.followed().tip);
+        what(&mut locked(&self.followed).tip);
     }
 
     /// The tip, for comparing a growth with what it has really laid.
     #[must_use]
     pub fn simulation(&self) -> Box<dyn Simulation> {
-        Box::new(SharedFollowed(Arc::clone(&self.player.followed)))
+        Box::new(SharedFollowed(Arc::clone(&self.followed)))
     }
 
     /// Cuts the board's power at this moment. What is left is the flash of its journal; the tip stays as it is.
@@ -107,6 +140,15 @@ impl Emulator {
         let read = self.board.tip().file().read_exact_at(&mut flash, table::JOURNAL as u64);
         read.map_err(doing("read the journal's flash"))?;
         Ok(flash)
+    }
+
+    /// The clock of this board, for a test that waits for it without its line.
+    #[must_use]
+    pub fn clock(&self) -> BoardClock {
+        BoardClock(match &self.line {
+            BoardLine::Real { .. } => None,
+            BoardLine::Virtual(stepped) => Some(Rc::clone(stepped)),
+        })
     }
 
     /// The emulator and the memory of its tip.
@@ -127,16 +169,145 @@ impl Emulator {
 
 impl Port for Emulator {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.stream.send(bytes).map_err(|error| self.why(error))
+        let sent = match &mut self.line {
+            BoardLine::Real { stream, .. } => stream.send(bytes),
+            BoardLine::Virtual(stepped) => {
+                stepped.borrow_mut().to_board.extend(bytes);
+                Ok(())
+            }
+        };
+        sent.map_err(|error| self.why(error))
     }
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
-        self.stream.receive(buffer, timeout).map_err(|error| self.why(error))
+        let received = match &mut self.line {
+            BoardLine::Real { stream, .. } => stream.receive(buffer, timeout),
+            BoardLine::Virtual(stepped) => {
+                let received = stepped.borrow_mut().receive(buffer, timeout);
+                received.map_err(|error| PortError::Lost(NAME.to_string(), error.to_string()))
+            }
+        };
+        received.map_err(|error| self.why(error))
     }
 
-    /// The board counts the interrupts of its timer, some of which a busy machine lets pass.
+    fn now(&self) -> Duration {
+        match &self.line {
+            BoardLine::Real { .. } => real_time(),
+            BoardLine::Virtual(stepped) => stepped.borrow().now(),
+        }
+    }
+
+    /// In real time the board counts the interrupts of its timer, some of which a busy machine lets pass.
     fn compares_clocks(&self) -> bool {
-        false
+        matches!(self.line, BoardLine::Virtual(_))
+    }
+}
+
+/// The clock of an emulated board.
+#[derive(Clone)]
+pub struct BoardClock(Option<Rc<RefCell<Stepped>>>);
+
+impl BoardClock {
+    /// Lets so much of the board's time pass. What the board sends waits to be received.
+    ///
+    /// # Errors
+    /// QEMU is gone.
+    pub fn pass(&self, time: Duration) -> io::Result<()> {
+        let Some(stepped) = &self.0 else {
+            thread::sleep(time);
+            return Ok(());
+        };
+        let mut stepped = stepped.borrow_mut();
+        let deadline = stepped.now() + time;
+        while stepped.now() < deadline {
+            stepped.step(deadline)?;
+        }
+        Ok(())
+    }
+}
+
+/// A board in virtual time, which runs from look to look of its tip.
+struct Stepped {
+    followed: Arc<Mutex<Followed>>,
+    debugger: Debugger,
+    line: TcpStream,
+    to_board: VecDeque<u8>,
+    from_board: VecDeque<u8>,
+    /// Ticks a second.
+    tick_hz: u32,
+    /// Ticks of all boots that have passed.
+    passed: u64,
+    /// Real time that has passed while the board's clock stood.
+    stood: Duration,
+}
+
+impl Stepped {
+    fn new(followed: &Arc<Mutex<Followed>>, debugger: Debugger, line: TcpStream, tick_hz: u32) -> Self {
+        Self {
+            followed: Arc::clone(followed),
+            debugger,
+            line,
+            to_board: VecDeque::new(),
+            from_board: VecDeque::new(),
+            tick_hz,
+            passed: 0,
+            stood: Duration::ZERO,
+        }
+    }
+
+    fn now(&self) -> Duration {
+        let hz = u64::from(self.tick_hz.max(1));
+        let nanoseconds = (self.passed % hz) * 1_000_000_000 / hz;
+        Duration::from_secs(self.passed / hz) + Duration::from_nanos(nanoseconds) + self.stood
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        let deadline = self.now() + timeout;
+        while self.from_board.is_empty() && self.now() < deadline {
+            self.step(deadline)?;
+        }
+        self.from_board.read(buffer)
+    }
+
+    /// Has the board run to the next look of the tip, or until a time.
+    fn step(&mut self, deadline: Duration) -> io::Result<()> {
+        // QEMU takes in one byte while the board stands.
+        if let Some(byte) = self.to_board.pop_front() {
+            self.line.write_all(&[byte])?;
+        }
+        let left = deadline.saturating_sub(self.now());
+        let ticks = if self.to_board.is_empty() { self.ticks(left.min(VIRTUAL_LOOK)) } else { BYTE_TICKS };
+        let before = locked(&self.followed).clock()?;
+        if !self.debugger.run_to((before as u32).wrapping_add(ticks), STANDING)? {
+            self.stood += STANDING;
+            return self.read();
+        }
+        let mut followed = locked(&self.followed);
+        followed.look()?;
+        let after = followed.clock()?;
+        drop(followed);
+        // After a reset it counts from zero.
+        self.passed += after.checked_sub(before).unwrap_or(after);
+        self.read()
+    }
+
+    /// The ticks of a time, rounded up: at least one.
+    fn ticks(&self, time: Duration) -> u32 {
+        let ticks = (time.as_nanos() * u128::from(self.tick_hz)).div_ceil(1_000_000_000);
+        (ticks as u32).clamp(1, table::ALARM_WORDS - 1)
+    }
+
+    /// Takes what the board has sent.
+    fn read(&mut self) -> io::Result<()> {
+        let mut buffer = [0; 4096];
+        loop {
+            match self.line.read(&mut buffer) {
+                Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
+                Ok(count) => self.from_board.extend(buffer.iter().take(count)),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(()),
+                Err(error) => return Err(error),
+            }
+        }
     }
 }
 
@@ -318,6 +489,25 @@ struct Followed {
 }
 
 impl Followed {
+    fn new(words: Words, robot: &Robot) -> Self {
+        Self {
+            words,
+            tip: tip_of(robot),
+            boots: 0,
+            boot_tick: 0,
+            steps_read: 0,
+            step_tick: 0,
+            ticks: 0,
+            energy: 0,
+            lost_steps: 0,
+        }
+    }
+
+    /// The board's clock: ticks since it started.
+    fn clock(&self) -> io::Result<u64> {
+        self.words.read_pair(table::TICKS_LO, table::TICKS_HI)
+    }
+
     /// Takes what the board has done since the last look, and shows it what the sensors see.
     fn look(&mut self) -> io::Result<()> {
         if self.words.read(table::MAGIC)? != table::MAGIC_VALUE {
@@ -337,7 +527,7 @@ impl Followed {
 
     /// Lets time pass up to the board's present, with the power that it gave in that time.
     fn warm(&mut self) -> io::Result<()> {
-        let ticks = self.words.read_pair(table::TICKS_LO, table::TICKS_HI)?;
+        let ticks = self.clock()?;
         let energy = self.words.read_pair(table::HEATER_ENERGY_LO, table::HEATER_ENERGY_HI)?;
         let enabled = self.words.read(table::HEATER_ENABLE)? == 1;
         let duty = self.words.read(table::HEATER_DUTY)?;
@@ -387,51 +577,39 @@ impl Followed {
     }
 }
 
-/// The thread that plays the tip.
+fn locked(followed: &Mutex<Followed>) -> MutexGuard<'_, Followed> {
+    followed.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The thread that plays the tip in real time.
 struct Player {
-    followed: Arc<Mutex<Followed>>,
     over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Player {
-    fn start(words: Words, robot: &Robot) -> Self {
-        let followed = Arc::new(Mutex::new(Followed {
-            words,
-            tip: tip_of(robot),
-            boots: 0,
-            boot_tick: 0,
-            steps_read: 0,
-            step_tick: 0,
-            ticks: 0,
-            energy: 0,
-            lost_steps: 0,
-        }));
+    fn start(followed: &Arc<Mutex<Followed>>) -> Self {
         let over = Arc::new(AtomicBool::new(false));
         let thread = thread::spawn({
-            let (followed, over) = (Arc::clone(&followed), Arc::clone(&over));
+            let (followed, over) = (Arc::clone(followed), Arc::clone(&over));
             move || {
                 while !over.load(Ordering::Relaxed) {
                     // A memory that cannot be read shows when the record is asked for.
-                    let _ = followed.lock().unwrap_or_else(PoisonError::into_inner).look();
+                    let _ = locked(&followed).look();
                     thread::sleep(LOOK);
                 }
             }
         });
-        Self { followed, over, thread: Some(thread) }
-    }
-
-    fn followed(&self) -> MutexGuard<'_, Followed> {
-        self.followed.lock().unwrap_or_else(PoisonError::into_inner)
+        Self { over, thread: Some(thread) }
     }
 }
 
-/// The tip that the thread plays, for who compares a growth with it.
+/// The tip, for who compares a growth with it.
 struct SharedFollowed(Arc<Mutex<Followed>>);
 
 impl Simulation for SharedFollowed {
     fn laid(&mut self) -> Result<Laid, PortError> {
-        let mut followed = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut followed = locked(&self.0);
         followed.look().map_err(|error| QemuError::Io("read the tip's memory", error))?;
         if followed.lost_steps > 0 {
             let what = format!("{} steps were lost before the tip could read them", followed.lost_steps);
@@ -441,11 +619,11 @@ impl Simulation for SharedFollowed {
     }
 
     fn settled(&mut self, from: usize) -> Vec<Layer> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).tip.settled(from).to_vec()
+        locked(&self.0).tip.settled(from).to_vec()
     }
 
     fn by_hand(&mut self, hand: Hand) -> bool {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).tip.by_hand(hand);
+        locked(&self.0).tip.by_hand(hand);
         true
     }
 }

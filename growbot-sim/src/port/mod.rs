@@ -1,5 +1,6 @@
 //! Where a robot is: in this process (`sim`), in an emulator (`emulator`, `rp2040`), behind a TCP connection or on a serial line.
 
+pub mod debugger;
 pub mod emulator;
 pub mod paced;
 pub mod qemu;
@@ -86,8 +87,9 @@ impl PortName {
     pub fn is_virtual(&self) -> bool {
         match self {
             Self::Sim | Self::Rp2040(..) => true,
+            Self::Emulator(_) => qemu::Time::of_environment() == qemu::Time::Virtual,
             Self::Faulty(name, _) => name.is_virtual(),
-            Self::Resident(_) | Self::Emulator(_) | Self::Tcp(_) | Self::Serial(_) => false,
+            Self::Resident(_) | Self::Tcp(_) | Self::Serial(_) => false,
         }
     }
 

@@ -17,6 +17,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use super::debugger::Debugger;
+
 /// The emulator's program.
 const PROGRAM: &str = "qemu-system-arm";
 /// The oldest release known to run both boards; before it the robot's own image does not boot.
@@ -25,6 +27,30 @@ pub const OLDEST: u32 = 10;
 const START: Duration = Duration::from_secs(60);
 /// Max bytes of QEMU's own messages that are stored.
 const MESSAGES: usize = 8192;
+
+/// In virtual time an instruction takes 2^5 ns, as on the board's 25 MHz, and idle time takes none of this machine's.
+const INSTRUCTIONS: &str = "shift=5,sleep=off";
+
+/// How the time of the emulated robot passes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Time {
+    /// By the instructions that the board executes, and only while the host waits for the board.
+    Virtual,
+    /// As this machine's.
+    Real,
+}
+
+impl Time {
+    /// Real where the environment has `GROWBOT_EMULATOR_TIME=real`.
+    #[must_use]
+    pub fn of_environment() -> Self {
+        if std::env::var_os("GROWBOT_EMULATOR_TIME").is_some_and(|time| time == "real") {
+            Self::Real
+        } else {
+            Self::Virtual
+        }
+    }
+}
 
 /// Why an emulated board could not be started.
 #[derive(Debug)]
@@ -121,6 +147,12 @@ impl Line {
         let address = self.listener.local_addr().map_err(doing("read the port's number"))?;
         // Without nodelay short messages wait for one another, and an exchange takes four times as long.
         Ok(format!("tcp:127.0.0.1:{},server=off,nodelay=on", address.port()))
+    }
+
+    /// The same as a value of `-chardev`.
+    fn character_device(&self, id: &str) -> Result<String, QemuError> {
+        let address = self.listener.local_addr().map_err(doing("read the port's number"))?;
+        Ok(format!("socket,id={id},host=127.0.0.1,port={},server=off,nodelay=on", address.port()))
     }
 }
 
@@ -279,23 +311,39 @@ pub struct EmulatedRobot {
     // The order is the one they are dropped in: the emulator goes before the file it maps.
     qemu: Qemu,
     line: TcpStream,
+    debugger: Option<Debugger>,
     tip: TipMemory,
 }
 
 impl EmulatedRobot {
-    /// Starts the board with a firmware image on a memory, whose host words the caller has written. Further arguments
-    /// of QEMU, such as `-icount`, may be added.
-    pub fn start(firmware: &Path, tip: TipMemory, further: &[&str]) -> Result<Self, QemuError> {
+    /// Starts the board with a firmware image on a memory, whose host words the caller has written.
+    ///
+    /// In virtual time the board stands at its reset until [`EmulatedRobot::debugger`] has it run.
+    pub fn start(firmware: &Path, tip: TipMemory, time: Time) -> Result<Self, QemuError> {
         let line = Line::open("serial line")?;
         let mut backend = OsString::from(format!("memory-backend-file,id=tip,share=on,size={},mem-path=", tip.size));
         backend.push(escape_commas(tip.path()));
-        let own = ["-object".into(), backend, "-serial".into(), line.argument()?.into()];
-        let arguments = own.into_iter().chain(further.iter().map(OsString::from));
+        let mut arguments = vec!["-object".into(), backend, "-serial".into(), line.argument()?.into()];
+        let debugger = match time {
+            Time::Real => None,
+            Time::Virtual => Some(Line::open("debugger's line")?),
+        };
+        if let Some(debugger) = &debugger {
+            let device = debugger.character_device("debugger")?;
+            let further = ["-chardev", &device, "-gdb", "chardev:debugger", "-S", "-icount", INSTRUCTIONS];
+            arguments.extend(further.map(OsString::from));
+        }
         let mut qemu = Qemu::start("mps2-an386,memory-backend=tip", firmware, arguments)?;
         let line = qemu.connect(&line)?;
+        let debugger = debugger.map(|debugger| qemu.connect(&debugger)).transpose()?.map(Debugger::on);
         // QEMU has mapped it and we hold it open: without a name it goes with the two of us, however we end.
         let _ = std::fs::remove_file(tip.path());
-        Ok(EmulatedRobot { qemu, line, tip })
+        Ok(EmulatedRobot { qemu, line, debugger, tip })
+    }
+
+    /// What has the board run, taken once; none in real time.
+    pub fn debugger(&mut self) -> Option<Debugger> {
+        self.debugger.take()
     }
 
     /// The board's serial line.
