@@ -1,11 +1,13 @@
 //! grow, status and stop, run as a user runs them: on the simulated robot, over TCP and over a serial line.
 
 use crate::fake_board;
+use crate::lab;
 use crate::running;
 
 use serde_json::Value;
 
 use fake_board::FakeBoard;
+use lab::wait_for;
 use running::{PROGRAM, Ran, command, growbot, growbot_reading, growbot_unread};
 
 fn json(ran: &Ran) -> Value {
@@ -249,15 +251,9 @@ fn grow_and_kill(board: &FakeBoard, log: &std::path::Path, layers: usize) {
         .spawn()
         .unwrap();
     let laid = || std::fs::read_to_string(log).unwrap_or_default().matches("\"laid\",").count();
-    for _ in 0..6000 {
-        if laid() >= layers {
-            break;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
+    wait_for("the layers are laid", || (laid() >= layers).then_some(()));
     child.kill().unwrap();
     child.wait().unwrap();
-    assert!(laid() >= layers, "{} layers in time", laid());
 }
 
 #[test]

@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use growbot_core::random::Random;
+use growbot_sim::parallel;
 use hostile::boards::{self, Manner};
 use hostile::mutation::mutated;
 use hostile::{faults, number, run};
@@ -176,36 +177,47 @@ const TO_BOARDS: [&str; 9] = [
     "resume run.jsonl --yes",
 ];
 
+/// A command at a board: its exit code, and what is wrong with it. It has this run log.
+fn try_board(log: &Path, seed: u64, index: u64) -> (Option<i32>, Vec<String>) {
+    let script = "status\nplan 0,0,6,0,90\nstart\nwait 600\nlayers\nstatus\nquit\n";
+    let mut random = Random::new(&[seed, index]);
+    let manner = Manner::ALL[index as usize % Manner::ALL.len()];
+    // A robot that lies can be grown on, and then it lies most.
+    let command = TO_BOARDS[random.below(TO_BOARDS.len() as u64) as usize];
+    let command =
+        if manner == Manner::Lies && !index.is_multiple_of(3) { TO_BOARDS[index as usize % 2] } else { command };
+    let directory = tempfile::tempdir().unwrap();
+    fs::copy(log, directory.path().join("run.jsonl")).unwrap();
+    let mut args: Vec<String> = command.split(' ').map(str::to_owned).collect();
+    args.extend(["--port".to_owned(), boards::start(manner, seed.wrapping_add(index))]);
+    let output = args.iter().find(|arg| arg.starts_with("OUT.")).cloned();
+    let ran = run(directory.path(), &args, script.as_bytes(), limit() + boards::LIFE);
+    let mut faults = faults(&ran, directory.path(), None);
+    let log = output.filter(|_| ran.code == Some(2)).map(|output| directory.path().join(output));
+    if log.is_some_and(|log| log.exists()) {
+        faults.push("a log was left of a growth that never began".to_owned());
+    }
+    if !faults.is_empty() {
+        let said = String::from_utf8_lossy(&ran.err).into_owned();
+        faults.push(format!("board {index} of seed {seed}, {manner:?}, `growbot {command}`: {said}"));
+    }
+    (ran.code, faults)
+}
+
 #[test]
 fn boards_that_answer_nonsense_do_no_harm() {
     let (boards, seed) = (number("GROWBOT_HOSTILE_BOARDS", 16), number("GROWBOT_HOSTILE_SEED", 1));
     println!("{boards} boards, seed {seed}");
-    let script = "status\nplan 0,0,6,0,90\nstart\nwait 600\nlayers\nstatus\nquit\n";
     let before = tempfile::tempdir().unwrap();
     let log = before.path().join("run.jsonl");
     done(before.path(), "grow --robot growbot-a2 --to 0,0,8,0,90 --log run.jsonl");
+    let all: Vec<u64> = (0..boards).collect();
+    // They mostly wait.
+    let tried = parallel::map_on(8, &all, |&index| try_board(&log, seed, index), |_| {});
     let (mut codes, mut wrong) = (Codes::new(), Vec::new());
-    for index in 0..boards {
-        let mut random = Random::new(&[seed, index]);
-        let manner = Manner::ALL[index as usize % Manner::ALL.len()];
-        // A robot that lies can be grown on, and then it lies most.
-        let command = TO_BOARDS[random.below(TO_BOARDS.len() as u64) as usize];
-        let command = if manner == Manner::Lies && index % 3 != 0 { TO_BOARDS[index as usize % 2] } else { command };
-        let directory = tempfile::tempdir().unwrap();
-        fs::copy(&log, directory.path().join("run.jsonl")).unwrap();
-        let mut args: Vec<String> = command.split(' ').map(str::to_owned).collect();
-        args.extend(["--port".to_owned(), boards::start(manner, seed.wrapping_add(index))]);
-        let output = args.iter().find(|arg| arg.starts_with("OUT.")).cloned();
-        let ran = run(directory.path(), &args, script.as_bytes(), limit() + boards::LIFE);
-        let mut faults = faults(&ran, directory.path(), None);
-        *codes.entry(ran.code).or_default() += 1;
-        let log = output.filter(|_| ran.code == Some(2)).map(|output| directory.path().join(output));
-        if log.is_some_and(|log| log.exists()) {
-            faults.push("a log was left of a growth that never began".to_owned());
-        }
+    for (code, faults) in tried {
+        *codes.entry(code).or_default() += 1;
         if !faults.is_empty() {
-            let said = String::from_utf8_lossy(&ran.err).into_owned();
-            faults.push(format!("board {index} of seed {seed}, {manner:?}, `growbot {command}`: {said}"));
             println!("{}", faults.join("\n  "));
             wrong.push(faults);
         }

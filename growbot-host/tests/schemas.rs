@@ -123,13 +123,14 @@ fn plans_are_valid_by_their_schema_and_slips_are_not() {
 #[test]
 fn settings_and_notices_are_valid_by_their_schemas_and_slips_are_not() {
     let settings = schema("settings");
-    let text = "port = \"sim\"\n[robots.lab]\nport = \"sim:lab\"\npace = 60.0\n[serve]\nport = 9000\n\
+    let text = "port = \"sim\"\n[robots.lab]\nport = \"sim:lab\"\npace = 60.0\n[serve]\nport = 9000\nrequest_s = 60\n\
                 [serve.notify]\nwebhook = \"https://hooks.example/\"\ncommand = [\"./tell.sh\"]\nevents = [\"finish\"]\n";
     let written: Value = serde_json::to_value(toml::from_str::<toml::Table>(text).unwrap()).unwrap();
     assert_eq!(faults(&settings, &written, ""), [""; 0]);
     assert_slip(&settings, &written, |written| written["serve"]["notify"]["events"][0] = json!("dance"));
     assert_slip(&settings, &written, |written| written["serve"]["notify"]["webhok"] = json!("https://hooks.example/"));
     assert_slip(&settings, &written, |written| written["serve"]["port"] = json!(70_000));
+    assert_slip(&settings, &written, |written| written["serve"]["request_s"] = json!(0));
     assert_slip(&settings, &written, |written| written["robots"]["lab"]["baud"] = json!(9600));
     assert_slip(&settings, &written, |written| written["robots"]["other"] = json!({ "pace": 1.0 }));
     let notices = schema("notice");

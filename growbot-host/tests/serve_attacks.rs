@@ -6,7 +6,6 @@
 use crate::lab;
 
 use std::io::{Read, Write};
-use std::time::Duration;
 
 use growbot_core::random::Random;
 use lab::{GOAL, Lab, http};
@@ -224,7 +223,6 @@ fn post(path: &str, headers: &[&str], body: &str) -> Vec<u8> {
 /// The status that comes back, 0 where the connection is closed without.
 fn status(lab: &Lab, request: &[u8]) -> u16 {
     let mut stream = lab.page();
-    stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
     // It may refuse, and close, before it has everything.
     let _ = stream.write_all(request);
     let mut answer = Vec::new();

@@ -1,5 +1,6 @@
 //! The service under load: eight simulated robots that grow one body after another, twenty pages that follow them, half
-//! of them on WebSockets, and two hundred requests a second. GROWBOT_LOAD_S=60 has it last a minute, 600 ten.
+//! of them on WebSockets, and two hundred requests a second. GROWBOT_LOAD_S=60 has it last a minute, 600 ten. It prints
+//! how long requests take, which is for a machine without other work.
 
 use crate::lab;
 
@@ -20,8 +21,6 @@ const PAGES: usize = 20;
 /// Requests a second, by so many clients.
 const RATE: usize = 200;
 const CLIENTS: usize = 10;
-/// Half of all requests take no longer.
-const MEDIAN: Duration = Duration::from_millis(20);
 
 /// What all know.
 struct Load<'a> {
@@ -31,6 +30,8 @@ struct Load<'a> {
     jobs: Vec<Mutex<Option<String>>>,
     /// Growers that have not ended.
     growing: AtomicUsize,
+    /// Bodies that are finished.
+    grown: AtomicUsize,
 }
 
 /// What a page was told of a job: the number of each line, and the line.
@@ -62,6 +63,7 @@ impl Load<'_> {
             let id = job["id"].as_str().unwrap().to_owned();
             *self.jobs[robot].lock().unwrap() = Some(id.clone());
             assert_eq!(self.lab.wait_for_end(&id)["state"], "done");
+            self.grown.fetch_add(1, Ordering::AcqRel);
             grown += 1;
         }
         grown
@@ -135,23 +137,25 @@ impl Load<'_> {
         }
     }
 
-    /// Asks at a steady rate, on one connection. Gives how long each answer took.
-    fn ask(&self, client: usize) -> Vec<Duration> {
+    /// Asks at a steady rate, on one connection. Gives how long each answer took, and the most bodies that were finished
+    /// while one answer was waited for.
+    fn ask(&self, client: usize) -> (Vec<Duration>, usize) {
         let paths = ["/robots", "/jobs?max=20", "/robots/lab", "/openapi.json"].map(|path| self.lab.at(path));
-        let mut took = Vec::new();
+        let (mut took, mut finished) = (Vec::new(), 0);
         let mut stream = BufReader::new(self.lab.page());
         let pause = Duration::from_secs(1) * CLIENTS as u32 / RATE as u32;
         let mut next = Instant::now();
         while Instant::now() < self.until {
             let path = &paths[(took.len() + client) % paths.len()];
-            let began = Instant::now();
+            let (began, grown) = (Instant::now(), self.grown.load(Ordering::Acquire));
             stream.get_mut().write_all(format!("GET {path} HTTP/1.1\r\nhost: localhost\r\n\r\n").as_bytes()).unwrap();
             assert_eq!(answer(&mut stream), 200);
             took.push(began.elapsed());
+            finished = finished.max(self.grown.load(Ordering::Acquire) - grown);
             next += pause;
             sleep(next.saturating_duration_since(Instant::now()));
         }
-        took
+        (took, finished)
     }
 }
 
@@ -203,8 +207,8 @@ fn name(robot: usize) -> String {
 }
 
 #[test]
-fn every_page_is_told_every_event_once_and_requests_are_answered_at_once() {
-    let seconds: u64 = std::env::var("GROWBOT_LOAD_S").map_or(8, |seconds| seconds.parse().unwrap());
+fn every_page_is_told_every_event_once_and_requests_are_answered_while_robots_grow() {
+    let seconds: u64 = std::env::var("GROWBOT_LOAD_S").map_or(4, |seconds| seconds.parse().unwrap());
     let more = (1..ROBOTS).map(name);
     let more: String = more
         .map(|name| format!("[robots.{name}]\nport = \"sim:{name}\"\nrobot = \"growbot-a2\"\npace = 100.0\n"))
@@ -219,8 +223,9 @@ fn every_page_is_told_every_event_once_and_requests_are_answered_at_once() {
         until: Instant::now() + Duration::from_secs(seconds),
         jobs: (0..ROBOTS).map(|_| Mutex::default()).collect(),
         growing: AtomicUsize::new(ROBOTS),
+        grown: AtomicUsize::new(0),
     };
-    let (grown, told, mut took, memory) = thread::scope(|scope| {
+    let (grown, told, (took, finished), memory) = thread::scope(|scope| {
         let growers: Vec<_> = (0..ROBOTS)
             .map(|robot| {
                 scope.spawn({
@@ -247,11 +252,11 @@ fn every_page_is_told_every_event_once_and_requests_are_answered_at_once() {
             .collect();
         sleep(Duration::from_secs(seconds / 4));
         let at_start = lab.memory_kb();
-        let took: Vec<Duration> = clients.into_iter().flat_map(|client| client.join().unwrap()).collect();
+        let answered: (Vec<_>, Vec<_>) = clients.into_iter().map(|client| client.join().unwrap()).unzip();
         let memory = (at_start, lab.memory_kb());
         let grown: usize = growers.into_iter().map(|grower| grower.join().unwrap()).sum();
         let told: Vec<Told> = pages.into_iter().flat_map(|page| page.join().unwrap()).collect();
-        (grown, told, took, memory)
+        (grown, told, answered, memory)
     });
     let mut logs: BTreeMap<&str, Vec<Value>> = BTreeMap::new();
     let mut events = 0;
@@ -266,18 +271,20 @@ fn every_page_is_told_every_event_once_and_requests_are_answered_at_once() {
         assert!(said == *log, "{job}: other lines than those of its log");
         events += lines.len();
     }
+    let (mut took, finished) = (took.concat(), finished.into_iter().max().unwrap());
     took.sort_unstable();
     let (median, late) = (took[took.len() / 2], took[took.len() * 99 / 100]);
     println!(
         "{seconds} s, {ROBOTS} robots, {grown} bodies, {PAGES} pages, {} streams, {events} events, each once; {} requests, \
-         median {median:?}, 99 % within {late:?}; {} kB after a quarter, {} kB at the end",
+         median {median:?}, 99 % within {late:?}, at most {finished} bodies finished during one; {} kB after a quarter, {} kB at the end",
         told.len(),
         took.len(),
         memory.0,
         memory.1
     );
     assert!(grown >= ROBOTS && told.len() >= PAGES, "{grown} {}", told.len());
-    assert!(median < MEDIAN, "{median:?}");
+    // No request waits for a growth: hardly more bodies are finished meanwhile than by chance at that moment.
+    assert!(finished <= ROBOTS, "{finished} bodies were finished while one request was not answered");
     assert!(memory.1 < memory.0 + 20_000, "{memory:?} kB");
     assert!(!lab.heard().contains("panicked"), "{}", lab.heard());
 }

@@ -2,16 +2,16 @@
 //! pages of growths among them, too.
 
 use crate::fake_board;
+use crate::lab;
 use crate::running;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, Stdio};
-use std::thread::sleep;
-use std::time::{Duration, Instant};
 
 use fake_board::FakeBoard;
+use lab::wait_for;
 use running::{PROGRAM, Ran, command, growbot};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -273,11 +273,8 @@ fn the_page_of_a_growth_shows_the_scene_and_so_it_does_when_it_is_resumed() {
             .unwrap();
         let page = data(page_of(&mut growing).as_bytes());
         assert_eq!(page["scene"]["balls"].as_array().unwrap().len(), 1, "{growth:?}: {}", page["scene"]);
-        let began = Instant::now();
-        while fs::read_to_string(&log).unwrap_or_default().matches("\"laid\",").count() < 3 {
-            assert!(began.elapsed() < Duration::from_secs(120), "{growth:?}: three layers");
-            sleep(Duration::from_millis(20));
-        }
+        let laid = || fs::read_to_string(&log).unwrap_or_default().matches("\"laid\",").count();
+        wait_for("three layers are laid", || (laid() >= 3).then_some(()));
         growing.kill().unwrap();
         growing.wait().unwrap();
     }

@@ -6,7 +6,6 @@ use crate::running;
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::Arc;
-use std::time::Duration;
 
 use growbot_client::growth::{Job, JobEvent, Orders};
 use growbot_client::plan::{Plan, Search};
@@ -16,7 +15,7 @@ use growbot_host::watch::Watch;
 use growbot_pictures::view::Subject;
 use serde_json::{Value, json};
 
-use running::growbot;
+use running::{PATIENCE, growbot};
 
 /// A page of a body of 40 mm.
 fn watch(orders: Option<Arc<Orders>>) -> Watch {
@@ -37,7 +36,7 @@ fn parts(watch: &Watch) -> (SocketAddr, String) {
 
 fn send(address: SocketAddr, method: &str, path: &str, headers: &[(&str, &str)]) -> TcpStream {
     let mut stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
     let host = address.to_string();
     let mut request = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: 0\r\n");
     if !headers.iter().any(|(name, _)| *name == "Host") {
@@ -102,7 +101,7 @@ fn the_page_is_on_the_loopback_interface_alone() {
     let outside = own.connect("192.0.2.1:9").and_then(|()| own.local_addr()).map(|address| address.ip());
     match outside {
         Ok(ip) if !ip.is_loopback() => {
-            let error = TcpStream::connect_timeout(&SocketAddr::new(ip, port), Duration::from_secs(120)).unwrap_err();
+            let error = TcpStream::connect_timeout(&SocketAddr::new(ip, port), PATIENCE).unwrap_err();
             assert_eq!(error.kind(), ErrorKind::ConnectionRefused, "{ip}: {error}");
         }
         // A machine without a network: that others could bind the port there shows that it is free.

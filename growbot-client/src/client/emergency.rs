@@ -28,6 +28,9 @@ impl Client {
         let began = self.port.now();
         for _ in 0..MAX_BREAKS {
             let left = EMERGENCY_LIMIT.saturating_sub(self.port.now().saturating_sub(began));
+            if left.is_zero() {
+                break;
+            }
             match self.emergency_stop_within(left, &mut sent) {
                 Ok(true) => return Ok(()),
                 Ok(false) => break,

@@ -55,7 +55,7 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
             growbot_host::note!("robot {name} at {}", entry.port);
         }
         print(&format!("operate  {operate}\nlook     {read}\n"))?;
-        bound.serve(Arc::new(service)).await.map_err(Failure::answered_no)
+        bound.serve(Arc::new(service), serve.request()).await.map_err(Failure::answered_no)
     })
 }
 

@@ -1,7 +1,9 @@
 //! Which robots the service owns: `[robots.NAME]` of `growbot.toml`.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroU32;
 use std::path::Path;
+use std::time::Duration;
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -13,6 +15,8 @@ use crate::settings::{port_from, robot_from};
 const PRACTICE_PACE: f64 = 60.0;
 /// and what it is called.
 pub const PRACTICE: &str = "practice";
+/// How long a request may take to come, s, unless `growbot.toml` says otherwise.
+const REQUEST_S: u32 = 20;
 
 /// A robot as `growbot.toml` has it.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -44,6 +48,8 @@ impl RobotEntry {
 pub struct ServeEntry {
     /// The port of the pages' address on this machine.
     pub port: Option<u16>,
+    /// How long the head of a request, its body, and the pause before the next request may take, s; 20 without it.
+    pub request_s: Option<NonZeroU32>,
     /// Who is told what happens; nobody, unless somebody is named.
     #[serde(default)]
     pub notify: NotifyEntry,
@@ -58,6 +64,12 @@ impl ServeEntry {
             *program = directory.join(&*program).to_string_lossy().into_owned();
         }
         self
+    }
+
+    /// How long the head of a request, its body, and the pause before the next request may take.
+    #[must_use]
+    pub fn request(&self) -> Duration {
+        Duration::from_secs(self.request_s.map_or(REQUEST_S, NonZeroU32::get).into())
     }
 }
 

@@ -37,10 +37,6 @@ const SHORT_BODY: u64 = 64 << 10;
 const LONG_BODIES: usize = 2;
 /// Plans that are computed, and pages that are drawn, at a time: they take the processor.
 const COMPUTED: usize = 4;
-/// The head of a request takes no longer to come, and a connection waits no longer for the next one.
-const HEAD: Duration = Duration::from_secs(10);
-/// Nor does its body.
-const BODY: Duration = Duration::from_secs(20);
 /// Who takes nothing of an answer for so long is gone.
 const TAKEN: Duration = Duration::from_secs(30);
 
@@ -62,6 +58,8 @@ pub struct Door {
     streams: Arc<Semaphore>,
     long_bodies: Arc<Semaphore>,
     computed: Arc<Semaphore>,
+    /// The head of a request takes no longer to come, nor does its body, and a connection waits no longer for the next one.
+    request: Duration,
 }
 
 /// An open connection.
@@ -102,7 +100,7 @@ pub struct StreamPermit(#[expect(dead_code, reason = "it is held")] Arc<OwnedSem
 
 impl Door {
     /// Two doors, of pages and of commands: who crowds one of them does not close the other. They share the processor.
-    pub fn two() -> [Arc<Self>; 2] {
+    pub fn two(request: Duration) -> [Arc<Self>; 2] {
         let computed = Arc::new(Semaphore::new(COMPUTED));
         [(); 2].map(|()| {
             Arc::new(Self {
@@ -110,6 +108,7 @@ impl Door {
                 streams: Arc::new(Semaphore::new(STREAMS)),
                 long_bodies: Arc::new(Semaphore::new(LONG_BODIES)),
                 computed: Arc::clone(&computed),
+                request,
             })
         })
     }
@@ -168,7 +167,7 @@ where
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(TAKEN));
     let mut server = http1::Builder::new();
-    server.timer(TokioTimer::new()).header_read_timeout(HEAD);
+    server.timer(TokioTimer::new()).header_read_timeout(inside.0.door.request);
     // Who breaks off, or says what is no HTTP, has been told so where that is possible.
     let _ = server.serve_connection(TokioIo::new(Box::pin(stream)), service).with_upgrades().await;
 }
@@ -190,11 +189,11 @@ pub async fn whole_body(State(door): State<Arc<Door>>, request: Request, next: N
             Err(_) => return Problem::busy(&format!("{LONG_BODIES} long requests are being read")).into_response(),
         }
     }
-    match timeout(BODY, to_bytes(body, MAX_BODY)).await {
+    match timeout(door.request, to_bytes(body, MAX_BODY)).await {
         Ok(Ok(bytes)) => next.run(Request::from_parts(parts, bytes.into())).await,
         Ok(Err(error)) if is_too_long(&error) => Problem::too_long(MAX_BODY).into_response(),
         Ok(Err(error)) => Problem::bad(format!("the request broke off: {error}")).into_response(),
-        Err(_) => Problem::too_slow(BODY).into_response(),
+        Err(_) => Problem::too_slow(door.request).into_response(),
     }
 }
 
@@ -241,7 +240,7 @@ mod tests {
 
     #[test]
     fn strangers_make_way_and_those_who_were_let_in_stay() {
-        let [door, other] = Door::two();
+        let [door, other] = Door::two(Duration::from_secs(1));
         let all: Vec<_> = (0..CONNECTIONS as u64).map(|number| door.enter(number).unwrap()).collect();
         all[0].0.is_let_in();
         let one_more = door.enter(1000).unwrap();

@@ -6,6 +6,7 @@ use std::net::{Ipv4Addr, SocketAddr};
 use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::body::to_bytes;
 use axum::extract::Request;
@@ -135,11 +136,11 @@ impl Server {
         Ok([&self.tokens.operate, &self.tokens.read].map(|token| format!("http://{bound}/{token}/")))
     }
 
-    /// Serves for ever.
+    /// Serves for ever. The head of a request and its body each come within `request`.
     ///
     /// # Errors
     /// The system's.
-    pub async fn serve(self, service: Arc<Service>) -> io::Result<()> {
+    pub async fn serve(self, service: Arc<Service>, request: Duration) -> io::Result<()> {
         let [operate, look] = self.addresses()?;
         // It is served once.
         let _ = service.addresses.set(Addresses { operate, look });
@@ -148,7 +149,7 @@ impl Server {
         let site = |access, door: &Arc<Door>| {
             site(router.clone(), Arc::clone(&document), access, door).with_state(Arc::clone(&service))
         };
-        let [page_door, command_door] = Door::two();
+        let [page_door, command_door] = Door::two(request);
         let pages = Router::new()
             .nest(&format!("/{}/", self.tokens.operate), site(Access::Operate(By::Page), &page_door))
             .nest(&format!("/{}/", self.tokens.read), site(Access::Read, &page_door))

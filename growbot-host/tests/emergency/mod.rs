@@ -19,15 +19,13 @@ use growbot_sim::port::sim::Sim;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serialport::{SerialPort, TTYPort};
 
-use crate::running::{PROGRAM, Ran, command, in_lines};
+use crate::running::{PATIENCE, PROGRAM, Ran, command, in_lines};
 
 /// The board's time passes faster than real time by this factor.
 const PACE: u32 = 50;
 /// What the board says arrives in such pieces, bytes, as from a UART: of two programs that read the line, each may have
 /// some of them.
 const PIECE: usize = 8;
-/// A test that waits for longer has failed.
-const PATIENCE: Duration = Duration::from_secs(120);
 /// Seed of the noise.
 const SEED: u64 = 11;
 

@@ -11,10 +11,8 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use crate::running::{PROGRAM, command};
+use crate::running::{PATIENCE, PROGRAM, command};
 
-/// Nothing takes so long, on however busy a machine.
-const PATIENCE: Duration = Duration::from_secs(120);
 /// A body of robot A2 of so many layers.
 pub const GOAL: &str = "0,0,60,0,90";
 pub const LAYERS: usize = 78;
@@ -119,7 +117,9 @@ impl Lab {
 
     /// A connection to the pages.
     pub fn page(&self) -> TcpStream {
-        TcpStream::connect(("127.0.0.1", self.pages.as_ref().unwrap().0)).unwrap()
+        let stream = TcpStream::connect(("127.0.0.1", self.pages.as_ref().unwrap().0)).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream
     }
 
     /// A path of the interface with the operating token.
@@ -134,14 +134,14 @@ impl Lab {
     /// Asks on the user's socket.
     pub fn ask(&self, method: &str, path: &str, body: &str) -> (u16, Value) {
         let stream = UnixStream::connect(self.socket()).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
         let (status, text) = http(stream, method, &format!("/api/v1{path}"), &[], body);
         (status, serde_json::from_str(&text).unwrap_or(Value::String(text)))
     }
 
     /// Asks at the pages' address with these headers.
     pub fn ask_page(&self, path: &str, headers: &[&str], method: &str, body: &str) -> u16 {
-        let stream = TcpStream::connect(("127.0.0.1", self.pages.as_ref().unwrap().0)).unwrap();
-        http(stream, method, path, headers, body).0
+        http(self.page(), method, path, headers, body).0
     }
 
     pub fn wait_until_ready(&self) {

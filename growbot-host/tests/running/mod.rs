@@ -4,6 +4,10 @@
 use std::ffi::OsStr;
 use std::io::Write;
 use std::process::{Command, Stdio};
+use std::time::Duration;
+
+/// A test that waits for longer hangs: nothing takes so long, on however busy a machine.
+pub const PATIENCE: Duration = Duration::from_secs(600);
 
 /// The `growbot` command.
 pub const PROGRAM: &str = env!("CARGO_BIN_EXE_growbot");
