@@ -1,7 +1,7 @@
 //! Closed loop against open loop, by the same seeds: robot A over 4, 8, 16 and 32 radii, with noisy growth and noisy
 //! sensors.
 //!
-//! `GROWBOT_LOOPS=1000 cargo test --release -p growbot-tests --test closed_loop -- --nocapture` grows a thousand bodies
+//! `GROWBOT_LOOPS=1000 cargo test --release -p growbot-tests --test it closed_loop:: -- --nocapture` grows a thousand bodies
 //! of each kind.
 
 use growbot_client::arrival::Arrival;

@@ -2,7 +2,7 @@
 //! codes, about as soon, and everything off.
 //!
 //! Some of them here; every fault of the campaign by `GROWBOT_FAULTS=all cargo test -p growbot-tests --test
-//! emulated_rp2040_faults -- --nocapture`, which prints their table and takes a quarter of an hour; some by their
+//! it emulated_rp2040_faults:: -- --nocapture`, which prints their table and takes a quarter of an hour; some by their
 //! names, with commas between, instead of `all`. One fault of the campaign cannot come through pins:
 //! `step-interrupt-stopped` is the processor's own.
 

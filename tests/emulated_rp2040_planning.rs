@@ -1,6 +1,6 @@
 //! What planning costs a Pico, in its emulator: the goals of `cargo plan-cost`, each planned to the desktop's bits.
 //!
-//! A few of them here; all by `GROWBOT_PLANS=all cargo test -p growbot-tests --test emulated_rp2040_planning --
+//! A few of them here; all by `GROWBOT_PLANS=all cargo test -p growbot-tests --test it emulated_rp2040_planning:: --
 //! --nocapture`, which takes half an hour. It prints instructions, the step interrupt's included, and seconds of the chip.
 
 #[path = "../growbot-firmware/costs/plan/goals.rs"]

@@ -2,7 +2,7 @@
 //! while it notes a layer in the journal.
 //!
 //! A few places here; every byte of what is programmed and every 256 bytes of the erase by `GROWBOT_CUTS=all cargo test
-//! -p growbot-tests --test emulated_rp2040_power -- --nocapture`, which takes 20 minutes on three cores.
+//! -p growbot-tests --test it emulated_rp2040_power:: -- --nocapture`, which takes 20 minutes on three cores.
 
 use std::cell::RefCell;
 use std::rc::Rc;

@@ -5,7 +5,7 @@
 //! are tried, 10 and 5 without them:
 //!
 //! ```sh
-//! GROWBOT_EMULATED_JOBS=100 GROWBOT_EMULATED_POINTS=50 cargo test -p growbot-tests --test emulated_survival -- --nocapture
+//! GROWBOT_EMULATED_JOBS=100 GROWBOT_EMULATED_POINTS=50 cargo test -p growbot-tests --test it emulated_survival:: -- --nocapture
 //! ```
 
 use std::cell::{Cell, RefCell};

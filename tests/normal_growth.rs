@@ -1,5 +1,5 @@
 //! Where nothing is wrong there is no alarm, and the nozzle keeps its temperature. GROWBOT_HOURS of simulated growth with each plant, 12
-//! unless it says otherwise: `GROWBOT_HOURS=1000 cargo test --release -p growbot-tests --test normal_growth -- --nocapture`.
+//! unless it says otherwise: `GROWBOT_HOURS=1000 cargo test --release -p growbot-tests --test it normal_growth:: -- --nocapture`.
 
 use growbot_tests::fault_campaign::growth::Plant;
 use growbot_tests::normal_growth;

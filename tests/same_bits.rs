@@ -4,7 +4,7 @@
 //! the desktop's. The emulator computes in the M4's instructions, so what is compared is two compilations for two
 //! processors.
 //!
-//! `GROWBOT_GOALS=48 cargo test -p growbot-tests --test same_bits` takes more random goals than the few of every run.
+//! `GROWBOT_GOALS=48 cargo test -p growbot-tests --test it same_bits::` takes more random goals than the few of every run.
 
 use growbot_client::client::Client;
 use growbot_client::robot_file;

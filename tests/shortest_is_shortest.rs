@@ -4,7 +4,7 @@
 //! `GROWBOT_NEAR` is how many of these lie within 3 radii, 16 without it:
 //!
 //! ```sh
-//! GROWBOT_NEAR=10000 cargo test --release -p growbot-tests --test shortest_is_shortest -- --nocapture searched_now
+//! GROWBOT_NEAR=10000 cargo test --release -p growbot-tests --test it shortest_is_shortest:: -- --nocapture searched_now
 //! ```
 
 use std::time::Instant;

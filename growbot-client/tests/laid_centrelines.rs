@@ -7,7 +7,7 @@
 //! `GROWBOT_CENTRELINES` is how many plans are made, 200 without it.
 //!
 //! ```sh
-//! GROWBOT_CENTRELINES=10000 cargo test -p growbot-client --test laid_centrelines -- --nocapture
+//! GROWBOT_CENTRELINES=10000 cargo test -p growbot-client --test it laid_centrelines:: -- --nocapture
 //! ```
 
 use growbot_client::robot_file;

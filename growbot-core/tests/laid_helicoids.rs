@@ -7,7 +7,7 @@
 //! `GROWBOT_LAID` is how many are laid in each regime, 2,000 without it.
 //!
 //! ```sh
-//! GROWBOT_LAID=100000 cargo test --release -p growbot-core --test laid_helicoids -- --nocapture
+//! GROWBOT_LAID=100000 cargo test --release -p growbot-core --test it laid_helicoids:: -- --nocapture
 //! ```
 
 use growbot_core::helicoid::Helicoid;

@@ -5,7 +5,7 @@
 //! without it.
 //!
 //! ```sh
-//! GROWBOT_LAID=1000000 cargo test --release -p growbot-core --test laid_paths -- --nocapture
+//! GROWBOT_LAID=1000000 cargo test --release -p growbot-core --test it laid_paths:: -- --nocapture
 //! ```
 
 use core::f64::consts::{PI, TAU};

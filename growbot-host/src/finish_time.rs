@@ -1,4 +1,4 @@
-//! The time of day at which something is done, as people read it. `finishText` of growbot-host/viewer/src/text.js is the
+//! The time of day at which something is done, as people read it. `finishText` of growbot-pictures/viewer/src/text.js is the
 //! same.
 
 use time::{Duration, OffsetDateTime, UtcOffset};

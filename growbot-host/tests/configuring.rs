@@ -1,6 +1,6 @@
 //! `growbot configure`: a simulated robot that stays on gets another description, and keeps it.
 
-mod running;
+use crate::running;
 
 use std::fs;
 use std::io::{Read, Write};

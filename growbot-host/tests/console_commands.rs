@@ -1,6 +1,6 @@
 //! The console, run as a user runs it: in a pipe, on the simulated robot.
 
-mod running;
+use crate::running;
 
 use running::{Ran, growbot, growbot_reading, growbot_reading_bytes, growbot_unread};
 

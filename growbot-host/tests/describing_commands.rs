@@ -1,6 +1,6 @@
 //! `growbot robots`, `new-robot`, `completions` and `man` as users and scripts meet them.
 
-mod running;
+use crate::running;
 
 use std::fs;
 use std::process::Stdio;

@@ -1,23 +1,16 @@
-//! README.md and the book say what growbot does: their commands are run, what they print is compared, their robot files
-//! are read, their links lead somewhere, and the files that they name are there. (`src/cli/documents.rs` reads the
-//! commands that cannot be run here.)
+//! Checks README.md and the book: runs their commands and compares what they print, reads their robot files, and
+//! follows their links and the names of files. (`src/cli/documents.rs` reads the commands that cannot be run here.)
 
-#[path = "documents/blocks.rs"]
 mod blocks;
-mod running;
-#[path = "documents/transcript.rs"]
 mod transcript;
 
-use std::path::Path;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::thread;
+use std::path::{Component, Path};
 
 use blocks::{Document, beside, for_users, root};
 use growbot_client::robot_file;
 use growbot_host::settings;
 use pulldown_cmark::Event;
-use transcript::{agree, differences, differences_in};
+use transcript::{agree, differences, differences_in, runs};
 
 /// What a block that is not run may need.
 const NEEDS: [&str; 6] = ["robot", "emulator", "build", "install", "terminal", "long"];
@@ -26,21 +19,40 @@ fn assert_nothing_wrong(wrong: &[String]) {
     assert!(wrong.is_empty(), "{} differences:\n{}", wrong.len(), wrong.join("\n"));
 }
 
-#[test]
-fn what_the_documents_print_is_what_growbot_says() {
-    let documents = for_users();
-    let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
-    thread::scope(|scope| {
-        for _ in 0..thread::available_parallelism().map_or(2, usize::from) {
-            scope.spawn(|| {
-                while let Some(document) = documents.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    let found = differences(document);
-                    wrong.lock().unwrap().extend(found);
+/// The name of a document's test: `maths_two_planes` of `book/src/maths/two-planes.md`.
+fn test_of(document: &Document) -> String {
+    let path = document.path.strip_prefix("book/src").unwrap_or(&document.path).with_extension("");
+    path.to_str().unwrap().to_lowercase().replace(['/', '-'], "_")
+}
+
+/// One test for each document whose commands run, in a directory of its own. A failure is repeated alone:
+/// `cargo test -p growbot-host --test it documents::chapters::see_it`.
+macro_rules! chapters {
+    ($($test:ident),*) => {
+        mod chapters {
+            $(
+                #[test]
+                fn $test() {
+                    let document = super::for_users().into_iter().find(|one| super::test_of(one) == stringify!($test));
+                    super::assert_nothing_wrong(&super::differences(&document.unwrap()));
                 }
-            });
+            )*
         }
-    });
-    assert_nothing_wrong(&wrong.into_inner().unwrap());
+        const CHAPTERS: &[&str] = &[$(stringify!($test)),*];
+    };
+}
+
+chapters! {
+    answers, bad_lines, bag_of_parts, completions, describe, drive, export, feedback, files, first_growth, flash,
+    maths_clearance, maths_layers, maths_space, maths_step, maths_two_planes, obstacles, paper, pipe_rack, readme,
+    robot_file, rubble_heap, see_it, serve, simulate, survive
+}
+
+#[test]
+fn every_document_with_commands_has_a_test() {
+    let mut names: Vec<_> = for_users().iter().filter(|document| !runs(document).is_empty()).map(test_of).collect();
+    names.sort();
+    assert_eq!(names, CHAPTERS);
 }
 
 /// README.md, and the chapters in the order of the book.
@@ -76,7 +88,7 @@ fn lines_agree_up_to_what_is_left_out() {
 }
 
 #[test]
-fn a_transcript_that_is_wrong_is_told() {
+fn a_wrong_transcript_is_reported() {
     let transcript = |text: &str| Document { path: "made-up.md".into(), text: format!("```console\n{text}\n```\n") };
     assert_eq!(differences(&transcript("$ growbot rmin\n...\n  by its layers       60.20 mm")).len(), 0);
     assert_eq!(differences(&transcript("$ growbot rmin\n...\n  by its layers       60.21 mm")).len(), 1);
@@ -88,7 +100,7 @@ fn a_transcript_that_is_wrong_is_told() {
 }
 
 #[test]
-fn every_block_says_what_it_is_and_what_it_needs() {
+fn every_block_has_a_known_language_and_known_needs() {
     let mut wrong = Vec::new();
     for document in for_users() {
         for block in document.blocks() {
@@ -115,7 +127,7 @@ fn every_block_says_what_it_is_and_what_it_needs() {
     assert_nothing_wrong(&wrong);
 }
 
-/// `into` with what `from` says.
+/// Puts the values of `from` into `into`.
 fn merge(into: &mut toml::Table, from: toml::Table) {
     for (key, value) in from {
         match (into.get_mut(&key), value) {
@@ -174,17 +186,17 @@ fn every_link_leads_to_a_file() {
     assert_nothing_wrong(&wrong);
 }
 
-/// Where the repository's files are.
-const DIRECTORIES: [&str; 8] =
-    ["growbot-core/", "growbot-firmware/", "growbot-host/", "tests/", "book/", "docs/", "robots/", "fuzz/"];
-
-/// The files and directories that a document names in code and that are not there.
+/// The files and directories of the repository that a document names in code and that are not there. Those that a build
+/// makes, by `.gitignore`, may be missing.
 fn names_without_a_file(document: &Document) -> Vec<String> {
+    let made: Vec<_> = include_str!("../../.gitignore").lines().filter_map(|line| line.strip_prefix('/')).collect();
     let missing = |(event, line)| {
         let Event::Code(code) = event else { return None };
-        let path = code.split(' ').next().unwrap_or_default();
-        let missing = DIRECTORIES.iter().any(|directory| path.starts_with(directory)) && !root().join(path).exists();
-        missing.then(|| format!("{}:{line}: there is no {path}", document.path.display()))
+        let path = Path::new(code.split(' ').next().unwrap_or_default());
+        let Some(Component::Normal(first)) = path.components().next() else { return None };
+        let made = made.iter().any(|directory| path.starts_with(directory));
+        let missing = root().join(first).is_dir() && !made && !root().join(path).exists();
+        missing.then(|| format!("{}:{line}: there is no {}", document.path.display(), path.display()))
     };
     document.events().filter_map(missing).collect()
 }
@@ -193,7 +205,9 @@ fn names_without_a_file(document: &Document) -> Vec<String> {
 fn every_file_that_is_named_is_there() {
     let wrong: Vec<_> = for_users().iter().chain(&beside()).flat_map(names_without_a_file).collect();
     assert_nothing_wrong(&wrong);
-    let made_up = |text: &str| Document { path: "made-up.md".into(), text: text.to_owned() };
-    assert_eq!(names_without_a_file(&made_up("`growbot-core/src/path.rs`, `tests/run`, `growbot-run/3`")).len(), 0);
-    assert_eq!(names_without_a_file(&made_up("| a | `growbot-core/src/word.rs` (`Word`) |")).len(), 1);
+    let missing =
+        |text: &str| names_without_a_file(&Document { path: "made-up.md".into(), text: text.to_owned() }).len();
+    assert_eq!(missing("`growbot-core/src/path.rs`, `tests/run`, `growbot-run/3`, `book/target/word.html`"), 0);
+    assert_eq!(missing("| a | `growbot-core/src/word.rs` (`Word`) |"), 1);
+    assert_eq!(missing("`growbot-py/src/word.rs`, `.cargo/word.toml`"), 2);
 }

@@ -2,8 +2,8 @@
 //! midst of a frame, and by a second Ctrl-C. It stops the board within 1 s (six attempts) of the line being usable;
 //! otherwise it says to cut the power.
 
-mod emergency;
-mod running;
+use crate::emergency;
+use crate::running;
 
 use std::cell::{Cell, RefCell};
 use std::fs::OpenOptions;

@@ -1,7 +1,7 @@
 //! `growbot export` as users and scripts meet it: formats, results, exit codes, messages. What other programs read in
 //! its files is tried by tests/exports/run.
 
-mod running;
+use crate::running;
 
 use std::fs;
 use std::path::Path;

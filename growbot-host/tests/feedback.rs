@@ -1,7 +1,7 @@
 //! Growths with feedback on simulated robots that lay imperfectly: they arrive all the same, over bad wires and after
 //! interruptions too.
 
-mod running;
+use crate::running;
 
 use std::cell::{Cell, RefCell};
 use std::fs;

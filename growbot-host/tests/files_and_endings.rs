@@ -3,7 +3,7 @@
 //! once.
 #![cfg(unix)]
 
-mod running;
+use crate::running;
 
 use std::fs;
 use std::os::unix::fs::symlink;

@@ -2,7 +2,7 @@
 //! output everywhere, and directories are made.
 #![cfg(unix)]
 
-mod running;
+use crate::running;
 
 use std::fs;
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! `growbot flash` with tools that only write down how they were called.
 #![cfg(unix)]
 
-mod running;
+use crate::running;
 
 use std::fs::{self, File, Permissions};
 use std::io::Read;
@@ -266,6 +266,23 @@ fn a_pico_gets_a_file_or_a_drive() {
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     assert_eq!(fs::read(bench.path("elsewhere/growbot.uf2")).unwrap(), written);
     assert_eq!(bench.calls(), "", "no tool is needed");
+
+    // A UF2 file is an image too, for these boards alone.
+    fs::remove_file(bench.path("elsewhere/growbot.uf2")).unwrap();
+    let released = |board: &str, more: &[&str]| {
+        bench.flash("elsewhere", &[&["--board", board, "--firmware", &file], more].concat())
+    };
+    let ran = released("skr-pico", &["--drive", &drive]);
+    assert_eq!((ran.code, ran.err.contains("warning")), (Some(0), false), "{}", ran.err);
+    assert_eq!(fs::read(bench.path("elsewhere/growbot.uf2")).unwrap(), written);
+    let ran = released("pico", &["--dry-run"]);
+    assert_eq!((ran.code, ran.out.as_str()), (Some(0), ""), "{}", ran.err);
+    assert_refused(&released("stm32f405", &[]), &["pico.uf2 is a UF2 file", "give the ELF image"]);
+    assert_refused(&released("pico", &["--seal-only"]), &["pico.uf2 is a UF2 file", "give the ELF image"]);
+    fs::write(&file, &written[..512]).unwrap();
+    let refused = released("pico", &["--drive", &drive]);
+    assert_refused(&refused, &["pico.uf2 cannot be flashed", "block 0 of 1", "get the file again"]);
+    fs::write(&file, &written).unwrap();
 
     fs::write(&image, "no image").unwrap();
     assert_refused(&with(&["--uf2", &file]), &["pico.elf", "no 32-bit ELF", "cargo build-pico"]);

@@ -1,7 +1,7 @@
 //! grow, status and stop, run as a user runs them: on the simulated robot, over TCP and over a serial line.
 
-mod fake_board;
-mod running;
+use crate::fake_board;
+use crate::running;
 
 use serde_json::Value;
 

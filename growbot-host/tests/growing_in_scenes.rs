@@ -1,6 +1,6 @@
 //! `grow`, `simulate` and `resume` in a scene.
 
-mod running;
+use crate::running;
 
 use std::fs;
 use std::path::Path;

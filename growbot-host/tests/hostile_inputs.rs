@@ -6,8 +6,7 @@
 //! `GROWBOT_HOSTILE_BOARDS`, `GROWBOT_HOSTILE_SECONDS` (the longest that one may take) and `GROWBOT_HOSTILE_SEED`
 //! change that.
 
-mod hostile;
-mod running;
+use crate::hostile;
 
 use std::collections::BTreeMap;
 use std::fs;

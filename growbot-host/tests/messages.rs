@@ -1,6 +1,6 @@
 //! Messages have one style: every subcommand is used wrongly in every way, and talks to simulated robots.
 
-mod running;
+use crate::running;
 
 use std::fs;
 use std::process::Stdio;

@@ -1,6 +1,6 @@
 //! `growbot rmin`, `plan` and `layers` as users and scripts meet them: results, exit codes, messages.
 
-mod running;
+use crate::running;
 
 use std::fs;
 use std::path::Path;

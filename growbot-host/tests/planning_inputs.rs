@@ -1,6 +1,6 @@
 //! The forms in which goals are given to `growbot plan`: positions alone, lists of them, batches, units.
 
-mod running;
+use crate::running;
 
 use std::fs;
 

@@ -3,7 +3,7 @@
 
 #![expect(clippy::disallowed_methods, reason = "an independent check computes with another library")]
 
-mod running;
+use crate::running;
 
 use running::{growbot, growbot_reading};
 use serde_json::Value;

@@ -1,6 +1,6 @@
 //! `growbot reproduce` as researchers and scripts meet it: files, exit codes, messages.
 
-mod running;
+use crate::running;
 
 use std::fs;
 use std::path::Path;

@@ -1,10 +1,10 @@
 //! `growbot plan --scene` on scene files, meshes and clouds with something changed in them: read, or refused with one
 //! message and exit code 2, within 2 GiB of memory and without a panic.
 //!
-//! A hundred here; `GROWBOT_SCENE_FILES=1000 cargo test -p growbot-host --test scene_files` tries a thousand.
+//! A hundred here; `GROWBOT_SCENE_FILES=1000 cargo test -p growbot-host --test it scene_files::` tries a thousand.
 #![cfg(target_os = "linux")]
 
-mod running;
+use crate::running;
 
 use std::fs;
 use std::path::Path;

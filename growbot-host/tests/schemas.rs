@@ -1,6 +1,6 @@
 //! The JSON Schemas of `growbot schema`: real plans, run logs and results are valid by them, and slips are not.
 
-mod running;
+use crate::running;
 
 use std::fs;
 

@@ -1,7 +1,7 @@
 //! The service, as its users meet it: the program itself, killed and started again, asked rightly and wrongly.
 
-mod lab;
-mod running;
+use crate::lab;
+use crate::running;
 
 use std::fs;
 use std::io::Write;

@@ -3,8 +3,7 @@
 //!
 //! GROWBOT_ATTACKS=50000 makes more of them than the 5,000 that every run makes.
 
-mod lab;
-mod running;
+use crate::lab;
 
 use std::io::{Read, Write};
 use std::time::Duration;

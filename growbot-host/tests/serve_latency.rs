@@ -3,9 +3,9 @@
 //! 50.
 
 #[allow(dead_code, reason = "no test needs all of it")]
-mod emergency;
-mod lab;
-mod running;
+use crate::emergency;
+use crate::lab;
+use crate::running;
 
 use std::time::{Duration, Instant};
 

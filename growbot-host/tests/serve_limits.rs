@@ -1,8 +1,7 @@
 //! What one client may take of the service: too many connections, and those that are too slow or too long, keep no
 //! order from a robot.
 
-mod lab;
-mod running;
+use crate::lab;
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;

@@ -1,8 +1,7 @@
 //! The service under load: eight simulated robots that grow one body after another, twenty pages that follow them, half
 //! of them on WebSockets, and two hundred requests a second. GROWBOT_LOAD_S=60 has it last a minute, 600 ten.
 
-mod lab;
-mod running;
+use crate::lab;
 
 use std::collections::BTreeMap;
 use std::fs;

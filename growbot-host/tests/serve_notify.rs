@@ -1,8 +1,8 @@
 //! Who does not look is told: by a webhook and by a command. Whoever they are, and whatever they do, no robot waits for
 //! them.
 
-mod lab;
-mod running;
+use crate::lab;
+use crate::running;
 
 use std::fs;
 use std::io::{Read, Write};

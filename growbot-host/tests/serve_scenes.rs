@@ -1,7 +1,6 @@
 //! Jobs of the service among obstacles.
 
-mod lab;
-mod running;
+use crate::lab;
 
 use std::fs;
 

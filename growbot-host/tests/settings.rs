@@ -1,7 +1,7 @@
 //! Robot and port of commands that are given none: options, environment, growbot.toml, and plans that have their robot
 //! with them.
 
-mod running;
+use crate::running;
 
 use std::fs;
 use std::path::PathBuf;

@@ -1,6 +1,6 @@
 //! `growbot simulate` as users and scripts meet it: results, exit codes, messages.
 
-mod running;
+use crate::running;
 
 use running::growbot;
 use serde_json::Value;

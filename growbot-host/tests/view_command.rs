@@ -1,6 +1,6 @@
 //! view, run as a user runs it: a page from a plan and from a growth, and everything that is neither.
 
-mod running;
+use crate::running;
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! view --svg, --png and --plot, run as a user runs them; and the picture at the head of README.md, made anew by the
 //! commands below it.
 
-mod running;
+use crate::running;
 
 use std::fs;
 use std::path::{Path, PathBuf};

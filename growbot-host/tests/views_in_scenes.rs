@@ -1,8 +1,8 @@
 //! `view` and `export` of bodies among obstacles: pages, pictures and GLB with the scene and the narrowest place. The
 //! pages of growths among them, too.
 
-mod fake_board;
-mod running;
+use crate::fake_board;
+use crate::running;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};

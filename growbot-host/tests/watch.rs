@@ -1,7 +1,7 @@
 //! The page of a growth under way, asked over HTTP by all kinds of clients: only who knows the secret, on this machine,
 //! gets anything.
 
-mod running;
+use crate::running;
 
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
@@ -12,8 +12,8 @@ use growbot_client::growth::{Job, JobEvent, Orders};
 use growbot_client::plan::{Plan, Search};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
-use growbot_host::view::Subject;
 use growbot_host::watch::Watch;
+use growbot_pictures::view::Subject;
 use serde_json::{Value, json};
 
 use running::growbot;

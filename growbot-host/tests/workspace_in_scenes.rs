@@ -1,6 +1,6 @@
 //! `growbot workspace --scene`: each goal has one of three answers, and what is told to be within reach has a plan.
 
-mod running;
+use crate::running;
 
 use std::fs;
 

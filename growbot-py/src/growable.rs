@@ -8,7 +8,7 @@ use growbot_client::plan_file::written_hash;
 use growbot_client::through_scene::clear_in;
 use growbot_client::warning::PREVENTING;
 use growbot_core::simulation::Disturbance;
-use growbot_host::view::{SceneFile, Subject, page};
+use growbot_pictures::view::{SceneFile, Subject, page};
 use growbot_scene::file::LoadedScene;
 use pyo3::prelude::*;
 

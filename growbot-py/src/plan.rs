@@ -15,7 +15,7 @@ use growbot_core::plan::Planner;
 use growbot_core::pose::{Pose as CorePose, tip_direction};
 use growbot_core::robot::Robot as Described;
 use growbot_core::slicing::{Slicing, layers};
-use growbot_host::view::Subject;
+use growbot_pictures::view::Subject;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyType};

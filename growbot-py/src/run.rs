@@ -7,7 +7,7 @@ use growbot_client::plan as client;
 use growbot_client::run_log::{Events, RunEvent, RunLine, RunRecord};
 use growbot_core::layer_bytes::decode;
 use growbot_core::robot::Robot as Described;
-use growbot_host::view::Subject;
+use growbot_pictures::view::Subject;
 use pyo3::prelude::*;
 use pyo3::types::PyType;
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use growbot_client::plan as client;
 use growbot_core::layer::Layer;
 use growbot_core::robot::Robot as Described;
-use growbot_host::view::Subject;
+use growbot_pictures::view::Subject;
 use growbot_sim::parallel;
 use growbot_sim::simulation::{Outcome, Simulation};
 use numpy::PyArray1;

@@ -4,7 +4,7 @@
 //! In CI there are 5 growths in each of 4 scenes. All thousand:
 //!
 //! ```sh
-//! GROWBOT_SCENES=20 GROWBOT_GROWTHS=50 cargo test --release -p growbot-sim --test growing_in_scenes -- --nocapture
+//! GROWBOT_SCENES=20 GROWBOT_GROWTHS=50 cargo test --release -p growbot-sim --test it growing_in_scenes:: -- --nocapture
 //! ```
 //!
 //! Layers come out up to 10 % too high or low, by chance; and the same again where in addition all of a growth's are

@@ -21,9 +21,9 @@ use serde::Serialize;
 use serde::de::value::{Error as ValueError, StrDeserializer};
 use serde::de::{Deserialize, IntoDeserializer};
 
-use crate::figures::shortest;
 pub use columns::HeaderError;
 use columns::{Column, Columns};
+use growbot_pictures::figures::shortest;
 
 /// Why a batch ends early.
 #[derive(Debug, thiserror::Error)]

@@ -26,12 +26,18 @@ const LOOKS: u32 = 30;
 /// with such pauses: the system takes a moment to notice.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Writes an image as a UF2 file: to this file, or to the drive of the board, which becomes one in this way.
+/// Writes an image, or the UF2 file of one, as a UF2 file: to this file, or to the drive of the board, which becomes one in this way.
 pub fn write(image: &Path, file: Option<&Path>, drive: Option<&Path>, way: &str) -> Result<(), Failure> {
-    let failed = |reason| Failure::bad_input(format!("{} cannot be made a UF2 file: {reason}", image.display()));
+    let failed = |reason| Failure::bad_input(format!("{} cannot be flashed: {reason}", image.display()));
     let bytes = fs::read(image).map_err(|error| failed(error.to_string()))?;
-    let uf2 = uf2::of_image(&bytes)
-        .map_err(|reason| failed(format!("{reason}; give the image that cargo build-pico makes")))?;
+    let uf2 = if uf2::is_uf2(&bytes) {
+        let checked = uf2::check(&bytes);
+        checked.map_err(|reason| failed(format!("{reason}; get the file again, or give the ELF image")))?;
+        bytes
+    } else {
+        uf2::of_image(&bytes)
+            .map_err(|reason| failed(format!("{reason}; give the image that cargo build-pico makes, or a UF2 file")))?
+    };
     if let Some(file) = file {
         replace_file(file, &uf2)?;
         note!("written {}: {way}, and copy it to the drive {DRIVE}", file.display());

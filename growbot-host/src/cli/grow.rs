@@ -13,9 +13,9 @@ use growbot_client::warning::PREVENTING;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::Imperfection;
 use growbot_core::tracking::SensorNoise;
-use growbot_host::duration::duration_text;
 use growbot_host::output::is_standard_output;
-use growbot_host::view::{SceneFile, Subject};
+use growbot_pictures::duration::duration_text;
+use growbot_pictures::view::{SceneFile, Subject};
 use growbot_sim::port::{PortName, TipSettings};
 use growbot_sim::truth::compare;
 

@@ -9,8 +9,8 @@ use growbot_core::layer::SECTORS;
 use growbot_core::link::message::InterruptedLayer;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::duration::duration_text;
-use growbot_host::figures::fixed;
+use growbot_pictures::duration::duration_text;
+use growbot_pictures::figures::fixed;
 
 use super::kind;
 

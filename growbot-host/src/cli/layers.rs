@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use growbot_client::files::format_of;
 use growbot_client::plan_file;
-use growbot_host::layer_table::write_layers;
 use growbot_host::output::{OutputError, write_to};
+use growbot_pictures::layer_table::write_layers;
 
 use super::Failure;
 

@@ -8,9 +8,9 @@ use growbot_core::angle::degrees;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
-use growbot_host::duration::duration_text;
-use growbot_host::figures::direction;
 use growbot_host::finish_time::clock_text;
+use growbot_pictures::duration::duration_text;
+use growbot_pictures::figures::direction;
 use time::{Duration, OffsetDateTime};
 
 /// Columns of a terminal.

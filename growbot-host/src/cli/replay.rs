@@ -15,8 +15,8 @@ use growbot_client::run_log::{FeedbackResult, GrowthResult, RunRecord, WrittenAr
 use growbot_core::angle::degrees;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::decode;
-use growbot_host::figures::{direction, fixed};
 use growbot_host::output::print;
+use growbot_pictures::figures::{direction, fixed};
 
 use super::{Failure, robot_of, say_damage};
 

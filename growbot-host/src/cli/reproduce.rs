@@ -7,10 +7,10 @@ use std::thread;
 use clap::Args;
 use clap::builder::RangedI64ValueParser;
 use growbot_client::printable::json_line;
-use growbot_host::drawing::pdf::pdf;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
 use growbot_host::reproduce::{FIGURES, REPEATS, Reproduction, Request, SEED, TABLES, paper, summary, tables};
+use growbot_pictures::drawing::pdf::pdf;
 
 use super::{Failure, directory};
 

@@ -11,7 +11,7 @@ use growbot_client::input::name_of;
 use growbot_client::keep_clear::Surroundings;
 use growbot_client::run_log::{RunLog, RunRecord};
 use growbot_core::link::message::{BoardHello, State};
-use growbot_host::view::{SceneFile, Subject};
+use growbot_pictures::view::{SceneFile, Subject};
 use growbot_sim::port::TipSettings;
 
 use super::following::{Following, OnSilence, Print};

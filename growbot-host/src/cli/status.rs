@@ -13,10 +13,10 @@ use growbot_core::link::message::{
     BoardHello, BootReport, DriverTrouble, Fault, FaultRecord, ImageCheck, PauseCause, Refusal, SensorReadings, State,
 };
 use growbot_host::crash::{Crash, Image};
-use growbot_host::duration::duration_text;
-use growbot_host::figures::fixed;
 use growbot_host::finish_time::clock_text_here;
 use growbot_host::output::print;
+use growbot_pictures::duration::duration_text;
+use growbot_pictures::figures::fixed;
 use serde_json::{Value, json};
 use time::OffsetDateTime;
 

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use clap::Args;
 use growbot_client::growth::{Job, Orders};
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_host::view::Subject;
 use growbot_host::watch::Watch;
+use growbot_pictures::view::Subject;
 use growbot_sim::port::PortName;
 
 use super::Failure;

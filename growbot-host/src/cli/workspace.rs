@@ -10,11 +10,11 @@ use growbot_client::printable::json_line;
 use growbot_core::number::Short;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::drawing::pdf::pdf;
-use growbot_host::drawing::png::png;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, Results};
 use growbot_host::workspace::{DIRECTIONS, POSITIONS, Question, Workspace, ball, svg, workspace};
+use growbot_pictures::drawing::pdf::pdf;
+use growbot_pictures::drawing::png::png;
 use serde_json::{Value, json};
 
 use super::search::{PlannerName, START};

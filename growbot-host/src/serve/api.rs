@@ -42,9 +42,9 @@ use super::robot::{Ask, Keeper, NewJob, RobotView};
 use super::scenes;
 use super::streams;
 use super::wanted::{Course, Wanted};
-use crate::view::{SceneFile, Subject, page};
 use crate::watch::Live;
 use crate::watch::server::{self as watch, updates_of};
+use growbot_pictures::view::{SceneFile, Subject, page};
 
 /// Where the interface is, below the address of a page or of the socket.
 pub const PREFIX: &str = "/api/v1";

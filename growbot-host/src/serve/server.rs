@@ -27,9 +27,9 @@ use crate::watch::guard::{guard, nothing};
 use crate::watch::token;
 
 /// The page of all robots.
-const PAGE: &str = include_str!("../../viewer/robots/robots.html");
-const SCRIPT: &str = include_str!("../../viewer/robots/robots.js");
-const STYLE: &str = include_str!("../../viewer/robots/robots.css");
+const PAGE: &str = include_str!("page/robots.html");
+const SCRIPT: &str = include_str!("page/robots.js");
+const STYLE: &str = include_str!("page/robots.css");
 /// What the page may load: what comes from the service alone.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self'; frame-src 'self'; \
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";

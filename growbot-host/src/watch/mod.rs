@@ -4,7 +4,7 @@
 //! - `watched`: how the growth stands, and what of it a page does not know yet;
 //! - `server`: HTTP, on the loopback interface alone;
 //! - `guard`: who gets an answer;
-//! - growbot-host/viewer/src/live.js: the other end.
+//! - growbot-pictures/viewer/src/live.js: the other end.
 
 pub(crate) mod guard;
 pub(crate) mod server;
@@ -23,7 +23,7 @@ use growbot_core::layer_bytes::LayerBytes;
 use tokio::sync::{oneshot, watch};
 
 use self::watched::Watched;
-use crate::view::{Subject, ViewError, page};
+use growbot_pictures::view::{Subject, ViewError, page};
 
 /// Open pages are given so long to hear the end.
 const LAST_WORDS: Duration = Duration::from_secs(3);

@@ -5,8 +5,8 @@ use std::fmt::Write;
 use growbot_core::angle::degrees;
 
 use super::{Question, Section, Workspace};
-use crate::drawing::chart::round_step;
-use crate::drawing::colours::{VIRIDIS, colour};
+use growbot_pictures::drawing::chart::round_step;
+use growbot_pictures::drawing::colours::{VIRIDIS, colour};
 
 /// Width and height of the picture, and of the square that the section fills, with its left upper corner.
 const SIZE: (f64, f64) = (880.0, 780.0);

@@ -1,6 +1,6 @@
 //! The documents for users, and the blocks of code in them.
 //!
-//! What is done with a block, its language says, and what it needs beyond growbot, a word behind it:
+//! Its language decides what is done with a block. A word behind the language names what it needs beyond growbot.
 //!
 //! | block | what is done with it |
 //! |---|---|
@@ -147,11 +147,11 @@ impl Block {
         let mut steps: Vec<Step> = Vec::new();
         for (index, line) in self.text.lines().enumerate() {
             if let Some(command) = line.strip_prefix("$ ") {
-                steps.push(Step { line: self.line + 1 + index, command: command.to_owned(), says: Vec::new() });
+                steps.push(Step { line: self.line + 1 + index, command: command.to_owned(), prints: Vec::new() });
             } else if let Some(step) = steps.last_mut() {
                 match line.strip_prefix("> ") {
-                    Some(more) if step.says.is_empty() => step.command += &format!("\n{more}"),
-                    _ => step.says.push(line.to_owned()),
+                    Some(more) if step.prints.is_empty() => step.command += &format!("\n{more}"),
+                    _ => step.prints.push(line.to_owned()),
                 }
             }
         }
@@ -167,5 +167,5 @@ pub struct Step {
     /// The command.
     pub command: String,
     /// The lines that follow.
-    pub says: Vec<String>,
+    pub prints: Vec<String>,
 }

@@ -1,49 +1,56 @@
 //! Runs the commands of a document, in the order in which they stand there, and compares what they print.
+//!
+//! `trycmd` compares such blocks, too, but runs programs without a shell: no pipes, no redirections, no `echo $?`.
 
 use std::fs;
 use std::path::Path;
 use std::process::Stdio;
 
-use super::blocks::Document;
+use super::blocks::{Block, Document};
 use crate::running::{self, PROGRAM};
 
-/// All that a document's commands do otherwise than it says; nothing, if it is right.
+/// Returns the blocks whose commands run here.
+pub fn runs(document: &Document) -> Vec<Block> {
+    let mut blocks = document.blocks();
+    blocks.retain(|block| block.needs.is_empty() && (block.is("console") || block.is("sh")));
+    blocks
+}
+
+/// Returns every difference between what a document's commands print and what it shows; none if it is right.
 pub fn differences(document: &Document) -> Vec<String> {
     let directory = tempfile::tempdir().unwrap();
     differences_in(document, directory.path())
 }
 
-/// As [`differences`], where the commands are run in this directory.
+/// As [`differences`], with the commands run in this directory.
 pub fn differences_in(document: &Document, directory: &Path) -> Vec<String> {
     let mut shell = Shell { directory, last: 0 };
     let mut wrong = Vec::new();
-    let mut blocks: Vec<_> = document.blocks().into_iter().filter(|block| block.needs.is_empty()).collect();
-    blocks.retain(|block| block.is("console") || block.is("sh"));
-    for block in blocks {
+    for block in runs(document) {
         let place = |line: usize| format!("{}:{line}", document.path.display());
         if block.is("sh") {
             for command in block.commands() {
-                let said = shell.run(&command);
+                let printed = shell.run(&command);
                 if shell.last != 0 {
-                    wrong.push(format!("{}: {command}\n  ends with {}: {said}", place(block.line), shell.last));
+                    wrong.push(format!("{}: {command}\n  ends with {}: {printed}", place(block.line), shell.last));
                 }
             }
             continue;
         }
         let steps = block.steps();
         for (index, step) in steps.iter().enumerate() {
-            let said = shell.run(&step.command);
-            let asked = steps.get(index + 1).is_some_and(|next| next.command == "echo $?");
-            if shell.last != 0 && !asked {
-                wrong.push(format!("{}: {}\n  ends with {}: {said}", place(step.line), step.command, shell.last));
+            let printed = shell.run(&step.command);
+            let expected = steps.get(index + 1).is_some_and(|next| next.command == "echo $?");
+            if shell.last != 0 && !expected {
+                wrong.push(format!("{}: {}\n  ends with {}: {printed}", place(step.line), step.command, shell.last));
             }
-            let said = with_messages_in_lines(said.lines().filter(|line| !is_progress(line)));
-            let wanted = with_messages_in_lines(step.says.iter().map(String::as_str));
-            let [says, wants] = [&said, &wanted].map(|lines| lines.iter().map(String::as_str).collect::<Vec<_>>());
-            if !agree(&wants, &says) {
-                let (wanted, said) = (wanted.join("\n    "), said.join("\n    "));
+            let printed = with_messages_in_lines(printed.lines().filter(|line| !is_progress(line)));
+            let wanted = with_messages_in_lines(step.prints.iter().map(String::as_str));
+            let [prints, wants] = [&printed, &wanted].map(|lines| lines.iter().map(String::as_str).collect::<Vec<_>>());
+            if !agree(&wants, &prints) {
+                let (wanted, printed) = (wanted.join("\n    "), printed.join("\n    "));
                 wrong.push(format!(
-                    "{}: {}\n  should say\n    {wanted}\n  and says\n    {said}",
+                    "{}: {}\n  should print\n    {wanted}\n  and prints\n    {printed}",
                     place(step.line),
                     step.command
                 ));
@@ -61,7 +68,7 @@ struct Shell<'a> {
 }
 
 impl Shell<'_> {
-    /// What the command prints, messages and all, in the order in which it does.
+    /// Returns what the command prints on both outputs, in its sequence.
     fn run(&mut self, command: &str) -> String {
         let growbot = Path::new(PROGRAM).parent().unwrap();
         let path = format!("{}:{}", growbot.display(), std::env::var("PATH").unwrap_or_default());
@@ -96,26 +103,26 @@ fn with_messages_in_lines<'a>(lines: impl Iterator<Item = &'a str>) -> Vec<Strin
 }
 
 /// Whether lines are as wanted: a line `...` stands for any number of them, `[..]` within one for anything.
-pub fn agree(wanted: &[&str], said: &[&str]) -> bool {
+pub fn agree(wanted: &[&str], printed: &[&str]) -> bool {
     match wanted.split_first() {
-        None => said.is_empty(),
-        Some((&"...", rest)) => (0..=said.len()).any(|skipped| agree(rest, &said[skipped..])),
+        None => printed.is_empty(),
+        Some((&"...", rest)) => (0..=printed.len()).any(|skipped| agree(rest, &printed[skipped..])),
         Some((line, rest)) => {
-            said.split_first().is_some_and(|(first, others)| line_agrees(line, first) && agree(rest, others))
+            printed.split_first().is_some_and(|(first, others)| line_agrees(line, first) && agree(rest, others))
         }
     }
 }
 
-/// Whether a line tells how far a long work has come: on a slow machine there are more of them.
+/// Whether a line reports the progress of long work: a slow machine prints more of them.
 fn is_progress(line: &str) -> bool {
     line.starts_with("note: ") && line.ends_with(" %")
 }
 
-fn line_agrees(wanted: &str, said: &str) -> bool {
-    let (wanted, said) = (wanted.trim_end(), said.trim_end());
+fn line_agrees(wanted: &str, printed: &str) -> bool {
+    let (wanted, printed) = (wanted.trim_end(), printed.trim_end());
     match wanted.split_once("[..]") {
-        None => wanted == said,
-        Some((before, after)) => said.strip_prefix(before).is_some_and(|rest| {
+        None => wanted == printed,
+        Some((before, after)) => printed.strip_prefix(before).is_some_and(|rest| {
             (0..=rest.len()).filter(|at| rest.is_char_boundary(*at)).any(|at| line_agrees(after, &rest[at..]))
         }),
     }

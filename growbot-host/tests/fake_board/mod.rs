@@ -1,5 +1,4 @@
 //! Boards at the other end of a line: a simulated robot that is served over TCP or a serial line, and boards that misbehave.
-#![allow(dead_code, reason = "no test needs all of it")]
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};

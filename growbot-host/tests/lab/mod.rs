@@ -1,5 +1,4 @@
 //! A user with a service and a simulated robot, and requests by hand.
-#![allow(dead_code, reason = "no test needs all of it")]
 
 use std::fs;
 use std::io::{Read, Write};

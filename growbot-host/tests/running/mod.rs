@@ -1,6 +1,5 @@
 //! Runs the `growbot` command as a user would and keeps what it said. Every program that a test starts is started by
 //! [`command`].
-#![allow(dead_code, reason = "no test needs all of it")]
 
 use std::ffi::OsStr;
 use std::io::Write;

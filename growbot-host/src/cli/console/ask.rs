@@ -9,7 +9,7 @@ use growbot_core::link::message::{
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::layer_table::{FIELDS, fields};
+use growbot_pictures::layer_table::{FIELDS, fields};
 
 use super::commands::Ask;
 use crate::cli::status::Report;

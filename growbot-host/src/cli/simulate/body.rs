@@ -10,15 +10,15 @@ use growbot_core::angle::wrap_positive;
 use growbot_core::layer::Layer;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::Laid;
-use growbot_host::drawing::pdf::pdf;
-use growbot_host::drawing::png::png;
-use growbot_host::export::body::Body;
-use growbot_host::export::mesh::Resolution;
-use growbot_host::export::obstacles::around;
-use growbot_host::export::{glb, stl, table};
 use growbot_host::output::is_standard_output;
-use growbot_host::view::picture::{self, Options};
-use growbot_host::view::{SceneFile, Subject, page};
+use growbot_pictures::drawing::pdf::pdf;
+use growbot_pictures::drawing::png::png;
+use growbot_pictures::export::body::Body;
+use growbot_pictures::export::mesh::Resolution;
+use growbot_pictures::export::obstacles::around;
+use growbot_pictures::export::{glb, stl, table};
+use growbot_pictures::view::picture::{self, Options};
+use growbot_pictures::view::{SceneFile, Subject, page};
 
 use super::super::Failure;
 

@@ -18,7 +18,7 @@ use growbot_core::simulation::{DirectionSensor, Disturbance, Laid, Sensors};
 use growbot_core::slicing::Slicing;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, Results};
-use growbot_host::view::SceneFile;
+use growbot_pictures::view::SceneFile;
 use growbot_sim::simulation::campaign::Campaign;
 use growbot_sim::simulation::{Outcome, Simulation};
 

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use growbot_client::files::{Replacement, format_of, refuse_inputs};
 use growbot_core::pose::Pose;
-use growbot_host::figures::shortest;
 use growbot_host::output::{OutputError, is_standard_output};
+use growbot_pictures::figures::shortest;
 use growbot_sim::simulation::among::Among;
 use growbot_sim::simulation::{Outcome, Simulation};
 

@@ -2,7 +2,7 @@
 
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
-use growbot_host::figures::fixed;
+use growbot_pictures::figures::fixed;
 use growbot_sim::simulation::among::{Among, Contact, Pause};
 use growbot_sim::simulation::campaign::{Campaign, Farthest, ManyAmong};
 use growbot_sim::simulation::statistics::Statistics;

@@ -1,7 +1,7 @@
 //! What all figures are drawn with: one palette, one style, marks, clouds of dots.
 
-use crate::drawing::canvas::Canvas;
-use crate::drawing::chart::Panel;
+use growbot_pictures::drawing::canvas::Canvas;
+use growbot_pictures::drawing::chart::Panel;
 
 use super::super::paper::MeanSd;
 use super::super::statistics::Summary;
@@ -33,9 +33,14 @@ pub fn figure(width: f64, height: f64, title: &str, notes: &[String]) -> Canvas 
     canvas
 }
 
-impl Canvas {
-    /// A legend in a row: each entry a mark and a text. Returns where it ends.
-    pub fn legend(&mut self, x: f64, y: f64, entries: &[(Mark, &str, String)]) -> f64 {
+/// Legends of drawings.
+pub trait CanvasExt {
+    /// Draws a legend in a row, each entry a mark, its colour and a text. Returns the x coordinate of its end.
+    fn legend(&mut self, x: f64, y: f64, entries: &[(Mark, &str, String)]) -> f64;
+}
+
+impl CanvasExt for Canvas {
+    fn legend(&mut self, x: f64, y: f64, entries: &[(Mark, &str, String)]) -> f64 {
         let mut x = x;
         for (mark, colour, label) in entries {
             mark.draw(self, (x + 8.0, y - 4.5), colour);
@@ -105,9 +110,20 @@ pub fn dashed(colour: &str) -> String {
     format!("stroke=\"{colour}\" stroke-width=\"1.8\" stroke-dasharray=\"6 4\"")
 }
 
-impl Panel {
-    /// Single values round a place of the x axis, spread sideways so that each can be seen, with their median.
-    pub fn cloud(&self, canvas: &mut Canvas, x: f64, values: &[f64], colour: &str) {
+/// Samples and means in a panel.
+pub trait PanelExt {
+    /// Draws single values round a place of the x axis, spread sideways so that each can be seen, with their median.
+    fn cloud(&self, canvas: &mut Canvas, x: f64, values: &[f64], colour: &str);
+
+    /// Draws means, connected by a dashed line.
+    fn means(&self, canvas: &mut Canvas, means: &[(f64, f64)], colour: &str);
+
+    /// Draws a mean with its standard deviation to either side.
+    fn whisker(&self, canvas: &mut Canvas, x: f64, value: MeanSd, mark: Mark, colour: &str);
+}
+
+impl PanelExt for Panel {
+    fn cloud(&self, canvas: &mut Canvas, x: f64, values: &[f64], colour: &str) {
         /// The golden section: neighbours in order are spread far apart.
         const SPREAD: f64 = 0.618_033_988_749_895;
         for (index, value) in values.iter().enumerate() {
@@ -123,13 +139,11 @@ impl Panel {
         }
     }
 
-    /// Means, connected by a dashed line.
-    pub fn means(&self, canvas: &mut Canvas, means: &[(f64, f64)], colour: &str) {
+    fn means(&self, canvas: &mut Canvas, means: &[(f64, f64)], colour: &str) {
         canvas.line(means.iter().map(|(x, mean)| self.place(*x, *mean)), dashed(colour));
     }
 
-    /// A mean with its standard deviation to either side.
-    pub fn whisker(&self, canvas: &mut Canvas, x: f64, MeanSd { mean, sd }: MeanSd, mark: Mark, colour: &str) {
+    fn whisker(&self, canvas: &mut Canvas, x: f64, MeanSd { mean, sd }: MeanSd, mark: Mark, colour: &str) {
         let ((x, low), (_, high)) = (self.place(x, mean - sd), self.place(x, mean + sd));
         let bar = format!("M{x:.1} {low:.1}V{high:.1}M{:.1} {low:.1}h8M{:.1} {high:.1}h8", x - 4.0, x - 4.0);
         canvas.add(format_args!("<path fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.6\" d=\"{bar}\"/>"));

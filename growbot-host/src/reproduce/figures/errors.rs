@@ -7,9 +7,9 @@ use super::super::comparison::open_set;
 use super::super::experiments::Quantity;
 use super::super::paper::{self, GROUPS, MeanSd, ROBOTS};
 use super::super::slicing_rule::SlicingRule;
-use super::chart::{Mark, PAPER, TABLE_STEP, TEXT_STEP, figure};
-use crate::drawing::canvas::Canvas;
-use crate::drawing::chart::{Panel, Scale};
+use super::chart::{CanvasExt, Mark, PAPER, PanelExt, TABLE_STEP, TEXT_STEP, figure};
+use growbot_pictures::drawing::canvas::Canvas;
+use growbot_pictures::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 920.0);
 

@@ -4,8 +4,8 @@ use super::super::Reproduction;
 use super::super::experiments::{Quantity, Set};
 use super::super::paper::{GROUPS, NOISE};
 use super::super::slicing_rule::SlicingRule;
-use super::chart::{CLOSED, EXACT, Mark, TABLE_STEP, TEXT_STEP, figure};
-use crate::drawing::chart::{Panel, Scale};
+use super::chart::{CLOSED, CanvasExt, EXACT, Mark, PanelExt, TABLE_STEP, TEXT_STEP, figure};
+use growbot_pictures::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 936.0);
 /// Errors below this are rounding, and are not drawn.

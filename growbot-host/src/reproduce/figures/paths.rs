@@ -6,10 +6,10 @@ use super::super::Reproduction;
 use super::super::experiments::{Example, PlannedSegment};
 use super::super::paper::{self, GROUPS, ROBOTS};
 use super::super::poses::Endpoints;
-use super::chart::{Mark, figure};
-use crate::drawing::canvas::Canvas;
-use crate::drawing::chart::{number, round_below};
-use crate::duration::duration_text;
+use super::chart::{CanvasExt, Mark, figure};
+use growbot_pictures::drawing::canvas::Canvas;
+use growbot_pictures::drawing::chart::{number, round_below};
+use growbot_pictures::duration::duration_text;
 
 /// Arcs and straight lines, as in the paper.
 const ARC: &str = "#c8102e";

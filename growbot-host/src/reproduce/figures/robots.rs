@@ -8,10 +8,10 @@ use super::super::experiments::Quantity;
 use super::super::paper::{self, GROUPS, MeanSd, ROBOTS};
 use super::super::slicing_rule::SlicingRule;
 use super::super::statistics::Summary;
-use super::chart::{EXACT, Mark, PAPER, ROBOT, TABLE_STEP, TEXT_STEP, dashed, figure};
+use super::chart::{CanvasExt, EXACT, Mark, PAPER, PanelExt, ROBOT, TABLE_STEP, TEXT_STEP, dashed, figure};
 use super::errors::group_ticks;
-use crate::drawing::canvas::Canvas;
-use crate::drawing::chart::{Panel, Scale};
+use growbot_pictures::drawing::canvas::Canvas;
+use growbot_pictures::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 950.0);
 /// The robots of panels A to C.

@@ -10,7 +10,7 @@ const MAX_RINGS = 5000;
 /** Layers of less than this share of the highest are splinters between two pieces of a path: they do not stretch the scale. */
 const SPLINTER = 0.2;
 
-/** The colours go over these percentiles of the heights, so that outliers do not stretch them (growbot-host/src/view/heights.rs). */
+/** The colours go over these percentiles of the heights, so that outliers do not stretch them (growbot-pictures/src/view/heights.rs). */
 export const PERCENTILES = [1, 99];
 
 /** Min and max height of each layer of a body, on the middle of its wall, mm, in order of height. */

@@ -1,4 +1,4 @@
-//! From where a body is looked at: orthographic, as on the page (growbot-host/viewer/src/stage.js), so that one scale
+//! From where a body is looked at: orthographic, as on the page (growbot-pictures/viewer/src/stage.js), so that one scale
 //! holds everywhere.
 
 use std::f64::consts::PI;

@@ -1,5 +1,5 @@
 //! The printed tube as shaded faces, coloured by the height of its layers as on the page
-//! (growbot-host/viewer/src/tube.js).
+//! (growbot-pictures/viewer/src/tube.js).
 
 use std::f64::consts::TAU;
 use std::fmt::Write;

@@ -1,4 +1,4 @@
-//! A drawing as pixels. The fonts come with the program (growbot-host/fonts/), so that a machine without any draws the
+//! A drawing as pixels. The fonts come with the program (growbot-pictures/fonts/), so that a machine without any draws the
 //! same.
 
 use std::sync::Arc;

@@ -5,7 +5,7 @@ use growbot_core::pose::Pose;
 /// A number with so many decimals; what rounds to 0 has no sign.
 ///
 /// ```
-/// use growbot_host::figures::fixed;
+/// use growbot_pictures::figures::fixed;
 /// assert_eq!(fixed(-12.3456, 2), "-12.35");
 /// assert_eq!(fixed(-6e-14, 3), "0.000");
 /// ```
@@ -21,7 +21,7 @@ pub fn fixed(number: f64, decimals: usize) -> String {
 /// The shortest text that reads back as the very same number; 0 has no sign.
 ///
 /// ```
-/// use growbot_host::figures::shortest;
+/// use growbot_pictures::figures::shortest;
 /// assert_eq!(shortest(-0.0), "0");
 /// assert_eq!(shortest(0.1 + 0.2), "0.30000000000000004");
 /// assert_eq!(shortest(6e-14), "6e-14");

@@ -1,6 +1,6 @@
 //! Times as people read them.
 
-/// A time in the two units that matter. `durationText` of growbot-host/viewer/src/text.js is the same.
+/// A time in the two units that matter. `durationText` of growbot-pictures/viewer/src/text.js is the same.
 #[must_use]
 pub fn duration_text(seconds: f64) -> String {
     if seconds < 0.995 {

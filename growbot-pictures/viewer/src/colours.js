@@ -1,4 +1,4 @@
-// Colours of heights: the scale is in the page's data (`height_colours`, growbot-host/src/drawing/colours.rs).
+// Colours of heights: the scale is in the page's data (`height_colours`, growbot-pictures/src/drawing/colours.rs).
 
 let stops = [[0, 0, 0], [0, 0, 0]];
 

@@ -1,6 +1,6 @@
 // The scene around a body: obstacles, translucent, and the narrowest place.
 //
-// Given (growbot-host/src/view/data.rs), in mm: `boxes`, 15 numbers each, centre, half sides and the axes by columns; `balls`, 4, centre and
+// Given (growbot-pictures/src/view/data.rs), in mm: `boxes`, 15 numbers each, centre, half sides and the axes by columns; `balls`, 4, centre and
 // radius; `capsules`, 7, both ends of the axis and radius; `squares`, 12, corners; `triangles`, 9 numbers after another for each; `points`, 4
 // after another for each, centre and radius; and `narrowest`, `on_body`, `on_obstacle` and `label`.
 

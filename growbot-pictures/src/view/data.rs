@@ -1,4 +1,4 @@
-//! What the page is given of a body: JSON that its script (growbot-host/viewer/src/subject.js) reads. Lengths in mm.
+//! What the page is given of a body: JSON that its script (growbot-pictures/viewer/src/subject.js) reads. Lengths in mm.
 
 use growbot_client::client::ClockDrift;
 use growbot_client::run_log::{RunRecord, hex_of};
@@ -63,7 +63,7 @@ pub fn of(subject: &Subject, layers: &Layers, around: Option<&Around>) -> Value 
     })
 }
 
-/// The obstacles that are shown: see growbot-host/viewer/src/obstacles.js.
+/// The obstacles that are shown: see growbot-pictures/viewer/src/obstacles.js.
 fn scene(around: &Around) -> Value {
     let Shown { shapes, squares, triangles, points, .. } = &around.shown;
     let corners = |corners: &[Vector3<f64>]| corners.iter().flat_map(hundredths).collect::<Vec<f64>>();

@@ -5,7 +5,7 @@
 //!   `data`, what it is given, as JSON, `numbers`, in words, and `side_by_side`, those of two;
 //! - [`picture`]: an SVG for papers; [`plot`]: layers, error and temperature along it;
 //! - `self_clearance`: how near the wall comes to itself; `around`: the scene around it;
-//! - growbot-host/viewer/: the page itself and its script, which is bundled there at development time.
+//! - growbot-pictures/viewer/: the page itself and its script, which is bundled there at development time.
 
 mod around;
 mod data;

@@ -11,10 +11,14 @@
 pub mod body;
 pub mod glb;
 pub mod mesh;
+#[cfg(feature = "mcap")]
 mod message;
+#[cfg(feature = "mcap")]
 pub mod messages;
 pub mod obstacles;
+#[cfg(feature = "mcap")]
 pub mod recording;
+#[cfg(feature = "mcap")]
 mod ros2;
 pub mod stl;
 pub mod table;

@@ -1,6 +1,6 @@
 // The page that `growbot view` writes: shows the data in it, and joins to the pictures what is on every page, sides and theme.
 //
-// The data (`#data`, JSON) are written by growbot-host/src/view/: what it is of, the robot's lengths in mm, start and goal, the layers
+// The data (`#data`, JSON) are written by growbot-pictures/src/view/: what it is of, the robot's lengths in mm, start and goal, the layers
 // of the planned body and of the one as built, and the numbers beside it; or two of these, `compared`, and the numbers of both. Of a growth
 // under way, `live`, the layers come later.
 

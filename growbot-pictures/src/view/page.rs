@@ -1,4 +1,4 @@
-//! The page: growbot-host/viewer/ has it and its script, which is bundled there at development time; here it is filled.
+//! The page: growbot-pictures/viewer/ has it and its script, which is bundled there at development time; here it is filled.
 
 use serde_json::{Value, json};
 

@@ -6,5 +6,7 @@
 pub mod canvas;
 pub mod chart;
 pub mod colours;
+#[cfg(feature = "raster")]
 pub mod pdf;
+#[cfg(feature = "raster")]
 pub mod png;

@@ -5,7 +5,7 @@ export function fixed(value, decimals) {
   return (Math.abs(value) < 0.5 * 10 ** -decimals ? 0 : value).toFixed(decimals);
 }
 
-/** A time in the two units that matter, as `duration_text` of growbot-host/src/duration.rs has it. */
+/** A time in the two units that matter, as `duration_text` of growbot-pictures/src/duration.rs has it. */
 export function durationText(seconds) {
   if (seconds < 0.995) return `${seconds.toFixed(2)} s`;
   if (seconds < 59.95) return `${seconds.toFixed(1)} s`;

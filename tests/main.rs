@@ -1,0 +1,33 @@
+//! Tests that cross crates: simulated growths, images of the boards, and boards in emulators.
+
+mod closed_loop;
+mod crash_anywhere;
+mod emulated_configuring;
+mod emulated_crash;
+mod emulated_emergency_stop;
+mod emulated_faults;
+mod emulated_feedback;
+mod emulated_growth;
+mod emulated_maintenance;
+mod emulated_rp2040;
+mod emulated_rp2040_faults;
+mod emulated_rp2040_feedback;
+mod emulated_rp2040_image;
+mod emulated_rp2040_planning;
+mod emulated_rp2040_power;
+mod emulated_survival;
+mod fault_campaign;
+mod faulty_wire;
+mod feedback_cost;
+mod images;
+mod images_stack;
+mod memory_maps;
+mod normal_growth;
+mod pico_image;
+mod plan_cost;
+mod robot_board_boots;
+mod robot_board_registers;
+mod same_bits;
+mod shortest_is_shortest;
+mod step_cost;
+mod wiring;
