@@ -233,7 +233,7 @@ fn the_pico_notices_faults_as_the_simulation_does() {
         let is_wanted = |case: &Case| wanted.split(',').any(|name| [case.fault.name(), "all"].contains(&name));
         cases = all().into_iter().filter(is_wanted).collect();
     }
-    assert!(!cases.is_empty(), "GROWBOT_FAULTS names no fault: give `all`, or a name as in SAFETY.md");
+    assert!(!cases.is_empty(), "GROWBOT_FAULTS names no fault: give `all`, or a name as in docs/safety-evidence.md");
     let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     // Three emulators at a time.
     thread::scope(|scope| {

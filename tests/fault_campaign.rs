@@ -1,6 +1,6 @@
 //! Every fault at every time of a growth is noticed, with the right code, before the nozzle gets too hot.
 //!
-//! A part of the campaign here; all of it, as SAFETY.md prints it, by `cargo fault-campaign`.
+//! A part of the campaign here; all of it, as docs/safety-evidence.md prints it, by `cargo fault-campaign`.
 
 use growbot_tests::fault_campaign::cases::Case;
 use growbot_tests::fault_campaign::growth::Plant;

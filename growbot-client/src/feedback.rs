@@ -3,6 +3,23 @@
 //! The loop itself is [`Tracker`]; here are its two ends. Pulses of the filament's encoder become growth and gravity
 //! becomes a direction ([`Feedback::laid`]); and the rest of the path becomes layers in bytes, under a name
 //! ([`Feedback::rest`]). Which of them a board is told, and when, is [`crate::growth`]'s.
+//!
+//! From a layer to an amendment:
+//!
+//! | from | to | where | how |
+//! |---|---|---|---|
+//! | layer laid | `Measured` | the board's controller | encoder and gravity, read when the layer is committed |
+//! | `Measured` | `Laid` | the board's controller | of the 16 layers laid last; not in the journal |
+//! | `Laid` | growth and direction | here | pulses to mm of body; gravity to a direction |
+//! | those | estimate, and the rest of the path | [`growbot_core::tracking`] | filter and reference trajectory |
+//! | rest of the path | layers in bytes, a name | here | as a job's |
+//! | those | `Amend`, `Layers` | [`crate::growth`] | from the first layer that can still be changed |
+//! | an amendment | line of the run log | [`crate::run_log`] | before it is sent |
+//!
+//! A board that restarted counts pulses from 0. So the host notes in which boot it counts and from where (`counting`,
+//! requested while nothing is fed). Layers that no count covers get the growth that the host expects of them. The
+//! tracker gets, as commanded, the layer as built: the steps that were really made. The rounding of the units (0.7 %
+//! of robot A's layer by its encoder, a thousandth of gravity) is added to the noise of the sensors.
 
 use growbot_core::job::plan_id;
 use growbot_core::layer::Layer;

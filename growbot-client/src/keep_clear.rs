@@ -9,6 +9,11 @@
 //! Where a correction is too near, another path is planned through the scene, from where the tip will be once the
 //! layers under way are laid ([`Keeper::keep_clear`]). Where there is none the growth has to pause, and [`TooNear`]
 //! says where and why.
+//!
+//! The deviation is the estimator's own, run ahead over the layers to come with the measurements to come
+//! (`Tracker::forecast`). It is the root of the sum over the axes, which no direction exceeds. It is scaled by the
+//! root of the mean of the squared innovations of directions over what was expected, because the estimator assumes
+//! how much a robot leans.
 
 use std::cell::OnceCell;
 

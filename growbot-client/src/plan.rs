@@ -1,4 +1,9 @@
 //! A plan: a path that has been checked to end at its goal, with all that is said about it.
+//!
+//! A path through several poses is planned leg by leg. Each leg starts at the pose where the one before should have
+//! ended, if the tip is there to 1e-11, otherwise where the tip is. So a goal exactly ahead stays exactly ahead, and
+//! errors do not add up over many legs. A pose's own frame has no roll and the carried one has, so segments are
+//! turned by the difference. If no candidate is clear of the body, the shortest is taken, with a warning.
 
 use growbot_core::path::{self, Leg, Segment};
 use growbot_core::plan::{self as planning, Chosen, MAX_RADIUS, Needs, PlanError, Planner};

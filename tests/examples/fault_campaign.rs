@@ -1,4 +1,5 @@
-//! The whole fault campaign: every fault, every onset, COPIES copies of the robot (50) with each plant. Prints the table of SAFETY.md.
+//! The whole fault campaign: every fault, every onset, COPIES copies of the robot (50) with each plant. Prints the
+//! table of docs/safety-evidence.md.
 //!
 //! ```text
 //! cargo fault-campaign [COPIES]

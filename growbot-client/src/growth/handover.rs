@@ -1,5 +1,12 @@
 //! Layers on their way to the board: all of them without feedback; with it, those of the next minutes, amended as the
 //! tip is measured.
+//!
+//! With feedback, a job's name is the hash of all its layers, those laid as they were commanded. Events that were on
+//! their way bear the names before. An amendment has 16 layers in `Amend` and 48 in three `Layers`, 0.08 s on a
+//! serial line. One that would change nothing is not made. The log gets `amending` before the request is sent, and
+//! `not-amended` takes it back. Where the end of the log leaves open whether the board accepted the latest amendment,
+//! the name of the board's job decides. The encoder counts what an interrupted layer leaves, unless the board's power
+//! was lost.
 
 use growbot_core::link::message::{Accepted, Amend, Empty, MAX_LAYERS, Message, Refusal};
 

@@ -8,6 +8,10 @@
 //!
 //! - [`RunLog`]: writes it; [`RunRecord`]: reads it; [`Events`]: its lines, and what of them cannot be read;
 //! - [`RunEvent`]: the events of both, [`Header`] the first and [`GrowthResult`] in the last.
+//!
+//! The place of a simulated layer's plastic is logged once two later layers have begun, because it no longer changes
+//! then. Views, exports and `replay` show that body, and beside it the commanded one: what the steps define, which is
+//! all that is known of a robot.
 
 mod event;
 mod header;

@@ -8,6 +8,9 @@
 //! First order: moments are taken on the body as it was laid, before it hangs, and turns add up as vectors. That is
 //! good to some percent of a sag of a tenth of the length. The model neglects shear, which matters to tubes no longer
 //! than a few diameters, buckling of a thin wall, creep, and all supports of the body but its root.
+//!
+//! It also neglects how the tip's mass lies around the tip, and looks at the stress of the root only. A section
+//! further on may bear more if the body hangs to both sides of its root or turns aside in the level.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 

@@ -18,7 +18,7 @@ use crate::linalg5::Cholesky;
 use crate::path::{MAX_SEGMENTS, Segment};
 use crate::pose::{Frame, column, tip_direction};
 
-/// Max error of a correction at the curve's end, radii and radians (`docs/decisions/0005-helicoidal-layers.md`).
+/// Max error of a correction at the curve's end, radii and radians (`docs/decisions/0010-exact-slicing.md`).
 const ARRIVED: f64 = 1e-13;
 /// Max number of rounds of correction. A round gains a factor of about 1/tilt, so that some seven suffice for a
 /// tilt of 0.01; the others are for steps that are taken back.

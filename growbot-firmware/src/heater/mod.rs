@@ -48,9 +48,9 @@ const STEADY_ENOUGH_US: u64 = 60_000_000;
 /// The power is dithered within this many bands of the target: then a living reading shows the dither before it is hot.
 /// No derivation is recorded; `heater::tests::sound` and `heater::tests::faults` bound it.
 const DITHERED_BANDS: f32 = 2.0;
-/// Tuning takes at most this many times the robot's heating timeout (docs/decisions/0024-heater-tuning.md).
+/// Tuning takes at most this many times the robot's heating timeout (docs/decisions/0022-heater-regulation.md).
 const TUNING_TIMEOUTS: u64 = 2;
-/// A reading that does not swing within this time, s, does not follow the power (decision 0024).
+/// A reading that does not swing within this time, s, does not follow the power (decision 0022).
 const MAX_SWING_S: f32 = 90.0;
 
 /// What is asked of the nozzle, and the supply that it has for that.

@@ -4,11 +4,37 @@
 //! over each of the last seconds, up to [`MARKS`] of them, is compared with theirs. Of a model's two changes, for a
 //! reading that follows at once and for one that lags, the one counts that accuses less.
 //!
-//! The limits are those of docs/decisions/0023-heater-supervision.md, for a capacity, loss and power of 10 % more or
-//! less than described and a reading that follows within 4 s. Two trials bound each of them, from opposite sides: no
+//! The limits (docs/decisions/0023-heater-supervision.md) are for a capacity, loss and power of 10 % more or less than
+//! described and a reading that follows within 4 s. Two trials bound each of them, from opposite sides: no
 //! limit may accuse a sound nozzle (`heater::tests::sound`, 1,000 h, and `tests/normal_growth.rs`), and every fault
 //! must be found in its time (`heater::tests::faults`, 200 nozzles, and `cargo fault-campaign`). "Sound" and "faults"
 //! below are these two. The module's own tests hold the values.
+//!
+//! These are the limits:
+//!
+//! | fault | what is compared | limit | why |
+//! |---|---|---|---|
+//! | `thermistor-open`, `-short` | the conversions | most of a period's at an end of the scale | no working sensor is there |
+//! | `thermistor-silent` | age of the reading | 0.4 s | its conversions may be 0.1 s older |
+//! | `over-temperature` | reading; and reading ahead by 4 s of its rate over 3 s, beyond 0.5 C/s | `max_c` | the nozzle is ahead of its thermistor |
+//! | `thermistor-detached` | fall over 1 to 5 s | 1.6 times the fall without power, and 4 C | nothing cools a nozzle so fast |
+//! | `heater-stuck-on` | rise over 3 to 6 s | 6 C above *upper*, 2 C at no duty | the power is not the commanded power |
+//! | | fall at no duty | below 40 % of *nominal*, from 26 C on | the same, where it holds the temperature; at a lowered setpoint this is `thermistor-frozen` |
+//! | `heating-too-slow` | rise, until hot | below 70 % of *lower*, from 12 C on; or 40 % of *nominal*, from 26 C on | known within 10 s, not minutes |
+//! | | time to hot | `heating_timeout_s` | any other reason |
+//! | `thermistor-frozen` | a reading that is the same to the bit | through 12 C of *nominal*, or for 45 s of dither | noise or the dither changes every working reading |
+//! | | the dither's part in the reading over 16 s | below 15 % of its amplitude, twice in a row | a constant voltage, with noise on it |
+//! | `temperature-drop` | reading below setpoint, once hot | 8 C for 3 s; `band_c` for 30 s | draught, a heater's wire |
+//! | | rise, once hot and below the band | as `heating-too-slow` | |
+//! | `heater-energy` | rise, once hot and in the band | as `heating-too-slow` | power goes somewhere else |
+//! | | mean power over 60 s, once hot | 1.6 times the need | |
+//! | | saturated power, once hot | over 60 % of three dithers in a row | no working nozzle needs that |
+//!
+//! A reading that has not left its first value by 3 C is `heating-too-slow` even if it stands still, because a dead
+//! heater looks the same. At full power so does a nozzle in a draught that warms no further: without noise, and with
+//! half a degree a count, its reading stands to the bit. Then the fault is `heating-too-slow`, `temperature-drop` or
+//! `heater-energy`, by where the reading is. There is no energy budget for heating up, because a rise that *lower*
+//! does not allow is detected sooner than any sum.
 
 mod models;
 #[cfg(test)]

@@ -12,6 +12,10 @@
 //!
 //! `heater::tests::regulating` bounds the constants: on 40 nozzles up to 30 % off their description, the gains that are
 //! found keep the nozzle within 1.5 C of its target, with 4 C of overshoot.
+//!
+//! Supervision stays on, except for the checks that need a regulated nozzle. A swing that takes 90 s ends the tuning,
+//! and so does a tuning beyond twice `heating_timeout_s`. A nozzle whose power per capacity is about 30 % off its
+//! description is reported as a fault, because the description has to be corrected first.
 
 use core::f32::consts::PI;
 
@@ -19,9 +23,9 @@ use growbot_core::link::message::{Gains, Tuned};
 
 use super::model::Nozzle;
 
-/// Swings that are left out until they are steady (docs/decisions/0024-heater-tuning.md).
+/// Swings that are left out until they are steady (docs/decisions/0022-heater-regulation.md).
 const FIRST_CYCLES: u32 = 2;
-/// Swings that are measured (decision 0024).
+/// Swings that are measured (decision 0022).
 const CYCLES: u32 = 4;
 /// Hysteresis, counts of the ADC: the largest noise of the trials (`heater::tests::plant`).
 const HYSTERESIS_COUNTS: f32 = 1.5;
@@ -43,7 +47,7 @@ const FULL_POWER_BELOW_C: f32 = 10.0;
 /// Where the hysteresis is all of the swing, a fifth of the amplitude counts: this is its square. No derivation is
 /// recorded; without a bound the gains would be infinite.
 const MIN_SWING_SQUARED: f32 = 0.04;
-/// Share of Tyreus' and Luyben's proportional and integral gain (decision 0024).
+/// Share of Tyreus' and Luyben's proportional and integral gain (decision 0022).
 const GAIN_SHARE: f32 = 0.5;
 
 /// The nozzle being driven round a target.

@@ -1,5 +1,13 @@
 //! The handover between controller and step interrupt: one waiting order, one waiting report, a halt, and what the
 //! interrupt sees.
+//!
+//! The interrupt checks `halt` first in every tick, and takes a turn at the edge of the one before. Sectors are
+//! handed over and counted one by one, in two places each, because copying a whole turn made the worst tick ten times
+//! as long. A turn whose report finds no room ends at rest and waits.
+//!
+//! The interrupt reports the emergency stop, the edges of the filament's encoder, the index sensor, and the count of
+//! ticks, which proves that it runs. At an emergency stop the engine releases the motors, switches heater and fan off
+//! by itself (`hal::Outputs`), and refuses orders until the controller has halted.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};

@@ -3,6 +3,20 @@
 //! The head's position is known since homing. At each of its steps the sensor must see the mark where the mark is, must
 //! not see it elsewhere, and may do either within a tolerance round both edges. Two samples in a row that contradict
 //! this are needed, so that a single disturbed one is no alarm. It is the same in both directions of turning.
+//!
+//! The mark must be seen from its beginning to its end, less `index_tolerance_deg` on both sides. It must not be seen
+//! outside the mark and the tolerance. On a contradiction the engine releases the motors by itself and reports:
+//!
+//! | seen | report |
+//! |---|---|
+//! | not in its place, nor elsewhere by the end of the turn | `IndexMissing` |
+//! | elsewhere, or late, or not all through its place, then off | `HeadStepsLost` |
+//! | elsewhere, and on for a quarter of a turn longer than mark and tolerances | `IndexStuck` |
+//! | in homing, for longer than mark and tolerance | `IndexStuck` |
+//! | in homing, never | `IndexNotFound` |
+//!
+//! An edge may be a step more than the tolerance off. A mark narrower than its tolerances must be seen once within
+//! them. Steps lost so late in a turn that the mark comes only after the turn's end are reported as `IndexMissing`.
 
 use embedded_hal::digital::InputPin;
 use growbot_core::angle::{radians, wrap_positive};

@@ -7,6 +7,9 @@
 //! From rest the rate begins at what the motors can do at an instant and goes up evenly; before the end of a turn it
 //! goes down in time, to what allows a stop, or to what the next turn can be entered at. Slopes and rates come with
 //! each turn ([`Pace`]), so that the interrupt multiplies and compares, and divides nothing.
+//!
+//! An order that arrives while a turn brakes speeds the turn up again. A layer in which no speed exceeds the jumps
+//! has no ramp, and every tick counts. Homing and moves of the filament run evenly, at speeds within the jump.
 
 use growbot_core::robot::{AxisMotion, LayerMotion};
 

@@ -1,5 +1,8 @@
 //! What somebody is told who does not look: that a body is finished, or that a robot needs people. A queue in the
 //! database, so that what could not be told before the service ended is told after it.
+//!
+//! The database also has what was reported last of each robot, so a fault is reported once although the service may
+//! be killed at any moment. Only between sending and recording can it be sent twice.
 
 use growbot_client::printable::json_line;
 use growbot_client::run_log::utc_now;

@@ -5,6 +5,10 @@
 //! - `server`: HTTP, on the loopback interface alone;
 //! - `guard`: who gets an answer;
 //! - growbot-pictures/viewer/src/live.js: the other end.
+//!
+//! Updates are server-sent events, five a second at most. A page that comes late, or comes back, gets everything that
+//! it lacks, so no queue can grow. On `sim` a growth takes seconds, so its time can be limited to a multiple of real
+//! time ([`growbot_sim::port`], `paced.rs`).
 
 pub(crate) mod guard;
 pub(crate) mod server;

@@ -4,6 +4,11 @@
 //! may point anywhere, everything is the same round the start's direction, and the shortest body to a position has a
 //! closed form ([`shortest_to`]); how many final directions can be had there, the planner tells. Where the final
 //! direction is given, the planner tells all. Whether a body runs into itself is not looked at.
+//!
+//! The share of final directions, and everything with a given direction, is planned on coarse grids, because planning
+//! to near goals takes longest and a grid has a few thousand of them. Through a scene, [`POSITIONS`] goals spread
+//! evenly in the ball are planned to and counted by answer. A search there may end without a result, so a grid that
+//! is drawn would have to guess. The picture has filled contours (marching squares).
 
 mod anywhere;
 mod in_scene;

@@ -6,6 +6,17 @@
 //! - [`picture`]: an SVG for papers; [`plot`]: layers, error and temperature along it;
 //! - `self_clearance`: how near the wall comes to itself; `around`: the scene around it;
 //! - growbot-pictures/viewer/: the page itself and its script, which is bundled there at development time.
+//!
+//! A log knows where the plastic lies only if the tip is simulated or feedback was on. So the body of the steps and
+//! the laid or estimated one are both shown, with their source. With feedback, the log's measurements are processed
+//! again as `growbot resume` does, and the estimated way of the tip is drawn. If every layer comes out a tenth too
+//! high, that line leads to the goal and the steps do not.
+//!
+//! On the page, the tube is one mesh of 32 faces around, with a ring for each layer, or for each second, third and so
+//! on beyond 5,000. Growing changes only how much of the index is drawn. The fragment shader draws lines between
+//! layers that are larger than a few pixels. Two bodies share one slider in mm, the scale of colours, the scale and
+//! the squares of the floor; each turns about its own middle. A body can be replaced by a longer one while the view
+//! stays.
 
 mod around;
 mod data;

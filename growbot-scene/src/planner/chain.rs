@@ -1,4 +1,7 @@
 //! Chains: bodies that lead from the start over some positions to the goal, each piece the shortest one there is.
+//!
+//! An arc and a line to a position have a closed form that takes 0.1 us. So a body is described by the positions that
+//! it passes, and shortening it is a search in few numbers.
 
 use growbot_core::pose::Frame;
 use growbot_core::shortest::{self, Candidates};

@@ -1,4 +1,8 @@
 //! The same growth with many seeds, on all cores, in a memory that does not grow with their number.
+//!
+//! Growth k has the seed N + k, so any growth can be repeated alone, above all the worst. Random streams are named by
+//! a hash of the seed, so neighbours are unrelated; campaigns from N and N + 1 share all growths but one. Outcomes
+//! are stored 16,384 at a time, so 3,000,000 growths take as much memory as 100,000: 14 MB.
 
 use std::cmp::Reverse;
 use std::convert::Infallible;

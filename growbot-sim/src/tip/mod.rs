@@ -12,6 +12,19 @@
 //! It lays exactly what its steps ask for unless told otherwise ([`Imperfection`]).
 //!
 //! What it does not model is in the book's chapter "Limits" (`book/src/limits.md`).
+//!
+//! Filament that is pulled back lays nothing, and when it is pushed forward again it first fills what was pulled
+//! back. Fed against a cold nozzle it stands.
+//!
+//! | file | what |
+//! |---|---|
+//! | `plastic.rs` | plastic by angle, layers, the tip's frame |
+//! | `nozzle.rs`, `cartridge.rs`, `heat.rs` | nozzle, heater and thermistor |
+//! | `filament.rs` | the rest of the spool, and the encoder |
+//! | `sensors.rs`, `noise.rs` | readings of a 12-bit ADC, the index sensor, the switches and the orientation sensor; noise is a function of seed, channel and tick |
+//! | `variation.rs` | how one copy of a robot differs from its description: power, heat capacity, loss, room, supply, lag, noise |
+//! | `fault.rs` | what can break: [`TipFault`], put in and taken away at any time by `inject` and `mend` |
+//! | `pins.rs` | the tip as a board's parts |
 
 mod cartridge;
 mod fault;

@@ -1,7 +1,7 @@
 //! Every fault of a tip, at every time of a growth, on many copies of a robot: what the firmware makes of it.
 //!
 //! [`cases`] says which fault comes when and which code is right for it, [`growth`] lets one growth meet one fault, [`table`]
-//! is what SAFETY.md prints. `cargo fault-campaign` runs all of it; the tests run a part.
+//! is what docs/safety-evidence.md prints. `cargo fault-campaign` runs all of it; the tests run a part.
 
 pub mod cases;
 pub mod growth;

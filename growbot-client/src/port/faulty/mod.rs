@@ -15,6 +15,8 @@
 //! | `reset` | the line is cut: it, what is under way both ways, and what is sent within a second is lost |
 //!
 //! Time is measured by the time-outs that are waited out, on the virtual clock of `sim` too.
+//!
+//! So runs on `sim` repeat to the byte. `Faulty::tally` counts what happened to the traffic.
 
 mod spec;
 

@@ -1,5 +1,8 @@
 //! Layers, error and temperature along a body or over time, of one body or several: one panel each under one axis, as
 //! one SVG.
+//!
+//! Beyond 800 layers those of a stretch become one point: their mean, and for the wall the min and the max. The time
+//! of a run log is that of recordings ([`growbot_client::run_clock`]).
 
 pub(crate) mod series;
 

@@ -2,6 +2,10 @@
 //!
 //! `watch` follows the board and fills the `model`; `draw` turns that into text; `keys` and `prompt` say what a key
 //! means. Here is the loop around them, and the terminal.
+//!
+//! `draw` knows neither terminal nor board, so tests check it on a buffer. On `sim` time passes only in `watch`, as
+//! many times faster as the user chose. `grow` here plans on the host, to show the body and its warnings, and the
+//! board plans the same to the same bits. So the board has all layers, and pauses after one if the console ends.
 
 mod body;
 mod draw;
