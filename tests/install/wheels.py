@@ -15,6 +15,7 @@ MACHINES = {"x86_64": 62, "aarch64": 183}
 for path in sys.argv[1:]:
     wheel = zipfile.ZipFile(path)
     names = wheel.namelist()
+    assert not any("/sboms/" in name for name in names), f"{path} has a list of parts, with paths of the machine that built it"
     [library] = [name for name in names if name.endswith(".so")]
     binary = wheel.read(library)
     [machine] = [machine for machine in MACHINES if path.endswith(f"-abi3-manylinux_2_28_{machine}.whl")]
