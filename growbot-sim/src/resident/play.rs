@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io::{BufRead, BufReader, Write};
+use std::net::Shutdown;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -35,7 +36,7 @@ const MAX_QUEUE: usize = 1 << 16;
 /// [`ResidentError`]: another process plays it, it is another robot, or its files cannot be used.
 pub fn play(place: &Place, robot: &Robot, pace: f64, ready: impl FnOnce()) -> Result<(), ResidentError> {
     place.create()?;
-    let Some(_held) = place.hold()? else { return Err(ResidentError::On(place.name().to_owned())) };
+    let Some(held) = place.hold()? else { return Err(ResidentError::On(place.name().to_owned())) };
     place.settle(robot)?;
     place.set_pace(pace)?;
     let mut sim = Sim::new(robot.clone());
@@ -51,7 +52,13 @@ pub fn play(place: &Place, robot: &Robot, pace: f64, ready: impl FnOnce()) -> Re
     let began = Instant::now();
     let mut player = Player { sim, store, pace, began, hosts: BTreeMap::new(), owner: None, asked: began };
     ready();
-    player.run(&asks)
+    let ended = player.run(&asks);
+    drop(held);
+    // Who has switched it off waits for the end of the line. The threads that listen keep it where this process goes on.
+    for host in player.hosts.values() {
+        let _ = host.stream.shutdown(Shutdown::Both);
+    }
+    ended
 }
 
 /// How often the board has started: a number that differs from process to process.
