@@ -50,7 +50,7 @@ pub struct Identity {
     pub reset_cause: ResetCause,
     /// Result of the check of the firmware's image.
     pub image: ImageCheck,
-    /// Latest crash of the firmware. `None` if there is no valid record of one.
+    /// Latest crash of the firmware. `None` without a valid record.
     pub crash: Option<CrashWords>,
     /// The crystal did not start, and the board runs on an oscillator that is too inexact to heat by.
     pub without_crystal: bool,

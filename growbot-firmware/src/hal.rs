@@ -18,7 +18,7 @@ use crate::safety::retained::{COPY_BYTES, RETAINED_BYTES};
 
 /// A channel of a 12-bit ADC.
 pub trait Adc {
-    /// Returns a reading (0 to 4095) taken since the last call. `None` if there is no new one. Never blocks.
+    /// Returns a reading (0 to 4095) taken since the last call. `None` without a new one. Never blocks.
     fn sample(&mut self) -> Option<u16>;
 }
 

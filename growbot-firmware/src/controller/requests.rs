@@ -176,7 +176,7 @@ impl<B: Board> Controller<B> {
         match self.state {
             State::EmergencyStop if handover.emergency_stop() => return Err(Refusal::EmergencyStop),
             State::Fault | State::EmergencyStop => {}
-            // There is no fault to clear.
+            // The robot has no fault to clear.
             _ => return Ok(self.accepted()),
         }
         if let Some(fault) = self.fault.filter(|fault| self.remains(*fault)) {
@@ -254,7 +254,7 @@ impl<B: Board> Controller<B> {
         let end = first.saturating_add(MAX_LAYERS as u32);
         let mut layers = LayerBatch::new();
         for layer in (first..end).map_while(|index| self.store().get(index)) {
-            // The vector is not full: the range is no longer than a batch.
+            // The vector is not full, because the range has at most the length of a batch.
             let _ = layers.push(layer);
         }
         Message::StoredLayers(StoredLayers { first, layers })

@@ -31,7 +31,7 @@
 //! | `0x100` | [`THERMISTOR_RAW`] | host | 0 to 4095, as the board's ADC would read |
 //! | `0x104` | [`THERMISTOR_LIVE`] | host | 1: the ADC delivers readings; 0: it has stopped |
 //! | `0x108` | [`STEP_READ_INDEX`] | host | records read, wrapping |
-//! | `0x110` | [`INDEX_STEPS_PER_TURN`] | host | head steps in a turn; 0: there is no index mark |
+//! | `0x110` | [`INDEX_STEPS_PER_TURN`] | host | head steps in a turn; 0 without an index mark |
 //! | `0x114` | [`INDEX_POSITION`] | host | where the mark begins, in head steps from 0 |
 //! | `0x118` | [`INDEX_WIDTH`] | host | width of the mark in head steps |
 //! | `0x11C` | [`INDEX_FAULT`] | host | `INDEX_FAULT_*` |

@@ -398,7 +398,7 @@ impl Supervision {
         period.cosine += error * cos * look.seconds;
         period.seconds += look.seconds;
         if period.missed >= DITHERS_MISSED {
-            // At full power there is no dither. If the reading stands still then, the nozzle is not hot either.
+            // Full power leaves no room for the dither. If the reading stands still then, the nozzle is not hot either.
             return Some(if period.saturated > 0 { Fault::HeaterEnergy } else { Fault::ThermistorFrozen });
         }
         (period.saturated >= PERIODS_SATURATED).then_some(Fault::HeaterEnergy)

@@ -17,7 +17,8 @@
 //! - A record that is stored twice in a row counts once, because a slot that seemed to refuse a record may later read as
 //!   if it had accepted it.
 //! - Every record has the number of its job. The numbers of jobs never start again. The present job is the one with the
-//!   max number of any record. If one of its records is missing, except for the last ones, there is no job.
+//!   max number of any record. If one of its records is missing, except for the last ones, the journal has no
+//!   job.
 //! - A sector is erased only between jobs, when the next job would not fit into the blank slots. The sector written
 //!   longest ago is erased first. Its first record is struck out before the erasure and written again after it. Without
 //!   that record the sector has no journal, even after an interrupted erasure.
@@ -48,7 +49,7 @@ const SPARE_PART: u32 = 4;
 pub enum JournalError {
     /// The journal is full. The caller must erase a sector, or grow without a journal.
     Full,
-    /// There is no current job.
+    /// The journal has no current job.
     NoJob,
     /// The record does not follow from the records before it.
     OutOfOrder,
@@ -189,8 +190,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     ///
     /// # Errors
     /// Returns [`JournalError::Full`] if a sector must be erased first, or if the job has more layers than
-    /// [`Journal::capacity`]. Otherwise returns [`JournalError::Flash`]. After an error there is no job that has not
-    /// ended.
+    /// [`Journal::capacity`]. Otherwise returns [`JournalError::Flash`]. After an error the journal has no unfinished
+    /// job.
     pub fn begin(&mut self, plan_id: u64, robot: u64, layers: u32) -> Result<(), JournalError> {
         let ([a, b], [c, d]) = (split(plan_id), split(robot));
         let job = self.jobs.saturating_add(1);
@@ -217,7 +218,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     ///
     /// # Errors
     /// Returns [`JournalError::NoJob`], [`JournalError::OutOfOrder`] if it is not the next layer of the job,
-    /// [`JournalError::Full`] or [`JournalError::Flash`]. After an error there is no longer a job to resume.
+    /// [`JournalError::Full`] or [`JournalError::Flash`]. After an error the job can no longer be resumed.
     pub fn committed(&mut self, index: u32, laid: &Laid, next_begun: bool) -> Result<(), JournalError> {
         let kind = if next_begun { Kind::LaidNextBegun } else { Kind::Laid };
         self.put(kind, index, laid.to_content())

@@ -225,7 +225,7 @@ impl Handover {
     }
 
     /// Stops the steppers and switches their drivers off at the next tick (controller side). Pending moves and reports
-    /// are dropped, and so is an emergency stop that is no longer pressed.
+    /// are dropped, and so is an emergency stop that has been released.
     pub fn halt(&self) {
         critical_section::with(|cs| {
             self.halt.store(true, Ordering::Release);

@@ -2,7 +2,7 @@
 //!
 //! The head's position is known since homing. At each of its steps the sensor must detect the mark if the head is on
 //! it, and must not detect it elsewhere. Within a tolerance around both edges it may do either. Two consecutive samples
-//! must contradict this, so that a single disturbed one is no alarm. The check is the same in both directions of
+//! must contradict this, so that a single disturbed one raises no alarm. The check is the same in both directions of
 //! turning.
 //!
 //! The mark must be detected from its beginning to its end, less `index_tolerance_deg` on both sides. It must not be

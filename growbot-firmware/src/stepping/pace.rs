@@ -192,7 +192,7 @@ mod tests {
                         start.max(rates[0].saturating_sub(slope)),
                         "{ticks} {slope} {start}"
                     );
-                    // The rate rises, then falls, and never rises again. It is no lower than necessary.
+                    // The rate rises, then falls, and never rises again. It is only as low as necessary.
                     let top = rates.iter().max().unwrap();
                     let summit = rates.iter().position(|rate| rate == top).unwrap();
                     assert!(rates[..summit].is_sorted());

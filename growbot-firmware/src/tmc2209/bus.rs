@@ -9,7 +9,8 @@ use tmc2209::{MASTER_ADDR, ReadRequest, SYNC_AND_RESERVED, WriteRequest, crc};
 
 /// Serial line with one wire for both directions. Its functions never wait.
 pub trait Wire {
-    /// Sends some bytes, at most 8. Returns `false` if there is no room for all of them. Then none is sent.
+    /// Sends some bytes, at most 8. Returns `false` if the transmit buffer has too little room for all of them. Then
+    /// none is sent.
     fn send(&mut self, bytes: &[u8]) -> bool;
     /// Returns the next received byte, including the board's own ones.
     fn receive(&mut self) -> Option<u8>;

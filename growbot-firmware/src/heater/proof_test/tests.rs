@@ -72,7 +72,7 @@ fn a_reference_is_straight_and_as_steep_as_a_nozzle_without_power() {
     assert_eq!(of(line(100.0, 0.25)).reference(&nozzle).unwrap().slope_c_per_s, 0.0);
     assert!(is_reference(line(100.0, 0.29)) && !is_reference(line(100.0, 0.31)));
     assert!(!of(line(100.0, 0.29)).rises() && of(line(100.0, 0.31)).rises());
-    // A slope that is allowed for a reference is no rise, to the last bit.
+    // A slope that is allowed for a reference does not count as a rise, to the last bit.
     let steepest = of([0.0, 0.0, 0.0, 0.0, 0.3, 0.6, 0.900_000_04]);
     assert_eq!(steepest.latter_half(), Some(Reference { at_c: 0.900_000_04, slope_c_per_s: RISING_C_PER_S }));
     assert!(!steepest.rises());
