@@ -8,9 +8,10 @@
 //!   reset every pin floats to the level of WIRING.md's resistors. Probes set this bit (OpenOCD does), so it is cleared
 //!   again with each feed.
 //! - The heater's PWM is made by TIM1, an advanced timer. If those are stopped with the processor (`DBG_TIM1_STOP`),
-//!   their outputs are disabled as if MOE were cleared (reference manual RM0090, debug mode of TIM1 and TIM8), which here
-//!   is low (see `heater.rs`). A general-purpose timer would stop with its output unchanged, which might be high.
-//! - The step timer stops too, so that a halt makes no step late. The fan's timer continues, because cooling is harmless.
+//!   their outputs are disabled as if MOE were cleared (reference manual RM0090, debug mode of TIM1 and TIM8), which
+//!   here is low (see `heater.rs`). A general-purpose timer would stop with its output unchanged, which might be high.
+//! - The step timer stops too, so that a halt makes no step late. The fan's timer continues, because cooling is
+//!   harmless.
 //! - Vector catch is switched off at each start. A fault of the processor must reach its handler, which makes the tip
 //!   safe.
 //! - While debugging is enabled at all (`C_DEBUGEN`), the controller does not heat, unless the robot is a test bench.

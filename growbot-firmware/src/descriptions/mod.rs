@@ -131,8 +131,8 @@ impl<F: MultiwriteNorFlash> Descriptions<F> {
         robot.and_then(Result::ok).map_or(Stored::Unreadable, Stored::Robot)
     }
 
-    /// Stores a robot's description. It erases a slot, which blocks the processor for up to two seconds. Heater and
-    /// steppers must therefore be off and the nozzle cold.
+    /// Stores a robot's description. It erases a slot, which takes up to two seconds in which the controller does
+    /// nothing else. Heater and steppers must therefore be off and the nozzle cold.
     ///
     /// # Errors
     /// Returns [`NotStored`] if the description could not be written or reads back differently.

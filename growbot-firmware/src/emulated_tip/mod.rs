@@ -68,8 +68,8 @@
 //! - The board writes a record, then [`STEP_WRITE_INDEX`]. The host reads the index, then the records below it, then
 //!   writes [`STEP_READ_INDEX`]. The board never waits: when the ring is full it drops the record and counts it in
 //!   [`STEP_OVERRUN`]. The positions [`HEAD_STEPS`] and [`FEED_STEPS`] still count such steps.
-//! - The host writes [`THERMISTOR_RAW`], then 1 to [`THERMISTOR_LIVE`]. From then on the board reads the latest value at
-//!   any rate, like that of its own ADC, so that a slow host does not look like a broken sensor.
+//! - The host writes [`THERMISTOR_RAW`], then 1 to [`THERMISTOR_LIVE`]. From then on the board reads the latest value
+//!   at any rate, like that of its own ADC, so that a slow host does not look like a broken sensor.
 //! - The board writes to [`JOURNAL`] and [`DESCRIPTION`] as to flash: it programs words by clearing bits, and erases
 //!   sectors of [`JOURNAL_SECTOR`] bytes by setting all bits. The zeros of the new memory do not count as erased.
 //! - Pairs (`_LO`, `_HI`) are read high, low, high, until both highs agree. Each pair lies in eight aligned bytes.

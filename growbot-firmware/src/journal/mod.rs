@@ -8,22 +8,21 @@
 //! sector 1: | sector | laid 4092 | ... | ended | job 8 | begun 0 | laid 0 | (blank) ...
 //! ```
 //!
-//! - A record is valid as a whole or not at all, by its CRC. A record that was torn by a loss of power is skipped, and the
-//!   next one is written to the next slot.
+//! - A record is valid as a whole or not at all, by its CRC. A record that was torn by a loss of power is skipped, and
+//!   the next one is written to the next slot.
 //! - Cells that lost their power while they were programmed may read differently at each start. The journal therefore
 //!   fixes their content at each start: the last record is programmed again if it is valid, and struck out if not. The
 //!   first blank slot may have been written to and read as blank. It is skipped, and struck out before anything is
 //!   written after it.
-//! - A record that is stored twice in a row counts once, because a slot that seemed to refuse a record may later read as
-//!   if it had accepted it.
+//! - A record that is stored twice in a row counts once, because a slot that seemed to refuse a record may later read
+//!   as if it had accepted it.
 //! - Every record has the number of its job. The numbers of jobs never start again. The present job is the one with the
-//!   max number of any record. If one of its records is missing, except for the last ones, the journal has no
-//!   job.
+//!   max number of any record. If one of its records is missing, except for the last ones, the journal has no job.
 //! - A sector is erased only between jobs, when the next job would not fit into the blank slots. The sector written
 //!   longest ago is erased first. Its first record is struck out before the erasure and written again after it. Without
 //!   that record the sector has no journal, even after an interrupted erasure.
-//! - If a record cannot be written, the first record of the present job is struck out. A growth that cannot be resumed is
-//!   better than one that is resumed at the wrong layer.
+//! - If a record cannot be written, the first record of the present job is struck out. A growth that cannot be resumed
+//!   is better than one that is resumed at the wrong layer.
 
 mod present;
 mod record;
@@ -139,8 +138,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     }
 
     /// Erases one sector for a job of this number of layers, if it needs that. Returns `true` while more sectors must
-    /// be erased. The erasure blocks the processor for up to two seconds, so heater and steppers must be off and the
-    /// nozzle cold.
+    /// be erased. The erasure takes up to two seconds in which the controller does nothing else, so heater and steppers
+    /// must be off and the nozzle cold.
     ///
     /// # Errors
     /// Returns [`JournalError::JobNotEnded`] if the sector has such a job, which is kept, or [`JournalError::Flash`].

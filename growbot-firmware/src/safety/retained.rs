@@ -5,11 +5,11 @@
 //!
 //! - A write goes to the older copy, from its first byte to its last, so that a reset during the write leaves the newer
 //!   copy whole.
-//! - A write that changes the action of the next start (because work begins or ends, or a fault is latched) goes to both
-//!   copies, one after the other, so that either copy alone has the decisive part.
-//! - At a start the board loads the newer of the copies that are whole. If this firmware cannot decode that copy, another
-//!   version has written it. The memory has kept its power then, and the copy may contain current work or a latched
-//!   fault. The start is therefore a fault, whatever the cause of the reset.
+//! - A write that changes the action of the next start (whether work is in progress, which fault is latched) goes to
+//!   both copies, one after the other, so that either copy alone has the decisive part.
+//! - At a start the board loads the newer of the copies that are whole. If this firmware cannot decode that copy,
+//!   another version has written it. The memory has kept its power then, and the copy may contain current work or a
+//!   latched fault. The start is therefore a fault, whatever the cause of the reset.
 //! - If no copy is whole, the cause of the reset decides: see [`survives`].
 
 use growbot_core::link::frame;
