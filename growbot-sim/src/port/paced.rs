@@ -26,15 +26,14 @@ impl Paced {
         Self { sim, times, began: Instant::now() }
     }
 
-    /// Waits until as much real time has passed as there should have.
-    fn keep_pace(&mut self) {
-        let Ok(due) = Duration::try_from_secs_f64(self.sim.now_s() / self.times) else { return };
-        let passed = self.began.elapsed();
-        sleep(due.saturating_sub(passed));
+    /// How long to wait where so much real time has passed, until it is as much as there should have.
+    fn wait(&mut self, passed: Duration) -> Duration {
+        let Ok(due) = Duration::try_from_secs_f64(self.sim.now_s() / self.times) else { return Duration::ZERO };
         let behind = passed.saturating_sub(due);
         if behind > MAX_BEHIND {
             self.began += behind;
         }
+        due.saturating_sub(passed)
     }
 }
 
@@ -45,7 +44,7 @@ impl Port for Paced {
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
         let count = self.sim.receive(buffer, timeout)?;
-        self.keep_pace();
+        sleep(self.wait(self.began.elapsed()));
         Ok(count)
     }
 
@@ -62,11 +61,13 @@ mod tests {
     fn time_passes_no_faster_than_asked_for() {
         let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
         let mut paced = Paced::new(Sim::new(robot), 100.0);
-        let began = Instant::now();
-        for _ in 0..50 {
-            paced.receive(&mut [0; 64], Duration::from_millis(200)).unwrap();
-        }
-        let simulated = paced.sim.now_s();
-        assert!(simulated > 1.0 && began.elapsed().as_secs_f64() >= 0.999 * simulated / 100.0, "{simulated}");
+        paced.sim.pass(Duration::from_secs(300));
+        let [before, early, late] = [0, 1, 4].map(Duration::from_secs).map(|passed| paced.wait(passed));
+        assert_eq!([before, early, late].map(|wait| wait.as_secs_f64().round()), [3.0, 2.0, 0.0]);
+        assert!(before <= Duration::from_secs(3));
+        // The second that is late is not made up for where it is more than that.
+        let began = paced.began;
+        assert_eq!(paced.wait(Duration::from_secs(10)), Duration::ZERO);
+        assert_eq!((paced.began - began).as_secs_f64().round(), 7.0);
     }
 }

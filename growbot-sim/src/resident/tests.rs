@@ -1,6 +1,6 @@
 use std::path::Path;
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use growbot_client::client::Client;
 use growbot_client::growth::{
@@ -88,10 +88,8 @@ fn one_program_has_the_line_and_any_gives_the_emergency_stop() {
     owner.hello_robot(&robot()).unwrap();
     assert!(matches!(Line::open(&place), Err(ResidentError::Busy(_))));
     let name = PortName::Resident(place.name().to_owned());
-    let began = Instant::now();
     let beside = open_for_emergency_stop(&name, Duration::from_secs(1)).unwrap();
     Client::new(beside, "sim").emergency_stop().unwrap();
-    assert!(began.elapsed() < Duration::from_secs(3), "{:?}", began.elapsed());
     assert!(matches!(play(&place, &robot(), 1.0, || {}), Err(ResidentError::On(_))));
     off(&place);
     thread.join().unwrap().unwrap();

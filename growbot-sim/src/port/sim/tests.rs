@@ -6,7 +6,6 @@ use growbot_client::growth::{Grown, Job, JobEvent, Orders, grow_job};
 use growbot_core::link::message::Silence;
 use growbot_core::path::{Segment, end};
 use growbot_firmware::safety::retained::Copies;
-use std::time::Instant;
 
 fn robot() -> Robot {
     growbot_client::robot_file::load("growbot-a".as_ref()).unwrap()
@@ -32,16 +31,6 @@ fn every_run_is_the_same() {
     assert_eq!(first.body, second.body);
     let other = grow(Sim::with(robot(), Variation { seed: 2, power: 0.9, ..Variation::default() }), 3);
     assert_eq!(first.body.len(), other.body.len());
-}
-
-#[test]
-fn simulated_hours_take_little_time() {
-    let began = Instant::now();
-    let layers = 100;
-    let grown = grow(Sim::new(robot()), layers);
-    let simulated = f64::from(layers) * robot().description().layer.period_s;
-    println!("{:.1} simulated hours in a second", simulated / 3600.0 / began.elapsed().as_secs_f64());
-    assert_eq!(grown.body.len(), layers as usize);
 }
 
 #[test]
