@@ -29,7 +29,7 @@ pub fn one_line(text: &str) -> Cow<'_, str> {
 /// text.
 #[must_use]
 pub fn json_line(value: &impl Serialize) -> String {
-    // Serialization fails only for maps whose keys are not strings, and there are none. Such characters occur only in
+    // Serialization fails only for maps whose keys are not strings, which do not occur. Such characters occur only in
     // strings.
     let plain = serde_json::to_string(value).unwrap_or_default();
     let mut line = String::with_capacity(plain.len() + 1);

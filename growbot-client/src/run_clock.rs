@@ -1,8 +1,8 @@
 //! The time of a growth, from a run log or from live reports.
 //!
-//! A run log has the time of day of each line, which means little if a simulated robot grows in a second. It also has the
-//! board's time in each status, which this module uses. Time begins at 0 with the first status, and after a reset the
-//! board's time continues where it was. Between two statuses, a layer is reported no earlier after the previous one
+//! A run log has the time of day of each line, which means little if a simulated robot grows in a second. It also has
+//! the board's time in each status, which this module uses. Time begins at 0 with the first status, and after a reset
+//! the board's time continues where it was. Between two statuses, a layer is reported no earlier after the previous one
 //! than the robot needs for it.
 
 use growbot_core::layer::Layer;

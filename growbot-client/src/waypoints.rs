@@ -1,7 +1,7 @@
 //! Directions at waypoints, chosen jointly for the shortest path through all of them.
 //!
-//! If a path is planned leg by leg, each leg arrives at a position in the direction that is best for it alone, and the
-//! next one has to start there. This module minimises the sum of all legs over the directions at all positions but the
+//! In a plan leg by leg, each leg arrives at a position in the direction that is best for it alone. The next leg has to
+//! start in that direction. This module minimises the sum of all legs over the directions at all positions but the
 //! last. The direction at the last has a closed form ([`growbot_core::to_point`]). The sum is piecewise smooth in the
 //! directions. The pieces are the path types of the legs.
 //!

@@ -144,8 +144,8 @@ impl Triangle {
     }
 
     /// Returns how the line from a point along the x axis passes through the triangle. The result is 1 if it leaves
-    /// through the side from which the corners are counter-clockwise, -1 if it enters there, and 0 if it passes beside
-    /// or behind.
+    /// through the side from which the corners are counter-clockwise, and -1 if it enters there. The result is 0 if it
+    /// passes beside or behind.
     ///
     /// A line passes through only one of several triangles with a common edge, because the arithmetic of the edge is
     /// the same for all of them.

@@ -103,8 +103,8 @@ impl Around {
         }
     }
 
-    /// Returns the square of the distance of a bounding box from the nearest of the body's places. For a long item it is
-    /// a lower bound of the item's own distance.
+    /// Returns the square of the distance of a bounding box from the nearest of the body's places. For a long item it
+    /// is a lower bound of the item's own distance.
     fn square_of(&self, bounds: &Bounds) -> f64 {
         let beside = |place: &Vector3<f64>| (place.sup(&bounds.min).inf(&bounds.max) - place).norm_squared();
         // A small box is about as far as its middle, whose distance the tree finds quickly.

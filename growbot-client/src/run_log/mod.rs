@@ -341,7 +341,7 @@ impl RunLog {
         written
     }
 
-    /// Deletes the log of a job that never began, because there is no body to record. An earlier log stays.
+    /// Deletes the log of a job that never began, because nothing was grown. An earlier log stays.
     pub fn discard(self) {
         if let Some(open) = self.0.filter(|open| open.is_new) {
             match open.replaced {
