@@ -82,7 +82,7 @@ pub struct Campaign {
     pub direction_error_deg: Statistics,
     /// The growth that ended farthest from the goal.
     pub farthest: Option<Farthest>,
-    /// Maximum sag and maximum stress of a root of bodies that hang, each with its own body. `None` without sag.
+    /// Maximum sag and maximum stress of a root. They may belong to different bodies. `None` without sag.
     pub hung: Option<Hung>,
     /// Results among the obstacles of a scene. `None` without a scene.
     #[serde(skip)]

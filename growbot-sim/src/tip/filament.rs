@@ -75,7 +75,8 @@ impl Filament {
         self.position == self.front
     }
 
-    /// Takes the filament out of the nozzle, so that nothing stops it, or lets it rest in the nozzle at its present position.
+    /// Takes the filament out of the nozzle, so that nothing stops it, or lets it rest in the nozzle at its present
+    /// position.
     pub fn free(&mut self, free: bool) {
         self.front = if free { i64::MAX } else { self.position };
     }

@@ -1,8 +1,8 @@
 //! Plastic by angle, layer by layer.
 //!
 //! Between two feed steps one step's volume flows, evenly in time, and is laid along the positions of the head in that
-//! time. Over a sweep of the head the sum gives the mean height and the first harmonic the tilt: `h = sum`, `r_t phi =
-//! 2 |sum e^(i psi)|`, in units of the height that one step spread over the whole ring would have.
+//! time. Over a sweep of the head the sum gives the mean height and the first harmonic the tilt: `h = sum`,
+//! `r_t phi = 2 |sum e^(i psi)|`, in units of the height that one step spread over the whole ring would have.
 //!
 //! A layer is a sweep from one visit of the tip's x axis to the next, in either direction of the head. If the head
 //! turns back elsewhere, because it has lost steps, a layer ends there. A sweep of less than half a turn is not a layer
