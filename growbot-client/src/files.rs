@@ -272,8 +272,7 @@ pub struct SetAside {
 }
 
 impl SetAside {
-    /// Renames the file of this name, or the target of a symbolic link. `None` if there is no such file, or if it is a
-    /// device.
+    /// Renames the file of this name, or the target of a symbolic link. `None` if it does not exist or is a device.
     ///
     /// # Errors
     /// [`FileError::File`] if it cannot be renamed.

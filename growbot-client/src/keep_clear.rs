@@ -173,7 +173,7 @@ impl<'a> Keeper<'a> {
     /// the rest is too near, it is replaced by a detour, if one is found.
     ///
     /// # Errors
-    /// The place at which it is too near, and why there is no detour. The growth must then pause.
+    /// The place at which it is too near, and the reason that no detour was found. The growth must then pause.
     pub fn keep_clear(&mut self, tracker: &mut Tracker<'a>, under_way: &[Layer]) -> Result<Option<Detour>, TooNear> {
         let Err(too_near) = self.check(tracker, under_way) else {
             self.no_detour = None;

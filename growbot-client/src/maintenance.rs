@@ -90,7 +90,7 @@ impl Presets {
     /// Parses a command of [`COMMANDS`]. `None` if the word is not one of them.
     ///
     /// # Errors
-    /// What is wrong with it, as a message.
+    /// A message with the fault of the command.
     pub fn task(&self, word: &str, rest: &str, robot: &Robot) -> Option<Result<Task, String>> {
         let rest = rest.trim();
         let alone =

@@ -96,8 +96,8 @@ impl Search<'_> {
     }
 
     /// Reports whether points of these stretches may collide: they are far enough apart along the body, and the turn
-    /// between them can bring them together. A curve that turns by a right angle at most advances by at least `cos(pi /
-    /// 4)` of its length.
+    /// between them can bring them together. A curve that turns by a right angle at most advances by at least
+    /// `cos(pi / 4)` of its length.
     fn may_meet(&self, a: &Span, b: &Span) -> bool {
         b.to > self.body.since && b.to - a.from > self.neighbourhood && b.turned[1] - a.turned[0] > FRAC_PI_2
     }

@@ -145,7 +145,7 @@ fn a_way_back_beside_the_way_there_is_measured() {
 
 #[test]
 fn long_bodies_take_few_steps() {
-    // A body of 10 km that keeps clear of itself, one that winds 200 times round, and one that meets itself everywhere.
+    // A body of 10 km that stays clear of itself, one that winds 200 times round, and one that meets itself everywhere.
     let min_distance = |path: &[Segment], max_pairs: usize| {
         let (found, pairs) = search(path, DIAMETER, 0.0);
         println!("{} segments: {pairs} pairs", path.len());

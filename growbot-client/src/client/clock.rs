@@ -58,7 +58,7 @@ impl ClockDrift {
 #[derive(Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct WrittenDrift {
-    /// By how many percent the board's clock is faster than the host's: the bound nearer to 0.
+    /// Excess of the board's clock over the host's, percent: the bound nearer to 0.
     #[serde(default)]
     percent: f64,
     /// The limit, percent.

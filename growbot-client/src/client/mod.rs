@@ -28,7 +28,7 @@ pub use self::requests::Stopped;
 use self::session::new_session;
 use crate::port::Port;
 
-/// It sends `Goodbye` when it is dropped, so that the board knows that its host is gone.
+/// The client sends `Goodbye` when it is dropped, so that the board knows that its host is gone.
 pub struct Client {
     port: Box<dyn Port>,
     name: String,

@@ -22,7 +22,7 @@ pub(super) const IN_ENGINE: u32 = 2;
 /// Minimum time between two amendments, s. With all layers up to the horizon, they use a fifth of a serial line.
 const AMEND_EVERY_S: f64 = 0.5;
 /// Maximum number of amendments, less an eighth of the job's layers. A board's journal has space for some 2,000 records
-/// besides the layers that a job begins with, and a job that is amended may get more of them.
+/// besides the layers that a job begins with. A job may get more layers by amendments.
 const MAX_AMENDMENTS: usize = 1792;
 /// Maximum number of tries of an amendment. A layer may have been begun while the amendment was in transit.
 const AMEND_TRIES: u32 = 4;

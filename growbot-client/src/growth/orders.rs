@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::maintenance::Preset;
 
-/// One order.
+/// An order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]

@@ -36,7 +36,7 @@ pub struct PlanFile {
     pub start: WrittenPose,
     /// Goal of the tip.
     pub goal: WrittenGoal,
-    /// Waypoints, in order. Omitted if there are none.
+    /// Waypoints, in order. Omitted if empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub via: Vec<WrittenGoal>,
     /// Length of the path, mm.
@@ -59,7 +59,7 @@ pub struct PlanFile {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub complete: Vec<Searched>,
     /// Path types that were searched from likely places only, so that a shorter path may exist: `H`, if the goal of a
-    /// leg is so near that a helicoidal arc may be the shortest. Omitted if there are none.
+    /// leg is so near that a helicoidal arc may be the shortest. Omitted if empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub statistical: Vec<Searched>,
     /// Number of shorter paths that were rejected because the body would have collided with itself. Omitted if 0.
@@ -68,7 +68,7 @@ pub struct PlanFile {
     /// Length of the two-plane path, mm. Missing in older plans.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub two_plane_length_mm: Option<f64>,
-    /// By how many percent the two-plane path is longer than this path. 0 for a path of no length. Missing in older
+    /// Excess length of the two-plane path over this path, percent. 0 for a path of no length. Missing in older
     /// plans.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub two_plane_longer_percent: Option<f64>,
@@ -227,21 +227,21 @@ fn is_false(value: &bool) -> bool {
     !*value
 }
 
-/// A leg as written: from the pose before to the next one.
+/// A leg from one pose to the next, in JSON form.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct WrittenLeg {
-    /// How many segments of the plan are this leg's.
+    /// Number of segments of the plan that belong to this leg.
     pub segments: usize,
-    /// Its pieces in order, as in the plan.
+    /// Kinds of the segments in order, as in the plan.
     pub path_type: String,
-    /// Its length, mm.
+    /// Length of the leg, mm.
     pub length_mm: f64,
-    /// How many paths were found.
+    /// Number of paths found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub candidates: Option<usize>,
-    /// How many shorter ones were passed over.
+    /// Number of shorter paths that were rejected.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub passed_over: usize,
     /// Length of the two-plane path, mm.
@@ -262,13 +262,13 @@ impl WrittenLeg {
     }
 }
 
-/// serde hands over a reference.
+/// serde passes a reference.
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
 fn is_zero(count: &usize) -> bool {
     *count == 0
 }
 
-/// A segment as written.
+/// A segment in JSON form.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
@@ -294,13 +294,13 @@ pub enum WrittenSegment {
         length_mm: f64,
         /// `m` at the segment's start.
         m0: [f64; 3],
-        /// How `m` changes.
+        /// Constant rate of change of `m`.
         p: [f64; 3],
     },
 }
 
 impl WrittenSegment {
-    /// A segment that grows from a tip of this frame.
+    /// Converts a segment that grows from a tip of this frame.
     fn new(segment: &Segment, base_from_tip: &Frame) -> Self {
         match *segment {
             Segment::Arc { alpha, bend, length } => {
@@ -315,7 +315,7 @@ impl WrittenSegment {
         }
     }
 
-    /// A whole path, from a tip of this frame.
+    /// Converts a whole path from a tip of this frame.
     fn path(path: &[Segment], base_from_start: &Frame) -> Vec<Self> {
         let grown = |base_from_tip: &mut Frame, segment: &Segment| {
             let written = Self::new(segment, base_from_tip);
@@ -326,7 +326,7 @@ impl WrittenSegment {
     }
 }
 
-/// A hash as written.
+/// Formats a hash as 16 hexadecimal digits.
 #[must_use]
 pub fn written_hash(hash: u64) -> String {
     format!("{hash:016x}")
@@ -375,22 +375,22 @@ impl From<&Plan> for PlanFile {
 }
 
 impl PlanFile {
-    /// A plan of this robot with the robot's description, so that its reader needs no other file.
+    /// Converts a plan of this robot and adds the robot's description, so that a reader needs no other file.
     #[must_use]
     pub fn with_robot(plan: &Plan, robot: &Robot) -> Self {
         Self { robot_description: Some(Box::new(robot.description().clone())), ..Self::from(plan) }
     }
 
-    /// The JSON in one line, with its newline: what goes to pipes.
+    /// Returns the JSON in one line, with its newline, for pipes.
     #[must_use]
     pub fn to_line(&self) -> String {
         printable::json_line(self)
     }
 
-    /// The JSON in many lines: what goes to files.
+    /// Returns the JSON in many lines, for files.
     #[must_use]
     pub fn to_text(&self) -> String {
-        // Only maps with keys that are no strings could fail, and there are none.
+        // Serialization fails only for maps whose keys are not strings, and there are no such maps.
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
     }
 }
