@@ -1,5 +1,5 @@
-//! Chooses the memory map, the linker arguments and the robot's description of the board being built; does nothing for
-//! the desktop.
+//! Chooses the memory map, the linker arguments and the robot's description of the board. It does nothing for the
+//! desktop.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs, process};
@@ -11,7 +11,7 @@ struct Board {
     name: &'static str,
     target: &'static str,
     command: &'static str,
-    /// The kinds of board that it is, as robot files name them; none for any.
+    /// Kinds of this board, as robot files name them. Empty for any kind.
     kinds: &'static [BoardKind],
 }
 
@@ -31,7 +31,7 @@ const BOARDS: [Board; 3] = [
     },
 ];
 
-/// The robot that firmware is for unless something else is asked for.
+/// The default robot of the firmware.
 const DEFAULT_ROBOT: &str = "growbot-a";
 
 fn main() {
@@ -67,7 +67,8 @@ fn main() {
         stop(&format!("cannot write machine.rs: {error}"));
     }
 
-    // The linker finds the workspace's `memory.x` in cargo's working directory, and the `board.x` it includes here.
+    // The linker finds the workspace's `memory.x` in cargo's working directory, and the `board.x` that it includes
+    // here.
     println!("cargo:rustc-link-search={}", out.display());
     for script in ["link.x", "defmt.x"] {
         println!("cargo:rustc-link-arg-bin={board}=-T{script}");
@@ -75,19 +76,20 @@ fn main() {
     // lld would otherwise fill page-sized gaps between segments, which probes then flash.
     println!("cargo:rustc-link-arg-bin={board}=--nmagic");
     if board == "an386" {
-        // They do not log.
+        // These programs do not log.
         for measuring in ["plan_cost", "step_cost", "feedback_cost"] {
             println!("cargo:rustc-link-arg-bin={measuring}=-Tlink.x");
         }
     }
 }
 
-/// The robot that the firmware is for.
+/// Returns the robot that the firmware is for, as Rust source.
 fn describe(here: &Path, kinds: &[BoardKind]) -> String {
     let name = env::var("GROWBOT_ROBOT").unwrap_or_else(|_| DEFAULT_ROBOT.to_string());
     let is_built_in = name != "none";
     let name = if is_built_in { name } else { DEFAULT_ROBOT.to_string() };
-    // Cargo runs this in the package's folder; a path is meant from where cargo was called, which is the workspace.
+    // Cargo runs this in the package's folder, but a path is relative to the folder where cargo was called, which is
+    // the workspace.
     let workspace = here.join("..");
     let file = if name.ends_with(".toml") {
         workspace.join(&name)
@@ -111,10 +113,10 @@ fn describe(here: &Path, kinds: &[BoardKind]) -> String {
     as_source(&robot, is_built_in)
 }
 
-/// A robot as Rust source: so that a board need neither decode nor check it again.
+/// Returns a robot as Rust source, so that a board need neither decode nor check it again.
 fn as_source(robot: &Robot, is_built_in: bool) -> String {
     let description = format!("{:?}", robot.description());
-    // What derived `Debug` prints is an expression, but for the name and for variants without their enum.
+    // The output of the derived `Debug` is an expression, except for the name and for variants without their enum.
     let name = format!("name: {:?}", robot.name());
     let description = description
         .replace(&name, &format!("name: String::try_from({:?}).unwrap_or_default()", robot.name()))

@@ -58,7 +58,8 @@ fn number(variable: &str, otherwise: u64) -> u64 {
     text.parse().unwrap_or_else(|_| panic!("{variable} is {text:?}: give a whole number"))
 }
 
-/// A board with this in its journal's flash, or a new one. Its nozzle is warm as soon as it is heated. Not before: the journal is erased with a cold one only.
+/// A board with this in its journal's flash, or a new one. Its nozzle is warm as soon as it is heated. Not before,
+/// because the journal is erased with a cold one only.
 fn board(robot: &Robot, flash: &[u8]) -> Result<Board, String> {
     let mut emulator =
         Emulator::start_with_flash(robot, Some(&firmware("an386")), flash).map_err(|error| error.to_string())?;

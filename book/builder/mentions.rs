@@ -14,14 +14,12 @@ use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
 use crate::links::normal;
 
 /// The documents, and the chapters that include them.
-const CHAPTERS: [(&str, &str); 8] = [
+const CHAPTERS: [(&str, &str); 6] = [
     ("ARCHITECTURE.md", "architecture.md"),
-    ("CHANGELOG.md", "changes.md"),
     ("PROTOCOL.md", "link.md"),
     ("SAFETY.md", "safety.md"),
     ("WIRING.md", "wiring.md"),
     ("docs/decisions/README.md", DECISIONS),
-    ("docs/dependencies.md", "dependencies.md"),
     ("docs/measurements.md", "measurements.md"),
 ];
 /// The chapter that includes all decisions, each below its title.

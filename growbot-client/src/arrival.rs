@@ -1,24 +1,24 @@
-//! How near a tip came to its goal (Eqs 26 to 28, with angles wrapped).
+//! Distance between a tip and its goal (Eqs 26 to 28, with angles wrapped).
 
 use growbot_core::angle::{degrees, wrap_signed};
 use growbot_core::plan::miss;
 use growbot_core::pose::{Frame, Pose, angle_between};
 
-/// Where a tip is, and its errors from the goal.
+/// Pose of a tip, and its errors from the goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Arrival {
-    /// Where the tip is.
+    /// Pose of the tip.
     pub final_pose: Pose,
     /// Distance from the goal, mm.
     pub position_error_mm: f64,
-    /// That, over the length of the planned path (Eq 26); 0 for a path of no length.
+    /// Distance from the goal over the length of the planned path (Eq 26). 0 if the path has no length.
     pub normalized_position_error: f64,
-    /// Difference of the headings, degrees, 0 to 180 (Eq 27). It says little at steep pitch, and there is none where
-    /// one of the two is vertical.
+    /// Difference of the headings, degrees, 0 to 180 (Eq 27). It means little at a steep pitch. `None` if one of the
+    /// two directions is vertical.
     pub heading_error_deg: Option<f64>,
     /// Difference of the pitches, degrees (Eq 28).
     pub pitch_error_deg: f64,
-    /// Angle between the two directions, degrees: what counts at any pitch.
+    /// Angle between the two directions, degrees. Unlike heading and pitch errors, it is meaningful at any pitch.
     pub direction_error_deg: f64,
 }
 
@@ -40,7 +40,7 @@ impl Arrival {
         }
     }
 
-    /// How far this pose is from another one, say an estimate from the truth.
+    /// Returns the distance of this pose from another one, for example of an estimate from the true pose.
     #[must_use]
     pub fn error_from(&self, other: &Self) -> PoseError {
         let (this, other) = (&self.final_pose, &other.final_pose);
@@ -51,7 +51,7 @@ impl Arrival {
     }
 }
 
-/// How far one pose is from another.
+/// Difference between two poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseError {
     /// Distance, mm.

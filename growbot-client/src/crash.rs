@@ -1,58 +1,58 @@
-//! A crash of the firmware as scripts and run logs read it: registers, reasons and the top of the stack. In which
-//! function it was, only an image tells.
+//! A crash of the firmware in the form that scripts and run logs read: registers, reasons and the top of the stack. The
+//! functions are known only from the firmware's image.
 
 use growbot_core::link::crash::CrashRecord;
 use serde::{Deserialize, Serialize};
 
-/// A crash of the firmware. Numbers of the processor are hexadecimal.
+/// A crash of the firmware. Processor words are hexadecimal.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WrittenCrash {
-    /// What has crashed.
+    /// Cause of the crash.
     pub cause: String,
-    /// Number of the start of the board in which it crashed.
+    /// Boot number of the board's start in which it crashed.
     pub boot_id: u32,
-    /// CRC of the image; null where that is not known.
+    /// CRC of the image. Null if unknown.
     pub image_crc: Option<String>,
     /// Number of the processor's exception.
     pub exception: u32,
     /// The bits of the fault status that are set.
     pub reasons: Vec<String>,
-    /// The address that was accessed; null where that is not known.
+    /// Address that was accessed. Null if unknown.
     pub address: Option<String>,
-    /// Where it was; null where the registers were not saved.
+    /// Program counter at the crash. Null if the registers were not saved.
     pub pc: Option<String>,
-    /// Where it was called from.
+    /// Link register: the return address.
     pub lr: Option<String>,
-    /// The program status.
+    /// Program status register.
     pub xpsr: Option<String>,
-    /// R0 to R3 and R12.
+    /// Registers R0 to R3 and R12.
     pub registers: Option<Vec<String>>,
-    /// The stack pointer.
+    /// Stack pointer.
     pub sp: String,
-    /// The configurable fault status.
+    /// Configurable fault status register.
     pub cfsr: String,
-    /// The hard fault status.
+    /// Hard fault status register.
     pub hfsr: String,
-    /// The top of the stack.
+    /// Words at the top of the stack.
     pub stack: Vec<String>,
-    /// The functions that `pc` lies in, the innermost first. Empty without an image.
+    /// Functions that contain `pc`, the innermost first. Empty without an image.
     #[serde(default)]
     pub at: Vec<Place>,
-    /// The functions that may have called them. Empty without an image.
+    /// Functions that may have called them. Empty without an image.
     #[serde(default)]
     pub called_from: Vec<Caller>,
 }
 
-/// A function that an address lies in, or that was inlined there.
+/// A function that contains an address, or that was inlined there.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Place {
-    /// Its name.
+    /// Name of the function.
     pub function: String,
-    /// Its file; null where that is not known.
+    /// File of the function. Null if unknown.
     pub file: Option<String>,
-    /// The line; null where that is not known.
+    /// Line. Null if unknown.
     pub line: Option<u32>,
 }
 
@@ -60,9 +60,9 @@ pub struct Place {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Caller {
-    /// The address.
+    /// Address in the code.
     pub address: String,
-    /// The functions that the call lies in, the innermost first.
+    /// Functions that contain the call, the innermost first.
     pub at: Vec<Place>,
 }
 
@@ -90,7 +90,7 @@ impl From<&CrashRecord> for WrittenCrash {
     }
 }
 
-/// A word of the processor.
+/// Formats a word of the processor.
 #[must_use]
 pub fn hex(word: u32) -> String {
     format!("{word:08x}")

@@ -1,11 +1,11 @@
-//! Angles as they are written: degrees that read back as the same radians wherever such degrees exist.
+//! Angles in text form: degrees that parse to the same radians wherever such degrees exist.
 //!
-//! `30` typed by a person, taken as radians and turned back, comes out as 29.999999999999996. Of all the numbers that
-//! give the same radians, [`shortest_degrees`] finds the one with the fewest digits.
+//! If a user types `30`, the conversion to radians and back gives 29.999999999999996. Of all the numbers that give the
+//! same radians, [`shortest_degrees`] returns the one with the fewest digits.
 
 use growbot_core::angle::{degrees, radians, wrap_signed};
 
-/// The shortest decimal number of degrees that gives exactly these radians; where none does, the nearest there is.
+/// Returns the shortest decimal number of degrees that gives exactly these radians, or else the nearest.
 ///
 /// ```
 /// use growbot_core::angle::{degrees, radians};
@@ -18,14 +18,14 @@ pub fn shortest_degrees(angle: f64) -> f64 {
     shortest(angle, radians)
 }
 
-/// As [`shortest_degrees`], for headings: degrees that give exactly this heading to who wraps what it reads, as
-/// [`growbot_core::pose::Pose`] does. Wrapping costs a negative heading its last digits.
+/// Like [`shortest_degrees`], but for headings: the result gives exactly this heading after wrapping, as in
+/// [`growbot_core::pose::Pose`]. Wrapping costs a negative heading its last digits.
 #[must_use]
 pub fn shortest_heading(heading: f64) -> f64 {
     shortest(heading, |degrees| wrap_signed(radians(degrees)))
 }
 
-/// The shortest decimal number that `read` turns into exactly this angle.
+/// Returns the shortest decimal number that `read` converts into exactly this angle.
 fn shortest(angle: f64, read: impl Fn(f64) -> f64) -> f64 {
     let plain = degrees(angle);
     let gives_the_angle = |candidate: &f64| read(*candidate).to_bits() == angle.to_bits();
@@ -36,7 +36,8 @@ fn shortest(angle: f64, read: impl Fn(f64) -> f64) -> f64 {
         .unwrap_or(plain)
 }
 
-/// Degrees of an angle in `[0, 2 pi)`, in `[0, 360)`: what the conversion rounds up to a full turn is 0.
+/// Converts an angle in `[0, 2 pi)` to degrees in `[0, 360)`. A result that the conversion rounds up to a full turn is
+/// 0.
 #[must_use]
 pub fn degrees_below_turn(angle: f64) -> f64 {
     let written = degrees(angle);

@@ -1,8 +1,8 @@
-//! Feedback: what was measured of each layer goes to the tracker, and what it plans for the rest goes into the job.
+//! Feedback: passes the measurements of each layer to the tracker, and the tracker's plan for the rest to the job.
 //!
-//! The loop itself is [`Tracker`]; here are its two ends. Pulses of the filament's encoder become growth and gravity
-//! becomes a direction ([`Feedback::laid`]); and the rest of the path becomes layers in bytes, under a name
-//! ([`Feedback::rest`]). Which of them a board is told, and when, is [`crate::growth`]'s.
+//! [`Tracker`] is the loop itself; this module contains its two ends. [`Feedback::laid`] converts pulses of the
+//! filament's encoder into growth and gravity into a direction. [`Feedback::rest`] converts the rest of the path into
+//! layers in bytes, with a plan id. [`crate::growth`] decides which of them are sent to the board, and when.
 //!
 //! From a layer to an amendment:
 //!
@@ -11,15 +11,15 @@
 //! | layer laid | `Measured` | the board's controller | encoder and gravity, read when the layer is committed |
 //! | `Measured` | `Laid` | the board's controller | of the 16 layers laid last; not in the journal |
 //! | `Laid` | growth and direction | here | pulses to mm of body; gravity to a direction |
-//! | those | estimate, and the rest of the path | [`growbot_core::tracking`] | filter and reference trajectory |
-//! | rest of the path | layers in bytes, a name | here | as a job's |
-//! | those | `Amend`, `Layers` | [`crate::growth`] | from the first layer that can still be changed |
+//! | growth, direction | estimate, rest of the path | [`growbot_core::tracking`] | filter and reference trajectory |
+//! | rest of the path | layers in bytes, a plan id | here | as for a new job |
+//! | layers, plan id | `Amend`, `Layers` | [`crate::growth`] | from the first layer that can still be changed |
 //! | an amendment | line of the run log | [`crate::run_log`] | before it is sent |
 //!
-//! A board that restarted counts pulses from 0. So the host notes in which boot it counts and from where (`counting`,
-//! requested while nothing is fed). Layers that no count covers get the growth that the host expects of them. The
-//! tracker gets, as commanded, the layer as built: the steps that were really made. The rounding of the units (0.7 %
-//! of robot A's layer by its encoder, a thousandth of gravity) is added to the noise of the sensors.
+//! A board that restarted counts pulses from 0. So the host records the boot in which it counts and the start of the
+//! count (`counting`, requested while nothing is fed). Layers that no count covers get their expected growth. The
+//! tracker gets the layer as built, from the steps that were really made, as the commanded layer. The rounding of the
+//! units (0.7 % of robot A's layer by its encoder, a thousandth of gravity) is added to the noise of the sensors.
 
 use growbot_core::job::plan_id;
 use growbot_core::layer::Layer;
@@ -36,77 +36,77 @@ use crate::arrival::Arrival;
 use crate::keep_clear::{Detour, Keeper, Surroundings, TooNear};
 use crate::plan::Plan;
 
-/// Whether a robot has anything to measure layers by.
+/// Reports whether a robot has a sensor that measures layers.
 #[must_use]
 pub fn can_measure(robot: &Robot) -> bool {
     let sensors = &robot.description().sensors;
     sensors.filament_motion.is_some() || sensors.orientation
 }
 
-/// What a robot's sensors are taken for where nobody says: odometry to 1 % of a layer, a direction to half a degree.
+/// Default noise of a robot's sensors: odometry to 1 % of a layer, a direction to half a degree.
 pub const ASSUMED: SensorNoise = SensorNoise { odometry: 0.01, direction: 0.5 * std::f64::consts::PI / 180.0 };
 
-/// Standard deviation of what is rounded to whole units.
+/// Standard deviation of a value that is rounded to whole units, units.
 const ROUNDED: f64 = 0.288_675_134_594_812_9;
-/// A board's units of gravity.
+/// The board's unit of gravity, g.
 const MILLI_G: f64 = 1e-3;
 
-/// The feedback of one growth.
+/// Feedback of one growth.
 #[derive(Debug, Clone)]
 pub struct Feedback<'a> {
     robot: &'a Robot,
     tracker: Tracker<'a>,
-    /// Where there is a scene, it keeps the rest off the obstacles.
+    /// Keeps the rest of the path clear of the obstacles. `None` without a scene.
     keeper: Option<Keeper<'a>>,
-    /// Growth that a pulse of the filament's encoder stands for, mm; none without an encoder.
+    /// Growth per pulse of the filament's encoder, mm. `None` without an encoder.
     mm_per_pulse: Option<f64>,
-    /// The encoder's count from which growth is measured, and what the layers since should have grown, mm.
+    /// Count of the encoder from which growth is measured. `expected` is the expected growth of the layers since, mm.
     counted: Option<u32>,
     expected: f64,
-    /// Layers below this no count covers, and what they should have grown, mm: it goes with the next one that is
-    /// counted.
+    /// Layers below this index are not covered by a count. `uncounted` is their expected growth, mm, which is added to
+    /// the next layer that is counted.
     counts_from: u32,
     uncounted: f64,
-    /// Layers laid that it knows of.
+    /// Number of laid layers that are known here.
     laid: u32,
-    /// The start of the board in which it counts.
+    /// Boot number of the board's start in which pulses are counted.
     boot_id: Option<u32>,
     amendments: u32,
 }
 
-/// The rest of a job, planned again.
+/// The remaining layers of a job, planned again.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Correction {
-    /// The layers.
+    /// The remaining layers.
     pub layers: Vec<LayerBytes>,
-    /// The other path that they take, if the one so far was too near to an obstacle.
+    /// Path that they take instead, if the previous one was too near to an obstacle.
     pub detour: Option<Detour>,
 }
 
-/// From where the filament's encoder is counted.
+/// Start of a count of the filament's encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Count {
-    /// The start of the board.
+    /// Boot number of the board's start.
     pub boot_id: u32,
-    /// Layers laid before.
+    /// Number of layers laid before.
     pub laid: u32,
-    /// What the encoder shows; none without one.
+    /// Count of the encoder. `None` without one.
     #[serde(default, deserialize_with = "crate::run_log::lenient")]
     pub filament_pulses: Option<u32>,
 }
 
-/// What feedback came to.
+/// Result of the feedback.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FedBack {
-    /// How often the job was amended.
+    /// Number of amendments of the job.
     pub amendments: u32,
-    /// Where the tip is, by all that was measured.
+    /// Estimate of the tip from all measurements.
     pub estimate: Estimate,
 }
 
 impl FedBack {
-    /// Where the tip is by the estimate, and how far that is from the goal of a plan.
+    /// Returns the estimated pose of the tip and its errors from the goal of a plan.
     #[must_use]
     pub fn arrival(&self, plan: &Plan) -> Arrival {
         Arrival::of(&self.estimate.base_from_tip, &plan.goal, length(&plan.path))
@@ -114,7 +114,8 @@ impl FedBack {
 }
 
 impl<'a> Feedback<'a> {
-    /// Before the first layer of a path. `noise` is that of the sensors themselves: what their units round comes to it.
+    /// Creates the feedback before the first layer of a path. `noise` is that of the sensors themselves. The rounding
+    /// of their units is added to it.
     #[must_use]
     pub fn new(robot: &'a Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg], noise: SensorNoise) -> Self {
         let description = robot.description();
@@ -141,7 +142,7 @@ impl<'a> Feedback<'a> {
         }
     }
 
-    /// The same, in a scene: each correction is checked to keep off its obstacles, before any board hears of it.
+    /// Adds a scene. Each correction is then checked to stay clear of its obstacles before it is sent to a board.
     #[must_use]
     pub fn among(mut self, around: &'a Surroundings<'a>) -> Self {
         let growth = self.mm_per_pulse.is_some();
@@ -150,32 +151,32 @@ impl<'a> Feedback<'a> {
         self
     }
 
-    /// Whether the growth can begin: the plan, or the detour that the first correction will take, keeps off all
-    /// obstacles by what will be known of the tip.
+    /// Checks that the growth can begin: the plan, or the detour that the first correction will take, must stay clear
+    /// of all obstacles by the expected uncertainty of the tip.
     ///
     /// # Errors
-    /// Where it does not.
+    /// If it does not.
     pub fn can_begin(&self) -> Result<(), TooNear> {
         let mut trial = self.clone();
         let Self { keeper: Some(keeper), tracker, .. } = &mut trial else { return Ok(()) };
         keeper.keep_clear(tracker, &[]).map(drop)
     }
 
-    /// Whether the encoder's count is that of this start of the board.
+    /// Reports whether the encoder's count belongs to this start of the board.
     #[must_use]
     pub fn counts_in(&self, boot_id: u32) -> bool {
         self.boot_id == Some(boot_id)
     }
 
-    /// The encoder counts anew in this start of the board: nothing is fed now, and `laid` layers are laid. What those
-    /// of them that were not measured have grown will never be known.
+    /// Restarts the count of the encoder in this start of the board. Nothing is being fed, and `laid` layers are laid.
+    /// The growth of those among them that were not measured stays unknown.
     pub fn count_from(&mut self, count: &Count) {
         self.uncounted += std::mem::take(&mut self.expected);
         (self.boot_id, self.counts_from, self.counted) = (Some(count.boot_id), count.laid, count.filament_pulses);
     }
 
-    /// The next layer has been laid: as it was commanded, or better as the steps were made, and what the board's
-    /// sensors said.
+    /// Records that the next layer has been laid. `layer` is the layer as commanded, or better as the steps were made.
+    /// `measured` are the readings of the board's sensors.
     pub fn laid(&mut self, layer: &LayerBytes, measured: Option<&Measured>) {
         let layer = decode(layer);
         let measured = measured.copied().unwrap_or_default();
@@ -188,7 +189,7 @@ impl<'a> Feedback<'a> {
         }
     }
 
-    /// How far the tip has grown since the last layer that was measured, mm.
+    /// Returns the growth of the tip since the last measured layer, mm.
     fn growth(&mut self, layer: &Layer, pulses: Option<u32>) -> Option<f64> {
         let expected = layer.height * (1.0 + self.tracker.estimate().systematic_errors.growth);
         if self.laid < self.counts_from {
@@ -200,16 +201,16 @@ impl<'a> Feedback<'a> {
         let from = self.counted.replace(pulses);
         let expected = std::mem::take(&mut self.expected);
         let uncounted = std::mem::take(&mut self.uncounted);
-        // Counts wrap, and filament that is pulled back at first takes them below 0.
+        // Counts wrap, and filament that is retracted at first takes them below 0.
         let counted = from.map(|from| f64::from(pulses.wrapping_sub(from).cast_signed()) * mm_per_pulse);
         Some(uncounted + counted.unwrap_or(expected))
     }
 
-    /// The layers to come, planned again from where the tip will be once those under way, which can no longer be
-    /// changed, are laid.
+    /// Plans the remaining layers again. They start from the forecast of the tip after the layers in progress, which
+    /// can no longer be changed.
     ///
     /// # Errors
-    /// In a scene: where they would be too near to an obstacle, and no other way was found.
+    /// In a scene, if they would be too near to an obstacle and no detour was found.
     pub fn rest(&mut self, under_way: &[LayerBytes]) -> Result<Correction, TooNear> {
         let under_way: Vec<Layer> = under_way.iter().map(decode).collect();
         self.tracker.replan(&under_way);
@@ -222,24 +223,24 @@ impl<'a> Feedback<'a> {
         Ok(Correction { layers, detour })
     }
 
-    /// The name of a job of these layers, the laid ones as they were commanded.
+    /// Returns the plan id of a job of these layers. The laid ones are given as commanded.
     #[must_use]
     pub fn plan_id(&self, layers: &[LayerBytes]) -> u64 {
         plan_id(self.robot, layers)
     }
 
-    /// The job has been amended.
+    /// Records that the job has been amended.
     pub fn amended(&mut self) {
         self.amendments += 1;
     }
 
-    /// How often the job has been amended.
+    /// Returns the number of amendments of the job.
     #[must_use]
     pub fn amendments(&self) -> u32 {
         self.amendments
     }
 
-    /// How far it has come.
+    /// Returns the number of amendments so far and the current estimate of the tip.
     #[must_use]
     pub fn result(&self) -> FedBack {
         FedBack { amendments: self.amendments, estimate: self.tracker.estimate() }
@@ -253,7 +254,7 @@ mod tests {
     use growbot_core::path::end;
 
     const EXACT: SensorNoise = SensorNoise { odometry: 0.0, direction: 0.0 };
-    /// Growth of a layer, mm, and what it is in pulses of robot A's encoder.
+    /// Growth of a layer, mm. `PULSES` is the same in pulses of robot A's encoder.
     const HEIGHT: f64 = 0.774;
     const PULSES: f64 = 56.935;
 
@@ -273,7 +274,7 @@ mod tests {
             Self { robot: crate::robot_file::load("growbot-a".as_ref()).unwrap(), start, path, legs }
         }
 
-        /// Its feedback, and one of its layers.
+        /// Returns the feedback of the path and one of its layers.
         fn feedback(&self) -> (Feedback<'_>, LayerBytes) {
             let layer = Encoder::default().encode(&Layer { alpha: 0.0, height: HEIGHT, tilt: 0.0 });
             (Feedback::new(&self.robot, &self.start, &self.path, &self.legs, EXACT), layer)
@@ -306,7 +307,7 @@ mod tests {
         let grown = 1.1 * HEIGHT * 100.0;
         assert!((height(&feedback) / grown - 1.0).abs() < 0.002, "{} {grown}", height(&feedback));
         assert!((feedback.result().estimate.systematic_errors.growth - 0.1).abs() < 0.01);
-        // The rest is commanded less high, and ends where it should.
+        // The rest is commanded less high and ends at the planned height.
         let rest = feedback.rest(&[]).unwrap().layers;
         let end = grow(&feedback.result().estimate.base_from_tip, rest.iter().map(decode));
         let commanded = end.translation.z - height(&feedback);
@@ -322,7 +323,7 @@ mod tests {
         for index in 1..=50 {
             feedback.laid(&layer, Some(&counted(7 + (PULSES * f64::from(index)) as u32)));
         }
-        // Ten more were laid before the board started anew, and nothing is known of them.
+        // Ten more were laid before the board restarted, and nothing is known of them.
         feedback.count_from(&count(2, 60, 2));
         for _ in 0..10 {
             feedback.laid(&layer, None);

@@ -1,7 +1,7 @@
-//! Writing files: they are whole or not there.
+//! Writing of files so that a file is either complete or absent.
 //!
-//! Only here is a file refused that the program reads ([`refuse_inputs`], [`note_input`]), or whose ending says no
-//! format of these ([`format_of`]).
+//! Only this module refuses to write a file that the program reads ([`refuse_inputs`], [`note_input`]), or whose
+//! extension is not one of the expected formats ([`format_of`]).
 
 use std::collections::VecDeque;
 use std::ffi::{OsStr, OsString};
@@ -10,7 +10,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-/// Why a file could not be written.
+/// Error of writing a file.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
     /// The directory for a file does not exist.
@@ -18,16 +18,16 @@ pub enum FileError {
     NoDirectory {
         /// The file.
         file: String,
-        /// The directory that is not there.
+        /// The missing directory.
         directory: String,
     },
-    /// The file is one that the command reads.
+    /// The file is an input of the command.
     #[error("cannot write {file}: it is an input of this command, which would be lost; choose another file")]
     Input {
         /// The file.
         file: String,
     },
-    /// Standard output goes to a file that the command reads.
+    /// Standard output is redirected to an input of the command.
     #[error(
         "cannot read {file}: standard output is redirected onto it, and what is printed would destroy it; redirect to \
          another file"
@@ -36,14 +36,14 @@ pub enum FileError {
         /// The file.
         file: String,
     },
-    /// The file's ending says none of the formats.
+    /// The file's extension is not one of the formats.
     #[error("cannot write {file}: its ending .{ending} is none of the formats here; end it in {formats}")]
     Ending {
         /// The file.
         file: String,
-        /// Its ending.
+        /// Extension of the file.
         ending: String,
-        /// The endings there are.
+        /// Extensions of the formats.
         formats: String,
     },
     /// The file cannot be written.
@@ -51,28 +51,29 @@ pub enum FileError {
     File {
         /// The file.
         file: String,
-        /// What the system says.
+        /// Error of the operating system.
         #[source]
         error: io::Error,
     },
 }
 
-/// The files that this program has read last: device and inode of each, and the file itself, so that no other one gets
-/// these numbers when it is deleted.
+/// Files that this program read last: device and inode of each, and the open file itself. The open file prevents the
+/// system from reusing these numbers when it is deleted.
 static READ: Mutex<VecDeque<((u64, u64), File)>> = Mutex::new(VecDeque::new());
-/// More files than any command reads.
+/// Maximum number of recorded inputs, above the number that any command reads.
 const MAX_READ: usize = 64;
 
-/// The file, which messages call `name`, is an input from now on: nothing is written to it, under any name.
+/// Records a file as an input. From then on nothing is written to it, under any name. `name` is its name in error
+/// messages.
 ///
 /// # Errors
-/// [`FileError::OntoInput`] where standard output is redirected onto it. Refused before anything is done: results that
-/// have nowhere to go help nobody.
+/// [`FileError::OntoInput`] if standard output is redirected to it. This is refused before any work is done, because
+/// its results could not be printed.
 pub fn note_input(file: File, name: &str) -> Result<(), FileError> {
     note_input_beside(file, name, place_of_stdout())
 }
 
-/// As [`note_input`], where standard output is such a file.
+/// Like [`note_input`], but takes the identity of the file that standard output is redirected to.
 fn note_input_beside(file: File, name: &str, stdout: Option<(u64, u64)>) -> Result<(), FileError> {
     let Some(place) = file.metadata().ok().as_ref().and_then(place_of) else { return Ok(()) };
     if stdout == Some(place) {
@@ -86,7 +87,7 @@ fn note_input_beside(file: File, name: &str, stdout: Option<(u64, u64)>) -> Resu
     Ok(())
 }
 
-/// The file that standard output is redirected to.
+/// Returns the identity of the file that standard output is redirected to.
 #[cfg(unix)]
 fn place_of_stdout() -> Option<(u64, u64)> {
     use std::os::fd::AsFd;
@@ -99,7 +100,7 @@ fn place_of_stdout() -> Option<(u64, u64)> {
     None
 }
 
-/// Refuses a file that this program has read, under this name or another: through links, relative paths, descriptors.
+/// Refuses a file that this program has read, under this name or another: through links, relative paths or descriptors.
 ///
 /// # Errors
 /// [`FileError::Input`].
@@ -112,7 +113,7 @@ pub fn refuse_inputs(path: &Path) -> Result<(), FileError> {
     Ok(())
 }
 
-/// The identity of a file under any name: its device and inode. Only for regular files.
+/// Returns the identity of a file under any name: its device and inode. `None` unless it is a regular file.
 #[cfg(unix)]
 fn place_of(file: &Metadata) -> Option<(u64, u64)> {
     use std::os::unix::fs::MetadataExt;
@@ -124,10 +125,11 @@ fn place_of(_: &Metadata) -> Option<(u64, u64)> {
     None
 }
 
-/// The format that a file's ending says, of these; none for a name without an ending, and for standard output (`-`).
+/// Returns the format of these that matches a file's extension. `None` for a name without an extension, and for
+/// standard output (`-`).
 ///
 /// # Errors
-/// [`FileError::Ending`] for any other ending.
+/// [`FileError::Ending`] for any other extension.
 pub fn format_of<'a>(path: &Path, formats: &[&'a str]) -> Result<Option<&'a str>, FileError> {
     let Some(ending) = ending(path) else { return Ok(None) };
     match formats.iter().find(|format| **format == ending) {
@@ -136,12 +138,12 @@ pub fn format_of<'a>(path: &Path, formats: &[&'a str]) -> Result<Option<&'a str>
     }
 }
 
-/// The ending of a file's name, in small letters.
+/// Returns the extension of a file's name, in lower case.
 fn ending(path: &Path) -> Option<String> {
     path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase)
 }
 
-/// The file's ending is none of these.
+/// Returns the error for a file whose extension is not one of these.
 fn unknown_ending(path: &Path, formats: &[&str]) -> FileError {
     let formats: Vec<String> = formats.iter().map(|format| format!(".{format}")).collect();
     let formats = match formats.split_last() {
@@ -152,9 +154,9 @@ fn unknown_ending(path: &Path, formats: &[&str]) -> FileError {
     FileError::Ending { file: path.display().to_string(), ending: ending(path).unwrap_or_default(), formats }
 }
 
-/// Writes a file beside its place and renames it there, so that nobody ever sees half of it and a failure leaves what
-/// was there before. Symbolic links are followed; a device or a named pipe is written to, not replaced. What this
-/// program has read is not written to.
+/// Writes a temporary file in the same directory and renames it, so that readers never see half of it and a failure
+/// leaves the old file. Symbolic links are followed. A device or a named pipe is written to, not replaced. Files that
+/// this program has read are not written to.
 ///
 /// # Errors
 /// [`FileError::NoDirectory`] or [`FileError::File`]; [`FileError::Input`] for a file that this program has read.
@@ -164,14 +166,14 @@ pub fn replace_file(path: &Path, contents: &[u8]) -> Result<(), FileError> {
     replacement.finish()
 }
 
-/// A file that is written piece by piece, as [`replace_file`] does at once: it is in its place when it is finished, and
-/// leaves nothing if it never is.
+/// A file that is written piece by piece, in the way of [`replace_file`]. It appears in its place when it is finished,
+/// and leaves nothing if it never is.
 #[derive(Debug)]
 pub struct Replacement {
-    /// As messages call it.
+    /// Name used in error messages.
     name: String,
     target: PathBuf,
-    /// What is written until then; none for a device, which is written to.
+    /// Temporary file until then. `None` for a device, which is written to directly.
     partial: Option<PathBuf>,
     file: File,
     existing: Option<Metadata>,
@@ -181,7 +183,7 @@ impl Replacement {
     /// Begins a file.
     ///
     /// # Errors
-    /// As [`replace_file`].
+    /// Like [`replace_file`].
     pub fn begin(path: &Path) -> Result<Self, FileError> {
         refuse_inputs(path)?;
         let name = path.display().to_string();
@@ -217,7 +219,7 @@ impl Replacement {
         self.file.write_all(contents).map_err(|error| self.failed(error))
     }
 
-    /// Puts the file in its place.
+    /// Moves the finished file to its place.
     ///
     /// # Errors
     /// [`FileError::File`].
@@ -227,7 +229,7 @@ impl Replacement {
             if let Some(existing) = &self.existing {
                 self.file.set_permissions(existing.permissions())?;
             }
-            // Without this a power cut after the rename could leave an empty file where a good one was.
+            // Without this, a power cut after the rename could leave an empty file in place of a good one.
             self.file.sync_all()?;
             fs::rename(partial, &self.target)
         };
@@ -236,7 +238,7 @@ impl Replacement {
         Ok(())
     }
 
-    /// Writing to the file failed.
+    /// Returns the error for a failure to write to the file.
     #[must_use]
     pub fn failed(&self, error: io::Error) -> FileError {
         FileError::File { file: self.name.clone(), error }
@@ -261,8 +263,8 @@ impl Drop for Replacement {
     }
 }
 
-/// A file that is to make room for another of its name: it lies beside its place until the other is good, and is then
-/// taken away. If the program is killed before, it stays there.
+/// A file that another one of its name is about to replace. It is renamed within its directory until the other is good,
+/// and is then deleted. If the program is killed before, it stays there.
 #[derive(Debug)]
 pub struct SetAside {
     place: PathBuf,
@@ -270,8 +272,7 @@ pub struct SetAside {
 }
 
 impl SetAside {
-    /// Sets aside the file of this name, or the one that a symbolic link leads to; nothing where there is none, or a
-    /// device.
+    /// Renames the file of this name, or the target of a symbolic link. `None` if it does not exist or is a device.
     ///
     /// # Errors
     /// [`FileError::File`] if it cannot be renamed.
@@ -281,22 +282,22 @@ impl SetAside {
             return Ok(None);
         }
         let failed = |error| FileError::File { file: path.display().to_string(), error };
-        // The empty file keeps the name for the rename.
+        // The empty file reserves the name for the rename.
         let (aside, _) = create_beside(&place).map_err(failed)?;
         fs::rename(&place, &aside).map_err(failed)?;
         Ok(Some(Self { place, aside }))
     }
 
-    /// Where it was: what a symbolic link leads to.
+    /// Returns its original path, with symbolic links resolved.
     #[must_use]
     pub fn place(&self) -> &Path {
         &self.place
     }
 
-    /// Puts it back, over what is in its place now.
+    /// Moves it back, over the file that is in its place now.
     pub fn restore(self) {
         if fs::rename(&self.aside, &self.place).is_err() {
-            // It stays beside its place.
+            // It stays under its temporary name.
             std::mem::forget(self);
         }
     }
@@ -308,7 +309,7 @@ impl Drop for SetAside {
     }
 }
 
-/// A new file of a name of its own in the same directory: a rename works within a file system only.
+/// Creates a file with a unique name in the same directory, because a rename works only within a file system.
 fn create_beside(target: &Path) -> io::Result<(PathBuf, File)> {
     let mut attempt = 0;
     loop {

@@ -1,26 +1,28 @@
-//! When a growth is done: the layers to come, at the robot's period, on a clock. Nothing here reads a clock.
+//! Forecast of the end of a growth, from the remaining layers and the robot's period. Nothing here reads a clock.
 
 use growbot_core::link::message::{State, Status};
 use time::{Duration, OffsetDateTime};
 
-/// What a finish time is computed by.
+/// Parameters from which the finish time is computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Forecast {
-    /// Time for a layer by the robot's clock, s.
+    /// Time for a layer on the robot's clock, s.
     pub period_s: f64,
-    /// How fast the robot's clock runs, in multiples of real time: 1 but on a simulated robot.
+    /// Speed of the robot's clock, in multiples of real time. It is 1 except for a simulated robot.
     pub pace: f64,
 }
 
 impl Forecast {
-    /// The time of day at which the layers to come are laid. None where that is beyond every calendar.
+    /// Returns the time of day at which the remaining layers are laid. `None` if it is beyond the range of the
+    /// calendar.
     #[must_use]
     pub fn finish(&self, now: OffsetDateTime, layers_left: u64) -> Option<OffsetDateTime> {
         let seconds = layers_left as f64 * self.period_s / self.pace;
         now.checked_add(Duration::checked_seconds_f64(seconds)?)
     }
 
-    /// The same of a board. None where it does not grow: how long a pause lasts is not known.
+    /// Returns the time of day at which a board finishes. `None` if it is not growing, because the length of a pause is
+    /// unknown.
     #[must_use]
     pub fn finish_of(&self, now: OffsetDateTime, status: &Status) -> Option<OffsetDateTime> {
         let left = status.layers.saturating_sub(status.laid);

@@ -1,4 +1,4 @@
-//! Reading the texts that people hand over: whole, bounded, from a file or from standard input (`-`).
+//! Bounded reading of texts from files or from standard input (`-`).
 
 use std::fs::{self, File, Metadata};
 use std::io::{self, Read};
@@ -7,81 +7,81 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::files::{FileError, note_input};
 
-/// No plan and no robot description is longer than this, bytes (1 MiB).
+/// Maximum length of a plan or a robot description, bytes (1 MiB).
 pub const LONGEST_TEXT: u64 = 1 << 20;
-/// And no run log, bytes (256 MiB): a growth of weeks, whose board is asked for its status all the time.
+/// Maximum length of a run log, bytes (256 MiB): a growth of weeks with frequent status requests.
 pub const LONGEST_LOG: u64 = 256 << 20;
 
-/// Whether an argument has taken standard input: what it gives can be read once.
+/// True if an argument has taken standard input, which can be read only once.
 static TAKEN: AtomicBool = AtomicBool::new(false);
 
-/// Why a text could not be read.
+/// Error of reading a text.
 #[derive(Debug, thiserror::Error)]
 pub enum InputError {
-    /// The file is missing, or may not be read, or reading broke off.
+    /// The file is missing or may not be read, or reading failed.
     #[error("cannot read {name}: {error}")]
     Unreadable {
-        /// What was read.
+        /// Name of the input.
         name: String,
-        /// What the system says.
+        /// Error of the operating system.
         #[source]
         error: io::Error,
     },
-    /// More bytes than any such file has.
+    /// The input is longer than the limit for its kind.
     #[error("{name} is longer than {max} bytes, more than any {}: is it the right file?", kind(.max))]
     TooLong {
-        /// What was read.
+        /// Name of the input.
         name: String,
-        /// The limit.
+        /// Maximum length, bytes.
         max: u64,
     },
-    /// A named pipe, a device or a socket: reading it might wait for ever.
+    /// A named pipe, a device or a socket. Reading it might wait for ever.
     #[error(
         "cannot read {name}: it is {what}, and might never end; give a file, or send it to standard input (-), as in \
          `growbot COMMAND - < FILE`"
     )]
     NoFile {
-        /// What was to be read.
+        /// Name of the input.
         name: String,
-        /// What it is instead of a file.
+        /// Kind of the input instead of a file.
         what: &'static str,
     },
-    /// Standard input is read by another argument already.
+    /// Standard input is already read by another argument.
     #[error("standard input (-) gives one file only: give the other one as a file")]
     ReadAlready,
-    /// Standard output would destroy it.
+    /// Standard output would destroy the input.
     #[error(transparent)]
     Destroyed(#[from] FileError),
-    /// The bytes are no UTF-8.
+    /// The bytes are not UTF-8.
     #[error("{name} is not UTF-8 text (at byte {position}): save it as UTF-8")]
     NotText {
-        /// What was read.
+        /// Name of the input.
         name: String,
-        /// Where the first byte that is no text stands.
+        /// Position of the first byte that is not text.
         position: usize,
     },
 }
 
-/// What is no longer than this.
+/// Returns the kind of input that has this limit.
 fn kind(max: &u64) -> &'static str {
     if *max == LONGEST_LOG { "run log" } else { "plan or robot description" }
 }
 
-/// How a path is called in messages.
+/// Returns the name of a path in messages.
 #[must_use]
 pub fn name_of(path: &Path) -> String {
     if is_standard_input(path) { "standard input".to_owned() } else { path.display().to_string() }
 }
 
-/// Whether the path is `-`, which stands for standard input.
+/// Reports whether the path is `-`, which stands for standard input.
 #[must_use]
 pub fn is_standard_input(path: &Path) -> bool {
     path.as_os_str() == "-"
 }
 
-/// Opens a file, or standard input for `-`. A pipe that the shell has opened (`<(command)`, which is called /dev/fd/N)
-/// is read too; a named pipe, a device or a socket is not, since opening or reading it might wait for ever. What is
-/// opened is an input of this program, which [`crate::files`] does not write to.
+/// Opens a file, or standard input for `-`. A pipe that the shell has opened (`<(command)`, named /dev/fd/N) is
+/// accepted. A named pipe, a device or a socket is not, because opening or reading it might wait for ever. The file
+/// becomes an input of this program, to which [`crate::files`] does not write.
 ///
 /// # Errors
 /// [`InputError::Unreadable`], [`InputError::NoFile`] or [`InputError::Destroyed`].
@@ -94,12 +94,12 @@ pub fn open(path: &Path) -> Result<Box<dyn Read>, InputError> {
         return Ok(Box::new(io::stdin().lock()));
     }
     let unreadable = |error| InputError::Unreadable { name: name_of(path), error };
-    // Looked at before it is opened: opening a named pipe waits for somebody who writes to it.
+    // Check the kind before opening, because opening a named pipe waits for a writer.
     if let Some(what) = never_ending(path, &fs::metadata(path).map_err(unreadable)?) {
         return Err(InputError::NoFile { name: name_of(path), what });
     }
     let file = File::open(path).map_err(unreadable)?;
-    // Opening a directory succeeds on Unix; saying so here reads better than the first failing read.
+    // Opening a directory succeeds on Unix. An error here is clearer than the first failing read.
     if file.metadata().map_err(unreadable)?.is_dir() {
         return Err(unreadable(io::ErrorKind::IsADirectory.into()));
     }
@@ -109,7 +109,7 @@ pub fn open(path: &Path) -> Result<Box<dyn Read>, InputError> {
     Ok(Box::new(file))
 }
 
-/// What a path is, if reading it might wait for ever.
+/// Returns the kind of a path if reading it might wait for ever.
 #[cfg(unix)]
 fn never_ending(path: &Path, metadata: &Metadata) -> Option<&'static str> {
     use std::os::unix::fs::FileTypeExt;
@@ -130,10 +130,10 @@ fn never_ending(_: &Path, _: &Metadata) -> Option<&'static str> {
     None
 }
 
-/// Standard input, which may be a file, is an input from now on.
+/// Records standard input, which may be a file, as an input of this program.
 ///
 /// # Errors
-/// As [`note_input`].
+/// Like [`note_input`].
 #[cfg(unix)]
 pub fn note_standard_input() -> Result<(), FileError> {
     use std::os::fd::AsFd;
@@ -143,7 +143,7 @@ pub fn note_standard_input() -> Result<(), FileError> {
     }
 }
 
-/// Standard input, which may be a file, is an input from now on.
+/// Records standard input, which may be a file, as an input of this program.
 ///
 /// # Errors
 /// None.
@@ -152,16 +152,16 @@ pub fn note_standard_input() -> Result<(), FileError> {
     Ok(())
 }
 
-/// A stream of lines, none of which is longer than [`LONGEST_TEXT`]: the stream may be as long as it likes, and no
-/// memory is filled by a line that does not end.
+/// A stream of lines, none of which may be longer than [`LONGEST_TEXT`]. The stream may have any length, and a line
+/// that does not end cannot exhaust the memory.
 pub struct BoundedLines<R> {
     lines: R,
-    /// Bytes since the last end of a line.
+    /// Number of bytes since the last end of a line.
     length: u64,
 }
 
 impl<R: Read> BoundedLines<R> {
-    /// The lines of a stream.
+    /// Wraps a stream.
     pub fn of(lines: R) -> Self {
         Self { lines, length: 0 }
     }
@@ -181,10 +181,10 @@ impl<R: Read> Read for BoundedLines<R> {
     }
 }
 
-/// All bytes of a file, or of standard input for `-`, up to this many.
+/// Reads all bytes of a file, or of standard input for `-`, up to `max`.
 ///
 /// # Errors
-/// What cannot be opened or read, or is longer.
+/// If it cannot be opened or read, or is longer.
 pub fn read_bytes(path: &Path, max: u64) -> Result<Vec<u8>, InputError> {
     let mut bytes = Vec::new();
     open(path)?
@@ -194,18 +194,18 @@ pub fn read_bytes(path: &Path, max: u64) -> Result<Vec<u8>, InputError> {
     if bytes.len() as u64 > max { Err(InputError::TooLong { name: name_of(path), max }) } else { Ok(bytes) }
 }
 
-/// The whole text of a file, or of standard input for `-`, without a byte order mark.
+/// Reads the whole text of a file, or of standard input for `-`, without a byte order mark.
 ///
 /// # Errors
-/// What cannot be opened or read, is longer than [`LONGEST_TEXT`], or is no UTF-8.
+/// If it cannot be opened or read, is longer than [`LONGEST_TEXT`], or is not UTF-8.
 pub fn read_text(path: &Path) -> Result<String, InputError> {
     text_of(read_bytes(path, LONGEST_TEXT)?, path)
 }
 
-/// The text that these bytes of a file are, without a byte order mark.
+/// Converts the bytes of a file to text without a byte order mark.
 ///
 /// # Errors
-/// As [`read_text`].
+/// Like [`read_text`].
 pub fn text_of(bytes: Vec<u8>, path: &Path) -> Result<String, InputError> {
     if bytes.len() as u64 > LONGEST_TEXT {
         return Err(InputError::TooLong { name: name_of(path), max: LONGEST_TEXT });

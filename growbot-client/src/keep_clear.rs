@@ -1,19 +1,19 @@
-//! A growth in closed loop that keeps off the obstacles of a scene.
+//! A growth in closed loop that stays clear of the obstacles of a scene.
 //!
-//! Layers come out otherwise than planned, and each correction is another body. Whoever corrects a growth, here a
-//! host, has to have each correction checked before it is sent to a board: [`Keeper::check`] proves that the body to
-//! come keeps off all obstacles by half the tube and by 3 standard deviations of the tip's position, as it will be
-//! along it. Where measured directions differ more than expected from what was reckoned, the deviations are taken for
-//! as much larger. The margin of the scene is there for the growth to use up.
+//! Layers come out differently from the plan, and each correction is another body. The host that corrects a growth must
+//! have each correction checked before it is sent to a board. [`Keeper::check`] proves that the remaining body stays
+//! clear of all obstacles. The distance is half the tube plus 3 standard deviations of the expected position of the tip
+//! along it. If measured directions differ more than expected from the computed ones, the deviations are scaled up
+//! accordingly. The margin of the scene is available for the growth to use up.
 //!
-//! Where a correction is too near, another path is planned through the scene, from where the tip will be once the
-//! layers under way are laid ([`Keeper::keep_clear`]). Where there is none the growth has to pause, and [`TooNear`]
-//! says where and why.
+//! If a correction is too near, another path is planned through the scene ([`Keeper::keep_clear`]). It starts from the
+//! forecast of the tip after the layers in progress. If there is none, the growth has to pause, and [`TooNear`]
+//! contains place and reason.
 //!
-//! The deviation is the estimator's own, run ahead over the layers to come with the measurements to come
-//! (`Tracker::forecast`). It is the root of the sum over the axes, which no direction exceeds. It is scaled by the
-//! root of the mean of the squared innovations of directions over what was expected, because the estimator assumes
-//! how much a robot leans.
+//! The deviation is the estimator's own, propagated over the remaining layers and their measurements
+//! (`Tracker::forecast`). It is the root of the sum over the axes, which no direction exceeds. It is scaled by the root
+//! of the mean ratio of the squared innovations of directions to their expectation, because the estimator assumes how
+//! much a robot leans.
 
 use std::cell::OnceCell;
 
@@ -33,39 +33,39 @@ use serde::{Deserialize, Serialize};
 use crate::plan::{Goal, Plan, Search};
 use crate::through_scene::{self, LENGTH_MAX, Through, coming};
 
-/// Standard deviations of the position by which a body keeps off obstacles.
+/// Clearance of a body from obstacles, in standard deviations of its position.
 pub const DEVIATIONS: f64 = 3.0;
-/// Max number of detours of one growth: each bends the body more.
+/// Maximum number of detours of one growth. Each of them bends the body more.
 pub const MAX_DETOURS: usize = 12;
-/// What will be known along the body is told anew after this many layers.
+/// Number of layers after which the deviations along the remaining body are computed again.
 const TOLD_FOR: usize = 16;
-/// And a detour that was not found is searched for again.
+/// Number of layers after which a detour that was not found is searched for again.
 const SEARCH_AGAIN: usize = 64;
-/// Effort of one search, in units of `--effort`: some 0.2 s.
+/// Effort of one search, in units of `--effort`: about 0.2 s.
 const EFFORT: u64 = 2;
-/// Clearance that a detour is planned with: in shares of what it needs at its worst place. What it needs elsewhere may
-/// be less, so less is tried too.
+/// Clearances with which a detour is planned, as multiples of the clearance that it needs at its worst place. It may
+/// need less elsewhere, so smaller values are tried too.
 const CLEARANCES: [f64; 4] = [1.5, 1.1, 0.8, 0.5];
-/// A layer that comes nearer to touching than this is refused, mm.
+/// Clearance below which a layer is rejected, mm.
 const SLACK: f64 = 1e-3;
-/// Of obstacles farther than this it does not matter how far they are, mm.
+/// Distance of obstacles, mm, above which the exact distance does not matter.
 const FAR: f64 = 100.0;
 
-/// Where the body to come would be too near to an obstacle.
+/// The place at which the remaining body would be too near to an obstacle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TooNear {
     /// Index of the layer.
     pub layer: u32,
-    /// The point of the centreline, mm.
+    /// Point of the centreline, mm.
     pub point_mm: [f64; 3],
-    /// The obstacle that is nearest to it.
+    /// Name of the nearest obstacle.
     pub obstacle: String,
-    /// How far the outside of the tube would be from it, mm.
+    /// Distance of the tube's outside from the obstacle, mm.
     pub clearance_mm: f64,
-    /// 3 standard deviations of the position there, mm.
+    /// 3 standard deviations of the position at that point, mm.
     pub deviation_mm: f64,
-    /// Why there is no other way, where one was looked for.
+    /// Reason why no detour was found, if one was searched for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub no_detour: Option<String>,
 }
@@ -88,21 +88,21 @@ impl std::fmt::Display for TooNear {
 
 impl std::error::Error for TooNear {}
 
-/// Another path that was taken, from where the tip was.
+/// Another path that the growth took.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Detour {
-    /// Index of its first layer.
+    /// Index of the first layer.
     pub from: u32,
     /// Length of the path, mm.
     pub length_mm: f64,
-    /// Proven min clearance between the outside of its tube and the obstacles, mm.
+    /// Proven minimum clearance between the outside of the tube and the obstacles, mm.
     pub clearance_mm: f64,
-    /// Where the correction would have been too near.
+    /// The place at which the correction would have been too near.
     pub instead_of: TooNear,
 }
 
-/// A scene that a growth keeps off, and the paths that were planned on the way.
+/// The scene of a growth, and the detours planned during it.
 #[derive(Debug)]
 pub struct Surroundings<'a> {
     robot: &'a Robot,
@@ -112,7 +112,7 @@ pub struct Surroundings<'a> {
     detours: [OnceCell<Planned>; MAX_DETOURS],
 }
 
-/// A detour as it was planned.
+/// A planned detour.
 #[derive(Debug, Clone)]
 struct Planned {
     start: Pose,
@@ -121,59 +121,59 @@ struct Planned {
 }
 
 impl<'a> Surroundings<'a> {
-    /// A scene for one growth, whose detours have this radius (mm).
+    /// Creates the scene of one growth, whose detours have this radius (mm).
     #[must_use]
     pub fn new(robot: &'a Robot, loaded: &'a LoadedScene, radius: f64) -> Self {
         Self { robot, loaded, radius, detours: Default::default() }
     }
 }
 
-/// Keeps one growth off the obstacles.
+/// Keeps one growth clear of the obstacles.
 #[derive(Debug, Clone)]
 pub struct Keeper<'a> {
     around: &'a Surroundings<'a>,
-    /// The body so far, as it came out by the estimate.
+    /// The body so far, according to the estimate.
     body: Vec<Segment>,
-    /// What was measured after the latest layer.
+    /// The quantities that are measured after each layer.
     seen: Seen,
-    /// 3 standard deviations along the body to come, from the layer of an index on, mm.
+    /// 3 standard deviations along the remaining body, mm. The first one belongs to the layer of index `told_at`.
     deviations: Vec<f64>,
     told_at: usize,
-    /// By how much they are larger because the robot is not as assumed.
+    /// Factor by which the deviations are larger because the robot is not as assumed.
     larger: f64,
-    /// When a detour was searched for in vain, by layers laid, and why there is none.
+    /// Number of laid layers at the latest search that found no detour, and the reason.
     no_detour: Option<(usize, String)>,
 }
 
 impl<'a> Keeper<'a> {
-    /// Before the first layer. `seen`: what is going to be measured after each.
+    /// Creates the keeper before the first layer. `seen` are the quantities that will be measured after each layer.
     #[must_use]
     pub fn new(around: &'a Surroundings<'a>, seen: Seen) -> Self {
         Self { around, body: Vec::new(), seen, deviations: Vec::new(), told_at: 0, larger: 1.0, no_detour: None }
     }
 
-    /// A layer was laid: as it was commanded, on a robot with these errors.
+    /// Records a layer as it was commanded, on a robot with these errors.
     pub fn laid(&mut self, layer: &Layer, systematic: &SystematicErrors) {
         self.body.push(segment(layer, systematic));
     }
 
-    /// Layers laid.
+    /// Returns the number of laid layers.
     #[must_use]
     pub fn layers(&self) -> usize {
         self.body.len()
     }
 
-    /// Length of the body so far, mm.
+    /// Returns the length of the body so far, mm.
     #[must_use]
     pub fn length(&self) -> f64 {
         path::length(&self.body)
     }
 
-    /// Has the rest keep off all obstacles: call it after [`Tracker::replan`] with the same layers under way. Where the
-    /// rest is too near, it becomes a detour, if there is one.
+    /// Keeps the rest clear of all obstacles. Call it after [`Tracker::replan`] with the same layers in progress. If
+    /// the rest is too near, it is replaced by a detour, if one is found.
     ///
     /// # Errors
-    /// Where it is too near, and why there is no detour: then the growth must pause.
+    /// The place at which it is too near, and the reason that no detour was found. The growth must then pause.
     pub fn keep_clear(&mut self, tracker: &mut Tracker<'a>, under_way: &[Layer]) -> Result<Option<Detour>, TooNear> {
         let Err(too_near) = self.check(tracker, under_way) else {
             self.no_detour = None;
@@ -199,7 +199,7 @@ impl<'a> Keeper<'a> {
         }
     }
 
-    /// Whether the layers under way and the rest keep off all obstacles by 3 standard deviations, by proof.
+    /// Proves that the layers in progress and the rest stay clear of all obstacles by 3 standard deviations.
     ///
     /// # Errors
     /// The first layer that does not.
@@ -214,7 +214,7 @@ impl<'a> Keeper<'a> {
         let scene = &self.around.loaded.scene;
         let most = half_tube + self.most();
         let mut base_from_tip: Frame = estimate.base_from_tip;
-        // Lengths along the body to come, and up to where it is proven to be clear.
+        // Lengths along the remaining body: of the layers so far, and of the part that is proven to be clear.
         let (mut along, mut proven) = (0.0, 0.0);
         let mut work = Work::default();
         for (index, layer) in layers.iter().enumerate() {
@@ -244,24 +244,24 @@ impl<'a> Keeper<'a> {
         Ok(())
     }
 
-    /// Tells anew what will be known along the body to come.
+    /// Recomputes the expected position uncertainty along the remaining body.
     fn tell(&mut self, tracker: &Tracker, layers: &[Layer]) {
         let now = tracker.estimate().position_deviation;
         let then = tracker.forecast(layers.iter().copied(), self.seen);
-        // A layer lies between what is known at its ends.
+        // The deviation within a layer is the larger one of those at its ends.
         let mut before = now;
         self.deviations.clear();
         self.deviations.extend(then.map(|after| DEVIATIONS * std::mem::replace(&mut before, after).max(after)));
         self.told_at = self.body.len();
     }
 
-    /// 3 standard deviations of the position in the layer of this index in the body to come, mm.
+    /// Returns 3 standard deviations of the position in the layer of this index in the remaining body, mm.
     fn deviation(&self, index: usize) -> f64 {
         let told = self.deviations.get(self.body.len() - self.told_at + index).or(self.deviations.last());
         self.larger * told.copied().unwrap_or_default()
     }
 
-    /// The max of them along the body to come, mm.
+    /// Returns the maximum of 3 standard deviations along the remaining body, mm.
     fn most(&self) -> f64 {
         self.larger * self.deviations.iter().copied().fold(0.0, f64::max)
     }
@@ -278,8 +278,8 @@ impl<'a> Keeper<'a> {
         }
     }
 
-    /// A tracker that follows another path, which is clear, with its length and its proven clearance; or why there is
-    /// none.
+    /// Returns a tracker that follows another, clear path, with its length and its proven clearance. The error contains
+    /// the reason if none is found.
     fn detour(&mut self, tracker: &Tracker<'a>, under_way: &[Layer]) -> Result<(Tracker<'a>, f64, f64), String> {
         let around = self.around;
         let Some(slot) = around.detours.iter().find(|slot| slot.get().is_none()) else {
@@ -322,7 +322,7 @@ impl<'a> Keeper<'a> {
         Err(why)
     }
 
-    /// The tracker on this plan, if it is clear there.
+    /// Returns the tracker on this plan, if the plan is clear.
     fn take(
         &mut self,
         tracker: &Tracker<'a>,
@@ -330,7 +330,7 @@ impl<'a> Keeper<'a> {
         plan: &Plan,
         slot: &'a OnceCell<Planned>,
     ) -> Result<Tracker<'a>, TooNear> {
-        // Tried first, so that the place is only taken by a path that is followed.
+        // Check a copy first, so that the slot is used only by a path that is followed.
         let mut trial = tracker.clone();
         trial.follow(&plan.start, &plan.path, &plan.legs);
         self.deviations.clear();
@@ -343,7 +343,7 @@ impl<'a> Keeper<'a> {
     }
 }
 
-/// A layer as it comes out of a robot with these errors.
+/// Returns a layer as it comes out of a robot with these errors.
 fn segment(layer: &Layer, systematic: &SystematicErrors) -> Segment {
     let length = layer.height * (1.0 + systematic.growth);
     let bend = layer.tilt * (1.0 + systematic.tilt);
@@ -376,13 +376,13 @@ mod tests {
         robot_file::load("growbot-a".as_ref()).unwrap()
     }
 
-    /// 600 mm straight up.
+    /// Returns a plan of 600 mm straight up.
     fn plan(robot: &Robot) -> Plan {
         let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,600,0,90").unwrap());
         Plan::make(robot, &start, &goal, 100.0, Planner::Shortest).unwrap()
     }
 
-    /// A scene of balls of 50 mm at these places.
+    /// Returns a scene of balls of 50 mm at these places.
     fn balls(centres: &[[f64; 3]]) -> LoadedScene {
         let ball = |centre: &[f64; 3]| Shape::Ball { centre: (*centre).into(), radius: 50.0 };
         let scene = Scene::new(centres.iter().map(ball).collect(), vec![], vec![], vec![]);
@@ -408,7 +408,7 @@ mod tests {
                 let found = Keeper::new(&around, SEEN).check(&tracker, &[]);
                 assert_eq!(found.is_ok(), is_clear, "{height} {off} {found:?}");
                 if let Err(too_near) = found {
-                    // The first layer that is too near lies before the narrowest place, and not far.
+                    // The first layer that is too near lies shortly before the narrowest place.
                     let z = too_near.point_mm[2];
                     assert!(z <= height + 1.0 && z > height - 30.0, "{too_near}");
                     assert!(too_near.obstacle.starts_with("the ball at"), "{too_near}");
@@ -432,7 +432,8 @@ mod tests {
         assert!(too_near.layer < 40, "{too_near}");
     }
 
-    /// Grows in a scene: the growth's end, its detours, where it paused, and the least clearance of the true body.
+    /// Grows in a scene. Returns the end of the growth, its detours, the place of a pause, and the smallest clearance
+    /// of the true body.
     fn grow(loaded: &LoadedScene, disturbance: &Disturbance, seed: u64) -> (Frame, Vec<Detour>, Option<TooNear>, f64) {
         let robot = robot();
         let plan = plan(&robot);
@@ -483,7 +484,7 @@ mod tests {
 
     #[test]
     fn a_robot_that_strays_is_stopped_before_it_touches() {
-        // A shaft with 3 mm round the tube: a robot whose layers lean at random is soon off its line.
+        // A shaft with 3 mm round the tube. A robot whose layers lean at random soon leaves its line.
         let wall = |x: f64, y: f64| Shape::Box {
             centre: Vector3::new(x, y, 300.0),
             half: Vector3::new(50.0, 50.0, 300.0),

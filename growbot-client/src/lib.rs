@@ -1,19 +1,20 @@
 //! Drives a growing robot's board.
 //!
-//! The geometry is growbot-core's; here is what a program needs to have a body planned, grown and recorded:
+//! The geometry is in growbot-core. This crate contains what a program needs to plan, grow and record a body:
 //!
 //! - [`robot_file`]: descriptions of robots, built in or from TOML files;
-//! - [`pose_text`]: poses as people type them, [`degrees`];
-//! - [`plan`]: a path with all that is said about it; [`warning`], what speaks against growing it; [`clearance`],
-//!   whether a body would run into itself;
+//! - [`pose_text`]: poses as users type them; [`degrees`]: angles in text form;
+//! - [`plan`]: a path with its properties; [`warning`]: reasons against growing it; [`clearance`]: whether a body would
+//!   collide with itself;
 //! - [`plan_file`]: plans as JSON, and their checks; [`through_scene`]: plans past obstacles;
-//! - [`port`]: the line to a board; [`client`]: requests to it and their answers;
-//! - [`growth`]: a whole job; [`feedback`]: its layers planned again as they are measured; [`arrival`]: how near it
-//!   came;
-//! - [`maintenance`]: presets of materials, and words that become tasks of a board;
-//! - [`run_log`]: the log of a growth, its events and its result, and [`run_clock`], its time; [`forecast`], when it is done;
-//! - [`input`], [`files`], [`printable`], [`suggest`]: bounded reading, whole files or none, text that steers no
-//!   terminal, and names for mistyped ones.
+//! - [`port`]: the line to a board; [`client`]: requests to it and their responses;
+//! - [`growth`]: a whole job; [`feedback`]: its layers planned again as they are measured; [`arrival`]: the errors at
+//!   the goal;
+//! - [`maintenance`]: presets of materials, and maintenance commands;
+//! - [`run_log`]: the log of a growth, its events and its result; [`run_clock`]: its time; [`forecast`]: its finish
+//!   time;
+//! - [`input`], [`files`], [`printable`], [`suggest`]: bounded reading, atomic writing, text without control
+//!   characters, and suggestions for mistyped names.
 //!
 //! The feature `schema` derives JSON Schemas of plans, run logs and results.
 //!

@@ -1,4 +1,4 @@
-//! Maintenance as people ask for it: presets of materials, and words that become tasks of the board.
+//! Maintenance commands of users: presets of materials, and their conversion to tasks of the board.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,12 +12,12 @@ use crate::pose_text::parse_number;
 use crate::robot_file::{self, RobotFileError};
 use crate::suggest::did_you_mean;
 
-/// What a material needs: a table `[materials.NAME]` of a robot file.
+/// Settings of a material: a table `[materials.NAME]` of a robot file.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct Preset {
-    /// Temperature of the nozzle, C; `heater.target_c` where it is left out.
+    /// Temperature of the nozzle, C. Defaults to `heater.target_c`.
     pub nozzle_c: Option<f64>,
     /// Filament that is pushed in to load it, mm.
     #[serde(deserialize_with = "length")]
@@ -33,7 +33,7 @@ pub struct Preset {
     pub purge_mm: f64,
 }
 
-/// A length of filament: which way it goes, the task says.
+/// Deserializes a length of filament, 0 or more. The task determines the direction.
 fn length<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     let mm = f64::deserialize(from)?;
     if mm.is_finite() && mm >= 0.0 {
@@ -49,13 +49,13 @@ impl Default for Preset {
     }
 }
 
-/// The presets of a robot.
+/// Presets of a robot.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Presets {
     by_name: BTreeMap<String, Preset>,
 }
 
-/// The commands, with their arguments and what they do.
+/// Commands with their arguments and descriptions.
 pub const COMMANDS: [(&str, &str, &str); 8] = [
     ("preheat", "[C|MATERIAL]", "heat the nozzle for maintenance: to a temperature, a material's, or that of growth"),
     ("cooldown", "", "end maintenance: heater and steppers off"),
@@ -68,10 +68,10 @@ pub const COMMANDS: [(&str, &str, &str); 8] = [
 ];
 
 impl Presets {
-    /// Those of this robot file; none of a built-in robot.
+    /// Reads the presets of this robot file. A built-in robot has none.
     ///
     /// # Errors
-    /// What cannot be read, or is no preset.
+    /// If the file cannot be read, or a preset is not valid.
     pub fn load(name_or_file: &Path) -> Result<Self, RobotFileError> {
         let (text, file) = robot_file::text_of(name_or_file)?;
         Ok(Self { by_name: robot_file::materials(&text, &file)? })
@@ -87,10 +87,10 @@ impl Presets {
         })
     }
 
-    /// Understands a command of [`COMMANDS`]; none where the word is no such command.
+    /// Parses a command of [`COMMANDS`]. `None` if the word is not one of them.
     ///
     /// # Errors
-    /// What is wrong with it, as a message.
+    /// A message with the fault of the command.
     pub fn task(&self, word: &str, rest: &str, robot: &Robot) -> Option<Result<Task, String>> {
         let rest = rest.trim();
         let alone =
@@ -128,7 +128,7 @@ impl Presets {
     }
 }
 
-/// How a request for a task is called.
+/// Returns the name of the request for a task.
 #[must_use]
 pub fn request_name(task: Task) -> &'static str {
     match task {
@@ -140,7 +140,7 @@ pub fn request_name(task: Task) -> &'static str {
     }
 }
 
-/// What the board does now, in words.
+/// Returns a message with the action of the board.
 #[must_use]
 pub fn in_words(task: Task) -> String {
     match task {

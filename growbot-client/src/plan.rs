@@ -1,9 +1,9 @@
-//! A plan: a path that has been checked to end at its goal, with all that is said about it.
+//! A plan: a path that has been checked to end at its goal, with its properties.
 //!
-//! A path through several poses is planned leg by leg. Each leg starts at the pose where the one before should have
-//! ended, if the tip is there to 1e-11, otherwise where the tip is. So a goal exactly ahead stays exactly ahead, and
-//! errors do not add up over many legs. A pose's own frame has no roll and the carried one has, so segments are
-//! turned by the difference. If no candidate is clear of the body, the shortest is taken, with a warning.
+//! A path through several poses is planned leg by leg. Each leg starts at the pose where the previous one should have
+//! ended, if the tip is there to 1e-11, and otherwise at the tip. So a goal exactly ahead stays exactly ahead, and
+//! errors do not add up over many legs. A pose's own frame has no roll, but the propagated frame of the tip has, so
+//! segments are turned by the difference. If no candidate is clear of the body, the shortest is taken, with a warning.
 
 use growbot_core::path::{self, Leg, Segment};
 use growbot_core::plan::{self as planning, Chosen, MAX_RADIUS, Needs, PlanError, Planner};
@@ -19,58 +19,59 @@ use crate::waypoints;
 /// A plan for one robot. Lengths in mm, angles in radians.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// The robot's name.
+    /// Name of the robot.
     pub robot: String,
     /// Hash of the robot's whole description ([`Robot::hash`]).
     pub robot_hash: u64,
-    /// How the path was found.
+    /// Planner that found the path.
     pub planner: Planner,
     /// Radius of the arcs, mm.
     pub radius: f64,
-    /// Where the tip starts.
+    /// Start pose of the tip.
     pub start: Pose,
-    /// Where it is to arrive: the goal of the last leg.
+    /// Goal of the last leg.
     pub goal: Pose,
     /// The legs from pose to pose, at least one.
     pub legs: Vec<Leg>,
-    /// What each leg was chosen from; plans of older versions do not say.
+    /// Search statistics of each leg. `None` in plans written by older versions.
     pub choices: Vec<Option<Choice>>,
-    /// Of each leg, whether only the position of its goal was asked for, so that the direction is the planner's choice.
+    /// True for each leg of which only the position of the goal was given, so that the planner chose the direction.
     pub free_directions: Vec<bool>,
     /// The path from start to goal.
     pub path: Vec<Segment>,
     /// Length, layers, time and filament.
     pub needs: Needs,
-    /// What speaks against growing it.
+    /// Reasons against growing it.
     pub warnings: Vec<Warning>,
-    /// The scene that it leads through, if it was planned through one.
+    /// The scene through which the path was planned. `None` in empty space.
     pub scene: Option<SceneClearance>,
 }
 
-/// The scene that a plan leads through, and how clear of it the body is.
+/// The scene that a plan leads through, and the clearance of the body from it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneClearance {
-    /// The scene's file.
+    /// File of the scene.
     pub file: String,
     /// Hash of the scene's files.
     pub hash: u64,
-    /// Proven min clearance between the outside of the tube and everything in the scene, mm.
+    /// Proven minimum clearance between the outside of the tube and everything in the scene, mm.
     pub clearance: f64,
 }
 
-/// What the path of a leg, or of a plan, was chosen from.
+/// Search statistics of the path of a leg or of a plan.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Choice {
-    /// How many paths were found that reach the goal; of several legs, the sum.
+    /// Number of paths found that reach the goal. For several legs, the sum.
     pub candidates: usize,
-    /// How many shorter ones were passed over because the body would have run into itself.
+    /// Number of shorter paths that were rejected because the body would have collided with itself.
     pub passed_over: usize,
     /// Length of the two-plane path, mm.
     pub two_plane_length: f64,
 }
 
 impl Choice {
-    /// By how much the two-plane path is longer than one of this length (mm), percent; 0 for a path of no length.
+    /// Returns by how much the two-plane path is longer than one of this length (mm), percent. 0 for a path of no
+    /// length.
     #[must_use]
     pub fn two_plane_longer_percent(&self, length: f64) -> f64 {
         if length > 0.0 { 100.0 * (self.two_plane_length / length - 1.0) } else { 0.0 }
@@ -85,12 +86,12 @@ impl Choice {
     }
 }
 
-/// Where a leg is to end.
+/// Goal of a leg.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
-    /// At a position, pointing in a direction.
+    /// A position with a direction.
     Pose(Pose),
-    /// At a position, pointing anywhere.
+    /// A position with any direction.
     Position(Position),
 }
 
@@ -101,7 +102,7 @@ impl From<Pose> for Goal {
 }
 
 impl Goal {
-    /// The position, mm.
+    /// Returns the position, mm.
     #[must_use]
     pub fn position(&self) -> Vector3<f64> {
         match self {
@@ -110,38 +111,37 @@ impl Goal {
         }
     }
 
-    /// Whether any direction will do.
+    /// Reports whether any direction is accepted.
     #[must_use]
     pub fn is_free(&self) -> bool {
         matches!(self, Self::Position(_))
     }
 }
 
-/// The legs of a plan, and what each was chosen from. All lists have one length.
+/// The legs of a plan and the search statistics of each. All lists have the same length.
 #[derive(Debug)]
 pub(crate) struct ChosenLegs {
-    /// The legs, one at least.
+    /// The legs, at least one.
     pub(crate) legs: Vec<Leg>,
-    /// What each leg was chosen from; `None` where a plan file does not say.
+    /// Search statistics of each leg. `None` if a plan file does not contain them.
     pub(crate) choices: Vec<Option<Choice>>,
-    /// Whether the direction at the end of each leg was the planner's choice.
+    /// True for each leg at whose end the planner chose the direction.
     pub(crate) free_directions: Vec<bool>,
 }
 
-/// How a path is looked for.
+/// Parameters of the search for a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Search {
     /// Radius of the arcs, mm.
     pub radius: f64,
-    /// Where candidates come from.
+    /// Planner that generates the candidates.
     pub planner: Planner,
-    /// Whether to take the shortest candidate that does not run into the body instead of the shortest of all.
+    /// True to take the shortest candidate that does not collide with the body, instead of the shortest of all.
     pub clear_of_self: bool,
 }
 
-/// A leg is planned from the pose it should start at as long as the tip is this near to it, in radii and radians: a
-/// goal that lies exactly ahead then still does. Beyond, it is planned from where the tip is, so that errors do not add
-/// up.
+/// Tolerance, in radii and radians, within which a leg is planned from the nominal start pose. A goal that lies exactly
+/// ahead then stays exactly ahead. Beyond it, the leg is planned from the actual tip, so that errors do not add up.
 const AT_THE_POSE: f64 = 1e-11;
 
 impl Plan {
@@ -158,22 +158,21 @@ impl Plan {
     /// ```
     ///
     /// # Errors
-    /// As [`growbot_core::plan::plan`]: a radius that the robot cannot bend to, above all.
+    /// Like [`growbot_core::plan::plan`], mainly a radius to which the robot cannot bend.
     pub fn make(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Self, PlanError> {
         Self::through(robot, start, &[], goal, &Search { radius, planner, clear_of_self: false })
     }
 
-    /// Plans from the start through these poses or positions, in order, to the goal: each leg from where the one before
-    /// ended, with the frame of the tip carried along.
+    /// Plans from the start through these poses or positions, in order, to the goal. Each leg starts where the previous
+    /// one ended, with the propagated frame of the tip.
     ///
-    /// Directions at positions are chosen for the shortest path, jointly where there are several
-    /// ([`crate::waypoints`]).
+    /// Directions at positions are chosen for the shortest path, jointly if there are several ([`crate::waypoints`]).
     ///
-    /// With [`Search::clear_of_self`], each leg is the shortest candidate that meets neither itself nor the legs
-    /// before; where there is none, the shortest of all, and the plan's warnings say so.
+    /// With [`Search::clear_of_self`], each leg is the shortest candidate that collides neither with itself nor with
+    /// the earlier legs. If there is none, it is the shortest of all, and the plan's warnings include this.
     ///
     /// # Errors
-    /// As [`Plan::make`].
+    /// Like [`Plan::make`].
     pub fn through<G: Copy + Into<Goal>>(
         robot: &Robot,
         start: &Pose,
@@ -186,15 +185,15 @@ impl Plan {
         Ok(waypoints::shorter(&plan, robot, &goals, search).unwrap_or(plan))
     }
 
-    /// Plans each leg for itself, to a position in the direction that makes this leg the shortest.
+    /// Plans each leg on its own. The direction at a position is the one that makes this leg the shortest.
     pub(crate) fn leg_by_leg(robot: &Robot, start: &Pose, goals: &[Goal], search: &Search) -> Result<Self, PlanError> {
         Self::by_legs(robot, start, goals, search, |from, goal, body, roll| {
             plan_leg(robot, from, goal, search, body, roll)
         })
     }
 
-    /// Plans leg by leg: `plan_leg` is given the pose at which a leg starts, its goal, the body before it, and the roll
-    /// of the tip there.
+    /// Plans leg by leg. `plan_leg` gets the pose at which a leg starts, its goal, the body before it, and the roll of
+    /// the tip there.
     pub(crate) fn by_legs<E>(
         robot: &Robot,
         start: &Pose,
@@ -204,7 +203,7 @@ impl Plan {
     ) -> Result<Self, E> {
         let mut body: Vec<Segment> = Vec::new();
         let (mut legs, mut choices) = (Vec::with_capacity(goals.len()), Vec::with_capacity(goals.len()));
-        // Where the tip is, and the pose and the roll from which the next leg is planned.
+        // Frame of the tip, and the pose and the roll from which the next leg is planned.
         let mut base_from_tip = start.frame();
         let (mut from, mut roll) = (*start, 0.0);
         for goal in goals {
@@ -224,7 +223,7 @@ impl Plan {
         Ok(Self::of_path(robot, start, search.radius, search.planner, legs, body))
     }
 
-    /// The plan of a path that leads from the start along its legs, at least one.
+    /// Creates the plan of a path that leads from the start along its legs, at least one.
     pub(crate) fn of_path(
         robot: &Robot,
         start: &Pose,
@@ -251,14 +250,14 @@ impl Plan {
         }
     }
 
-    /// The path type, a letter for each segment: C for an arc, S for a straight line, H for a helicoidal arc. Empty for
-    /// a path of no length.
+    /// Returns the path type, a letter for each segment: C for an arc, S for a straight line, H for a helicoidal arc.
+    /// Empty for a path of no length.
     #[must_use]
     pub fn path_type(&self) -> String {
         path_type(&self.path)
     }
 
-    /// The segments of each leg, and what they were chosen from.
+    /// Returns the segments of each leg and its search statistics.
     pub fn by_leg(&self) -> impl Iterator<Item = (Option<Choice>, &[Segment])> {
         let mut rest = self.path.as_slice();
         self.legs.iter().zip(&self.choices).map(move |(leg, choice)| {
@@ -268,27 +267,27 @@ impl Plan {
         })
     }
 
-    /// The poses on the way: the goals of all legs but the last.
+    /// Returns the waypoints: the goals of all legs but the last.
     #[must_use]
     pub fn via(&self) -> Vec<Pose> {
         let on_the_way = self.legs.len().saturating_sub(1);
         self.legs.iter().take(on_the_way).map(|leg| leg.goal).collect()
     }
 
-    /// Whether only the position of the goal was asked for.
+    /// Reports whether only the position of the goal was given.
     #[must_use]
     pub fn has_free_direction(&self) -> bool {
         self.free_directions.last().is_some_and(|free| *free)
     }
 
-    /// What the whole path was chosen from, if every leg says.
+    /// Returns the search statistics of the whole path. `None` if a leg has none.
     #[must_use]
     pub fn choice(&self) -> Option<Choice> {
         self.choices.iter().try_fold(Choice::default(), |sum, choice| Some(sum.and((*choice)?)))
     }
 }
 
-/// The planner's name, as `--planner` and files have it.
+/// Returns the name of the planner in `--planner` and in files.
 #[must_use]
 pub const fn planner_name(planner: Planner) -> &'static str {
     match planner {
@@ -297,7 +296,7 @@ pub const fn planner_name(planner: Planner) -> &'static str {
     }
 }
 
-/// The type of a path: the kinds of its segments in order, a letter each.
+/// Returns the type of a path: the kinds of its segments in order, a letter each.
 #[must_use]
 pub fn path_type(path: &[Segment]) -> String {
     let letter = |segment: &Segment| match segment {
@@ -311,32 +310,32 @@ pub fn path_type(path: &[Segment]) -> String {
     letters.into_iter().collect()
 }
 
-/// By how much a tip at this pose is turned about its direction of growth from the pose's own frame, radians.
+/// Returns the roll of a tip at this pose about its direction of growth, relative to the pose's own frame, radians.
 pub(crate) fn roll_from(pose: &Pose, base_from_tip: &Frame) -> f64 {
     let pose_from_tip = pose.frame().rotation.inverse() * base_from_tip.rotation;
     let matrix = pose_from_tip.matrix();
     libm::atan2(matrix[(1, 0)], matrix[(0, 0)])
 }
 
-/// A leg as it was planned.
+/// A planned leg.
 pub(crate) struct PlannedLeg {
-    /// The pose at its end.
+    /// Pose at the end of the leg.
     pub(crate) goal: Pose,
-    /// The path, from the pose's own frame.
+    /// The path, in the pose's own frame.
     pub(crate) path: Vec<Segment>,
-    /// What it was chosen from, where it is one of several paths that were found.
+    /// Search statistics, if the path is one of several that were found.
     pub(crate) choice: Option<Choice>,
 }
 
 impl PlannedLeg {
-    /// A leg that was chosen, where so many shorter candidates were passed over.
+    /// Creates a leg from a chosen path, with the number of shorter candidates that were rejected.
     pub(crate) fn chosen(goal: Pose, chosen: &Chosen, passed_over: usize) -> Self {
         let &Chosen { ref path, candidates, two_plane_length } = chosen;
         Self { goal, path: path.to_vec(), choice: Some(Choice { candidates, passed_over, two_plane_length }) }
     }
 }
 
-/// Plans one leg, which begins where this body ends.
+/// Plans one leg, which begins at the end of this body.
 fn plan_leg(
     robot: &Robot,
     from: &Pose,
@@ -364,7 +363,7 @@ fn plan_leg(
     Ok(PlannedLeg::chosen(goal, &chosen, 0))
 }
 
-/// The shortest candidate that is accepted, and the pose in which it ends.
+/// Returns the shortest candidate that is accepted, and the pose at its end.
 pub(crate) fn plan_where(
     robot: &Robot,
     from: &Pose,

@@ -1,5 +1,5 @@
-//! Poses, positions, lengths and angles as people type them: `X,Y,Z,HEADING,PITCH` or `X,Y,Z`, spaces after the commas
-//! or not. Lengths are in mm unless they say `mm` or `m`, angles in degrees unless they say `deg` or `rad`.
+//! Text form of poses, positions, lengths and angles: `X,Y,Z,HEADING,PITCH` or `X,Y,Z`, with or without spaces after
+//! the commas. Lengths are in mm or have the unit `mm` or `m`. Angles are in degrees or have the unit `deg` or `rad`.
 
 use growbot_core::angle::degrees;
 use growbot_core::pose::{Pose, PoseError, Position};
@@ -7,66 +7,66 @@ use nalgebra::Vector3;
 
 use crate::plan::Goal;
 
-/// Why a text is no pose.
+/// Error of parsing a pose.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PoseTextError {
-    /// Not five numbers.
+    /// The number of values is not five.
     #[error(
         "a pose is five numbers, X,Y,Z,HEADING,PITCH in mm and degrees, and this is {found}: with spaces, put it in \
          quotes"
     )]
     Count {
-        /// How many there were.
+        /// Number of values found.
         found: usize,
     },
-    /// Neither three numbers nor five.
+    /// The number of values is neither three nor five.
     #[error(
         "a goal is X,Y,Z,HEADING,PITCH in mm and degrees, or X,Y,Z where any direction will do, and this is {found}: \
          with spaces, put it in quotes"
     )]
     GoalCount {
-        /// How many numbers there were.
+        /// Number of values found.
         found: String,
     },
-    /// Something that is no length or angle.
+    /// A value is not a length or angle.
     #[error("{field} is {text:?}, {error}")]
     NotANumber {
-        /// Which of the five.
+        /// Name of the field.
         field: &'static str,
-        /// What was there.
+        /// Value in the text.
         text: String,
-        /// What it should be.
+        /// Error of the value.
         #[source]
         error: QuantityError,
     },
-    /// Five numbers that are no pose.
+    /// The five numbers are not a valid pose.
     #[error(transparent)]
     Pose(#[from] PoseError),
 }
 
-/// Why a text is no length or no angle.
+/// Error of parsing a length or an angle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum QuantityError {
-    /// No length.
+    /// The text is not a length.
     #[error("which is no length: write it like -120, 600mm or 0.6m")]
     Length,
-    /// No angle.
+    /// The text is not an angle.
     #[error("which is no angle: write it like -45, 90deg or 1.57rad")]
     Angle,
 }
 
 const FIELDS: [&str; 5] = ["x", "y", "z", "heading", "pitch"];
 
-/// A number that was typed, in mm or degrees.
+/// A parsed number, in mm or degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quantity {
     /// The number.
     pub value: f64,
-    /// Whether its unit was typed, too.
+    /// True if the text contains the unit.
     pub has_unit: bool,
 }
 
-/// A length in mm from its text: in mm, or with its unit, `mm` or `m`.
+/// Parses a length in mm, or with its unit, `mm` or `m`.
 ///
 /// ```
 /// use growbot_client::pose_text::parse_length;
@@ -76,7 +76,7 @@ pub struct Quantity {
 /// ```
 ///
 /// # Errors
-/// What is no number, or has another unit.
+/// If the text is not a number, or has another unit.
 pub fn parse_length(text: &str) -> Result<Quantity, QuantityError> {
     let text = text.trim();
     let quantity = match (text.strip_suffix("mm"), text.strip_suffix('m')) {
@@ -87,7 +87,7 @@ pub fn parse_length(text: &str) -> Result<Quantity, QuantityError> {
     quantity.ok_or(QuantityError::Length)
 }
 
-/// An angle in degrees from its text: in degrees, or with its unit, `deg` or `rad`.
+/// Parses an angle in degrees, or with its unit, `deg` or `rad`.
 ///
 /// ```
 /// use growbot_client::pose_text::parse_angle;
@@ -96,7 +96,7 @@ pub fn parse_length(text: &str) -> Result<Quantity, QuantityError> {
 /// ```
 ///
 /// # Errors
-/// What is no number, or has another unit.
+/// If the text is not a number, or has another unit.
 pub fn parse_angle(text: &str) -> Result<Quantity, QuantityError> {
     let text = text.trim();
     let quantity = match (text.strip_suffix("deg"), text.strip_suffix("rad")) {
@@ -115,25 +115,25 @@ fn without_unit(value: f64) -> Quantity {
     Quantity { value, has_unit: false }
 }
 
-/// Metres, in mm: by their decimals, so that 0.55 m is 550 mm to the last digit.
+/// Parses metres and returns mm. Works on the decimals, so that 0.55 m is 550 mm to the last digit.
 fn parse_metres(number: &str) -> Option<f64> {
     let metres = parse_number(number)?;
     let by_decimals = if number.contains(['e', 'E']) { None } else { parse_number(&format!("{number}e3")) };
     by_decimals.or(Some(metres * 1000.0))
 }
 
-/// A goal as it was typed.
+/// A parsed goal.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TypedGoal {
     /// The goal.
     pub goal: Goal,
-    /// Whether all coordinates came without a unit.
+    /// True if all coordinates were given without a unit.
     pub bare_lengths: bool,
-    /// The angles that came without a unit, degrees.
+    /// Angles that were given without a unit, degrees.
     pub bare_angles: Vec<f64>,
 }
 
-/// A goal from its text: a pose, or a position alone.
+/// Parses a goal: a pose, or a position alone.
 ///
 /// ```
 /// use growbot_client::{plan::Goal, pose_text::parse_goal};
@@ -142,7 +142,8 @@ pub struct TypedGoal {
 /// ```
 ///
 /// # Errors
-/// Neither three numbers nor five, a number of another unit, anything not finite, a pitch beyond +-90 degrees.
+/// If there are neither three numbers nor five, a number has another unit or is not finite, or the pitch is beyond +-90
+/// degrees.
 pub fn parse_goal(text: &str) -> Result<TypedGoal, PoseTextError> {
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();
     let count = |found: usize| match found {
@@ -171,14 +172,14 @@ pub fn parse_goal(text: &str) -> Result<TypedGoal, PoseTextError> {
     })
 }
 
-/// A field of a pose: the first three are lengths, the others angles.
+/// Parses a field of a pose. The first three are lengths, the others are angles.
 fn quantity(field: &'static str, text: &str) -> Result<Quantity, PoseTextError> {
     let parsed =
         if FIELDS.iter().take(3).any(|length| *length == field) { parse_length(text) } else { parse_angle(text) };
     parsed.map_err(|error| PoseTextError::NotANumber { field, text: text.to_owned(), error })
 }
 
-/// A pose from its text.
+/// Parses a pose.
 ///
 /// ```
 /// use growbot_client::pose_text::parse_pose;
@@ -189,15 +190,15 @@ fn quantity(field: &'static str, text: &str) -> Result<Quantity, PoseTextError> 
 /// ```
 ///
 /// # Errors
-/// As [`parse_goal`], and a position alone.
+/// Like [`parse_goal`], and if the text is a position alone.
 pub fn parse_pose(text: &str) -> Result<Pose, PoseTextError> {
     parse_typed_pose(text).map(|(pose, _)| pose)
 }
 
-/// As [`parse_pose`], with how it was typed.
+/// Like [`parse_pose`], but also returns the goal with the units that were given.
 ///
 /// # Errors
-/// As [`parse_pose`].
+/// Like [`parse_pose`].
 pub fn parse_typed_pose(text: &str) -> Result<(Pose, TypedGoal), PoseTextError> {
     let found = text.split(',').count();
     if found != FIELDS.len() {
@@ -210,11 +211,11 @@ pub fn parse_typed_pose(text: &str) -> Result<(Pose, TypedGoal), PoseTextError> 
     }
 }
 
-/// A pose from x, y, z in mm, heading and pitch in degrees. The heading is wrapped while it is still in degrees, where
-/// a turn is a whole number: 190 is -170 to the last digit.
+/// Creates a pose from x, y, z in mm, heading and pitch in degrees. The heading is wrapped in degrees, in which a turn
+/// is a whole number, so that 190 is -170 to the last digit.
 ///
 /// # Errors
-/// As [`Pose::from_degrees`].
+/// Like [`Pose::from_degrees`].
 pub fn pose_of_numbers([x, y, z, heading, pitch]: [f64; 5]) -> Result<Pose, PoseError> {
     // The remainder of two doubles is exact.
     let mut wrapped = heading % 360.0;
@@ -223,15 +224,15 @@ pub fn pose_of_numbers([x, y, z, heading, pitch]: [f64; 5]) -> Result<Pose, Pose
     } else if wrapped <= -180.0 {
         wrapped += 360.0;
     }
-    // What is not finite must be refused with the value it had.
+    // An error must contain the original value of a heading that is not finite.
     Pose::from_degrees([x, y, z, if heading.is_finite() { wrapped } else { heading }, pitch])
 }
 
-/// A number from its text; spaces round it are tolerated. `nan` and `inf` pass, so that who checks the range can name
-/// them.
+/// Parses a number with optional spaces round it. `nan` and `inf` are accepted, so that the check of the range can
+/// report them.
 #[must_use]
 pub fn parse_number(text: &str) -> Option<f64> {
-    // Adding zero makes -0 plain 0, so that it is written as people expect.
+    // Adding zero turns -0 into 0, so that it is printed as users expect.
     text.trim().parse::<f64>().ok().map(|number| number + 0.0)
 }
 

@@ -1,35 +1,36 @@
-//! Text on its way to a terminal. Names, outcomes and messages come from files, boards and other programs: none of
-//! their characters may move the cursor, change colours or turn the direction of writing.
+//! Sanitizing of text for a terminal. Names, outcomes and messages come from files, boards and other programs. None of
+//! their characters may move the cursor, change colours or reverse the direction of writing.
 
 use std::borrow::Cow;
 
 use serde::Serialize;
 
-/// Whether a terminal obeys this character instead of showing it: C0, DEL, C1, and what changes lines or the direction
-/// of writing.
+/// Reports whether a terminal obeys this character instead of showing it: C0, DEL, C1, and characters that change lines
+/// or the direction of writing.
 #[must_use]
 pub fn steers(letter: char) -> bool {
     letter.is_control()
         || matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// The text with a space in place of each such character but the ends of lines.
+/// Returns the text with a space in place of each such character except newlines.
 #[must_use]
 pub fn lines(text: &str) -> Cow<'_, str> {
     without(text, |letter| letter != '\n' && steers(letter))
 }
 
-/// The text in one line, with a space in place of each such character.
+/// Returns the text in one line, with a space in place of each such character.
 #[must_use]
 pub fn one_line(text: &str) -> Cow<'_, str> {
     without(text, steers)
 }
 
-/// A value as one line of JSON, with its newline. Such a character is escaped in it, so that its reader has the
-/// very text.
+/// Returns a value as one line of JSON, with its newline. Such characters are escaped, so that a reader gets the exact
+/// text.
 #[must_use]
 pub fn json_line(value: &impl Serialize) -> String {
-    // Only maps with keys that are no strings could fail, and there are none. What steers stands in strings alone.
+    // Serialization fails only for maps whose keys are not strings, which do not occur. Such characters occur only in
+    // strings.
     let plain = serde_json::to_string(value).unwrap_or_default();
     let mut line = String::with_capacity(plain.len() + 1);
     for letter in plain.chars() {

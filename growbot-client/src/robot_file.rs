@@ -1,7 +1,7 @@
 //! Descriptions of robots: built in by name, or from TOML files.
 //!
-//! The files in `robots/` are in the binary, so that nothing has to be installed beside it. A file of one's own may
-//! have any name; what it describes is checked in full ([`Robot::new`]) before anything else sees it.
+//! The files in `robots/` are in the binary, so that no other files have to be installed. A user's own file may have
+//! any name. Its description is checked in full ([`Robot::new`]) before it is used.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -18,7 +18,7 @@ use crate::suggest::{did_you_mean, suggest};
 /// The default robot: the paper's robot A.
 pub const DEFAULT: &str = "growbot-a";
 
-/// The built-in descriptions: name, and text of the file.
+/// Built-in descriptions: name, and text of the file.
 const BUILT_IN: [(&str, &str); 11] = [
     ("growbot-a", include_str!("../../robots/growbot-a.toml")),
     ("growbot-a1", include_str!("../../robots/growbot-a1.toml")),
@@ -33,22 +33,22 @@ const BUILT_IN: [(&str, &str); 11] = [
     ("growbot-c", include_str!("../../robots/growbot-c.toml")),
 ];
 
-/// Why there is no robot.
+/// Error of loading a robot.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotFileError {
-    /// Neither a built-in name nor a file.
+    /// The name is neither a built-in name nor a file.
     #[error(
         "there is no robot and no file {name:?}{}; built in are {}",
         did_you_mean(.name, names()), names().collect::<Vec<_>>().join(", ")
     )]
     Unknown {
-        /// What was asked for.
+        /// Name given by the user.
         name: String,
     },
     /// The file cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// The file is no TOML, or says something that no description says.
+    /// The file is not TOML, or has unknown or invalid keys.
     #[error("{file}, line {line}, column {column}: {reason}")]
     Toml {
         /// The file.
@@ -57,32 +57,32 @@ pub enum RobotFileError {
         line: usize,
         /// Column, from 1, in characters.
         column: usize,
-        /// What is wrong there.
+        /// Error at that position.
         reason: String,
     },
-    /// The description is complete but describes no robot that works.
+    /// The description is complete, but the robot would not work.
     #[error("{file}: {error}")]
     Robot {
         /// The file.
         file: String,
-        /// The field and its limit.
+        /// Field and its limit.
         #[source]
         error: RobotError,
     },
 }
 
-/// The names of the built-in descriptions, in order.
+/// Returns the names of the built-in descriptions, in order.
 pub fn names() -> impl Iterator<Item = &'static str> {
     BUILT_IN.iter().map(|(name, _)| *name)
 }
 
-/// Whether a name is that of a built-in description.
+/// Reports whether a name is that of a built-in description.
 #[must_use]
 pub fn is_built_in(name: &str) -> bool {
     names().any(|built_in| built_in == name)
 }
 
-/// The robot of this built-in name or, failing that, of this file.
+/// Loads the robot of this built-in name or else of this file.
 ///
 /// ```
 /// use growbot_client::robot_file;
@@ -91,16 +91,16 @@ pub fn is_built_in(name: &str) -> bool {
 /// ```
 ///
 /// # Errors
-/// What is neither, cannot be read, or is no valid description.
+/// If it is neither, cannot be read, or is not a valid description.
 pub fn load(name_or_file: &Path) -> Result<Robot, RobotFileError> {
     let (text, file) = text_of(name_or_file)?;
     parse(&text, &file)
 }
 
-/// The text of the built-in description of this name or, failing that, of this file; and how messages call it.
+/// Returns the text of the built-in description of this name or else of this file, and its name in error messages.
 ///
 /// # Errors
-/// What is neither or cannot be read.
+/// If it is neither or cannot be read.
 pub fn text_of(name_or_file: &Path) -> Result<(Cow<'static, str>, String), RobotFileError> {
     if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| name_or_file.as_os_str() == *name) {
         return Ok(((*text).into(), (*name).to_owned()));
@@ -116,7 +116,7 @@ pub fn text_of(name_or_file: &Path) -> Result<(Cow<'static, str>, String), Robot
     }
 }
 
-/// The robot that a TOML text describes. `file` is how messages call the text.
+/// Parses the description of a robot from TOML. `file` is its name in error messages.
 ///
 /// # Errors
 /// [`RobotFileError::Toml`] with the place, or [`RobotFileError::Robot`].
@@ -127,10 +127,10 @@ pub fn parse(text: &str, file: &str) -> Result<Robot, RobotFileError> {
     Robot::new(description).map_err(|error| RobotFileError::Robot { file: file.to_owned(), error })
 }
 
-/// What a TOML text says, which messages call `file`.
+/// Parses a TOML text. `file` is its name in error messages.
 ///
 /// # Errors
-/// [`RobotFileError::Toml`] with the place, and the key that was probably meant.
+/// [`RobotFileError::Toml`] with the position, and the key that was probably meant.
 pub fn from_toml<T: DeserializeOwned>(text: &str, file: &str) -> Result<T, RobotFileError> {
     toml::from_str(text).map_err(|error| {
         let at = error.span().map_or(0, |span| span.start);
@@ -139,10 +139,11 @@ pub fn from_toml<T: DeserializeOwned>(text: &str, file: &str) -> Result<T, Robot
     })
 }
 
-/// The presets of materials of a robot file, by name: they are the host's, and no part of what the robot is.
+/// Returns the presets of materials of a robot file, by name. They belong to the host and not to the robot's
+/// description.
 ///
 /// # Errors
-/// [`RobotFileError::Toml`] with the place.
+/// [`RobotFileError::Toml`] with the position.
 pub fn materials(text: &str, file: &str) -> Result<BTreeMap<String, Preset>, RobotFileError> {
     #[derive(Deserialize, Default)]
     #[serde(default)]
@@ -153,12 +154,13 @@ pub fn materials(text: &str, file: &str) -> Result<BTreeMap<String, Preset>, Rob
     Ok(from_toml::<Materials>(&text, file)?.materials)
 }
 
-/// Whether the header of a table is that of a material.
+/// Reports whether the header of a table is that of a material.
 fn is_of_materials(header: &str) -> bool {
     header.starts_with("[materials.")
 }
 
-/// The text with the tables alone whose header is so; the others are empty lines, so that places stay.
+/// Returns the text with only the tables whose header fulfils `is_so`. Other lines become empty, so that positions stay
+/// the same.
 fn only(text: &str, is_so: impl Fn(&str) -> bool) -> String {
     let mut keeps = is_so("");
     let mut kept = String::with_capacity(text.len());
@@ -172,12 +174,12 @@ fn only(text: &str, is_so: impl Fn(&str) -> bool) -> String {
     kept
 }
 
-/// No directory and no extension: more likely a name than a file.
+/// Reports whether a path has no directory and no extension, so that it is more likely a name than a file.
 fn looks_like_a_name(path: &Path) -> bool {
     path.components().count() == 1 && path.extension().is_none()
 }
 
-/// What a TOML error says, in one line, with the key that was probably meant.
+/// Returns the message of a TOML error in one line, with the key that was probably meant.
 fn reason(error: &toml::de::Error) -> String {
     let message = error.message().replace('\n', "; ");
     // serde's form: unknown field `a`, expected one of `b`, `c`
@@ -192,7 +194,7 @@ fn reason(error: &toml::de::Error) -> String {
     }
 }
 
-/// Line and column, both from 1, of a byte of a text.
+/// Returns line and column, both from 1, of a byte of a text.
 fn line_and_column(text: &str, at: usize) -> (usize, usize) {
     let before = text.get(..at).unwrap_or(text);
     let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
@@ -203,7 +205,7 @@ fn line_and_column(text: &str, at: usize) -> (usize, usize) {
 mod tests {
     use super::*;
 
-    /// Planning radius of each robot in the paper (Tables 1 and 3), and time for a layer.
+    /// Planning radius of each robot in the paper (Tables 1 and 3), and its time for a layer.
     const PAPER: [(&str, f64, f64); 11] = [
         ("growbot-a", 100.0, 18.0),
         ("growbot-a1", 100.0, 1.8),
@@ -243,7 +245,7 @@ mod tests {
             assert_eq!(description.planning_radius_mm, radius, "{name}");
             assert_eq!(description.layer.period_s, period, "{name}");
             assert!(radius >= robot.min_radius(), "{name}: R_min is {}", robot.min_radius());
-            // A full layer at the planning radius is a whole g * dt high, as in the paper.
+            // As in the paper, a full layer at the planning radius is exactly g * dt high.
             assert_eq!(robot.max_mean_height(1.0 / radius), description.layer.height_mm, "{name}");
         }
     }

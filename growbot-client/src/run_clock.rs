@@ -1,9 +1,9 @@
-//! The time of a growth, from its reports: of a run log, or live.
+//! The time of a growth, from a run log or from live reports.
 //!
-//! A run log has the time of day of each line, which says little where a simulated robot grows in a second, and the
-//! board's time in each status, which this goes by. Time begins at 0 with the first status; the board's time continues
-//! where it was after a reset; between them a layer is reported no sooner after the one before than the robot needs for
-//! it.
+//! A run log has the time of day of each line, which means little if a simulated robot grows in a second. It also has
+//! the board's time in each status, which this module uses. Time begins at 0 with the first status, and after a reset
+//! the board's time continues where it was. Between two statuses, a layer is reported no earlier after the previous one
+//! than the robot needs for it.
 
 use growbot_core::layer::Layer;
 
@@ -14,27 +14,27 @@ use crate::run_log::{BoardStatus, Events, RunEvent};
 #[derive(Debug, Default)]
 pub struct Clock {
     now: u64,
-    /// Time less that of the board, and the board's time in the status before.
+    /// Offset of this clock from the board's, and the board's time in the previous status.
     board: Option<(i64, u64)>,
-    /// When the layer before was told.
+    /// Time of the report of the previous layer.
     laid: Option<u64>,
 }
 
 impl Clock {
-    /// The time.
+    /// Returns the time, ms.
     #[must_use]
     pub fn now(&self) -> u64 {
         self.now
     }
 
-    /// A status has the board's time.
+    /// Updates the clock from a status.
     pub fn status(&mut self, status: &BoardStatus) {
         if let Some(uptime_ms) = status.uptime_ms {
             self.board_says(uptime_ms);
         }
     }
 
-    /// The board has said how long ago it started, ms.
+    /// Updates the clock from the board's time since its start, ms.
     pub fn board_says(&mut self, uptime_ms: u64) {
         let ahead = match self.board {
             Some((ahead, before)) if before <= uptime_ms => ahead,
@@ -44,21 +44,21 @@ impl Clock {
         self.now = self.now.max(ahead.saturating_add_unsigned(uptime_ms).max(0) as u64);
     }
 
-    /// A layer that takes so long, ms, has been laid.
+    /// Records a layer whose duration is given, ms.
     pub fn layer_took(&mut self, duration: u64) {
         self.now = self.laid.map_or(self.now, |laid| self.now.max(laid.saturating_add(duration)));
         self.laid = Some(self.now);
     }
 }
 
-/// How long the robot needs for a layer, ms: its share of the plan's time.
+/// Returns the time that the robot needs for a layer, ms: its fraction of the plan's duration.
 #[must_use]
 pub fn time_for(layer: &Layer, plan: &Plan) -> u64 {
     let share = if plan.needs.length > 0.0 { layer.height / plan.needs.length } else { 0.0 };
     (1000.0 * share * plan.needs.duration).round() as u64
 }
 
-/// The events of a log of these bytes after its header.
+/// Returns the events of a log after its header.
 pub fn events(log: &[u8]) -> impl Iterator<Item = RunEvent> {
     Events::after_header(log)
 }

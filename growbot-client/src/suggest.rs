@@ -1,8 +1,8 @@
-//! Which known name a person may have meant.
+//! Suggestions of known names for mistyped ones.
 
-/// The known name that fits a mistyped one best. That is the name at the fewest single-letter edits, if they are few
-/// enough for a slip (a third of the letters or two, but not all). Otherwise it is a name that begins or ends with the
-/// text.
+/// Returns the known name that fits a mistyped one best. That is the name at the fewest single-letter edits, if they
+/// are few enough for a slip (a third of the letters or two, but not all). Otherwise it is a name that begins or ends
+/// with the text.
 ///
 /// ```
 /// use growbot_client::suggest::suggest;
@@ -27,14 +27,15 @@ pub fn suggest<'a>(text: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
     best.map(|(_, name)| name)
 }
 
-/// The suggestion as an error message ends with it, ` (did you mean growbot-a?)`; empty without one.
+/// Returns the suggestion in the form in which it ends an error message, ` (did you mean growbot-a?)`. Empty without
+/// one.
 #[must_use]
 pub fn did_you_mean<'a>(text: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     suggest(text, known).map(|name| format!(" (did you mean {name}?)")).unwrap_or_default()
 }
 
-/// Insertions, deletions and replacements that turn one name into another (Levenshtein's distance). Names are short:
-/// of longer texts only the first 64 letters count.
+/// Returns the number of insertions, deletions and replacements that turn one name into another (Levenshtein's
+/// distance). Names are short, so only the first 64 letters of longer texts count.
 fn edits(from: &str, to: &str) -> usize {
     let to: Vec<char> = to.chars().take(64).collect();
     let mut row: Vec<usize> = (0..=to.len()).collect();

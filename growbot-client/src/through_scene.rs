@@ -1,4 +1,4 @@
-//! Plans through a scene: each leg is clear of all obstacles, of itself and of the legs before, which is proven.
+//! Plans through a scene. Each leg is proven to be clear of all obstacles, of itself and of the earlier legs.
 
 use std::cell::Cell;
 use std::path::Path;
@@ -21,47 +21,49 @@ use crate::clearance::first_collision;
 use crate::plan::{Goal, Plan, PlannedLeg, SceneClearance, Search, plan_where, roll_from};
 use crate::plan_file::{WrittenScene, written_hash};
 
-/// Stretches that come nearer to touching than this share of what the body needs are refused.
+/// Tolerance of the required clearance, as a fraction. Stretches whose clearance is within it may be rejected.
 const SLACK: f64 = 1e-3;
-/// Distances that a search looks up for each unit of `--effort`: some 0.1 s.
+/// Number of distance queries of a search for each unit of `--effort`: about 0.1 s.
 const WORK_PER_EFFORT: u64 = 100_000;
-/// How long is searched where nothing else is said: some 0.1 s for each.
+/// Default effort of a search, in units of about 0.1 s.
 pub const EFFORT: u64 = 5;
-/// How long the clearance of a plan may be looked for after the deadline of the search, which uses all of its time.
+/// Time after the deadline of the search in which the clearance of a plan may be computed. The search uses all of its
+/// time.
 const GRACE: Duration = Duration::from_millis(200);
-/// A body is no longer than this, mm.
+/// Default limit of the length of a body, mm.
 pub const LENGTH_MAX: f64 = 1e7;
 
-/// The layers that a board gets, in fixed point, lie no farther from [`laid`] than this, mm: what is proven is told
-/// less this. `tests/laid_centrelines.rs` measures it.
+/// Maximum distance of the layers that a board gets, in fixed point, from [`laid`], mm. It is subtracted from each
+/// proven clearance. `tests/laid_centrelines.rs` measures it.
 pub const LAID_APART: f64 = 1e-4;
 
-/// More clearance than this is not told, mm.
+/// Maximum reported clearance, mm.
 pub const MAX_CLEARANCE: f64 = 1e7;
 
-/// A scene to plan through, and how hard to try.
+/// A scene to plan through, and the limits of the search.
 #[derive(Debug)]
 pub struct Through<'a> {
-    /// How the scene is called in plans: its file.
+    /// File of the scene, which plans contain.
     pub file: &'a str,
     /// The scene.
     pub loaded: &'a LoadedScene,
-    /// How far the outside of the tube must keep from everything in it, mm: the scene's own margin, unless more is
-    /// known.
+    /// Minimum distance between the outside of the tube and everything in the scene, mm. This is the scene's own
+    /// margin, or more if more is known.
     pub margin: f64,
-    /// The body that is there already, and the frame of its tip: an obstacle too.
+    /// The existing body and the frame of its tip. It is an obstacle too.
     pub grown: Option<(&'a [Segment], &'a Frame)>,
-    /// How much to search, in units of 100,000 distances. The result depends on nothing else, unless time runs out.
+    /// Effort of the search, in units of 100,000 distance queries. The result depends on nothing else, unless time runs
+    /// out.
     pub effort: u64,
-    /// When to take the best that has been found.
+    /// Time at which to take the best path found so far.
     pub deadline: Option<Instant>,
-    /// Whether the first path will do, however long.
+    /// True to stop at the first path, whatever its length.
     pub first_only: bool,
-    /// The body may be this long, mm; [`LENGTH_MAX`] where it does not matter.
+    /// Maximum length of the body, mm. [`LENGTH_MAX`] if it does not matter.
     pub length_max: f64,
 }
 
-/// Why there is no plan through a scene.
+/// Reason why no plan through a scene was found.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum NoPath {
     /// The start is too near to an obstacle.
@@ -72,7 +74,7 @@ pub enum NoPath {
     Start {
         /// Distance of the start, mm.
         distance: f64,
-        /// What is needed, mm.
+        /// Required distance, mm.
         need: f64,
     },
     /// The goal is too near to an obstacle.
@@ -83,30 +85,30 @@ pub enum NoPath {
     Goal {
         /// Distance of the goal, mm.
         distance: f64,
-        /// What is needed, mm.
+        /// Required distance, mm.
         need: f64,
     },
-    /// The goal is farther away than the body may be long.
+    /// The goal is farther away than the maximum length of the body.
     #[error(
         "the goal is {} mm from where the leg to it starts, and of --length-max {} mm are left there: allow a longer \
          body, or choose a nearer goal", Short(.distance), Short(.left)
     )]
     TooFar {
-        /// How far it is, mm.
+        /// Distance of the goal from the start of its leg, mm.
         distance: f64,
-        /// How long the body may be there, mm.
+        /// Remaining length of the body there, mm.
         left: f64,
     },
-    /// There is no way between start and goal that is wide enough.
+    /// No gap between start and goal is wide enough.
     #[error(
         "no body gets there, however it bends: every way between start and goal is narrower than the {} mm that \
          the centreline needs on each side; open the scene, or lower margin_mm", Short(.need)
     )]
     Separated {
-        /// What is needed, mm.
+        /// Required distance, mm.
         need: f64,
     },
-    /// None was found at a resolution.
+    /// No path was found at this resolution.
     #[error(
         "there is no path at this resolution: arcs and lines of {} mm in {rolls} directions, cells of {} mm; give a \
          smaller --radius, or another goal", Short(.step), Short(.cell)
@@ -114,25 +116,25 @@ pub enum NoPath {
     AtResolution {
         /// Length of an arc or line, mm.
         step: f64,
-        /// Number of directions.
+        /// Number of directions of bending.
         rolls: u32,
         /// Side of a cell, mm.
         cell: f64,
     },
-    /// The planner of two planes has no path that is clear.
+    /// The two-plane planner has no clear path.
     #[error(
         "no path that the planner two-plane makes is clear of everything, and it searches for no other: use the \
          planner shortest, which does"
     )]
     NotClear,
-    /// None was found with the effort, or within the time.
+    /// No path was found with the effort, or within the time.
     #[error(
         "no path was found with this effort and in this time, and there may be one: raise --effort or --time-limit"
     )]
     NotFound,
 }
 
-/// Where a point is that is this far from the nearest obstacle, in words.
+/// Returns a message with the distance of a point from the nearest obstacle, mm.
 fn place(distance: &f64) -> String {
     if *distance < 0.0 {
         return format!("inside an obstacle, {} mm deep", Short(&-distance));
@@ -141,7 +143,7 @@ fn place(distance: &f64) -> String {
 }
 
 impl NoPath {
-    /// The code, as `--json` has it.
+    /// Returns the code in the output of `--json`.
     #[must_use]
     pub fn code(&self) -> &'static str {
         if *self == Self::NotFound { "not-found-in-time" } else { "none-at-resolution" }
@@ -161,18 +163,18 @@ impl NoPath {
     }
 }
 
-/// Why there is no plan: nothing leads there, or it was asked wrongly.
+/// Error of planning through a scene: no path was found, or a parameter is not valid.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ThroughError {
-    /// The radius, say, is one that the robot cannot bend to.
+    /// A parameter is not valid, for example a radius to which the robot cannot bend.
     #[error(transparent)]
     Plan(#[from] PlanError),
-    /// No path through the scene.
+    /// No path through the scene was found.
     #[error(transparent)]
     NoPath(#[from] NoPath),
 }
 
-/// Why a plan's word for its clearance is not taken.
+/// Error of verifying a plan's clearance.
 #[derive(Debug, thiserror::Error)]
 pub enum UnclearError {
     /// The scene cannot be read.
@@ -188,9 +190,9 @@ pub enum UnclearError {
     OtherScene {
         /// The scene's file.
         file: String,
-        /// The hash in the plan.
+        /// Hash in the plan.
         plan: String,
-        /// The hash of the file.
+        /// Hash of the file.
         here: String,
     },
     /// The body comes nearer than the scene allows.
@@ -201,32 +203,33 @@ pub enum UnclearError {
     NotClear {
         /// The scene's file.
         file: String,
-        /// The clearance that is proven, mm; negative inside.
+        /// Proven clearance, mm. Negative inside an obstacle.
         found: f64,
-        /// The scene's margin, mm.
+        /// Margin of the scene, mm.
         margin: f64,
-        /// How far along the body, mm.
+        /// Position along the body, mm.
         at: f64,
-        /// What is nearest there.
+        /// Name of the nearest obstacle there.
         obstacle: String,
     },
-    /// The body comes nearer than the plan says.
+    /// The body comes nearer than the plan claims.
     #[error("the plan says that it keeps {said} mm from everything in {file}, and {found} mm is proven: plan again")]
     Nearer {
         /// The scene's file.
         file: String,
-        /// The clearance in the plan, mm.
+        /// Clearance in the plan, mm.
         said: f64,
-        /// The clearance that is proven, mm.
+        /// Proven clearance, mm.
         found: f64,
     },
 }
 
-/// Plans from the start through these goals, in order: each leg by the shortest path that is clear, if one of those in
-/// empty space is, else by a search. The directions at positions on the way are those of the legs for themselves.
+/// Plans from the start through these goals, in order. Each leg is the shortest clear path of those in empty space, if
+/// there is one, and otherwise the result of a search. The directions at waypoints without a direction are chosen by
+/// each leg on its own.
 ///
 /// # Errors
-/// As [`Plan::make`], and where no path leads through the scene.
+/// Like [`Plan::make`], and if no path leads through the scene.
 pub fn plan(
     robot: &Robot,
     start: &Pose,
@@ -240,15 +243,15 @@ pub fn plan(
     let mut plan =
         Plan::by_legs(robot, start, goals, search, |from, goal, body, roll| leg.plan(from, goal, body, roll))?;
     let (file, hash) = (through.file.to_owned(), through.loaded.hash);
-    // Where time runs out, what every leg of the plan was proven to keep.
+    // If time runs out, use the clearance that every leg of the plan was proven to have.
     let proven = nearest_until(&plan, robot, through.loaded, through.deadline.map(|deadline| deadline + GRACE));
     let clearance = proven.map_or(through.margin + TOLERANCE, |nearest| nearest.distance);
     plan.scene = Some(SceneClearance { file, hash, clearance });
     Ok(plan)
 }
 
-/// The path as it is laid. Layers of arcs and lines are parts of these; those of helicoidal arcs are arcs beside them,
-/// and stand here themselves.
+/// Returns the path as it is laid. Layers of arcs and lines are parts of these. Layers of helicoidal arcs are arcs that
+/// deviate from them, and are returned themselves.
 #[must_use]
 pub fn laid(path: &[Segment], robot: &Robot) -> Vec<Segment> {
     if !path.iter().any(|segment| matches!(segment, Segment::Helicoid { .. })) {
@@ -258,39 +261,40 @@ pub fn laid(path: &[Segment], robot: &Robot) -> Vec<Segment> {
     layers.map(|layer| Segment::Arc { alpha: layer.alpha, bend: layer.tilt, length: layer.height }).collect()
 }
 
-/// The proven clearance between the outside of a plan's tube and a scene, mm; [`MAX_CLEARANCE`] where there is nothing.
+/// Returns the proven clearance between the outside of a plan's tube and a scene, mm. [`MAX_CLEARANCE`] in an empty
+/// scene.
 fn outside(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> f64 {
     nearest(plan, robot, loaded).distance
 }
 
-/// The same, and where it is.
+/// Returns the proven clearance between the outside of a plan's tube and a scene, and its position.
 fn nearest(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> Clearance {
     of_outside(clearance(&loaded.scene, &laid(&plan.path, robot), &plan.start.frame()), robot)
 }
 
-/// The same, if it is found before the deadline.
+/// Like [`nearest`], but returns `None` if the deadline passes first.
 fn nearest_until(plan: &Plan, robot: &Robot, loaded: &LoadedScene, deadline: Option<Instant>) -> Option<Clearance> {
     let body = laid(&plan.path, robot);
     clearance_until(&loaded.scene, &body, &plan.start.frame(), deadline).map(|found| of_outside(found, robot))
 }
 
-/// The clearance of the outside of the tube that is laid, of that of the path.
+/// Converts the clearance of the path to that of the outside of the tube that is laid.
 fn of_outside(Clearance { distance, at }: Clearance, robot: &Robot) -> Clearance {
     Clearance { distance: (distance - 0.5 * robot.outer_diameter() - LAID_APART).min(MAX_CLEARANCE), at }
 }
 
-/// What a body of such a clearance (mm) does, in words that an obstacle follows.
+/// Returns a phrase for a body of this clearance (mm), which the name of an obstacle follows.
 pub(crate) fn coming(clearance: f64) -> String {
     if clearance < 0.0 { format!("run {:.2} mm into", -clearance) } else { format!("come within {clearance:.2} mm of") }
 }
 
-/// Whether a plan, made anywhere, keeps its distance from everything in a scene.
+/// Proves that a plan, made anywhere, keeps its distance from everything in a scene.
 ///
 /// # Errors
-/// Where it does not.
+/// If it does not.
 pub fn clear_in(plan: &Plan, robot: &Robot, file: &str, loaded: &LoadedScene) -> Result<SceneClearance, UnclearError> {
     let Clearance { distance: found, at } = nearest(plan, robot, loaded);
-    // The proof tells a little less than is there.
+    // The proven clearance is a little below the true one.
     if found + TOLERANCE >= loaded.margin {
         return Ok(SceneClearance { file: file.to_owned(), hash: loaded.hash, clearance: found });
     }
@@ -301,11 +305,11 @@ pub fn clear_in(plan: &Plan, robot: &Robot, file: &str, loaded: &LoadedScene) ->
     Err(UnclearError::NotClear { file: file.to_owned(), found, margin: loaded.margin, at, obstacle })
 }
 
-/// Reads the scene that a plan names, or the one that is given for it, and proves the clearance again. The scene lies
-/// where the plan says, seen from the directory that the plan is in or from the one that the program runs in.
+/// Loads the scene that a plan names, or the one that is given for it, and proves the clearance again. The scene's path
+/// is relative to the directory of the plan or to the current directory.
 ///
 /// # Errors
-/// The scene is missing or has changed, or the body is nearer to it than the plan says.
+/// If the scene is missing or has changed, or the body is nearer to it than the plan claims.
 pub fn verified(
     written: &WrittenScene,
     plan: &Plan,
@@ -323,7 +327,7 @@ pub fn verified(
     }
     let found = outside(plan, robot, &loaded);
     let said = written.clearance_mm;
-    // What is said was found by the same proof, to its tolerance; what is no number is refused too.
+    // The claimed clearance was found by the same proof, to its tolerance. This rejects NaN too.
     if said <= found + 2.0 * TOLERANCE && found >= loaded.margin {
         Ok((SceneClearance { file, hash: loaded.hash, clearance: said.min(found) }, loaded))
     } else {
@@ -336,21 +340,22 @@ struct LegSearch<'a> {
     robot: &'a Robot,
     search: &'a Search,
     through: &'a Through<'a>,
-    /// The body that is there already, and by how much its tip is turned from the frame of the start, radians.
+    /// The existing body, and the roll of its tip relative to the frame of the start, radians.
     grown: &'a [Segment],
     from_grown: f64,
-    /// Legs that are not planned yet: they share the time that is left.
+    /// Number of legs that are not planned yet. They share the remaining time.
     legs_left: Cell<u32>,
 }
 
 impl LegSearch<'_> {
-    /// What the centreline needs. The proof in the plan tells a little less than is there.
+    /// Returns the distance that the centreline needs. The proof in the plan gives a little less than the true
+    /// clearance.
     fn need(&self) -> Need {
         let distance = 0.5 * self.robot.outer_diameter() + self.through.margin + 2.0 * TOLERANCE;
         Need { distance, slack: SLACK * distance }
     }
 
-    /// When this leg is to be found: each has an equal share of the time that is left.
+    /// Returns the deadline of this leg. Each leg has an equal part of the remaining time.
     fn deadline(&self) -> Option<Instant> {
         let now = Instant::now();
         let legs = self.legs_left.replace(self.legs_left.get().saturating_sub(1)).max(1);
@@ -412,7 +417,7 @@ impl LegSearch<'_> {
     }
 }
 
-/// The goal, with the direction in which a path arrives at it.
+/// Returns the goal, with the direction in which a path arrives at it.
 fn arrival(goal: &Goal, path: &[Segment], base_from_start: &Frame) -> Pose {
     match goal {
         Goal::Pose(pose) => *pose,
@@ -504,7 +509,7 @@ mod tests {
             let (_, read) = plan_file::read(&text, "plan.json", None).unwrap();
             assert_eq!(read.scene.as_ref().map(|scene| scene.hash), Some(scene.hash));
             assert!((read.needs.length - plan.needs.length).abs() < 1e-6);
-            // Proven again: a plan that promises more is refused.
+            // The clearance is proven again, so a plan that claims more is refused.
             let promises = PlanFile {
                 scene: Some(WrittenScene {
                     file: scene.file.clone(),
@@ -550,7 +555,7 @@ mod tests {
     #[test]
     fn the_proof_of_a_long_body_ends_with_its_time() {
         let asked = Asked::new();
-        // 100 m beside a wall have fifty million distances that matter, all of the same size.
+        // For 100 m beside a wall, fifty million distances matter, all of the same size.
         let wall = "[[halfspace]]\npoint_mm = [0, 0, -900]\nnormal = [0, 0, 1]\n";
         fs::write(asked.scene(), SCENE.to_owned() + wall).unwrap();
         let (file, loaded) = (asked.scene(), load(asked.scene().as_ref()).unwrap());
@@ -571,7 +576,7 @@ mod tests {
             let far = [pose("100000,0,-500,0,0")];
             plan(&asked.robot, &start, &far, &asked.search, &through).unwrap().scene.unwrap().clearance
         };
-        // Nothing but what the plan was made for is told of one that had no time.
+        // A plan that had no time reports only the clearance that it was made for.
         assert_eq!(within(0.0), loaded.margin + TOLERANCE);
         assert!(within(0.0) < within(600.0));
     }

@@ -1,4 +1,4 @@
-//! What speaks against growing a path: said with the plan, which is given all the same.
+//! Warnings: reasons against growing a path. They are reported with the plan, which is returned nevertheless.
 
 use growbot_core::angle::degrees;
 use growbot_core::layer::LayerError;
@@ -10,14 +10,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::clearance::{Collision, first_collision};
 
-/// One thing that speaks against growing a plan.
+/// A reason against growing a plan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Warning {
-    /// What kind of thing, for scripts: `thin-layer`, `self-collision`, `filament-short`, `layer-limit`.
+    /// Kind of the warning, for scripts: `thin-layer`, `self-collision`, `filament-short`, `layer-limit`.
     pub code: String,
-    /// What it is, for people.
+    /// Message for users.
     pub message: String,
     /// The value found.
     pub value: f64,
@@ -25,24 +25,24 @@ pub struct Warning {
     pub limit: f64,
 }
 
-/// Code of the warning of layers that are thinner, on the inner side of the bend, than what prints well (mm).
+/// Code of the warning for layers that are too thin on the inner side of the bend to print well (mm).
 pub const THIN_LAYER: &str = "thin-layer";
-/// Code of the warning of a body that would run into itself: min distance of its centreline, outer diameter of the
-/// tube (mm).
+/// Code of the warning for a body that would collide with itself: minimum distance of its centreline, outer diameter of
+/// the tube (mm).
 pub const SELF_COLLISION: &str = "self-collision";
-/// Code of the warning of a body that takes more filament than the spool holds (mm).
+/// Code of the warning for a body that needs more filament than the spool holds (mm).
 pub const FILAMENT_SHORT: &str = "filament-short";
-/// Code of the warning of layers that the robot cannot lay: too high (mm), too tilted (degrees), without material
+/// Code of the warning for layers that the robot cannot lay: too high (mm), too tilted (degrees), without material
 /// somewhere (mm), or with too many steps (value and limit are 0).
 pub const LAYER_LIMIT: &str = "layer-limit";
 
-/// The warnings of what cannot succeed: a growth heeds them.
+/// Codes of the warnings that prevent a growth, because it cannot succeed.
 pub const PREVENTING: [&str; 3] = [SELF_COLLISION, FILAMENT_SHORT, LAYER_LIMIT];
 
-/// The layers of a helicoidal arc differ. Only the first of a path are checked, up to this number.
+/// Maximum number of layers of helicoidal arcs of a path that are checked. The layers of such an arc differ.
 const MAX_LAYERS: usize = 100_000;
 
-/// All that speaks against growing this path, which needs this much, on this robot.
+/// Returns all warnings for growing this path, with these needs, on this robot.
 #[must_use]
 pub fn warnings(path: &[Segment], needs: &Needs, robot: &Robot) -> Vec<Warning> {
     let mut left = MAX_LAYERS;
@@ -79,7 +79,7 @@ fn filament_short(needs: &Needs, robot: &Robot) -> Option<Warning> {
     })
 }
 
-/// The first layer of a segment that the robot cannot lay.
+/// Returns the warning for the first layer of a segment that the robot cannot lay.
 fn layer_limit(index: usize, segment: &Segment, robot: &Robot, left: &mut usize) -> Option<Warning> {
     let all_alike = !matches!(segment, Segment::Helicoid { .. });
     let looked_at = if all_alike { 1 } else { *left };
@@ -98,7 +98,7 @@ fn layer_limit(index: usize, segment: &Segment, robot: &Robot, left: &mut usize)
     Some(Warning { code: LAYER_LIMIT.to_owned(), message, value, limit })
 }
 
-/// What a segment is called.
+/// Returns the name of the kind of a segment.
 fn kind(segment: &Segment) -> &'static str {
     match segment {
         Segment::Arc { .. } => "arc",
@@ -107,7 +107,8 @@ fn kind(segment: &Segment) -> &'static str {
     }
 }
 
-/// The layers of a segment are all alike: its first one tells whether they are too thin (value and limit in mm).
+/// Returns the warning for a segment whose layers are too thin (value and limit in mm). Its layers are all alike, so
+/// only the first one is checked.
 fn thin_layer(index: usize, segment: &Segment, robot: &Robot) -> Option<Warning> {
     let mut layers = layers(std::slice::from_ref(segment), robot, Slicing::Exact);
     let count = layers.size_hint().0;
@@ -127,7 +128,7 @@ fn thin_layer(index: usize, segment: &Segment, robot: &Robot) -> Option<Warning>
     Some(Warning { code: THIN_LAYER.to_owned(), message, value, limit })
 }
 
-/// Two digits of a small length, three decimals of others, mm.
+/// Formats a length, mm, with two digits if it is small, and otherwise with three decimals.
 fn readable(length: f64) -> String {
     if length.abs() < 0.01 { format!("{length:.1e}") } else { format!("{length:.3}") }
 }
@@ -170,7 +171,7 @@ mod tests {
 
     #[test]
     fn layers_that_cannot_be_laid_are_told_of_each_segment() {
-        // Tighter than the nozzle can lay: on the inner side there would be no material.
+        // Tighter than the nozzle can lay: there would be no material on the inner side.
         let path = [arc(0.0, 0.1, 100.0), arc(0.0, 0.1, 15.0), arc(1.0, 0.1, 15.0)];
         assert_eq!(codes(&path, "growbot-a"), [LAYER_LIMIT, THIN_LAYER, LAYER_LIMIT, THIN_LAYER]);
     }

@@ -1,19 +1,20 @@
-//! Directions at positions on the way: chosen jointly, for the shortest path through all of them.
+//! Directions at waypoints, chosen jointly for the shortest path through all of them.
 //!
-//! Leg by leg, each leg arrives at a position in the direction that is best for it alone, and the next one has to start
-//! so. Here the sum of all legs is minimised over the directions at all positions but the last, whose own is in closed
-//! form ([`growbot_core::to_point`]). It depends on them piecewise smoothly: the pieces are the path types of the legs.
+//! In a plan leg by leg, each leg arrives at a position in the direction that is best for it alone. The next leg has to
+//! start in that direction. This module minimises the sum of all legs over the directions at all positions but the
+//! last. The direction at the last has a closed form ([`growbot_core::to_point`]). The sum is piecewise smooth in the
+//! directions. The pieces are the path types of the legs.
 //!
 //! The method is that of Hooke and Jeeves 1961 ("Direct search" solution of numerical and statistical problems, J. ACM
-//! 8), on spheres. A sweep tries, for one position after the other, a step to each of four sides, and takes what makes
-//! the two legs that meet there shorter; where nothing does, the step of this position is halved. After a sweep the
-//! whole of its change is tried once more, which shortcuts valleys in which several directions go together. It ends
-//! where all steps are below 1e-4. There are three starts: the directions of leg by leg, those of the reversed
+//! 8), on spheres. A sweep tries, for one position after the other, a step to each of four sides, and takes the one
+//! that makes the two adjacent legs shorter. If none does, the step of this position is halved. After a sweep, its
+//! whole change is tried once more, which shortcuts valleys in which several directions change together. The search
+//! ends when all steps are below 1e-4. There are three starts: the directions of leg by leg, those of the reversed
 //! chain leg by leg, and the bisectors of the polygon.
 //!
-//! In the search, legs are arcs and lines, or the two-plane path: helicoidal arcs take hundreds of times as long to
-//! find and matter only within 4 radii, where the plan itself has them again. The best of the three is planned in full,
-//! and taken if it is shorter than leg by leg: so it is never longer.
+//! In the search, legs are arcs and lines, or the two-plane path. Helicoidal arcs take hundreds of times as long to
+//! find and matter only within 4 radii, where the plan itself includes them again. The best of the three is planned in
+//! full, and taken if it is shorter than leg by leg. The result is therefore never longer.
 //!
 //! A leg takes some 10 us, and a start of a chain of 8 positions some 2,500 legs (docs/measurements.md).
 
@@ -30,16 +31,19 @@ use nalgebra::Vector3;
 use crate::plan::{Goal, Plan, Search};
 use crate::warning::SELF_COLLISION;
 
-/// The first step, radians.
+/// Initial step, radians.
 const FIRST_STEP: f64 = 0.3;
-/// The last one. Near the shortest path, the length changes with the square of a step: by 1e-8 radii for this one.
+/// Final step, radians. Near the shortest path, the length changes with the square of a step: by 1e-8 radii for this
+/// one.
 const MIN_STEP: f64 = 1e-4;
-/// Less than this (radii) is no gain.
+/// Minimum gain, radii.
 const NO_GAIN: f64 = 1e-9;
-/// Max number of sweeps of a start. Of 200 chains of 3 to 8 positions half took 30 or fewer, and none more than 139.
+/// Maximum number of sweeps of a start. Of 200 chains of 3 to 8 positions, half took 30 or fewer, and none more than
+/// 139.
 const MAX_SWEEPS: usize = 200;
 
-/// A plan through the same goals as this one, which was planned leg by leg, that is shorter; none where there is none.
+/// Returns a plan that is shorter than this one, which was planned leg by leg, and has the same goals. `None` if none
+/// is found.
 pub(crate) fn shorter(plan: &Plan, robot: &Robot, goals: &[Goal], search: &Search) -> Option<Plan> {
     let on_the_way = goals.split_last()?.1;
     if !on_the_way.iter().any(Goal::is_free) {
@@ -61,7 +65,7 @@ pub(crate) fn shorter(plan: &Plan, robot: &Robot, goals: &[Goal], search: &Searc
     (!worse && shorter.needs.length < plan.needs.length - NO_GAIN * search.radius).then_some(shorter)
 }
 
-/// A chain of goals, of which some have no direction.
+/// A chain of goals, some of which have no direction.
 struct Chain<'a> {
     start: Pose,
     goals: &'a [Goal],
@@ -69,7 +73,7 @@ struct Chain<'a> {
 }
 
 impl Chain<'_> {
-    /// The poses on the way, with the directions in which the reversed chain arrives leg by leg.
+    /// Returns the waypoints with the directions in which the reversed chain arrives leg by leg.
     fn reversed(&self, robot: &Robot) -> Vec<Pose> {
         let Some((last, on_the_way)) = self.goals.split_last() else { return Vec::new() };
         let before = on_the_way.last().map_or(self.start.position(), Goal::position);
@@ -81,12 +85,12 @@ impl Chain<'_> {
         let search = Search { clear_of_self: false, ..*self.search };
         match Plan::leg_by_leg(robot, &turned_back(&end), &goals, &search) {
             Ok(plan) => plan.legs.iter().rev().map(|leg| turned_back(&leg.goal)).collect(),
-            // Then this start is left out.
+            // This start is then left out.
             Err(_) => self.bisectors(),
         }
     }
 
-    /// The poses on the way, with directions half-way between that to the position and that from it.
+    /// Returns the waypoints with directions half-way between the one to the position and the one from it.
     fn bisectors(&self) -> Vec<Pose> {
         let positions: Vec<Vector3<f64>> =
             [self.start.position()].into_iter().chain(self.goals.iter().map(Goal::position)).collect();
@@ -98,7 +102,7 @@ impl Chain<'_> {
         self.goals.iter().zip(positions.windows(3)).map(bisector).collect()
     }
 
-    /// Steps downhill from these poses on the way. Returns the length, and the poses.
+    /// Optimizes these waypoints by steps downhill. Returns the length and the poses.
     fn refined(&self, mut poses: Vec<Pose>) -> (f64, Vec<Pose>) {
         let mut steps: Vec<f64> =
             self.goals.iter().zip(&poses).map(|(goal, _)| if goal.is_free() { FIRST_STEP } else { 0.0 }).collect();
@@ -120,7 +124,8 @@ impl Chain<'_> {
         (length, poses)
     }
 
-    /// Turns the direction at one position to the best of four sides, if that makes the path shorter.
+    /// Turns the direction at one position to the best of four sides, if that makes the path shorter. Returns true if
+    /// it did.
     fn step(&self, poses: &mut [Pose], index: usize, step: f64) -> bool {
         let Some(pose) = poses.get(index).copied() else { return false };
         let frame = pose.frame().rotation;
@@ -138,7 +143,7 @@ impl Chain<'_> {
         best.1 != pose
     }
 
-    /// Length of the two legs that meet at a pose on the way, mm.
+    /// Returns the length of the two legs that meet at a waypoint, mm.
     fn legs_at(&self, poses: &[Pose], index: usize) -> f64 {
         self.leg(poses, index) + self.leg(poses, index + 1)
     }
@@ -147,7 +152,7 @@ impl Chain<'_> {
         (0..self.goals.len()).map(|index| self.leg(poses, index)).sum()
     }
 
-    /// Length of the leg to the goal of this index, mm.
+    /// Returns the length of the leg to the goal of this index, mm.
     fn leg(&self, poses: &[Pose], index: usize) -> f64 {
         let from = index.checked_sub(1).map_or(&self.start, |before| poses.get(before).unwrap_or(&self.start));
         match (poses.get(index), self.goals.get(index)) {
@@ -158,7 +163,7 @@ impl Chain<'_> {
     }
 }
 
-/// Length of the leg to a pose, without helicoidal arcs, mm; infinite where none is found.
+/// Returns the length of the leg to a pose, without helicoidal arcs, mm. Infinite if none is found.
 fn leg_to_pose(from: &Pose, to: &Pose, &Search { radius, planner, .. }: &Search) -> f64 {
     let by_two_planes = two_plane(from, to, radius).map_or(f64::INFINITY, |path| path::length(&path));
     if planner == Planner::TwoPlane {
@@ -169,7 +174,7 @@ fn leg_to_pose(from: &Pose, to: &Pose, &Search { radius, planner, .. }: &Search)
     found.first().map_or(by_two_planes, |shortest| by_two_planes.min(shortest.length() * radius))
 }
 
-/// Length of the leg to a position, mm.
+/// Returns the length of the leg to a position, mm.
 fn leg_to_position(from: &Pose, to: &Vector3<f64>, radius: f64) -> f64 {
     let goal = from.frame().rotation.inverse() * ((to - from.position()) / radius);
     planar(goal.z, hypot(goal.x, goal.y)).first().map_or(f64::INFINITY, |path| path.length() * radius)
@@ -181,7 +186,7 @@ fn set(poses: &mut [Pose], index: usize, pose: Pose) {
     }
 }
 
-/// The pose of a goal: its own, or one in this direction.
+/// Returns the pose of a goal: its own, or one in this direction.
 fn directed(goal: &Goal, direction: &Vector3<f64>) -> Pose {
     match goal {
         Goal::Pose(pose) => *pose,
@@ -189,7 +194,7 @@ fn directed(goal: &Goal, direction: &Vector3<f64>) -> Pose {
     }
 }
 
-/// A pose at the same position, in this direction; in its own where this is none.
+/// Returns a pose at the same position in this direction, or in its own if the direction is zero.
 fn pointing(pose: &Pose, direction: &Vector3<f64>) -> Pose {
     let heading = libm::atan2(direction.y, direction.x);
     let pitch = libm::atan2(direction.z, hypot(direction.x, direction.y));
@@ -199,7 +204,7 @@ fn pointing(pose: &Pose, direction: &Vector3<f64>) -> Pose {
     Pose::new(pose.position(), heading, pitch).unwrap_or(*pose)
 }
 
-/// A pose as far beyond `after` as that is from `before`.
+/// Returns a pose as far beyond `after` as that is from `before`.
 fn beyond(before: &Pose, after: &Pose) -> Pose {
     if before == after {
         return *after;
@@ -208,7 +213,7 @@ fn beyond(before: &Pose, after: &Pose) -> Pose {
     pointing(after, &(to * (2.0 * from.dot(&to)) - from))
 }
 
-/// The pose of a tip that comes from the other side.
+/// Returns the pose of a tip that comes from the other side.
 fn turned_back(pose: &Pose) -> Pose {
     pointing(pose, &-pose.direction())
 }
@@ -243,7 +248,7 @@ mod tests {
         Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap()
     }
 
-    /// Positions, each 2 to 10 radii from the one before, anywhere round it.
+    /// Returns positions, each 2 to 10 radii from the previous one in a random direction.
     fn chain(seed: u64, count: usize) -> Vec<Goal> {
         let mut random = Random::new(&[2026, seed]);
         let mut at = Vector3::zeros();
@@ -254,7 +259,7 @@ mod tests {
         (0..count).map(|_| next()).collect()
     }
 
-    /// Leg by leg and jointly.
+    /// Returns the plans leg by leg and jointly.
     fn plans(goals: &[Goal], planner: Planner) -> (Plan, Plan) {
         let (robot, search) = (robot(), search(planner));
         let (last, via) = goals.split_last().unwrap();
@@ -262,7 +267,7 @@ mod tests {
         (Plan::leg_by_leg(&robot, &up(), goals, &search).unwrap(), plan(via, last))
     }
 
-    /// Lengths along the chain are compared, and printed as docs/measurements.md has them.
+    /// Compares lengths along the chain, and prints them as in docs/measurements.md.
     #[test]
     fn jointly_chosen_directions_are_never_worse_than_leg_by_leg() {
         let mut all: Vec<f64> = Vec::new();
@@ -285,7 +290,7 @@ mod tests {
         }
         println!("| 3 to 8 | {} | max {:.0} ms |", row(&mut all), 1e3 * slowest);
         assert_eq!(all.len() as u64, CHAINS);
-        // That directions are worth choosing: the mean was 7.6 %.
+        // The mean was 7.6 %, so the choice of directions is worthwhile.
         assert!(all.iter().sum::<f64>() / all.len() as f64 > 5.0);
     }
 

@@ -1,10 +1,11 @@
-//! How far the centreline of the layers that a board gets lies from that of the body of which clearance is proven.
+//! Measures the distance between the centreline of the layers that a board gets and that of the body whose clearance is
+//! proven.
 //!
-//! Layers of arcs and lines have the path's own curvature, so that only their rounding to fixed point moves them; those
-//! of helicoidal arcs lie beside these, which is told too. Both are compared at equal lengths, which no other measure
-//! of their distance falls below, at the end and in the middle of every layer.
+//! Layers of arcs and lines have the path's own curvature, so that only their rounding to fixed point moves them.
+//! Layers of helicoidal arcs deviate from these, and that distance is printed too. Both are compared at equal lengths,
+//! at the end and in the middle of every layer. No other measure of their distance is larger.
 //!
-//! `GROWBOT_CENTRELINES` is how many plans are made, 200 without it.
+//! `GROWBOT_CENTRELINES` is the number of plans, 200 by default.
 //!
 //! ```sh
 //! GROWBOT_CENTRELINES=10000 cargo test -p growbot-client --test it laid_centrelines:: -- --nocapture
@@ -23,7 +24,7 @@ use nalgebra::Vector3;
 
 const RADIUS: f64 = 100.0;
 
-/// Points along a path, asked for in order.
+/// Points along a path, requested in order.
 struct Along<'a> {
     left: &'a [Segment],
     base_from_segment: Frame,
@@ -46,7 +47,7 @@ impl Along<'_> {
     }
 }
 
-/// The largest distance between the layers of a path and a body, mm.
+/// Returns the maximum distance between the layers of a path and a body, mm.
 fn apart(robot: &Robot, path: &[Segment], body: &[Segment]) -> f64 {
     let mut along = Along { left: body, base_from_segment: Frame::identity(), before: 0.0 };
     let (mut base_from_tip, mut so_far, mut most) = (Frame::identity(), 0.0, 0.0_f64);
@@ -60,7 +61,7 @@ fn apart(robot: &Robot, path: &[Segment], body: &[Segment]) -> f64 {
         base_from_tip *= layer.step();
         so_far += layer.height;
     }
-    // The layers of a helicoidal arc are a little longer than it.
+    // The layers of a helicoidal arc are a little longer than the arc.
     assert!((so_far - length(path)).abs() < 1e-2, "{so_far} mm of {}", length(path));
     most
 }

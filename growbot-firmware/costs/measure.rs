@@ -1,4 +1,4 @@
-//! How many instructions and how much stack a piece of work takes.
+//! Measurement of the instructions and the stack of a piece of work.
 
 use core::hint::black_box;
 
@@ -23,28 +23,29 @@ const SLOW_VALUE: Register = unsafe { Register::at(SLOW_BASE + 0x04) };
 const SLOW_CONTROL: Register = unsafe { Register::at(SLOW_BASE + 0x08) };
 
 const CONTROL_ENABLE: u32 = 1 << 0;
-/// Enabled, 32 bits, once every 256 ticks.
+/// Enabled, 32 bits, one count every 256 ticks.
 const SLOW_CONTROL_ENABLE: u32 = 1 << 7 | 1 << 1 | 0b10 << 2;
 
-/// At 25 MHz.
+/// Duration of a tick at 25 MHz, ns.
 const NS_PER_TICK: u64 = 40;
-/// By `-icount shift=10`. An instruction is 25.6 ticks, so that a tick more or less is none.
+/// Duration of an instruction with `-icount shift=10`, ns. An instruction is 25.6 ticks, so that an error of one tick
+/// does not matter.
 const NS_PER_INSTRUCTION: u64 = 1 << 10;
 
-/// The stack that is looked at, in words: half of it. Work that takes more shows as taking all of that.
+/// Words of the stack that are measured, which is half of it. Work that uses more is reported with all of that part.
 const DEPTH: u32 = 32 * 1024 / 4;
-/// What untouched stack holds.
+/// Content of untouched stack.
 const PATTERN: u32 = 0x5AC5_5AC5;
 
-/// What a piece of work has taken.
+/// Cost of a piece of work.
 pub struct Cost {
     /// Instructions, without the call itself.
     pub instructions: u64,
-    /// Stack, in bytes, the call's frame included.
+    /// Stack, in bytes, including the call's frame.
     pub stack: u32,
 }
 
-/// Does some work and says what it has taken.
+/// Does some work and returns its cost.
 pub fn measure(work: &mut dyn FnMut()) -> Cost {
     let (nothing, _) = ticks_and_stack(&mut || ());
     let (ticks, stack) = ticks_and_stack(work);
@@ -54,7 +55,7 @@ pub fn measure(work: &mut dyn FnMut()) -> Cost {
 
 #[inline(never)]
 fn ticks_and_stack(work: &mut dyn FnMut()) -> (u64, u32) {
-    // Seen by the optimiser as anything, so that it is a call and its frame lies below this one.
+    // The optimiser cannot see through this, so that the work is a call and its frame lies below this one.
     let work = black_box(work);
     RELOAD.write(u32::MAX);
     VALUE.write(u32::MAX);
@@ -68,18 +69,18 @@ fn ticks_and_stack(work: &mut dyn FnMut()) -> (u64, u32) {
     let (slow_before, before) = (SLOW_VALUE.read(), VALUE.read());
     work();
     let (after, slow_after) = (VALUE.read(), SLOW_VALUE.read());
-    // From the far end: the first word that is touched.
+    // The search starts at the far end and finds the first word that was used.
     let used = (1..=DEPTH).rev().find(|&word| below(top, word).read() != PATTERN).unwrap_or(0);
-    // They count downwards. The timer wraps after 168 million instructions; the slow one says how often it has.
+    // The timers count downwards. The fast one wraps after 168 million instructions, and the slow one shows how often
+    // it has.
     let (ticks, roughly) =
         (u64::from(before.wrapping_sub(after)), 256 * u64::from(slow_before.wrapping_sub(slow_after)));
     (ticks + ((roughly.saturating_sub(ticks) + (1 << 31)) >> 32 << 32), 4 * used)
 }
 
-/// The word of the stack at a number of words below the stack pointer.
+/// Returns the word of the stack at a number of words below the stack pointer.
 fn below(top: u32, words: u32) -> Register {
-    // SAFETY: the stack pointer is a multiple of 4. What lies below it has no owner while nothing is called, and
-    // interrupts are off. There are 64 KiB of stack, of
-    // which this program has used next to nothing.
+    // SAFETY: the stack pointer is a multiple of 4. The memory below it has no owner while no function is called, and
+    // interrupts are off. There are 64 KiB of stack, of which this program has used almost nothing.
     unsafe { Register::at((top - 4 * words) as usize) }
 }

@@ -21,9 +21,9 @@ const CONTROL_TRANSMIT: u32 = 1 << 0;
 pub struct PolledUart(());
 
 impl PolledUart {
-    /// Starts it. It may be started again at any time.
+    /// Starts the UART. It may be started again at any time.
     pub fn start() -> Self {
-        // The min that the emulator takes.
+        // This is the min divider that the emulator accepts.
         BAUD_DIVIDER.write(16);
         CONTROL.write(CONTROL_TRANSMIT);
         PolledUart(())

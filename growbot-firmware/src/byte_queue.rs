@@ -1,11 +1,12 @@
-//! A queue of bytes between a board's main loop and the interrupt of its UART.
+//! Queue of bytes between a board's main loop and the interrupt of its UART.
 //!
-//! heapless has one for any items; it divides by the length of a buffer that the compiler does not know, and so leaves
-//! panics in the firmware.
+//! The firmware does not use the queue of the heapless crate. That queue takes items of any type, but it divides by a
+//! buffer length that the compiler does not know, which leaves panics in the firmware.
 
 use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};
 
-/// Up to `N` bytes, `N` being a power of two. One side adds and the other removes; either may interrupt the other.
+/// Queue of up to `N` bytes. `N` is a power of two. One side adds bytes and the other side removes them. Either side
+/// may interrupt the other.
 #[derive(Debug)]
 pub struct ByteQueue<const N: usize> {
     bytes: [AtomicU8; N],
@@ -16,20 +17,20 @@ pub struct ByteQueue<const N: usize> {
 }
 
 impl<const N: usize> ByteQueue<N> {
-    /// An empty queue.
+    /// Creates an empty queue.
     #[must_use]
     pub const fn new() -> Self {
-        // Else bytes would be lost where the counts wrap.
+        // With any other capacity, bytes would be lost when the counts wrap.
         const { assert!(N.is_power_of_two()) };
         Self { bytes: [const { AtomicU8::new(0) }; N], added: AtomicUsize::new(0), removed: AtomicUsize::new(0) }
     }
 
-    /// Whether there is room for another byte.
+    /// Returns whether the queue has room for another byte.
     pub fn ready(&self) -> bool {
         self.added.load(Ordering::Relaxed).wrapping_sub(self.removed.load(Ordering::Acquire)) < N
     }
 
-    /// Whether there is no byte to remove.
+    /// Returns whether the queue is empty.
     pub fn is_empty(&self) -> bool {
         self.added.load(Ordering::Acquire) == self.removed.load(Ordering::Relaxed)
     }
@@ -37,7 +38,7 @@ impl<const N: usize> ByteQueue<N> {
     /// Adds a byte.
     ///
     /// # Errors
-    /// The byte, if there is no room.
+    /// Returns the byte if the queue is full.
     pub fn enqueue(&self, byte: u8) -> Result<(), u8> {
         if !self.ready() {
             return Err(byte);

@@ -1,17 +1,18 @@
-//! The controller: answers the host, stores the job's layers, heats, homes, hands one layer after the other to the step
-//! engine, reports each as it is laid, and switches everything off on request, when done, and when anything is wrong.
+//! The controller of a robot: it answers the host's requests, stores the layers of the job, heats, homes, and hands one
+//! layer after the other to the step engine. It reports each layer once it is laid. It switches everything off on
+//! request, when the job is done, and when a fault is found.
 //!
-//! The table in [`crate::safety::transitions`] says where each event leads. Heating comes before any motion of the
-//! head, since the nozzle may stick in cold plastic. A reset never heats or moves by itself.
+//! The table in [`crate::safety::transitions`] defines which state each event leads to. The head moves only after the
+//! nozzle is hot, because the nozzle may stick in cold plastic. A reset never starts heat or motion by itself.
 //!
 //! - `requests`: the requests of the host;
-//! - `configuring`: another robot description;
-//! - `job`: the plan under way, its layers, and their records in the journal;
+//! - `configuring`: a new robot description;
+//! - `job`: the current plan, its layers, and their records in the journal;
 //! - `supervising`: temperature, sensors and watchdog, ten times a second, and the reaction to a fault;
 //! - `maintaining`: heat and moves without a job;
-//! - `growing`: the orders to the step engine: homing, layers, filament pulled back for a pause.
+//! - `growing`: the moves for the step engine: homing, layers, and filament that is pulled back for a pause.
 //!
-//! The controller never waits: [`Controller::poll`] is called at least every 20 ms with a clock in us, and returns.
+//! The controller never blocks. Call [`Controller::poll`] at least every 20 ms, with a clock in us.
 
 mod configuring;
 mod growing;
@@ -43,33 +44,33 @@ use crate::stepping::Handover;
 /// Facts about the start of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Identity {
-    /// A number that differs at each start.
+    /// Identifier that differs at each start.
     pub boot_id: u32,
     /// The cause of the start.
     pub reset_cause: ResetCause,
-    /// The result of the check of its firmware's image.
+    /// Result of the check of the firmware's image.
     pub image: ImageCheck,
-    /// The latest crash of its firmware, if its record is whole.
+    /// Latest crash of the firmware. `None` without a valid record.
     pub crash: Option<CrashWords>,
-    /// The crystal did not start: the board runs on an oscillator that is too inexact to heat by.
+    /// The crystal did not start, and the board runs on an oscillator that is too inexact to heat by.
     pub without_crystal: bool,
-    /// There is a description of the board's robot. Without one the board only communicates.
+    /// The board has the description of its robot. Without one the board only communicates.
     pub configured: bool,
 }
 
 impl Identity {
-    /// Whether the image is known to differ from what was sealed.
+    /// Returns whether the image is known to differ from the sealed one.
     pub(crate) fn is_corrupt(&self) -> bool {
         matches!(self.image, ImageCheck::Corrupt { .. })
     }
 }
 
-/// Watches that the step interrupt runs.
+/// Monitor of the step interrupt.
 #[derive(Debug, Clone, Copy, Default)]
 struct TickWatch {
-    /// Ticks of the step interrupt at the latest look.
+    /// Number of step interrupts at the latest check.
     ticks: u32,
-    /// Looks in a row at which they had not changed.
+    /// Number of consecutive checks at which that number had not changed.
     looks_without: u8,
 }
 
@@ -97,19 +98,19 @@ pub struct Controller<B: Board> {
     ticks: TickWatch,
     /// The step interrupt stopped while motors may have been energised.
     motors_energised: bool,
-    /// Emergency stops by the link that have been obeyed.
+    /// Number of emergency stops received over the link that have been carried out.
     calls: u32,
-    /// Sectors made of the layer under way, as last retained.
+    /// Number of finished sectors of the current layer, as last stored in the retained state.
     sectors: u8,
-    /// The time at which the state was entered, us.
+    /// Time at which the state was entered, us.
     since: u64,
     next_update: u64,
     now: u64,
 }
 
 impl<B: Board> Controller<B> {
-    /// A controller with everything off, in its self-test or with the fault of the boot before. A board that is not
-    /// configured stays so, whatever robot it is given.
+    /// Creates a controller with everything off. It starts in the self-test, or with the fault of the boot before. A
+    /// board that is not configured stays unconfigured, whatever `robot` is.
     pub fn new(robot: Robot, identity: Identity, mut parts: Parts<B>, handover: &Handover) -> Self {
         let (copies, retained) = Copies::find(&mut parts.retained);
         let unknown = retained.err();
@@ -148,43 +149,43 @@ impl<B: Board> Controller<B> {
         controller
     }
 
-    /// Ingests a byte from the host. (An emergency stop is recognised before, where the byte arrives.)
+    /// Processes a byte from the host. An emergency stop is recognised earlier, where the byte arrives.
     pub fn receive(&mut self, byte: u8, handover: &Handover) {
         if let Some(Ok(frame)) = self.link.receive(byte) {
             self.serve(&frame, handover);
         }
     }
 
-    /// Pops the next byte for the host.
+    /// Removes and returns the next byte for the host.
     pub fn transmit(&mut self) -> Option<u8> {
         self.link.transmit()
     }
 
-    /// The state of the robot.
+    /// Returns the state of the robot.
     #[must_use]
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// The latched fault.
+    /// Returns the latched fault.
     #[must_use]
     pub fn fault(&self) -> Option<Fault> {
         self.fault
     }
 
-    /// Number of layers of the job that are laid.
+    /// Returns the number of layers of the job that are laid.
     #[must_use]
     pub fn laid(&self) -> u32 {
         self.job.laid
     }
 
-    /// The target of the nozzle's temperature, degrees Celsius; none with the heater off.
+    /// Returns the target of the nozzle's temperature, degrees Celsius. `None` if the heater is off.
     #[must_use]
     pub fn target_c(&self) -> Option<f64> {
         self.heater.target()
     }
 
-    /// Does everything that is due at a time, us since the start.
+    /// Does everything that is due at time `now`, us since the start.
     pub fn poll(&mut self, now: u64, handover: &Handover) {
         self.now = now;
         if let Some(raw) = self.parts.thermistor.sample() {
@@ -211,7 +212,7 @@ impl<B: Board> Controller<B> {
         self.link.send_events(now);
     }
 
-    /// Switches everything off after an emergency stop. It comes before everything else.
+    /// Switches everything off after an emergency stop. Each poll checks this first.
     fn obey_emergency_stop(&mut self, handover: &Handover) {
         let calls = handover.calls();
         if handover.emergency_stop() || calls != self.calls {
@@ -223,7 +224,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Enters the state that the table says. False where the event means nothing in this state.
+    /// Applies an event to the state machine. Returns `false` if the current state ignores the event.
     fn happens(&mut self, event: Event) -> bool {
         let Some(state) = after(self.state, event) else { return false };
         if self.state != state {
@@ -235,12 +236,12 @@ impl<B: Board> Controller<B> {
         true
     }
 
-    /// The time since the state was entered, us.
+    /// Returns the time since the state was entered, us.
     fn in_state_us(&self) -> u64 {
         self.now.saturating_sub(self.since)
     }
 
-    /// Writes what a start must know into the memory that survives a reset.
+    /// Writes the state that the next start needs into the memory that survives a reset.
     fn retain(&mut self) {
         let job::Job { plan_id, laid, given, .. } = self.job;
         let under_way = UnderWay { state: self.state, plan_id, laid, begun: given, sectors: self.sectors };
@@ -248,7 +249,7 @@ impl<B: Board> Controller<B> {
         self.copies.write(&mut self.parts.retained, &self.retained);
     }
 
-    /// The status for the host.
+    /// Builds the status for the host.
     fn status(&self) -> Status {
         Status {
             state: self.state,
@@ -267,7 +268,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Duty of the heater, 0 to 65,535.
+    /// Returns the duty of the heater, 0 to 65,535.
     fn duty(&self) -> u16 {
         (self.heater.duty() * f64::from(u16::MAX)) as u16
     }
@@ -281,7 +282,7 @@ impl<B: Board> Controller<B> {
     }
 }
 
-/// Degrees Celsius to hundredths of them.
+/// Converts degrees Celsius to hundredths of a degree.
 fn centi(celsius: f64) -> i32 {
     libm::rint(celsius * 100.0) as i32
 }

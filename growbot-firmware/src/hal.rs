@@ -1,7 +1,7 @@
 //! The traits of a board, beyond those of embedded-hal.
 //!
-//! Levels are logical: a board that wires a pin the other way round wraps it in [`crate::polarity::Polarized`]. A robot
-//! need not have every sensor; pins of those that its description does not name are never asked.
+//! Levels are logical. A board whose wiring inverts a pin wraps it in [`crate::polarity::Polarized`]. A robot may lack
+//! some sensors: the firmware never reads pins that the robot's description does not name.
 
 use core::ops::DerefMut;
 
@@ -18,31 +18,32 @@ use crate::safety::retained::{COPY_BYTES, RETAINED_BYTES};
 
 /// A channel of a 12-bit ADC.
 pub trait Adc {
-    /// A reading (0 to 4095) taken since the last call, none if there is no new one. Never blocks.
+    /// Returns a reading (0 to 4095) taken since the last call. `None` without a new one. Never blocks.
     fn sample(&mut self) -> Option<u16>;
 }
 
 /// The tip's orientation sensor.
 pub trait Orientation {
-    /// Gravity in the tip's frame, thousandths of the earth's, upwards as a resting accelerometer shows it; none where
-    /// the sensor does not answer. Takes a millisecond at most.
+    /// Returns gravity in the tip's frame, thousandths of the earth's, upwards as a resting accelerometer shows it.
+    /// `None` if the sensor does not respond. Takes a millisecond at most.
     fn gravity(&mut self) -> Option<[i16; 3]>;
 }
 
-/// A watchdog that resets the board unless it is fed.
+/// Watchdog that resets the board unless it is fed.
 pub trait Watchdog {
-    /// Proof of life.
+    /// Restarts the watchdog's timeout. The controller calls this only after the liveness check has passed, or during a
+    /// long operation with the heater off.
     fn feed(&mut self);
 }
 
-/// The processor's debugging.
+/// The debug port of the processor.
 pub trait DebugPort {
-    /// Whether a debug probe has switched it on. The processor may then halt at any time; it stays on when the probe is
-    /// unplugged, until the power goes.
+    /// Returns whether a debug probe has enabled debugging. The processor may then be halted at any time. Debugging
+    /// stays enabled until the next power cycle, even after the probe is unplugged.
     fn is_on(&self) -> bool;
 }
 
-/// A board that cannot be halted.
+/// Debug port of a board whose processor cannot be halted.
 pub struct NoDebugPort;
 
 impl DebugPort for NoDebugPort {
@@ -51,18 +52,18 @@ impl DebugPort for NoDebugPort {
     }
 }
 
-/// The stepper drivers, as far as a serial line reaches them.
+/// The stepper drivers, as far as they are controlled over a serial line.
 pub trait Drivers {
-    /// Does what is due at a time, us since the board started. Never waits. The motors are `in_use` while they are
-    /// energised or may soon be.
+    /// Does everything that is due at time `now`, us since the board started. Never waits. The motors are `in_use`
+    /// while they are energised or may soon be.
     fn poll(&mut self, now: u64, in_use: bool);
-    /// Whether each of them is configured. Until then no motor may be energised.
+    /// Returns whether all drivers are configured. Until then no motor may be energised.
     fn are_configured(&self) -> bool;
-    /// What is wrong with one of them.
+    /// Returns a driver's problem. `None` if all drivers are healthy.
     fn trouble(&self) -> Option<DriverTrouble>;
 }
 
-/// Drivers without a serial line: current and microsteps are set on them.
+/// Drivers without a serial line. Their current and microsteps are set in hardware.
 pub struct NoDrivers;
 
 impl Drivers for NoDrivers {
@@ -77,7 +78,7 @@ impl Drivers for NoDrivers {
     }
 }
 
-/// A board that has the line, for a robot that need not use it.
+/// A board that has the serial line, for a robot that may not use it.
 impl<D: Drivers> Drivers for Option<D> {
     fn poll(&mut self, now: u64, in_use: bool) {
         if let Some(drivers) = self {
@@ -94,87 +95,87 @@ impl<D: Drivers> Drivers for Option<D> {
     }
 }
 
-/// All outputs of the tip at once, for an interrupt that must not wait for their owners in the main loop.
+/// All outputs of the tip at once, for an interrupt that must not wait until the main loop releases them.
 pub trait Outputs {
-    /// Heater, fan and both drivers off, now, from any context. It cannot fail and never waits.
+    /// Switches heater, fan and both drivers off at once, from any context. It cannot fail and never waits.
     fn make_safe(&mut self);
 }
 
-/// Memory that survives a reset, though not a loss of power.
+/// Memory that survives a reset but not a loss of power.
 pub trait RetainedMemory {
-    /// Reads its content: [`COPIES`](crate::safety::retained::COPIES) copies, one after the other.
+    /// Reads the content: [`COPIES`](crate::safety::retained::COPIES) copies, one after the other.
     fn read(&mut self) -> [u8; RETAINED_BYTES];
-    /// Writes one of the copies, from its first byte to its last. The other copy is not touched. Everything that
-    /// follows comes after the last byte is in the memory.
+    /// Writes one of the copies, from its first byte to its last, and does not change the other copy. All later memory
+    /// accesses take effect after the last byte is in the memory.
     fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]);
 }
 
-/// The parts of a board that the controller drives. Steppers, index sensor, filament encoder and emergency stop belong
-/// to the [`crate::stepping::Engine`].
+/// The parts of a board that the controller drives. The [`crate::stepping::Engine`] owns the steppers, the index
+/// sensor, the filament encoder and the emergency stop.
 pub trait Board {
-    /// The kinds of board that it can be, as robot files name them; none for one that takes any robot.
+    /// Kinds of this board, as robot files name them. Empty for a board that accepts any robot.
     const KINDS: &'static [BoardKind] = &[];
-    /// Power of the heater.
+    /// Power stage of the heater.
     type HeaterPower: SetDutyCycle;
-    /// The second switch in series with it: high lets it heat.
+    /// Second switch in series with the power stage. High lets the heater heat.
     type HeaterEnable: OutputPin;
-    /// The fan that cools what is printed.
+    /// Fan that cools the print.
     type Fan: SetDutyCycle;
-    /// The thermistor's divider.
+    /// Divider of the thermistor.
     type Thermistor: Adc;
-    /// The supply's divider.
+    /// Divider of the supply.
     type Supply: Adc;
-    /// High while there is filament.
+    /// Input that is high while filament is present.
     type FilamentPresence: InputPin;
-    /// High while a stepper driver reports a fault.
+    /// Input that is high while a stepper driver reports a fault.
     type DriverFault: InputPin;
-    /// The stepper drivers' serial line.
+    /// Serial line of the stepper drivers.
     type Drivers: Drivers;
-    /// The tip's orientation.
+    /// Orientation sensor of the tip.
     type Orientation: Orientation;
-    /// The watchdog.
+    /// Watchdog.
     type Watchdog: Watchdog;
-    /// The processor's debugging.
+    /// Debug port of the processor.
     type DebugPort: DebugPort;
-    /// The memory that survives a reset.
+    /// Memory that survives a reset.
     type Retained: RetainedMemory;
-    /// The flash of the journal, and that of the robot's description: each has two sectors or more, whose programmed
-    /// words can be programmed again: to the same, and to zero.
+    /// Flash of the journal, and flash of the robot's description. Each has two sectors or more. A programmed word can
+    /// be programmed again to the same value, and to zero.
     type Flash: MultiwriteNorFlash;
-    /// The store of layers: some 48 KiB, so a reference or a box.
+    /// Store of layers. It has some 48 KiB, so a board passes a reference or a box.
     type Store: DerefMut<Target = LayerStore>;
 }
 
-/// The parts themselves.
+/// The parts of a board, as values.
 pub struct Parts<B: Board> {
-    /// Power of the heater.
+    /// Power stage of the heater.
     pub heater_power: B::HeaterPower,
-    /// The second switch in series with it.
+    /// Second switch in series with the power stage.
     pub heater_enable: B::HeaterEnable,
-    /// The fan.
+    /// Fan.
     pub fan: B::Fan,
     /// Temperature of the nozzle.
     pub thermistor: B::Thermistor,
     /// Voltage of the supply.
     pub supply: B::Supply,
-    /// Whether there is filament.
+    /// Presence of filament.
     pub filament_presence: B::FilamentPresence,
-    /// Whether a driver is well.
+    /// Fault signal of the drivers.
     pub driver_fault: B::DriverFault,
-    /// The drivers themselves, over their serial line.
+    /// Drivers, over their serial line.
     pub drivers: B::Drivers,
-    /// The tip's orientation.
+    /// Orientation sensor of the tip.
     pub orientation: B::Orientation,
-    /// The watchdog.
+    /// Watchdog.
     pub watchdog: B::Watchdog,
-    /// The processor's debugging.
+    /// Debug port of the processor.
     pub debug_port: B::DebugPort,
-    /// The memory that survives a reset.
+    /// Memory that survives a reset.
     pub retained: B::Retained,
     /// The journal, opened.
     pub journal: Journal<B::Flash>,
-    /// The robot's description, opened.
+    /// The stored descriptions of the robot, opened.
     pub descriptions: Descriptions<B::Flash>,
-    /// The store of layers.
+    /// Store of layers.
     pub store: B::Store,
 }

@@ -1,24 +1,24 @@
-//! The seal of a firmware image: a CRC of all that the image puts into flash, checked at each start before anything may
-//! heat.
+//! The seal of a firmware image: a CRC of all bytes that the image puts into flash. The board checks it at each start
+//! before anything may heat.
 //!
-//! An image comes from the linker without one: it has a place of [`SEAL_WORDS`] words under the name [`SYMBOL`], which
-//! says so. After linking, `growbot flash` and the emulator's port fill it in:
+//! An image from the linker has no seal yet. It has [`SEAL_WORDS`] words under the name [`SYMBOL`], with a mark that
+//! the image is not sealed. After linking, `growbot flash` and the emulator's port write the seal there:
 //!
 //! | word | content |
 //! |---|---|
 //! | 0 | [`NOT_SEALED`] or [`SEALED`] |
 //! | 1 | CRC-32C of word 0, of the words from 2 on, and of the bytes in the parts, in this order |
-//! | 2, 4, ... | address of a part of the image; the place of the seal itself is in none |
-//! | 3, 5, ... | bytes of that part; 0 where there is none |
+//! | 2, 4, ... | address of a part of the image; no part includes the seal itself |
+//! | 3, 5, ... | bytes of that part; 0 for an unused entry |
 //!
-//! Anything else than one of the two marks is a seal that is damaged.
+//! If word 0 is neither of the two marks, the seal is damaged.
 
 use crc::{CRC_32_ISCSI, Crc, NoTable};
 use growbot_core::link::message::ImageCheck;
 
 /// The symbol of the seal in an image.
 pub const SYMBOL: &str = "GROWBOT_IMAGE_SEAL";
-/// The max parts of an image.
+/// Max number of parts of an image.
 pub const PARTS: usize = 3;
 /// Words of the seal.
 pub const SEAL_WORDS: usize = 2 + 2 * PARTS;
@@ -28,27 +28,27 @@ pub type Seal = [u32; SEAL_WORDS];
 pub const NOT_SEALED: u32 = 0x6E6F_7365;
 /// First word of an image that is sealed.
 pub const SEALED: u32 = 0x9153_A1E1;
-/// The max bytes of an image that are checked: a damaged seal must not keep a board at it for longer than its watchdog
-/// waits. 256 KiB take some 0.2 s at 168 MHz.
+/// Max bytes of an image that are checked. It limits the time of the check, so that a damaged seal cannot block a board
+/// until its watchdog expires. 256 KiB take some 0.2 s at 168 MHz.
 pub const MAX_BYTES: u32 = 256 * 1024;
-/// What the linker puts into an image.
+/// The seal as the linker puts it into an image.
 pub const EMPTY: Seal = {
     let mut seal = [0; SEAL_WORDS];
     seal[0] = NOT_SEALED;
     seal
 };
 
-/// Without a table: it would take as much flash as it saves time.
+/// CRC without a table. A table would take as much flash as it saves time.
 static CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISCSI);
 
-/// Parts of an image: address and bytes of each.
+/// Returns the parts of an image: address and bytes of each.
 pub fn parts(seal: &Seal) -> impl Iterator<Item = [u32; 2]> {
     let (pairs, _) = seal.as_chunks::<2>();
     pairs.iter().skip(1).copied()
 }
 
-/// CRC-32C of a sealed image. `byte` gives the byte of the image at an address; none where the image cannot have one,
-/// or is longer than [`MAX_BYTES`].
+/// Returns the CRC-32C of a sealed image. `byte` returns the byte of the image at an address, or `None` if the image
+/// cannot have one there. The result is `None` if `byte` returns `None`, or if the image is longer than [`MAX_BYTES`].
 pub fn crc_of(seal: &Seal, byte: impl Fn(u32) -> Option<u8>) -> Option<u32> {
     if parts(seal).fold(0_u32, |sum, [_, bytes]| sum.saturating_add(bytes)) > MAX_BYTES {
         return None;
@@ -66,7 +66,8 @@ pub fn crc_of(seal: &Seal, byte: impl Fn(u32) -> Option<u8>) -> Option<u32> {
     Some(digest.finalize())
 }
 
-/// Checks an image against its seal. `byte` gives the byte of the flash at an address; none where there is no flash.
+/// Checks an image against its seal. `byte` returns the byte of the flash at an address, or `None` if there is no
+/// flash.
 pub fn check(seal: &Seal, byte: impl Fn(u32) -> Option<u8>) -> ImageCheck {
     let [mark, sealed, ..] = *seal;
     if *seal == EMPTY {
@@ -85,7 +86,7 @@ mod tests {
 
     const FLASH: u32 = 0x0800_0000;
 
-    /// An image of two parts, sealed.
+    /// Returns an image of two parts and its seal.
     fn sealed() -> (Seal, Vec<u8>) {
         let bytes: Vec<u8> = (0..1024_u32).map(|index| (index * 7 + index / 256) as u8).collect();
         let mut seal = EMPTY;

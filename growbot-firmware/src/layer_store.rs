@@ -1,4 +1,4 @@
-//! The layers that the board stores: those accepted and not yet laid.
+//! The layers that the board stores: those that are accepted and not yet laid.
 
 use growbot_core::layer_bytes::LayerBytes;
 use heapless::Deque;
@@ -6,7 +6,7 @@ use heapless::Deque;
 /// Number of layers that the board stores: 3.2 m of robot A.
 pub const CAPACITY: usize = 4096;
 
-/// Layers of one job, in order. Those laid make room for those to come.
+/// Layers of one job, in order. A laid layer is dropped, so that a new one can be stored.
 #[derive(Debug, Default)]
 pub struct LayerStore {
     layers: Deque<LayerBytes, CAPACITY>,
@@ -15,7 +15,7 @@ pub struct LayerStore {
 }
 
 impl LayerStore {
-    /// An empty store.
+    /// Creates an empty store.
     #[must_use]
     pub const fn new() -> Self {
         Self { layers: Deque::new(), first: 0 }
@@ -35,34 +35,35 @@ impl LayerStore {
         }
     }
 
-    /// Index of the next layer to be pushed.
+    /// Returns the index of the next layer to be pushed.
     #[must_use]
     pub fn next_index(&self) -> u32 {
         self.first + self.layers.len() as u32
     }
 
-    /// Number of layers for which there is room.
+    /// Returns the number of further layers that the store can take.
     #[must_use]
     pub fn room(&self) -> u32 {
         (CAPACITY - self.layers.len()) as u32
     }
 
-    /// Pushes the next layer. False if there is no room.
+    /// Pushes the next layer. Returns `false` if the store is full.
     #[must_use]
-    // So the layer is known to lie outside of the store, and copying it needs no `memmove`, 1.5 kB of flash.
+    // Without inlining, the compiler knows that the layer is outside of the store, and copying it needs no `memmove` of
+    // 1.5 kB of flash.
     #[inline(never)]
     pub fn push(&mut self, layer: LayerBytes) -> bool {
         self.layers.push_back(layer).is_ok()
     }
 
-    /// The layer of this index, if it is stored.
+    /// Returns the layer of this index, if it is stored.
     #[must_use]
     pub fn get(&self, index: u32) -> Option<LayerBytes> {
         let offset = usize::try_from(index.checked_sub(self.first)?).ok()?;
         self.layers.get(offset).copied()
     }
 
-    /// Drops the first layer stored, which has been laid.
+    /// Drops the first stored layer, which has been laid.
     pub fn drop_first(&mut self) {
         if self.layers.pop_front().is_some() {
             self.first += 1;

@@ -1,19 +1,18 @@
 //! The firmware of a robot that moves by growing. It heats, homes the head, lays layer after layer, and answers its
-//! host.
+//! host's requests.
 //!
-//! Generic over embedded-hal 1.0 traits, so the same code runs on the robot, in an emulator and in a simulation on the
-//! desktop. To follow a layer through it:
+//! The crate is generic over embedded-hal 1.0 traits, so that the same code runs on the robot, in an emulator and in a
+//! simulation on the desktop. A layer takes this path through it:
 //!
-//! 1. [`link`] and [`controller`]: it arrives in a `Layers` message, is checked and stored in the [`layer_store`];
+//! 1. [`link`] and [`controller`]: it arrives in a `Layers` message, is checked, and is stored in the [`layer_store`];
 //! 2. [`stepping::Material`] and [`stepping::Turn`]: it becomes steps and ticks of 64 sectors;
 //! 3. [`stepping::Handover`]: it passes to the step interrupt;
 //! 4. [`stepping::Engine`]: it becomes step pulses, tick by tick;
-//! 5. and back: the steps made become the layer as built, and a `Laid` message.
+//! 5. on the way back, the steps made become the layer as built, and a `Laid` message.
 //!
-//! Beside it [`heater`] and [`thermistor`] keep the nozzle hot, and [`safety`] has the table of states and the
-//! reactions to faults. After a loss of power the [`journal`] knows the progress of a growth. [`hal`] has the traits of
-//! a board. The boards themselves are the binaries in `boards/`: `an386` (emulated), `stm32f405` (the
-//! robot's) and `pico`.
+//! [`heater`] and [`thermistor`] keep the nozzle hot. [`safety`] has the table of states and the reactions to faults.
+//! After a loss of power the [`journal`] has the progress of a growth. [`hal`] has the traits of a board. The boards
+//! themselves are the binaries in `boards/`: `an386` (emulated), `stm32f405` (the robot's) and `pico`.
 #![no_std]
 #![forbid(unsafe_code)]
 

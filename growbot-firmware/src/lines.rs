@@ -1,38 +1,39 @@
-//! A link over two lines, of which the host uses one at a time.
+//! A link over two ports, of which the host uses one at a time.
 
 use crate::byte_queue::ByteQueue;
 
-/// Takes received bytes of two lines, so that each frame is of one line only.
+/// Merges the bytes received on two ports into one stream of frames, each from one port only.
 ///
-/// The line in use is the one from which the latest byte came. The other one is looked at only when this one has
-/// nothing left. A frame that this cuts off is ended by its delimiter, and lost, as one that was damaged on the way.
+/// The port in use is the one from which the latest byte came. The other port is read only when this one has no byte
+/// left. A frame that this change cuts off is ended by a delimiter. It is lost, like a frame that was damaged on the
+/// way.
 #[derive(Debug)]
 pub struct Lines<'a, const N: usize> {
     first: &'a ByteQueue<N>,
     second: &'a ByteQueue<N>,
-    /// Whether the second one is in use.
+    /// The second port is in use.
     on_second: bool,
-    /// Whether the latest byte ended no frame.
+    /// The latest byte did not end a frame.
     within_frame: bool,
 }
 
-/// What ends a frame.
+/// Byte that ends a frame.
 const DELIMITER: u8 = 0;
 
 impl<'a, const N: usize> Lines<'a, N> {
-    /// The first line is in use.
+    /// Creates the stream. The first port is in use.
     #[must_use]
     pub const fn new(first: &'a ByteQueue<N>, second: &'a ByteQueue<N>) -> Self {
         Self { first, second, on_second: false, within_frame: false }
     }
 
-    /// Whether the host uses the second line.
+    /// Returns whether the host uses the second port.
     #[must_use]
     pub const fn are_on_second(&self) -> bool {
         self.on_second
     }
 
-    /// The next byte for the link.
+    /// Returns the next byte for the link.
     pub fn take(&mut self) -> Option<u8> {
         let (used, other) = if self.on_second { (self.second, self.first) } else { (self.first, self.second) };
         let byte = match used.dequeue() {

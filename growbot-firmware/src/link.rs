@@ -1,7 +1,7 @@
-//! The board's end of the link: received and sent frames, the session, and events until a host has acknowledged them.
+//! The board's end of the link: received and sent frames, the session, and the events that a host has not acknowledged.
 //!
-//! Both directions are reliable. A host repeats a request until it is answered; a repeated request is answered like the
-//! first time and not carried out again. Events wait until the host acknowledges them, and are repeated until then.
+//! Both directions are reliable. A host repeats a request until it gets a response. A repeated request gets the same
+//! response as the first time and is not carried out again. The board repeats an event until the host acknowledges it.
 
 use growbot_core::link::frame::{
     self, Frame, FrameError, Header, LONGEST_BODY, LONGEST_FRAME, Receiver, is_after, next,
@@ -9,23 +9,23 @@ use growbot_core::link::frame::{
 use growbot_core::link::message::{HostName, Laid, Message, StateChanged, Tuned};
 use heapless::Deque;
 
-/// Capacity of the queue of bytes to send: some frames.
+/// Capacity of the queue of bytes to send. Some frames fit into it.
 const OUTBOX: usize = 1024;
-/// Bytes of that queue that events leave free, so that a request can always be answered.
+/// Bytes of that queue that events leave free, so that a request can always get its response.
 const RESERVED_FOR_ANSWERS: usize = LONGEST_FRAME;
-/// Capacity of the queue of events to be acknowledged.
+/// Capacity of the queue of events that are not acknowledged.
 const EVENTS: usize = 16;
-/// The kind of a frame that only acknowledges events.
+/// Kind of a frame that only acknowledges events.
 const ACK: u8 = 0x0E;
-/// The max number of layers among these events, which leaves room for the others. Further layers wait in the journal.
+/// Max number of layers among these events, which leaves room for the others. Further layers wait in the journal.
 const MAX_LAID: usize = EVENTS - 4;
-/// Number of closed sessions that are remembered, so that their delayed frames do not open them again.
+/// Number of closed sessions that are stored, so that their delayed frames do not open them again.
 const CLOSED: usize = 4;
-/// A host from which nothing was received for this time is silent, us.
+/// Time without a received frame after which a host counts as silent, us.
 pub const SILENCE_US: u64 = 10_000_000;
-/// Events are repeated after this time without an acknowledgement, us. The time doubles with each repetition.
+/// Time without an acknowledgement after which events are repeated, us. The time doubles with each repetition.
 const RESEND_US: u64 = 400_000;
-/// The max time between two repetitions, us.
+/// Max time between two repetitions, us.
 const MAX_RESEND_US: u64 = 3_200_000;
 
 /// An event that a host must receive.
@@ -33,7 +33,7 @@ const MAX_RESEND_US: u64 = 3_200_000;
 pub enum Event {
     /// A layer is laid.
     Laid(Laid),
-    /// The state is another one.
+    /// The state has changed.
     State(StateChanged),
     /// The heater's gains are found.
     Tuned(Tuned),
@@ -49,12 +49,12 @@ impl Event {
     }
 }
 
-/// The repetition of events that are not acknowledged.
+/// Retransmission of events that are not acknowledged.
 #[derive(Debug, Clone, Copy)]
 struct Resend {
-    /// The time of the next repetition, us.
+    /// Time of the next repetition, us.
     due: u64,
-    /// The time between two repetitions, us.
+    /// Time between two repetitions, us.
     pause: u64,
 }
 
@@ -69,27 +69,27 @@ impl Resend {
 struct Session {
     id: u32,
     host: HostName,
-    /// The time at which a frame of its host was last received, us.
+    /// Time at which a frame of the session's host was last received, us.
     received: u64,
     /// Number of the latest request.
     request: u16,
-    /// The answer to that request.
+    /// Response to that request.
     answer: Option<Message>,
-    /// Number of the first waiting event.
+    /// Number of the first pending event.
     first_event: u16,
-    /// Number of the waiting events that have been sent since the latest repetition.
+    /// Number of pending events that have been sent since the latest repetition.
     sent: usize,
     resend: Resend,
 }
 
-/// How a frame is to be handled.
+/// The handling of a received frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arrival {
     /// A request of the open session, received for the first time.
     New,
     /// A request outside of the open session.
     Outside,
-    /// A frame with nothing left to do: it was answered again, or is too old to matter.
+    /// A frame that needs no further handling: its response was sent again, or it is too old to matter.
     Settled,
 }
 
@@ -104,18 +104,18 @@ pub struct Link {
 }
 
 impl Link {
-    /// Ingests a byte that arrived. Returns the frame that it ends. What is no frame is an error to be passed over,
-    /// since its sender will repeat it.
+    /// Processes a received byte. Returns the frame that it ends. An error means that the bytes were not a valid frame.
+    /// The caller ignores it, because the sender repeats the frame.
     pub fn receive(&mut self, byte: u8) -> Option<Result<Frame, FrameError>> {
         self.receiver.push(byte)
     }
 
-    /// Pops the next byte to send.
+    /// Removes and returns the next byte to send.
     pub fn transmit(&mut self) -> Option<u8> {
         self.outbox.pop_front()
     }
 
-    /// Opens a session with the request that asks for it. A session that was open is closed.
+    /// Opens a session with the request that opens it. An open session is closed.
     pub fn open(&mut self, header: &Header, host: HostName, now: u64) {
         self.close();
         self.session = Some(Session {
@@ -130,33 +130,33 @@ impl Link {
         });
     }
 
-    /// Closes the session, when its host says goodbye or is given up.
+    /// Closes the session, when its host ends it or is given up.
     pub fn close(&mut self) {
         if let Some(session) = self.session.take() {
             if self.closed.is_full() {
                 self.closed.pop_front();
             }
-            // There is room now.
+            // The queue is not full: its oldest element was removed above.
             let _ = self.closed.push_back(session.id);
         }
-        // The status says what happened before.
+        // The status reports the effects of earlier events.
         self.events.clear();
     }
 
-    /// Whether the session with this number is closed, and must not be opened again.
+    /// Returns whether the session with this number is closed, and must not be opened again.
     #[must_use]
     pub fn is_closed(&self, session: u32) -> bool {
         self.closed.iter().any(|closed| *closed == session)
     }
 
-    /// Whether the session with this number is open.
+    /// Returns whether the session with this number is open.
     #[must_use]
     pub fn is_open(&self, session: u32) -> bool {
         self.session.as_ref().is_some_and(|open| open.id == session)
     }
 
-    /// The host that owns the board, and the time since a frame of it was received, us. None once it has been silent
-    /// for too long.
+    /// Returns the host that owns the board, and the time since its last frame was received, us. `None` once the host
+    /// has been silent for too long.
     #[must_use]
     pub fn owner(&self, now: u64) -> Option<(&HostName, u64)> {
         let session = self.session.as_ref()?;
@@ -164,7 +164,8 @@ impl Link {
         (silent < SILENCE_US).then_some((&session.host, silent))
     }
 
-    /// Ingests the header of a frame: its host lives, and acknowledges events. Returns how the frame is to be handled.
+    /// Processes the header of a frame: it shows that its host is alive, and acknowledges events. Returns how the frame
+    /// is to be handled.
     pub fn ingest(&mut self, header: &Header, now: u64) -> Arrival {
         let Some(session) = self.session.as_mut().filter(|session| session.id == header.session) else {
             return Arrival::Outside;
@@ -193,7 +194,8 @@ impl Link {
         Arrival::Settled
     }
 
-    /// Answers a request, and stores the answer for repetitions. Without room it is not sent: the host will ask again.
+    /// Sends the response and caches it for retransmission. If the transmit queue is full the response is not sent,
+    /// because the host repeats the request.
     pub fn answer(&mut self, request: &Header, message: Message) {
         self.send(request.session, 0, request.seq, &message);
         if self.is_open(request.session) {
@@ -207,22 +209,22 @@ impl Link {
         }
     }
 
-    /// Whether there is a session, and room for another layer among its events.
+    /// Returns whether a session is open and its events have room for another layer.
     #[must_use]
     pub fn has_room_for_layer(&self) -> bool {
         let waiting = self.events.iter().filter(|event| matches!(event, Event::Laid(_))).count();
         self.session.is_some() && waiting < MAX_LAID && !self.events.is_full()
     }
 
-    /// Queues an event for the host. A host that has left a whole queue unacknowledged is given up, and its session
-    /// closed: when it comes back, the status says what the events led to.
+    /// Queues an event for the host. If a host has left a whole queue unacknowledged, its session is closed. When the
+    /// host returns, the status reports the effects of the events.
     pub fn push_event(&mut self, event: Event) {
         if self.session.is_some() && self.events.push_back(event).is_err() {
             self.close();
         }
     }
 
-    /// Sends the events that are due, as long as there is room.
+    /// Sends the events that are due, as far as the transmit queue has room.
     pub fn send_events(&mut self, now: u64) {
         let Some(session) = &mut self.session else { return };
         let Resend { due, pause } = session.resend;
@@ -256,7 +258,7 @@ impl Link {
         let Ok(bytes) = frame::encode(&header, body) else { return };
         if self.outbox.len() + bytes.len() <= OUTBOX {
             for byte in bytes {
-                // There is room.
+                // The queue is not full.
                 let _ = self.outbox.push_back(byte);
             }
         }

@@ -1,8 +1,8 @@
-//! The robot of a board: what a host has configured, else the one that this firmware was built for.
+//! The robot of a board: the one that a host has configured, otherwise the one that this firmware was built for.
 //!
-//! `build.rs` reads and checks `robots/<GROWBOT_ROBOT>.toml` (`growbot-a` unless the variable says otherwise; a path to
-//! a file works too) and writes the robot down as source. With `none` nothing is built in: the board only communicates
-//! until it is configured.
+//! `build.rs` reads and checks `robots/<GROWBOT_ROBOT>.toml` and writes the robot as source. The default of
+//! GROWBOT_ROBOT is `growbot-a`, and it may also be the path to a file. With `none` no robot is built in: the board
+//! only communicates until it is configured.
 
 use embedded_storage::nor_flash::MultiwriteNorFlash;
 #[allow(unused_imports, reason = "not every robot has every sensor")]
@@ -17,20 +17,20 @@ use crate::descriptions::{Descriptions, Stored};
 
 /// The robot of a board.
 pub struct Machine {
-    /// The robot; where there is none, any, for outputs that are off.
+    /// The robot. On a board that is not configured it is any robot, for outputs that are off.
     pub robot: Robot,
-    /// Whether there is one.
+    /// The board has a robot.
     pub configured: bool,
 }
 
 impl Machine {
-    /// The robot of the board's flash, else the one that the firmware was built for.
+    /// Returns the robot in the board's flash, otherwise the one that the firmware was built for.
     pub fn find<F: MultiwriteNorFlash>(descriptions: &mut Descriptions<F>) -> Self {
         Self::or_built_in(descriptions.newest())
     }
 
-    /// The robot of a description; without one, that which the firmware was built for. A board with a description that
-    /// it cannot read is not configured: the built-in robot may be wired otherwise.
+    /// Returns the robot of a description, or without one the robot that the firmware was built for. A board with a
+    /// description that it cannot decode is not configured, because the built-in robot may be wired differently.
     #[must_use]
     pub fn or_built_in(stored: Stored) -> Self {
         match stored {
@@ -41,7 +41,7 @@ impl Machine {
     }
 }
 
-/// The robot that the firmware was built for.
+/// Returns the robot that the firmware was built for.
 #[must_use]
 pub fn built_for() -> Robot {
     built_in().robot

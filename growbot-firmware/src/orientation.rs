@@ -1,8 +1,8 @@
 //! The tip's orientation by a BMI160: the direction of gravity in the tip's frame.
 //!
-//! A look takes one of two steps, each well below a millisecond: find the chip and start it, or read it. A chip that is
-//! absent, or another one, is looked for again at each look, for one address byte; one that has lost its power for a
-//! moment is found asleep, and started anew.
+//! A call takes one of two steps, each well below a millisecond: it finds the chip and starts it, or it reads it. If
+//! the chip is absent, or another chip responds, each call tries again and takes the time of one address byte. If the
+//! chip has lost its power for a moment, it is found asleep and started again.
 
 use bmi160::interface::I2cInterface;
 use bmi160::{AccelerometerPowerMode, AccelerometerRange, Bmi160, SensorSelector, SlaveAddr};
@@ -10,20 +10,21 @@ use embedded_hal::i2c::I2c;
 
 use crate::hal::Orientation;
 
-/// What a BMI160 says it is (data sheet, register 0x00).
+/// Identification of a BMI160 (data sheet, register 0x00).
 const CHIP_ID: u8 = 0xD1;
 /// A reading of the earth's gravity at a range of 2 g (data sheet, table 1).
 const COUNTS_PER_G: i32 = 16_384;
 
-/// A BMI160 whose SDO pin is low: address 0x68. Its axes are the tip's: x, and z along the direction of growth.
+/// A BMI160 whose SDO pin is low, with address 0x68. Its axes are the tip's: x, and z along the direction of growth.
 pub struct TipOrientation<I> {
     chip: Bmi160<I2cInterface<I>>,
-    /// It has been started, and gives readings from the next look on: it needs 3.8 ms (data sheet, table 1).
+    /// The chip has been started, and gives readings from the next call on, because it needs 3.8 ms (data sheet, table
+    /// 1).
     started: bool,
 }
 
 impl<I: I2c> TipOrientation<I> {
-    /// The chip on this bus; it need not be there.
+    /// Creates the sensor on this bus. The chip may be absent.
     pub fn new(bus: I) -> Self {
         Self { chip: Bmi160::new_with_i2c(bus, SlaveAddr::Alternative(false)), started: false }
     }
@@ -38,7 +39,7 @@ impl<I: I2c> TipOrientation<I> {
     }
 
     fn read(&mut self) -> Option<[i16; 3]> {
-        // Asleep it would give what it read last.
+        // A sleeping chip would return its last reading.
         if self.chip.power_mode().ok()?.accel != AccelerometerPowerMode::Normal {
             return None;
         }
@@ -60,7 +61,8 @@ impl<I: I2c> Orientation for TipOrientation<I> {
     }
 }
 
-/// Thousandths of the earth's gravity, to the nearest; at most 2,000 either way.
+/// Converts a reading to thousandths of the earth's gravity, to the nearest one. The result is at most 2,000 either
+/// way.
 fn milli_g(counts: i16) -> i16 {
     ((i32::from(counts) * 1000 + COUNTS_PER_G / 2).div_euclid(COUNTS_PER_G)) as i16
 }
@@ -88,7 +90,7 @@ mod tests {
             Self { chip, wires, looks: std::boxed::Box::new(move || orientation.gravity()) }
         }
 
-        /// A look, which must not take a millisecond on a board whose waits are up to twice as long.
+        /// Reads once. The call must take less than a millisecond on a board whose waits are up to twice as long.
         #[track_caller]
         fn look(&mut self) -> Option<[i16; 3]> {
             let before = self.wires.elapsed_us();

@@ -1,16 +1,16 @@
-//! Pins that are wired the other way round: the electrical level as the robot's description says, the logical one
-//! inside.
+//! Pins with inverted wiring. The electrical level is that of the robot's description, and the firmware uses the
+//! logical one.
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 
-/// A pin whose electrical level is the inverse of its logical one, or not.
+/// A pin whose electrical level may be the inverse of its logical one.
 pub struct Polarized<P> {
     pin: P,
     inverted: bool,
 }
 
 impl<P> Polarized<P> {
-    /// Wraps a pin; `inverted` means that logical high is electrical low.
+    /// Wraps a pin. `inverted` means that logical high is electrical low.
     pub fn new(pin: P, inverted: bool) -> Self {
         Self { pin, inverted }
     }

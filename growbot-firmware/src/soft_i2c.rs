@@ -1,31 +1,33 @@
-//! Soft I2C: a bus on two open-drain pins, clocked by the processor. Its time is bounded, even if a chip misbehaves.
+//! Soft I2C: a bus on two open-drain pins, clocked by the processor. The duration of a transaction is bounded, even if
+//! a chip misbehaves.
 //!
-//! A hardware controller is not used on purpose. Some wait for flags that a disturbed bus never sets, and their ways
-//! out of that cannot be tried on a desktop; this one runs there, pin by pin, against a chip that misbehaves. A byte
-//! takes some 30 us.
+//! The firmware avoids hardware I2C controllers on purpose. Some of them wait for flags that a disturbed bus never
+//! sets, and their recovery cannot be tested on a desktop. This bus runs there, pin by pin, against a simulated chip
+//! that misbehaves. A byte takes some 30 us.
 //!
-//! Nothing else may clock the bus.
+//! No other controller may clock the bus.
 
 use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::i2c::{Error, ErrorKind, ErrorType, I2c, NoAcknowledgeSource, Operation};
 
-/// Half a clock, ns: 333 kHz at most. In fast mode the clock is to be low for 1.3 us and high for 0.6 us at least.
+/// Half a clock period, ns, which gives 333 kHz at most. In fast mode the clock must be low for at least 1.3 us and
+/// high for at least 0.6 us.
 const HALF_NS: u32 = 1500;
-/// Time for which all chips together may hold the clock down in one transaction, us.
+/// Time for which all chips together may hold the clock low in one transaction, us.
 const PATIENCE_US: u16 = 100;
-/// A chip that was interrupted while it sent a byte releases the data line after this number of clocks: the rest of the
-/// byte, and its acknowledgement (UM10204, 3.1.16).
+/// Number of clocks after which a chip that was interrupted while it sent a byte releases the data line: the rest of
+/// the byte, and its acknowledgement (UM10204, 3.1.16).
 const CLOCKS_TO_FREE: u8 = 9;
 
-/// Why a transaction failed.
+/// The reason why a transaction failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SoftI2cError {
     /// No chip acknowledged the address, or the chip did not acknowledge a byte.
     NotAcknowledged(NoAcknowledgeSource),
-    /// A chip holds the clock down.
+    /// A chip holds the clock low.
     ClockHeld,
-    /// A chip holds the data line down, and did not release it when it was clocked.
+    /// A chip holds the data line low, and did not release it when it was clocked.
     DataHeld,
     /// A pin cannot be set or read.
     Pin,
@@ -41,22 +43,22 @@ impl Error for SoftI2cError {
     }
 }
 
-/// The bus. Both pins are open-drain outputs, so that "high" releases the line, with pull-up resistors.
+/// The bus. Both pins are open-drain outputs with pull-up resistors, so that "high" releases the line.
 pub struct SoftI2c<C, D, T> {
     clock: C,
     data: D,
     timer: T,
-    /// Time for which the clock may still be held down in this transaction, us.
+    /// Time for which chips may still hold the clock low in this transaction, us.
     patience_us: u16,
 }
 
 impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D, T> {
-    /// A bus on two pins that are both released.
+    /// Creates a bus on two pins that are both released.
     pub fn new(clock: C, data: D, timer: T) -> Self {
         Self { clock, data, timer, patience_us: PATIENCE_US }
     }
 
-    #[inline(never)] // It and `clock_high` are all over a transaction: once each is 0.4 kB less flash.
+    #[inline(never)] // Transactions call it and `clock_high` often: one copy of each saves 0.4 kB of flash.
     fn half(&mut self) {
         self.timer.delay_ns(HALF_NS);
     }
@@ -73,7 +75,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
         self.clock.set_low().map_err(|_| SoftI2cError::Pin)
     }
 
-    /// Releases the clock, and waits for chips that hold it down.
+    /// Releases the clock, and waits for chips that hold it low.
     #[inline(never)]
     fn clock_high(&mut self) -> Result<(), SoftI2cError> {
         self.clock.set_high().map_err(|_| SoftI2cError::Pin)?;
@@ -84,7 +86,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
         Ok(())
     }
 
-    /// One clock, from low to low; the level of the data line while the clock was high.
+    /// Makes one clock, from low to low. Returns the level of the data line while the clock was high.
     fn bit(&mut self, high: bool) -> Result<bool, SoftI2cError> {
         self.set_data(high)?;
         self.half();
@@ -95,7 +97,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
         level
     }
 
-    /// Frees the bus: both lines are high afterwards.
+    /// Frees the bus, so that both lines are high.
     fn free(&mut self) -> Result<(), SoftI2cError> {
         self.set_data(true)?;
         self.clock_high()?;
@@ -111,7 +113,8 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
         if self.data()? { Ok(()) } else { Err(SoftI2cError::DataHeld) }
     }
 
-    /// A start condition, or a repeated one: the data line falls while the clock is high. The clock is low afterwards.
+    /// Makes a start condition, or a repeated one: the data line falls while the clock is high. The clock is low
+    /// afterwards.
     fn start(&mut self) -> Result<(), SoftI2cError> {
         self.set_data(true)?;
         self.half();
@@ -122,12 +125,12 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
         self.clock_low()
     }
 
-    /// A stop condition: the data line rises while the clock is high.
+    /// Makes a stop condition: the data line rises while the clock is high.
     fn stop(&mut self) -> Result<(), SoftI2cError> {
         self.clock_low()?;
         self.set_data(false)?;
         self.half();
-        // The data line is released even if the clock is held down.
+        // The data line is released even if a chip holds the clock low.
         let clock = self.clock_high();
         self.half();
         self.set_data(true)?;
@@ -151,7 +154,8 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
         Ok(byte)
     }
 
-    /// Everything between start and stop. Operations of one direction are one, as [`I2c::transaction`] has it.
+    /// Performs everything between start and stop. Consecutive operations of one direction are merged, as
+    /// [`I2c::transaction`] requires.
     fn operate(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), SoftI2cError> {
         let mut direction = None;
         let mut operations = operations.iter_mut().peekable();
@@ -288,7 +292,7 @@ mod tests {
         chip.set(0x20, &[0x00, 0x00]);
         for clocks in 1..40 {
             let (wires, mut bus) = bus(&chip);
-            // The board is reset in the midst of reading: the chip stays as it is.
+            // The board is reset during a read, and the chip keeps its state.
             wires.disconnect_after(clocks);
             let _ = bus.write_read(ADDRESS, &[0x20], &mut [0xFF; 2]);
             let mut again = SoftI2c::new(wires.clock(), wires.data(), wires.timer());

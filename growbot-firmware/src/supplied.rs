@@ -1,14 +1,14 @@
-//! Flash that is changed only while the processor's supply is enough for it.
+//! Flash that is changed only while the supply of the processor is high enough.
 //!
-//! A word that is programmed at too low a voltage may read differently later, and what reads wrongly at such a voltage
-//! is not to be settled for good (see [`crate::journal`]): a write or an erasure is refused before it begins, and flash
-//! is as it was.
+//! A word that is programmed at too low a voltage may read differently later, and flash may read wrongly at such a
+//! voltage. The journal must not make decisions from such a reading permanent (see [`crate::journal`]). A write or an
+//! erasure is therefore refused before it begins, and flash is unchanged.
 
 use embedded_storage::nor_flash::{ErrorType, MultiwriteNorFlash, NorFlash, NorFlashErrorKind, ReadNorFlash};
 
-/// A detector of the processor's supply.
+/// Detector of the processor's supply voltage.
 pub trait SupplyDetector {
-    /// Whether it is enough to program flash at this moment.
+    /// Returns whether the voltage is high enough to program flash at this moment.
     fn is_enough(&self) -> bool;
 }
 
@@ -19,7 +19,7 @@ pub struct Supplied<F, D> {
 }
 
 impl<F: NorFlash<Error = NorFlashErrorKind>, D: SupplyDetector> Supplied<F, D> {
-    /// Flash that is changed only while the detector says that there is supply.
+    /// Creates flash that is changed only while the detector reports enough voltage.
     pub fn new(flash: F, detector: D) -> Self {
         Self { flash, detector }
     }

@@ -1,6 +1,6 @@
 //! Robots and pins for this crate's tests.
 
-/// The one of the simulated board.
+/// The fake flash of the simulated board.
 #[path = "../../growbot-sim/src/tip/flash.rs"]
 pub mod flash;
 pub mod wires;
@@ -16,7 +16,7 @@ use growbot_core::robot::{FeedStrategy, Robot, RobotDescription};
 
 use crate::hal::Outputs;
 
-/// How much of something a long test does: what this variable says, or a number that takes seconds.
+/// Returns the amount of work of a long test: the value of this variable, or by default a number that takes seconds.
 pub fn number_from_environment(variable: &str, otherwise: u64) -> u64 {
     match std::env::var(variable) {
         Ok(text) => text.parse().unwrap_or_else(|_| panic!("{variable} is {text:?}: give a whole number")),
@@ -28,19 +28,19 @@ fn description_a() -> RobotDescription {
     toml::from_str(include_str!("../../robots/growbot-a.toml")).expect("robots/growbot-a.toml is readable")
 }
 
-/// The paper's robot A.
+/// Returns the paper's robot A.
 pub fn robot_a() -> Robot {
     Robot::new(description_a()).expect("robots/growbot-a.toml is valid")
 }
 
-/// Robot A with a strategy.
+/// Returns robot A with a strategy.
 pub fn robot_a_by(strategy: FeedStrategy) -> Robot {
     let mut description = description_a();
     description.motion.strategy = strategy;
     Robot::new(description).expect("either strategy is valid")
 }
 
-/// A robot that lays a layer in 0.18 s: the motion of robot A2 with the nozzle of robot A.
+/// Returns a robot that lays a layer in 0.18 s: the motion of robot A2 with the nozzle of robot A.
 pub fn fast_robot() -> Robot {
     let text = include_str!("../../robots/growbot-a2.toml");
     let mut description: RobotDescription = toml::from_str(text).expect("robots/growbot-a2.toml is readable");
@@ -49,13 +49,13 @@ pub fn fast_robot() -> Robot {
     Robot::new(description).expect("robots/growbot-a2.toml is valid with any nozzle")
 }
 
-/// A robot whose description names its board, and has settings for its stepper drivers.
+/// Returns a robot whose description names its board, and has settings for its stepper drivers.
 pub fn on_skr_pico() -> Robot {
     let text = include_str!("../../robots/examples/skr-pico.toml");
     Robot::new(toml::from_str(text).expect("the example is readable")).expect("the example is valid")
 }
 
-/// Pins whose levels a test can see, set and break.
+/// Pins whose levels a test can read, set and break.
 #[derive(Clone, Default)]
 pub struct FakePins(Rc<RefCell<Levels>>);
 
@@ -66,7 +66,7 @@ struct Levels {
 }
 
 impl FakePins {
-    /// The pin of a number.
+    /// Returns the pin with a number.
     pub fn pin(&self, number: usize) -> FakePin {
         let mut levels = self.0.borrow_mut();
         if levels.high.len() <= number {
@@ -75,34 +75,34 @@ impl FakePins {
         FakePin { pins: self.clone(), number }
     }
 
-    /// The level of a pin.
+    /// Returns the level of a pin.
     pub fn level(&self, number: usize) -> bool {
         self.0.borrow().high[number]
     }
 
-    /// Sets the level of a pin, as the world outside does.
+    /// Sets the level of a pin from outside the board.
     pub fn set(&self, number: usize, high: bool) {
         self.0.borrow_mut().high[number] = high;
     }
 
-    /// From now on the pin refuses.
+    /// Makes a pin fail from now on.
     pub fn fail(&self, number: usize) {
         self.0.borrow_mut().failed.push(number);
     }
 
-    /// Whether the pin obeys.
+    /// Returns whether the pin works.
     pub fn works(&self, number: usize) -> bool {
         !self.0.borrow().failed.contains(&number)
     }
 }
 
-/// One of them.
+/// One of the pins.
 pub struct FakePin {
     pins: FakePins,
     number: usize,
 }
 
-/// A pin that is set to fail.
+/// Error of a pin that was set to fail.
 #[derive(Debug)]
 pub struct PinFailed;
 
@@ -147,7 +147,7 @@ impl InputPin for FakePin {
     }
 }
 
-/// Counts how often everything was switched off at once.
+/// Counter of calls that switch everything off at once.
 #[derive(Clone, Default)]
 pub struct FakeOutputs(pub Rc<RefCell<u32>>);
 
@@ -157,17 +157,17 @@ impl Outputs for FakeOutputs {
     }
 }
 
-/// A heater's power that a test can see.
+/// Power stage of a heater whose duty a test can read.
 #[derive(Clone, Default)]
 pub struct FakePower(Rc<RefCell<u16>>);
 
 impl FakePower {
-    /// Sets the duty, as an interrupt does that does not own the heater.
+    /// Sets the duty, like an interrupt that does not own the heater.
     pub fn set(&self, duty: u16) {
         *self.0.borrow_mut() = duty;
     }
 
-    /// The share of full power, 0 to 1.
+    /// Returns the share of full power, 0 to 1.
     pub fn share(&self) -> f64 {
         f64::from(*self.0.borrow()) / f64::from(self.max_duty_cycle())
     }

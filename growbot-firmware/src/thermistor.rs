@@ -1,19 +1,18 @@
-//! From a reading of the ADC to a temperature.
+//! Conversion of an ADC's reading to a temperature.
 //!
-//! The thermistor (NTC) lies between the input and ground, a pull-up resistor between the input and the ADC's
-//! reference: `raw / 4095 = R / (R + R_pull_up)`. Its resistance follows either the Beta equation,
-//! `1/T = 1/298.15 K + ln(R / R_25) / Beta`, or that of Steinhart and Hart (Deep-Sea Res. 15, 1968),
-//! `1/T = A + B ln R + C (ln R)^3`.
+//! The thermistor (NTC) is connected between the input and ground, a pull-up resistor between the input and the ADC's
+//! reference: `raw / 4095 = R / (R + R_pull_up)`. Its resistance follows either the Beta equation, `1/T = 1/298.15 K +
+//! ln(R / R_25) / Beta`, or that of Steinhart and Hart (Deep-Sea Res. 15, 1968), `1/T = A + B ln R + C (ln R)^3`.
 
 use growbot_core::robot::Thermistor;
 
-/// The max reading of the 12-bit ADC.
+/// Max reading of the 12-bit ADC.
 pub const FULL_SCALE: u16 = 4095;
-/// Readings at least this high mean an open wire: robot A's thermistor reads this at -33 degrees Celsius, by its Beta
-/// equation. No derivation is recorded; `both_ends_of_the_scale_are_a_broken_sensor` and `cargo fault-campaign` (open
-/// wire) bound it.
+/// Min reading that means an open wire. Robot A's thermistor has this reading at -33 degrees Celsius, by its Beta
+/// equation. The derivation of this value is not recorded. `both_ends_of_the_scale_are_a_broken_sensor` and `cargo
+/// fault-campaign` (open wire) bound it.
 const OPEN_FROM: f64 = FULL_SCALE as f64 - 8.0;
-/// Readings at most this high mean touching wires: robot A's thermistor reads this at 436 degrees Celsius, by its Beta
+/// Max reading that means touching wires. Robot A's thermistor has this reading at 436 degrees Celsius, by its Beta
 /// equation, far above any nozzle.
 const SHORT_UP_TO: f64 = 40.0;
 /// 0 degrees Celsius, K.
@@ -21,7 +20,7 @@ const ZERO_C: f64 = 273.15;
 /// 25 degrees Celsius, K.
 const ROOM: f64 = 298.15;
 
-/// The reason why a reading is no temperature.
+/// The reason why a reading is not a temperature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Broken {
     /// An open wire.
@@ -30,26 +29,26 @@ pub enum Broken {
     Short,
 }
 
-/// Coefficients A, B and C of Steinhart and Hart. Beta's equation is theirs without C.
+/// Returns the coefficients A, B and C of Steinhart and Hart. The Beta equation is theirs without C.
 fn coefficients(thermistor: &Thermistor) -> [f64; 3] {
     match (thermistor.steinhart_hart, thermistor.r25_ohm, thermistor.beta_k) {
         (Some(coefficients), _, _) => coefficients,
         (None, Some(r25_ohm), Some(beta_k)) => [1.0 / ROOM - libm::log(r25_ohm) / beta_k, 1.0 / beta_k, 0.0],
-        // No robot whose description was checked comes here; any reading of it is a broken sensor.
+        // No checked description reaches this branch. With these coefficients any reading counts as a broken sensor.
         _ => [0.0; 3],
     }
 }
 
-/// Whether a conversion is at either end of the scale, where only a broken sensor is.
+/// Returns whether a conversion is at either end of the scale, which only a broken sensor reaches.
 #[must_use]
 pub fn is_broken(raw: u16) -> bool {
     f64::from(raw) >= OPEN_FROM || f64::from(raw) <= SHORT_UP_TO
 }
 
-/// Temperature of a reading (0 to 4095; a mean of several may lie between two), degrees Celsius.
+/// Converts a reading (0 to 4095; a mean of several may lie between two) to degrees Celsius.
 ///
 /// # Errors
-/// A reading at either end of the scale, where only a broken sensor is.
+/// Returns the defect if the reading is at either end of the scale, which only a broken sensor reaches.
 pub fn temperature(raw: f64, thermistor: &Thermistor) -> Result<f64, Broken> {
     if raw >= OPEN_FROM {
         return Err(Broken::Open);
@@ -60,17 +59,18 @@ pub fn temperature(raw: f64, thermistor: &Thermistor) -> Result<f64, Broken> {
     let log = libm::log(raw / (f64::from(FULL_SCALE) - raw) * thermistor.pull_up_ohm);
     let [a, b, c] = coefficients(thermistor);
     let inverse = a + (b + c * log * log) * log;
-    // Beyond what the equation can mean: it would come out as colder than absolute zero, and call for heat.
+    // The value is outside the range of the equation. It would be a temperature below absolute zero, and make the
+    // heater heat.
     if inverse <= 0.0 {
         return Err(Broken::Short);
     }
     Ok(1.0 / inverse - ZERO_C)
 }
 
-/// `ln R` at which `1/T = a + b ln R + c (ln R)^3`, in 1/K; `b` is positive and `c` is not negative.
+/// Solves `1/T = a + b ln R + c (ln R)^3`, in 1/K, for `ln R`; `b` is positive and `c` is not negative.
 ///
-/// By Newton's method, from where the curve would be without its third term: that lies beyond the root, and the curve
-/// is bent such that each step leads nearer to the root and none past it. Without a third term it is the root.
+/// Newton's method starts at the solution without the third term. That value lies beyond the root, and the curve is
+/// bent such that each step gets nearer to the root and never passes it. Without a third term it is the root.
 fn log_resistance(inverse: f64, [a, b, c]: [f64; 3]) -> f64 {
     let mut log = (inverse - a) / b;
     for _ in 0..60 {
@@ -84,7 +84,7 @@ fn log_resistance(inverse: f64, [a, b, c]: [f64; 3]) -> f64 {
     log
 }
 
-/// The reading of a temperature, not rounded. A simulated tip shows it.
+/// Converts degrees Celsius to the ADC value of this thermistor, 0 to 4095, not rounded. The simulated tip uses it.
 #[must_use]
 pub fn reading(temperature_c: f64, thermistor: &Thermistor) -> f64 {
     let inverse = 1.0 / (temperature_c + ZERO_C).max(1.0);

@@ -1,12 +1,13 @@
-//! The control requests of a USB serial port (class CDC, abstract control model), whatever the chip.
+//! The control requests of a USB serial port (class CDC, abstract control model), for any chip.
 //!
-//! What is sent lies in [`UsbSerial`], and so in memory: requests are answered while the flash cannot be read.
+//! All content that is sent is stored in [`UsbSerial`], and so in RAM. Requests therefore get a response even while the
+//! flash cannot be read.
 
-/// Bytes of a packet at most, on every endpoint.
+/// Max bytes of a packet, on every endpoint.
 pub const PACKET: usize = 64;
-/// Endpoint of the notifications, of which none is ever sent.
+/// Endpoint of notifications, of which none is ever sent.
 pub const NOTIFICATIONS: u8 = 1;
-/// Endpoint of the bytes, in each direction.
+/// Endpoint of the data bytes, in each direction.
 pub const BYTES: u8 = 2;
 
 const DEVICE: [u8; 18] = [
@@ -98,11 +99,11 @@ const CONFIGURATION: [u8; 67] = [
     0,
     0, // bulk, to the host
 ];
-/// Index of the one string.
+/// Index of the only string.
 const NAME: u8 = 1;
 const LANGUAGES: [u8; 4] = [4, 3, 0x09, 0x04];
 const GROWBOT: [u8; 16] = [16, 3, b'g', 0, b'r', 0, b'o', 0, b'w', 0, b'b', 0, b'o', 0, b't', 0];
-/// 115200 baud, one stop bit, no parity, 8 bits: of no effect, but hosts ask.
+/// Line coding: 115200 baud, one stop bit, no parity, 8 bits. It has no effect, but hosts read it.
 const CODING: [u8; 7] = [0x00, 0xC2, 0x01, 0x00, 0, 0, 8];
 
 /// A request of the host.
@@ -116,7 +117,7 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// From the eight bytes of its packet, as two little-endian words.
+    /// Decodes the eight bytes of the request's packet, as two little-endian words.
     #[must_use]
     pub const fn new(low: u32, high: u32) -> Self {
         Self {
@@ -129,43 +130,43 @@ impl Setup {
     }
 }
 
-/// What a request is answered with.
+/// Response to a request.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reply {
-    /// So many bytes at most of this.
+    /// Sends this content, up to this number of bytes.
     Send(Content, usize),
-    /// Done.
+    /// The request is done.
     Done,
-    /// Done once the host has sent a line coding.
+    /// The request is done once the host has sent a line coding.
     TakeCoding,
-    /// Done; from then on the device has this address.
+    /// The request is done. The device has this address from then on.
     Address(u8),
-    /// Done: the endpoints are in use, or not.
+    /// The request is done. The value is `true` if the endpoints are in use.
     Configure(bool),
-    /// Done: the endpoint, of this address, begins anew.
+    /// The request is done. The endpoint with this address is reset.
     ClearEndpoint(u8),
-    /// Done: a program on the host has opened or closed the port.
+    /// The request is done. A program on the host has opened or closed the port.
     Opened,
-    /// Refused.
+    /// The request is refused.
     Refuse,
 }
 
-/// What can be sent.
+/// Content that can be sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Content {
     /// The device's descriptor.
     Device,
-    /// The configuration's descriptor, and all that belong to it.
+    /// The configuration's descriptor, and all descriptors that belong to it.
     Configuration,
-    /// The languages of strings.
+    /// The list of the languages of strings.
     Languages,
     /// The string.
     Name,
     /// The latest line coding.
     Coding,
-    /// A status that says nothing.
+    /// A status of zeros.
     Status,
-    /// Which configuration is in use.
+    /// The number of the current configuration.
     Configured,
 }
 
@@ -182,7 +183,7 @@ pub struct UsbSerial {
 }
 
 impl UsbSerial {
-    /// One that is not configured.
+    /// Creates a port that is not configured.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -196,18 +197,18 @@ impl UsbSerial {
         }
     }
 
-    /// Begins anew, as after a reset of the bus.
+    /// Resets the port, as after a reset of the bus.
     pub fn reset(&mut self) {
         self.configured = [0];
     }
 
-    /// Whether the host has configured it.
+    /// Returns whether the host has configured the port.
     #[must_use]
     pub const fn is_configured(&self) -> bool {
         self.configured[0] != 0
     }
 
-    /// The bytes of what is sent.
+    /// Returns the bytes of a content.
     #[must_use]
     pub fn content(&self, content: Content) -> &[u8] {
         match content {
@@ -221,14 +222,14 @@ impl UsbSerial {
         }
     }
 
-    /// Keeps the line coding that the host has sent.
+    /// Stores the line coding that the host has sent.
     pub fn take_coding(&mut self, bytes: impl Iterator<Item = u8>) {
         for (kept, byte) in self.coding.iter_mut().zip(bytes) {
             *kept = byte;
         }
     }
 
-    /// Answers a request.
+    /// Handles a request and returns the response.
     pub fn answer(&mut self, setup: Setup) -> Reply {
         let Setup { kind, request, value, index, length } = setup;
         let send = |content| Reply::Send(content, usize::from(length));
@@ -242,7 +243,7 @@ impl UsbSerial {
             (true, 6) => self.describe(value).map_or(Reply::Refuse, send),
             (true, 0) => send(Content::Status),
             (true, 8) => send(Content::Configured),
-            // Of each interface there is one form.
+            // Each interface has only one alternate setting.
             (true, 10) => Reply::Send(Content::Status, usize::from(length.min(1))),
             (false, 11) if value == 0 => Reply::Done,
             (false, 5) => Reply::Address(value as u8 & 0x7F),
@@ -273,7 +274,7 @@ impl Default for UsbSerial {
     }
 }
 
-/// Answers a request of the class: SET_LINE_CODING, GET_LINE_CODING, SET_CONTROL_LINE_STATE.
+/// Handles a request of the class: SET_LINE_CODING, GET_LINE_CODING, SET_CONTROL_LINE_STATE.
 fn answer_class(request: u8, to_host: bool, length: usize) -> Reply {
     match (to_host, request) {
         (false, 0x20) if length == CODING.len() => Reply::TakeCoding,
@@ -320,7 +321,7 @@ mod tests {
         assert_eq!(answer(0x00, 5, 7, 0), Reply::Address(7));
         assert_eq!(answer(0x80, 6, 0x200, 9), Reply::Send(Content::Configuration, 9));
         assert_eq!(answer(0x80, 6, 0x301, 255), Reply::Send(Content::Name, 255));
-        // It has no qualifier, as it knows one speed only, and no second string.
+        // The device has no qualifier, because it supports only one speed, and no second string.
         assert_eq!(answer(0x80, 6, 0x600, 10), Reply::Refuse);
         assert_eq!(answer(0x80, 6, 0x302, 255), Reply::Refuse);
         assert_eq!(answer(0x00, 9, 2, 0), Reply::Refuse);

@@ -43,9 +43,9 @@ macro_rules! chapters {
 }
 
 chapters! {
-    answers, bad_lines, bag_of_parts, completions, describe, drive, export, feedback, files, first_growth, flash,
-    maths_clearance, maths_layers, maths_space, maths_step, maths_two_planes, obstacles, paper, pipe_rack, readme,
-    robot_file, rubble_heap, see_it, serve, simulate, survive
+    answers, bag_of_parts, connect, console, describe, drive, export, feedback, files, first_growth, first_start, flash,
+    install, maintain, maths_clearance, maths_layers, maths_space, maths_step, maths_two_planes, obstacles, paper,
+    paper_figures, pipe_rack, plan_goals, practise, readme, robot_file, see_it, simulate, stop, survive
 }
 
 #[test]

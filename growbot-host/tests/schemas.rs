@@ -134,7 +134,7 @@ fn settings_and_notices_are_valid_by_their_schemas_and_slips_are_not() {
     assert_slip(&settings, &written, |written| written["robots"]["lab"]["baud"] = json!(9600));
     assert_slip(&settings, &written, |written| written["robots"]["other"] = json!({ "pace": 1.0 }));
     let notices = schema("notice");
-    // As book/src/serve.md has it.
+    // As book/src/notify.md has it.
     let notice = json!({
         "version": 1, "event": "filament-runout", "time_utc": "2026-11-23T01:45:00.123Z", "robot": "lab",
         "simulated": false, "job": "20261122T214500123_lab", "laid": 212, "layers": 780, "fault": null, "message": "it"

@@ -24,7 +24,7 @@ struct Growth {
 impl Growth {
     /// A body of hours, which grows.
     fn begin() -> Self {
-        let bench = Bench::new();
+        let bench = Bench::warm();
         let port = &bench.name;
         let lab = Lab::configured(&format!(
             "port = \"{port}\"\nrobot = \"growbot-a\"\n[robots.lab]\nport = \"{port}\"\nrobot = \"growbot-a\"\n"

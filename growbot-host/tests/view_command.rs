@@ -57,12 +57,13 @@ fn a_plan_becomes_one_page_that_asks_nobody_for_anything() {
     assert!(ran.out.is_empty() && ran.err.contains("plan.html"), "{}", ran.err);
 
     let html = fs::read_to_string(&page).unwrap();
-    // As README.md says.
-    let (_, said) = include_str!("../../README.md").split_once("One HTML file, of some ").expect("README.md says so");
+    // As book/src/see-it.md says.
+    let (_, said) =
+        include_str!("../../book/src/see-it.md").split_once("one HTML file of about ").expect("the page says so");
     let megabytes: f64 = said.split(' ').next().unwrap_or_default().parse().unwrap();
     assert!(
         (html.len() as f64 / 1e6 - megabytes).abs() < 0.1,
-        "{} bytes, and README.md says {megabytes} MB",
+        "{} bytes, and see-it.md says {megabytes} MB",
         html.len()
     );
     assert!(html.contains("default-src 'none'") && !html.contains("src=\"") && !html.contains("{{"));

@@ -1,4 +1,4 @@
-"""The code of the book's chapter runs, from its first block to its last."""
+"""The code of the book's two pages on Python runs, from its first block to its last."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from conftest import ROOT
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-def test_the_chapter_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_pages_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(webbrowser, "open", lambda _: True)
-    blocks = BLOCK.findall((ROOT / "book/src/python.md").read_text())
+    pages = [ROOT / "book/src" / page for page in ("python.md", "campaigns.md")]
+    blocks = [block for page in pages for block in BLOCK.findall(page.read_text())]
     assert len(blocks) >= 5
     names: dict[str, object] = {}
     with LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster:

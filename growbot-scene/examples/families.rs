@@ -1,12 +1,12 @@
-//! Plans through the random scenes of `growbot_scene::families`, and checks what is found at points 0.5 mm apart, with
-//! every distance from every obstacle computed one by one.
+//! Plans through the random scenes of `growbot_scene::families`. Checks the results at points 0.5 mm apart, with every
+//! distance from every obstacle computed one by one.
 //!
 //! ```sh
 //! cargo run --release -p growbot-scene --example families -- [SCENES OF EACH FAMILY [SECONDS [DIRECTORY [best]]]]
 //! ```
 //!
-//! With a directory, each scene and what was found in it is written there as JSON, for `tests/scenes/check.py`, which
-//! knows nothing of growbot's geometry. With `best`, all the time is used to shorten the first path.
+//! With a directory, each scene and its result are written there as JSON, for `tests/scenes/check.py`, which does not
+//! use growbot's geometry. With `best`, all the time is used to shorten the first path.
 
 use std::fs;
 use std::path::PathBuf;
@@ -19,7 +19,7 @@ use growbot_scene::shapes::Shape;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 
-/// That of growbot-a with a margin of 5 mm.
+/// The body of growbot-a with a margin of 5 mm.
 const BODY: Body = Body { radius: 100.0, need: 28.55 };
 
 #[derive(Default)]
@@ -64,7 +64,7 @@ fn main() {
 
 fn one(family: Family, number: u64, seconds: u64, counts: &mut Counts) -> Value {
     let drawn = draw(family, number, &BODY);
-    // Where nothing is known there may be no path: a second is enough.
+    // If nothing is known there may be no path, so a second is enough.
     let seconds = if drawn.known == Known::Nothing { 1 } else { seconds };
     let (outcome, time) = plan(&drawn, number, seconds);
     let is_found = matches!(outcome, Outcome::Found(_));
@@ -90,7 +90,7 @@ fn one(family: Family, number: u64, seconds: u64, counts: &mut Counts) -> Value 
     written(&drawn, number, &outcome, time)
 }
 
-/// A scene and what came of it: arcs and lines, lengths in mm.
+/// Returns the JSON of a scene and its result: arcs and lines, lengths in mm.
 fn written(drawn: &Drawn, number: u64, outcome: &Outcome, time: Duration) -> Value {
     let path = match outcome {
         Outcome::Found(chain) => chain.stretches.iter().map(|stretch| {
@@ -106,7 +106,7 @@ fn written(drawn: &Drawn, number: u64, outcome: &Outcome, time: Duration) -> Val
     written
 }
 
-/// All of a scene but the path in it.
+/// Returns the JSON of a scene without a path.
 fn header(drawn: &Drawn, number: u64, time: Duration) -> Value {
     let shapes = drawn.shapes.iter().map(|shape| match shape {
         Shape::Box { centre, half, rotation } => json!({
@@ -140,7 +140,7 @@ fn header(drawn: &Drawn, number: u64, time: Duration) -> Value {
     })
 }
 
-/// The first path, and how long it took. Every other goal has a direction.
+/// Returns the first path and the time that it took. Every other goal has a direction.
 fn plan(drawn: &Drawn, number: u64, seconds: u64) -> (Outcome, Duration) {
     let scene = drawn.scene();
     let free = Goal::Position { at: drawn.goal.position, tolerance: 0.0 };

@@ -1,4 +1,5 @@
-//! How long a mesh of a million triangles and a cloud of a million points take to be ready, and the memory needed.
+//! Measures the time until a mesh of a million triangles and a cloud of a million points are ready, and the memory
+//! needed.
 //!
 //! ```sh
 //! cargo run --release -p growbot-scene --example loading
@@ -46,7 +47,7 @@ fn measure(scene: &Path, name: &str) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A closed mesh of a ball of 1 m, as binary STL.
+/// Returns a closed mesh of a ball of 1 m, as binary STL.
 fn ball() -> Vec<u8> {
     let [round, up] = SIDES;
     let corner = |i: u32, j: u32| {
@@ -74,7 +75,7 @@ fn ball() -> Vec<u8> {
     bytes
 }
 
-/// Points on a ball of 1 m.
+/// Returns a cloud of points on a ball of 1 m, as PLY.
 fn cloud(as_text: bool) -> Vec<u8> {
     let format = if as_text { "ascii" } else { "binary_little_endian" };
     let mut bytes = format!(

@@ -1,14 +1,15 @@
-//! Plans every problem of directories like those converted from Med-RAD (UNC Robotics): `scene.ply`, the centres of
-//! balls, and `problems.json`, with the tube's diameter and radius, starts, and goals without a direction.
+//! Plans every problem in directories of the format that is converted from Med-RAD (UNC Robotics). `scene.ply` contains
+//! the centres of balls. `problems.json` contains the tube's diameter and radius, starts, and goals without a
+//! direction.
 //!
 //! ```sh
 //! cargo run --release -p growbot-scene --example problems -- [--seconds S] [--start-free MM] DIRECTORY...
 //! ```
 //!
-//! `--start-free` leaves out the points whose centres lie this near to the start: the published planners of that data
-//! do so within 3 mm, because bodies start in the wall of an airway there. Without it such a start is refused. Where
-//! `published-planners.csv` lies beside the directories, the length of RCS* is told too. One thread; loading is not
-//! counted.
+//! `--start-free` leaves out the points whose centres lie this near to the start. The published planners of that data
+//! do so within 3 mm, because bodies start in the wall of an airway there. Without it such a start is refused. If
+//! `published-planners.csv` lies beside the directories, the length of RCS* is printed too. The program uses one
+//! thread, and does not count the time of loading.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -91,7 +92,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// What was found.
+/// Result of a search.
 struct Answer {
     text: String,
     first: Option<Duration>,
@@ -135,7 +136,7 @@ fn answer(written: &Problems, asked: &Asked, points: &[Vector3<f64>], options: &
     Answer { text, first: first.map(|(time, _)| time), decided }
 }
 
-/// The last length of RCS* for this problem.
+/// Returns the last length of RCS* for this problem.
 fn rival(directory: &Path, place: &str, name: &str) -> Option<String> {
     let table = fs::read_to_string(directory.parent()?.join("published-planners.csv")).ok()?;
     let row = table.lines().find(|row| row.starts_with(&format!("{place},{name},rcs_star,")))?;

@@ -1,4 +1,4 @@
-//! A body on a path of arcs, lines and helicoidal arcs: whether it is clear of a scene, and by how much.
+//! A body on a path of arcs, lines and helicoidal arcs, and its clearance in a scene.
 
 use std::time::Instant;
 
@@ -11,9 +11,9 @@ use crate::clear::{Clearance, Need, Work, is_clear, least_until};
 use crate::motion::{Curve, Stretch, stretches};
 use crate::scene::Scene;
 
-/// The clearance that is told is this near to the true one, and not above it, mm.
+/// Maximum error of a reported clearance, mm. A reported clearance is never above the true one.
 pub const TOLERANCE: f64 = 1e-3;
-/// A helicoidal arc is divided into pieces of this length, radii: each is one step of the integration or two.
+/// Length of the pieces into which a helicoidal arc is divided, radii. Each is one or two steps of the integration.
 const HELICOID_PIECE: f64 = 0.25;
 
 /// A piece of a body.
@@ -49,7 +49,7 @@ impl Curve for Piece {
     }
 }
 
-/// The point so far along a path (mm) that grows from a frame; beyond its ends the nearer of them.
+/// Returns the point after this length along a path (mm) that grows from a frame. Beyond the ends it is the nearer end.
 #[must_use]
 pub fn point_at(path: &[Segment], base_from_start: &Frame, along: f64) -> Vector3<f64> {
     let (mut base_from_tip, mut left) = (*base_from_start, along.max(0.0));
@@ -65,7 +65,7 @@ pub fn point_at(path: &[Segment], base_from_start: &Frame, along: f64) -> Vector
     base_from_tip.translation.vector
 }
 
-/// The pieces of a path that grows from a frame.
+/// Returns the pieces of a path that grows from a frame.
 fn pieces(path: &[Segment], base_from_start: &Frame) -> Vec<Piece> {
     let mut base_from_tip = *base_from_start;
     let mut pieces = Vec::with_capacity(path.len());
@@ -79,7 +79,8 @@ fn pieces(path: &[Segment], base_from_start: &Frame) -> Vec<Piece> {
     pieces
 }
 
-/// Divides a helicoidal arc into short ones: the same curve with m at each point, and p, as its tip sees them.
+/// Divides a helicoidal arc into short ones: the same curve with m at each point, and p, both in the frame of the tip
+/// there.
 fn divide(base_from_tip: &Frame, curve: &Helicoid, radius: f64, length: f64, pieces: &mut Vec<Piece>) {
     let count = (length / radius / HELICOID_PIECE).ceil().max(1.0);
     let short = length / count;
@@ -95,27 +96,29 @@ fn divide(base_from_tip: &Frame, curve: &Helicoid, radius: f64, length: f64, pie
     }
 }
 
-/// Whether a body on this path, which grows from this frame, keeps off all obstacles by what it needs.
+/// Reports whether a body on this path, which grows from this frame, stays clear of all obstacles by the needed
+/// distance.
 #[must_use]
 pub fn is_body_clear(scene: &Scene, path: &[Segment], base_from_start: &Frame, need: &Need) -> bool {
     let mut work = Work::default();
-    // Who begins outside of a solid and keeps off its surface stays outside; who begins inside is not clear of it.
+    // A body that begins outside a solid and stays clear of its surface stays outside. A body that begins inside is not
+    // clear.
     if scene.holds(&base_from_start.translation.vector) {
         return false;
     }
     pieces(path, base_from_start).iter().all(|piece| is_clear(scene, piece, need, &mut work))
 }
 
-/// The least distance of the centreline from the obstacles: at most the true one, and at least that less
-/// [`TOLERANCE`]. Of a body that begins inside of a solid mesh, the negative distance of its start.
+/// Returns the minimum distance of the centreline from the obstacles. It is at most the true one, and below it by at
+/// most [`TOLERANCE`]. For a body that begins inside a solid mesh, it is the negative distance of its start.
 #[must_use]
 pub fn clearance(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Clearance {
-    // Without a deadline it is found; nothing would be proven else.
+    // Without a deadline it is always found. The fallback proves nothing.
     let unproven = Clearance { distance: f64::NEG_INFINITY, at: 0.0 };
     clearance_until(scene, path, base_from_start, None).unwrap_or(unproven)
 }
 
-/// As [`clearance`]. None if it is not found before the deadline.
+/// Like [`clearance`], but returns `None` if it is not found before the deadline.
 #[must_use]
 pub fn clearance_until(
     scene: &Scene,

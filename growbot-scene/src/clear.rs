@@ -1,7 +1,7 @@
-//! Whether a body is clear of a scene along its whole length, proven and not sampled.
+//! Proof that a body is clear of a scene along its whole length, without sampling.
 //!
-//! The distance from a point to the obstacles changes by no more than the point moves. So all of a curve within the
-//! length `d - need` of a point at distance `d` keeps off by `need`. What that leaves of a stretch is halved again,
+//! The distance from a point to the obstacles changes by no more than the point moves. So the part of a curve within
+//! the length `d - need` of a point at distance `d` stays clear by `need`. The rest of a stretch is halved repeatedly,
 //! until all is proven, or a point is too near.
 
 use std::time::Instant;
@@ -9,29 +9,30 @@ use std::time::Instant;
 use crate::motion::Curve;
 use crate::scene::Scene;
 
-/// What a search may spend: distances looked up.
+/// Work of a search: number of distance queries.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Work(pub u64);
 
-/// What a body needs: mm.
+/// Clearance that a body needs, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Need {
-    /// The centreline must keep this far from obstacles: half the tube's diameter and the margin.
+    /// Minimum distance of the centreline from obstacles: half the tube's diameter and the margin.
     pub distance: f64,
-    /// What comes nearer than `distance` and this may be refused: a stretch that just touches need not be resolved.
+    /// Tolerance. A stretch whose clearance is below `distance + slack` may be rejected, so that grazing contact need
+    /// not be resolved.
     pub slack: f64,
 }
 
-/// Whether a stretch keeps off the obstacles.
+/// Reports whether a stretch stays clear of the obstacles.
 #[must_use]
 pub fn is_clear(scene: &Scene, stretch: &impl Curve, need: &Need, work: &mut Work) -> bool {
     is_clear_between(scene, stretch, [0.0, stretch.length()], need, work)
 }
 
-/// As [`is_clear`], between two lengths.
+/// Like [`is_clear`], but for the part between two lengths along the stretch.
 #[must_use]
 pub fn is_clear_between(scene: &Scene, stretch: &impl Curve, between: [f64; 2], need: &Need, work: &mut Work) -> bool {
-    // What is left to prove; halving leaves one waiting for each level.
+    // Parts that are not proven yet. Halving leaves one waiting part for each level.
     let mut waiting = [[0.0; 2]; 64];
     waiting[0] = between;
     let mut count = 1_usize;
@@ -61,28 +62,29 @@ pub fn is_clear_between(scene: &Scene, stretch: &impl Curve, between: [f64; 2], 
     true
 }
 
-/// The least clearance of a body: proven, with its place.
+/// Proven minimum clearance of a body, with its position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Clearance {
-    /// No point of the centreline is nearer to an obstacle than this, mm.
+    /// Minimum distance of the centreline from all obstacles, mm.
     pub distance: f64,
-    /// How far along the body the nearest point lies, mm.
+    /// Position of the nearest point along the body, mm.
     pub at: f64,
 }
 
-/// The least distance of the centreline from the obstacles: at most the true one, and at least that less `tolerance`.
+/// Returns the minimum distance of the centreline from the obstacles. It is at most the true one, and below it by at
+/// most `tolerance`.
 #[must_use]
 pub fn least(scene: &Scene, stretches: &[impl Curve], tolerance: f64) -> Clearance {
-    // Without a deadline it is found; nothing would be proven else.
+    // Without a deadline it is always found. The fallback proves nothing.
     let unproven = Clearance { distance: f64::NEG_INFINITY, at: 0.0 };
     least_until(scene, stretches, tolerance, None).unwrap_or(unproven)
 }
 
-/// Distances that [`least_until`] looks up between two looks at the clock.
+/// Number of distance queries of [`least_until`] between two checks of the clock.
 const BETWEEN_LOOKS: u32 = 512;
 
-/// As [`least`]. None if it is not found before `deadline`: a long body beside a wall needs a distance for every two
-/// tolerances.
+/// Like [`least`], but returns `None` if it is not found before `deadline`. A long body beside a wall needs a distance
+/// query for every two tolerances.
 #[must_use]
 pub fn least_until(
     scene: &Scene,
@@ -103,7 +105,7 @@ pub fn least_until(
             let half = 0.5 * (to - from);
             let middle = from + half;
             let reach = stretch.reach(half);
-            // What is farther than this cannot matter.
+            // An obstacle that is farther away does not matter.
             let enough = nearest.distance + reach;
             let distance = scene.distance_within(&stretch.point(middle), enough);
             if distance >= enough {
@@ -112,7 +114,7 @@ pub fn least_until(
             if distance - tolerance < nearest.distance {
                 nearest = Clearance { distance: distance - tolerance, at: before + middle };
             }
-            // Points within this length are proven to be no nearer than what is known.
+            // Points within this length are proven to be no nearer than the minimum so far.
             let proven = distance - nearest.distance;
             if proven < reach {
                 waiting.extend([[from, middle - proven], [middle + proven, to]]);

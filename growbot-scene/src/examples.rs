@@ -1,6 +1,6 @@
-//! Scenes to try things in, drawn at random from a seed: a rack of pipes, and a heap of rubble.
+//! Random scenes for experiments: a rack of pipes, and a heap of rubble.
 //!
-//! Each is drawn round a way that is left free, so that a tube can get through.
+//! Each scene keeps a way free, so that a tube can get through.
 
 use std::f64::consts::TAU;
 
@@ -11,24 +11,24 @@ use nalgebra::Vector3;
 use crate::file::{FORMAT, SceneFile, WrittenBox, WrittenCapsule, WrittenHalfSpace};
 use crate::shapes::Shape;
 
-/// How far the outside of the tube must keep from everything, mm.
+/// Minimum distance between the outside of the tube and everything, mm.
 const MARGIN: f64 = 5.0;
-/// How far from the way that is left free there is nothing, mm: a tube of 44 mm with its margin, and room to bend.
+/// Free distance round the way, mm: a tube of 44 mm with its margin, and space to bend.
 const ROOM: f64 = 34.0;
-/// How far beyond both ends the way is left free, straight on, mm.
+/// Length by which the free way continues straight beyond both ends, mm.
 const BEYOND: f64 = 120.0;
 
-/// A kind of scene.
+/// Kind of example scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Example {
-    /// Levels of pipes, along x and along y by turns, between posts: from 0, 0, 0 upwards.
+    /// Levels of pipes between posts, along x and along y by turns. The way leads from 0, 0, 0 upwards.
     PipeRack,
-    /// Slabs and bricks on a floor: from 0, 0, 60 along x.
+    /// Slabs and bricks on a floor. The way leads from 0, 0, 60 along x.
     RubbleHeap,
 }
 
 impl Example {
-    /// From where to where there is a way: start as a pose, goal as a position, as the command line has them.
+    /// Returns the ends of the free way in the form of the command line: start as a pose, goal as a position.
     #[must_use]
     pub fn ends(self) -> (&'static str, &'static str) {
         match self {
@@ -37,7 +37,7 @@ impl Example {
         }
     }
 
-    /// The way that is left free, at a share of it.
+    /// Returns the point at this fraction of the free way.
     fn way(self, share: f64) -> Vector3<f64> {
         let (_, cosine) = sin_cos(TAU * share);
         let aside = 0.5 * (1.0 - cosine);
@@ -47,7 +47,7 @@ impl Example {
         }
     }
 
-    /// Points of that way, and of what is straight on beyond its ends.
+    /// Returns points of the free way, including the straight parts beyond its ends.
     fn free(self) -> Vec<Vector3<f64>> {
         let along = match self {
             Self::PipeRack => Vector3::z(),
@@ -60,7 +60,7 @@ impl Example {
         (0..=240).map(|step| self.way(f64::from(step) / 240.0)).chain(ends).collect()
     }
 
-    /// The scene of a seed: the same on every machine.
+    /// Returns the scene of a seed, which is the same on every machine.
     #[must_use]
     pub fn scene(self, seed: u64) -> SceneFile {
         let mut random = Random::new(&[self as u64, seed, 47]);
@@ -75,7 +75,7 @@ impl Example {
     }
 }
 
-/// Lengths in whole mm.
+/// Rounds lengths to whole mm.
 fn whole(point: [f64; 3]) -> [f64; 3] {
     point.map(f64::round)
 }
@@ -90,7 +90,7 @@ fn pipe_rack(random: &mut Random, scene: &mut SceneFile, is_free: impl Fn(&Shape
         while aside < 310.0 {
             let (lower, higher) = (height + random.between(-12.0, 12.0), random.between(-12.0, 12.0));
             let ends = [[-380.0, aside, lower], [380.0, aside + higher, lower]];
-            // Every other level the other way.
+            // Every other level has the other direction.
             let ends = if level % 2 == 0 { ends } else { ends.map(|[x, y, z]| [y, x, z]) };
             let [from_mm, to_mm] = ends.map(whole);
             let pipe = WrittenCapsule { from_mm, to_mm, radius_mm: random.between(10.0, 26.0).round() };
@@ -105,7 +105,7 @@ fn pipe_rack(random: &mut Random, scene: &mut SceneFile, is_free: impl Fn(&Shape
 fn rubble_heap(random: &mut Random, scene: &mut SceneFile, is_free: impl Fn(&Shape) -> bool) {
     scene.half_spaces.push(WrittenHalfSpace { point_mm: [0.0; 3], normal: [0.0, 0.0, 1.0] });
     for _ in 0..130 {
-        // Lower towards its edge.
+        // The heap is lower towards its edge.
         let (x, y) = (random.between(120.0, 780.0), random.between(-300.0, 300.0));
         let [along, across] = [(x - 450.0) / 400.0, y / 380.0];
         let slope = 1.0 - (along * along + across * across).min(1.0);
@@ -124,7 +124,7 @@ fn rubble_heap(random: &mut Random, scene: &mut SceneFile, is_free: impl Fn(&Sha
     }
 }
 
-/// The text of a scene file of shapes, which begins with these comments.
+/// Returns the text of a scene file with these shapes, which begins with these comments.
 #[must_use]
 pub fn text(scene: &SceneFile, comments: &[String]) -> String {
     let mut text: String = comments.iter().map(|comment| format!("# {comment}\n")).collect();
@@ -175,7 +175,7 @@ mod tests {
                 let free = example.free();
                 let nearest = |shape: &Shape| free.iter().map(|at| shape.distance(at)).fold(f64::INFINITY, f64::min);
                 let least = shapes.iter().map(nearest).fold(f64::INFINITY, f64::min);
-                // Not far more than is needed, or nothing would be in the way.
+                // The distance must not be much larger than needed, or there would be nothing in the way.
                 assert!((ROOM..ROOM + 40.0).contains(&least), "{example:?}, seed {seed}: {least}");
             }
         }

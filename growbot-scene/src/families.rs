@@ -1,7 +1,7 @@
-//! Scenes drawn at random, for tests and measurements: pillars, walls with windows, pipes, rubble, and clouds of points.
+//! Random scenes for tests and measurements: pillars, walls with windows, pipes, rubble, and clouds of points.
 //!
-//! A scene may have a *planted* path, which is laid first and kept free, so that there is a path. It may be *sealed*:
-//! something closed surrounds the goal, so that there is none.
+//! A scene may have a *planted* path, which is laid first and kept free, so that a path exists. It may be *sealed*, so
+//! that a closed surface surrounds the goal and no path exists.
 
 use std::f64::consts::{PI, TAU};
 
@@ -13,7 +13,7 @@ use crate::motion::{Curve, Stretch, Tip, any_across};
 use crate::scene::{Cloud, Mesh, Scene};
 use crate::shapes::{Shape, Triangle};
 
-/// The kinds of scenes.
+/// Kind of random scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Family {
     /// Upright round pillars and boxes.
@@ -31,30 +31,30 @@ pub enum Family {
 /// All families.
 pub const FAMILIES: [Family; 5] = [Family::Pillars, Family::Walls, Family::Pipes, Family::Rubble, Family::Points];
 
-/// What is known of a scene's paths.
+/// Known facts about the paths of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Known {
-    /// There is this one.
+    /// This path exists.
     Planted(Vec<Stretch>),
-    /// There is none.
+    /// No path exists.
     Sealed,
-    /// Nothing.
+    /// Nothing is known.
     Nothing,
 }
 
-/// What a body needs in these scenes.
+/// Requirements of the body in these scenes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Body {
-    /// The min radius of bends, mm.
+    /// Minimum radius of bends, mm.
     pub radius: f64,
-    /// How far the centreline must keep from obstacles, mm.
+    /// Minimum distance of the centreline from obstacles, mm.
     pub need: f64,
 }
 
-/// A scene, and what is asked in it.
+/// A scene with start and goal.
 #[derive(Debug, Clone)]
 pub struct Drawn {
-    /// The family.
+    /// Family of the scene.
     pub family: Family,
     /// Boxes, balls and capsules.
     pub shapes: Vec<Shape>,
@@ -62,19 +62,19 @@ pub struct Drawn {
     pub triangles: Vec<Triangle>,
     /// The points of a cloud.
     pub points: Vec<Vector3<f64>>,
-    /// Where to start.
+    /// Start of the body.
     pub start: Tip,
-    /// Where to arrive.
+    /// Goal of the body.
     pub goal: Tip,
-    /// What is known of its paths.
+    /// Known facts about its paths.
     pub known: Known,
 }
 
-/// The radius of the balls of a cloud, mm.
+/// Radius of the balls of a cloud, mm.
 pub const POINT_RADIUS: f64 = 4.0;
 
 impl Drawn {
-    /// The scene.
+    /// Builds the scene.
     #[must_use]
     pub fn scene(&self) -> Scene {
         let clouds = if self.points.is_empty() { vec![] } else { vec![Cloud::new(self.points.clone(), POINT_RADIUS)] };
@@ -83,7 +83,8 @@ impl Drawn {
     }
 }
 
-/// The scene of this number: the same on every machine. Of ten, five have a planted path and one is sealed.
+/// Draws the scene of this number, which is the same on every machine. Of ten scenes, five have a planted path and one
+/// is sealed.
 #[must_use]
 pub fn draw(family: Family, number: u64, body: &Body) -> Drawn {
     let mut random = Random::new(&[family as u64, number, 17]);
@@ -103,7 +104,7 @@ pub fn draw(family: Family, number: u64, body: &Body) -> Drawn {
             _ => Known::Nothing,
         },
     };
-    // What is planted is kept free with some room; else only where the body starts and ends.
+    // A planted path is kept free with some extra distance. Otherwise only the start and end of the body are kept free.
     let room = body.need + random.between(3.0, 15.0);
     let ends = [Stretch::line(start, 2.0 * body.need), Stretch::line(goal, -body.need)];
     let kept: &[Stretch] = if matches!(drawn.known, Known::Planted(_)) { &way } else { &ends };
@@ -121,7 +122,7 @@ pub fn draw(family: Family, number: u64, body: &Body) -> Drawn {
     drawn
 }
 
-/// A way of arcs and lines, some 0.5 to 1 m long, that does not come back.
+/// Draws a way of arcs and lines, some 0.5 to 1 m long, that does not come back.
 fn way(random: &mut Random, start: Tip, body: &Body) -> Vec<Stretch> {
     let mut tip = start;
     let mut way = Vec::new();
@@ -131,7 +132,7 @@ fn way(random: &mut Random, start: Tip, body: &Body) -> Vec<Stretch> {
         let towards = x * cos + tip.direction.cross(&x) * sin;
         let radius = body.radius * random.between(1.0, 2.0);
         let arc = Stretch { from: tip, towards, curvature: 1.0 / radius, length: radius * random.between(0.2, 1.1) };
-        // What turns back towards the floor or the start is laid straight instead.
+        // An arc that turns back towards the floor or the start is replaced by a straight line.
         let arc = if arc.end().direction.z < -0.3 { Stretch::line(tip, 50.0) } else { arc };
         let line = Stretch::line(arc.end(), random.between(50.0, 250.0));
         tip = line.end();
@@ -140,25 +141,25 @@ fn way(random: &mut Random, start: Tip, body: &Body) -> Vec<Stretch> {
     way
 }
 
-/// Points of a stretch, this far apart.
+/// Returns points of a stretch at this interval.
 fn sampled(stretch: &Stretch, apart: f64) -> Vec<Vector3<f64>> {
     let count = (stretch.length.abs() / apart).ceil().max(1.0) as u32;
     (0..=count).map(|i| stretch.point(stretch.length * f64::from(i) / f64::from(count))).collect()
 }
 
-/// The least distance from any of these points.
+/// Returns the minimum distance from these points.
 fn least(points: &[Vector3<f64>], distance: impl Fn(&Vector3<f64>) -> f64) -> f64 {
     points.iter().map(distance).fold(f64::INFINITY, f64::min)
 }
 
-/// A point in the box round the way, larger by a margin.
+/// Draws a point in the bounding box of the way, enlarged by a margin.
 fn anywhere(random: &mut Random, drawn: &Drawn, margin: f64) -> Vector3<f64> {
     let (a, b) = (drawn.start.position, drawn.goal.position);
     let (min, max) = (a.inf(&b), a.sup(&b));
     Vector3::from_fn(|i, _| random.between(min[i] - margin, max[i] + margin))
 }
 
-/// Adds shapes where they leave the points free. Points within two sampling distances are as good as a curve.
+/// Adds a shape if it leaves the points free. The points are so dense that they represent the curve.
 fn add(drawn: &mut Drawn, shape: Shape, free: &[Vector3<f64>], room: f64) {
     if least(free, |point| shape.distance(point)) > room + 0.1 {
         drawn.shapes.push(shape);
@@ -183,7 +184,7 @@ fn pillars(random: &mut Random, drawn: &mut Drawn, free: &[Vector3<f64>], room: 
 fn walls(random: &mut Random, drawn: &mut Drawn, way: &[Stretch], free: &[Vector3<f64>], room: f64) {
     let count = 2 + random.below(2);
     for wall in 0..count {
-        // Across the way, somewhere in each part of it, with a window there.
+        // Walls stand across the way, one in each part of it, with a window there.
         let index = (way.len() as u64 * (2 * wall + 1) / (2 * count)) as usize;
         let Some(stretch) = way.get(index) else { continue };
         let tip = stretch.tip(stretch.length * random.unit());
@@ -209,7 +210,7 @@ fn walls(random: &mut Random, drawn: &mut Drawn, way: &[Stretch], free: &[Vector
 fn pipes(random: &mut Random, drawn: &mut Drawn, free: &[Vector3<f64>], room: f64) {
     for _ in 0..90 {
         let centre = anywhere(random, drawn, 150.0);
-        // Mostly along the axes, as in a rack.
+        // Most of them are parallel to an axis, as in a rack.
         let axis = if random.below(3) == 0 {
             random.direction()
         } else {
@@ -221,7 +222,7 @@ fn pipes(random: &mut Random, drawn: &mut Drawn, free: &[Vector3<f64>], room: f6
     }
 }
 
-/// The corners and faces of an octahedron, each face divided into four: 18 corners, 32 faces.
+/// Returns the corners and faces of an octahedron whose faces are each divided into four: 18 corners, 32 faces.
 fn stone() -> (Vec<Vector3<f64>>, Vec<[usize; 3]>) {
     let mut corners: Vec<Vector3<f64>> = Vec::new();
     let mut index = |point: Vector3<f64>| {
@@ -271,7 +272,7 @@ fn boulders(random: &mut Random, drawn: &mut Drawn, free: &[Vector3<f64>], room:
     }
 }
 
-/// Adds points of a sphere, about this far apart: a spiral.
+/// Adds points of a sphere, about this far apart, along a spiral.
 fn shell(points: &mut Vec<Vector3<f64>>, centre: &Vector3<f64>, radius: f64, apart: f64) {
     let count = (4.0 * PI * radius * radius / (apart * apart)).ceil() as u32;
     for i in 0..count {
@@ -285,7 +286,7 @@ fn shell(points: &mut Vec<Vector3<f64>>, centre: &Vector3<f64>, radius: f64, apa
 /// Encloses the goal.
 fn seal(drawn: &mut Drawn, body: &Body) {
     let centre = drawn.goal.position;
-    // Big enough for the body, and too small for the start to be inside.
+    // The size is large enough for the body, and too small for the start to be inside.
     let size = (2.5 * body.need).min(0.4 * (centre - drawn.start.position).norm());
     match drawn.family {
         Family::Points => shell(&mut drawn.points, &centre, 1.5 * size, 8.0),
@@ -311,8 +312,8 @@ fn seal(drawn: &mut Drawn, body: &Body) {
     }
 }
 
-/// The least distance of these stretches from the obstacles at points this far apart: every obstacle, one by one, with
-/// formulas of its own, so that it checks what finds its obstacles by trees.
+/// Returns the minimum distance of these stretches from the obstacles at points this far apart. It computes every
+/// obstacle one by one with independent formulas, so that it checks the searches in trees.
 #[must_use]
 pub fn brute_force_least(drawn: &Drawn, stretches: &[Stretch], apart: f64) -> f64 {
     let points: Vec<Vector3<f64>> = stretches.iter().flat_map(|stretch| sampled(stretch, apart)).collect();
@@ -324,7 +325,7 @@ pub fn brute_force_least(drawn: &Drawn, stretches: &[Stretch], apart: f64) -> f6
     })
 }
 
-/// The distance from a shape; 0 inside.
+/// Returns the distance from a shape, 0 inside.
 fn brute_force_shape(shape: &Shape, point: &Vector3<f64>) -> f64 {
     match shape {
         Shape::Box { centre, half, rotation } => {
@@ -334,7 +335,7 @@ fn brute_force_shape(shape: &Shape, point: &Vector3<f64>) -> f64 {
         }
         Shape::Ball { centre, radius } => ((point - centre).norm() - radius).max(0.0),
         Shape::Capsule { from, to, radius } => {
-            // The line's parameter by Cramer's rule, and its ends.
+            // The line's parameter by Cramer's rule, limited to its ends.
             let along = to - from;
             let share = along.dot(&(point - from)) / along.dot(&along).max(f64::MIN_POSITIVE);
             let foot = from + along * share.clamp(0.0, 1.0);
@@ -343,7 +344,8 @@ fn brute_force_shape(shape: &Shape, point: &Vector3<f64>) -> f64 {
     }
 }
 
-/// The distance from a triangle: the closest point by regions (Ericson 2005, "Real-Time Collision Detection", 5.1.5).
+/// Returns the distance from a triangle. Finds the closest point by regions (Ericson 2005, "Real-Time Collision
+/// Detection", 5.1.5).
 #[must_use]
 pub fn brute_force_triangle(Triangle([a, b, c]): &Triangle, point: &Vector3<f64>) -> f64 {
     let (ab, ac, ap) = (b - a, c - a, point - a);

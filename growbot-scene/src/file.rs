@@ -11,23 +11,23 @@ use crate::read::{self, Faults, Geometry, LONGEST_GEOMETRY, ReadError, ReadGeome
 use crate::scene::{Cloud, Mesh, Scene};
 use crate::shapes::{HalfSpace, Shape, Triangle};
 
-/// The format that this version reads.
+/// Format that this version reads.
 pub const FORMAT: &str = "growbot-scene/1";
-/// Max coordinate and size, mm (10 km): that of poses.
+/// Maximum coordinate and size, mm (10 km), as for poses.
 pub const MAX_LENGTH: f64 = 1e7;
-/// Max number of entries of one kind in a file.
+/// Maximum number of entries of one kind in a file.
 pub const MAX_ENTRIES: usize = 100_000;
-/// No scene file is longer than this, bytes (16 MiB); meshes and clouds have their own files.
+/// Maximum length of a scene file, bytes (16 MiB). Meshes and clouds have their own files.
 pub const LONGEST_FILE: u64 = 16 << 20;
 
-/// A scene as written.
+/// A scene file.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
-    /// `growbot-scene/1`.
+    /// Format of the file: `growbot-scene/1`.
     pub format: String,
-    /// How far the outside of the tube must keep from everything, mm.
+    /// Minimum distance between the outside of the tube and everything in the scene, mm.
     #[serde(default)]
     pub margin_mm: f64,
     /// Boxes.
@@ -39,92 +39,92 @@ pub struct SceneFile {
     /// Capsules: cylinders with round ends.
     #[serde(default, rename = "capsule", skip_serializing_if = "Vec::is_empty")]
     pub capsules: Vec<WrittenCapsule>,
-    /// Half spaces: all that lies behind a plane.
+    /// Half spaces: everything behind a plane.
     #[serde(default, rename = "halfspace", skip_serializing_if = "Vec::is_empty")]
     pub half_spaces: Vec<WrittenHalfSpace>,
-    /// Meshes in files of their own.
+    /// Meshes in their own files.
     #[serde(default, rename = "mesh", skip_serializing_if = "Vec::is_empty")]
     pub meshes: Vec<WrittenMesh>,
-    /// Clouds of points in files of their own.
+    /// Clouds of points in their own files.
     #[serde(default, rename = "points", skip_serializing_if = "Vec::is_empty")]
     pub clouds: Vec<WrittenPoints>,
 }
 
-/// A box as written.
+/// A box of a scene file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct WrittenBox {
-    /// Its centre, mm.
+    /// Centre, mm.
     pub center_mm: [f64; 3],
-    /// Its sides, mm.
+    /// Lengths of the sides, mm.
     pub size_mm: [f64; 3],
-    /// Roll about x, then pitch about y, then yaw about z, all of the fixed axes, degrees.
+    /// Rotation in degrees: roll about x, then pitch about y, then yaw about z, all of the fixed axes.
     #[serde(default)]
     pub rpy_deg: [f64; 3],
 }
 
-/// A ball as written.
+/// A ball of a scene file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct WrittenBall {
-    /// Its centre, mm.
+    /// Centre, mm.
     pub center_mm: [f64; 3],
-    /// Its radius, mm.
+    /// Radius, mm.
     pub radius_mm: f64,
 }
 
-/// A capsule as written.
+/// A capsule of a scene file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct WrittenCapsule {
-    /// The centre of one round end, mm.
+    /// Centre of one round end, mm.
     pub from_mm: [f64; 3],
-    /// The centre of the other, mm.
+    /// Centre of the other round end, mm.
     pub to_mm: [f64; 3],
-    /// Its radius, mm.
+    /// Radius, mm.
     pub radius_mm: f64,
 }
 
-/// A half space as written.
+/// A half space of a scene file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct WrittenHalfSpace {
-    /// A point of the plane, mm.
+    /// Point of the plane, mm.
     pub point_mm: [f64; 3],
-    /// What is free lies on this side of the plane.
+    /// Normal of the plane, which points to the free side.
     pub normal: [f64; 3],
 }
 
-/// A mesh as written.
+/// A mesh of a scene file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct WrittenMesh {
-    /// Its file, STL, OBJ, PLY or GLB, beside the scene's file.
+    /// File of the mesh, STL, OBJ, PLY or GLB, relative to the scene's file.
     pub file: String,
-    /// How many mm a unit of the file is.
+    /// Length of a unit of the mesh file, mm.
     #[serde(default = "one")]
     pub scale: f64,
-    /// Whether what it encloses is an obstacle too: then it must be closed.
+    /// True if the enclosed volume is an obstacle too. The mesh must then be closed.
     #[serde(default = "yes")]
     pub solid: bool,
 }
 
-/// A cloud of points as written.
+/// A cloud of points of a scene file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct WrittenPoints {
-    /// Its file, PLY or PCD, beside the scene's file.
+    /// File of the cloud, PLY or PCD, relative to the scene's file.
     pub file: String,
-    /// How many mm a unit of the file is.
+    /// Length of a unit of the cloud file, mm.
     #[serde(default = "one")]
     pub scale: f64,
-    /// Each point is a ball of this radius, mm.
+    /// Radius of the ball round each point, mm.
     pub radius_mm: f64,
 }
 
@@ -136,109 +136,109 @@ fn yes() -> bool {
     true
 }
 
-/// Why there is no scene.
+/// Error of loading a scene.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
-    /// A file cannot be read, or is not what its ending says.
+    /// A file cannot be read, or its content does not match its extension.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// The file is no TOML, or has other fields than a scene.
+    /// The file is not TOML, or has other fields than a scene.
     #[error("{file}, line {line}: {reason}")]
     Toml {
         /// The file.
         file: String,
         /// Line, from 1.
         line: usize,
-        /// What is wrong there.
+        /// Error at that position.
         reason: String,
     },
-    /// The scene is of another version.
+    /// The scene has another format version.
     #[error("{file} has format {found:?}, and this version of growbot reads {FORMAT:?}: change the file's first line")]
     OtherFormat {
         /// The file.
         file: String,
-        /// The format that it names.
+        /// Format that the file names.
         found: String,
     },
-    /// A number is none, or out of range.
+    /// A value is not a number, or is out of range.
     #[error("{file}: {field} is {value}, and must be {limit}")]
     Value {
         /// The file.
         file: String,
-        /// Where it stands.
+        /// Name of the field.
         field: String,
         /// The value.
         value: f64,
-        /// What it may be.
+        /// Permitted values.
         limit: &'static str,
     },
-    /// More entries than a scene may have.
+    /// The file has too many entries of one kind.
     #[error("{file} has {count} entries of [[{kind}]], and may have {MAX_ENTRIES}: make a mesh of them")]
     TooMany {
         /// The file.
         file: String,
-        /// The kind.
+        /// Kind of the entries.
         kind: &'static str,
-        /// How many there are.
+        /// Number of entries.
         count: usize,
     },
-    /// A mesh with a hole encloses nothing.
+    /// A solid mesh has a hole, so it encloses no volume.
     #[error(
         "{file} is an open mesh, with {open} edges that only one face has, and cannot be solid: close it, or say \
          `solid = false` in its [[mesh]] to have its faces alone as obstacles"
     )]
     OpenMesh {
-        /// The mesh's file.
+        /// File of the mesh.
         file: String,
-        /// How many edges are open.
+        /// Number of open edges.
         open: usize,
     },
-    /// Faces of a mesh that are inside out: what is inside is not known.
+    /// Faces of a solid mesh are inside out, so its inside is undefined.
     #[error(
         "{file} is a mesh with {flipped} edges whose two faces name their corners in the same direction, so that one \
          of the two is inside out, and cannot be solid: turn its faces to one side (in Blender: Mesh > Normals > \
          Recalculate Outside), or say `solid = false` in its [[mesh]] to have its faces alone as obstacles"
     )]
     FlippedFaces {
-        /// The mesh's file.
+        /// File of the mesh.
         file: String,
-        /// How many edges lie between such faces.
+        /// Number of edges between such faces.
         flipped: usize,
     },
-    /// The meshes and clouds of a scene are larger than growbot reads.
+    /// The meshes and clouds of a scene exceed the total size limit.
     #[error(
         "the meshes and clouds of {file} are longer than {LONGEST_GEOMETRY} bytes together, the most that is read: \
          make them smaller, or leave some out"
     )]
     TooLarge {
-        /// The scene's file.
+        /// File of the scene.
         file: String,
     },
-    /// A file without what it is read for.
+    /// A file contains no triangles or points.
     #[error("{file} has no {what}: give a file that has some")]
     Empty {
         /// The file.
         file: String,
-        /// What is missing.
+        /// Name of the missing items.
         what: &'static str,
     },
 }
 
-/// A scene that has been read.
+/// A scene that was loaded from its files.
 #[derive(Debug, Clone)]
 pub struct LoadedScene {
     /// The obstacles.
     pub scene: Scene,
-    /// How far the outside of the tube must keep from them, mm.
+    /// Minimum distance between the outside of the tube and the obstacles, mm.
     pub margin: f64,
     /// Hash of the scene's file and of all files that it names, CRC-64/XZ.
     pub hash: u64,
 }
 
-/// Reads a scene: a scene file, or a single mesh or cloud by its ending.
+/// Loads a scene: a scene file, or a single mesh or cloud, according to its extension.
 ///
 /// # Errors
-/// What is wrong with a file, with the value, the limit and what to do.
+/// Any fault of a file. The message contains the value, the limit and a remedy.
 pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
     let name = path.display().to_string();
     if read::is_geometry(path) {
@@ -274,7 +274,7 @@ pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
     Ok(LoadedScene { scene, margin: written.margin_mm, hash: hasher.finish() })
 }
 
-/// A mesh or a cloud alone. Points are balls without a radius: the margin is 0.
+/// Loads a single mesh or cloud. Points are balls without a radius. The margin is 0.
 fn load_geometry(path: &Path, name: &str) -> Result<LoadedScene, SceneError> {
     let read = read::geometry(path)?;
     let scene = if read.geometry.triangles.is_empty() {
@@ -285,10 +285,10 @@ fn load_geometry(path: &Path, name: &str) -> Result<LoadedScene, SceneError> {
     Ok(LoadedScene { scene, margin: 0.0, hash: read.hash })
 }
 
-/// The scene that a text describes. `file` is how messages call it.
+/// Parses a scene file. `file` is its name in error messages.
 ///
 /// # Errors
-/// No TOML, other fields, another version, a number out of range.
+/// If the text is not TOML, has other fields or another version, or a number is out of range.
 pub fn parse(text: &str, file: &str) -> Result<SceneFile, SceneError> {
     let written: SceneFile = toml::from_str(text).map_err(|error| {
         let at = error.span().map_or(0, |span| span.start).min(text.len());
@@ -349,7 +349,7 @@ impl SceneFile {
         Ok(())
     }
 
-    /// The boxes, balls and capsules.
+    /// Returns the boxes, balls and capsules.
     pub(crate) fn shapes(&self) -> Vec<Shape> {
         let boxes = self.boxes.iter().map(|written| {
             let [roll, pitch, yaw] = written.rpy_deg.map(radians);
@@ -378,7 +378,7 @@ impl SceneFile {
     }
 }
 
-/// Checks numbers of a file.
+/// Checks of the numbers of a file.
 struct Check<'a> {
     file: &'a str,
 }
@@ -410,7 +410,7 @@ impl Check<'_> {
     }
 }
 
-/// Points in mm, each a finite number within range.
+/// Returns the points in mm after checking that each coordinate is finite and within range.
 fn scaled(geometry: &Geometry, scale: f64, file: &str) -> Result<Vec<Vector3<f64>>, SceneError> {
     let mut points = Vec::with_capacity(geometry.points.len());
     for (index, point) in geometry.points.iter().enumerate() {
@@ -440,7 +440,7 @@ fn mesh_of(geometry: &Geometry, scale: f64, solid: bool, file: &str) -> Result<M
     if triangles.is_empty() {
         return Err(SceneError::Empty { file: file.to_owned(), what: "faces" });
     }
-    // The check takes as long as the tree: both at a time.
+    // The check takes as long as building the tree, so both run in parallel.
     let (faults, mesh) = thread::scope(|scope| {
         let check = || if solid { read::faults(&points, &geometry.triangles) } else { Faults::default() };
         let faults = scope.spawn(check);

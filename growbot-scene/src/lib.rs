@@ -1,13 +1,13 @@
 //! Scenes of obstacles, the certified clearance of a growing body in them, and paths through them.
 //!
-//! - [`mod@file`]: scene files, with meshes and clouds in files of their own ([`read`]);
-//! - [`scene`]: how far a point is from the obstacles, which are [`shapes`] in [`tree`]s;
-//! - [`motion`]: centrelines of arcs and lines; [`clear`]: proof that one keeps off the obstacles; [`body`]: the same
+//! - [`mod@file`]: scene files, with meshes and clouds in their own files ([`read`]);
+//! - [`scene`]: the distance of a point from the obstacles, which are [`shapes`] in [`tree`]s;
+//! - [`motion`]: centrelines of arcs and lines; [`clear`]: proof that one is clear of the obstacles; [`body`]: the same
 //!   for a plan's path;
-//! - [`narrowest`]: where a body is nearest to the obstacles; [`shown`]: what of a scene views show;
-//! - [`planner`]: a path through a scene, or that there is none;
-//! - [`examples`]: scenes to try things in;
-//! - [`families`]: random scenes, for tests and measurements.
+//! - [`narrowest`]: the place where a body is nearest to the obstacles; [`shown`]: the part of a scene that views show;
+//! - [`planner`]: a path through a scene, or the proof that none exists;
+//! - [`examples`]: random scenes for experiments;
+//! - [`families`]: random scenes for tests and measurements.
 //!
 //! Lengths are in mm, angles in radians. All results are the same on every machine.
 //!

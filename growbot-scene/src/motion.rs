@@ -1,4 +1,4 @@
-//! Tips and stretches: a body's centreline as the search has it, in vectors, without roll.
+//! Tips and stretches: a body's centreline in the form of the search, in vectors, without roll.
 
 use std::f64::consts::PI;
 
@@ -8,12 +8,12 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::trigonometry::{sin, sin_cos};
 use nalgebra::Vector3;
 
-/// A tip: where it is, mm, and the unit vector in which it grows.
+/// A tip: its position, mm, and its direction of growth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tip {
-    /// Where it is, mm.
+    /// Position, mm.
     pub position: Vector3<f64>,
-    /// The direction of growth, a unit vector.
+    /// Direction of growth, a unit vector.
     pub direction: Vector3<f64>,
 }
 
@@ -26,9 +26,9 @@ impl From<&Pose> for Tip {
 /// A part of an arc or of a straight line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stretch {
-    /// Where it begins.
+    /// Tip at the start.
     pub from: Tip,
-    /// The unit vector towards which it bends, perpendicular to the direction; of a line any.
+    /// Unit vector towards which the stretch bends, perpendicular to the direction. Arbitrary for a line.
     pub towards: Vector3<f64>,
     /// Curvature, 1/mm; 0 for a line.
     pub curvature: f64,
@@ -36,13 +36,14 @@ pub struct Stretch {
     pub length: f64,
 }
 
-/// A piece of a centreline, by arc length.
+/// A piece of a centreline, parametrized by arc length.
 pub trait Curve {
-    /// Length, mm.
+    /// Returns the length, mm.
     fn length(&self) -> f64;
-    /// The point after this length.
+    /// Returns the point after this length.
     fn point(&self, along: f64) -> Vector3<f64>;
-    /// How far the points within this length of a point on it may be from that point, mm: the chord.
+    /// Returns the maximum distance of the points within this length of a point on the curve from that point, mm: the
+    /// chord.
     fn reach(&self, along: f64) -> f64;
 }
 
@@ -65,7 +66,7 @@ impl Curve for Stretch {
 }
 
 impl Stretch {
-    /// A straight line.
+    /// Creates a straight line.
     #[must_use]
     pub fn line(from: Tip, length: f64) -> Self {
         Self { from, towards: Vector3::zeros(), curvature: 0.0, length }
@@ -81,7 +82,7 @@ impl Stretch {
         (chord * cos, chord * sin)
     }
 
-    /// The tip after this length.
+    /// Returns the tip after this length.
     #[must_use]
     pub fn tip(&self, along: f64) -> Tip {
         let (sin, cos) = sin_cos(along * self.curvature);
@@ -89,20 +90,20 @@ impl Stretch {
         Tip { position: self.point(along), direction: direction.normalize() }
     }
 
-    /// The tip at its end.
+    /// Returns the tip at the end.
     #[must_use]
     pub fn end(&self) -> Tip {
         self.tip(self.length)
     }
 }
 
-/// The length of some stretches, mm.
+/// Returns the total length of some stretches, mm.
 #[must_use]
 pub fn length(stretches: &[Stretch]) -> f64 {
     stretches.iter().fold(0.0, |length, stretch| length + stretch.length)
 }
 
-/// Some unit vector perpendicular to this unit vector.
+/// Returns any unit vector perpendicular to this unit vector.
 #[must_use]
 pub fn any_across(direction: &Vector3<f64>) -> Vector3<f64> {
     let mut axis = Vector3::zeros();
@@ -110,10 +111,12 @@ pub fn any_across(direction: &Vector3<f64>) -> Vector3<f64> {
     direction.cross(&axis).normalize()
 }
 
-/// A position this little inside a turning circle, in squares of the radius, is on it: where an arc ended, say.
+/// Tolerance within which a position inside a turning circle counts as on it, in squares of the radius. An example is
+/// the end of an arc.
 const ON_CIRCLE: f64 = 1e-12;
 
-/// The arc of this radius and the line that lead from a tip to a position; none to a position inside a turning circle.
+/// Returns the arc of this radius and the line that lead from a tip to a position. `None` for a position inside a
+/// turning circle.
 #[must_use]
 pub fn to_position(from: &Tip, position: &Vector3<f64>, radius: f64) -> Option<[Stretch; 2]> {
     let offset = position - from.position;
@@ -135,9 +138,9 @@ pub fn to_position(from: &Tip, position: &Vector3<f64>, radius: f64) -> Option<[
     Some([arc, Stretch::line(arc.end(), line)])
 }
 
-/// The segments that grow along these stretches from a frame: the same curve as the robot has it.
+/// Returns the robot's segments that grow along these stretches from a frame.
 ///
-/// Each stretch is taken in the frame in which the one before ended, so that small errors do not add up to a roll.
+/// Each stretch is taken in the frame in which the previous one ended, so that small errors do not add up to a roll.
 #[must_use]
 pub fn segments(stretches: &[Stretch], base_from_start: &Frame) -> Vec<Segment> {
     let mut base_from_tip = *base_from_start;
@@ -163,7 +166,7 @@ pub fn segments(stretches: &[Stretch], base_from_start: &Frame) -> Vec<Segment> 
     segments
 }
 
-/// The stretches of a path of arcs and lines that grows from a frame; none if it has helicoidal arcs.
+/// Returns the stretches of a path of arcs and lines that grows from a frame. `None` if it has helicoidal arcs.
 #[must_use]
 pub fn stretches(path: &[Segment], base_from_start: &Frame) -> Option<Vec<Stretch>> {
     let mut base_from_tip = *base_from_start;
@@ -185,7 +188,7 @@ pub fn stretches(path: &[Segment], base_from_start: &Frame) -> Option<Vec<Stretc
     Some(stretches)
 }
 
-/// The angle between two unit vectors, radians.
+/// Returns the angle between two unit vectors, radians.
 #[must_use]
 pub fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     2.0 * libm::atan2((a - b).norm(), (a + b).norm())

@@ -1,4 +1,4 @@
-//! Where a body is nearest to the obstacles of a scene: which point of which obstacle, and of the body.
+//! The place where a body is nearest to the obstacles of a scene: the point of the body, the obstacle and its point.
 
 use growbot_core::path::Segment;
 use growbot_core::pose::Frame;
@@ -11,19 +11,19 @@ use crate::shapes::{Shape, Triangle};
 /// The narrowest place of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Narrowest {
-    /// How far along the body it is, mm.
+    /// Position along the body, mm.
     pub at: f64,
-    /// The point of the body's centreline.
+    /// Point of the body's centreline.
     pub on_body: Vector3<f64>,
-    /// The point of the obstacle's surface that is nearest to it.
+    /// Nearest point of the obstacle's surface.
     pub on_obstacle: Vector3<f64>,
     /// The obstacle.
     pub obstacle: Obstacle,
-    /// The proven least distance of the centreline from all obstacles, mm: see [`clearance`]. Negative inside.
+    /// Proven minimum distance of the centreline from all obstacles, mm: see [`clearance`]. Negative inside.
     pub distance: f64,
 }
 
-/// The narrowest place of a body on this path, which grows from this frame; none without obstacles.
+/// Returns the narrowest place of a body on this path, which grows from this frame. `None` without obstacles.
 #[must_use]
 pub fn narrowest(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Option<Narrowest> {
     let found = clearance(scene, path, base_from_start);
@@ -33,7 +33,7 @@ pub fn narrowest(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Op
 }
 
 impl Scene {
-    /// The point of an obstacle's surface that is nearest to a point, and the obstacle; none without obstacles.
+    /// Returns the nearest point of an obstacle's surface, and the obstacle. `None` without obstacles.
     #[must_use]
     pub fn nearest_point(&self, point: &Vector3<f64>) -> Option<(Vector3<f64>, Obstacle)> {
         let obstacle = self.nearest(point)?;
@@ -54,25 +54,25 @@ impl Scene {
     }
 }
 
-/// The one of these that is nearest to a point.
+/// Returns the one of these that is nearest to a point.
 fn nearest_to(point: &Vector3<f64>, all: impl Iterator<Item = Vector3<f64>>) -> Option<Vector3<f64>> {
     let squares = all.map(|one| ((one - point).norm_squared(), one));
     squares.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, one)| one)
 }
 
-/// The unit vector of a direction; of none, any.
+/// Returns the unit vector of a direction. It is arbitrary for a zero vector.
 fn away(direction: &Vector3<f64>) -> Vector3<f64> {
     direction.try_normalize(1e-12).unwrap_or_else(Vector3::x)
 }
 
-/// The point of a shape's surface that is nearest to a point.
+/// Returns the nearest point of a shape's surface.
 fn on_shape(shape: &Shape, point: &Vector3<f64>) -> Vector3<f64> {
     match shape {
         Shape::Box { centre, half, rotation } => {
             let offset = rotation.inverse_transform_vector(&(point - centre));
             let mut nearest = offset.zip_map(half, |at, half| at.max(-half).min(half));
             if offset == nearest {
-                // Inside: through the nearest face.
+                // The point is inside, so the nearest face counts.
                 let axis = (offset.abs() - half).imax();
                 nearest[axis] = half[axis].copysign(offset[axis]);
             }
@@ -81,14 +81,14 @@ fn on_shape(shape: &Shape, point: &Vector3<f64>) -> Vector3<f64> {
         Shape::Ball { centre, radius } => centre + away(&(point - centre)) * *radius,
         Shape::Capsule { from, to, radius } => {
             let axis = on_segment(from, to, point);
-            // On the axis itself any way out is as short, but for those along it.
+            // On the axis itself, all directions perpendicular to it are equally short.
             let across = (to - from).cross(&Vector3::new(0.3, 0.5, 0.8));
             axis + (point - axis).try_normalize(1e-12).unwrap_or_else(|| away(&across)) * *radius
         }
     }
 }
 
-/// The point of a straight line between two points that is nearest to a point.
+/// Returns the nearest point of a line segment.
 fn on_segment(from: &Vector3<f64>, to: &Vector3<f64>, point: &Vector3<f64>) -> Vector3<f64> {
     let along = to - from;
     let square = along.norm_squared();
@@ -96,7 +96,7 @@ fn on_segment(from: &Vector3<f64>, to: &Vector3<f64>, point: &Vector3<f64>) -> V
     from + along * share
 }
 
-/// The point of a triangle that is nearest to a point.
+/// Returns the nearest point of a triangle.
 fn on_triangle(Triangle([a, b, c]): &Triangle, point: &Vector3<f64>) -> Vector3<f64> {
     let normal = (b - a).cross(&(c - a));
     let above = |from: &Vector3<f64>, to: &Vector3<f64>| (to - from).cross(&(point - from)).dot(&normal) >= 0.0;

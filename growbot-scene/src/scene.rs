@@ -1,4 +1,4 @@
-//! A scene: obstacles, and how far a point is from them.
+//! A scene: obstacles, and the distance of a point from them.
 
 use std::fmt;
 
@@ -8,16 +8,16 @@ use nalgebra::Vector3;
 use crate::shapes::{HalfSpace, Shape, Triangle};
 use crate::tree::{Bounds, Tree, bounds_of, signed_root};
 
-/// An obstacle, as messages call it.
+/// An obstacle in messages.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Obstacle {
     /// A box, ball or capsule.
     Shape(Shape),
     /// A half space.
     HalfSpace(HalfSpace),
-    /// The mesh of this number, from 1.
+    /// The mesh with this number, from 1.
     Mesh(usize),
-    /// The cloud of points of this number, from 1.
+    /// The cloud of points with this number, from 1.
     Cloud(usize),
 }
 
@@ -35,7 +35,7 @@ impl fmt::Display for Obstacle {
     }
 }
 
-/// A cloud: each point is a ball of one radius.
+/// A cloud of points, each of which is a ball of the same radius.
 #[derive(Debug, Clone)]
 pub struct Cloud {
     points: Tree<Vector3<f64>>,
@@ -43,19 +43,19 @@ pub struct Cloud {
 }
 
 impl Cloud {
-    /// The centres of the balls.
+    /// Returns the centres of the balls.
     #[must_use]
     pub fn points(&self) -> &[Vector3<f64>] {
         self.points.items()
     }
 
-    /// Their radius, mm.
+    /// Returns the radius of the balls, mm.
     #[must_use]
     pub fn radius(&self) -> f64 {
         self.radius
     }
 
-    /// The cloud of balls of this radius (mm) at these points.
+    /// Creates a cloud of balls of this radius (mm) at these points.
     #[must_use]
     pub fn new(points: Vec<Vector3<f64>>, radius: f64) -> Self {
         Self { points: Tree::new(points), radius }
@@ -66,24 +66,24 @@ impl Cloud {
 #[derive(Debug, Clone)]
 pub struct Mesh {
     triangles: Tree<Triangle>,
-    /// Whether what it encloses is an obstacle too.
+    /// True if the enclosed volume is an obstacle too.
     solid: bool,
 }
 
 impl Mesh {
-    /// The triangles.
+    /// Returns the triangles.
     #[must_use]
     pub fn triangles(&self) -> &[Triangle] {
         self.triangles.items()
     }
 
-    /// The mesh of these triangles. If it is `solid`, it must be closed.
+    /// Creates a mesh of these triangles. If it is `solid`, it must be closed.
     #[must_use]
     pub fn new(triangles: Vec<Triangle>, solid: bool) -> Self {
         Self { triangles: Tree::new(triangles), solid }
     }
 
-    /// Whether a point is inside what the mesh encloses.
+    /// Reports whether the mesh encloses a point.
     fn holds(&self, point: &Vector3<f64>) -> bool {
         let mut winding = 0;
         self.triangles.along_x(point.y, point.z, |triangles| {
@@ -103,29 +103,30 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// A scene of these obstacles.
+    /// Creates a scene of these obstacles.
     #[must_use]
     pub fn new(shapes: Vec<Shape>, half_spaces: Vec<HalfSpace>, clouds: Vec<Cloud>, meshes: Vec<Mesh>) -> Self {
         let shapes = (!shapes.is_empty()).then(|| Tree::new(shapes));
         Self { shapes, half_spaces, clouds, meshes }
     }
 
-    /// The distance from a point to the nearest obstacle, mm; negative inside. Never more than 1e-9 mm above the true
-    /// distance. Infinite without obstacles.
+    /// Returns the distance from a point to the nearest obstacle, mm, negative inside. It is never more than 1e-9 mm
+    /// above the true distance. Infinite without obstacles.
     #[must_use]
     pub fn distance(&self, point: &Vector3<f64>) -> f64 {
         let distance = self.distance_within(point, f64::INFINITY);
         if self.holds(point) { -distance.abs() } else { distance }
     }
 
-    /// Whether a point is inside of a solid mesh.
+    /// Reports whether a point is inside a solid mesh.
     #[must_use]
     pub fn holds(&self, point: &Vector3<f64>) -> bool {
         self.meshes.iter().any(|mesh| mesh.solid && mesh.holds(point))
     }
 
-    /// The least of `within` and the distance from a point to the nearest surface of an obstacle, mm. Inside of a mesh
-    /// it is not negative: who begins outside and keeps off the surface stays outside.
+    /// Returns the distance from a point to the nearest obstacle surface, at most `within`, mm. It is not negative
+    /// inside a mesh; use [`Scene::holds`] for that. A path that begins outside a mesh and stays clear of its surface
+    /// stays outside.
     #[must_use]
     #[inline]
     pub fn distance_within(&self, point: &Vector3<f64>, within: f64) -> f64 {
@@ -133,7 +134,7 @@ impl Scene {
         for half_space in &self.half_spaces {
             best = best.min(half_space.distance(point));
         }
-        // Where nothing is nearer, `best` stays to its last digit.
+        // If nothing is nearer, `best` stays exactly the same.
         if let Some(shapes) = &self.shapes {
             let within = best * best.abs();
             let nearest = shapes.nearest(point, within);
@@ -152,7 +153,7 @@ impl Scene {
         best
     }
 
-    /// The obstacle whose surface is nearest to a point; none without obstacles.
+    /// Returns the obstacle whose surface is nearest to a point. `None` without obstacles.
     #[must_use]
     pub fn nearest(&self, point: &Vector3<f64>) -> Option<Obstacle> {
         let shapes = self.shapes.iter().flat_map(Tree::items);
@@ -169,31 +170,31 @@ impl Scene {
         all.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, obstacle)| obstacle)
     }
 
-    /// The boxes, balls and capsules.
+    /// Returns the boxes, balls and capsules.
     #[must_use]
     pub fn shapes(&self) -> &[Shape] {
         self.shapes.as_ref().map_or(&[], Tree::items)
     }
 
-    /// The half spaces.
+    /// Returns the half spaces.
     #[must_use]
     pub fn half_spaces(&self) -> &[HalfSpace] {
         &self.half_spaces
     }
 
-    /// The clouds of points.
+    /// Returns the clouds of points.
     #[must_use]
     pub fn clouds(&self) -> &[Cloud] {
         &self.clouds
     }
 
-    /// The meshes.
+    /// Returns the meshes.
     #[must_use]
     pub fn meshes(&self) -> &[Mesh] {
         &self.meshes
     }
 
-    /// The box that holds all obstacles but half spaces.
+    /// Returns the bounding box of all obstacles except half spaces.
     #[must_use]
     pub fn bounds(&self) -> Bounds {
         let mut bounds = self.shapes.as_ref().map_or(Bounds::EMPTY, |shapes| bounds_of(shapes.items()));
@@ -203,7 +204,7 @@ impl Scene {
         self.meshes.iter().fold(bounds, |bounds, mesh| bounds.with(&bounds_of(mesh.triangles.items())))
     }
 
-    /// The number of shapes, half spaces, triangles and points.
+    /// Returns the number of shapes, half spaces, triangles and points.
     #[must_use]
     pub fn len(&self) -> usize {
         let shapes = self.shapes.as_ref().map_or(0, |shapes| shapes.items().len());
@@ -212,7 +213,7 @@ impl Scene {
         shapes + self.half_spaces.len() + clouds + meshes
     }
 
-    /// Whether there are no obstacles.
+    /// Reports whether there are no obstacles.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0

@@ -1,44 +1,44 @@
 //! Boxes, balls, capsules, half spaces, triangles and points, each with its distance from a point.
 //!
-//! Distances are negative inside. None is above the true one but by rounding: 1e-9 mm at most for coordinates within
+//! Distances are negative inside. None is above the true one except by rounding: 1e-9 mm at most for coordinates within
 //! 1e6 mm.
 
 use nalgebra::{Rotation3, Vector3};
 
 use crate::tree::{Bounds, Item, signed_square};
 
-/// A shape of a few numbers. Lengths in mm.
+/// A simple shape. Lengths in mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shape {
     /// A box.
     Box {
-        /// Its centre.
+        /// Centre of the box.
         centre: Vector3<f64>,
-        /// Half its sides.
+        /// Half the lengths of its sides.
         half: Vector3<f64>,
-        /// `base_from_box`.
+        /// Rotation `base_from_box`.
         rotation: Rotation3<f64>,
     },
     /// A ball.
     Ball {
-        /// Its centre.
+        /// Centre of the ball.
         centre: Vector3<f64>,
-        /// Its radius.
+        /// Radius of the ball.
         radius: f64,
     },
-    /// All points within a distance of a line from one point to another.
+    /// All points within a distance of a line segment.
     Capsule {
-        /// One end of the line.
+        /// One end of the segment.
         from: Vector3<f64>,
-        /// The other end.
+        /// Other end of the segment.
         to: Vector3<f64>,
-        /// The distance.
+        /// Maximum distance from the segment.
         radius: f64,
     },
 }
 
 impl Shape {
-    /// The distance from a point to the surface, negative inside.
+    /// Returns the distance from a point to the surface, negative inside.
     #[must_use]
     pub fn distance(&self, point: &Vector3<f64>) -> f64 {
         match self {
@@ -58,7 +58,7 @@ impl Item for Shape {
         match self {
             Self::Box { centre, half, rotation } => {
                 let reach = rotation.matrix().abs() * half;
-                // Rounding of the rotation.
+                // Allows for rounding of the rotation.
                 let reach = reach * (1.0 + 1e-12);
                 Bounds { min: centre - reach, max: centre + reach }
             }
@@ -72,12 +72,12 @@ impl Item for Shape {
     }
 }
 
-/// The square of the distance from a point to a straight line between two points.
+/// Returns the square of the distance from a point to a line segment.
 fn to_segment(point: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>) -> f64 {
     let (along, offset) = (to - from, point - from);
     let square = along.norm_squared();
     let share = if square > 0.0 { (offset.dot(&along) / square).clamp(0.0, 1.0) } else { 0.0 };
-    // From the nearer end, so that rounding is that of the shorter part.
+    // Measure from the nearer end, so that the rounding is that of the shorter part.
     if share > 0.5 {
         (point - to + along * (1.0 - share)).norm_squared()
     } else {
@@ -85,17 +85,17 @@ fn to_segment(point: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>) -> f
     }
 }
 
-/// All points on one side of a plane: free is the side to which the normal points.
+/// All points on one side of a plane. The normal points to the free side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HalfSpace {
     /// A point of the plane.
     pub point: Vector3<f64>,
-    /// The plane's normal, a unit vector.
+    /// Normal of the plane, a unit vector.
     pub normal: Vector3<f64>,
 }
 
 impl HalfSpace {
-    /// The distance from a point to the plane, negative inside.
+    /// Returns the distance from a point to the plane, negative inside.
     #[must_use]
     pub fn distance(&self, point: &Vector3<f64>) -> f64 {
         self.normal.dot(&(point - self.point))
@@ -119,14 +119,14 @@ impl Item for Vector3<f64> {
 pub struct Triangle(pub [Vector3<f64>; 3]);
 
 impl Triangle {
-    /// The square of the distance from a point.
+    /// Returns the square of the distance from a point.
     fn square(&self, point: &Vector3<f64>) -> f64 {
         let [a, b, c] = &self.0;
         let edges = to_segment(point, a, b).min(to_segment(point, b, c)).min(to_segment(point, c, a));
         let normal = (b - a).cross(&(c - a));
         let area = normal.norm();
         let longest = (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
-        // Of a triangle that is nearly a line the normal is rounding, and the edges are all there is.
+        // If a triangle is nearly a line, its normal is mostly rounding, so only the edges count.
         if area <= 1e-14 * longest {
             return edges;
         }
@@ -134,7 +134,7 @@ impl Triangle {
         if !(above(a, b) && above(b, c) && above(c, a)) {
             return edges;
         }
-        // The nearest corner has the least rounding. That of the normal is worse the thinner the triangle is.
+        // The nearest corner has the smallest rounding. The rounding of the normal is larger for thinner triangles.
         let offset = [a, b, c].map(|corner| point - corner);
         let offset =
             offset.into_iter().min_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared())).unwrap_or_default();
@@ -143,10 +143,12 @@ impl Triangle {
         edges.min(distance * distance)
     }
 
-    /// How the line from a point along the x axis passes through the triangle: 1 if out of the side from which its
-    /// corners are counter-clockwise, -1 if into it, 0 if beside or behind.
+    /// Returns how the line from a point along the x axis passes through the triangle. The result is 1 if it leaves
+    /// through the side from which the corners are counter-clockwise, and -1 if it enters there. The result is 0 if it
+    /// passes beside or behind.
     ///
-    /// Of triangles with a common edge a line passes through one only: the edge's own arithmetic is the same for both.
+    /// A line passes through only one of several triangles with a common edge, because the arithmetic of the edge is
+    /// the same for all of them.
     #[must_use]
     pub fn passing(&self, point: &Vector3<f64>) -> i32 {
         let [a, b, c] = &self.0;
@@ -160,15 +162,15 @@ impl Triangle {
     }
 }
 
-/// How the edge passes the half line from the point towards greater y, seen along the x axis: 1 upwards in z, -1
-/// downwards, 0 beside.
+/// Returns how the edge crosses the half line from the point towards greater y, seen along the x axis: 1 upwards in z,
+/// -1 downwards, 0 beside.
 fn turned(from: &Vector3<f64>, to: &Vector3<f64>, point: &Vector3<f64>) -> i32 {
     let upwards = from.z <= point.z && point.z < to.z;
     let downwards = to.z <= point.z && point.z < from.z;
     if !upwards && !downwards {
         return 0;
     }
-    // From the lower end always, whichever triangle asks.
+    // Compute from the lower end in any case, so that the result is the same for both triangles.
     let (low, high) = if upwards { (from, to) } else { (to, from) };
     let side = (high.y - low.y) * (point.z - low.z) - (point.y - low.y) * (high.z - low.z);
     match (side > 0.0, upwards) {

@@ -1,4 +1,4 @@
-//! What of a scene a view shows: the obstacles near a body, as many as a page or a picture can hold.
+//! The part of a scene that a view shows: the obstacles near a body, within the limits of a page or a picture.
 
 use nalgebra::Vector3;
 
@@ -6,39 +6,39 @@ use crate::scene::{Mesh, Scene};
 use crate::shapes::{Shape, Triangle};
 use crate::tree::{Bounds, Item, Tree};
 
-/// Obstacles farther from the body than this share of its size are left out, and than this distance at least, mm.
+/// Maximum distance of shown obstacles from the body, as a fraction of its size. `LEAST_FAR` is its lower limit, mm.
 const FAR: f64 = 0.5;
 const LEAST_FAR: f64 = 200.0;
 
-/// How many obstacles of each kind are shown at most.
+/// Maximum number of shown obstacles of each kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Boxes, balls and capsules.
+    /// Number of boxes, balls and capsules.
     pub shapes: usize,
-    /// Triangles of meshes.
+    /// Number of triangles of meshes.
     pub triangles: usize,
-    /// Points of clouds.
+    /// Number of points of clouds.
     pub points: usize,
 }
 
-/// The obstacles that are shown. Lengths in mm.
+/// Obstacles that are shown. Lengths in mm.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Shown {
     /// Boxes, balls and capsules.
     pub shapes: Vec<Shape>,
-    /// Of the planes of half spaces, the corners of a square beside the body, in order, counter-clockwise seen from the
+    /// Squares of the planes of half spaces beside the body. The corners are in order, counter-clockwise seen from the
     /// free side.
     pub squares: Vec<[Vector3<f64>; 4]>,
     /// Triangles of meshes.
     pub triangles: Vec<Triangle>,
     /// Points of clouds, each with the radius of its ball.
     pub points: Vec<(Vector3<f64>, f64)>,
-    /// How many obstacles the scene has: shapes, half spaces, triangles and points.
+    /// Number of obstacles of the scene: shapes, half spaces, triangles and points.
     pub of: usize,
 }
 
 impl Shown {
-    /// Those of a scene near a body: `places` are points of its centreline.
+    /// Selects the obstacles of a scene near a body. `places` are points of its centreline.
     #[must_use]
     pub fn near(scene: &Scene, places: &[Vector3<f64>], limits: &Limits) -> Self {
         let around = Around::new(places);
@@ -57,19 +57,19 @@ impl Shown {
         }
     }
 
-    /// How many there are.
+    /// Returns the number of shown obstacles.
     #[must_use]
     pub fn len(&self) -> usize {
         self.shapes.len() + self.squares.len() + self.triangles.len() + self.points.len()
     }
 
-    /// Whether there are none.
+    /// Reports whether no obstacles are shown.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// How many obstacles are shown, in words.
+    /// Returns a message with the number of shown obstacles.
     #[must_use]
     pub fn in_words(&self) -> String {
         if self.len() == self.of {
@@ -80,11 +80,12 @@ impl Shown {
     }
 }
 
-/// What is around a body.
+/// The surroundings of a body.
 struct Around {
     places: Tree<Vector3<f64>>,
     centre: Vector3<f64>,
-    /// How far from the centreline obstacles are shown, and how far the body reaches from its middle, mm.
+    /// Maximum distance of shown obstacles from the centreline, mm. `size` is half the diagonal of the body's bounding
+    /// box, mm.
     far: f64,
     size: f64,
 }
@@ -102,11 +103,11 @@ impl Around {
         }
     }
 
-    /// The square of how far a box is from the body, by the point of it that is nearest to the body's places: of a long
-    /// box at most what it is.
+    /// Returns the square of the distance of a bounding box from the nearest of the body's places. For a long item it
+    /// is a lower bound of the item's own distance.
     fn square_of(&self, bounds: &Bounds) -> f64 {
         let beside = |place: &Vector3<f64>| (place.sup(&bounds.min).inf(&bounds.max) - place).norm_squared();
-        // Small boxes are as far as their middles, about; the tree finds those at once.
+        // A small box is about as far as its middle, whose distance the tree finds quickly.
         let (middle, half) = (0.5 * (bounds.min + bounds.max), 0.5 * (bounds.max - bounds.min).norm());
         if half < 0.05 * self.far {
             let distance = (self.places.nearest(&middle, f64::INFINITY).sqrt() - half).max(0.0);
@@ -115,7 +116,7 @@ impl Around {
         self.places.items().iter().map(beside).fold(f64::INFINITY, f64::min)
     }
 
-    /// Those that are near, the nearest first where there are more than `max`.
+    /// Returns the near ones among all items. If there are more than `max`, returns the nearest ones.
     fn nearest<T: Copy>(&self, all: impl Iterator<Item = T>, max: usize, bounds: impl Fn(&T) -> Bounds) -> Vec<T> {
         let far = self.far * self.far;
         let mut near: Vec<(f64, T)> =
@@ -127,7 +128,7 @@ impl Around {
         near.into_iter().map(|(_, item)| item).collect()
     }
 
-    /// A square of a plane beside the body; none where that is far.
+    /// Returns a square of a plane beside the body. `None` if the plane is too far away.
     fn square(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> Option<[Vector3<f64>; 4]> {
         let away = normal.dot(&(self.centre - point));
         if away.abs() > self.size + self.far {
@@ -166,7 +167,7 @@ mod tests {
         assert!(shown.shapes.contains(&ball(100.0)) && shown.shapes.contains(&pillar) && shown.shapes.len() == 2);
         let [corners] = &shown.squares[..] else { panic!("{shown:?}") };
         assert!(corners.iter().all(|corner| (corner.z + 40.0).abs() < 1e-9), "{corners:?}");
-        // Around the body, and turned towards it.
+        // The square is around the body, and faces it.
         assert!((corners.iter().sum::<Vector3<f64>>() / 4.0).xy().norm() < 1e-9);
         assert!((corners[1] - corners[0]).cross(&(corners[2] - corners[1])).z > 0.0);
         assert_eq!((shown.len(), shown.in_words().as_str()), (3, "5, the nearest 3 shown"));
@@ -181,7 +182,7 @@ mod tests {
         assert_eq!((shown.triangles.len(), shown.points.len(), shown.of), (100, 100, 200_000));
         assert!(shown.points.iter().all(|(at, radius)| at.x < 0.21 && *radius == 1.0), "{:?}", shown.points);
         assert!(shown.triangles.iter().all(|Triangle([at, ..])| at.x < 1.5), "{:?}", shown.triangles);
-        // Nothing grown is no reason to fail.
+        // An empty body must not fail.
         assert!(Shown::near(&scene, &[], &LIMITS).points.len() <= 100);
         assert!(Shown::near(&Scene::default(), &line(), &LIMITS).is_empty());
     }

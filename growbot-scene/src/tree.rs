@@ -1,69 +1,69 @@
 //! A tree of boxes over many items, for the distance from a point to the nearest one.
 //!
 //! Items are sorted so that those of a leaf lie side by side. Boxes are `f32`, rounded outwards, so that a node takes
-//! half a cache line; everything else is `f64`. Nothing depends on the machine or on the number of threads.
+//! half a cache line. Everything else is `f64`. The result does not depend on the machine or on the number of threads.
 
 use nalgebra::Vector3;
 
 /// The corners of a box with sides along the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
-    /// The least coordinates.
+    /// Smallest coordinates.
     pub min: Vector3<f64>,
-    /// The greatest coordinates.
+    /// Greatest coordinates.
     pub max: Vector3<f64>,
 }
 
 impl Bounds {
-    /// A box that holds nothing.
+    /// An empty box.
     pub const EMPTY: Self = Self {
         min: Vector3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
         max: Vector3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
     };
 
-    /// The least box that holds these points.
+    /// Returns the smallest box that contains these points.
     #[must_use]
     pub fn of(points: &[Vector3<f64>]) -> Self {
         points.iter().fold(Self::EMPTY, |bounds, point| bounds.with(&Self { min: *point, max: *point }))
     }
 
-    /// The least box that holds both.
+    /// Returns the smallest box that contains both.
     #[must_use]
     pub fn with(&self, other: &Self) -> Self {
         Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
     }
 
-    /// The box, larger by this on every side.
+    /// Returns the box enlarged by `by` on every side.
     #[must_use]
     pub fn grown(&self, by: f64) -> Self {
         let by = Vector3::repeat(by);
         Self { min: self.min - by, max: self.max + by }
     }
 
-    /// Whether it holds nothing.
+    /// Reports whether the box is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.min.x > self.max.x
     }
 }
 
-/// Something that has a distance from a point.
+/// An item that has a distance from a point.
 pub trait Item: Copy {
-    /// A box that holds it.
+    /// Returns a box that contains the item.
     fn bounds(&self) -> Bounds;
-    /// The least of `best` and the signed squares of the distances from a point to these items.
+    /// Returns the minimum of `best` and the signed squares of the distances from a point to these items.
     ///
-    /// The signed square of a distance below 0, which is inside something, is below 0.
+    /// A distance inside an item is negative, and its signed square is negative too.
     fn nearest(items: &[Self], point: &Vector3<f64>, best: f64) -> f64;
 }
 
-/// The signed square of a signed distance.
+/// Returns the signed square of a signed distance.
 #[must_use]
 pub fn signed_square(distance: f64) -> f64 {
     distance * distance.abs()
 }
 
-/// The signed distance of a signed square.
+/// Returns the signed distance of a signed square.
 #[must_use]
 pub fn signed_root(square: f64) -> f64 {
     if square < 0.0 { -(-square).sqrt() } else { square.sqrt() }
@@ -76,19 +76,19 @@ pub struct Tree<T> {
     items: Vec<T>,
 }
 
-/// A box, and what is in it: two nodes side by side, or items.
+/// A box and its content: two adjacent nodes, or items.
 #[derive(Debug, Clone, Copy)]
 struct Node {
     min: [f32; 3],
     max: [f32; 3],
-    /// Index of the first item or, without items, of the first of two nodes.
+    /// Index of the first item or, if `items` is 0, of the first of two nodes.
     first: u32,
     items: u32,
 }
 
-/// Max number of items in a leaf.
+/// Maximum number of items in a leaf.
 const LEAF: usize = 8;
-/// More levels than any tree has: items are halved, and there are fewer than 2^32.
+/// Maximum number of levels. Items are halved, and there are fewer than 2^32.
 const MAX_DEPTH: usize = 40;
 
 impl Node {
@@ -104,7 +104,7 @@ impl Node {
         }
     }
 
-    /// The square of the distance from a point to the box.
+    /// Returns the square of the distance from a point to the box.
     #[inline]
     fn square(&self, point: &Vector3<f64>) -> f64 {
         let beside = |min: f32, max: f32, at: f64| (f64::from(min) - at).max(at - f64::from(max)).max(0.0);
@@ -116,7 +116,7 @@ impl Node {
 }
 
 impl<T: Item> Tree<T> {
-    /// The tree over these items, fewer than 2^31.
+    /// Builds the tree over these items, fewer than 2^31.
     #[must_use]
     pub fn new(mut items: Vec<T>) -> Self {
         let mut nodes = Vec::with_capacity(items.len() / 2 + 1);
@@ -128,13 +128,13 @@ impl<T: Item> Tree<T> {
         Self { nodes, items }
     }
 
-    /// The items, in the order of the tree.
+    /// Returns the items, in the order of the tree.
     #[must_use]
     pub fn items(&self) -> &[T] {
         &self.items
     }
 
-    /// The least of `best` and the signed squares of the distances from a point to all items.
+    /// Returns the minimum of `best` and the signed squares of the distances from a point to all items.
     #[must_use]
     #[inline]
     pub fn nearest(&self, point: &Vector3<f64>, mut best: f64) -> f64 {
@@ -143,7 +143,7 @@ impl<T: Item> Tree<T> {
         let mut count = 0_usize;
         let (mut square, mut node) = (root.square(point), root);
         loop {
-            // What is inside something has a distance below 0: look into every box that holds the point.
+            // Inside an item the distance is below 0, so every box that contains the point must be examined.
             if square < best || square == 0.0 {
                 if node.items > 0 {
                     let items = self.items.get(node.first as usize..(node.first + node.items) as usize);
@@ -187,12 +187,12 @@ impl<T: Item> Tree<T> {
     }
 }
 
-/// The box of some items.
+/// Returns the bounding box of some items.
 pub fn bounds_of<T: Item>(items: &[T]) -> Bounds {
     items.iter().fold(Bounds::EMPTY, |bounds, item| bounds.with(&item.bounds()))
 }
 
-/// Makes the nodes below this one, which holds these items, the first of which is item `first` of all.
+/// Makes the nodes below this one, which contains these items. `first` is the index of the first of them in all items.
 fn divide<T: Item>(items: &mut [T], first: usize, node: usize, nodes: &mut Vec<Node>) {
     if items.len() <= LEAF {
         nodes[node].first = first as u32;
@@ -205,7 +205,7 @@ fn divide<T: Item>(items: &mut [T], first: usize, node: usize, nodes: &mut Vec<N
         centres = centres.with(&Bounds { min: centre, max: centre });
     }
     let axis = (centres.max - centres.min).imax();
-    // Whole leaves on the left.
+    // Puts whole leaves on the left.
     let middle = (items.len() / 2).next_multiple_of(LEAF).min(items.len() - 1);
     items.select_nth_unstable_by(middle, |a, b| centre(a)[axis].total_cmp(&centre(b)[axis]));
     let (left, right) = items.split_at_mut(middle);

@@ -1,4 +1,4 @@
-//! Distances and clearances against every obstacle computed one by one, with formulas of their own.
+//! Compares distances and clearances with those of every obstacle, computed one by one with independent formulas.
 
 use growbot_core::random::Random;
 use growbot_scene::clear::{Need, Work, is_clear, least};
@@ -8,9 +8,9 @@ use growbot_scene::scene::{Mesh, Scene};
 use growbot_scene::shapes::{HalfSpace, Triangle};
 use nalgebra::Vector3;
 
-/// No distance may be farther above the true one, mm.
+/// Maximum excess of a distance over the true one, mm.
 const ABOVE: f64 = 1e-9;
-/// Points for each scene; GROWBOT_DISTANCES says how many in a long trial.
+/// Returns the number of points for each scene. GROWBOT_DISTANCES sets it for a long trial.
 fn points() -> u32 {
     std::env::var("GROWBOT_DISTANCES").ok().and_then(|count| count.parse().ok()).unwrap_or(2_000)
 }
@@ -32,14 +32,14 @@ fn distances_of_points_are_those_of_the_nearest_obstacle() {
             let here = Stretch::line(Tip { position: point, direction: Vector3::z() }, 0.0);
             let truth = brute_force_least(&drawn, &[here], 1.0);
             let found = scene.distance(&point);
-            // Inside, the brute force tells 0, or the distance from a mesh's surface.
+            // Inside, the brute force returns 0, or the distance from a mesh's surface.
             assert!(found <= truth + ABOVE, "{family:?} {point:?}: {found} is above {truth}");
             assert!(found < 0.0 || found >= truth - ABOVE, "{family:?} {point:?}: {found} is far below {truth}");
         }
     }
 }
 
-/// Triangles of any kind, thin ones among them.
+/// Returns triangles of any kind, including thin ones.
 fn triangles(random: &mut Random, count: u32) -> Vec<Triangle> {
     let triangle = |_| {
         let centre = anywhere(random);
@@ -86,8 +86,8 @@ fn points_inside_a_closed_mesh_are_told_from_those_outside() {
         let scene = drawn.scene();
         for _ in 0..200 {
             let point = anywhere(&mut random);
-            // The solid angles of all triangles add up to whole turns where the point is inside (van Oosterom and
-            // Strackee 1983).
+            // The solid angles of all triangles add up to whole turns if the point is inside (van Oosterom and Strackee
+            // 1983).
             let angle = |Triangle(corners): &Triangle| {
                 let [a, b, c] = corners.map(|corner| corner - point);
                 let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
@@ -125,7 +125,7 @@ fn proven_clearances_hold_at_every_point_and_are_not_far_below() {
                 scene.distance_within(&stretch.point(along), f64::INFINITY)
             });
             let sampled = sampled.fold(f64::INFINITY, f64::min);
-            // Between samples the distance may fall by half their distance.
+            // Between samples the distance may be smaller by half their interval.
             assert!(proven <= sampled && proven >= sampled - 1e-3 - stretch.length / 6000.0, "{proven}, {sampled}");
             for (distance, clear) in [(sampled - 0.2, true), (sampled + 1e-6, false)] {
                 let need = Need { distance, slack: 1e-3 };

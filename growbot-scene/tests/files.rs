@@ -1,4 +1,4 @@
-//! Scene files, meshes and clouds: read right, or refused with one message.
+//! Scene files, meshes and clouds: each is read correctly, or refused with one message.
 
 use growbot_core::path::Segment;
 use growbot_core::pose::Pose;
@@ -39,7 +39,7 @@ file = "scan.ply"
 radius_mm = 0.6
 "#;
 
-/// The corners of a cube of side 2 round a point, and its faces, counter-clockwise from outside.
+/// Returns the corners of a cube of side 2 round a point, and its faces, counter-clockwise from outside.
 fn cube(centre: [f64; 3]) -> (Vec<[f64; 3]>, Vec<[usize; 4]>) {
     let corner = |i: usize| [0, 1, 2].map(|axis| centre[axis] + if i >> axis & 1 == 1 { 1.0 } else { -1.0 });
     let faces = vec![[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
@@ -82,7 +82,7 @@ fn obj() -> String {
         let _ = writeln!(text, "v {x} {y} {z}");
     }
     for [a, b, c, d] in faces {
-        // Counted from 1, or back from the end.
+        // Indices count from 1, or back from the end.
         let _ = writeln!(text, "f {}/1/1 {}//2 {} {}", a + 1, b + 1, c + 1, d as i32 - 8);
     }
     text
@@ -102,12 +102,12 @@ fn ply() -> String {
     text
 }
 
-/// A cube round the origin, in a node that moves it, below one that makes it larger.
+/// Returns a cube round the origin, in a node that moves it, below one that enlarges it.
 fn glb() -> Vec<u8> {
     glb_with("", "")
 }
 
-/// The same with another piece of JSON.
+/// Like [`glb`], but with a part of its JSON replaced.
 fn glb_with(from: &str, to: &str) -> Vec<u8> {
     let (corners, faces) = cube([0.0, 0.0, 0.0]);
     let mut data: Vec<u8> = corners.iter().flatten().flat_map(|value| (*value as f32).to_le_bytes()).collect();
@@ -180,7 +180,7 @@ fn a_scene_has_all_that_its_file_names() {
     assert!((distance(1990.0, 0.0, 500.0) - 10.0).abs() < 1e-9);
     assert!(distance(3000.0, 0.0, 500.0) < -400.0);
     assert!((distance(900.0, 0.0, 3.0) - 2.4).abs() < 1e-9);
-    // Another mesh is another scene.
+    // Another mesh makes another scene.
     fs::write(directory.path().join("cube.stl"), stl_text()).unwrap();
     assert_ne!(load(&directory.path().join("scene.toml")).unwrap().hash, loaded.hash);
 }
@@ -232,7 +232,7 @@ fn a_mesh_with_a_face_inside_out_is_no_solid() {
     assert!(matches!(refusal, SceneError::FlippedFaces { flipped: 3, .. }), "{refusal}");
     let said = refusal.to_string();
     assert!(said.contains("3 edges") && said.contains("inside out") && said.contains("solid = false"), "{said}");
-    // All of them inside out enclose the same.
+    // If all faces are inside out, they enclose the same volume.
     let (_directory, path) =
         written("outside.obj", "v 0 0 0\nv 100 0 0\nv 0 100 0\nv 0 0 100\nf 2 3 1\nf 4 2 1\nf 4 3 2\nf 3 4 1\n");
     assert!(load(&path).unwrap().scene.holds(&Vector3::new(10.0, 10.0, 10.0)));
@@ -281,7 +281,7 @@ fn what_would_be_read_in_part_is_refused() {
         + "3 0 1 0\n";
     let (_directory, path) = written("strips.ply", strips);
     assert!(load(&path).unwrap_err().to_string().contains("strips of triangles"));
-    // A remark may hold anything; a face is not lost with it.
+    // A comment may contain any bytes. It must not make the reader lose a face.
     let mut bytes = obj().into_bytes();
     bytes.extend(b"# W\xe4nde\n");
     let (_directory, path) = written("remark.obj", &bytes);
@@ -303,13 +303,13 @@ fn no_body_that_begins_inside_of_a_solid_is_clear() {
     let path = [Segment::Straight { length: 500.0 }];
     let need = Need { distance: 28.0, slack: 0.1 };
     let from = |x: f64| Pose::from_degrees([x, 0.0, 0.0, 0.0, 90.0]).unwrap().frame();
-    // The cube lies from 10 m to 20 m.
+    // The cube extends from 10 m to 20 m.
     assert!(is_body_clear(&scene, &path, &from(0.0), &need) && clearance(&scene, &path, &from(0.0)).distance > 9999.0);
     assert!(!is_body_clear(&scene, &path, &from(15_000.0), &need));
     assert!(clearance(&scene, &path, &from(15_000.0)).distance < -4999.0);
 }
 
-/// Changes some bytes, cuts, doubles or drops a stretch.
+/// Changes some bytes, or cuts, duplicates or drops a range of them.
 fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
     for _ in 0..=random.below(4) {
         let at = random.below(bytes.len() as u64 + 1) as usize;

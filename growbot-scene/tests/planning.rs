@@ -1,4 +1,4 @@
-//! Paths through random scenes: found where one was planted, refused where the goal is sealed, clear at every point.
+//! Paths through random scenes: found if one was planted, refused if the goal is sealed, and clear at every point.
 
 use growbot_scene::clear::Need;
 use growbot_scene::families::{Body, Drawn, FAMILIES, Known, brute_force_least, draw};
@@ -7,10 +7,10 @@ use growbot_scene::planner::{Budget, Goal, Outcome, Problem, search};
 use growbot_scene::scene::Scene;
 use nalgebra::Vector3;
 
-/// That of growbot-a with a margin of 5 mm.
+/// The body of growbot-a with a margin of 5 mm.
 const BODY: Body = Body { radius: 100.0, need: 28.55 };
 
-/// The scenes of each family; GROWBOT_SCENES says how many in a long trial.
+/// Returns the number of scenes of each family. GROWBOT_SCENES sets it for a long trial.
 fn scenes() -> u64 {
     std::env::var("GROWBOT_SCENES").ok().and_then(|count| count.parse().ok()).unwrap_or(10)
 }
@@ -35,7 +35,7 @@ fn planted_paths_are_found_and_sealed_goals_are_not() {
         for number in 0..scenes() {
             let drawn = draw(family, number, &BODY);
             let free = Goal::Position { at: drawn.goal.position, tolerance: 0.0 };
-            // Where nothing is known there may be no path: a short search is enough.
+            // If nothing is known there may be no path, so a short search is enough.
             let work = if drawn.known == Known::Nothing { 100_000 } else { 3_000_000 };
             let budget = Budget { work, deadline: None, first_only: true };
             for goal in [free, Goal::Pose(drawn.goal)] {
@@ -55,7 +55,7 @@ fn planted_paths_are_found_and_sealed_goals_are_not() {
     }
 }
 
-/// Each stretch begins where and as the one before ends; the last ends at the goal.
+/// Asserts that each stretch begins at the end of the previous one, and that the last ends at the goal.
 fn assert_joined(drawn: &Drawn, stretches: &[growbot_scene::motion::Stretch], goal: Goal) {
     let mut tip = drawn.start;
     for stretch in stretches {
@@ -94,7 +94,7 @@ fn more_effort_never_gives_a_longer_path() {
         for work in [30_000, 100_000, 300_000] {
             let budget = Budget { work, deadline: None, first_only: false };
             let Outcome::Found(chain) = plan(&drawn, Goal::Pose(drawn.goal), &budget) else { continue };
-            // A position on the way less is worth a ten-thousandth of the distance.
+            // One position less on the way is worth a ten-thousandth of the distance.
             let price = 1e-4 * (drawn.goal.position - drawn.start.position).norm();
             let cost = chain.length + price * chain.via.len() as f64;
             assert!(cost <= before, "{family:?}: {cost} after {before}");

@@ -1,4 +1,4 @@
-//! Firmware images get their seal: what a board checks itself against when it starts (`growbot_firmware::image_seal`).
+//! Sealing of firmware images. A board checks itself against the seal when it starts (`growbot_firmware::image_seal`).
 
 use std::fs;
 use std::io;
@@ -10,26 +10,26 @@ use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{ElfFile32, ProgramHeader};
 use object::{Endianness, Object, ObjectSection, ObjectSymbol};
 
-/// Why an image was not sealed.
+/// Error of sealing an image.
 #[derive(Debug, thiserror::Error)]
 pub enum SealError {
-    /// It cannot be read.
+    /// The image cannot be read.
     #[error("cannot seal the firmware image {file}: {error}")]
     File {
         /// The file.
         file: String,
-        /// The system's reason.
+        /// Error of the operating system.
         error: io::Error,
     },
-    /// It is no image of growbot's firmware, or one of before images were sealed.
+    /// The file is not an image of growbot's firmware, or it is older than the seals.
     #[error("{file} cannot be sealed: {reason}; give the ELF image that `cargo build-robot` makes")]
     NoImage {
         /// The file.
         file: String,
-        /// What is wrong with it.
+        /// Description of the fault.
         reason: String,
     },
-    /// It has a seal that is not its own.
+    /// The image has a seal that does not match its content.
     #[error(
         "{file} is sealed, and differs from what was sealed: it was damaged or changed since; build it anew, or get it again"
     )]
@@ -42,19 +42,19 @@ pub enum SealError {
     Output(#[from] FileError),
 }
 
-/// An image with its seal.
+/// A sealed image.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Sealed {
-    /// The ELF file.
+    /// Bytes of the ELF file.
     pub bytes: Vec<u8>,
-    /// The CRC-32C of the image.
+    /// CRC-32C of the image.
     pub crc: u32,
 }
 
-/// A part of an image: where it lies in flash, and its bytes.
+/// A part of an image: its address in flash, and its bytes.
 type Part<'a> = (u32, &'a [u8]);
 
-/// Parts that follow on each other are one.
+/// Joins adjacent parts.
 fn joined(mut parts: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
     parts.retain(|(_, bytes)| *bytes > 0);
     parts.sort_unstable();
@@ -68,10 +68,10 @@ fn joined(mut parts: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
     joined
 }
 
-/// Seals an ELF image, whatever seal it has had. One that was not changed gets the same again.
+/// Seals an ELF image, whatever seal it has. An image that was not changed gets the same seal again.
 ///
 /// # Errors
-/// In words, what makes it no image that can be sealed.
+/// A message with the reason why the image cannot be sealed.
 pub fn seal(image: &[u8]) -> Result<Sealed, String> {
     let file: ElfFile32 = ElfFile32::parse(image).map_err(|error| format!("it is no 32-bit ELF file ({error})"))?;
     let symbol = file.symbols().find(|symbol| symbol.name() == Ok(SYMBOL));
@@ -84,7 +84,7 @@ pub fn seal(image: &[u8]) -> Result<Sealed, String> {
     let segments: Option<Vec<(u32, &[u8], u32)>> = file.elf_program_headers().iter().filter_map(loaded).collect();
     let segments = segments.ok_or("a segment lies outside of the file")?;
 
-    // The place of the seal itself, which is in no part.
+    // The place of the seal itself, which belongs to no part.
     let seal_bytes = 4 * SEAL_WORDS as u32;
     let end = place.wrapping_add(seal_bytes);
     let holder = segments.iter().find(|(address, bytes, _)| {
@@ -126,7 +126,7 @@ pub fn seal(image: &[u8]) -> Result<Sealed, String> {
     Ok(Sealed { bytes, crc })
 }
 
-/// Whether an image has a seal, right or wrong.
+/// Reports whether an image has a seal, valid or not.
 #[must_use]
 pub fn is_sealed(image: &[u8]) -> bool {
     let seal_of = || {
@@ -138,7 +138,7 @@ pub fn is_sealed(image: &[u8]) -> bool {
     seal_of() == Some(false)
 }
 
-/// Seals an image where it lies. Its CRC.
+/// Seals an image file in place. Returns its CRC.
 ///
 /// # Errors
 /// [`SealError`].

@@ -1,12 +1,11 @@
-//! Growing robots without a robot.
+//! Simulated growing robots.
 //!
-//! - [`tip`]: what a simulated tip does with the signals of its board;
+//! - [`tip`]: a simulated tip that reacts to the signals of its board;
 //! - [`port`]: boards that drive it: the real controller in this process, or its image in QEMU; and every port by its
 //!   name;
-//! - [`truth`]: where the plastic really is;
-//! - [`simulation`]: growths without a board, with what goes wrong, once or a million times, on all cores
-//!   ([`parallel`]);
-//! - [`image_seal`]: firmware images get their seal.
+//! - [`truth`]: the true position of the plastic;
+//! - [`simulation`]: disturbed growths without a board, once or a million times, on all cores ([`parallel`]);
+//! - [`image_seal`]: seals of firmware images.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]

@@ -1,19 +1,20 @@
-//! The same work on many items, on all cores.
+//! Parallel processing of many items on all cores.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::Duration;
 
-/// Time between two looks at how far the work is.
+/// Interval at which progress is reported.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// The results in the order of the items. `at` hears how many are done: now and then, and at the end.
+/// Applies `work` to all items and returns the results in the order of the items. Calls `at` with the number of
+/// finished items, from time to time and at the end.
 pub fn map<T: Sync, U: Send>(items: &[T], work: impl Fn(&T) -> U + Sync, at: impl FnMut(usize)) -> Vec<U> {
     map_on(thread::available_parallelism().map_or(1, usize::from), items, work, at)
 }
 
-/// As [`map`], on `threads` threads, at least one.
+/// Like [`map`], but on `threads` threads, at least one.
 pub fn map_on<T: Sync, U: Send>(
     threads: usize,
     items: &[T],
@@ -21,7 +22,7 @@ pub fn map_on<T: Sync, U: Send>(
     mut at: impl FnMut(usize),
 ) -> Vec<U> {
     let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
-    // Nothing is sent: the channel closes when the last worker is done.
+    // Nothing is sent. The channel closes when the last worker is finished.
     let (working, finished) = mpsc::channel::<()>();
     let take = |_working: Sender<()>| {
         let mut mine = Vec::new();
@@ -45,7 +46,7 @@ pub fn map_on<T: Sync, U: Send>(
             at(done.load(Ordering::Relaxed));
         }
         at(done.load(Ordering::Relaxed));
-        // A worker that panicked has printed why; its panic is resumed here.
+        // A worker that panicked has printed its message. Its panic is resumed here.
         workers
             .into_iter()
             .flat_map(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))

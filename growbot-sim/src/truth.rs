@@ -1,7 +1,7 @@
-//! The truth about a growth on a simulated tip: where its plastic really is.
+//! The truth about a growth on a simulated tip: the true position of its plastic.
 //!
-//! A port carries bytes; who opens one to a simulated robot also gets its [`Simulation`]. [`compare`] follows a growth
-//! with it, and replaces what the steps or the sensors say of the body by what the tip has laid.
+//! A program that opens a port to a simulated robot also gets its [`Simulation`]. [`compare`] follows a growth with it,
+//! and replaces the body according to steps or sensors by the one that the tip has laid.
 
 use growbot_client::arrival::Arrival;
 use growbot_client::client::ClientError;
@@ -12,27 +12,27 @@ use growbot_core::layer::{Layer, grow};
 use crate::tip::hand::Hand;
 use crate::tip::pins::SharedTip;
 
-/// What can be asked of a simulated tip while a port talks to its board.
+/// Access to a simulated tip while a port communicates with its board.
 pub trait Simulation {
-    /// What it has laid so far.
+    /// Returns the layers that the tip has laid so far.
     ///
     /// # Errors
     /// If the tip can no longer be read.
     fn laid(&mut self) -> Result<Laid, PortError>;
 
-    /// Does what a person would do to it by hand. False where nobody can.
+    /// Performs a manual action on the tip. Returns false if it does not support any.
     fn by_hand(&mut self, _hand: Hand) -> bool {
         false
     }
 
-    /// The layers of its body which no longer change, from this index on.
+    /// Returns the layers of its body that no longer change, from this index on.
     fn settled(&mut self, from: usize) -> Vec<Layer>;
 }
 
-/// What a simulated tip has laid, from its steps.
+/// Body of a simulated tip, from its steps.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Laid {
-    /// The body, layer by layer.
+    /// Layers of the body.
     pub body: Vec<Layer>,
     /// Steps of the feed.
     pub feed_steps: u64,
@@ -54,11 +54,11 @@ impl Simulation for SharedTip {
     }
 }
 
-/// Grows a job by `grow`. Where a simulation is given, whose tip stands where the body begins, `on_event` also gets
-/// where the plastic is, and the result is measured by the tip, unless the board was lost.
+/// Grows a job by `grow`. If a simulation is given, its tip must stand at the start of the body. `on_event` then also
+/// gets the true positions of the plastic. The result is measured by the tip, unless the board was lost.
 ///
 /// # Errors
-/// Those of `grow`, and a tip that cannot be read.
+/// Those of `grow`, and if the tip cannot be read.
 pub fn compare(
     simulation: Option<&mut Box<dyn Simulation>>,
     job: &Job,
@@ -80,13 +80,13 @@ pub fn compare(
     Ok(grown)
 }
 
-/// The truth about one growth, from the body's beginning on.
+/// The truth about one growth, from the start of the body on.
 struct Truth<'a> {
     simulation: &'a mut dyn Simulation,
-    /// What the tip had laid before.
+    /// Number of layers that the tip had laid before.
     layers_before: usize,
     feed_steps_before: u64,
-    /// Of how many layers since then it has been told where their plastic is.
+    /// Number of layers since then whose plastic was reported.
     told: usize,
 }
 

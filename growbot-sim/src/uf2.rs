@@ -1,31 +1,31 @@
-//! Firmware images as UF2 files, which a Raspberry Pi Pico takes by drag and drop: it shows itself as a drive, and writes
-//! to its flash what is copied there (<https://github.com/microsoft/uf2>).
+//! Firmware images as UF2 files, which a Raspberry Pi Pico accepts by drag and drop. It appears as a drive, and writes
+//! to its flash the files that are copied there (<https://github.com/microsoft/uf2>).
 //!
-//! A UF2 file is blocks of 512 bytes, each with 256 bytes of the image and the address that they belong to.
+//! A UF2 file consists of blocks of 512 bytes, each with 256 bytes of the image and their address.
 
 use object::Endianness;
 use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{ElfFile32, ProgramHeader};
 
-/// Bytes of a block.
+/// Number of bytes of a block.
 const BLOCK: usize = 512;
-/// Bytes of the image in a block: a page of flash.
+/// Number of bytes of the image in a block: a page of flash.
 const PAYLOAD: usize = 256;
-/// Bytes that are erased at once: a sector of flash.
+/// Number of bytes that are erased at once: a sector of flash.
 const SECTOR: u32 = 4096;
-/// What a block begins with, twice, and ends with.
+/// The two words at the start of a block, and the word at its end.
 const MAGIC: [u32; 3] = [0x0A32_4655, 0x9E5D_5157, 0x0AB1_6F30];
-/// The block has the family of its processor.
+/// Flag of a block that contains the family of its processor.
 const HAS_FAMILY: u32 = 0x2000;
-/// The family: RP2040.
+/// Family of the RP2040.
 const RP2040: u32 = 0xE48B_FF56;
-/// Where the flash of an RP2040 is mapped: 16 MiB.
+/// Address range at which the flash of an RP2040 is mapped: 16 MiB.
 const FLASH: std::ops::Range<u32> = 0x1000_0000..0x1100_0000;
 
-/// The UF2 file of an ELF image for the RP2040.
+/// Returns the UF2 file of an ELF image for the RP2040.
 ///
 /// # Errors
-/// In words, what makes it no such image.
+/// A message with the reason why the image is not one for the RP2040.
 pub fn of_image(image: &[u8]) -> Result<Vec<u8>, String> {
     let pages = pages_of(image)?;
     let mut file = Vec::with_capacity(pages.len() * BLOCK);
@@ -72,8 +72,8 @@ pub fn check(file: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// The pages of flash from the sector where an image begins to its end, with their addresses; what it leaves free is
-/// zero. The boot ROM tells by a block's number whether its sector is erased already: there must be no gaps.
+/// Returns the pages of flash from the sector where an image begins to its end, with their addresses. Free space is
+/// zero. The boot ROM derives from a block's number whether its sector is erased already, so there must not be gaps.
 fn pages_of(image: &[u8]) -> Result<Vec<(u32, [u8; PAYLOAD])>, String> {
     let file: ElfFile32 = ElfFile32::parse(image).map_err(|error| format!("it is no 32-bit ELF file ({error})"))?;
     let mut pages: std::collections::BTreeMap<u32, [u8; PAYLOAD]> = std::collections::BTreeMap::new();
@@ -108,12 +108,12 @@ fn pages_of(image: &[u8]) -> Result<Vec<(u32, [u8; PAYLOAD])>, String> {
 mod tests {
     use super::*;
 
-    /// An ELF file with one segment.
+    /// Returns an ELF file with one segment.
     fn elf(address: u32, bytes: &[u8]) -> Vec<u8> {
         elf_of(&[(address, bytes)])
     }
 
-    /// An ELF file with these segments.
+    /// Returns an ELF file with these segments.
     fn elf_of(segments: &[(u32, &[u8])]) -> Vec<u8> {
         let header = 52_u32;
         let mut data = header + 32 * segments.len() as u32;
@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn gaps_are_filled_with_zeros() {
-        // The first sector is empty up to its third page; between the segments are ten pages.
+        // The first sector is empty up to its third page. Between the segments are ten pages.
         let file = of_image(&elf_of(&[(0x1000_2200, &[1; 256]), (0x1000_2d10, &[2; 8])])).unwrap();
         let blocks: Vec<&[u8]> = file.chunks(BLOCK).collect();
         assert_eq!(blocks.len(), 14);

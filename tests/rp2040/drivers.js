@@ -129,7 +129,7 @@ async function breaks(what, board, change, trouble) {
         let said = '';
         growth.stderr.on('data', (text) => (said += text));
         const ended = once(growth, 'close');
-        const until = Date.now() + 60e3;
+        const until = Date.now() + 600e3;
         while (growth.exitCode === null && !OFF.low.some((pin) => board.isHigh(pin))) {
             assert(Date.now() < until, `${what}: the board does not heat: ${said}`);
             await new Promise((later) => setTimeout(later, 5));

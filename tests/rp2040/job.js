@@ -24,7 +24,7 @@ async function record(growbot, image, line) {
     const sent = [];
     const { port, stop } = await serve(board, (bytes) => sent.push([board.ns, [...bytes]]));
     const child = spawn(growbot, ['grow', '--to', '0,0,40,0,90', '--port', port], { stdio: 'ignore' });
-    const until = Date.now() + 60e3;
+    const until = Date.now() + 600e3;
     while (!(work.some(({ what }) => what === 'program') && work.some(({ what }) => what === 'erase'))) {
         assert(Date.now() < until, `no job was begun: the flash has done ${JSON.stringify(work)}`);
         await new Promise((later) => setTimeout(later, 20));

@@ -18,7 +18,7 @@ import { environment } from "./environment.js";
 
 const growbot = resolve(process.argv[2]);
 const pictures = process.argv[3];
-const PATIENCE_MS = 120_000;
+const PATIENCE_MS = 600_000;
 const errors = [];
 
 const directory = await mkdtemp(join(tmpdir(), "growbot-robots-"));

@@ -1,13 +1,13 @@
-//! Whether a body would run into itself.
+//! Checks whether a body would collide with itself.
 //!
-//! A body is a tube round its centreline: two stretches of it meet where their centrelines come nearer than the tube's
-//! outer diameter `D`. Stretches less than `pi D / 2` apart along the body are neighbours, not strangers: a bend that a
-//! tube of this diameter can make at all (a radius of `D / 2` or more) keeps the ends of a longer stretch at least `D`
-//! apart as long as it turns by no more than half a turn.
+//! A body is a tube round its centreline. Two stretches collide if their centrelines come nearer than the tube's outer
+//! diameter `D`. Stretches less than `pi D / 2` apart along the body are neighbours and are not compared. A tube of
+//! this diameter can only make bends with a radius of `D / 2` or more. Such a bend keeps the ends of a longer stretch
+//! at least `D` apart if it turns by no more than half a turn.
 //!
-//! The search halves the body again and again and looks only into pairs of pieces that may be near enough. A piece lies
-//! within `k l^2 / 8` of its chord (`k` the curvature, `l` the length), so that the distance of two chords bounds that
-//! of the pieces; long bodies that keep clear of themselves take a few steps a segment.
+//! The search halves the body repeatedly and only examines pairs of pieces that may be near enough. A piece lies within
+//! `k l^2 / 8` of its chord (`k` the curvature, `l` the length), so the distance of two chords bounds that of the
+//! pieces. Long bodies that stay clear of themselves take a few steps a segment.
 
 mod tree;
 
@@ -17,32 +17,32 @@ use growbot_core::path::Segment;
 
 use tree::{Body, Node, Span, bound};
 
-/// Where a body comes nearest to itself. Lengths in mm.
+/// Closest approach of a body to itself. Lengths in mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Collision {
-    /// Distance between the two points of the centreline: at most the true min distance, and at least that less
-    /// [`TOLERANCE`].
+    /// Distance between the two points of the centreline. It is at most the true minimum distance, and below it by at
+    /// most [`TOLERANCE`].
     pub distance: f64,
-    /// How far along the body the points are, the earlier first.
+    /// Positions of the two points along the body, the earlier first.
     pub at: [f64; 2],
 }
 
-/// The distance found is this near to the true one, as a share of the diameter.
+/// Maximum error of a reported distance, as a fraction of the diameter.
 pub const TOLERANCE: f64 = 1e-3;
-/// Pieces of this share of the neighbourhood are not halved any further where it ends.
+/// Smallest piece that is still halved where the neighbourhood ends, as a fraction of the neighbourhood.
 const FINEST_SHARE: f64 = 1.0 / 16.0;
-/// After this many pairs the rest counts as near as it may be. Only a body that passes itself thousands of times needs
-/// more.
+/// Maximum number of pairs to examine. The remaining pairs then count as near as they may be. Only a body that passes
+/// itself thousands of times needs more.
 const MAX_PAIRS: usize = 4_000_000;
 
-/// Where a body on this path comes nearest to itself, if it comes nearer than `diameter` (mm, positive): the min
-/// distance between two points of which the later one lies beyond `since` (mm along the body; 0 for the whole body).
+/// Returns the closest approach of a body on this path to itself, if it is nearer than `diameter` (mm, positive).
+/// Compares only pairs of points of which the later one lies beyond `since` (mm along the body; 0 for the whole body).
 #[must_use]
 pub fn first_collision(path: &[Segment], diameter: f64, since: f64) -> Option<Collision> {
     search(path, diameter, since).0
 }
 
-/// The same, and how many pairs of stretches were looked into.
+/// Like [`first_collision`], but also returns the number of pairs of stretches that were examined.
 fn search(path: &[Segment], diameter: f64, since: f64) -> (Option<Collision>, usize) {
     let body = Body::new(path, since);
     let mut search = Search {
@@ -57,23 +57,23 @@ fn search(path: &[Segment], diameter: f64, since: f64) -> (Option<Collision>, us
     (search.found.then_some(search.nearest), MAX_PAIRS - search.left)
 }
 
-/// A search under way.
+/// State of a search.
 struct Search<'a> {
     body: &'a Body,
-    /// Points less than this apart along the body do not count, mm.
+    /// Points that are less than this apart along the body are not compared, mm.
     neighbourhood: f64,
-    /// A part within this of its chord is halved no further, mm.
+    /// A part that stays within this distance of its chord is not halved further, mm.
     sag: f64,
     nearest: Collision,
     found: bool,
-    /// Pairs that may still be looked into.
+    /// Number of pairs that may still be examined.
     left: usize,
 }
 
 impl Search<'_> {
     fn run(&mut self) {
         let Some(root) = self.body.groups.last() else { return };
-        // The earlier stretch first; a stretch and itself stands for all pairs within it.
+        // The earlier stretch comes first. A stretch paired with itself stands for all pairs within it.
         let mut pairs = vec![(*root, None)];
         while let Some((a, b)) = pairs.pop() {
             self.left = self.left.saturating_sub(1);
@@ -83,7 +83,7 @@ impl Search<'_> {
                         continue;
                     }
                     if self.left == 0 {
-                        // Nothing is known of the pairs within.
+                        // The pairs within were not examined.
                         self.found_at(0.0, [a.span.from, a.span.to]);
                         return;
                     }
@@ -95,14 +95,14 @@ impl Search<'_> {
         }
     }
 
-    /// Whether points of these stretches may be strangers: far enough along the body, and with a turn between them that
-    /// can bring them together. A curve that turns by a right angle at most goes at least `cos(pi / 4)` of its length
-    /// ahead.
+    /// Reports whether points of these stretches may collide: they are far enough apart along the body, and the turn
+    /// between them can bring them together. A curve that turns by a right angle at most advances by at least
+    /// `cos(pi / 4)` of its length.
     fn may_meet(&self, a: &Span, b: &Span) -> bool {
         b.to > self.body.since && b.to - a.from > self.neighbourhood && b.turned[1] - a.turned[0] > FRAC_PI_2
     }
 
-    /// Records a pair of points, if it is nearer than all before.
+    /// Records a pair of points if it is nearer than all before.
     fn found_at(&mut self, distance: f64, at: [f64; 2]) {
         if distance < self.nearest.distance {
             self.nearest = Collision { distance, at };
@@ -121,7 +121,7 @@ impl Search<'_> {
         let strangers = b.span.from - a.span.to >= self.neighbourhood;
         let small = |node: &Node| node.is_part() && node.span.length() <= FINEST_SHARE * self.neighbourhood;
         if !strangers && small(a) && small(b) {
-            // The end of the neighbourhood, where points are still well apart.
+            // This is the end of the neighbourhood, where points are still well apart.
             return;
         }
         let fine = |node: &Node| node.is_part() && node.reach <= self.sag;
@@ -130,7 +130,7 @@ impl Search<'_> {
             self.found_at(distance, [along(&a.span, on[0]), along(&b.span, on[1])]);
             return;
         }
-        // The one that says less of where it is.
+        // Halve the node whose position is less certain.
         let coarseness = |node: &Node| match (node.is_part(), strangers) {
             (false, _) => f64::INFINITY,
             (true, true) => node.reach,
@@ -140,7 +140,7 @@ impl Search<'_> {
             (false, false) => a.reach >= b.reach,
             _ => coarseness(a) >= coarseness(b),
         };
-        // The nearer pair is looked into first: what it finds spares the other.
+        // Examine the nearer pair first, because its result may make the other unnecessary.
         let mut halves = if halve_a {
             self.body.halves(a).map(|half| (half, *b))
         } else {

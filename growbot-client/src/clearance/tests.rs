@@ -30,7 +30,7 @@ fn segment() -> impl Strategy<Value = Segment> {
     ]
 }
 
-/// Points every `step` mm at most, each with its distance along the body.
+/// Returns points at most `step` mm apart, each with its distance along the body.
 fn points(path: &[Segment], step: f64) -> Vec<(f64, Vector3<f64>)> {
     let (mut points, mut tip, mut at) = (Vec::new(), Frame::identity(), 0.0);
     for segment in path {
@@ -53,7 +53,7 @@ fn points(path: &[Segment], step: f64) -> Vec<(f64, Vector3<f64>)> {
     points
 }
 
-/// The min distance of strangers, by looking at all pairs.
+/// Returns the minimum distance of points that are not neighbours, from all pairs.
 fn by_looking_at_all(path: &[Segment], since: f64, step: f64) -> f64 {
     let points = points(path, step);
     let mut min = f64::INFINITY;
@@ -71,7 +71,7 @@ fn assert_agrees(path: &[Segment], since: f64) {
         None => assert!(all >= DIAMETER * (1.0 - 1e-9), "missed {all} in {path:?}"),
         Some(Collision { distance, at: [from, to] }) => {
             assert!(distance <= all + 1e-9, "{distance} is not the min, {all} is: {path:?}");
-            // Between sampled points the min distance may be less by as much as they are off.
+            // The true minimum distance may be smaller than that of the sampled points, by at most the step.
             assert!(distance >= all - step - TOLERANCE * DIAMETER, "{distance} is no distance: {all} is: {path:?}");
             assert!(to >= since - 1e-6 && to - from >= FRAC_PI_2 * DIAMETER * (1.0 - 1e-9), "{from} to {to}");
         }
@@ -145,7 +145,7 @@ fn a_way_back_beside_the_way_there_is_measured() {
 
 #[test]
 fn long_bodies_take_few_steps() {
-    // A body of 10 km that keeps clear of itself, one that winds 200 times round, and one that meets itself everywhere.
+    // A body of 10 km that stays clear of itself, one that winds 200 times round, and one that meets itself everywhere.
     let min_distance = |path: &[Segment], max_pairs: usize| {
         let (found, pairs) = search(path, DIAMETER, 0.0);
         println!("{} segments: {pairs} pairs", path.len());

@@ -1,24 +1,24 @@
-//! A body as a tree of stretches, each with a ball or a chord that it stays near.
+//! A body as a tree of stretches, each with a ball or chord that bounds it.
 
 use growbot_core::helicoid::{Helicoid, Walk};
 use growbot_core::path::Segment;
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
-/// A helicoidal arc is divided into pieces of this length from the outset, radii: each is one step of the integration.
+/// Length of the pieces into which a helicoidal arc is divided at first, radii. Each is one step of the integration.
 const HELICOID_PIECE: f64 = 0.25;
 
-/// A stretch of the body that one formula gives: a segment, or a short piece of a helicoidal arc.
+/// A stretch of the body that one formula describes: a segment, or a short piece of a helicoidal arc.
 pub(super) struct Piece {
     pub(super) base_from_start: Frame,
     pub(super) segment: Segment,
-    /// Length of the body, and by how much it has turned, up to the start.
+    /// Length of the body up to the start of the piece. `turned` is the angle by which it has turned there.
     pub(super) at: f64,
     pub(super) turned: f64,
 }
 
 impl Piece {
-    /// The point after this length along the piece.
+    /// Returns the point after this length along the piece.
     pub(super) fn point(&self, along: f64) -> Vector3<f64> {
         let part = match self.segment {
             Segment::Arc { alpha, bend, length } => {
@@ -30,21 +30,21 @@ impl Piece {
         (self.base_from_start * part.step()).translation.vector
     }
 
-    /// The whole piece, or no more of it than this stretch.
+    /// Returns the node of a part of this piece, at most the whole.
     fn part(&self, index: usize, from: (f64, Vector3<f64>), to: (f64, Vector3<f64>)) -> Node {
         let length = to.0 - from.0;
         let curvature = self.segment.curvature();
         let turned = |along: f64| self.turned + curvature * along;
         Node {
             span: Span { from: self.at + from.0, to: self.at + to.0, turned: [turned(from.0), turned(to.0)] },
-            // Within half its length any point is also near one of the ends.
+            // Any point of the part is within half its length of one of the ends.
             reach: (curvature * length * length / 8.0).min(0.5 * length),
             kind: Kind::Part { piece: index, along: [from.0, to.0], ends: [from.1, to.1] },
         }
     }
 }
 
-/// A stretch of the body: from where to where, mm, and how far the direction has turned up to its ends, radians.
+/// A stretch of the body: its ends, mm, and the turn of the direction up to each end, radians.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Span {
     pub(super) from: f64,
@@ -58,18 +58,18 @@ impl Span {
     }
 }
 
-/// A node of the tree over the body: a stretch, and what it cannot leave.
+/// A node of the tree over the body: a stretch and its bound.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Node {
     pub(super) span: Span,
-    /// The stretch lies within this of its chord, or of its centre.
+    /// Maximum distance of the stretch from its chord or centre.
     pub(super) reach: f64,
     pub(super) kind: Kind,
 }
 
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Kind {
-    /// Several pieces round a centre: two nodes of [`Body::groups`].
+    /// Several pieces round a centre, with the indices of two nodes of [`Body::groups`].
     Group { centre: Vector3<f64>, halves: [usize; 2] },
     /// A part of a piece, between two points along it.
     Part { piece: usize, along: [f64; 2], ends: [Vector3<f64>; 2] },
@@ -80,7 +80,7 @@ pub(super) struct Body {
     pieces: Vec<Piece>,
     /// All groups and whole pieces; the last is the root.
     pub(super) groups: Vec<Node>,
-    /// Only points beyond this count as the later one of two, mm.
+    /// Only points beyond this count as the later one of a pair, mm.
     pub(super) since: f64,
 }
 
@@ -108,7 +108,7 @@ impl Body {
                 plain => push(plain),
             }
         }
-        // Sums of many short pieces do not end to the last digit where those of long ones do.
+        // The sum of many short pieces may differ in the last digit from that of long ones.
         let mut body = Self { pieces, groups: Vec::new(), since: since * (1.0 + 1e-12) };
         if !body.pieces.is_empty() {
             body.group(0, body.pieces.len());
@@ -116,7 +116,7 @@ impl Body {
         body
     }
 
-    /// Makes the tree over these pieces, at least one, and gives the index of its root.
+    /// Makes the tree over these pieces (at least one) and returns the index of its root.
     fn group(&mut self, first: usize, end: usize) -> usize {
         let node = match self.pieces.get(first) {
             Some(piece) if end - first == 1 => {
@@ -141,7 +141,7 @@ impl Body {
         self.groups.len() - 1
     }
 
-    /// The two halves of a node.
+    /// Returns the two halves of a node.
     pub(super) fn halves(&self, node: &Node) -> [Node; 2] {
         match node.kind {
             Kind::Group { halves, .. } => halves.map(|half| self.groups[half]),
@@ -161,7 +161,7 @@ fn divide(curve: &Helicoid, radius: f64, length: f64, push: &mut impl FnMut(Segm
     let short = length / count;
     let mut walk = Walk::new(curve);
     for _ in 0..count as usize {
-        // The same curve from here on: m at this point and p, seen from this tip.
+        // This is the rest of the same curve: m at this point and p, in the frame of this tip.
         let start_from_tip = walk.frame();
         let tip_from_start = start_from_tip.rotation.inverse();
         let m0 = tip_from_start * curve.m(&start_from_tip.translation.vector);
@@ -171,7 +171,7 @@ fn divide(curve: &Helicoid, radius: f64, length: f64, push: &mut impl FnMut(Segm
 }
 
 impl Node {
-    /// A ball that holds the stretch: centre and radius.
+    /// Returns a ball that contains the stretch: centre and radius.
     fn ball(&self) -> (Vector3<f64>, f64) {
         match self.kind {
             Kind::Group { centre, .. } => (centre, self.reach),
@@ -184,7 +184,7 @@ impl Node {
     }
 }
 
-/// The min distance between two nodes that their shapes allow, and where on each, 0 to 1.
+/// Returns a lower bound of the distance between two nodes, and its position on each, 0 to 1.
 pub(super) fn bound(a: &Node, b: &Node) -> (f64, [f64; 2]) {
     if let (Kind::Part { ends: ends_a, .. }, Kind::Part { ends: ends_b, .. }) = (&a.kind, &b.kind) {
         let (distance, at) = between_chords(ends_a, ends_b);
@@ -194,7 +194,7 @@ pub(super) fn bound(a: &Node, b: &Node) -> (f64, [f64; 2]) {
     (((centre_a - centre_b).norm() - reach_a - reach_b).max(0.0), [0.5; 2])
 }
 
-/// The distance of two straight lines between points, and where on each they are nearest, 0 to 1.
+/// Returns the distance of two line segments, and the position of the nearest point on each, 0 to 1.
 fn between_chords([a0, a1]: &[Vector3<f64>; 2], [b0, b1]: &[Vector3<f64>; 2]) -> (f64, [f64; 2]) {
     let (along_a, along_b, apart) = (a1 - a0, b1 - b0, a0 - b0);
     let (aa, bb, ab) = (along_a.norm_squared(), along_b.norm_squared(), along_a.dot(&along_b));
@@ -202,7 +202,7 @@ fn between_chords([a0, a1]: &[Vector3<f64>; 2], [b0, b1]: &[Vector3<f64>; 2]) ->
     let share = |part: f64, whole: f64| if whole > 0.0 { (part / whole).clamp(0.0, 1.0) } else { 0.0 };
     let on_a = |on_b: f64| share(ab * on_b - a_apart, aa);
     let on_b = |on_a: f64| share(ab * on_a + b_apart, bb);
-    // The nearest pair is that of the whole lines, or has an end in it.
+    // The nearest pair is either that of the infinite lines, or includes an end of a segment.
     let crossing = share(ab * b_apart - a_apart * bb, aa * bb - ab * ab);
     let pairs = [[crossing, on_b(crossing)], [on_a(0.0), 0.0], [on_a(1.0), 1.0], [0.0, on_b(0.0)], [1.0, on_b(1.0)]];
     let distance = |[s, t]: [f64; 2]| (apart + along_a * s - along_b * t).norm();

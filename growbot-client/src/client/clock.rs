@@ -1,51 +1,51 @@
-//! The board's clock beside the host's.
+//! Comparison of the board's clock with the host's.
 //!
-//! A board whose crystal has failed, or whose clocks are set up wrongly, heats and steps at another speed than it
-//! believes, and all its limits in time are off by as much. Its `uptime_ms` shows it. An answer was made between the
-//! moment at which it was asked for and the one at which it arrived; so two answers bound the rate of the board's clock
-//! from both sides, and whatever a line adds in delays only widens the bounds. The clock is wrong where even the bound
-//! on the side of caution is beyond the limit, in two windows of half a minute after each other: one alone may be a
-//! program that was halted, or a machine that slept.
+//! A board whose crystal has failed, or whose clocks are set up wrongly, heats and steps at the wrong speed. All its
+//! time limits are off by the same factor. Its `uptime_ms` shows this. A response is made between the moment at which
+//! its request was sent and the moment at which it arrived. Two responses therefore bound the rate of the board's clock
+//! from both sides, and delays on the line only widen the bounds. The clock is wrong if even the cautious bound is
+//! beyond the limit in two successive windows of half a minute. One window is not enough, because the program may have
+//! been halted or the machine may have slept.
 
 use std::fmt;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-/// A clock may be off by so much: crystals are within 0.01 %, a UART needs 3 %, and the heater is supervised with
+/// Maximum relative error of a clock. Crystals are within 0.01 %, a UART needs 3 %, and the heater is supervised with
 /// margins of 10 %.
 const LIMIT: f64 = 0.02;
-/// The shortest window over which clocks are compared.
+/// Minimum length of the window over which the clocks are compared.
 const WINDOW: Duration = Duration::from_secs(30);
-/// Delays must be below this share of the window for the clocks to count as equal.
+/// Maximum ratio of the delays to the window at which the clocks may count as equal.
 const BLUR: f64 = 0.01;
-/// An answer that was so long on its way says nothing.
+/// Maximum delay of a response that is used as a reading.
 const SLOWEST_ANSWER: Duration = Duration::from_secs(2);
-/// The clock is asked for at least so often.
+/// Interval at which the board's clock is sampled.
 const ASK: Duration = Duration::from_secs(10);
-/// So many windows after each other make a clock wrong.
+/// Number of successive windows after which a clock counts as wrong.
 const WINDOWS: u32 = 2;
-/// No clock that has failed is faster by this factor: it is the virtual one of a simulated board that somebody serves,
-/// and is not compared.
+/// Factor above which a faster clock is not compared. No failed clock is that fast, so this is the virtual clock of a
+/// simulated board that another process serves.
 const VIRTUAL: f64 = 2.0;
 
-/// A board's clock that is wrong.
+/// A board's clock that runs at the wrong rate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(into = "WrittenDrift", from = "WrittenDrift")]
 pub struct ClockDrift {
-    /// Time that has passed on the board's clock, ms,
+    /// Time that has passed on the board's clock, ms.
     pub board_ms: u64,
-    /// and in that time on the host's: the shortest and the longest that it can have been, ms.
+    /// Bounds of the time that passed meanwhile on the host's clock: shortest and longest, ms.
     pub host_ms: [u64; 2],
 }
 
 impl ClockDrift {
-    /// What to do about it.
+    /// Advice for the user.
     pub const REMEDY: &str =
         "check the board's crystal and its solder joints; heating, speeds and time limits are off by as much";
 
-    /// How much faster than the host's clock the board's runs, percent: the bound nearer to 0.
+    /// Returns by how much the board's clock runs faster than the host's, percent: the bound nearer to 0.
     #[must_use]
     pub fn percent(&self) -> f64 {
         let [shortest, longest] = self.host_ms;
@@ -54,11 +54,11 @@ impl ClockDrift {
     }
 }
 
-/// A clock that is wrong, as scripts, run logs and pages read it.
+/// A wrong clock in the form that scripts, run logs and pages read.
 #[derive(Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct WrittenDrift {
-    /// How much faster than the host's clock the board's runs, percent: the bound nearer to 0.
+    /// Excess of the board's clock over the host's, percent: the bound nearer to 0.
     #[serde(default)]
     percent: f64,
     /// The limit, percent.
@@ -66,12 +66,12 @@ struct WrittenDrift {
     limit_percent: f64,
     /// Time that has passed on the board's clock, ms.
     board_ms: u64,
-    /// Time that has passed on the host's clock, ms: the shortest and the longest that it can have been.
+    /// Bounds of the time that passed on the host's clock, ms: shortest and longest.
     host_ms: [u64; 2],
-    /// The same in words.
+    /// The error as a message.
     #[serde(default)]
     message: String,
-    /// What to do about it.
+    /// Advice for the user.
     #[serde(default)]
     remedy: String,
 }
@@ -110,44 +110,44 @@ impl fmt::Display for ClockDrift {
     }
 }
 
-/// An answer that tells the board's clock.
+/// A response that contains the board's clock.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reading {
     /// The board's clock, ms.
     pub board_ms: u64,
-    /// When it was asked for first, on the port's clock,
+    /// Time at which the request was first sent, on the port's clock.
     pub sent: Duration,
-    /// and when the answer arrived.
+    /// Time at which the response arrived, on the port's clock.
     pub received: Duration,
 }
 
 /// Compares the clocks.
 #[derive(Debug, Default)]
 pub(super) struct ClockWatch {
-    /// Where the window began.
+    /// First reading of the window.
     first: Option<Reading>,
     latest: Option<Reading>,
-    /// Windows after each other in which the clock was slow (negative) or fast.
+    /// Number of successive windows in which the clock was fast; negative if it was slow.
     wrong: i32,
     drift: Option<ClockDrift>,
 }
 
 impl ClockWatch {
-    /// What is wrong with the board's clock.
+    /// Returns the error of the board's clock, if it was found wrong.
     pub fn drift(&self) -> Option<ClockDrift> {
         self.drift
     }
 
-    /// Whether the latest reading is so old that another one is wanted.
+    /// Reports whether the latest reading is so old that another one is due.
     pub fn wants(&self, now: Duration) -> bool {
         self.latest.is_none_or(|latest| now.saturating_sub(latest.received) >= ASK)
     }
 
-    /// Takes a reading.
+    /// Adds a reading.
     pub fn take(&mut self, reading: &Reading) {
         let latest = self.latest.replace(*reading);
         if latest.is_some_and(|latest| reading.board_ms < latest.board_ms) {
-            // It has started anew.
+            // The board has restarted.
             *self = Self { latest: Some(*reading), ..Self::default() };
         }
         if reading.received.saturating_sub(reading.sent) > SLOWEST_ANSWER {
@@ -170,7 +170,7 @@ impl ClockWatch {
         } else if board > (1.0 + LIMIT) * longest.as_secs_f64() {
             1
         } else if (longest - shortest).as_secs_f64() > BLUR * shortest.as_secs_f64() {
-            // The line has delayed too much for this window: a longer one tells.
+            // The delays are too long for this window, so it must get longer.
             return;
         } else {
             0
@@ -190,8 +190,8 @@ mod tests {
     use growbot_core::random::Random;
     use serde_json::json;
 
-    /// Whether a clock that runs at this rate is found wrong within so much time, s, over a line that delays by up to
-    /// `jitter`, s.
+    /// Returns the time, s, after which a clock of this rate is found wrong, over a line that delays by up to `jitter`,
+    /// s. `None` if it is not found within `seconds`.
     fn found(rate: f64, jitter: f64, seconds: f64, every: f64) -> Option<f64> {
         let mut random = Random::new(&[7]);
         let mut watch = ClockWatch::default();
@@ -216,7 +216,7 @@ mod tests {
             for jitter in [0.0, 0.02, 0.2] {
                 assert!(found(rate, jitter, 120.0, 2.0).is_some(), "{rate}, jitter {jitter}");
             }
-            // Where an answer takes seconds, it takes longer.
+            // If responses take seconds, it takes longer.
             assert!(found(rate, 1.0, 600.0, 2.0).is_some(), "{rate}, seconds of jitter");
         }
     }
@@ -241,7 +241,7 @@ mod tests {
         for second in 0..40 {
             assert_eq!(take(f64::from(second), f64::from(second)), None);
         }
-        // The board is halted for 20 s; the host sleeps for an hour; the board starts anew.
+        // The board is halted for 20 s; the host sleeps for an hour; the board restarts.
         for (host, board) in [(20.0, 0.0), (20.0, 3600.0), (20.0, -40.0)] {
             for second in 40..140 {
                 assert_eq!(

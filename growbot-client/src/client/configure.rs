@@ -1,4 +1,4 @@
-//! Robot descriptions on their way to a board.
+//! Transfer of robot descriptions to a board.
 
 use std::time::Duration;
 
@@ -8,14 +8,14 @@ use growbot_core::robot::{LONGEST_VERSIONED, Robot};
 use super::error::CONFIGURING;
 use super::{Client, ClientError};
 
-/// A board restarts half a second after it has stored a description; it is looked at so often whether it has,
+/// Maximum number of polls for the restart, which comes about 0.5 s after the description is stored.
 const LOOKS_AT_RESTART: u32 = 40;
-/// with such pauses.
+/// Time between two polls.
 const LOOK_AT_RESTART: Duration = Duration::from_millis(250);
 
 impl Client {
-    /// Has the board take another robot description, and waits until it has restarted with it. The session must be
-    /// open; afterwards there is another one.
+    /// Sends the board another robot description and waits until it has restarted with it. The session must be open. A
+    /// new session is open afterwards.
     ///
     /// # Errors
     /// [`ClientError::Description`], a refusal, or [`ClientError::NotRestarted`].
@@ -36,7 +36,8 @@ impl Client {
             stored = match self.request(CONFIGURING, &Message::Configure(part)) {
                 Ok(Message::Configured(Configured { stored, .. })) => stored,
                 Ok(other) => return Err(ClientError::Unexpected { request: CONFIGURING, kind: other.kind() }),
-                // It may have restarted already, and its answer be lost. Before the last part, another host has the board.
+                // After the last part, the board may have restarted already, and its response may be lost. Before the
+                // last part, another host has taken the board.
                 Err(ClientError::Refused { refusal: Refusal::NoSession, .. }) if index == last => true,
                 Err(error) => return Err(error),
             };
@@ -44,7 +45,7 @@ impl Client {
         if stored { self.await_restart(robot, before) } else { Err(self.not_restarted()) }
     }
 
-    /// Waits until the board has started anew, as this robot.
+    /// Waits until the board has restarted as this robot.
     fn await_restart(&mut self, robot: &Robot, before: u32) -> Result<BoardHello, ClientError> {
         for _ in 0..LOOKS_AT_RESTART {
             self.pass(LOOK_AT_RESTART)?;
@@ -72,7 +73,7 @@ mod tests {
     use crate::port::{Port, PortError};
     use crate::robot_file;
 
-    /// A board that another host takes when it has so many parts of a description.
+    /// A board that another host takes after this many parts of a description.
     struct TakenAt {
         part: u16,
         receiver: Receiver,

@@ -1,4 +1,4 @@
-//! The emergency stop: eight bytes, sent again until the board says that it has obeyed, or the time is over.
+//! The emergency stop: eight bytes, repeated until the board confirms it or the time is over.
 
 use std::thread::sleep;
 use std::time::Duration;
@@ -9,20 +9,20 @@ use growbot_core::link::message::{Message, State};
 use super::{Client, ClientError};
 use crate::port::PortError;
 
-/// For so long an emergency stop is tried,
+/// Time limit of an emergency stop.
 pub const EMERGENCY_LIMIT: Duration = Duration::from_secs(3);
-/// and so long after each other the bytes are sent, whatever comes back.
+/// Interval at which the bytes of an emergency stop are sent, whatever the board sends.
 pub const EMERGENCY_PAUSE: Duration = Duration::from_millis(150);
-/// A line that breaks while it is used, and on which time does not pass by itself, is given up after this many tries.
+/// Maximum number of attempts on a line that breaks on each use and on which time does not pass by itself.
 const MAX_BREAKS: u32 = 20;
 
 impl Client {
-    /// Has the board switch everything off at once, whatever it is doing and whichever host owns it, and waits until it
-    /// says so: for [`EMERGENCY_LIMIT`] on the port's clock, however much noise comes, and also over a line that
-    /// breaks, which may come back.
+    /// Commands the board to switch everything off at once, whatever it is doing and whichever host owns it. Waits up
+    /// to [`EMERGENCY_LIMIT`] on the port's clock for its confirmation, whatever noise arrives. It also retries on a
+    /// line that breaks, because the line may come back.
     ///
     /// # Errors
-    /// [`ClientError::NotStopped`]: then the power must be cut.
+    /// [`ClientError::NotStopped`] if the board did not confirm it. The power must then be cut.
     pub fn emergency_stop(&mut self) -> Result<(), ClientError> {
         let mut sent = 0;
         let began = self.port.now();
@@ -40,14 +40,15 @@ impl Client {
         Err(ClientError::NotStopped { port: self.name.clone() })
     }
 
-    /// The same for so long. Whether the board has obeyed; the stops are added to those `sent`.
+    /// Like [`Client::emergency_stop`], but with this time limit and without retries on a broken line. Returns true if
+    /// the board has confirmed. Adds the number of stops sent to `sent`.
     ///
     /// # Errors
-    /// The line is broken.
+    /// If the line is broken.
     pub fn emergency_stop_within(&mut self, limit: Duration, sent: &mut u32) -> Result<bool, PortError> {
         let began = self.port.now();
         loop {
-            // One that does not go out is followed by others.
+            // If one cannot be sent, the next may be.
             let _ = self.port.send_emergency_stop();
             *sent += 1;
             let sent_at = self.port.now();
@@ -56,7 +57,7 @@ impl Client {
                 if waited >= EMERGENCY_PAUSE {
                     break;
                 }
-                // Nothing else is sent in that time: a line that takes nothing must not hold the next stop up.
+                // Nothing else is sent in that time, because a line that accepts nothing must not delay the next stop.
                 self.acknowledged = true;
                 match self.next_frame(EMERGENCY_PAUSE - waited) {
                     Ok(Some(Ok(frame))) if says_stopped(&frame) => {
@@ -77,8 +78,8 @@ impl Client {
     }
 }
 
-/// Whether a board says in this frame, to any host, that it has stopped at once. Where another program reads the same
-/// line, the event that was meant for that one may be all that arrives here.
+/// Reports whether a board confirms in this frame, to any host, that it has stopped at once. If another program reads
+/// the same line, the event for that program may be the only one that arrives here.
 fn says_stopped(frame: &Frame) -> bool {
     let state = match Message::decode(frame.header.kind, &frame.body) {
         Ok(Message::StoppedAtOnce(_)) => return true,

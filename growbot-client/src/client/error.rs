@@ -1,4 +1,4 @@
-//! Why a request to a board came to nothing, in words.
+//! Errors of requests to a board, and their messages.
 
 use growbot_core::link::frame::FrameError;
 use growbot_core::link::message::{BadDescription, Fault, Refusal};
@@ -7,10 +7,10 @@ use growbot_core::robot::{ENCODING_VERSION, RobotError};
 use super::patience::SILENCE;
 use crate::port::PortError;
 
-/// Why a request came to nothing.
+/// Error of a request.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
-    /// No byte came back.
+    /// No byte was received.
     #[error(
         "the board at {port} does not answer (for {} s): check power, cable and baud rate, and that growbot's \
          firmware is on it", SILENCE.as_secs()
@@ -19,7 +19,7 @@ pub enum ClientError {
         /// The port.
         port: String,
     },
-    /// Bytes came back, but no frame.
+    /// Bytes were received, but no frame.
     #[error(
         "what the board at {port} sends is no growbot frame: check the port, the baud rate (115200) and that \
          growbot's firmware is on it"
@@ -28,23 +28,23 @@ pub enum ClientError {
         /// The port.
         port: String,
     },
-    /// Frames of another version.
+    /// The frames have another version.
     #[error("the board at {port} speaks another version of the link: {source}")]
     Version {
         /// The port.
         port: String,
-        /// Which.
+        /// Versions of the board and of this program.
         source: FrameError,
     },
-    /// Messages of another schema.
+    /// The messages have another schema.
     #[error(
         "the board's messages (schema {board:016x}) differ from mine ({host:016x}): flash the firmware of this \
          release (`cargo robot`), or use the growbot that belongs to the board's"
     )]
     Schema {
-        /// The board's.
+        /// Schema hash of the board.
         board: u64,
-        /// This program's.
+        /// Schema hash of this program.
         host: u64,
     },
     /// The board belongs to another robot.
@@ -55,11 +55,11 @@ pub enum ClientError {
     OtherRobot {
         /// Name of the board's robot.
         board_name: String,
-        /// Hash of its description.
+        /// Hash of the description of the board's robot.
         board: u64,
         /// Name of the job's robot.
         host_name: String,
-        /// Hash of its description.
+        /// Hash of the description of the job's robot.
         host: u64,
     },
     /// The board has no robot description.
@@ -71,10 +71,10 @@ pub enum ClientError {
         /// The port.
         port: String,
     },
-    /// A robot description that no board can have.
+    /// The robot description is not valid for a board.
     #[error("this robot can be simulated, but no board can drive it: {0}")]
     Description(RobotError),
-    /// The board has taken a description and is not there with it.
+    /// The board accepted a description but did not restart with it.
     #[error(
         "the board at {port} has taken the description, but has not restarted with it within 10 s: reset it, and see \
          what `growbot status` says"
@@ -83,7 +83,7 @@ pub enum ClientError {
         /// The port.
         port: String,
     },
-    /// Another host has the board.
+    /// Another host owns the board.
     #[error(
         "the board at {port} is owned by {host}, last received {silent_s:.1} s ago: end that program, wait until it has been \
          silent for 10 s, or take the board over (--take-over)"
@@ -91,45 +91,45 @@ pub enum ClientError {
     Held {
         /// The port.
         port: String,
-        /// Who has it.
+        /// Name of the host that owns the board.
         host: String,
-        /// Since when that host has been silent, s.
+        /// Time since that host was last received, s.
         silent_s: f64,
     },
-    /// Nobody said that the emergency stop was obeyed.
+    /// The board did not confirm the emergency stop.
     #[error("NOBODY HAS ACKNOWLEDGED THE EMERGENCY STOP at {port}: cut the power of the robot now")]
     NotStopped {
         /// The port.
         port: String,
     },
-    /// The board refused.
+    /// The board refused the request.
     #[error("the board refused {request}: {}", explain(.request, .refusal))]
     Refused {
-        /// What was asked.
+        /// Name of the request.
         request: &'static str,
-        /// Why not.
+        /// Reason of the refusal.
         refusal: Refusal,
     },
-    /// The board answered something else.
+    /// The board sent an unexpected response.
     #[error("the board answered {request} with something else (kind {kind:#04x}): flash the firmware of this release")]
     Unexpected {
-        /// What was asked.
+        /// Name of the request.
         request: &'static str,
-        /// Kind of the answer.
+        /// Kind of the response.
         kind: u8,
     },
-    /// The line is gone.
+    /// The line is broken.
     #[error(transparent)]
     Port(#[from] PortError),
 }
 
-/// The name of a request that moves filament.
+/// Name of a request that moves filament.
 pub const FEEDING: &str = "to move filament";
 
-/// The name of a request that hands over a robot description.
+/// Name of a request that sends part of a robot description.
 pub const CONFIGURING: &str = "the robot description";
 
-/// What is wrong with a description, in words.
+/// Returns a message for a rejected description.
 fn explain_description(why: BadDescription) -> String {
     match why {
         BadDescription::OtherVersion { board } => format!(
@@ -151,7 +151,7 @@ fn explain_description(why: BadDescription) -> String {
     }
 }
 
-/// A refusal in words.
+/// Returns a message for a refusal.
 fn explain(request: &str, refusal: &Refusal) -> String {
     match *refusal {
         Refusal::NotUnderstood => "it does not understand the request".to_string(),

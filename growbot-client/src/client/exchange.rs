@@ -1,4 +1,4 @@
-//! Frames out and in: a request until its answer, and the events in between.
+//! Exchange of frames: requests and their responses, and the events in between.
 
 use std::time::Duration;
 
@@ -8,14 +8,15 @@ use growbot_core::link::message::{Empty, Message, MessageError, Refused};
 use super::patience::{FIRST_REPEAT, MAX_TRIES, REPEAT_OF_PLAN, SILENCE_OF_PLAN, SLOWEST_REPEAT, Wait};
 use super::{Client, ClientError};
 
-/// A board whose host sends nothing for 10 s pauses: in long waits it gets a sign of life in this interval.
+/// Interval of the signs of life in long waits. A board pauses if its host sends nothing for 10 s.
 const SIGN_OF_LIFE: Duration = Duration::from_secs(3);
 
 impl Client {
-    /// Asks and waits for the answer, repeating the request where none comes. `what` is what errors call it.
+    /// Sends a request and waits for the response, repeating the request if none arrives. `what` is its name in error
+    /// messages.
     ///
     /// # Errors
-    /// No answer, or a refusal.
+    /// If no response arrives, or the board refuses.
     pub fn request(&mut self, what: &'static str, request: &Message) -> Result<Message, ClientError> {
         let plans = matches!(request, Message::Plan(_));
         let mut repeat = if plans { REPEAT_OF_PLAN } else { FIRST_REPEAT };
@@ -36,7 +37,7 @@ impl Client {
         Err(self.given_up(&wait))
     }
 
-    /// Sends a frame, with the number of the latest event.
+    /// Sends a frame with the number of the latest event.
     pub(super) fn post(&mut self, seq: u16, message: &Message) -> Result<(), ClientError> {
         let mut buffer = [0; LONGEST_BODY];
         let too_long = ClientError::Unexpected { request: "a message", kind: message.kind() };
@@ -47,7 +48,7 @@ impl Client {
         Ok(self.port.send(&bytes)?)
     }
 
-    /// Waits for so long for an answer to one of some requests; stores the events that come in that time.
+    /// Waits up to `patience` for the response to one of some requests. Stores the events that arrive meanwhile.
     pub(super) fn answer_to(
         &mut self,
         is_asked: impl Fn(u16) -> bool,
@@ -56,7 +57,8 @@ impl Client {
     ) -> Result<Option<Frame>, ClientError> {
         let step = patience.min(Duration::from_millis(100));
         let mut waited = Duration::ZERO;
-        // Frames that arrive take time too, if little: a babbling board must not hold us for ever.
+        // Each frame counts as a short time too, so that a board that sends without end does not block this loop for
+        // ever.
         let passing = Duration::from_millis(2);
         while waited < patience {
             match self.next_frame(step)? {
@@ -87,7 +89,7 @@ impl Client {
         Ok(None)
     }
 
-    /// Why nothing more is to be hoped for.
+    /// Returns the error that explains why the wait was given up.
     pub(super) fn given_up(&self, wait: &Wait) -> ClientError {
         let port = self.name.clone();
         match wait.unreadable {
@@ -100,7 +102,7 @@ impl Client {
     /// Waits for an event.
     ///
     /// # Errors
-    /// If the line is gone.
+    /// If the line is broken.
     pub fn event(&mut self, timeout: Duration) -> Result<Option<Message>, ClientError> {
         if self.events.is_empty()
             && let Some(Ok(frame)) = self.next_frame(timeout)?
@@ -110,10 +112,10 @@ impl Client {
         Ok(self.events.pop_front())
     }
 
-    /// Lets time pass on the robot's clock. Events that come in that time are stored.
+    /// Lets time pass on the robot's clock. Stores the events that arrive meanwhile.
     ///
     /// # Errors
-    /// If the line is gone.
+    /// If the line is broken.
     pub fn pass(&mut self, time: Duration) -> Result<(), ClientError> {
         let step = Duration::from_millis(50);
         for _ in 0..time.as_millis().div_ceil(step.as_millis()) {
@@ -124,10 +126,10 @@ impl Client {
         Ok(())
     }
 
-    /// Takes an event if it is the next one: the board sends those after it again.
+    /// Stores an event if it is the next one. The board repeats the events after it.
     pub(super) fn ingest_event(&mut self, frame: &Frame) {
         let Header { session, seq, ack, .. } = frame.header;
-        // Somebody has stopped the board at once, this host or another.
+        // This host or another has stopped the board at once.
         if let (0, 0, 0, Ok(stopped @ Message::StoppedAtOnce(_))) =
             (session, seq, ack, Message::decode(frame.header.kind, &frame.body))
         {
@@ -136,7 +138,7 @@ impl Client {
             }
             return;
         }
-        // An answer that came too late, or a frame of another session, is not for us.
+        // Ignore a late response and a frame of another session.
         if session != self.session || ack != 0 || seq == 0 {
             return;
         }
@@ -149,10 +151,11 @@ impl Client {
         }
     }
 
-    /// The next frame, or why bytes were none; nothing if the line is quiet for as long as the timeout.
+    /// Returns the next frame, or the error of bytes that were not a frame. `None` if nothing arrives within the
+    /// timeout.
     pub(super) fn next_frame(&mut self, timeout: Duration) -> Result<Option<Result<Frame, FrameError>>, ClientError> {
         let mut taken = 0;
-        // What trickles in without ever being a frame must not hold us for ever.
+        // Bytes that keep arriving without forming a frame must not block this loop for ever.
         while taken < 2 * frame::LONGEST_FRAME {
             if self.arrived.is_empty() {
                 if !self.acknowledged {
@@ -171,7 +174,7 @@ impl Client {
         Ok(Some(Err(FrameError::TooLong)))
     }
 
-    /// Waits for bytes, and sends the board signs of life.
+    /// Waits for bytes and sends the board signs of life.
     fn receive(&mut self, timeout: Duration) -> Result<(), ClientError> {
         let mut left = timeout;
         loop {
@@ -188,7 +191,7 @@ impl Client {
     }
 }
 
-/// The answer in a frame, refusals as errors.
+/// Decodes the response in a frame. A refusal is returned as an error.
 pub(super) fn answer(request: &'static str, frame: &Frame) -> Result<Message, ClientError> {
     match Message::decode(frame.header.kind, &frame.body) {
         Ok(Message::Refused(Refused { refusal, .. })) => Err(ClientError::Refused { request, refusal }),

@@ -1,4 +1,4 @@
-//! Layers on their way to the board: several messages at a time, as far as it has room.
+//! Transfer of layers to the board: several messages at a time, within its free space.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -11,15 +11,15 @@ use super::exchange::answer;
 use super::patience::{MAX_TRIES, SLOWEST_REPEAT, Wait};
 use super::{Client, ClientError};
 
-/// Messages with layers that may be on their way at a time: less than what boards can keep before they look at it.
+/// Maximum number of unanswered messages with layers. It is below the number that boards can buffer.
 const WINDOW: usize = 8;
 
 impl Client {
-    /// Hands layers over, several messages at a time, as far as the board has room: the layers of a plan, from
-    /// `accepted` on. Where the line garbles much, messages get shorter.
+    /// Sends the layers of a plan from `accepted` on, several messages at a time, within the board's free space.
+    /// Messages get shorter if the line garbles many of them.
     ///
     /// # Errors
-    /// As [`Client::request`].
+    /// Like [`Client::request`].
     pub fn hand_over(
         &mut self,
         plan_id: u64,
@@ -54,11 +54,11 @@ impl Client {
                         return Err(ClientError::Unexpected { request: what, kind: frame.header.kind });
                     }
                 }
-                // One before it was lost.
+                // An earlier message was lost.
                 Err(ClientError::Refused { refusal: Refusal::OutOfOrder { expected }, .. }) => {
                     self.repeated += handover.out_of_order(expected);
                 }
-                // Layers that had room when they were sent.
+                // The space that these layers had when they were sent is used up.
                 Err(ClientError::Refused { refusal: Refusal::Full, .. }) => return Ok(handover.accepted),
                 Err(error) => return Err(error),
                 Ok(other) => return Err(ClientError::Unexpected { request: what, kind: other.kind() }),
@@ -67,20 +67,21 @@ impl Client {
     }
 }
 
-/// How far layers have been handed over.
+/// Progress of a transfer of layers.
 struct Handover<'a> {
     plan_id: u64,
     layers: &'a [LayerBytes],
     accepted: Accepted,
-    /// Numbers of the messages on their way.
+    /// Numbers of the unanswered messages.
     flying: VecDeque<u16>,
     /// Index of the next layer to be sent.
     sent: u32,
-    /// Layers of a message.
+    /// Number of layers a message.
     batch: usize,
-    /// Tries after each other that came to nothing.
+    /// Number of successive tries without progress.
     fruitless: u32,
-    /// The furthest that the board has come: one that accepts the same layers for ever gets nowhere.
+    /// Highest number of layers that the board has accepted. A board that accepts the same layers repeatedly makes no
+    /// progress.
     furthest: u32,
 }
 
@@ -99,7 +100,7 @@ impl<'a> Handover<'a> {
         }
     }
 
-    /// The next layers to be sent; none while enough are on their way, or the board has no room.
+    /// Returns the next layers to send. `None` while enough messages are unanswered, or if the board has no free space.
     fn next_message(&mut self) -> Option<Layers> {
         let end = (self.layers.len() as u32).min(self.accepted.next.saturating_add(self.accepted.room));
         if self.flying.len() >= WINDOW || self.sent >= end {
@@ -112,19 +113,21 @@ impl<'a> Handover<'a> {
         Some(Layers { plan_id: self.plan_id, first, layers })
     }
 
-    /// Nothing came back: all is sent again, in shorter messages. Gives how many.
+    /// Prepares to send everything again in shorter messages, because no response arrived. Returns the number of
+    /// messages.
     fn unanswered(&mut self) -> u64 {
         (self.fruitless, self.batch) = (self.fruitless + 1, (self.batch / 2).max(1));
         self.sent = self.accepted.next;
         self.forget_flying()
     }
 
-    /// The board takes requests in the order of their numbers: what was sent before this one is settled or lost.
+    /// Drops the messages up to this one. The board processes requests in the order of their numbers, so earlier ones
+    /// are settled or lost.
     fn settle(&mut self, seq: u16) {
         while self.flying.pop_front().is_some_and(|flying| flying != seq) {}
     }
 
-    /// The board has accepted layers.
+    /// Records that the board has accepted layers.
     fn accept(&mut self, accepted: Accepted) {
         if accepted.next > self.furthest {
             (self.fruitless, self.furthest) = (0, accepted.next);
@@ -138,7 +141,7 @@ impl<'a> Handover<'a> {
         }
     }
 
-    /// The board expects another layer: all from there on is sent again. Gives how many messages.
+    /// Prepares to send everything again from the layer that the board expects. Returns the number of messages.
     fn out_of_order(&mut self, expected: u32) -> u64 {
         (self.fruitless, self.batch) = (self.fruitless + 1, (self.batch * 3 / 4).max(1));
         self.accepted.next = expected;

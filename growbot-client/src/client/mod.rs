@@ -1,9 +1,9 @@
-//! The host's end of the link: requests with answers, and the events in between.
+//! The host's end of the link: requests with responses, and the events in between.
 //!
-//! - `session`: who the board is and who owns it; `requests`: what is asked of it; `hand_over`: layers on their way;
+//! - `session`: identity and owner of the board; `requests`: requests to it; `hand_over`: transfer of layers;
 //! - `configure`: robot descriptions;
-//! - `exchange`: frames out and in; `patience`: how long they are waited for;
-//! - `clock`: the board's clock beside the host's; `emergency`: the emergency stop.
+//! - `exchange`: frames sent and received; `patience`: timeouts;
+//! - `clock`: comparison of the board's clock with the host's; `emergency`: the emergency stop.
 
 mod clock;
 mod configure;
@@ -28,33 +28,31 @@ pub use self::requests::Stopped;
 use self::session::new_session;
 use crate::port::Port;
 
-/// The host's end of the link to one board.
-///
-/// Dropped, it says goodbye, so that the board knows that it is alone.
+/// The client sends `Goodbye` when it is dropped, so that the board knows that its host is gone.
 pub struct Client {
     port: Box<dyn Port>,
     name: String,
     receiver: Receiver,
     arrived: VecDeque<u8>,
     session: u32,
-    /// Whether the board knows the session.
+    /// True if the board has accepted the session.
     open: bool,
     /// Number of the latest request.
     seq: u16,
     /// Number of the latest event.
     received: u16,
-    /// Whether the board was sent the number of the latest event.
+    /// True if the number of the latest event was sent to the board.
     acknowledged: bool,
     events: VecDeque<Message>,
-    /// Requests that had to be sent again.
+    /// Number of requests that were sent again.
     repeated: u64,
-    /// Another host that holds the board loses it.
+    /// True if this host takes the board from another host that owns it.
     takes_over: bool,
     clocks: ClockWatch,
 }
 
 impl Client {
-    /// A client on an open port. `name` is what errors call it.
+    /// Creates a client on an open port. `name` is its name in error messages.
     #[must_use]
     pub fn new(port: Box<dyn Port>, name: &str) -> Self {
         Self {
@@ -74,31 +72,31 @@ impl Client {
         }
     }
 
-    /// Takes the board from another host that holds it, when it opens its session.
+    /// Sets whether this client takes the board from another host that owns it when it opens its session.
     #[must_use]
     pub fn taking_over(mut self, takes_over: bool) -> Self {
         self.takes_over = takes_over;
         self
     }
 
-    /// The port.
+    /// Returns the port.
     pub fn port(&mut self) -> &mut dyn Port {
         self.port.as_mut()
     }
 
-    /// Requests that had to be sent again, because they or their answers were lost.
+    /// Returns the number of requests that were sent again because they or their responses were lost.
     #[must_use]
     pub fn repeated(&self) -> u64 {
         self.repeated
     }
 
-    /// Is gone without a goodbye, as a program that is killed.
+    /// Drops the client without sending `Goodbye`, as if the process had been killed.
     pub fn vanish(mut self) {
         self.open = false;
     }
 
-    /// The same line for the emergency stop of another thread; none where the robot ends with this program. From its
-    /// first use on, this client waits for the end of the program.
+    /// Returns a port on the same line with which another thread can send the emergency stop. `None` if the robot ends
+    /// with this program. From the first use of that port on, this client blocks until the program ends.
     pub fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
         self.port.emergency_line()
     }
@@ -108,7 +106,7 @@ impl Drop for Client {
     fn drop(&mut self) {
         if self.open {
             self.seq = next(self.seq);
-            // Where it is lost, the board finds out after some seconds.
+            // If this message is lost, the board notices after some seconds.
             let _ = self.post(self.seq, &Message::Goodbye(Empty {}));
         }
     }

@@ -1,42 +1,44 @@
-//! How long a host waits for a board, and how often it asks again.
+//! Timeouts for a board's responses, and the intervals of retries.
 
 use std::time::Duration;
 
 use growbot_core::link::frame::FrameError;
 
-/// A request is repeated after so long without its answer, and then ever more rarely,
+/// Time after which a request is first repeated. Further retries come at increasing intervals.
 pub(super) const FIRST_REPEAT: Duration = Duration::from_millis(250);
-/// up to this.
+/// Maximum interval between retries.
 pub(super) const SLOWEST_REPEAT: Duration = Duration::from_millis(500);
-/// A plan takes a board up to a minute for a near goal, and emulated by a busy machine some times that: it is not asked
-/// more often.
+/// Interval between retries of a request to plan. A plan takes a board up to a minute for a near goal, and several
+/// times that if a busy machine emulates it.
 pub(super) const REPEAT_OF_PLAN: Duration = Duration::from_secs(10);
-/// A board of which nothing at all comes for so long while it is asked is silent,
+/// Time without any bytes after which a board counts as silent if it has never responded.
 pub(super) const SILENCE: Duration = Duration::from_secs(8);
-/// and one that has answered before after so long: the line may be bad.
+/// Time without a frame after which a board that has responded before counts as silent. It is longer because the line
+/// may be bad.
 pub(super) const SILENCE_OF_KNOWN: Duration = Duration::from_secs(20);
-/// One that has never answered, and of which pieces of frames come now and then, is given so long,
+/// Time limit for a board that has never responded but sends fragments of frames at a low rate.
 pub(super) const SILENCE_OF_PIECES: Duration = Duration::from_secs(60);
-/// unless more of them come a second: then it is no growbot.
+/// Maximum rate of fragments, 1/s. A device that sends more is not a growbot board.
 pub(super) const MAX_PIECES_A_SECOND: f64 = 8.0;
-/// One that plans is silent when it says nothing for so long.
+/// Time without a frame after which a board that plans counts as silent.
 pub(super) const SILENCE_OF_PLAN: Duration = Duration::from_secs(180);
-/// A line that carries some frames and never the answer is given up after this many repetitions.
+/// Maximum number of repetitions of a request on a line that carries frames but never the response.
 pub(super) const MAX_TRIES: u32 = 120;
 
-/// How a wait for an answer has gone.
+/// State of a wait for a response.
 #[derive(Debug, Default)]
 pub(super) struct Wait {
-    /// For so long no frame has come.
+    /// Time since the latest frame.
     pub quiet: Duration,
-    /// Pieces of frames that have come in that time.
+    /// Number of fragments of frames received in that time.
     pub pieces: u32,
-    /// What came that was none.
+    /// Error of received bytes that were not a valid frame.
     pub unreadable: Option<FrameError>,
 }
 
 impl Wait {
-    /// Whether nothing more is to be hoped for, from a board that has `known` answered before; not before `least`.
+    /// Returns true once the board has been silent for longer than its timeout. The timeout is longer if the board is
+    /// `known` to respond, and never shorter than `least`.
     pub fn is_hopeless(&self, least: Duration, known: bool) -> bool {
         let pieces = f64::from(self.pieces);
         let patience = if known {
@@ -46,7 +48,7 @@ impl Wait {
         } else {
             SILENCE
         };
-        // A whole frame of another version is no noise.
+        // A complete frame of another version is not noise.
         let speaks_otherwise = !known && matches!(self.unreadable, Some(FrameError::Version { .. }));
         speaks_otherwise || self.quiet >= patience.max(least)
     }

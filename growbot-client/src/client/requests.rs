@@ -1,4 +1,4 @@
-//! Requests with their own answers: status, stop, sensors, the latest fault and crash.
+//! Requests with their own responses: status, stop, sensors, the latest fault and crash.
 
 use std::time::Duration;
 
@@ -10,22 +10,22 @@ use super::clock::{ClockDrift, ClockWatch, Reading};
 use super::{Client, ClientError};
 use crate::maintenance::request_name;
 
-/// An emergency stop by the link counts as released within 20 ms; it is looked so often whether it is,
+/// Maximum number of polls for the release of an emergency stop by the link, which comes within 20 ms.
 const MAX_LOOKS_AT_RELEASE: u32 = 6;
-/// with such pauses.
+/// Time between two polls.
 const LOOK_AT_RELEASE: Duration = Duration::from_millis(50);
 
-/// How a board was stopped.
+/// The way in which a board was stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stopped {
-    /// By a request: its body can be resumed.
+    /// Stopped by a request. The body can be resumed.
     ByRequest,
-    /// The request was not answered, and the emergency stop was.
+    /// Stopped by the emergency stop, because the request was not answered.
     AtOnce,
 }
 
 impl Stopped {
-    /// In words.
+    /// Returns a message for the user.
     #[must_use]
     pub fn in_words(self, is_simulated: bool) -> String {
         let kind = if is_simulated { "simulated " } else { "" };
@@ -39,10 +39,10 @@ impl Stopped {
 }
 
 impl Client {
-    /// What the board is doing.
+    /// Returns the state of the board.
     ///
     /// # Errors
-    /// As [`Client::request`].
+    /// Like [`Client::request`].
     pub fn status(&mut self) -> Result<Status, ClientError> {
         let what = "for its status";
         let sent = self.port.now();
@@ -57,11 +57,12 @@ impl Client {
         }
     }
 
-    /// Stops the board: by a request, after which its body can be resumed, or by the emergency stop where that is not
-    /// answered.
+    /// Stops the board by a request, after which its body can be resumed. If the board does not respond, stops it by
+    /// the emergency stop.
     ///
     /// # Errors
-    /// A refusal; [`ClientError::NotStopped`]: nobody knows whether it has stopped, and the power must be cut.
+    /// A refusal. [`ClientError::NotStopped`] if it is unknown whether the board has stopped. The power must then be
+    /// cut.
     pub fn stop(&mut self) -> Result<Stopped, ClientError> {
         match self.request("to stop", &Message::Stop(Empty {})) {
             Ok(_) => Ok(Stopped::ByRequest),
@@ -70,11 +71,11 @@ impl Client {
         }
     }
 
-    /// Leaves a fault or an emergency stop. The board refuses that for some milliseconds after a stop by the link, as
-    /// while the button is pressed: it is asked again for a while.
+    /// Clears a fault or an emergency stop. The board refuses this for some milliseconds after a stop by the link, and
+    /// while the button is pressed, so the request is repeated for a while.
     ///
     /// # Errors
-    /// As [`Client::request`].
+    /// Like [`Client::request`].
     pub fn clear_fault(&mut self) -> Result<(), ClientError> {
         let (what, request) = ("to clear the fault", Message::ClearFault(Empty {}));
         for _ in 0..MAX_LOOKS_AT_RELEASE {
@@ -86,40 +87,40 @@ impl Client {
         self.request(what, &request).map(drop)
     }
 
-    /// Stops a board whose clock has gone from the port's, as the answers to [`Client::status`] tell: by a request,
-    /// after which its body can be resumed, or else at once. Gives how far it has; none while the clocks agree, or
-    /// cannot be compared.
+    /// Stops a board whose clock drifts from the port's, according to the responses to [`Client::status`]. Stops it by
+    /// a request, after which its body can be resumed, or else by the emergency stop. Returns the drift. `None` while
+    /// the clocks agree or cannot be compared.
     ///
     /// # Errors
-    /// [`ClientError::NotStopped`]: nobody knows whether it has stopped, and the power must be cut.
+    /// [`ClientError::NotStopped`] if it is unknown whether the board has stopped. The power must then be cut.
     pub fn stop_if_clock_drifts(&mut self) -> Result<Option<ClockDrift>, ClientError> {
         let Some(drift) = self.clocks.drift() else { return Ok(None) };
         if self.request("to stop", &Message::Stop(Empty {})).is_err() {
             self.emergency_stop()?;
         }
-        // A start in spite of that has it compared again.
+        // If the board is started again in spite of this, its clock is compared again.
         self.clocks = ClockWatch::default();
         Ok(Some(drift))
     }
 
-    /// Whether it is time to ask for the status again for the sake of the clocks.
+    /// Reports whether another status is due for the comparison of the clocks.
     #[must_use]
     pub fn wants_clock(&self) -> bool {
         self.port.compares_clocks() && self.clocks.wants(self.port.now())
     }
 
-    /// Has the board do a task of maintenance.
+    /// Starts a maintenance task on the board.
     ///
     /// # Errors
-    /// As [`Client::request`].
+    /// Like [`Client::request`].
     pub fn maintain(&mut self, task: Task) -> Result<(), ClientError> {
         self.request(request_name(task), &Message::Maintain(Maintain { task })).map(drop)
     }
 
-    /// What the board's sensors say.
+    /// Returns the readings of the board's sensors.
     ///
     /// # Errors
-    /// As [`Client::request`].
+    /// Like [`Client::request`].
     pub fn sensors(&mut self) -> Result<SensorReadings, ClientError> {
         let what = "for its sensors";
         match self.request(what, &Message::AskSensors(Empty {}))? {
@@ -128,10 +129,10 @@ impl Client {
         }
     }
 
-    /// The board's latest fault as it was when it came, cleared or not; none if it knows of none.
+    /// Returns the record of the board's latest fault, whether it is cleared or not. `None` if none is recorded.
     ///
     /// # Errors
-    /// As [`Client::request`].
+    /// Like [`Client::request`].
     pub fn latest_fault(&mut self) -> Result<Option<FaultRecord>, ClientError> {
         let what = "for its latest fault";
         match self.request(what, &Message::AskFault(Empty {}))? {
@@ -140,10 +141,10 @@ impl Client {
         }
     }
 
-    /// How the board came up: whether its image is sound, and the latest crash.
+    /// Returns the boot report: whether the image is intact, and the latest crash.
     ///
     /// # Errors
-    /// As [`Client::request`].
+    /// Like [`Client::request`].
     pub fn boot(&mut self) -> Result<BootReport, ClientError> {
         let what = "how it came up";
         match self.request(what, &Message::AskBoot(Empty {}))? {

@@ -1,4 +1,4 @@
-//! Sessions: who the board is, who owns it, and how a host comes to own it.
+//! Sessions: identity of the board, its owner, and how a host takes ownership.
 
 use std::time::Duration;
 
@@ -7,27 +7,28 @@ use growbot_core::robot::Robot;
 
 use super::{Client, ClientError};
 
-/// A host that owns the board and is silent for 10 s has lost it (PROTOCOL.md): it is waited for in this many looks,
+/// Maximum number of polls for the release of a board. A host that owns the board loses it after 10 s of silence
+/// (PROTOCOL.md).
 const OWNED_LOOKS: u32 = 24;
-/// with such pauses.
+/// Time between two polls for the release of a board.
 const OWNED_LOOK: Duration = Duration::from_millis(500);
-/// The kind of a refusal.
+/// Message kind of a refusal.
 const REFUSED: u8 = 0x44;
-/// A board that has just started tests itself for two seconds at most, ms of its own clock: a busy machine stretches
-/// that of an emulated one.
+/// Time limit of the self-test, ms of the board's clock. It takes two seconds at most, but a busy machine stretches
+/// that of an emulated board.
 const SELF_TEST_MS: u64 = 5000;
-/// It is looked at so often,
+/// Maximum number of polls for the end of the self-test.
 const MAX_LOOKS_AT_SELF_TEST: u32 = 1200;
-/// so often while its clock stands,
+/// Maximum number of those polls while the board's clock stands.
 const MAX_LOOKS_AT_A_CLOCK: u32 = 60;
-/// with such pauses.
+/// Time between two polls for the end of the self-test.
 const SELF_TEST_LOOK: Duration = Duration::from_millis(50);
 
 impl Client {
-    /// Opens the session: both sides say who they are. A host that has gone without a goodbye is waited for.
-    ///
+    /// Opens the session: host and board exchange their identities. Waits if the board is owned by a host that has gone
+    /// without `Goodbye`.
     /// # Errors
-    /// A board that is silent, garbled, of another version, or held by another host.
+    /// A board that is silent, garbled, of another version, or owned by another host.
     pub fn hello(&mut self) -> Result<BoardHello, ClientError> {
         let mut silent_before = 0;
         for _ in 0..OWNED_LOOKS {
@@ -35,10 +36,10 @@ impl Client {
                 Err(ClientError::Refused { refusal: Refusal::Owned { .. }, .. })
                     if self.board()?.owner == Some(host_name()) =>
                 {
-                    // It is this program, which the line had lost.
+                    // The owner is this program, whose earlier connection was lost.
                     return self.open_session(true);
                 }
-                // As long as it is silent it may be gone.
+                // While the owner stays silent, it may be gone.
                 Err(ClientError::Refused { refusal: Refusal::Owned { silent_ms }, .. })
                     if silent_ms >= silent_before =>
                 {
@@ -53,7 +54,7 @@ impl Client {
 
     fn open_session(&mut self, take_over: bool) -> Result<BoardHello, ClientError> {
         if self.open {
-            // Another one: the board may have restarted, or forgotten us.
+            // Use another session number, because the board may have restarted or dropped this session.
             self.session = new_session();
             (self.seq, self.received, self.acknowledged, self.open) = (0, 0, true, false);
             self.events.clear();
@@ -72,7 +73,7 @@ impl Client {
         }
     }
 
-    /// The board is held: by whom.
+    /// Replaces the refusal of an owned board by an error with the owner's name.
     fn name_owner(&mut self, error: ClientError) -> Result<BoardHello, ClientError> {
         let ClientError::Refused { refusal: Refusal::Owned { silent_ms }, .. } = error else { return Err(error) };
         let owner = self.board()?.owner.unwrap_or_default();
@@ -83,7 +84,7 @@ impl Client {
         })
     }
 
-    /// Who the board is and what it is doing, without a session: the host that owns the board keeps it.
+    /// Returns identity and state of the board without a session. A host that owns the board keeps it.
     ///
     /// # Errors
     /// A board that is silent, garbled or of another version.
@@ -95,7 +96,7 @@ impl Client {
             Err(ClientError::Refused { refusal: Refusal::OtherSchema { board }, .. }) => {
                 Err(ClientError::Schema { board, host: SCHEMA_HASH })
             }
-            // Another release, which does not know the question.
+            // The board has another release, which does not know this request.
             Err(ClientError::Refused { refusal: Refusal::NotUnderstood, .. }) => {
                 Err(ClientError::Unexpected { request: what, kind: REFUSED })
             }
@@ -103,12 +104,12 @@ impl Client {
         }
     }
 
-    /// Waits until a board that has just started has tested itself: until then it takes no job.
+    /// Waits until a board that has just started has finished its self-test. Until then it accepts no job.
     fn after_self_test(&mut self, mut hello: BoardHello) -> Result<BoardHello, ClientError> {
         let mut standing = 0;
         for _ in 0..MAX_LOOKS_AT_SELF_TEST {
             let before = hello.status.uptime_ms;
-            // One that is not configured has nothing to test.
+            // A board that is not configured has nothing to test.
             if hello.status.state != State::SelfTest
                 || hello.robot == 0
                 || before > SELF_TEST_MS
@@ -123,10 +124,9 @@ impl Client {
         Ok(hello)
     }
 
-    /// Fails unless the board belongs to this robot.
-    ///
+    /// Checks that the board belongs to this robot.
     /// # Errors
-    /// [`ClientError::OtherRobot`]; also for a board that is not configured.
+    /// [`ClientError::OtherRobot`] if it does not, or if the board is not configured.
     pub fn belongs_to(hello: &BoardHello, robot: &Robot) -> Result<(), ClientError> {
         if hello.robot == robot.hash() {
             return Ok(());
@@ -142,7 +142,7 @@ impl Client {
     /// Opens the session with a board that must belong to this robot.
     ///
     /// # Errors
-    /// As [`Client::hello`], or a board of another robot.
+    /// Like [`Client::hello`], or if the board belongs to another robot.
     pub fn hello_robot(&mut self, robot: &Robot) -> Result<BoardHello, ClientError> {
         let hello = self.hello()?;
         if hello.robot == 0 {
@@ -161,7 +161,7 @@ fn same_schema(hello: BoardHello) -> Result<BoardHello, ClientError> {
     }
 }
 
-/// The name of this host, for others.
+/// Returns the name of this host, which the board reports to other hosts.
 fn host_name() -> HostName {
     let program =
         std::env::args().nth(1).filter(|word| !word.starts_with('-')).unwrap_or_else(|| "growbot".to_string());
@@ -170,9 +170,9 @@ fn host_name() -> HostName {
     name.bytes().take(HostName::new().capacity()).collect()
 }
 
-/// A number for this session that another host will hardly have.
+/// Returns a session number that another host is unlikely to have.
 pub(super) fn new_session() -> u32 {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
-    // Never 0, which stands for no session.
+    // The number is never 0, which stands for no session.
     (now.as_secs() as u32).rotate_left(12) ^ now.subsec_nanos() ^ std::process::id() | 1
 }

@@ -1,4 +1,4 @@
-//! How a growth begins: with a new job, or with one that the board knows.
+//! Beginning of a growth: with a new job, or with one that the board knows.
 
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{Begin, BoardHello, Message, Resume, State, Status};
@@ -9,7 +9,7 @@ use crate::client::{Client, ClientError};
 use crate::feedback::Count;
 
 impl<'a> Growth<'a> {
-    /// Hands a new job to the board: as many layers as it can store.
+    /// Sends a new job to the board: as many layers as it can store.
     pub(super) fn begin(
         client: &'a mut Client,
         job: &Job<'a>,
@@ -34,7 +34,7 @@ impl<'a> Growth<'a> {
         self.hand_over(on_event)
     }
 
-    /// Takes up a job that the board knows.
+    /// Resumes a job that the board knows.
     pub(super) fn take_up(
         client: &'a mut Client,
         job: &Job<'a>,
@@ -53,7 +53,7 @@ impl<'a> Growth<'a> {
         Ok(growth)
     }
 
-    /// Feedback counts the filament from now on, unless it already counts what this start of the board has fed.
+    /// Starts counting the filament now, unless the count already covers this start of the board.
     fn count_from_here(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let Some(feedback) = self.feedback.as_mut().filter(|feedback| !feedback.counts_in(self.board.boot_id)) else {
             return Ok(());
@@ -73,7 +73,7 @@ impl<'a> Growth<'a> {
     ) -> Result<(), ClientError> {
         let skip = status.interrupted.is_some() && interrupted == OnInterrupted::LetBe;
         self.built.laid = status.laid;
-        // What is not known is reported from the first hole on.
+        // Layers are reported again from the first unknown one on.
         let known = self.built.as_built.len().min(status.laid as usize);
         self.built.as_built.truncate(known);
         let from = status.laid.saturating_add(u32::from(skip));
@@ -81,14 +81,14 @@ impl<'a> Growth<'a> {
         self.ask("to resume", &Message::Resume(resume))?;
         self.built.laid = from;
         self.count_from_here(on_event)?;
-        // At rest any layer can be another one.
+        // At rest, any remaining layer can be replaced.
         self.sent.amend_at = 0;
         self.amend(self.built.laid, on_event)?;
         self.hand_over(on_event)
     }
 }
 
-/// Opens a session with the board of a robot, and tells who it is and whether it has crashed.
+/// Opens a session with the board of a robot, and reports its identity and any crash as events.
 fn meet(client: &mut Client, robot: &Robot, on_event: &mut dyn FnMut(&JobEvent)) -> Result<BoardHello, GrowthError> {
     let hello = client.hello_robot(robot).map_err(GrowthError::Before)?;
     on_event(&JobEvent::Board(hello.clone()));

@@ -1,5 +1,5 @@
-//! A growth under way: the board's events are followed to the end, orders are carried out, and a board that falls
-//! silent is called again.
+//! A growth in progress: follows the board's events to the end, executes orders, and reconnects to a board that falls
+//! silent.
 
 use std::time::Duration;
 
@@ -11,34 +11,34 @@ use super::{
 };
 use crate::client::ClientError;
 
-/// How long to wait for an event before orders are looked at.
+/// Time to wait for an event before the orders are polled.
 const LOOK: Duration = Duration::from_millis(20);
-/// and looks in vain before the board is asked for its status.
+/// Number of successive polls without an event before the status is requested.
 const QUIET_LOOKS: u32 = 100;
-/// Max requests for the status after the end, while layers of which no event has come are waited for.
+/// Maximum number of status requests after the end, while events of some layers are still missing.
 const MAX_QUESTIONS_AFTER_END: u32 = 40;
-/// Calls of a board that has fallen silent before it counts as lost.
+/// Maximum number of attempts to reconnect to a silent board before it counts as lost.
 const CALLS: u32 = 12;
 
-/// When the board is asked for its status.
+/// Schedule of the status requests.
 struct Questions {
-    /// Whether it is to be asked now.
+    /// True if the status is to be requested now.
     ask: bool,
-    /// Looks after each other without an event.
+    /// Number of successive polls without an event.
     quiet_looks: u32,
-    /// How often it was asked since the end, for layers that are not reported yet.
+    /// Number of requests since the end, for layers that are not reported yet.
     after_end: u32,
 }
 
 impl Default for Questions {
-    /// A body of no length is done at once, so the board is asked first of all.
+    /// Requests the status first, because a body of no length is done at once.
     fn default() -> Self {
         Self { ask: true, quiet_looks: 0, after_end: 0 }
     }
 }
 
 impl Questions {
-    /// It was looked for an event, in vain or not.
+    /// Counts a poll for an event, which was `found` or not.
     fn count_look(&mut self, found: bool) {
         self.quiet_looks = if found { 0 } else { self.quiet_looks + 1 };
         if self.quiet_looks >= QUIET_LOOKS {
@@ -55,13 +55,13 @@ impl Growth<'_> {
             match outcome {
                 Err(ClientError::Silent { .. } | ClientError::Garbage { .. } | ClientError::NotStopped { .. }) => {
                     if let Err(error @ ClientError::NotStopped { .. }) = &outcome {
-                        // It is tried again, but nobody is to wait for that.
+                        // The stop is retried, but the user should not wait for that.
                         on_event(&JobEvent::NotObeyed(error.to_string()));
                     }
                     on_event(&JobEvent::Silent);
                     outcome = self.call_again(orders, on_event);
                 }
-                // The board does not know us any more: it has restarted, or another host has taken it.
+                // The board no longer knows this session, because it has restarted or another host has taken it.
                 Err(ClientError::Refused { refusal: Refusal::NoSession, .. }) => {
                     outcome = self.call_again(orders, on_event);
                 }
@@ -76,7 +76,7 @@ impl Growth<'_> {
                 | ClientError::NotStopped { .. }
                 | ClientError::Port(_),
             ) if orders.stops() && self.client.emergency_stop().is_ok() => {
-                // The order did not get through, and this did.
+                // The order was not answered, but the emergency stop was.
                 on_event(&JobEvent::State(State::EmergencyStop));
                 Outcome::Stopped
             }
@@ -89,10 +89,10 @@ impl Growth<'_> {
         Ok(self.measure(outcome))
     }
 
-    /// Opens another session and follows further, if the board still has the job.
+    /// Opens another session and continues to follow the growth, if the board still has the job.
     fn call_again(&mut self, orders: &Orders, on_event: &mut dyn FnMut(&JobEvent)) -> Result<Outcome, ClientError> {
         if orders.stop_at_once() {
-            // It needs no session: a line on which nothing comes back may still carry it.
+            // The emergency stop needs no session. A line on which no bytes arrive may still carry it.
             self.client.emergency_stop()?;
         }
         let hello = self.client.hello_robot(self.job.robot)?;
@@ -122,7 +122,7 @@ impl Growth<'_> {
         let mut questions = Questions::default();
         loop {
             if let Some(order) = orders.next().filter(|order| stopped_by != Some(*order)) {
-                // One that did not reach the board is for the next session.
+                // An order that did not reach the board is kept for the next session.
                 self.obey(order, on_event).inspect_err(|_| match order.may_be_repeated() {
                     true => orders.give_back(order),
                     false => on_event(&JobEvent::NotObeyed(order.is_uncertain())),
@@ -145,28 +145,28 @@ impl Growth<'_> {
             let event = self.client.event(LOOK)?;
             questions.count_look(event.is_some());
             match event {
-                // One beyond the job is nonsense.
+                // A layer beyond the job is invalid.
                 Some(Message::Laid(laid))
                     if self.sent.is_named(laid.plan_id) && (laid.index as usize) < self.max_layers() =>
                 {
                     self.layer_laid(&laid, on_event)?;
-                    // The last of those that were missing at the end.
+                    // This was the last of the layers that were missing at the end.
                     questions.ask = questions.after_end > 0 && self.built.is_reported();
                 }
                 Some(Message::StateChanged(change)) => {
                     on_event(&JobEvent::State(change.state));
-                    // The event may be of the job before: only the status says how this one stands.
+                    // The event may belong to the previous job. Only the status shows the state of this one.
                     questions.ask = true;
                 }
-                // By another host, say: what of the body that leaves, the status says.
+                // Another host may have stopped the board. The status shows what remains of the body.
                 Some(Message::StoppedAtOnce(_)) => questions.ask = true,
                 Some(_) | None => {}
             }
         }
     }
 
-    /// Asks for the status. Gives the outcome, once the job has ended and all its layers are reported, or waited for
-    /// long enough.
+    /// Requests the status. Returns the outcome once the job has ended and all its layers are reported, or the wait for
+    /// them is over.
     fn ask_status(
         &mut self,
         questions: &mut Questions,
@@ -188,7 +188,7 @@ impl Growth<'_> {
         Ok(None)
     }
 
-    /// The board reports a layer: amends the job, and hands more layers over.
+    /// Processes the report of a layer: amends the job and sends more layers.
     fn layer_laid(&mut self, laid: &Laid, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let Laid { index, as_built, measured, .. } = *laid;
         if index as usize == self.built.as_built.len() {
@@ -201,18 +201,18 @@ impl Growth<'_> {
         self.refill(on_event)
     }
 
-    /// How the growth of a board with this status has ended, if it has.
+    /// Returns the outcome of a growth whose board has this status. `None` if it has not ended.
     fn outcome(&self, status: &Status) -> Option<Outcome> {
         let waits = status.state == State::Parked && self.parked == WhenParked::Waits;
         outcome(status.state, status.fault).filter(|_| !waits)
     }
 
-    /// Layers that the job may have: an amendment of which nothing is known yet may have more of them.
+    /// Returns the maximum number of layers of the job. A pending amendment may have more of them.
     fn max_layers(&self) -> usize {
         self.job.layers.len().max(self.sent.pending.as_ref().map_or(0, |amendment| amendment.layers.len()))
     }
 
-    /// Carries an order out. One that does not suit the board's state is refused, and the growth continues.
+    /// Executes an order. An order that does not suit the board's state is refused, and the growth continues.
     fn obey(&mut self, order: Order, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         on_event(&JobEvent::Ordered(order));
         let done = match order {
@@ -237,7 +237,7 @@ impl Growth<'_> {
         }
     }
 
-    /// A layer is laid, the next one after those that are known.
+    /// Records the next layer after those that are known.
     fn ingest_layer(&mut self, laid: &Laid) {
         let commanded = self.job.layers.get(self.built.as_built.len());
         if let (Some(feedback), Some(layer)) = (&mut self.feedback, laid.as_built.as_ref().or(commanded)) {
@@ -246,7 +246,7 @@ impl Growth<'_> {
         self.built.as_built.push(laid.as_built);
     }
 
-    /// Takes what the board says of itself: how the job ended, if it did.
+    /// Applies the board's status. Returns the outcome if the job has ended.
     fn apply_status(
         &mut self,
         status: &Status,
@@ -255,7 +255,7 @@ impl Growth<'_> {
         if status.state == State::Growing && self.board.began_ms.is_none() {
             self.board.began_ms = Some(status.uptime_ms);
         }
-        // A board that has restarted, or that another host has taken, knows nothing of this job.
+        // A board that has restarted, or that another host has taken, does not have this job.
         let lost = (status.plan_id != self.job.plan_id).then_some(Outcome::Interrupted);
         if let Some(outcome) = self.outcome(status).or(lost) {
             self.board.ended_ms = status.uptime_ms;
@@ -268,7 +268,7 @@ impl Growth<'_> {
         self.built.laid = status.laid;
         self.sent.make_room(status.laid);
         self.refill(on_event)?;
-        // It paused because this host was silent for long.
+        // It paused because this host was silent for too long.
         if status.state == State::Paused && status.pause_cause == PauseCause::HostSilent {
             match self.start() {
                 Err(ClientError::Refused { refusal, .. }) if is_temporary(&refusal) => {}
@@ -279,7 +279,7 @@ impl Growth<'_> {
     }
 }
 
-/// Whether what was refused so may be asked for again later, and the growth continues.
+/// Reports whether a request that was refused for this reason may succeed later, so that the growth continues.
 fn is_temporary(refusal: &Refusal) -> bool {
     matches!(
         refusal,
@@ -292,7 +292,7 @@ fn is_temporary(refusal: &Refusal) -> bool {
     )
 }
 
-/// How a growth in this state has ended, if it has.
+/// Returns the outcome of a growth in this state. `None` if it has not ended.
 fn outcome(state: State, fault: Option<Fault>) -> Option<Outcome> {
     match state {
         State::Done => Some(Outcome::Done),

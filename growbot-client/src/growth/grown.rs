@@ -1,4 +1,4 @@
-//! What a growth came to: the body, how far its tip is from the goal, and what that is measured by.
+//! Result of a growth: the body, the distance of its tip from the goal, and the source of that measurement.
 
 use growbot_core::hash::Hasher;
 use growbot_core::layer::{Layer, grow};
@@ -10,47 +10,47 @@ use super::{Growth, Outcome};
 use crate::arrival::Arrival;
 use crate::feedback::{FedBack, Feedback};
 
-/// What a growth came to.
+/// Result of a growth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grown {
-    /// How it ended.
+    /// Outcome of the growth.
     pub outcome: Outcome,
-    /// The job's name.
+    /// Plan id of the job.
     pub plan_id: u64,
-    /// The body, layer by layer.
+    /// Layers of the body.
     pub body: Vec<Layer>,
-    /// Where the tip is, and how far that is from the goal.
+    /// Pose of the tip and its errors from the goal.
     pub arrival: Arrival,
-    /// From the first layer to the last, s, by the board's clock.
+    /// Time from the first layer to the last on the board's clock, s.
     pub duration_s: f64,
     /// Filament that was fed, mm.
     pub filament_mm: f64,
-    /// The layers as the board has built them, from the first one. None where nothing is known of one: it was
-    /// interrupted and kept, and in the body it stands as planned.
+    /// Layers as built, from the first one. `None` for a layer that was interrupted and kept, because nothing is known
+    /// of it. In `body` it is as planned.
     pub as_built: Vec<Option<LayerBytes>>,
-    /// The layer under way when it ended: how much of it was made.
+    /// The layer in progress at the end, and how much of it was made.
     pub interrupted: Option<InterruptedLayer>,
-    /// What the arrival is measured by.
+    /// Source of the measured arrival.
     pub measured_by: MeasuredBy,
-    /// What feedback came to; none without it.
+    /// Result of the feedback. `None` without feedback.
     pub fed_back: Option<FedBack>,
 }
 
-/// What an arrival is measured by.
+/// Source of a measured arrival.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum MeasuredBy {
-    /// The simulated tip: it is the truth.
+    /// The true pose of the simulated tip.
     Tip,
-    /// What feedback has made of the sensors.
+    /// The estimate of the feedback, from the sensors.
     Estimate,
-    /// The steps that the board has made, as if each layer had come out as they say.
+    /// The steps that the board has made, on the assumption that each layer came out as commanded.
     Steps,
 }
 
 impl MeasuredBy {
-    /// In a word.
+    /// Returns the name in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -62,20 +62,20 @@ impl MeasuredBy {
 }
 
 impl Grown {
-    /// Length of the body, mm.
+    /// Returns the length of the body, mm.
     #[must_use]
     pub fn length_mm(&self) -> f64 {
         self.body.iter().fold(0.0, |length, layer| length + layer.height)
     }
 
-    /// Layers of which nothing is known.
+    /// Returns the number of layers of which nothing is known.
     #[must_use]
     pub fn unknown(&self) -> usize {
         self.as_built.iter().filter(|layer| layer.is_none()).count()
     }
 }
 
-/// The layers of a body as built; one of which nothing is known is as it was commanded.
+/// Returns the layers of a body as built, or as commanded if nothing is known of them.
 pub fn as_built_or_commanded(
     as_built: &[Option<LayerBytes>],
     commanded: &[LayerBytes],
@@ -83,7 +83,7 @@ pub fn as_built_or_commanded(
     as_built.iter().enumerate().map_while(|(index, layer)| layer.or_else(|| commanded.get(index).copied()))
 }
 
-/// CRC-64/XZ of the layers as built, in order, each in its 12 bytes; one of which nothing is known is 12 zeros.
+/// Returns the CRC-64/XZ of the layers as built, in order, each in its 12 bytes. An unknown layer is 12 zeros.
 #[must_use]
 pub fn as_built_hash(layers: &[Option<LayerBytes>]) -> u64 {
     let mut hasher = Hasher::default();
@@ -94,7 +94,8 @@ pub fn as_built_hash(layers: &[Option<LayerBytes>]) -> u64 {
 }
 
 impl Growth<'_> {
-    /// The body as the board reports its steps, and its end as the sensors say where there is feedback.
+    /// Builds the result from the steps that the board reports. With feedback, the end of the body is the estimate from
+    /// the sensors.
     pub(super) fn measure(self, outcome: Outcome) -> Grown {
         let layers = as_built_or_commanded(&self.built.as_built, &self.job.layers);
         let body: Vec<Layer> = layers.map(|layer| decode(&layer)).collect();

@@ -1,12 +1,12 @@
-//! Layers on their way to the board: all of them without feedback; with it, those of the next minutes, amended as the
-//! tip is measured.
+//! Transfer of layers to the board: all of them without feedback. With feedback, those of the next minutes, amended as
+//! the tip is measured.
 //!
-//! With feedback, a job's name is the hash of all its layers, those laid as they were commanded. Events that were on
-//! their way bear the names before. An amendment has 16 layers in `Amend` and 48 in three `Layers`, 0.08 s on a
-//! serial line. One that would change nothing is not made. The log gets `amending` before the request is sent, and
-//! `not-amended` takes it back. Where the end of the log leaves open whether the board accepted the latest amendment,
-//! the name of the board's job decides. The encoder counts what an interrupted layer leaves, unless the board's power
-//! was lost.
+//! With feedback, the plan id of a job is the hash of all its layers, the laid ones as they were commanded. Events that
+//! were sent before an amendment bear the earlier ids. An amendment has 16 layers in `Amend` and 48 in three `Layers`,
+//! 0.08 s on a serial line. An amendment that would change nothing is not made. The log gets `amending` before the
+//! request is sent, and `not-amended` revokes it. If the end of the log does not show whether the board accepted the
+//! latest amendment, the plan id of the board's job decides. The encoder counts what an interrupted layer leaves,
+//! unless the board's power was lost.
 
 use growbot_core::link::message::{Accepted, Amend, Empty, MAX_LAYERS, Message, Refusal};
 
@@ -15,21 +15,20 @@ use crate::client::ClientError;
 use crate::feedback::Correction;
 use crate::keep_clear::TooNear;
 
-/// With feedback, layers are handed over this far ahead.
+/// Number of layers that are sent ahead with feedback.
 const HORIZON: u32 = 64;
-/// Layers that the step engine has at a time, which cannot be amended any more.
+/// Number of layers in the step engine at a time. They can no longer be amended.
 pub(super) const IN_ENGINE: u32 = 2;
-/// Min time between two amendments, s: with all layers up to the horizon they keep a serial line busy for a fifth of
-/// it.
+/// Minimum time between two amendments, s. With all layers up to the horizon, they use a fifth of a serial line.
 const AMEND_EVERY_S: f64 = 0.5;
-/// Max amendments in all, less an eighth of the job's layers: a board's journal has room for some 2,000 records besides
-/// the layers that a job begins with, and a job that is amended may come to have more of them.
+/// Maximum number of amendments, less an eighth of the job's layers. A board's journal has space for some 2,000 records
+/// besides the layers that a job begins with. A job may get more layers by amendments.
 const MAX_AMENDMENTS: usize = 1792;
-/// Max tries of an amendment: a layer may have been begun while it was on its way.
+/// Maximum number of tries of an amendment. A layer may have been begun while the amendment was in transit.
 const AMEND_TRIES: u32 = 4;
 
 impl Sent {
-    /// Nothing, to a board that can store this many layers.
+    /// Creates the state before anything is sent, for a board that can store this many layers.
     pub(super) fn new(job: &Job, capacity: u32) -> Self {
         Self {
             names: vec![job.plan_id],
@@ -42,26 +41,26 @@ impl Sent {
         }
     }
 
-    /// The room that the board has when this many layers are laid.
+    /// Updates the board's free space for this number of laid layers.
     pub(super) fn make_room(&mut self, laid: u32) {
         self.accepted.room = self.capacity.saturating_sub(self.accepted.next.saturating_sub(laid));
     }
 
-    /// Whether an event of a job of this name is of this one.
+    /// Reports whether an event with this plan id belongs to this job.
     pub(super) fn is_named(&self, plan_id: u64) -> bool {
         self.names.contains(&plan_id)
     }
 }
 
 impl Growth<'_> {
-    /// Layers of the job that the board is to have by now: with feedback, none that will be others before they are
-    /// laid.
+    /// Returns the number of layers that the board should have by now. With feedback, it excludes layers that will be
+    /// amended before they are laid.
     fn due(&self) -> usize {
         let all = self.job.layers.len();
         if self.feedback.is_some() { all.min(self.built.laid.saturating_add(HORIZON) as usize) } else { all }
     }
 
-    /// Sends as many layers as the board has room for; whole messages, but for the last, while it grows.
+    /// Sends as many layers as the board has space for. While it grows, all messages but the last are full.
     pub(super) fn hand_over(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let due = self.due();
         if let Some(layers) =
@@ -73,15 +72,15 @@ impl Growth<'_> {
         let layers = self.job.layers.get(..due).unwrap_or_default();
         match self.client.hand_over(self.job.plan_id, layers, self.sent.accepted.clone()) {
             Ok(accepted) => self.sent.accepted = accepted,
-            // It stopped in between; the status will say so.
+            // It stopped meanwhile. The next status will show it.
             Err(ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {}
             Err(error) => return Err(error),
         }
         Ok(())
     }
 
-    /// With feedback, plans the layers from this index on again, or from the first one that can still be another, and
-    /// has the board lay these. Where it does not accept them it continues with those that it has.
+    /// With feedback, plans the layers from this index on again, or from the first one that can still be changed, and
+    /// sends them to the board. If the board does not accept them, it continues with those that it has.
     pub(super) fn amend(&mut self, mut from: u32, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let layers = self.job.layers.len();
         let is_early = self.built.laid < self.sent.amend_at || !self.built.is_reported();
@@ -105,7 +104,7 @@ impl Growth<'_> {
             let (plan_id, total) = (feedback.plan_id(&amended), amended.len() as u32);
             let in_time = libm::ceil(AMEND_EVERY_S / self.job.robot.description().layer.period_s) as u32;
             self.sent.amend_at = self.built.laid.saturating_add(in_time.max(layers.div_ceil(max) as u32).max(1));
-            // A board accepts no job of which nothing is left.
+            // A board accepts no job without remaining layers.
             if plan_id == self.job.plan_id || total <= self.built.laid || feedback.amendments() as usize >= max {
                 return Ok(());
             }
@@ -130,7 +129,7 @@ impl Growth<'_> {
                     };
                     on_event(&JobEvent::NotAmended(why));
                     match refusal {
-                        // A layer has been begun in between.
+                        // The board has begun a layer meanwhile.
                         Refusal::Begun { first } => from = first,
                         Refusal::OutOfOrder { expected } => self.sent.accepted.next = expected,
                         _ => return Ok(()),
@@ -142,8 +141,8 @@ impl Growth<'_> {
         Ok(())
     }
 
-    /// The rest would be too near to an obstacle: the board pauses after the layer under way, which is one of a
-    /// correction that was clear, and so are those that it has.
+    /// Pauses the board after the layer in progress, because the rest would be too near to an obstacle. That layer and
+    /// those that the board already has belong to a correction that was clear.
     fn pause_before(&mut self, too_near: TooNear, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         self.sent.amend_at = self.built.laid.saturating_add(1);
         if self.sent.pausing {
@@ -152,14 +151,14 @@ impl Growth<'_> {
         on_event(&JobEvent::TooNear(too_near));
         match self.client.request("to pause", &Message::Pause(Empty {})) {
             Ok(_) => self.sent.pausing = true,
-            // It stands already, and will be asked again after its next layer.
+            // It is paused already. The check is repeated after its next layer.
             Err(ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {}
             Err(error) => return Err(error),
         }
         Ok(())
     }
 
-    /// The board has applied the amendment.
+    /// Records that the board has applied the amendment.
     pub(super) fn amended(&mut self) {
         let Some(PendingAmendment { plan_id, layers, handed_over }) = self.sent.pending.take() else { return };
         (self.job.plan_id, self.job.layers, self.sent.handed_over) = (plan_id, layers, handed_over);
@@ -169,7 +168,7 @@ impl Growth<'_> {
         }
     }
 
-    /// Sends more layers, once there is room for a few messages of them, or for the rest.
+    /// Sends more layers once there is space for a few messages of them, or for the rest.
     pub(super) fn refill(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let due = self.due() as u32;
         let left = due.saturating_sub(self.sent.accepted.next);

@@ -1,5 +1,5 @@
-//! One growth: a plan's layers handed to a board, followed until the last of them is laid; or taken up again where it
-//! was left.
+//! One growth: sends a plan's layers to a board and follows it until the last of them is laid, or resumes an earlier
+//! job.
 
 mod beginning;
 mod following;
@@ -32,26 +32,26 @@ use crate::plan::Plan;
 pub struct Job<'a> {
     /// The robot.
     pub robot: &'a Robot,
-    /// Where the body begins.
+    /// Pose at which the body begins.
     pub start: &'a Pose,
-    /// Where its tip is to arrive.
+    /// Goal of the tip.
     pub goal: &'a Pose,
-    /// Length of the path between, mm.
+    /// Length of the path from start to goal, mm.
     pub length: f64,
-    /// Hash of the layers: the job's name.
+    /// Plan id: the hash of the layers.
     pub plan_id: u64,
     /// The layers.
     pub layers: Vec<LayerBytes>,
 }
 
 impl<'a> Job<'a> {
-    /// The job of a plan. `robot` is the plan's robot.
+    /// Creates the job of a plan. `robot` is the plan's robot.
     #[must_use]
     pub fn of_plan(robot: &'a Robot, plan: &'a Plan) -> Self {
         Self::new(robot, &plan.start, &plan.goal, &plan.path)
     }
 
-    /// The job of a path from `start` to `goal`.
+    /// Creates the job of a path from `start` to `goal`.
     #[must_use]
     pub fn new(robot: &'a Robot, start: &'a Pose, goal: &'a Pose, path: &[Segment]) -> Self {
         let layers: Vec<LayerBytes> = job_layers(path, robot).collect();
@@ -59,7 +59,7 @@ impl<'a> Job<'a> {
     }
 }
 
-/// How a growth ended.
+/// End of a growth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
     /// Every layer is laid.
@@ -68,18 +68,18 @@ pub enum Outcome {
     Stopped,
     /// A fault switched everything off.
     Fault(Fault),
-    /// The board's clock is wrong, and with it heating, speeds and limits in time: it was stopped.
+    /// The board's clock is wrong, and with it heating, speeds and time limits, so it was stopped.
     ClockDrift(ClockDrift),
-    /// A long pause has switched the heater off; it can be resumed.
+    /// A long pause has switched the heater off. The body can be resumed.
     Parked,
-    /// The board has started anew, or another host has it; what was laid can be resumed.
+    /// The board has restarted, or another host has taken it. The body can be resumed.
     Interrupted,
-    /// The board is silent: it may still be growing.
+    /// The board is silent. It may still be growing.
     Lost,
 }
 
 impl Outcome {
-    /// The outcome in a word.
+    /// Returns the name of the outcome in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -94,27 +94,28 @@ impl Outcome {
     }
 }
 
-/// Something that happened to a job.
+/// An event of a job.
 #[derive(Debug, Clone, PartialEq)]
 pub enum JobEvent {
-    /// The board went into a state.
+    /// The board changed to this state.
     State(State),
-    /// The board has said who it is.
+    /// The board reported its identity.
     Board(BoardHello),
-    /// The board has started anew because its firmware crashed.
+    /// The board has restarted because its firmware crashed.
     Crash(CrashWords),
-    /// The board's status, asked for in quiet times.
+    /// The board's status, which is requested when no events arrive.
     Status(Status),
     /// A layer is laid.
     Laid {
-        /// Its index.
+        /// Index of the layer.
         index: u32,
-        /// The layer as built, where that is known.
+        /// The layer as built, if known.
         as_built: Option<LayerBytes>,
-        /// What was measured after it.
+        /// Measurements after the layer.
         measured: Option<Measured>,
     },
-    /// Where the plastic of a simulated tip is. A layer comes once it no longer changes, the last ones at the end.
+    /// Layers of a simulated tip as they came out. A layer is reported once it no longer changes, the last ones at the
+    /// end.
     Simulated {
         /// Index of the first layer.
         from: u32,
@@ -123,83 +124,84 @@ pub enum JobEvent {
     },
     /// Feedback counts filament from here on.
     Counting(Count),
-    /// The job is about to be amended. It is, unless `NotAmended` follows.
+    /// An amendment is about to be sent. It takes effect unless `NotAmended` follows.
     Amending(Amendment),
-    /// The board has not taken the latest amendment: why, unless it just came too late.
+    /// The board has not accepted the latest amendment. Contains the reason, unless the amendment just came too late.
     NotAmended(Option<String>),
-    /// With feedback in a scene: the rest takes another path, since the one so far would be too near to an obstacle.
+    /// With feedback in a scene: the rest takes another path, because the previous one would be too near to an
+    /// obstacle.
     Detour(Detour),
-    /// With feedback in a scene: the rest would be too near to an obstacle and no other way was found, so the board is
-    /// asked to pause.
+    /// With feedback in a scene: the rest would be too near to an obstacle and no other path was found, so the board is
+    /// commanded to pause.
     TooNear(TooNear),
-    /// With feedback: layers of the job beyond those of its latest amendment are handed over.
+    /// With feedback: layers of the job beyond those of its latest amendment are sent.
     HandingOver {
         /// Index of the first layer.
         from: u32,
         /// The layers.
         layers: Vec<LayerBytes>,
     },
-    /// Somebody has given an order, which is now carried out.
+    /// An order was given and is now executed.
     Ordered(Order),
-    /// The board refused it: why.
+    /// The board refused the order. Contains the reason.
     NotObeyed(String),
-    /// The board does not answer, and is called again.
+    /// The board does not respond. The host reconnects.
     Silent,
-    /// It answers again.
+    /// The board responds again.
     Back,
 }
 
-/// Other layers from an index on.
+/// Replacement of the layers from an index on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Amendment {
-    /// The job's new name.
+    /// New plan id of the job.
     #[serde(with = "crate::run_log::hash")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^[0-9a-f]{16}$")))]
     pub plan_id: u64,
-    /// Index of the first other layer.
+    /// Index of the first replaced layer.
     pub from: u32,
-    /// Layers of the job from now on.
+    /// Total number of layers of the job after the amendment.
     pub total: u32,
-    /// The first of the other layers.
+    /// First replacement layers.
     #[serde(with = "crate::run_log::layers")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^([0-9a-f]{24})*$")))]
     pub layers: Vec<LayerBytes>,
 }
 
-/// Why a growth came to no end that could be measured.
+/// Error that prevents a growth from starting or from being measured.
 #[derive(Debug, thiserror::Error)]
 pub enum GrowthError {
-    /// It did not start: nothing was heated or moved.
+    /// The growth did not start: nothing was heated or moved.
     #[error(transparent)]
     Before(ClientError),
-    /// The board was lost on the way; it may still be growing.
+    /// The board was lost during the growth. It may still be growing.
     #[error("{0}; the robot may still be growing: see `growbot status`, and cut its power if that does not answer")]
     During(ClientError),
     /// There is nothing to resume.
     #[error("the board has no unfinished body of this plan ({plan_id:016x}); it has {stored}")]
     NothingToResume {
-        /// The plan.
+        /// Plan id of the plan.
         plan_id: u64,
-        /// What the board stores.
+        /// Description of the job that the board stores.
         stored: String,
     },
-    /// An unfinished body hangs on the robot.
+    /// An unfinished body is attached to the robot.
     #[error(
         "the board has an unfinished body of plan {plan_id:016x}, {laid} of {layers} layers laid: resume it (`growbot resume`), or give it up (`growbot cancel`)"
     )]
     Unfinished {
-        /// Its plan.
+        /// Plan id of the body.
         plan_id: u64,
-        /// Layers laid.
+        /// Number of laid layers.
         laid: u32,
-        /// Layers of the plan.
+        /// Number of layers of the plan.
         layers: u32,
     },
 }
 
 impl GrowthError {
-    /// The board of this status has nothing to resume of this plan.
+    /// Returns the error for a board whose status shows nothing to resume of this plan.
     #[must_use]
     pub fn nothing_to_resume(plan_id: u64, status: &Status) -> Self {
         let stored = match status.plan_id {
@@ -209,7 +211,7 @@ impl GrowthError {
         Self::NothingToResume { plan_id, stored }
     }
 
-    /// Whether the board answered, and did not accept the job.
+    /// Reports whether the board responded but did not accept the job.
     #[must_use]
     pub fn is_refusal(&self) -> bool {
         match self {
@@ -219,48 +221,48 @@ impl GrowthError {
     }
 }
 
-/// What becomes of an interrupted layer.
+/// Treatment of an interrupted layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum OnInterrupted {
-    /// It is laid anew, on top of what there is of it.
+    /// The layer is laid again, on top of what there is of it.
     #[default]
     Again,
-    /// It is let be, as far as it came.
+    /// The layer is skipped and stays as it is.
     LetBe,
 }
 
-/// How a job is grown.
+/// Options of a growth.
 pub struct Manner<'a> {
-    /// What the board does when it no longer hears from this host.
+    /// Reaction of the board when this host falls silent.
     pub silence: Silence,
-    /// With it, layers to come are planned again after each that is laid. Of a job that is resumed it knows the layers
-    /// that are known.
+    /// If given, the remaining layers are planned again after each layer. For a job that is resumed, it must include
+    /// the known layers.
     pub feedback: Option<Feedback<'a>>,
-    /// What a board that parks means for the growth.
+    /// Effect on the growth when the board parks.
     pub parked: WhenParked,
 }
 
-/// What becomes of a growth whose board has parked after a long pause.
+/// Effect on a growth when its board parks after a long pause.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum WhenParked {
-    /// It ends, and can be resumed.
+    /// The growth ends, and can be resumed.
     #[default]
     Ends,
-    /// It waits, since somebody is there to order it to continue.
+    /// The growth waits, because a user can order it to continue.
     Waits,
 }
 
 impl From<Silence> for Manner<'_> {
-    /// Without feedback; a board that parks ends the growth.
+    /// Creates options without feedback. A board that parks ends the growth.
     fn from(silence: Silence) -> Self {
         Self { silence, feedback: None, parked: WhenParked::Ends }
     }
 }
 
-/// Grows a job from its first layer. `orders` may be given at any time; `on_event` gets what happens to the job.
+/// Grows a job from its first layer. `orders` may be given at any time. `on_event` receives the events of the job.
 ///
 /// # Errors
-/// A board that is of another robot, holds an unfinished body, refuses or falls silent.
+/// If the board belongs to another robot, holds an unfinished body, refuses or falls silent.
 pub fn grow_job<'a>(
     client: &'a mut Client,
     job: &Job<'a>,
@@ -273,10 +275,10 @@ pub fn grow_job<'a>(
     growth.finish(orders, on_event)
 }
 
-/// Goes on with a job that the board knows. `known` are the layers as built that this host has already.
+/// Resumes a job that the board knows. `known` are the layers as built that this host already has.
 ///
 /// # Errors
-/// As [`grow_job`], or a board that knows nothing of this job.
+/// Like [`grow_job`], or if the board does not know this job.
 pub fn resume_job<'a>(
     client: &'a mut Client,
     job: &Job<'a>,
@@ -291,10 +293,10 @@ pub fn resume_job<'a>(
     growth.finish(orders, on_event)
 }
 
-/// A growth under way.
+/// A growth in progress.
 struct Growth<'a> {
     client: &'a mut Client,
-    /// As it was amended last.
+    /// The job after its latest amendment.
     job: Job<'a>,
     silence: Silence,
     feedback: Option<Feedback<'a>>,
@@ -304,76 +306,76 @@ struct Growth<'a> {
     board: BoardClock,
 }
 
-/// What the board has been sent of the job: `handover.rs`.
+/// Parts of the job that were sent to the board; see `handover.rs`.
 struct Sent {
-    /// Every name that the job has had.
+    /// All plan ids that the job has had.
     names: Vec<u64>,
-    /// An amendment that the board may have applied, or not yet.
+    /// An amendment that the board may or may not have applied.
     pending: Option<PendingAmendment>,
-    /// The job is amended once this many layers are laid.
+    /// Number of laid layers at which the job is amended next.
     amend_at: u32,
-    /// The board was asked to pause because the rest would be too near to an obstacle.
+    /// True if the board was commanded to pause because the rest would be too near to an obstacle.
     pausing: bool,
-    /// Layers below this were reported as handed over.
+    /// Number of layers that were reported as sent.
     handed_over: u32,
-    /// What the board has accepted, and has room for.
+    /// Layers that the board has accepted, and its free space.
     accepted: Accepted,
-    /// Layers that the board can store.
+    /// Number of layers that the board can store.
     capacity: u32,
 }
 
-/// What the board has built of the job, as far as it has reported.
+/// Progress of the job as reported by the board.
 #[derive(Default)]
 struct Built {
-    /// Layers that the board has laid.
+    /// Number of laid layers.
     laid: u32,
-    /// The layers as the board reports them.
+    /// The layers as built, as the board reports them.
     as_built: Vec<Option<LayerBytes>>,
     interrupted: Option<InterruptedLayer>,
 }
 
 impl Built {
-    /// Whether every layer laid is reported.
+    /// Reports whether every laid layer is reported.
     fn is_reported(&self) -> bool {
         self.as_built.len() >= self.laid as usize
     }
 }
 
-/// The board's clock, since one of its starts.
+/// Times on the board's clock since one of its starts.
 struct BoardClock {
-    /// The start.
+    /// Boot number of that start.
     boot_id: u32,
-    /// When growing began, and when it ended, ms.
+    /// Start and end of the growth, ms.
     began_ms: Option<u64>,
     ended_ms: u64,
 }
 
 impl BoardClock {
-    /// How long it has grown.
+    /// Returns the duration of the growth, s.
     fn duration_s(&self) -> f64 {
         self.began_ms.map_or(0.0, |began| self.ended_ms.saturating_sub(began) as f64 / 1000.0)
     }
 }
 
-/// An amendment that the board may have applied, or not yet.
+/// An amendment that the board may or may not have applied.
 struct PendingAmendment {
-    /// The job's name then.
+    /// Plan id of the amended job.
     plan_id: u64,
-    /// The job's layers then.
+    /// Layers of the amended job.
     layers: Vec<LayerBytes>,
-    /// Layers below this are reported as handed over then.
+    /// Number of layers that count as sent once it is applied.
     handed_over: u32,
 }
 
-/// Reports the latest crash of the board's firmware, if the board knows of one.
+/// Reports the latest crash of the board's firmware, if the board has one recorded.
 fn report_crash(client: &mut Client, on_event: &mut dyn FnMut(&JobEvent)) {
-    // Whether the board answers this changes nothing for the growth.
+    // The growth continues even if the board does not respond to this.
     if let Ok(BootReport { crash: Some(crash), .. }) = client.boot() {
         on_event(&JobEvent::Crash(crash));
     }
 }
 
-/// Whether a board that has started for this reason has crashed before.
+/// Reports whether a board that restarted for this reason has crashed.
 fn is_crash(cause: ResetCause) -> bool {
     matches!(cause, ResetCause::Watchdog | ResetCause::ProcessorFault | ResetCause::StackOverflow)
 }
@@ -392,7 +394,7 @@ impl<'a> Growth<'a> {
         }
     }
 
-    /// Asks for something that is answered by `Accepted`.
+    /// Sends a request whose response is `Accepted`.
     fn ask(&mut self, what: &'static str, request: &Message) -> Result<(), ClientError> {
         match self.client.request(what, request)? {
             Message::Accepted(accepted) => self.sent.accepted = accepted,
@@ -401,14 +403,14 @@ impl<'a> Growth<'a> {
         Ok(())
     }
 
-    /// Starts, unless it was to stop while layers were handed over: then nothing is heated.
+    /// Starts the growth, unless a stop was ordered while layers were sent. Then nothing is heated.
     fn start_unless_stopped(&mut self, orders: &Orders) -> Result<(), GrowthError> {
         if orders.stops() {
             return Ok(());
         }
         self.start().map_err(|error| match error {
             ClientError::Refused { .. } => GrowthError::Before(error),
-            // It may have started, and only the answer is lost.
+            // It may have started, and only the response is lost.
             error => GrowthError::During(error),
         })
     }

@@ -1,4 +1,4 @@
-//! What people order while a body grows.
+//! Orders of users during a growth.
 
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::maintenance::Preset;
 
-/// One order.
+/// An order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -17,7 +17,7 @@ use crate::maintenance::Preset;
 pub enum Order {
     /// Continue after a pause.
     Continue = 1,
-    /// Pause after the layer under way.
+    /// Pause after the layer in progress.
     Pause,
     /// In a pause: heat the nozzle, to change filament.
     Preheat,
@@ -27,14 +27,14 @@ pub enum Order {
     Load,
     /// In a pause: push filament through the nozzle.
     Purge,
-    /// Heater and steppers off; the body can be resumed.
+    /// Switch heater and steppers off. The body can be resumed.
     Stop,
-    /// The same, ahead of all else; the board stays off until that is cleared.
+    /// Switch heater and steppers off before anything else. The board stays off until the stop is cleared.
     EmergencyStop,
 }
 
 impl Order {
-    /// All of them.
+    /// All orders.
     pub const ALL: [Self; 8] = [
         Self::Continue,
         Self::Pause,
@@ -46,7 +46,7 @@ impl Order {
         Self::EmergencyStop,
     ];
 
-    /// Its name in addresses and logs.
+    /// Returns the name in addresses and logs.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -61,7 +61,7 @@ impl Order {
         }
     }
 
-    /// The task of maintenance that it asks for, if it does; with the lengths of the default preset.
+    /// Returns the maintenance task of the order, if it has one, with the lengths of the default preset.
     pub(super) fn task(self, robot: &Robot) -> Option<Task> {
         let Preset { load_mm, unload_mm, purge_mm, .. } = Preset::default();
         let feed = |mm: f64| Task::Feed { um: (mm * 1000.0).round() as i32 };
@@ -77,18 +77,19 @@ impl Order {
         }
     }
 
-    /// Whether it takes the place of one that waits: one is enough, and of pausing and continuing the latest counts.
+    /// Reports whether the order replaces a waiting one. An equal order is not repeated, and the latest of pausing and
+    /// continuing counts.
     fn replaces(self, before: Self) -> bool {
         let of_pause = |order| matches!(order, Self::Pause | Self::Continue);
         self == before || (of_pause(self) && of_pause(before))
     }
 
-    /// Whether it does no harm to carry it out twice, where nobody knows whether it was.
+    /// Reports whether the order may safely be executed twice if it is unknown whether it was executed.
     pub(super) fn may_be_repeated(self) -> bool {
         !matches!(self, Self::Unload | Self::Load | Self::Purge)
     }
 
-    /// What is said of one that perhaps was carried out, and is not repeated.
+    /// Returns the message for an order that may have been executed and is not repeated.
     pub(super) fn is_uncertain(self) -> String {
         format!(
             "the line was lost, so it is not known whether `{}` was carried out: look before you order it again",
@@ -101,20 +102,19 @@ impl Order {
     }
 }
 
-/// The orders to be carried out, given from any thread and looked at a few times a second by the thread that follows the
-/// growth: one after the other, but a stop before all others. It is for good: nothing but the emergency stop goes over
-/// it.
+/// Orders for a running growth. Any thread may give one. The growth thread polls them every 20 ms and executes them in
+/// order, but a stop before all others. A stop is latched: only an emergency stop overrides it.
 #[derive(Debug, Default)]
 pub struct Orders {
-    /// [`Order::Stop`], [`Order::EmergencyStop`] or none.
+    /// [`Order::Stop`], [`Order::EmergencyStop`] or 0.
     stop: AtomicU8,
     waiting: Mutex<Vec<Order>>,
-    /// Whether the user has interrupted the program.
+    /// True if the user has interrupted the program.
     interrupted: AtomicBool,
 }
 
 impl Orders {
-    /// Gives an order. One to pause or to continue takes the place of both where they wait.
+    /// Gives an order. An order to pause or to continue replaces a waiting order to pause or to continue.
     pub fn give(&self, order: Order) {
         if order >= Order::Stop {
             self.stop.fetch_max(order as u8, Ordering::Relaxed);
@@ -129,31 +129,31 @@ impl Orders {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Orders to stop, as the user interrupts the program. Returns whether that had happened before.
+    /// Orders a stop because the user interrupts the program. Returns true if that had happened before.
     pub fn interrupt(&self) -> bool {
         self.give(Order::Stop);
         self.interrupted.swap(true, Ordering::Relaxed)
     }
 
-    /// Whether the growth is to stop.
+    /// Reports whether a stop or an emergency stop was ordered.
     #[must_use]
     pub fn stops(&self) -> bool {
         self.stop.load(Ordering::Relaxed) > 0
     }
 
-    /// Whether that is the emergency stop.
+    /// Reports whether an emergency stop was ordered.
     pub(super) fn stop_at_once(&self) -> bool {
         self.stop.load(Ordering::Relaxed) == Order::EmergencyStop as u8
     }
 
-    /// Forgets all orders, say for another growth; gives whether it was to stop.
+    /// Drops all orders, for example before another growth. Returns true if a stop was among them.
     pub fn clear(&self) -> bool {
         self.interrupted.store(false, Ordering::Relaxed);
         self.waiting().clear();
         self.stop.swap(0, Ordering::Relaxed) > 0
     }
 
-    /// The next order. A stop stays; the others are given once.
+    /// Returns the next order. A stop stays, the others are returned once.
     pub(super) fn next(&self) -> Option<Order> {
         if let Some(stop) = Order::of(self.stop.load(Ordering::Relaxed)) {
             return Some(stop);
@@ -162,7 +162,7 @@ impl Orders {
         (!waiting.is_empty()).then(|| waiting.remove(0))
     }
 
-    /// An order could not be carried out: it is given again before all that wait, unless one of them takes its place.
+    /// Returns an order that could not be executed to the front of the queue, unless a waiting order replaces it.
     pub(super) fn give_back(&self, order: Order) {
         let mut waiting = self.waiting();
         if order < Order::Stop && !waiting.iter().any(|newer| newer.replaces(order)) {

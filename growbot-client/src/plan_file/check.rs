@@ -1,9 +1,9 @@
 //! The checks of a plan from a file.
 //!
-//! The plan must be for this very robot, its numbers must make sense, its bends must be ones that the robot can make,
-//! its totals must be those of its segments, and chaining Eq 4 over the segments from the start must end at the goal.
-//! With poses on the way it must pass through each of them. Warnings are found anew; of those in the file, the ones
-//! whose code is not among them stand: another program or a person may know more.
+//! The plan must be for this very robot, its numbers must be valid, and the robot must be able to make its bends. Its
+//! totals must match its segments, and chaining Eq 4 over the segments from the start must end at the goal. It must
+//! pass through each of its waypoints. Warnings are computed again. Warnings of the file with other codes are kept,
+//! because another program or a person may have added them.
 
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::helicoid::Helicoid;
@@ -20,33 +20,34 @@ use crate::plan::{Choice, ChosenLegs, Plan, path_type};
 use crate::pose_text::pose_of_numbers;
 use crate::warning::{THIN_LAYER, Warning};
 
-/// No segment is longer than this, mm: from one corner of the space of poses to the other and back.
+/// Maximum length of a segment, mm: from one corner of the space of poses to the other and back.
 const LONGEST_SEGMENT: f64 = 8.0 * Pose::MAX_COORDINATE;
-/// All helicoidal arcs together are no longer than this, in radii: to integrate more, which no planner gives, would
-/// only take time.
+/// Maximum total length of all helicoidal arcs, in radii. No planner returns more, and the integration would only take
+/// time.
 const MAX_TURNS: f64 = 1e4;
-/// No planner looks at more paths.
+/// Maximum number of candidates, above that of any planner.
 const MAX_CANDIDATES: f64 = 1e9;
-/// Number of letters of a path type that a message shows.
+/// Maximum number of letters of a path type in a message.
 const LONGEST_PATH_TYPE: usize = 40;
-/// No number of `m0` and `p` is greater than this...
+/// Maximum absolute value of the components of `m0` and `p`.
 const MAX_MOMENT: f64 = 1e6;
-/// ...and not all of them are smaller than this.
+/// Minimum of the largest absolute component of `m0` and `p`.
 const MIN_MOMENT: f64 = 1e-6;
-/// `m0` is perpendicular to the tip to this share of it.
+/// Maximum component of `m0` along the tip's direction, as a fraction.
 const PERPENDICULAR: f64 = 1e-9;
-/// Limits hold to this share of themselves: degrees and radians do not convert exactly.
+/// Relative tolerance of limits, because degrees and radians do not convert exactly.
 const ROUNDING: f64 = 1e-9;
-/// A plan of ordinary size ends this near its goal, mm.
+/// Maximum distance of the end of a plan of ordinary size from its goal, mm.
 const ARRIVED_DISTANCE: f64 = 1e-6;
-/// And in this direction, radians; for plans beyond 100 radii in proportion, as the planner's own check.
+/// Maximum angle between the end of a plan and its goal, radians. Both limits grow in proportion for plans beyond 100
+/// radii, as in the planner's own check.
 const ARRIVED_ANGLE: f64 = 1e-8;
 
 impl PlanFile {
-    /// The plan, if it is for this robot and holds together.
+    /// Returns the plan, if it is for this robot and is consistent.
     ///
     /// # Errors
-    /// The first thing that does not.
+    /// The first fault.
     pub fn check(&self, robot: &Robot) -> Result<Plan, PlanFault> {
         self.check_robot(robot)?;
         range("radius_mm", self.radius_mm, robot.min_radius(), MAX_RADIUS)?;
@@ -96,7 +97,7 @@ impl PlanFile {
         Ok(path)
     }
 
-    /// The legs, each of which ends at its own pose, the last at the goal; and what they were chosen from.
+    /// Returns the legs and their search statistics. Each leg ends at its own pose, the last at the goal.
     fn legs(&self, start: &Pose, goal: &Pose, path: &[Segment]) -> Result<ChosenLegs, PlanFault> {
         let (found, expected) = (self.legs.len(), if self.via.is_empty() { 0 } else { self.via.len() + 1 });
         if found != expected {
@@ -148,7 +149,7 @@ impl PlanFile {
         Ok(ChosenLegs { legs, choices, free_directions: goals.map(|goal| goal.direction_free).collect() })
     }
 
-    /// The path type, and how the path compares with others.
+    /// Checks the path type, and the comparison of the path with others.
     fn check_description(&self, plan: &Plan) -> Result<(), PlanFault> {
         if let Some(written) = &self.path_type {
             check_path_type(written, &plan.path)?;
@@ -166,10 +167,10 @@ impl PlanFile {
         check_total("two_plane_longer_percent", self.two_plane_longer_percent.unwrap_or(percent), percent, 1e-6)
     }
 
-    /// Totals that do not fit show that segments were changed, dropped or doubled.
+    /// Checks the totals. A mismatch shows that segments were changed, dropped or duplicated.
     fn check_totals(&self, plan: &Plan, robot: &Robot) -> Result<(), PlanFault> {
         let needs = &plan.needs;
-        // Where a segment is a whole number of layers to the last digit, rounding may decide for one more or less.
+        // If a segment is almost exactly a whole number of layers, rounding may give one layer more or less.
         let layers_off = plan.path.len() as f64;
         let duration_off = layers_off * robot.description().layer.period_s;
         for (what, value, expected, off) in [
@@ -196,9 +197,9 @@ impl WrittenLeg {
     }
 }
 
-/// Checks a total. It may be off by `off`, and by rounding.
+/// Checks a total. It may differ by `off`, and by rounding.
 fn check_total(what: &'static str, value: f64, expected: f64, off: f64) -> Result<(), PlanFault> {
-    // What is no number is off too.
+    // This rejects NaN too.
     if (value - expected).abs() <= off + ROUNDING * expected.abs() {
         return Ok(());
     }
@@ -220,7 +221,7 @@ fn range(what: impl Into<String>, value: f64, min: f64, max: f64) -> Result<(), 
     Err(PlanFault::Range { what: what.into(), value, min, max })
 }
 
-/// The pose that a written one means.
+/// Converts a pose of a file.
 pub fn pose(which: &'static str, written: &WrittenPose) -> Result<Pose, PlanFault> {
     let &WrittenPose { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = written;
     pose_of_numbers([x_mm, y_mm, z_mm, heading_deg, pitch_deg]).map_err(|error| PlanFault::Pose { which, error })
@@ -262,7 +263,7 @@ fn segment(
             if m0.z.abs() > PERPENDICULAR * scale {
                 return Err(PlanFault::NotPerpendicular { segment: index, value: m0.z / scale, limit: PERPENDICULAR });
             }
-            // What rounding has left along the tip is removed: it would add up along the curve.
+            // Remove the remainder of rounding along the tip, which would add up along the curve.
             Ok(Segment::Helicoid {
                 curve: Helicoid { m0: Vector3::new(m0.x, m0.y, 0.0), p },
                 radius,
@@ -307,7 +308,7 @@ mod tests {
         Plan::make(&robot("growbot-a"), &start, &goal, 100.0, Planner::TwoPlane).unwrap()
     }
 
-    /// What is said of a plan after a change.
+    /// Returns the error message for a plan after a change.
     fn fault(change: impl Fn(&mut PlanFile)) -> String {
         let mut written = PlanFile::from(&plan());
         change(&mut written);

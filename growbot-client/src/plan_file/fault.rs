@@ -1,13 +1,13 @@
-//! Why a plan file is refused.
+//! Faults of a plan file.
 
 use growbot_core::number::Short;
 use growbot_core::plan::Miss;
 use growbot_core::pose::PoseError;
 
-/// More segments than this are no plan: what they ask for could not be grown in a lifetime.
+/// Maximum number of segments. A body with more could not be grown in a lifetime.
 pub(super) const MAX_SEGMENTS: usize = 10_000;
 
-/// Why a plan file is refused: what, the value, the limit, what to do.
+/// Fault of a plan file. The message contains the item, the value, the limit and a remedy.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanFault {
     /// The plan is for a robot of another name.
@@ -17,118 +17,118 @@ pub enum PlanFault {
     OtherRobot {
         /// Name in the plan.
         plan: String,
-        /// Name of the robot at hand.
+        /// Name of the robot to be used.
         robot: String,
     },
-    /// The robot's description has changed since.
+    /// The robot's description has changed since the plan was made.
     #[error(
         "the plan is for {robot} of hash {plan}, and this {robot} has hash {here}: the description has changed; plan \
          again, or give the old one with --robot FILE"
     )]
     OtherHash {
-        /// The robot.
+        /// Name of the robot.
         robot: String,
         /// Hash in the plan.
         plan: String,
-        /// Hash of the robot at hand.
+        /// Hash of the robot to be used.
         here: String,
     },
-    /// Start or goal are no poses.
+    /// Start or goal is not a valid pose.
     #[error("{which}: {error}")]
     Pose {
         /// Start or goal.
         which: &'static str,
-        /// What is wrong.
+        /// Error of the pose.
         #[source]
         error: PoseError,
     },
-    /// A number out of its range.
+    /// A number is out of its range.
     #[error("{what} is {value:?}; it must lie between {min:?} and {max:?}: plan again")]
     Range {
-        /// Which number.
+        /// Name of the number.
         what: String,
-        /// What it is.
+        /// Value of the number.
         value: f64,
-        /// The min value.
+        /// Minimum value.
         min: f64,
-        /// The max value.
+        /// Maximum value.
         max: f64,
     },
-    /// A bend that the robot cannot make.
+    /// The robot cannot make this bend.
     #[error(
         "segment {segment} has a radius of {} mm, below R_min = {limit} mm of this robot: plan again with a larger \
          --radius", Short(.radius)
     )]
     TooTight {
-        /// Which segment, from 0.
+        /// Index of the segment, from 0.
         segment: usize,
-        /// Its radius, mm.
+        /// Radius of the segment, mm.
         radius: f64,
-        /// The robot's min radius, mm.
+        /// Minimum radius of the robot, mm.
         limit: f64,
     },
-    /// Too many segments.
+    /// The plan has too many segments.
     #[error("the plan has {found} segments; growbot reads {MAX_SEGMENTS} at most: split it")]
     TooManySegments {
-        /// How many there are.
+        /// Number of segments.
         found: usize,
     },
-    /// A helicoidal arc whose tip would not only bend but twist.
+    /// The tip of a helicoidal arc would twist as well as bend.
     #[error(
         "m0 of segment {segment} is not perpendicular to the tip there: {value} of it points ahead, {limit} may; plan \
          again"
     )]
     NotPerpendicular {
-        /// Which segment, from 0.
+        /// Index of the segment, from 0.
         segment: usize,
-        /// The part of m0 along the tip's direction, as a share.
+        /// Component of m0 along the tip's direction, as a fraction.
         value: f64,
-        /// The max value.
+        /// Maximum value.
         limit: f64,
     },
-    /// A total that is not the sum of the segments.
+    /// A total does not match the sum of the segments.
     #[error(
         "{what} is {}, and the segments give {}: the plan was changed by hand; plan again",
         Short(.value), Short(.expected)
     )]
     Total {
-        /// Which total.
+        /// Name of the total.
         what: &'static str,
-        /// What the file says.
+        /// Value in the file.
         value: f64,
-        /// What the segments give.
+        /// Value computed from the segments.
         expected: f64,
     },
-    /// Letters that are not those of the segments.
+    /// The path type does not match the segments.
     #[error("path_type is {found:?}, and the segments give {expected:?}: the plan was changed by hand; plan again")]
     PathType {
-        /// What the file says.
+        /// Path type in the file.
         found: String,
-        /// What the segments give.
+        /// Path type of the segments.
         expected: String,
     },
-    /// Legs that are not those between the poses.
+    /// The number of legs does not match the waypoints.
     #[error(
         "the plan has {found} legs, and its via poses ask for {expected}: the plan was changed by hand; plan again"
     )]
     Legs {
-        /// How many there are.
+        /// Number of legs.
         found: usize,
-        /// How many there must be: one more than via poses, and none without.
+        /// Required number of legs: one more than waypoints, or 0 without waypoints.
         expected: usize,
     },
-    /// The segments lead elsewhere.
+    /// The segments do not end at the goal or waypoint.
     #[error(
         "the segments end {} mm and {} rad from {which}, more than {} mm and {} rad: the plan was changed by hand; \
          plan again",
         .miss.distance, .miss.angle, .limit.distance, .limit.angle
     )]
     Missed {
-        /// The goal, or which of the poses on the way.
+        /// Name of the goal or waypoint.
         which: String,
-        /// How far off they end.
+        /// Error of the end.
         miss: Miss,
-        /// How far off they may.
+        /// Maximum error.
         limit: Miss,
     },
 }

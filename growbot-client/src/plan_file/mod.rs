@@ -1,7 +1,7 @@
 //! Plans as JSON, in the format `growbot-plan/1`: mm and degrees, numbers in full precision.
 //!
-//! [`PlanFile`] is the text: what is read has the right fields of the right types. [`PlanFile::check`] finds whether it
-//! holds together, and is for the robot at hand. [`open`] does both.
+//! [`PlanFile`] is the text form: reading it checks that fields and types are right. [`PlanFile::check`] checks that
+//! the plan is consistent and for this robot. [`open`] does both.
 
 mod check;
 mod fault;
@@ -23,92 +23,92 @@ use crate::plan::Plan;
 use crate::robot_file::{self, RobotFileError};
 use crate::through_scene::{self, UnclearError};
 
-/// The format that this version writes and reads.
+/// Format that this version writes and reads.
 pub const FORMAT: &str = "growbot-plan/1";
 
-/// Why there is no plan in a file.
+/// Error of reading a plan file.
 #[derive(Debug, thiserror::Error)]
 pub enum PlanFileError {
     /// The file cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// The JSON stops in the middle.
+    /// The JSON ends in the middle.
     #[error(
         "{file} stops in the middle of the plan, at line {line}: it was not written whole; copy it again, or plan again"
     )]
     CutShort {
         /// The file.
         file: String,
-        /// Where it stops.
+        /// Line at which it ends.
         line: usize,
     },
-    /// The file is no JSON.
+    /// The file is not JSON.
     #[error("{file} is no JSON ({reason}): give a file that `growbot plan -o` wrote")]
     NotJson {
         /// The file.
         file: String,
-        /// What is wrong, and where.
+        /// Error and its position.
         reason: String,
     },
-    /// The plan is of another version.
+    /// The plan has another format version.
     #[error("{file} has format {found:?}, and this version of growbot reads {FORMAT:?}: plan again with this version")]
     OtherFormat {
         /// The file.
         file: String,
-        /// The format that it names.
+        /// Format that the file names.
         found: String,
     },
-    /// The JSON is no plan.
+    /// The JSON is not a plan.
     #[error("{file} is no plan ({reason}): give a file that `growbot plan -o` wrote")]
     NoPlan {
         /// The file.
         file: String,
-        /// What is wrong, and where.
+        /// Error and its position.
         reason: String,
     },
-    /// Nobody says where to find the plan's robot.
+    /// The plan's robot is unknown.
     #[error(
         "{file} is of robot {robot:?}, which it does not describe and which is not built in: give its file with --robot"
     )]
     UnknownRobot {
         /// The file.
         file: String,
-        /// The plan's robot.
+        /// Name of the plan's robot.
         robot: String,
     },
-    /// The robot's description is at fault.
+    /// The robot's description is not valid.
     #[error(transparent)]
     Robot(#[from] RobotFileError),
     /// The plan is not clear of the scene that it names.
     #[error(transparent)]
     Scene(#[from] UnclearError),
-    /// The plan does not hold together, or not for this robot.
+    /// The plan is not consistent, or not for this robot.
     #[error("{file}: {fault}")]
     Fault {
         /// The file.
         file: String,
-        /// What does not.
+        /// The fault.
         fault: PlanFault,
     },
 }
 
-/// Only the version, to tell a plan of another version from nonsense.
+/// The version alone, which distinguishes a plan of another version from an invalid file.
 #[derive(Deserialize)]
 struct Version {
     format: String,
 }
 
 impl PlanFile {
-    /// Reads a plan's JSON. `file` is how messages call the text.
+    /// Parses a plan's JSON. `file` is its name in error messages.
     ///
     /// # Errors
-    /// What is cut short, no JSON, of another version, or has other fields than a plan.
+    /// If the text is cut short, is not JSON, has another version, or has other fields than a plan.
     pub fn parse(text: &str, file: &str) -> Result<Self, PlanFileError> {
         let file = || file.to_owned();
         let classify = |error: serde_json::Error| match error.classify() {
             serde_json::error::Category::Eof => PlanFileError::CutShort { file: file(), line: error.line() },
             serde_json::error::Category::Data => PlanFileError::NoPlan { file: file(), reason: error.to_string() },
-            // A cut inside a number, as after `100.`, is no "end of file" to serde_json.
+            // For serde_json, a cut inside a number, such as after `100.`, is not an "end of file".
             _ if text.ends_with(['.', '-', '+', 'e', 'E']) && error.to_string().starts_with("invalid number") => {
                 PlanFileError::CutShort { file: file(), line: error.line() }
             }
@@ -121,11 +121,11 @@ impl PlanFile {
         serde_json::from_str(text).map_err(classify)
     }
 
-    /// The robot of this plan, which messages call `file`: as it is described there or, failing that, the built-in one
-    /// of its name.
+    /// Returns the robot of this plan: the one described there, or else the built-in one of its name. `file` is the
+    /// name of the plan in error messages.
     ///
     /// # Errors
-    /// A description that is none, or a name that is not built in.
+    /// If the description is not valid, or the name is not that of a built-in robot.
     pub fn own_robot(&self, file: &str) -> Result<Robot, PlanFileError> {
         let file = || file.to_owned();
         match &self.robot_description {
@@ -139,31 +139,31 @@ impl PlanFile {
     }
 }
 
-/// A plan that was read.
+/// A plan that was read and checked.
 #[derive(Debug)]
 pub struct Opened {
-    /// Its robot.
+    /// The plan's robot.
     pub robot: Robot,
     /// The plan.
     pub plan: Plan,
-    /// The scene that it leads through, if it says that it does.
+    /// The scene that it leads through, if it names one.
     pub scene: Option<LoadedScene>,
 }
 
 /// Reads a plan (`-`: from standard input), finds its robot, and checks the plan against it in full.
 ///
-/// The robot is the one named here or, if none is, the plan's own ([`PlanFile::own_robot`]).
+/// The robot is the one given here or, if none is, the plan's own ([`PlanFile::own_robot`]).
 ///
 /// # Errors
-/// Whatever is wrong with the file, the robot's description, or the plan.
+/// Any fault of the file, the robot's description, or the plan.
 pub fn open(path: &FilePath, robot: Option<&FilePath>) -> Result<(Robot, Plan), PlanFileError> {
     read(&input::read_text(path)?, &input::name_of(path), robot)
 }
 
-/// As [`open`], with the scene that the plan names; or with the one that is given for it, which must be the same.
+/// Like [`open`], but also loads the scene that the plan names, or the scene given here, which must have the same hash.
 ///
 /// # Errors
-/// As [`open`].
+/// Like [`open`].
 pub fn open_in_scene(
     path: &FilePath,
     robot: Option<&FilePath>,
@@ -172,18 +172,18 @@ pub fn open_in_scene(
     read_in_scene(&input::read_text(path)?, &input::name_of(path), robot, scene)
 }
 
-/// As [`open`], from a text that messages call `file`.
+/// Like [`open`], but takes the text. `file` is its name in error messages.
 ///
 /// # Errors
-/// Whatever is wrong with the text, the robot's description, or the plan.
+/// Any fault of the text, the robot's description, or the plan.
 pub fn read(text: &str, file: &str, robot: Option<&FilePath>) -> Result<(Robot, Plan), PlanFileError> {
     read_in_scene(text, file, robot, None).map(|Opened { robot, plan, .. }| (robot, plan))
 }
 
-/// As [`open_in_scene`], from a text that messages call `file`.
+/// Like [`open_in_scene`], but takes the text. `file` is its name in error messages.
 ///
 /// # Errors
-/// As [`read`].
+/// Like [`read`].
 pub fn read_in_scene(
     text: &str,
     file: &str,

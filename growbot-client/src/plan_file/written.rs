@@ -1,4 +1,4 @@
-//! A plan as written: fields, units and full precision.
+//! JSON form of a plan: fields, units and full precision.
 
 use std::iter;
 
@@ -14,7 +14,7 @@ use crate::plan::{Choice, Plan, path_type};
 use crate::printable;
 use crate::warning::Warning;
 
-/// A plan as written.
+/// A plan in JSON form.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -24,78 +24,79 @@ pub struct PlanFile {
     pub id: Option<String>,
     /// [`FORMAT`].
     pub format: String,
-    /// The robot's name.
+    /// Name of the robot.
     pub robot: String,
     /// Hash of the robot's description, 16 hexadecimal digits.
     pub robot_hash: String,
-    /// How the path was found.
+    /// Planner that found the path.
     pub planner: Planner,
     /// Radius of the arcs, mm.
     pub radius_mm: f64,
-    /// Where the tip starts.
+    /// Start pose of the tip.
     pub start: WrittenPose,
-    /// Where it is to arrive.
+    /// Goal of the tip.
     pub goal: WrittenGoal,
-    /// Poses on the way, in order. Not written where there are none.
+    /// Waypoints, in order. Omitted if empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub via: Vec<WrittenGoal>,
-    /// Arc length, mm.
+    /// Length of the path, mm.
     pub length_mm: f64,
-    /// How many layers.
+    /// Number of layers.
     pub layers: usize,
-    /// Time to lay them, s.
+    /// Time to lay the layers, s.
     pub duration_s: f64,
-    /// Filament, mm.
+    /// Length of filament, mm.
     pub filament_mm: f64,
-    /// The pieces of the path in order: C for an arc, S for a straight line, H for a helicoidal arc. Older plans do not
-    /// say.
+    /// Kinds of the segments in order: C for an arc, S for a straight line, H for a helicoidal arc. Missing in older
+    /// plans.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub path_type: Option<String>,
-    /// How many paths were found that reach the goal; of several legs, the sum. Older plans do not say.
+    /// Number of paths found that reach the goal. For several legs, the sum. Missing in older plans.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub candidates: Option<usize>,
-    /// Path types of which none is missed, but for rounding. Not written for the two-plane planner, which searches for
-    /// none; older plans do not say.
+    /// Path types that were searched completely, except for rounding. Omitted for the two-plane planner, which does not
+    /// search. Missing in older plans.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub complete: Vec<Searched>,
-    /// Path types that were searched from likely places only, so that a shorter path may exist: `H`, where a leg leads to
-    /// a goal so near that it may be the shortest. Not written where there are none.
+    /// Path types that were searched from likely places only, so that a shorter path may exist: `H`, if the goal of a
+    /// leg is so near that a helicoidal arc may be the shortest. Omitted if empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub statistical: Vec<Searched>,
-    /// How many shorter ones were passed over because the body would have run into itself. Not written where that is 0.
+    /// Number of shorter paths that were rejected because the body would have collided with itself. Omitted if 0.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub passed_over: usize,
-    /// Length of the two-plane path, mm. Older plans do not say.
+    /// Length of the two-plane path, mm. Missing in older plans.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub two_plane_length_mm: Option<f64>,
-    /// By how much that is longer than this path, percent; 0 for a path of no length. Older plans do not say.
+    /// Excess length of the two-plane path over this path, percent. 0 for a path of no length. Missing in older
+    /// plans.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub two_plane_longer_percent: Option<f64>,
-    /// The legs, where there are poses on the way: one more than those.
+    /// The legs, one more than waypoints. Omitted if there are no waypoints.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub legs: Vec<WrittenLeg>,
-    /// The path.
+    /// Segments of the path.
     pub segments: Vec<WrittenSegment>,
-    /// What speaks against growing it.
+    /// Reasons against growing it.
     pub warnings: Vec<Warning>,
-    /// The robot, as its file describes it. Older plans do not say.
+    /// Description of the robot, as in its file. Missing in older plans.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot_description: Option<Box<RobotDescription>>,
-    /// The scene that it leads through. Not written where it was planned in empty space.
+    /// The scene that it leads through. Omitted if it was planned in empty space.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene: Option<WrittenScene>,
 }
 
-/// The scene that a plan leads through, as written.
+/// The scene of a plan in JSON form.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct WrittenScene {
-    /// The scene's file: a scene file, a mesh or a cloud.
+    /// File of the scene: a scene file, a mesh or a cloud.
     pub file: String,
-    /// Hash of the scene's file and of those that it names, 16 hexadecimal digits.
+    /// Hash of the scene's file and of the files that it names, 16 hexadecimal digits.
     pub hash: String,
-    /// Proven min clearance between the outside of the tube and everything in the scene, mm.
+    /// Proven minimum clearance between the outside of the tube and everything in the scene, mm.
     pub clearance_mm: f64,
 }
 
@@ -106,16 +107,16 @@ pub enum Searched {
     /// An arc, a straight line, an arc, in any planes.
     #[serde(rename = "CSC")]
     Csc,
-    /// Dubins' six path types, where start and goal lie in one plane.
+    /// Dubins' six path types, for start and goal in one plane.
     #[serde(rename = "planar")]
     Planar,
     /// A helicoidal arc.
     H,
 }
 
-/// What was searched completely, and what statistically.
+/// Returns the path types that were searched completely, and those searched statistically.
 fn searched(plan: &Plan) -> (Vec<Searched>, Vec<Searched>) {
-    // Through a scene the shortest path may be any; of what is searched there nothing is complete.
+    // Through a scene the shortest path may have any type, and none of the searches there is complete.
     if plan.planner != Planner::Shortest || plan.scene.is_some() {
         return (Vec::new(), Vec::new());
     }
@@ -125,7 +126,7 @@ fn searched(plan: &Plan) -> (Vec<Searched>, Vec<Searched>) {
     (vec![Searched::Csc, Searched::Planar], if is_near { vec![Searched::H] } else { Vec::new() })
 }
 
-/// A pose as written.
+/// A pose in JSON form.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -147,13 +148,13 @@ impl From<&Pose> for WrittenPose {
         let position = pose.position();
         let numbers =
             [position.x, position.y, position.z, shortest_heading(pose.heading()), shortest_degrees(pose.pitch())];
-        // Adding 0 makes 0 of -0.
+        // Adding 0 converts -0 to 0.
         let [x_mm, y_mm, z_mm, heading_deg, pitch_deg] = numbers.map(|number| number + 0.0);
         Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg }
     }
 }
 
-/// Where a tip is, as written.
+/// Pose of a tip in JSON form.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WrittenTip {
@@ -163,7 +164,7 @@ pub struct WrittenTip {
     pub y_mm: f64,
     /// z, mm.
     pub z_mm: f64,
-    /// Heading, degrees; null where the tip is vertical.
+    /// Heading, degrees. Null if the tip is vertical.
     pub heading_deg: Option<f64>,
     /// Pitch, degrees.
     pub pitch_deg: f64,
@@ -177,7 +178,7 @@ impl From<&Pose> for WrittenTip {
 }
 
 impl WrittenTip {
-    /// The pose, of heading 0 where there is none.
+    /// Returns the pose, with heading 0 if the tip is vertical.
     #[must_use]
     pub fn pose(&self) -> WrittenPose {
         let &Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = self;
@@ -185,7 +186,7 @@ impl WrittenTip {
     }
 }
 
-/// A pose to arrive at, as written.
+/// A goal in JSON form.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -200,8 +201,8 @@ pub struct WrittenGoal {
     pub heading_deg: f64,
     /// Pitch, degrees.
     pub pitch_deg: f64,
-    /// Whether only the position was asked for: heading and pitch are those that were chosen for it. Not written where
-    /// a direction was asked for.
+    /// True if only the position was given, so that heading and pitch are those chosen for it. Omitted if a direction
+    /// was given.
     #[serde(default, skip_serializing_if = "is_false")]
     pub direction_free: bool,
 }
@@ -212,7 +213,7 @@ impl WrittenGoal {
         Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg, direction_free }
     }
 
-    /// The pose.
+    /// Returns the pose.
     #[must_use]
     pub fn pose(&self) -> WrittenPose {
         let &Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg, .. } = self;
@@ -220,27 +221,27 @@ impl WrittenGoal {
     }
 }
 
-/// serde hands over a reference.
+/// serde passes a reference.
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
 fn is_false(value: &bool) -> bool {
     !*value
 }
 
-/// A leg as written: from the pose before to the next one.
+/// A leg from one pose to the next, in JSON form.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct WrittenLeg {
-    /// How many segments of the plan are this leg's.
+    /// Number of segments of the plan that belong to this leg.
     pub segments: usize,
-    /// Its pieces in order, as in the plan.
+    /// Kinds of the segments in order, as in the plan.
     pub path_type: String,
-    /// Its length, mm.
+    /// Length of the leg, mm.
     pub length_mm: f64,
-    /// How many paths were found.
+    /// Number of paths found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub candidates: Option<usize>,
-    /// How many shorter ones were passed over.
+    /// Number of shorter paths that were rejected.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub passed_over: usize,
     /// Length of the two-plane path, mm.
@@ -261,13 +262,13 @@ impl WrittenLeg {
     }
 }
 
-/// serde hands over a reference.
+/// serde passes a reference.
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
 fn is_zero(count: &usize) -> bool {
     *count == 0
 }
 
-/// A segment as written.
+/// A segment in JSON form.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
@@ -293,13 +294,13 @@ pub enum WrittenSegment {
         length_mm: f64,
         /// `m` at the segment's start.
         m0: [f64; 3],
-        /// How `m` changes.
+        /// Constant rate of change of `m`.
         p: [f64; 3],
     },
 }
 
 impl WrittenSegment {
-    /// A segment that grows from a tip of this frame.
+    /// Converts a segment that grows from a tip of this frame.
     fn new(segment: &Segment, base_from_tip: &Frame) -> Self {
         match *segment {
             Segment::Arc { alpha, bend, length } => {
@@ -314,7 +315,7 @@ impl WrittenSegment {
         }
     }
 
-    /// A whole path, from a tip of this frame.
+    /// Converts a whole path from a tip of this frame.
     fn path(path: &[Segment], base_from_start: &Frame) -> Vec<Self> {
         let grown = |base_from_tip: &mut Frame, segment: &Segment| {
             let written = Self::new(segment, base_from_tip);
@@ -325,7 +326,7 @@ impl WrittenSegment {
     }
 }
 
-/// A hash as written.
+/// Formats a hash as 16 hexadecimal digits.
 #[must_use]
 pub fn written_hash(hash: u64) -> String {
     format!("{hash:016x}")
@@ -374,22 +375,22 @@ impl From<&Plan> for PlanFile {
 }
 
 impl PlanFile {
-    /// A plan of this robot with the robot's description, so that its reader needs no other file.
+    /// Converts a plan of this robot and adds the robot's description, so that a reader needs no other file.
     #[must_use]
     pub fn with_robot(plan: &Plan, robot: &Robot) -> Self {
         Self { robot_description: Some(Box::new(robot.description().clone())), ..Self::from(plan) }
     }
 
-    /// The JSON in one line, with its newline: what goes to pipes.
+    /// Returns the JSON in one line, with its newline, for pipes.
     #[must_use]
     pub fn to_line(&self) -> String {
         printable::json_line(self)
     }
 
-    /// The JSON in many lines: what goes to files.
+    /// Returns the JSON in many lines, for files.
     #[must_use]
     pub fn to_text(&self) -> String {
-        // Only maps with keys that are no strings could fail, and there are none.
+        // Serialization fails only for maps whose keys are not strings, and there are no such maps.
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
     }
 }

@@ -1,6 +1,6 @@
-//! The line to a robot's board: a serial line or a TCP connection, or whatever else carries bytes.
+//! The line to a robot's board: a serial line, a TCP connection or any other byte stream.
 //!
-//! - [`Port`]: what a line can do; [`stream`]: lines that the system has; [`faulty`]: any line, made worse.
+//! - [`Port`]: the interface of a line; [`stream`]: lines of the operating system; [`faulty`]: a line with faults.
 
 pub mod faulty;
 pub mod serial;
@@ -19,43 +19,44 @@ pub trait Port {
     /// Sends bytes.
     ///
     /// # Errors
-    /// If the line is gone.
+    /// If the line is broken.
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError>;
 
-    /// Waits, on the robot's own clock where it has one, until bytes arrive or the time is over, which gives 0.
+    /// Waits until bytes arrive. Returns 0 after the timeout, on the robot's own clock if it has one.
     ///
     /// # Errors
-    /// If the line is gone.
+    /// If the line is broken.
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError>;
 
-    /// Sends the emergency stop: in one piece, and ahead of bytes that wait to be sent where the line can drop these.
+    /// Sends the emergency stop in one piece. It overtakes bytes that wait to be sent, if the line can drop these.
     ///
     /// # Errors
-    /// The line is gone, or takes nothing now.
+    /// If the line is broken, or accepts no bytes now.
     fn send_emergency_stop(&mut self) -> Result<(), PortError> {
         self.send(&EMERGENCY_STOP)
     }
 
-    /// The time on the clock by which [`Port::receive`] waits: real time, unless the port has a virtual clock.
+    /// Returns the time on the clock of [`Port::receive`]: real time, unless the port has a virtual clock.
     fn now(&self) -> Duration {
         real_time()
     }
 
-    /// Whether a healthy board's clock runs as [`Port::now`] does. The clock of an emulated board stands still while a
-    /// busy machine runs other programs.
+    /// Reports whether a healthy board's clock runs like [`Port::now`]. The clock of an emulated board stands still
+    /// while a busy machine runs other programs.
     fn compares_clocks(&self) -> bool {
         true
     }
 
-    /// The same line for the emergency stop of another thread. From its first use on, this end of the line is silent:
-    /// it neither sends nor receives, and waits for the end of the program. None where the robot ends with this
-    /// program.
+    /// Returns a port on the same line with which another thread can send the emergency stop. From the first use of
+    /// that port on, this end of the line neither sends nor receives, and blocks until the program ends. `None` if the
+    /// robot ends with this program.
     fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
         None
     }
 }
 
-/// A port that somebody else holds too: who breaks things on a simulated tip while a host talks to its board.
+/// A port with several owners: for example, a test breaks parts of a simulated tip while a host communicates with its
+/// board.
 impl<P: Port> Port for Rc<RefCell<P>> {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         self.borrow_mut().send(bytes)
@@ -108,38 +109,38 @@ impl Port for Box<dyn Port> {
     }
 }
 
-/// Real time since the machine was started, its sleep included.
+/// Returns the real time since the machine was started, including its sleep.
 #[must_use]
 pub fn real_time() -> Duration {
     let time = clock_gettime(ClockId::Boottime);
     Duration::new(time.tv_sec.unsigned_abs(), time.tv_nsec.unsigned_abs() as u32)
 }
 
-/// Why a port could not be opened, or was lost.
+/// Error of opening or using a port.
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
-    /// The device is not there.
+    /// The device does not exist.
     #[error("port {0} is not there: check the cable and the name{1}")]
     Missing(String, String),
-    /// Another program has it.
+    /// Another program uses the device.
     #[error(
         "port {0} is busy: {1} uses it; close that first (in an emergency: `growbot estop --port {0}`, which does \
          not wait for it)"
     )]
     Busy(String, String),
-    /// Another program has closed it to all others.
+    /// Another program has opened the device for exclusive use.
     #[error("port {0} is closed to other programs by {1}: end that")]
     Closed(String, String),
-    /// This user may not use it.
+    /// This user has no permission to use it.
     #[error("port {0} may not be used by this user: join its group (often `dialout`) and log in again")]
     Forbidden(String),
-    /// Nobody listens there.
+    /// No program listens at the address.
     #[error("nobody answers at {0} ({1}): check the address and that the robot is on")]
     Unreachable(String, String),
-    /// It worked and then it did not.
+    /// The line worked before and broke.
     #[error("the line to {0} broke ({1}): check the cable; what the robot has laid stays laid")]
     Lost(String, String),
-    /// The time of a simulated board does not pass.
+    /// The time of a simulated board does not advance.
     #[error(transparent)]
     Simulated(Box<dyn Error + Send + Sync>),
 }

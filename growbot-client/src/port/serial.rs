@@ -1,12 +1,12 @@
 //! A serial device: raw bytes at 115200 baud.
 //!
-//! Growbot's commands share devices by an advisory lock (`flock`): who has it has the device. The emergency stop does
-//! not ask for it, and no command takes a device in a way that would keep it out (`TIOCEXCL`): it opens the device
-//! beside the command that holds it.
+//! Growbot's commands share devices by an advisory lock (`flock`): the holder of the lock has the device. The emergency
+//! stop does not take this lock, and no command opens a device for exclusive use (`TIOCEXCL`). It can therefore open
+//! the device beside the command that holds it.
 //!
-//! Two programs that read one device each get some of the bytes. So the emergency stop has a lock of its own, on the
-//! device's bytes (`fcntl`): while it is there, the holder of the device reads nothing, and the board's acknowledgement
-//! is heard by who waits for it.
+//! If two programs read one device, each gets some of the bytes. So the emergency stop has a lock of its own, on the
+//! device's bytes (`fcntl`). While it is held, the holder of the device reads nothing, so the emergency stop receives
+//! the board's acknowledgement.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read, Write};
@@ -23,28 +23,28 @@ use super::PortError;
 
 /// Rate of serial lines, baud.
 const BAUD: u32 = 115_200;
-/// A device that takes no byte for so long is given up.
+/// Time after which a device that accepts no byte is given up.
 const STALLED: Duration = Duration::from_secs(2);
-/// For so long an emergency stop waits at a device that takes nothing; then it is sent again.
+/// Time for which an emergency stop waits for a device that accepts nothing. It is then sent again.
 const EMERGENCY_WAIT: Duration = Duration::from_millis(100);
-/// A holder looks so often whether the emergency stop of another program is over, and that one tries so often to have
-/// the holder's silence,
+/// Interval at which a holder polls whether the emergency stop of another program is over. The emergency stop tries to
+/// lock the bytes at the same interval.
 const SILENCE_LOOK: Duration = Duration::from_millis(2);
-/// so many times.
+/// Maximum number of tries to lock the bytes.
 const SILENCE_TRIES: u32 = 10;
 
 /// An open serial device. It never blocks for longer than the requested wait.
 pub struct Serial {
     file: File,
-    /// It is the emergency stop's, which others are silent for.
+    /// True if this is the emergency stop's own handle, for which other handles are silent.
     is_for_emergency: bool,
 }
 
 impl Serial {
-    /// Opens a device for this program, as far as growbot's commands go.
+    /// Opens a device and locks it against growbot's other commands.
     ///
     /// # Errors
-    /// A device that is missing, busy or forbidden, or is none.
+    /// If the device is missing, busy or forbidden, or is not a serial device.
     pub fn open(device: &str) -> Result<Self, PortError> {
         let serial = Self::open_beside(device, false)?;
         match serial.file.try_lock() {
@@ -56,15 +56,15 @@ impl Serial {
         Ok(serial)
     }
 
-    /// Opens a device whether or not another program holds it: for the emergency stop alone.
+    /// Opens a device even if another program holds it. For the emergency stop only.
     ///
     /// # Errors
-    /// As [`Serial::open`], but busy only where another program than growbot's has closed the device to all others.
+    /// Like [`Serial::open`], but busy only if a program other than growbot has opened the device for exclusive use.
     pub fn open_for_emergency_stop(device: &str) -> Result<Self, PortError> {
         let serial = Self::open_beside(device, true)?;
         serial.set_up().map_err(|error| unusable(device, &error))?;
         for _ in 0..SILENCE_TRIES {
-            // Without it the acknowledgement may need another stop or two.
+            // Without the lock, another stop or two may be needed until the acknowledgement is received.
             if fcntl_lock(&serial.file, FlockOperation::NonBlockingLockExclusive).is_ok() {
                 break;
             }
@@ -73,14 +73,14 @@ impl Serial {
         Ok(serial)
     }
 
-    /// Whether the emergency stop of another program wants to hear what the board says.
+    /// Reports whether another program needs the line for an emergency stop, so that this one must not read.
     fn is_to_be_silent(&self) -> bool {
         if self.is_for_emergency {
             return false;
         }
         match fcntl_lock(&self.file, FlockOperation::NonBlockingLockShared) {
             Ok(()) => {
-                // Fails as little as taking it.
+                // Unlocking fails as rarely as locking.
                 let _ = fcntl_lock(&self.file, FlockOperation::NonBlockingUnlock);
                 false
             }
@@ -97,7 +97,7 @@ impl Serial {
         }
     }
 
-    /// Raw bytes, 8N1, no flow control, no modem lines.
+    /// Sets raw bytes, 8N1, no flow control, no modem lines.
     fn set_up(&self) -> io::Result<()> {
         let mut settings = tcgetattr(&self.file)?;
         settings.make_raw();
@@ -107,18 +107,18 @@ impl Serial {
         Ok(tcsetattr(&self.file, OptionalActions::Now, &settings)?)
     }
 
-    /// The same device for the emergency stop of another thread.
+    /// Returns a handle of the same device for the emergency stop of another thread.
     ///
     /// # Errors
-    /// The system has no more files to give.
+    /// If the system has no more file descriptors.
     pub fn try_clone(&self) -> io::Result<Self> {
         Ok(Self { file: self.file.try_clone()?, is_for_emergency: true })
     }
 
-    /// Sends bytes. `gives_up` is asked every 100 ms while the device takes none.
+    /// Sends bytes. Calls `gives_up` every 100 ms while the device accepts none.
     ///
     /// # Errors
-    /// The device is gone, takes no byte for two seconds, or `gives_up` says so.
+    /// If the device is gone, accepts no byte for two seconds, or `gives_up` returns true.
     pub fn send(&mut self, bytes: &[u8], gives_up: impl Fn() -> bool) -> io::Result<()> {
         let mut left = bytes;
         let mut since = Instant::now();
@@ -141,13 +141,13 @@ impl Serial {
         Ok(())
     }
 
-    /// Sends bytes in one write, ahead of all that waits to be sent, which is dropped.
+    /// Sends bytes in one write. Drops all bytes that wait to be sent.
     ///
     /// # Errors
-    /// The device is gone, or does not take them as a whole within 100 ms.
+    /// If the device is gone, or does not accept them as a whole within 100 ms.
     pub fn send_ahead(&mut self, bytes: &[u8]) -> io::Result<()> {
-        // What was queued was asked for before the emergency, and the rest of a frame would only be in the way. Both
-        // may fail on a device that has no queue: the write tells.
+        // The queued bytes precede the emergency, and the rest of a frame would only delay it. Both calls may fail on a
+        // device without a queue. The write then reports the error.
         let _ = tcflush(&self.file, QueueSelector::OFlush);
         let _ = tcflow(&self.file, Action::OOn);
         let sent = match self.file.write(bytes) {
@@ -163,11 +163,11 @@ impl Serial {
         Ok(())
     }
 
-    /// Waits for bytes. None where the time is over, where another program has read them first, or where they are to be
-    /// left to another thread, as `leaves` says once there are some.
+    /// Waits for bytes. `None` after the timeout, if another program has read them first, or if `leaves` returns true
+    /// once there are some, because they belong to another thread.
     ///
     /// # Errors
-    /// The device is gone.
+    /// If the device is gone.
     pub fn receive(
         &mut self,
         buffer: &mut [u8],
@@ -193,7 +193,7 @@ impl Serial {
         }
     }
 
-    /// Waits until the device is ready, or the time is over.
+    /// Waits until the device is ready, or the timeout is over.
     fn wait(&self, for_what: PollFlags, timeout: Duration) -> io::Result<()> {
         let timeout = Timespec { tv_sec: timeout.as_secs().cast_signed(), tv_nsec: timeout.subsec_nanos().into() };
         match poll(&mut [PollFd::new(&self.file, for_what)], Some(&timeout)) {
@@ -203,12 +203,12 @@ impl Serial {
     }
 }
 
-/// Whether an error only says that nothing can be read or written now.
+/// Reports whether an error only means that nothing can be read or written now.
 fn is_passing(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
-/// Why a device cannot be used.
+/// Returns the error for a device that cannot be used.
 fn unusable(device: &str, error: &io::Error) -> PortError {
     let name = device.to_string();
     match error.kind() {
@@ -218,12 +218,13 @@ fn unusable(device: &str, error: &io::Error) -> PortError {
     }
 }
 
-/// The program that has a device open.
+/// Returns the name of the program that has a device open.
 fn holder(device: &str) -> String {
     found_holder(device).unwrap_or_else(|| "another program".to_string())
 }
 
-/// The same where the system tells: Linux does of this user's programs.
+/// Returns the name of the program that has a device open, if the system reports it. Linux does for this user's
+/// programs.
 fn found_holder(device: &str) -> Option<String> {
     let device = fs::canonicalize(device).ok()?;
     let has_it = |process: &Path| {
@@ -231,7 +232,7 @@ fn found_holder(device: &str) -> Option<String> {
         open.filter_map(|file| fs::read_link(file.path()).ok()).any(|file| file == device)
     };
     let processes = fs::read_dir("/proc").ok()?.flatten().filter(|entry| {
-        // Not `self`, and not this program by its number.
+        // Skip `self` and the number of this program.
         let number: Option<u32> = entry.file_name().to_str().and_then(|name| name.parse().ok());
         number.is_some_and(|number| number != std::process::id())
     });
@@ -241,7 +242,7 @@ fn found_holder(device: &str) -> Option<String> {
     })
 }
 
-/// The serial devices that there are, to choose from.
+/// Lists the available serial devices for an error message.
 fn there_are() -> String {
     let names: Vec<String> =
         serialport::available_ports().unwrap_or_default().into_iter().map(|port| port.port_name).collect();

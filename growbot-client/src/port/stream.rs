@@ -12,18 +12,18 @@ use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use super::serial::Serial;
 use super::{Port, PortError};
 
-/// How long a connection may take.
+/// Timeout of a connection attempt.
 const CONNECT: Duration = Duration::from_secs(5);
-/// A connection that takes no byte for so long is given up.
+/// Time after which a connection that accepts no byte is given up.
 const STALLED: Duration = Duration::from_secs(2);
 
 /// A robot at the other end of a stream of bytes.
 pub struct Stream {
     name: String,
     bytes: Bytes,
-    /// Whether an emergency stop of this program has taken the line.
+    /// True if an emergency stop of this program has taken the line.
     emergency: Arc<AtomicBool>,
-    /// Whether this is the end that it uses.
+    /// True if this is the end that the emergency stop uses.
     is_for_emergency: bool,
 }
 
@@ -49,14 +49,14 @@ impl Stream {
         Err(unreachable(last))
     }
 
-    /// Connects within so much time, however long the name takes to be found.
+    /// Connects within a time limit, which includes the resolution of the name.
     ///
     /// # Errors
-    /// As [`Stream::tcp`], or the time is over.
+    /// Like [`Stream::tcp`], or if the time is over.
     pub fn tcp_within(address: &str, limit: Duration) -> Result<Self, PortError> {
         let (made, connection) = mpsc::channel();
         let name = address.to_string();
-        // Ends by itself where nobody waits for it any more.
+        // The thread ends by itself even if nothing waits for the result.
         thread::spawn(move || made.send(Self::tcp(&name)));
         connection.recv_timeout(limit).unwrap_or_else(|_| {
             Err(PortError::Unreachable(
@@ -66,10 +66,10 @@ impl Stream {
         })
     }
 
-    /// Takes over a connection that has been made.
+    /// Wraps an existing connection.
     ///
     /// # Errors
-    /// If the system refuses to send short messages at once.
+    /// If the system refuses to send short messages immediately.
     pub fn over(name: String, stream: TcpStream) -> io::Result<Self> {
         stream.set_nodelay(true)?;
         stream.set_write_timeout(Some(STALLED))?;
@@ -79,7 +79,7 @@ impl Stream {
     /// Opens a serial device, unless another growbot holds it.
     ///
     /// # Errors
-    /// As [`Serial::open`].
+    /// Like [`Serial::open`].
     pub fn serial(device: &str) -> Result<Self, PortError> {
         Ok(Self::new(device.to_string(), Bytes::Serial(Serial::open(device)?)))
     }
@@ -87,7 +87,7 @@ impl Stream {
     /// Opens a serial device for the emergency stop, whether or not another program holds it.
     ///
     /// # Errors
-    /// As [`Serial::open_for_emergency_stop`].
+    /// Like [`Serial::open_for_emergency_stop`].
     pub fn serial_for_emergency_stop(device: &str) -> Result<Self, PortError> {
         Ok(Self::new(device.to_string(), Bytes::Serial(Serial::open_for_emergency_stop(device)?)))
     }
@@ -100,19 +100,19 @@ impl Stream {
         PortError::Lost(self.name.clone(), error.to_string())
     }
 
-    /// Whether the line is left to the emergency stop of another thread.
+    /// Reports whether the line is left to the emergency stop of another thread.
     fn is_left_to_emergency(&self) -> bool {
         !self.is_for_emergency && self.emergency.load(Ordering::Relaxed)
     }
 
-    /// Leaves the line to the emergency stop of another thread, which ends the program once it is done.
+    /// Leaves the line to the emergency stop of another thread, which ends the program once it is finished.
     fn wait_for_end(&self) {
         while self.is_left_to_emergency() {
             thread::sleep(Duration::from_millis(100));
         }
     }
 
-    /// Has all other ends of this line in this program be silent.
+    /// Silences all other ends of this line in this program.
     fn take_line(&self) {
         if self.is_for_emergency {
             self.emergency.store(true, Ordering::Relaxed);
@@ -129,7 +129,7 @@ impl Stream {
     }
 }
 
-/// Whether an error only says that the time is over.
+/// Reports whether an error only means that the timeout is over.
 fn is_timeout(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
 }
@@ -148,7 +148,7 @@ impl Port for Stream {
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
         self.wait_for_end();
-        // No timeout at all would mean to wait for ever.
+        // A timeout of zero would mean to wait for ever.
         let timeout = timeout.max(Duration::from_millis(1));
         let (emergency, leaves) = (&self.emergency, !self.is_for_emergency);
         let received = match &mut self.bytes {
@@ -178,7 +178,7 @@ impl Port for Stream {
     }
 
     fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
-        // Without one, an interrupted program says that the power is to be cut.
+        // Without this port, an interrupted program advises to cut the power.
         self.try_clone().ok().map(|line| Box::new(line) as Box<dyn Port + Send>)
     }
 }

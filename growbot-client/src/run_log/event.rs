@@ -1,7 +1,7 @@
-//! The lines of a run log: what [`RunLog`](super::RunLog) writes, and what [`Events`](super::Events) reads.
+//! Lines of a run log, which [`RunLog`](super::RunLog) writes and [`Events`](super::Events) reads.
 //!
-//! Fields that are added later are optional, and readers skip events that they do not know, so a log can be read by a
-//! version that is older or newer than the one that has written it.
+//! Fields that are added later are optional, and readers skip events that they do not know. A log can therefore be read
+//! by a version that is older or newer than the one that has written it.
 
 use growbot_core::angle::degrees;
 use growbot_core::kinematics::advance;
@@ -27,7 +27,7 @@ use crate::plan_file::WrittenTip;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunLine {
-    /// What happened.
+    /// The event.
     #[serde(flatten)]
     pub event: RunEvent,
     /// Time of day, RFC 3339 with milliseconds.
@@ -41,38 +41,39 @@ pub struct RunLine {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum RunEvent {
-    /// The first line: versions, command, robot, plan and the layers that were handed over.
+    /// The first line: versions, command, robot, plan and the layers that were sent.
     Header(Box<Header>),
-    /// The board has said who it is.
+    /// The board reported its identity.
     Board(Board),
-    /// The board has started anew because its firmware crashed.
+    /// The board has restarted because its firmware crashed.
     Crash(Box<WrittenCrash>),
-    /// The board went into another state.
+    /// The board changed its state.
     State {
-        /// The name of the state.
+        /// Name of the state.
         state: String,
     },
     /// The board's status.
     Status(BoardStatus),
-    /// A layer is laid.
+    /// A layer was laid.
     Laid(LaidLayer),
-    /// Where the plastic of a layer of a simulated tip is.
+    /// A layer of a simulated tip as its plastic lies.
     Simulated(SimulatedLayer),
-    /// With feedback: from here on the filament's encoder counts from this value.
+    /// With feedback: the filament's encoder counts from this value on.
     Counting(Count),
-    /// With feedback: the job is about to be amended. It is, unless `not-amended` follows.
+    /// With feedback: an amendment is about to be sent. It takes effect unless `not-amended` follows.
     Amending(Amendment),
     /// The board has refused the latest amendment.
     NotAmended {
-        /// Why; null where the amendment only came too late.
+        /// Reason of the refusal. Null if the amendment only came too late.
         why: Option<String>,
     },
-    /// With feedback in a scene: the rest takes another path, since the one so far would be too near to an obstacle.
+    /// With feedback in a scene: the rest takes another path, because the previous one would be too near to an
+    /// obstacle.
     Detour(Detour),
-    /// With feedback in a scene: the rest would be too near to an obstacle and no other way was found, so the robot
+    /// With feedback in a scene: the rest would be too near to an obstacle and no other path was found, so the robot
     /// pauses.
     TooNear(TooNear),
-    /// With feedback: more layers of the job are handed over.
+    /// With feedback: more layers of the job are sent.
     HandingOver {
         /// Index of the first layer.
         from: u32,
@@ -81,48 +82,48 @@ pub enum RunEvent {
         #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^([0-9a-f]{24})*$")))]
         layers: Vec<LayerBytes>,
     },
-    /// An order was given and is carried out.
+    /// An order was given and is executed.
     Ordered {
         /// The order.
         order: Order,
     },
     /// The board has refused the order.
     NotObeyed {
-        /// Why.
+        /// Reason of the refusal.
         why: String,
     },
-    /// The board does not answer.
+    /// The board does not respond.
     Silent,
-    /// The board answers again.
+    /// The board responds again.
     Back,
-    /// From here on the growth was resumed by another program.
+    /// The growth was resumed here by another program.
     Resumed(Resumed),
     /// The growth has ended.
     End {
-        /// The result, as `growbot grow --json` prints it.
+        /// Result, as `growbot grow --json` prints it.
         result: Box<GrowthResult>,
     },
 }
 
-/// Who the board is and what it was doing when the session was opened.
+/// Identity and state of the board when the session was opened.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Board {
-    /// Version of its firmware: major, minor, patch.
+    /// Version of the firmware: major, minor, patch.
     pub firmware: [u8; 3],
     /// Hash of the link's messages.
     #[serde(with = "super::hexadecimal::hash")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^[0-9a-f]{16}$")))]
     pub schema: u64,
-    /// Number of this start of the board.
+    /// Boot number of this start of the board.
     pub boot_id: u32,
-    /// Why it started.
+    /// Cause of the start.
     pub reset_cause: String,
-    /// The name of its state.
+    /// Name of the state.
     pub state: String,
-    /// Layers laid.
+    /// Number of laid layers.
     pub laid: u32,
-    /// The layer that was interrupted; null if none was.
+    /// The interrupted layer. Null if none was.
     pub interrupted: Option<InterruptedLayer>,
 }
 
@@ -145,25 +146,25 @@ impl From<&BoardHello> for Board {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct BoardStatus {
-    /// The name of its state.
+    /// Name of the state.
     #[serde(default, deserialize_with = "lenient")]
     pub state: Option<String>,
-    /// Code of the fault; null if there is none.
+    /// Code of the fault. Null if there is none.
     #[serde(default, deserialize_with = "lenient")]
     pub fault: Option<String>,
-    /// Temperature of the nozzle, C; null without a reading.
+    /// Temperature of the nozzle, C. Null without a reading.
     #[serde(default, deserialize_with = "lenient")]
     pub temperature_c: Option<f64>,
-    /// What the temperature is regulated to, C; null while the heater is off.
+    /// Target temperature, C. Null while the heater is off.
     #[serde(default, deserialize_with = "lenient")]
     pub target_c: Option<f64>,
-    /// Layers laid.
+    /// Number of laid layers.
     #[serde(default, deserialize_with = "lenient")]
     pub laid: Option<u32>,
     /// Time since the board started, ms.
     #[serde(default, deserialize_with = "lenient")]
     pub uptime_ms: Option<u64>,
-    /// Time of day at which the last layer is expected, RFC 3339; null unless the robot grows, at a known pace.
+    /// Time of day at which the last layer is expected, RFC 3339. Null unless the robot grows at a known pace.
     #[serde(default, deserialize_with = "lenient")]
     pub finish_utc: Option<String>,
 }
@@ -183,7 +184,7 @@ impl From<&Status> for BoardStatus {
     }
 }
 
-/// A layer in numbers.
+/// Dimensions of a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WrittenLayer {
@@ -199,16 +200,16 @@ pub struct WrittenLayer {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LaidLayer {
-    /// Its index, from 0.
+    /// Index of the layer, from 0.
     pub layer: u32,
-    /// The bytes of the link, 24 hexadecimal digits; null where nothing is known of the layer.
+    /// Bytes of the link, 24 hexadecimal digits. Null if nothing is known of the layer.
     #[serde(default, with = "super::hexadecimal::layer")]
     #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub as_built: Option<LayerBytes>,
-    /// The same in numbers.
+    /// Dimensions of the layer.
     #[serde(flatten)]
     pub numbers: Option<WrittenLayer>,
-    /// What the board's sensors showed after it, where it says.
+    /// Sensor readings after the layer, if the line contains them.
     #[serde(flatten)]
     pub measured: Option<WrittenMeasured>,
 }
@@ -231,14 +232,14 @@ impl LaidLayer {
     }
 }
 
-/// What the board's sensors showed after a layer.
+/// Sensor readings after a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WrittenMeasured {
-    /// Pulses of the filament's encoder since the board started; null without one.
+    /// Pulses of the filament's encoder since the board started. Null without an encoder.
     #[serde(default, deserialize_with = "lenient")]
     pub filament_pulses: Option<u32>,
-    /// Gravity in the tip's frame, thousandths of g; null without a sensor.
+    /// Gravity in the tip's frame, thousandths of g. Null without a sensor.
     #[serde(deserialize_with = "lenient")]
     pub gravity_milli_g: Option<[i16; 3]>,
 }
@@ -250,22 +251,22 @@ impl From<WrittenMeasured> for Measured {
     }
 }
 
-/// Where the plastic of a layer of a simulated tip is.
+/// A layer of a simulated tip as its plastic lies.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SimulatedLayer {
-    /// Its index, from 0.
+    /// Index of the layer, from 0.
     pub layer: u32,
     /// The layer as it came out.
     #[serde(flatten)]
     pub numbers: WrittenLayer,
-    /// The tip after it.
+    /// Pose of the tip after the layer.
     #[serde(default, deserialize_with = "lenient")]
     pub tip: Option<WrittenTip>,
 }
 
-/// The events of a log that tell of what happened to a job. `laid_tip` is where the simulated tip was told to be, which
-/// moves on with each of its layers.
+/// Converts an event of a job to events of a log. `laid_tip` is the simulated tip after the layers reported so far, and
+/// is updated with each of its layers.
 #[must_use]
 pub fn events_of(event: &JobEvent, laid_tip: &mut Frame) -> Vec<RunEvent> {
     let written = match event {
@@ -304,7 +305,7 @@ fn simulated(index: u32, layer: &Layer, laid_tip: &mut Frame) -> RunEvent {
     })
 }
 
-/// For fields without which an event still says something: a value that cannot be read is none.
+/// Deserializes a field that is not essential for its event. A value that cannot be read becomes `None`.
 pub(crate) fn lenient<'de, D: Deserializer<'de>, T: DeserializeOwned>(from: D) -> Result<Option<T>, D::Error> {
     Ok(serde_json::from_value(Value::deserialize(from)?).unwrap_or_default())
 }

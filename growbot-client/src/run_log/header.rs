@@ -1,4 +1,4 @@
-//! The first line of a run log, and that of a growth that is resumed in it.
+//! The first line of a run log, and the line of a growth that is resumed in it.
 
 use growbot_core::angle::degrees;
 use growbot_core::layer_bytes::LayerBytes;
@@ -27,33 +27,33 @@ pub struct Header {
     /// The port, as it was given.
     #[serde(default)]
     pub port: String,
-    /// Whose tip lays the body.
+    /// Kind of tip that lays the body.
     pub tip: RecordedTip,
-    /// How a simulated tip is disturbed; null for a robot.
+    /// Disturbances of a simulated tip. Null for a robot.
     #[serde(default, deserialize_with = "lenient")]
     pub disturbances: Option<Disturbances>,
-    /// The robot's name.
+    /// Name of the robot.
     pub robot: String,
     /// Hash of the robot's description, 16 hexadecimal digits.
     #[serde(with = "super::hexadecimal::hash")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^[0-9a-f]{16}$")))]
     pub robot_hash: u64,
-    /// Hash of the layers: the job's name.
+    /// Plan id: the hash of the layers.
     #[serde(with = "super::hexadecimal::hash")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^[0-9a-f]{16}$")))]
     pub plan_id: u64,
-    /// The layers that were handed over, 24 hexadecimal digits each.
+    /// The layers that were sent, 24 hexadecimal digits each.
     #[serde(with = "super::hexadecimal::layers")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^([0-9a-f]{24})*$")))]
     pub layers: Vec<LayerBytes>,
-    /// What the sensors are taken for; null without feedback.
+    /// Assumed noise of the sensors. Null without feedback.
     #[serde(default, deserialize_with = "lenient")]
     pub feedback: Option<WrittenNoise>,
     /// The plan.
     pub plan: PlanFile,
 }
 
-/// A growth is resumed, by another program.
+/// A growth that is resumed by another program.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default)]
@@ -66,24 +66,24 @@ pub struct Resumed {
     pub port: String,
 }
 
-/// Whose tip has laid a body.
+/// Kind of tip that laid a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum RecordedTip {
-    /// A robot's. Nobody has measured where its plastic is.
+    /// The tip of a robot. The true position of its plastic was not measured.
     Robot,
-    /// A simulated one.
+    /// A simulated tip.
     Simulated,
 }
 
-/// Noise of the sensors, one standard deviation.
+/// Noise of the sensors, as standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WrittenNoise {
-    /// Of the odometry, as a share of a layer's growth.
+    /// Noise of the odometry, as a fraction of a layer's growth.
     pub odometry: f64,
-    /// Of a direction, radians.
+    /// Noise of a direction, radians.
     pub direction: f64,
 }
 
@@ -94,18 +94,18 @@ impl From<SensorNoise> for WrittenNoise {
 }
 
 impl WrittenNoise {
-    /// The noise, unless a number is negative.
+    /// Returns the noise. `None` if a number is negative.
     pub(super) fn checked(self) -> Option<SensorNoise> {
         let Self { odometry, direction } = self;
         (odometry >= 0.0 && direction >= 0.0).then_some(SensorNoise { odometry, direction })
     }
 }
 
-/// How a simulated tip is off: each error with its distribution, and the seed of what is drawn.
+/// Disturbances of a simulated tip: the distribution of each error, and the seed of the random numbers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Disturbances {
-    /// Where all noise comes from.
+    /// Seed of all noise.
     pub seed: u64,
     /// Noise of the height of a layer.
     pub growth_noise: Distribution,
@@ -129,39 +129,39 @@ pub struct Disturbances {
     pub direction_noise: Distribution,
 }
 
-/// How an error is distributed.
+/// Distribution of an error.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(tag = "distribution", rename_all = "kebab-case")]
 pub enum Distribution {
-    /// Anywhere between the mean less `max` and the mean plus `max`.
+    /// A uniform distribution between the mean less `max` and the mean plus `max`.
     Uniform {
-        /// Its mean.
+        /// Mean value.
         mean: f64,
-        /// The largest deviation from the mean.
+        /// Maximum deviation from the mean.
         max: f64,
-        /// The unit of both.
+        /// Unit of both values.
         unit: Unit,
     },
-    /// Gaussian.
+    /// A Gaussian distribution.
     Normal {
-        /// Its mean.
+        /// Mean value.
         mean: f64,
-        /// Its standard deviation.
+        /// Standard deviation.
         standard_deviation: f64,
-        /// The unit of both.
+        /// Unit of both values.
         unit: Unit,
     },
-    /// The same always.
+    /// A constant error.
     Constant {
-        /// The value.
+        /// Value of the error.
         value: f64,
-        /// Its unit.
+        /// Unit of the value.
         unit: Unit,
     },
 }
 
-/// The unit of an error.
+/// Unit of an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -196,7 +196,8 @@ impl From<&Imperfection> for Disturbances {
     }
 }
 
-/// A number as it was given: conversion to shares and radians, and back, changes its last digits.
+/// Rounds a number to its original form, because conversion to fractions and radians, and back, changes its last
+/// digits.
 fn as_given(number: f64) -> f64 {
     format!("{number:.12e}").parse().unwrap_or(number)
 }

@@ -1,21 +1,21 @@
-//! Layers and hashes in a log, as hexadecimal digits: layers in the bytes of the link, hashes as 16 digits.
+//! Layers and hashes of a log as hexadecimal digits: layers in the bytes of the link, hashes as 16 digits.
 //!
-//! The modules are for `#[serde(with)]`. A layer as built that cannot be read counts as one of which nothing is known.
+//! The modules are for `#[serde(with)]`. A layer as built that cannot be read counts as unknown.
 
 use growbot_core::layer_bytes::LayerBytes;
 
-/// A layer, 24 digits.
+/// Formats a layer as 24 digits.
 pub(super) fn hex(bytes: &LayerBytes) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Layers one after the other, 24 hexadecimal digits each.
+/// Formats layers one after the other, 24 hexadecimal digits each.
 #[must_use]
 pub fn hex_of(layers: &[LayerBytes]) -> String {
     layers.iter().map(hex).collect()
 }
 
-/// Layers from the hex digits of their bytes.
+/// Parses layers from the hexadecimal digits of their bytes.
 pub(super) fn unhex(text: &str) -> Option<Vec<LayerBytes>> {
     let digits: Vec<u8> =
         text.chars().map(|digit| digit.to_digit(16).map(|value| value as u8)).collect::<Option<_>>()?;
@@ -37,29 +37,29 @@ pub mod layers {
     use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serializer};
 
-    /// Writes them.
+    /// Serializes layers.
     pub fn serialize<S: Serializer>(layers: &[LayerBytes], to: S) -> Result<S::Ok, S::Error> {
         to.serialize_str(&super::hex_of(layers))
     }
 
-    /// Reads them.
+    /// Deserializes layers.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<LayerBytes>, D::Error> {
         super::unhex(&String::deserialize(from)?).ok_or_else(|| D::Error::custom("\"layers\" that are no layers"))
     }
 }
 
-/// A layer of which nothing may be known.
+/// A layer that may be unknown.
 pub mod layer {
     use growbot_core::layer_bytes::LayerBytes;
     use serde::{Deserializer, Serialize, Serializer};
 
-    /// Writes it.
+    /// Serializes a layer.
     #[expect(clippy::ref_option, reason = "the form that serde calls")]
     pub fn serialize<S: Serializer>(layer: &Option<LayerBytes>, to: S) -> Result<S::Ok, S::Error> {
         layer.as_ref().map(super::hex).serialize(to)
     }
 
-    /// Reads it; none where it cannot be read.
+    /// Deserializes a layer. `None` if it cannot be read.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<LayerBytes>, D::Error> {
         let text: Option<String> = super::super::event::lenient(from)?;
         Ok(text.and_then(|text| super::unhex(&text)?.first().copied()))
@@ -71,13 +71,13 @@ pub mod hash {
     use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serializer};
 
-    /// Writes it.
+    /// Serializes a hash.
     #[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
     pub fn serialize<S: Serializer>(hash: &u64, to: S) -> Result<S::Ok, S::Error> {
         to.serialize_str(&crate::plan_file::written_hash(*hash))
     }
 
-    /// Reads it.
+    /// Deserializes a hash.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<u64, D::Error> {
         let text = String::deserialize(from)?;
         u64::from_str_radix(&text, 16).map_err(|_| D::Error::custom(format!("{text:?}, which is no hash")))
@@ -89,13 +89,13 @@ pub mod hash_or_none {
     use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-    /// Writes it.
+    /// Serializes a hash.
     #[expect(clippy::ref_option, reason = "the form that serde calls")]
     pub fn serialize<S: Serializer>(hash: &Option<u64>, to: S) -> Result<S::Ok, S::Error> {
         hash.map(crate::plan_file::written_hash).serialize(to)
     }
 
-    /// Reads it.
+    /// Deserializes a hash.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<u64>, D::Error> {
         let read = |text: String| {
             u64::from_str_radix(&text, 16).map_err(|_| D::Error::custom(format!("{text:?}, which is no hash")))

@@ -1,26 +1,26 @@
-//! The lines of a log: one JSON object each. What is none, since a disk was full or a byte was spoilt, is skipped and
-//! counted, and reading continues at the next line.
+//! The lines of a log: one JSON object each. A line that is not one, because a disk was full or a byte was corrupted,
+//! is skipped and counted, and reading continues at the next line.
 
 use serde_json::{Map, Value};
 
 use super::event::{RunEvent, RunLine};
 
-/// No line of a log is longer, bytes (16 MiB): the layers of a job are in one.
+/// Maximum length of a line of a log, bytes (16 MiB). The layers of a job are in one line.
 const LONGEST_LINE: usize = 16 << 20;
 
-/// What of a log could not be read.
+/// Parts of a log that could not be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Damage {
-    /// Lines that are no JSON objects.
+    /// Number of lines that are not JSON objects.
     pub lines: usize,
-    /// The number of the first of them, from 1.
+    /// Line number of the first of them, from 1.
     pub first: usize,
-    /// Bytes at the end, of a line that was cut off.
+    /// Number of bytes at the end that belong to a line that was cut off.
     pub cut_off: usize,
 }
 
 impl Damage {
-    /// What to tell people, in sentences; none where all could be read. `file` is how the log is called.
+    /// Returns a message for users. `None` if all lines could be read. `file` is the name of the log.
     #[must_use]
     pub fn in_words(&self, file: &str) -> Option<String> {
         let Self { lines, first, cut_off } = self;
@@ -40,22 +40,22 @@ impl Damage {
     }
 }
 
-/// The events of a log, one after the other. Those that this version does not know, or cannot read, are skipped.
+/// Iterator over the events of a log. Events that this version does not know, or cannot read, are skipped.
 pub struct Events<'a> {
     rest: &'a [u8],
     number: usize,
-    /// What could not be read so far.
+    /// Parts that could not be read so far.
     pub damage: Damage,
 }
 
 impl<'a> Events<'a> {
-    /// Of a log of these bytes.
+    /// Iterates over the events of a log from its bytes.
     #[must_use]
     pub fn of(log: &'a [u8]) -> Self {
         Self { rest: log, number: 0, damage: Damage::default() }
     }
 
-    /// Those after the header: after the first line that is an object of JSON.
+    /// Iterates over the events after the header, which is the first line that is a JSON object.
     #[must_use]
     pub fn after_header(log: &'a [u8]) -> Self {
         let mut events = Self::of(log);
@@ -63,7 +63,7 @@ impl<'a> Events<'a> {
         events
     }
 
-    /// The next line that is an object of JSON.
+    /// Returns the next line that is a JSON object.
     pub(super) fn next_line(&mut self) -> Option<Line> {
         while !self.rest.is_empty() {
             let end = self.rest.iter().position(|byte| *byte == b'\n').map_or(self.rest.len(), |end| end + 1);
@@ -73,7 +73,7 @@ impl<'a> Events<'a> {
             let text = line.trim_ascii();
             match (text.len() <= LONGEST_LINE).then(|| Line::read(text)).flatten() {
                 Some(line) => return Some(line),
-                // A line that was torn before its first byte.
+                // This line was torn before its first byte.
                 None if text.is_empty() => {}
                 None if !line.ends_with(b"\n") => self.damage.cut_off = line.len(),
                 None => {
@@ -100,11 +100,11 @@ impl Iterator for Events<'_> {
     }
 }
 
-/// A line that is an object of JSON.
+/// A line that is a JSON object.
 pub(super) enum Line {
     /// An event.
     Event(RunEvent),
-    /// Something else: an event that this version does not know, or with values that it cannot read.
+    /// Another object: an event that this version does not know, or with values that it cannot read.
     Other(Map<String, Value>),
 }
 
@@ -131,7 +131,7 @@ mod tests {
         let words = events.damage.in_words("run").unwrap();
         assert!(words.contains("3 lines of run, the first is line 2") && words.contains("last 5 bytes"), "{words}");
         assert_eq!(Damage::default().in_words("run"), None);
-        // A last line that only lacks its end is whole.
+        // A last line that only lacks its newline is complete.
         assert_eq!(Events::of(b"{\"event\":\"silent\"}").count(), 1);
     }
 

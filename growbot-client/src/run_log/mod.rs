@@ -1,17 +1,17 @@
-//! The log of a growth: one JSON object a line, each flushed, so that a log cut off anywhere is readable up to there,
-//! and one with torn lines around them.
+//! The log of a growth: one JSON object a line, each flushed. A log that is cut off anywhere is readable up to there,
+//! and a log with torn lines is readable except for these.
 //!
-//! The first line has the versions, the command, the robot, the plan and the layers that were handed over, and of a
-//! simulated tip how it is disturbed; the others what happened, the layers as built among them, in the bytes of the
-//! link. So the body can be rebuilt from it bit for bit ([`RunRecord`]), and a growth that was interrupted is resumed
-//! from its log. Of a simulated tip the log also has where its plastic really is.
+//! The first line contains the versions, the command, the robot, the plan, the layers that were sent, and the
+//! disturbances of a simulated tip. The other lines contain the events, among them the layers as built, in the bytes of
+//! the link. The body can therefore be rebuilt from the log bit for bit ([`RunRecord`]), and a growth that was
+//! interrupted is resumed from its log. For a simulated tip, the log also contains the true position of its plastic.
 //!
-//! - [`RunLog`]: writes it; [`RunRecord`]: reads it; [`Events`]: its lines, and what of them cannot be read;
-//! - [`RunEvent`]: the events of both, [`Header`] the first and [`GrowthResult`] in the last.
+//! - [`RunLog`]: writes a log; [`RunRecord`]: reads it; [`Events`]: its lines, with a count of unreadable ones;
+//! - [`RunEvent`]: the events of a log, with [`Header`] in the first line and [`GrowthResult`] in the last.
 //!
-//! The place of a simulated layer's plastic is logged once two later layers have begun, because it no longer changes
-//! then. Views, exports and `replay` show that body, and beside it the commanded one: what the steps define, which is
-//! all that is known of a robot.
+//! The position of a simulated layer's plastic is logged once two later layers have begun, because it no longer changes
+//! then. Views, exports and `replay` show that body and the commanded one beside it. The commanded body is the one that
+//! the steps define. Of a robot, only that body is known.
 
 mod event;
 mod header;
@@ -54,31 +54,31 @@ use crate::printable::json_line;
 /// Name and version of the format, in the first line.
 pub const FORMAT: &str = "growbot-run/3";
 
-/// The endings of run logs.
+/// File extensions of run logs.
 const ENDINGS: [&str; 2] = ["jsonl", "json"];
 
-/// Why a log could not be written.
+/// Error of writing a log.
 #[derive(Debug, thiserror::Error)]
 pub enum RunLogError {
-    /// The log cannot be begun or resumed.
+    /// The log cannot be created or resumed.
     #[error("cannot write the run log {file}: {error}; choose another place with --log")]
     Begin {
         /// The file.
         file: String,
-        /// The system's reason.
+        /// Error of the operating system.
         error: io::Error,
     },
-    /// A line cannot be written; it waits.
+    /// A line cannot be written and waits in memory.
     #[error(
         "cannot write the run log {file}: {error}; its lines wait in memory and are written as soon as it can be: make room there, the growth continues"
     )]
     Write {
         /// The file.
         file: String,
-        /// The system's reason.
+        /// Error of the operating system.
         error: io::Error,
     },
-    /// It is there already.
+    /// The file exists already.
     #[error(
         "the run log {file} is there already, and may be the only record of a body: choose another name, or replace \
          it with --force; --log alone takes a name of its own"
@@ -87,13 +87,13 @@ pub enum RunLogError {
         /// The file.
         file: String,
     },
-    /// It is no place for a log.
+    /// The file is not a valid place for a log.
     #[error(transparent)]
     Place(#[from] FileError),
 }
 
 impl RunLogError {
-    /// The system's reason alone.
+    /// Returns the reason without the name of the file.
     #[must_use]
     pub fn reason(&self) -> String {
         match self {
@@ -104,53 +104,52 @@ impl RunLogError {
     }
 }
 
-/// Where a growth takes place, for the first line of its log.
+/// Port of a growth and disturbances of its tip, for the first line of its log.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Origin<'a> {
     /// The port, as it was given.
     pub port: &'a str,
-    /// How a simulated tip is disturbed; none for a robot.
+    /// Disturbances of a simulated tip. `None` for a robot.
     pub imperfection: Option<&'a Imperfection>,
 }
 
 impl<'a> From<&'a str> for Origin<'a> {
-    /// A port of whose tip nothing is known.
+    /// Creates the origin from a port. Nothing is known of its tip.
     fn from(port: &'a str) -> Self {
         Self { port, imperfection: None }
     }
 }
 
-/// A log under way, or none.
+/// An open log, or none.
 #[derive(Default)]
 pub struct RunLog(Option<Open>);
 
-/// A log that is written.
+/// An open log.
 struct Open {
     lines: LineQueue,
     file: String,
-    /// Whether the file is this growth's alone.
+    /// True if the file belongs to this growth alone.
     is_new: bool,
-    /// The log that was there before and was to be replaced, until the first layer is laid.
+    /// The earlier log that is to be replaced, until the first layer is laid.
     replaced: Option<SetAside>,
-    /// The simulated tip after the layers of which it was written where they are.
+    /// The simulated tip after the layers whose position was logged.
     laid_tip: Frame,
-    /// What finish times are computed by; none where the pace is not known.
+    /// Forecast from which finish times are computed. `None` if the pace is unknown.
     forecast: Option<Forecast>,
 }
 
 impl RunLog {
-    /// A log that is not kept.
+    /// Returns a log that writes nothing.
     #[must_use]
     pub fn none() -> Self {
         Self::default()
     }
 
-    /// Begins a log with versions, command, port, plan and layers; and with what the sensors are taken for, where there
-    /// is feedback.
+    /// Creates a log with versions, command, port, plan and layers. `feedback` is the assumed noise of the sensors, if
+    /// there is feedback.
     ///
     /// # Errors
-    /// If the file cannot be created. A log that is there already is not overwritten: it may be the only record of a
-    /// body.
+    /// If the file cannot be created. An existing log is not overwritten, because it may be the only record of a body.
     pub fn begin<'a>(
         path: &Path,
         plan: &Plan,
@@ -169,11 +168,11 @@ impl RunLog {
         log.with_header(plan, job, feedback, origin.into())
     }
 
-    /// As [`RunLog::begin`], in place of a log that is there already. That one is gone once a layer of the new body is
-    /// laid; of a growth that does not begin, it stays.
+    /// Like [`RunLog::begin`], but replaces an existing log. The existing log is deleted once a layer of the new body
+    /// is laid. If the growth does not begin, it stays.
     ///
     /// # Errors
-    /// As [`RunLog::begin`].
+    /// Like [`RunLog::begin`].
     pub fn replace<'a>(
         path: &Path,
         plan: &Plan,
@@ -200,10 +199,10 @@ impl RunLog {
         }
     }
 
-    /// As [`RunLog::begin`], to standard output.
+    /// Like [`RunLog::begin`], but writes to standard output.
     ///
     /// # Errors
-    /// If that cannot be written.
+    /// If standard output cannot be written.
     pub fn to_standard_output<'a>(
         plan: &Plan,
         job: &Job,
@@ -217,7 +216,7 @@ impl RunLog {
         log.with_header(plan, job, feedback, origin.into())
     }
 
-    /// A name that no file here has: `growth-2026-11-23T014500.jsonl` by the time of now, UTC.
+    /// Returns a file name that does not exist yet: `growth-2026-11-23T014500.jsonl` with the current time, UTC.
     #[must_use]
     pub fn free_name() -> PathBuf {
         let now: String = utc_now().chars().filter(|letter| *letter != ':').take("2026-11-23T014500".len()).collect();
@@ -253,7 +252,7 @@ impl RunLog {
             plan: PlanFile::with_robot(plan, job.robot),
         }));
         if let Err(error) = log.write(header) {
-            // Of a log that cannot even be begun nothing is left behind.
+            // A log that could not be created leaves no file behind.
             log.discard();
             return Err(match error {
                 RunLogError::Write { file, error } => RunLogError::Begin { file, error },
@@ -263,7 +262,7 @@ impl RunLog {
         Ok(log)
     }
 
-    /// A log to anywhere, of a body that begins at this frame.
+    /// Creates a log that writes to any output, for a body that begins at this frame.
     fn to(out: Box<dyn Write>, file: &str, base_from_start: Frame) -> Self {
         Self(Some(Open {
             lines: LineQueue::new(out),
@@ -275,7 +274,7 @@ impl RunLog {
         }))
     }
 
-    /// Resumes a log on a new line: nothing of what is there is taken away.
+    /// Resumes a log on a new line. Its existing content stays.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -310,18 +309,18 @@ impl RunLog {
         }
     }
 
-    /// Has each status tell when the growth is done. None where the pace is not known.
+    /// Sets the forecast from which `finish_utc` of each status is computed. `None` if the pace is unknown.
     pub fn tell_finish(&mut self, forecast: Option<Forecast>) {
         if let Some(open) = &mut self.0 {
             open.forecast = forecast;
         }
     }
 
-    /// Writes what happened, and what could not be written before.
+    /// Writes an event, after all lines that could not be written before.
     ///
     /// # Errors
-    /// If the file cannot be written, say because a disk is full: then the line waits and is tried again with the next
-    /// one.
+    /// If the file cannot be written, for example because a disk is full. The line then waits, and is retried with the
+    /// next one.
     pub fn record(&mut self, event: &JobEvent) -> Result<(), RunLogError> {
         let Some(open) = &mut self.0 else { return Ok(()) };
         if matches!(event, JobEvent::Laid { .. }) {
@@ -336,13 +335,13 @@ impl RunLog {
             if let RunEvent::Status(status) = &mut event {
                 status.finish_utc = finish.map(utc_text);
             }
-            // All of them wait, where the first cannot be written.
+            // All of them wait if the first cannot be written.
             written = self.write(event).and(written);
         }
         written
     }
 
-    /// Takes the log of a job that never began away: there is no body to remember. One that was there before stays.
+    /// Deletes the log of a job that never began, because nothing was grown. An earlier log stays.
     pub fn discard(self) {
         if let Some(open) = self.0.filter(|open| open.is_new) {
             match open.replaced {
@@ -352,15 +351,15 @@ impl RunLog {
         }
     }
 
-    /// Writes how it ended.
+    /// Writes the result.
     ///
     /// # Errors
-    /// As [`RunLog::record`].
+    /// Like [`RunLog::record`].
     pub fn end(&mut self, result: &GrowthResult) -> Result<(), RunLogError> {
         self.write(RunEvent::End { result: Box::new(result.clone()) })
     }
 
-    /// Lines that are not in the file: those that wait, and those that are lost.
+    /// Returns the number of lines that are not in the file: those that wait and those that are lost.
     #[must_use]
     pub fn missing(&self) -> usize {
         self.0.as_ref().map_or(0, |open| open.lines.missing())
@@ -373,22 +372,22 @@ impl RunLog {
     }
 }
 
-/// The command line of this program.
+/// Returns the command line of this program.
 fn command_line() -> Vec<String> {
     std::env::args_os().map(|part| part.to_string_lossy().into_owned()).collect()
 }
 
-/// Seconds with three decimals.
+/// Format of times of day: seconds with three decimals.
 const MILLISECONDS: EncodedConfig =
     Config::DEFAULT.set_time_precision(TimePrecision::Second { decimal_digits: NonZero::new(3) }).encode();
 
-/// Now, as RFC 3339 has it, to the millisecond: always as long.
+/// Returns the current time in RFC 3339 format with milliseconds. The length is constant.
 #[must_use]
 pub fn utc_now() -> String {
     utc_text(OffsetDateTime::now_utc())
 }
 
-/// A time of day, likewise.
+/// Formats a time of day in RFC 3339 format with milliseconds.
 #[must_use]
 pub fn utc_text(time: OffsetDateTime) -> String {
     time.format(&Iso8601::<MILLISECONDS>).unwrap_or_default()

@@ -1,21 +1,22 @@
-//! The lines of a log on their way to the file: where it cannot be written they wait, and none is torn.
+//! Queue of log lines for a file. If the file cannot be written, lines wait, and no line stays torn.
 
 use std::collections::VecDeque;
 use std::io::{self, Write};
 
-/// Lines wait for a file that cannot be written, up to this many bytes; further ones are lost.
+/// Maximum number of bytes of waiting lines. Further lines are lost.
 const MAX_WAITING: usize = 64 << 20;
 
-/// Lines on their way to a file.
+/// Queue of lines for a file.
 pub(super) struct LineQueue {
     out: Box<dyn Write>,
-    /// Lines that are not written yet, the next one first.
+    /// Lines that are not written yet, the oldest first.
     waiting: VecDeque<String>,
-    /// Bytes in them.
+    /// Number of bytes in them.
     waiting_bytes: usize,
-    /// Lines for which there was no room in memory.
+    /// Number of lines that were dropped because the queue was full.
     lost: usize,
-    /// Bytes of the first line waiting that were written before it failed: another line is begun for it.
+    /// Number of bytes of the first waiting line that were written before a failure. The line is written again on a new
+    /// line.
     torn: usize,
 }
 
@@ -24,12 +25,12 @@ impl LineQueue {
         Self { out, waiting: VecDeque::new(), waiting_bytes: 0, lost: 0, torn: 0 }
     }
 
-    /// Lines that are not in the file: those that wait, and those that are lost.
+    /// Returns the number of lines that are not in the file: those that wait and those that are lost.
     pub fn missing(&self) -> usize {
         self.waiting.len() + self.lost
     }
 
-    /// Writes what waits, and this line, which ends with its newline.
+    /// Writes the waiting lines and this line, which must end with a newline.
     pub fn write(&mut self, line: String) -> io::Result<()> {
         if self.waiting_bytes + line.len() > MAX_WAITING {
             self.lost += 1;
@@ -40,12 +41,13 @@ impl LineQueue {
         self.drain()
     }
 
-    /// Writes what waits. What a failure has left of a line is ended first, and the whole line comes on a new one.
+    /// Writes the waiting lines. If a failure left a part of a line, ends it first and writes the whole line on a new
+    /// one.
     fn drain(&mut self) -> io::Result<()> {
         while let Some(line) = self.waiting.front() {
             if self.torn > 0 {
                 self.out.write_all(b"\n")?;
-                // Where only the end of the line was missing, it is whole now.
+                // If only the newline was missing, the line is complete now.
                 let is_whole = self.torn + 1 == line.len();
                 self.torn = 0;
                 if is_whole {

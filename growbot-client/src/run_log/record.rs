@@ -1,5 +1,5 @@
-//! What a run log tells of a growth: the job, the layers as the board has built them, and of a simulated tip where its
-//! plastic is.
+//! Content of a run log: the job, the layers as the board has built them, and for a simulated tip the position of its
+//! plastic.
 
 use std::path::Path;
 
@@ -27,42 +27,42 @@ use crate::plan::Plan;
 use crate::plan_file::{self, PlanFile, PlanFileError, pose};
 use crate::through_scene::{self, UnclearError};
 
-/// No layer is higher, mm, nor tilted more, radians: as the bytes of the link have it.
+/// Maximum height of a layer, mm, and maximum tilt, radians, that the bytes of the link can hold.
 const MAX_HEIGHT: f64 = 256.0;
 const MAX_TILT: f64 = 1.0;
 
-/// Why a run log could not be read.
+/// Error of reading a run log.
 #[derive(Debug, thiserror::Error)]
 pub enum RunRecordError {
-    /// It is not there, may not be read, or is no file of such a length.
+    /// The file does not exist, may not be read, or is too long.
     #[error("no run log to read: {0}")]
     File(#[from] InputError),
-    /// Its first line is no header of a run log.
+    /// The first line is not the header of a run log.
     #[error("{file} is no run log ({reason}): give a file that `growbot grow --log` has written")]
     Header {
         /// The file.
         file: String,
-        /// What is wrong with it.
+        /// Error of the header.
         reason: String,
     },
-    /// The plan in it.
+    /// The plan in the log is not valid.
     #[error(transparent)]
     Plan(#[from] PlanFileError),
 }
 
-/// What is known of a body that was grown.
+/// Source of a recorded body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BodyKind {
-    /// Where the plastic of a simulated tip lies.
+    /// The true position of the plastic of a simulated tip.
     Laid,
-    /// What the steps of a simulated robot's board have made.
+    /// The steps that a simulated robot's board has made.
     Commanded,
-    /// What the steps of a robot's board have made.
+    /// The steps that a robot's board has made.
     AsBuilt,
 }
 
 impl BodyKind {
-    /// As people are told.
+    /// Returns the name for users.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -72,7 +72,7 @@ impl BodyKind {
         }
     }
 
-    /// The same at the head of a table or a picture.
+    /// Returns the name as a heading of a table or a picture.
     #[must_use]
     pub fn title(self) -> &'static str {
         match self {
@@ -83,70 +83,70 @@ impl BodyKind {
     }
 }
 
-/// What a run log tells of a growth, as far as it goes.
+/// Content of a run log, as far as it goes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunRecord {
     /// The robot.
     pub robot: RobotId,
-    /// Whose tip has laid the body.
+    /// Kind of tip that laid the body.
     pub tip: RecordedTip,
     /// The plan.
     pub plan: PlanFile,
-    /// What the sensors were taken for; none without feedback.
+    /// Assumed noise of the sensors. `None` without feedback.
     pub feedback: Option<SensorNoise>,
-    /// The job's name, as it was amended last.
+    /// Plan id of the job after its latest amendment.
     pub plan_id: u64,
-    /// Layers of the job.
+    /// Number of layers of the job.
     pub total: u32,
-    /// The layers that were handed over.
+    /// The layers that were sent.
     pub layers: Vec<LayerBytes>,
-    /// The layers as built, from the first on; none where nothing is known of one.
+    /// Layers as built, from the first on. `None` for a layer of which nothing is known.
     pub as_built: Vec<Option<LayerBytes>>,
-    /// What was measured after each of them.
+    /// Measurements after each layer.
     pub measured: Vec<Option<Measured>>,
-    /// From where filament was counted.
+    /// Starts of the count of the filament.
     pub(super) counts: Vec<CountBefore>,
-    /// Amendments that the board has taken.
+    /// Number of amendments that the board has accepted.
     amendments: u32,
-    /// What the latest amendment has replaced.
+    /// The part of the job that the latest amendment has replaced.
     replaced: Option<Replaced>,
-    /// What the growth came to, if the log says so.
+    /// Result of the growth, if the log contains it.
     pub result: Option<GrowthResult>,
-    /// Layers whose lines are missing, in order: they were laid, and the log has lost what it knew of them.
+    /// Indices of the layers whose lines are missing, in order. They were laid, but the log has lost their data.
     pub lost: Vec<usize>,
-    /// What could not be read.
+    /// Parts that could not be read.
     pub damage: Damage,
-    /// Of a simulated tip: the layers as its plastic lies, perhaps one more than are laid. None where the log does not
-    /// say.
+    /// For a simulated tip: the layers as its plastic lies, perhaps one more than are laid. `None` for a layer whose
+    /// position is not in the log.
     simulated: Vec<Option<Layer>>,
-    /// The file, as errors call it.
+    /// Name of the file in error messages.
     file: String,
 }
 
-/// A robot as the header of a log names it.
+/// A robot in the header of a log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RobotId {
-    /// Its name.
+    /// Name of the robot.
     pub name: String,
-    /// Hash of its description.
+    /// Hash of the robot's description.
     pub hash: u64,
 }
 
 /// A count of the filament's encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct CountBefore {
-    /// Index of the layer before which it was taken.
+    /// Index of the layer before which the count was taken.
     pub layer: usize,
     /// The count.
     pub count: Count,
 }
 
-/// What an amendment has replaced.
+/// The part of a job that an amendment has replaced.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Replaced {
-    /// The job's name before.
+    /// Plan id before.
     plan_id: u64,
-    /// Layers of the job before.
+    /// Number of layers before.
     total: u32,
     /// Index of the first layer that was replaced.
     from: usize,
@@ -155,7 +155,7 @@ struct Replaced {
 }
 
 impl RunRecord {
-    /// Reads a log: all lines that are whole.
+    /// Reads all complete lines of a log.
     ///
     /// # Errors
     /// [`RunRecordError`].
@@ -163,7 +163,7 @@ impl RunRecord {
         Self::read(&read_bytes(path, LONGEST_LOG)?, &name_of(path))
     }
 
-    /// Reads the bytes of a log. `file` is what errors call it.
+    /// Reads the bytes of a log. `file` is its name in error messages.
     ///
     /// # Errors
     /// [`RunRecordError::Header`] or [`RunRecordError::Plan`].
@@ -190,38 +190,38 @@ impl RunRecord {
         Ok(record)
     }
 
-    /// The layers as the board's steps have built them: one of which nothing is known is as it was handed over.
+    /// Returns the layers as the board's steps have built them. An unknown layer is as it was sent.
     pub fn commanded(&self) -> impl Iterator<Item = LayerBytes> {
         as_built_or_commanded(&self.as_built, &self.layers)
     }
 
-    /// Layers laid of which nothing is known.
+    /// Returns the number of laid layers of which nothing is known.
     #[must_use]
     pub fn unknown(&self) -> usize {
         self.as_built.iter().filter(|layer| layer.is_none()).count()
     }
 
-    /// How the growth ended, if the log says so.
+    /// Returns the outcome of the growth. [`ResultOutcome::Unfinished`] if the log does not contain it.
     #[must_use]
     pub fn outcome(&self) -> ResultOutcome {
         self.result.as_ref().map_or(ResultOutcome::Unfinished, |result| result.outcome)
     }
 
-    /// By how much the board's clock was wrong, where it was stopped for that.
+    /// Returns the error of the board's clock, if the board was stopped for it.
     #[must_use]
     pub fn clock_drift(&self) -> Option<ClockDrift> {
         self.result.as_ref()?.clock_drift
     }
 
-    /// Whether the body was grown by a simulated robot.
+    /// Reports whether the body was grown by a simulated robot.
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         self.tip == RecordedTip::Simulated
     }
 
-    /// The layers as the plastic of a simulated tip lies, the one under way included. None of a robot, and none where
-    /// the log has layers and does not say of one where it lies. One of which it does not say is as the steps have
-    /// built it.
+    /// Returns the layers as the plastic of a simulated tip lies, including the one in progress. A layer whose position
+    /// is not in the log is as the steps have built it. `None` for a robot, or if the log has layers but no position of
+    /// any of them.
     #[must_use]
     pub fn simulated(&self) -> Option<Vec<Layer>> {
         let says = self.as_built.is_empty() || self.simulated.iter().any(Option::is_some);
@@ -237,7 +237,7 @@ impl RunRecord {
         })
     }
 
-    /// What is known of the body: where its plastic lies, or what the steps have made.
+    /// Returns the source of the body: the position of its plastic, or the steps.
     #[must_use]
     pub fn body_kind(&self) -> BodyKind {
         match (self.tip, self.simulated()) {
@@ -247,57 +247,59 @@ impl RunRecord {
         }
     }
 
-    /// Whether the log says where the plastic of the layer of this index lies.
+    /// Reports whether the log contains the position of the plastic of the layer of this index.
     #[must_use]
     pub fn says_where(&self, index: usize) -> bool {
         self.is_simulated() && self.simulated.get(index).is_some_and(Option::is_some)
     }
 
-    /// Layers laid of which the log of a simulated tip does not say where they are. The one under way is not laid.
+    /// Returns the number of laid layers of a simulated tip whose position is not in the log. The one in progress is
+    /// not laid.
     #[must_use]
     pub fn not_simulated(&self) -> usize {
         if self.is_simulated() { (0..self.as_built.len()).filter(|index| !self.says_where(*index)).count() } else { 0 }
     }
 
-    /// The layers as built up to the first whose line is lost: what a board need not tell again.
+    /// Returns the layers as built up to the first whose line is lost. The board need not report these again.
     #[must_use]
     pub fn known(&self) -> Vec<Option<LayerBytes>> {
         let end = self.lost.first().copied().unwrap_or(self.as_built.len());
         self.as_built.get(..end).unwrap_or(&self.as_built).to_vec()
     }
 
-    /// The frame that the body begins at; that of the base where the plan has no start.
+    /// Returns the frame at which the body begins. If the plan has no valid start, that is the frame of the base.
     #[must_use]
     pub(super) fn start_frame(&self) -> Frame {
         pose("start", &self.plan.start).map_or_else(|_| Frame::identity(), |start| start.frame())
     }
 
-    /// The robot of the run: as its log describes it or, failing that, the built-in one of its name.
+    /// Returns the robot of the run: the one described in the log, or else the built-in one of its name.
     ///
     /// # Errors
-    /// As [`PlanFile::own_robot`].
+    /// Like [`PlanFile::own_robot`].
     pub fn own_robot(&self) -> Result<Robot, PlanFileError> {
         self.plan.own_robot(&self.file)
     }
 
-    /// The plan, checked against its robot.
+    /// Returns the plan after checking it against its robot.
     ///
     /// # Errors
-    /// Whatever is wrong with it, or another robot.
+    /// Any fault of the plan, or another robot.
     pub fn plan(&self, robot: &Robot) -> Result<Plan, PlanFileError> {
         self.plan.check(robot).map_err(|fault| PlanFileError::Fault { file: self.file.clone(), fault })
     }
 
-    /// Where the body began and was to end.
+    /// Returns start and goal of the body.
     ///
     /// # Errors
-    /// Poses that are none.
+    /// If one of them is not a valid pose.
     pub fn start_and_goal(&self) -> Result<(Pose, Pose), PlanFileError> {
         let fault = |fault| PlanFileError::Fault { file: self.file.clone(), fault };
         Ok((pose("start", &self.plan.start).map_err(fault)?, pose("goal", &self.plan.goal.pose()).map_err(fault)?))
     }
 
-    /// The board stores this job: where it has refused the latest amendment, the job is as before.
+    /// Adapts the record to the job that the board stores. If the board has refused the latest amendment, the amendment
+    /// is reverted.
     pub fn is_stored_as(&mut self, plan_id: u64) {
         if self.replaced.as_ref().is_some_and(|before| before.plan_id == plan_id) {
             self.revert_amendment();
@@ -313,10 +315,10 @@ impl RunRecord {
         }
     }
 
-    /// The scene that the plan leads through, which lies beside the log or is given; none for a plan without.
+    /// Loads the scene of the plan, which is beside the log or given. `None` for a plan without a scene.
     ///
     /// # Errors
-    /// It is missing or has changed, or the plan is not clear of it.
+    /// If it is missing or has changed, or the plan is not clear of it.
     pub fn scene(&self, plan: &Plan, robot: &Robot, given: Option<&Path>) -> Result<Option<LoadedScene>, UnclearError> {
         let Some(written) = &self.plan.scene else { return Ok(None) };
         let beside = Path::new(&self.file).parent().unwrap_or(Path::new(""));
@@ -324,7 +326,8 @@ impl RunRecord {
         Ok(Some(loaded))
     }
 
-    /// The feedback as it stood when the log ended, which keeps off a scene from there on; none for a growth without.
+    /// Returns the feedback in its state at the end of the log. With `around`, it stays clear of a scene from there on.
+    /// `None` for a growth without feedback.
     #[must_use]
     pub fn feedback<'a>(
         &self,
@@ -335,7 +338,7 @@ impl RunRecord {
         self.fed_back(job, plan, around, |_| ())
     }
 
-    /// Where feedback took the tip to be after each layer; none for a growth without.
+    /// Returns the tip after each layer, as feedback estimated it. `None` for a growth without feedback.
     #[must_use]
     pub fn estimated(&self, job: &Job, plan: &Plan) -> Option<Vec<Frame>> {
         let mut path = Vec::with_capacity(self.as_built.len());
@@ -343,7 +346,7 @@ impl RunRecord {
         Some(path)
     }
 
-    /// The feedback of the whole log, which is looked at after each layer.
+    /// Replays the feedback of the whole log and calls `after_layer` after each layer.
     fn fed_back<'a>(
         &self,
         job: &Job<'a>,
@@ -397,7 +400,8 @@ impl RunRecord {
             RunEvent::Counting(count) => self.counts.push(CountBefore { layer: self.as_built.len(), count }),
             RunEvent::Amending(amendment) => self.amend(amendment),
             RunEvent::NotAmended { .. } => self.revert_amendment(),
-            // The job before the latest amendment had what that put there, and not what is handed over since.
+            // The job before the latest amendment had the layers that the amendment replaced, not those that were sent
+            // since.
             RunEvent::HandingOver { from, layers } => drop(self.replace(from as usize, layers)),
             RunEvent::Resumed(_) => self.result = None,
             RunEvent::End { result } => self.result = Some(*result),
@@ -415,14 +419,14 @@ impl RunRecord {
         }
     }
 
-    /// Replaces the layers from an index on; gives what was there.
+    /// Replaces the layers from an index on. Returns the previous ones.
     fn replace(&mut self, from: usize, layers: Vec<LayerBytes>) -> Option<Vec<LayerBytes>> {
         let before = (from <= self.layers.len()).then(|| self.layers.split_off(from))?;
         self.layers.extend(layers);
         Some(before)
     }
 
-    /// A layer was laid. Those before it whose lines are missing were laid too.
+    /// Records a laid layer. Layers before it whose lines are missing were laid too.
     fn laid(&mut self, laid: &LaidLayer) {
         let (index, next) = (laid.layer as usize, self.as_built.len());
         let measured = laid.measured.map(Measured::from);
@@ -439,14 +443,14 @@ impl RunRecord {
             self.as_built.push(laid.as_built);
             self.measured.push(measured);
         }
-        // Otherwise it is reported again after a resumption: the first report stands.
+        // Otherwise it is reported again after a resumption, and the first report stays valid.
     }
 
-    /// Where a layer of a simulated tip lies.
+    /// Records the position of a layer of a simulated tip.
     fn place(&mut self, placed: &SimulatedLayer) {
         let WrittenLayer { alpha_deg, height_mm, tilt_deg } = placed.numbers;
         let (index, tilt) = (placed.layer as usize, radians(tilt_deg));
-        // One more than there are layers may be under way.
+        // There may be one more layer in progress than the job has.
         let is_one = index <= self.layers.len().max(self.simulated.len());
         if is_one
             && (0.0..=MAX_HEIGHT).contains(&height_mm)
@@ -463,7 +467,7 @@ impl RunRecord {
     }
 }
 
-/// Why the first line of a log is no header that can be read: its format, its plan, or another field.
+/// Returns the error of a first line that is not a readable header: in its format, its plan, or another field.
 fn wrong_header(fields: &Value, file: &str) -> RunRecordError {
     let wrong = |reason: String| RunRecordError::Header { file: file.to_string(), reason };
     match fields.get("format").and_then(Value::as_str) {

@@ -1,4 +1,4 @@
-//! The result of a growth: the last line of a run log, and what `grow`, `resume` and `replay` print with `--json`.
+//! The result of a growth: the last line of a run log, and the output of `grow`, `resume` and `replay` with `--json`.
 
 use std::fmt;
 
@@ -17,72 +17,72 @@ use crate::growth::{Grown, MeasuredBy, Outcome, as_built_hash};
 use crate::plan::Plan;
 use crate::plan_file::WrittenTip;
 
-/// What a growth came to.
+/// Result of a growth.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GrowthResult {
-    /// How it ended.
+    /// Outcome of the growth.
     #[serde(deserialize_with = "outcome_or_unknown")]
     pub outcome: ResultOutcome,
-    /// Whether the robot was a simulated one.
+    /// True if the robot was simulated.
     #[serde(default)]
     pub simulated: bool,
-    /// Why it was refused or lost.
+    /// Reason of a refusal or of a lost connection.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
-    /// Code of the fault that ended it; null if none did.
+    /// Code of the fault that ended the growth. Null if none did.
     pub fault: Option<String>,
-    /// By how much the board's clock was wrong, where the growth was stopped for that.
+    /// Error of the board's clock, if the growth was stopped for it.
     #[serde(default, deserialize_with = "lenient")]
     pub clock_drift: Option<ClockDrift>,
-    /// Where the tip is. What was not grown is where it started.
+    /// Pose of the tip and its errors from the goal. If nothing was grown, the tip is at the start.
     #[serde(flatten)]
     pub arrival: Option<WrittenArrival>,
-    /// Layers of the body.
+    /// Number of layers of the body.
     #[serde(default)]
     pub layers: usize,
     /// Length of the body, mm.
     #[serde(default)]
     pub length_mm: f64,
-    /// Where all noise of a simulated robot comes from; null where there is none.
+    /// Seed of all noise of a simulated robot. Null if there is none.
     #[serde(default, deserialize_with = "lenient")]
     pub seed: Option<u64>,
-    /// What `final` is measured by; null where nothing was grown.
+    /// Source of `final`. Null if nothing was grown.
     #[serde(default, deserialize_with = "lenient")]
     pub measured_by: Option<MeasuredBy>,
-    /// What feedback came to; null without.
+    /// Result of the feedback. Null without feedback.
     #[serde(default, deserialize_with = "lenient")]
     pub feedback: Option<FeedbackResult>,
-    /// From the first layer to the last, s, by the board's clock; null where that is not known.
+    /// Time from the first layer to the last on the board's clock, s. Null if unknown.
     pub duration_s: Option<f64>,
-    /// Filament that was fed, mm; null where that is not known.
+    /// Filament that was fed, mm. Null if unknown.
     pub filament_mm: Option<f64>,
-    /// Hash of the layers, 16 hexadecimal digits: the job's name. Null where nothing was grown.
+    /// Plan id: the hash of the layers, 16 hexadecimal digits. Null if nothing was grown.
     #[serde(default, with = "super::hexadecimal::hash_or_none")]
     #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub plan_id: Option<u64>,
-    /// Hash of the layers as built, 16 hexadecimal digits; null where nothing was grown.
+    /// Hash of the layers as built, 16 hexadecimal digits. Null if nothing was grown.
     #[serde(default, with = "super::hexadecimal::hash_or_none")]
     #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub as_built_hash: Option<u64>,
-    /// Layers of which nothing is known: they count as planned.
+    /// Number of layers of which nothing is known. They count as planned.
     #[serde(default)]
     pub unknown_layers: usize,
-    /// The layer that was interrupted; null if none was.
+    /// The interrupted layer. Null if none was.
     #[serde(default, deserialize_with = "lenient")]
     pub interrupted: Option<InterruptedLayer>,
-    /// Of `replay`, on a simulated robot: where the tip would be if its plastic lay as commanded.
+    /// In the output of `replay` on a simulated robot: the arrival if its plastic lay as commanded.
     #[serde(default, deserialize_with = "lenient")]
     pub commanded: Option<WrittenArrival>,
-    /// Of `replay`: lines of the log that could not be read.
+    /// In the output of `replay`: number of lines of the log that could not be read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub skipped_lines: Option<usize>,
-    /// Lines that are missing in the log, because it could not be written.
+    /// Number of lines that are missing in the log because it could not be written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub log_lines_missing: Option<usize>,
 }
 
-/// How a growth ended.
+/// Outcome of a growth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -95,28 +95,28 @@ pub enum ResultOutcome {
     ClockDrift,
     /// A fault switched everything off.
     Fault,
-    /// A long pause has switched the heater off; it can be resumed.
+    /// A long pause has switched the heater off. The body can be resumed.
     Parked,
-    /// The board has started anew, or another host has it; it can be resumed.
+    /// The board has restarted, or another host has taken it. The body can be resumed.
     Interrupted,
-    /// The board does not answer: it may still be growing.
+    /// The board does not respond. It may still be growing.
     Lost,
-    /// It did not begin.
+    /// The growth did not begin.
     Refused,
-    /// Of `replay`: the log has no end.
+    /// In the output of `replay`: the log has no end.
     Unfinished,
-    /// Of a log: an outcome of another version.
+    /// In a log: an outcome of another version.
     Unknown,
 }
 
-/// An outcome of another version is unknown.
+/// Deserializes an outcome. An outcome of another version becomes `Unknown`.
 fn outcome_or_unknown<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ResultOutcome, D::Error> {
     let outcome = Value::deserialize(deserializer)?;
     Ok(serde_json::from_value(outcome).unwrap_or(ResultOutcome::Unknown))
 }
 
 impl ResultOutcome {
-    /// In a word.
+    /// Returns the name in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -154,18 +154,18 @@ impl From<&Outcome> for ResultOutcome {
     }
 }
 
-/// Where a tip is, and how far that is from the goal.
+/// Pose of a tip, and its errors from the goal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WrittenArrival {
-    /// Where the tip is.
+    /// Pose of the tip.
     #[serde(rename = "final")]
     pub final_pose: WrittenTip,
     /// Distance from the goal, mm.
     pub position_error_mm: f64,
-    /// That, over the length of the planned path; 0 for a path of no length.
+    /// Distance from the goal over the length of the planned path. 0 if the path has no length.
     pub normalized_position_error: f64,
-    /// Difference of the headings, degrees; null where the tip or its target is vertical.
+    /// Difference of the headings, degrees. Null if the tip or its goal is vertical.
     pub heading_error_deg: Option<f64>,
     /// Difference of the pitches, degrees.
     pub pitch_error_deg: f64,
@@ -186,13 +186,13 @@ impl From<&Arrival> for WrittenArrival {
     }
 }
 
-/// What feedback came to.
+/// Result of the feedback.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FeedbackResult {
-    /// How often the job was amended.
+    /// Number of amendments of the job.
     pub amendments: u32,
-    /// The estimate of the tip's pose.
+    /// Estimated pose of the tip.
     pub estimate: WrittenTip,
     /// Distance of the estimate from the goal, mm.
     pub estimated_position_error_mm: f64,
@@ -204,14 +204,14 @@ pub struct FeedbackResult {
     pub direction_sd_deg: f64,
     /// Estimated systematic error of the growth, percent.
     pub growth_bias_percent: f64,
-    /// On a simulated robot: distance of the estimate from the tip, mm.
+    /// For a simulated robot: distance of the estimate from the tip, mm.
     pub estimate_error_mm: Option<f64>,
-    /// On a simulated robot: angle between the directions of the estimate and the tip, degrees.
+    /// For a simulated robot: angle between the directions of the estimate and the tip, degrees.
     pub estimate_direction_error_deg: Option<f64>,
 }
 
 impl FeedbackResult {
-    /// What feedback came to on the way to a plan's goal. `truth` is where the tip is, where that is known.
+    /// Creates the result of the feedback on the way to a plan's goal. `truth` is the true tip, if known.
     #[must_use]
     pub fn new(fed_back: &FedBack, plan: &Plan, truth: Option<&Arrival>) -> Self {
         let FedBack { amendments, estimate } = fed_back;
@@ -231,20 +231,20 @@ impl FeedbackResult {
     }
 }
 
-/// How much of a layer's turn was made when it was interrupted: between these two, as shares of the turn.
+/// An interrupted layer, with bounds of the completed fraction of its turn.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct InterruptedLayer {
-    /// The layer's index, from 0.
+    /// Index of the layer, from 0.
     pub layer: usize,
-    /// The smallest share that may have been made.
+    /// Minimum fraction that was completed.
     pub min: f64,
-    /// The largest; 1 where nothing is known.
+    /// Maximum fraction that was completed. 1 if nothing is known.
     pub max: f64,
 }
 
 impl InterruptedLayer {
-    /// Of the layer of this index.
+    /// Creates the bounds for the layer of this index.
     #[must_use]
     pub fn new(layer: usize, interrupted: message::InterruptedLayer) -> Self {
         let share = |sectors: u8| f64::from(sectors) / SECTORS as f64;
@@ -253,7 +253,7 @@ impl InterruptedLayer {
 }
 
 impl GrowthResult {
-    /// Of a growth that has not begun, or of which nothing is known.
+    /// Creates the result of a growth that has not begun, or of which nothing is known.
     #[must_use]
     pub fn nothing_grown(outcome: ResultOutcome, plan: &Plan, seed: Option<u64>, simulated: bool) -> Self {
         let arrival = Arrival::of(&plan.start.frame(), &plan.goal, length(&plan.path));
@@ -281,7 +281,7 @@ impl GrowthResult {
         }
     }
 
-    /// Of a growth that has ended.
+    /// Creates the result of a growth that has ended.
     #[must_use]
     pub fn new(grown: &Grown, plan: &Plan, seed: Option<u64>, simulated: bool) -> Self {
         let truth = (grown.measured_by == MeasuredBy::Tip).then_some(&grown.arrival);

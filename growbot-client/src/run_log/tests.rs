@@ -18,12 +18,12 @@ use crate::plan::Search;
 use crate::plan_file::written_hash;
 use time::format_description::well_known::Rfc3339;
 
-/// A log of three layers of a robot with feedback, and lines after its header.
+/// Returns a log of three layers of a robot with feedback, with these lines after its header.
 fn log(lines: &[Value]) -> Vec<u8> {
     log_from("tcp:robot:1".into(), lines)
 }
 
-/// As [`log`], of a growth there.
+/// Like [`log`], but with the origin of the growth.
 fn log_from(origin: Origin, lines: &[Value]) -> Vec<u8> {
     let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
@@ -39,7 +39,7 @@ fn log_from(origin: Origin, lines: &[Value]) -> Vec<u8> {
     log
 }
 
-/// The result of a growth of which only the outcome is known.
+/// Returns the result of a growth of which only the outcome is known.
 fn done() -> GrowthResult {
     serde_json::from_value(json!({ "outcome": "done" })).unwrap()
 }
@@ -65,7 +65,7 @@ fn amendments_are_read_back_and_those_that_the_board_did_not_take_are_none() {
     assert_eq!(record.measured[1], Some(Measured::default()));
     let count = Count { boot_id: 5, laid: 0, filament_pulses: Some(3) };
     assert_eq!(record.counts, [CountBefore { layer: 0, count }]);
-    // The board has taken the latest one, or it has not.
+    // The board has or has not accepted the latest amendment.
     record.is_stored_as(9);
     assert_eq!(record.plan_id, 9);
     record.is_stored_as(7);
@@ -83,7 +83,7 @@ fn a_log_without_feedback_has_none() {
     assert_eq!(RunRecord::read(&bytes, "log").unwrap().feedback, None);
 }
 
-/// A disk that is full from a number of bytes on, until somebody makes room.
+/// A disk that is full from a number of bytes on, until space is freed.
 #[derive(Clone, Default)]
 struct Disk(Rc<RefCell<(Vec<u8>, usize)>>);
 
@@ -122,7 +122,7 @@ fn laid(index: u32) -> JobEvent {
     JobEvent::Laid { index, as_built: Some([index as u8 + 1; 12]), measured: None }
 }
 
-/// A log of three layers that ends with the header.
+/// Returns a log of three layers that ends with the header.
 fn header_of_three() -> Vec<u8> {
     log(&[])
 }
@@ -196,7 +196,7 @@ fn a_layer_whose_line_is_spoilt_is_lost_and_those_after_it_are_not() {
     assert_eq!((&damaged.lost[..], damaged.known()), (&[1][..], vec![Some([1; 12])]));
     assert_eq!(damaged.damage, Damage { lines: 1, first: 3, cut_off: 0 });
     assert_eq!(damaged.commanded().count(), 3);
-    // A board that tells it again mends that.
+    // A repeated report of the board fills the gap.
     bytes.extend(line(1).bytes());
     let mended = RunRecord::read(&bytes, "run").unwrap();
     assert_eq!(mended.as_built, [Some([1; 12]), Some([2; 12]), Some([3; 12])]);
@@ -218,7 +218,7 @@ fn a_log_is_resumed_without_losing_a_byte() {
         assert!(after.starts_with(&before), "{end:?}");
         let record = RunRecord::open(&path).unwrap();
         assert_eq!((record.as_built.len(), record.lost.len()), (2, 0), "{end:?}");
-        // A log of another growth is not this one's to take away.
+        // A log of another growth must not be deleted.
         log.discard();
         assert!(path.exists());
     }
@@ -284,7 +284,7 @@ fn whose_tip_it_was_is_what_the_header_says_and_nothing_else() {
     let lies = |layer: u32| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": 0.7, "tilt_deg": 0.0 });
     let read = |origin, lines: &[Value]| RunRecord::read(&log_from(origin, lines), "run").unwrap();
     let known = |record: &RunRecord| (record.tip, record.body_kind(), record.simulated().map(|layers| layers.len()));
-    // It stopped before its first layer; its lines on plastic are missing; they are there.
+    // Three cases: the growth stopped before its first layer; its lines on plastic are missing; its lines are present.
     for (lines, kind, layers) in [
         (&[][..], BodyKind::Laid, Some(0)),
         (&[told(0)], BodyKind::Commanded, None),

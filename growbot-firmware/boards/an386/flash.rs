@@ -1,4 +1,4 @@
-//! Flash of the emulated board: words of the memory that it shares with the desktop, which survive its resets.
+//! Flash of the emulated board: words of the memory that it shares with the desktop. They survive its resets.
 
 use embedded_storage::nor_flash::NorFlashErrorKind;
 use growbot_firmware::emulated_tip as table;
@@ -15,7 +15,7 @@ pub struct SharedWords {
 }
 
 impl SharedWords {
-    /// The flash of the robot's description, and the journal's. Call it once.
+    /// Returns the flash of the robot's description, and the journal's. Call it once.
     pub fn parts() -> [PartOfFlash; 2] {
         [table::DESCRIPTION, table::JOURNAL].map(|start| ByWords(Self { start }))
     }

@@ -1,4 +1,5 @@
-//! How much of the stack was ever used. Start-up paints all of it; what is still painted was not.
+//! Measurement of the stack that was ever used. Start-up paints the whole stack, and words that still have the paint
+//! were never used.
 
 use core::hint::black_box;
 
@@ -9,18 +10,19 @@ use crate::image::stack;
 use crate::registers::Register;
 use crate::tip;
 
-/// Words that are looked at in one round of the main loop.
+/// Number of words that are checked in one round of the main loop.
 const AT_ONCE: usize = 64;
 
-/// Looks from the bottom of the stack upwards for the first word that was used, a little in each round.
+/// Searches the stack from the bottom upwards for the first used word, some words in each round.
 #[derive(Default)]
 pub struct HighWater {
-    /// Words of paint found so far.
+    /// Number of words of paint found so far.
     painted: usize,
 }
 
 impl HighWater {
-    /// Looks on, and tells the host whenever the end of the paint is found.
+    /// Continues the search, and reports the result to the host whenever the end of the paint is found. Also crashes if
+    /// the host requests it.
     pub fn look(&mut self) {
         if tip::wants_overflow() {
             black_box(overflow(0));
@@ -34,7 +36,7 @@ impl HighWater {
             _ => {}
         }
         for _ in 0..AT_ONCE {
-            // SAFETY: a word of the stack: the paint ends below where the stack pointer is. It is only read.
+            // SAFETY: a word of the stack, which is only read. The paint ends below the stack pointer.
             if unsafe { Register::at(stack::bottom() + 4 * self.painted) }.read() != STACK_PAINT_VALUE {
                 tip::publish_unused_stack(4 * self.painted as u32);
                 self.painted = 0;
@@ -45,7 +47,7 @@ impl HighWater {
     }
 }
 
-/// Calls itself without end, each time with a frame of its own.
+/// Calls itself without end, each time with a new stack frame.
 #[expect(unconditional_recursion, reason = "it is to overflow the stack")]
 #[inline(never)]
 fn overflow(depth: u32) -> u32 {
@@ -53,7 +55,7 @@ fn overflow(depth: u32) -> u32 {
     overflow(black_box(depth + 1)) ^ black_box(frame)[0]
 }
 
-/// Runs an instruction that the processor does not know.
+/// Executes an instruction that the processor does not have.
 #[inline(never)]
 fn undefined_instruction() {
     cortex_m::asm::udf();
@@ -62,11 +64,11 @@ fn undefined_instruction() {
 /// Reads from an address without memory.
 #[inline(never)]
 fn access_in_vain() -> u32 {
-    // SAFETY: nothing is there: the processor faults, which is what is wanted.
+    // SAFETY: the address has no memory, so that the processor faults, as intended.
     unsafe { Register::at(table::NOWHERE) }.read()
 }
 
-/// Hangs, so that the watchdog expires.
+/// Hangs until the watchdog expires.
 #[inline(never)]
 fn hang() {
     loop {

@@ -1,39 +1,39 @@
-//! A value that belongs to one interrupt handler.
+//! A value that one interrupt handler owns.
 
 use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicBool, Ordering};
 
-/// `main` fills it once. From then on a single interrupt handler uses it, without a lock.
+/// Cell that `main` fills once. From then on a single interrupt handler uses the value, without a lock.
 pub struct InterruptOwned<T> {
     given: AtomicBool,
     value: UnsafeCell<Option<T>>,
 }
 
-// SAFETY: only `give` and `with` reach the value. `give` does so before `given` is true. `with` does so after, and its
-// caller promises that one handler calls it. So there is never more than one access at a time.
+// SAFETY: only `give` and `with` access the value. `give` does so before `given` is true. `with` does so after that,
+// and its caller guarantees that only one handler calls it. There is therefore never more than one access at a time.
 unsafe impl<T: Send> Sync for InterruptOwned<T> {}
 
 impl<T> InterruptOwned<T> {
-    /// Nothing yet.
+    /// Creates an empty cell.
     pub const fn empty() -> Self {
         InterruptOwned { given: AtomicBool::new(false), value: UnsafeCell::new(None) }
     }
 
-    /// Hands the value over to the handler. Called by `main`; a second value is dropped.
+    /// Hands the value over to the handler. `main` calls this. A second value is dropped.
     pub fn give(&self, value: T) {
         if self.given.load(Ordering::Acquire) {
             return;
         }
-        // SAFETY: `main` is the only caller and the handler doesn't look before `given` is true.
+        // SAFETY: `main` is the only caller, and the handler does not access the value before `given` is true.
         unsafe { *self.value.get() = Some(value) };
         self.given.store(true, Ordering::Release);
     }
 
-    /// Uses the value, once it is there.
+    /// Passes the value to `use_it`, once there is one.
     ///
     /// # Safety
     ///
-    /// Called by one interrupt handler only, and not again from within `use_it`.
+    /// Only one interrupt handler may call this, and not again from within `use_it`.
     pub unsafe fn with(&self, use_it: impl FnOnce(&mut T)) {
         if !self.given.load(Ordering::Acquire) {
             return;

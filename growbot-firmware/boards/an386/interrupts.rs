@@ -22,21 +22,22 @@ unsafe impl InterruptNumber for Interrupt {
     }
 }
 
-/// Steps go before bytes: a late byte waits in the UART, a late step is a fault in the printed layer.
+/// Priorities of the interrupts. Steps have priority over bytes: a late byte waits in the UART, but a late step is a
+/// fault in the printed layer.
 const PRIORITIES: [(Interrupt, u8); 3] =
     [(Interrupt::StepTick, 0x20), (Interrupt::UartReceive, 0x40), (Interrupt::UartTransmit, 0x60)];
 
-/// Enables the interrupts. Everything that their handlers use must be in place.
+/// Enables the interrupts. All data that their handlers use must be initialised.
 pub fn start(nvic: &mut NVIC) {
     for (interrupt, priority) in PRIORITIES {
-        // SAFETY: no code here is protected by a priority mask that this could undercut.
+        // SAFETY: no code here depends on a priority mask that this could weaken.
         unsafe { nvic.set_priority(interrupt, priority) };
-        // SAFETY: the caller has put in place what the handlers use, and is in no critical section.
+        // SAFETY: the caller has initialised the data of the handlers, and is in no critical section.
         unsafe { NVIC::unmask(interrupt) };
     }
 }
 
-/// Pends an interrupt: its handler runs as soon as its priority allows.
+/// Pends an interrupt. Its handler runs as soon as its priority allows.
 pub fn pend(interrupt: Interrupt) {
     NVIC::pend(interrupt);
 }

@@ -1,8 +1,8 @@
 //! growbot on QEMU's mps2-an386, a Cortex-M4F at 25 MHz: the emulated robot.
 //!
-//! The controller is the robot's own; its pins and sensors are words of memory that the desktop maps (see
-//! `growbot_firmware::emulated_tip`). Interrupts step the motors and move the bytes of the link; the main loop does the
-//! rest.
+//! The controller is the robot's own. Its pins and sensors are words of memory that the desktop maps (see
+//! `growbot_firmware::emulated_tip`). Interrupts step the motors and move the bytes of the link. The main loop does
+//! everything else.
 
 #![no_std]
 #![no_main]
@@ -44,7 +44,7 @@ const CLOCK_HZ: u32 = 25_000_000;
 
 defmt::timestamp!("{=u64:us}", step_timer::now_us());
 
-/// Where the controller and the step interrupt meet.
+/// Handover between the controller and the step interrupt.
 static HANDOVER: Handover = Handover::new();
 
 /// The parts of this board.
@@ -73,8 +73,8 @@ fn main() -> ! {
     run(&uart, controller)
 }
 
-/// What the board does for ever.
-#[inline(never)] // So that its room on the stack is not taken while everything is started.
+/// Runs the main loop, which never ends.
+#[inline(never)] // Its stack frame must not exist during the start-up.
 fn run(uart: &Uart, controller: &mut Controller<An386>) -> ! {
     let mut logged = controller.state();
     let mut high_water = HighWater::default();
@@ -98,13 +98,13 @@ fn run(uart: &Uart, controller: &mut Controller<An386>) -> ! {
             let fault = controller.fault().map_or("none", |fault| fault.code());
             defmt::info!("{=str}, fault {=str}", logged.name(), fault);
         }
-        // The next step tick ends it at the latest.
+        // The next step tick ends the wait at the latest.
         cortex_m::asm::wfi();
     }
 }
 
-/// Starts everything.
-#[inline(never)] // Its room on the stack is not needed for longer.
+/// Initialises the board.
+#[inline(never)] // Its stack frame is needed only during the start-up.
 fn set_up() -> (Uart, &'static mut Controller<An386>) {
     let tip = Tip::start(reset::read_and_clear_cause);
     let watchdog = watchdog::start(CLOCK_HZ);
@@ -114,7 +114,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
     let (Some(mut core), Some(store), Some(retained), Ok(Machine { robot, configured })) =
         (cortex_m::Peripherals::take(), store, RetainedRam::take(), find_machine(&mut descriptions))
     else {
-        // `main` runs once and the built-in robot was checked when it was built, so all of them are there.
+        // This is unreachable: `main` runs once, and the built-in robot was checked by the build.
         cortex_m::peripheral::SCB::sys_reset()
     };
 
@@ -158,7 +158,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
         descriptions,
         store,
     };
-    // Not on the stack, which planning needs.
+    // The controller is not on the stack, because planning needs the stack.
     let Some(controller) =
         cortex_m::singleton!(: Controller<An386> = Controller::new(robot, identity, parts, &HANDOVER))
     else {
@@ -167,7 +167,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
     (uart, controller)
 }
 
-/// Facts about this start.
+/// Returns the facts about this start.
 fn identity() -> Identity {
     Identity {
         boot_id: tip::boot_id(),
@@ -185,9 +185,9 @@ fn decode_for_board(bytes: &[u8]) -> Result<Robot, RobotError> {
     Ok(robot)
 }
 
-/// The robot of the board's flash; without one, that whose description the desktop has put into the tip's memory; else
-/// that which the firmware was built for.
-#[inline(never)] // As above.
+/// Returns the robot in the board's flash. Without one it returns the robot whose description the desktop has put into
+/// the tip's memory, and otherwise the robot that the firmware was built for.
+#[inline(never)] // Its stack frame is needed only during the start-up.
 fn find_machine(descriptions: &mut Descriptions<PartOfFlash>) -> Result<Machine, RobotError> {
     let mut bytes = [0; growbot_core::robot::LONGEST_ENCODED];
     let length = tip::copy_machine_description(&mut bytes);

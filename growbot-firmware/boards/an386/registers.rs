@@ -1,28 +1,29 @@
-//! One 32-bit word of a peripheral or of the emulated tip.
+//! A 32-bit word of a peripheral or of the emulated tip.
 
-/// A word that is always read and written whole, in the order of the program.
+/// A word that is always read and written as a whole, in the order of the program.
 #[derive(Clone, Copy)]
 pub struct Register(*mut u32);
 
 impl Register {
-    /// The word at an address.
+    /// Returns the word at an address.
     ///
     /// # Safety
     ///
-    /// The address is a multiple of 4, and reading or writing it, at any time, touches nothing that Rust code owns.
+    /// The address must be a multiple of 4. Reading or writing it at any time must not affect memory that Rust code
+    /// owns.
     pub const unsafe fn at(address: usize) -> Self {
         Register(address as *mut u32)
     }
 
     /// Reads the word.
     pub fn read(self) -> u32 {
-        // SAFETY: the caller of `at` has promised that the address may be read at any time.
+        // SAFETY: the caller of `at` guarantees that the address may be read at any time.
         unsafe { self.0.read_volatile() }
     }
 
     /// Writes the word.
     pub fn write(self, value: u32) {
-        // SAFETY: the caller of `at` has promised that the address may be written at any time.
+        // SAFETY: the caller of `at` guarantees that the address may be written at any time.
         unsafe { self.0.write_volatile(value) }
     }
 }

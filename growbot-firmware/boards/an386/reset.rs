@@ -1,4 +1,4 @@
-//! Ways to an orderly end: each first makes the tip safe, then leaves a note for the next boot, then resets.
+//! Orderly resets. Each makes the tip safe first, then stores a note for the next boot, then resets.
 
 use core::arch::naked_asm;
 use core::mem::MaybeUninit;
@@ -11,26 +11,26 @@ use crate::image::crash::{self, Moment};
 use crate::registers::Register;
 use crate::tip;
 
-/// Survives a reset: nothing loads or clears this section.
+/// Note that survives a reset: no code loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_note")]
 static NOTE: NoteCell = NoteCell(core::cell::UnsafeCell::new(MaybeUninit::uninit()));
 
 struct NoteCell(core::cell::UnsafeCell<MaybeUninit<u32>>);
 
-// SAFETY: only reached through `note`, which reads and writes it whole.
+// SAFETY: accessed only through `note`, which reads and writes it as a whole.
 unsafe impl Sync for NoteCell {}
 
-/// Makes a note that is there by chance unlikely; the low byte is a `RESET_*` of the tip's table.
+/// Mark of a valid note, which random memory is unlikely to contain. The low byte is a `RESET_*` of `emulated_tip`.
 const NOTE_MARK: u32 = 0x6E0F_E500;
 const FAULTED: u32 = emulated_tip::RESET_FAULT;
 const OVERFLOWED: u32 = emulated_tip::RESET_STACK_OVERFLOW;
 
 fn note() -> Register {
-    // SAFETY: an aligned word that nothing but this file's reads and writes reaches.
+    // SAFETY: an aligned word that only the reads and writes of this file access.
     unsafe { Register::at(NOTE.0.get() as usize) }
 }
 
-/// Why the board started, as a `RESET_*` of the tip's table. Call it once: it clears the note.
+/// Returns the cause of the board's start, as a `RESET_*` of `emulated_tip`. Call it once, because it clears the note.
 pub fn read_and_clear_cause(first_boot: bool) -> u32 {
     let left = note().read();
     note().write(0);
@@ -43,7 +43,7 @@ pub fn read_and_clear_cause(first_boot: bool) -> u32 {
     }
 }
 
-/// A `RESET_*` of the tip's table as the link names it.
+/// Converts a `RESET_*` of `emulated_tip` to the cause in the link's messages.
 pub fn named(cause: u32) -> ResetCause {
     match cause {
         emulated_tip::RESET_POWER_ON => ResetCause::PowerOn,
@@ -54,24 +54,25 @@ pub fn named(cause: u32) -> ResetCause {
     }
 }
 
-/// The stack is full, or the processor faulted for another reason.
+/// Ends the program after a stack overflow or another fault of the processor.
 pub fn on_crash(cause: ResetCause, moment: &Moment) -> ! {
     cortex_m::interrupt::disable();
     tip::make_safe();
-    // First what is surest to succeed.
+    // The step that is most certain to succeed comes first.
     note().write(NOTE_MARK | if cause == ResetCause::StackOverflow { OVERFLOWED } else { FAULTED });
     crash::retain(cause, tip::boot_id(), moment);
     SCB::sys_reset()
 }
 
-/// The watchdog's first expiry.
+/// Handler of the watchdog's first expiry.
 #[unsafe(naked)]
 #[unsafe(export_name = "NonMaskableInt")]
 extern "C" fn non_maskable() -> ! {
     naked_asm!("mrs r0, msp", "mov r1, lr", "b {on_expiry}", on_expiry = sym on_expiry)
 }
 
-/// It is left pending, so that the second expiry resets the board even if this could not.
+/// Makes the tip safe and resets the board. The interrupt stays pending, so that the second expiry resets the board
+/// even if this function could not.
 extern "C" fn on_expiry(stack_pointer: usize, exc_return: u32) -> ! {
     tip::make_safe();
     note().write(NOTE_MARK | emulated_tip::RESET_WATCHDOG);

@@ -23,7 +23,7 @@ const INTERRUPT_CLEAR: Register = unsafe { Register::at(BASE + 0x0C) };
 const CONTROL_ENABLE: u32 = 1 << 0;
 const CONTROL_INTERRUPT: u32 = 1 << 3;
 
-/// What runs in the step interrupt.
+/// The engine that runs in the step interrupt.
 pub type StepEngine = Engine<Step, Wire, Switch, Step, Wire, Switch, Polarized<IndexSensor>, Encoder, Flag, TipOutputs>;
 
 static ENGINE: InterruptOwned<StepEngine> = InterruptOwned::empty();
@@ -33,7 +33,7 @@ static TICKS_HI: AtomicU32 = AtomicU32::new(0);
 
 static TICK_HZ: AtomicU32 = AtomicU32::new(1);
 
-/// Starts the ticks, which come once the interrupts are enabled. [`growbot_core::robot::Robot::check_for_board`] has
+/// Starts the ticks, which begin once the interrupts are enabled. [`growbot_core::robot::Robot::check_for_board`] has
 /// checked the rate.
 pub fn start(engine: StepEngine, tick_hz: u32, clock_hz: u32) {
     ENGINE.give(engine);
@@ -45,12 +45,12 @@ pub fn start(engine: StepEngine, tick_hz: u32, clock_hz: u32) {
     CONTROL.write(CONTROL_ENABLE | CONTROL_INTERRUPT);
 }
 
-/// The step interrupt.
+/// Handles the step interrupt.
 pub fn on_tick() {
     INTERRUPT_CLEAR.write(1);
     let low = TICKS_LO.load(Ordering::Relaxed).wrapping_add(1);
     let high = TICKS_HI.load(Ordering::Relaxed).wrapping_add(u32::from(low == 0));
-    // High before low: `ticks` reads them the other way round and so notices a carry.
+    // The high word is stored before the low one. `ticks` reads them in the reverse order and so detects a carry.
     TICKS_HI.store(high, Ordering::Release);
     TICKS_LO.store(low, Ordering::Release);
     tip::publish_tick(low, high);
@@ -58,7 +58,7 @@ pub fn on_tick() {
     unsafe { ENGINE.with(|engine| engine.tick(&HANDOVER)) };
 }
 
-/// Ticks since the board started.
+/// Returns the ticks since the board started.
 fn ticks() -> u64 {
     loop {
         let high = TICKS_HI.load(Ordering::Acquire);
@@ -69,13 +69,14 @@ fn ticks() -> u64 {
     }
 }
 
-/// Microseconds since the board started. They count step ticks, so that an emulator which falls behind slows down steps
-/// and time alike.
+/// Returns the microseconds since the board started. They count step ticks, so that an emulator that falls behind slows
+/// down steps and time alike.
 pub fn now_us() -> u64 {
     microseconds(ticks(), TICK_HZ.load(Ordering::Relaxed))
 }
 
-/// Whole seconds apart, so that nothing overflows in the life of a board.
+/// Converts ticks to microseconds. Whole seconds are computed separately, so that nothing overflows in the life of a
+/// board.
 fn microseconds(ticks: u64, tick_hz: u32) -> u64 {
     let hz = u64::from(tick_hz.max(1));
     (ticks / hz) * 1_000_000 + (ticks % hz) * 1_000_000 / hz

@@ -10,11 +10,10 @@ use growbot_firmware::hal::{Adc, Orientation, Outputs};
 
 use crate::registers::Register;
 
-/// The word at a byte offset. An offset that is no word of the memory falls onto one that is.
+/// Returns the word at a byte offset. An offset outside of the memory is mapped to a word inside.
 pub fn word(offset: usize) -> Register {
     let inside = offset & (table::SIZE - 4);
-    // SAFETY: aligned and inside the expansion RAM, which no linker region covers, so that Rust code owns nothing
-    // there.
+    // SAFETY: aligned and inside the expansion RAM. No linker region covers it, so that Rust code owns nothing there.
     unsafe { Register::at(table::ADDRESS + inside) }
 }
 
@@ -22,48 +21,48 @@ fn count(offset: usize) {
     word(offset).write(word(offset).read().wrapping_add(1));
 }
 
-/// Everything the firmware can drive or read, each thing once.
+/// All outputs and inputs of the tip, each once.
 pub struct Tip {
     /// STEP of the head.
     pub head_step: Step,
     /// DIR of the head.
     pub head_direction: Wire,
-    /// High: the head's driver is energised.
+    /// Enable of the head's driver. High energises it.
     pub head_enable: Switch,
     /// STEP of the feed.
     pub feed_step: Step,
     /// DIR of the feed.
     pub feed_direction: Wire,
-    /// High: the feed's driver is energised.
+    /// Enable of the feed's driver. High energises it.
     pub feed_enable: Switch,
-    /// Heater power.
+    /// Power of the heater.
     pub heater: Power,
-    /// High: the second switch in the heater's supply is closed.
+    /// Second switch in the heater's supply. High closes it.
     pub heater_enable: Switch,
-    /// Heater temperature.
+    /// Temperature of the heater.
     pub thermistor: TipAdc,
-    /// Low: the head is on its index mark.
+    /// Index sensor. Low if the head is on its mark.
     pub index: IndexSensor,
-    /// The fan that cools what is printed.
+    /// Fan that cools the print.
     pub fan: Power,
     /// Voltage of the supply.
     pub supply: TipAdc,
-    /// High: there is filament.
+    /// Presence of filament. High if it is present.
     pub filament_presence: Flag,
-    /// Rises with each pulse's length of filament.
+    /// Encoder of the filament. It rises once for each pulse's length of filament.
     pub filament_motion: Encoder,
-    /// High: a stepper driver reports a fault.
+    /// Fault signal. High if a stepper driver reports a fault.
     pub driver_fault: Flag,
-    /// High: the emergency stop is pressed.
+    /// Emergency stop. High if it is pressed.
     pub emergency_stop: Flag,
-    /// The tip's orientation.
+    /// Orientation of the tip.
     pub orientation: OrientationSensor,
 }
 
 impl Tip {
-    /// Writes the board's words for a new boot, all outputs off, and hands out the pins. Call it once.
+    /// Writes the board's words for a new boot, with all outputs off, and returns the pins. Call it once.
     ///
-    /// `cause` gets whether this is the first boot on this memory, and returns why the board started.
+    /// `cause` is called with `true` on the first boot on this memory, and returns the cause of the start.
     pub fn start(cause: impl FnOnce(bool) -> u32) -> Self {
         let first_boot =
             word(table::MAGIC).read() != table::MAGIC_VALUE || word(table::VERSION).read() != table::VERSION_VALUE;
@@ -123,26 +122,26 @@ impl Outputs for TipOutputs {
     }
 }
 
-/// Heater, fan and both drivers off, now, from any context.
+/// Switches heater, fan and both drivers off at once, from any context.
 pub fn make_safe() {
     for output in [table::HEATER_ENABLE, table::HEATER_DUTY, table::HEAD_ENABLE, table::FEED_ENABLE, table::FAN_DUTY] {
         word(output).write(0);
     }
 }
 
-/// Why this boot began, a `RESET_*` of the table.
+/// Returns the cause of this boot, a `RESET_*` of `emulated_tip`.
 pub fn reset_cause() -> u32 {
     word(table::RESET_CAUSE).read()
 }
 
-/// A number that no other boot of any run has, as far as the host's entropy goes.
+/// Returns a number that differs from that of all other boots, as far as the host's entropy does.
 pub fn boot_id() -> u32 {
     // An odd factor spreads the small boot counter over all bits and keeps it one-to-one.
     word(table::ENTROPY).read() ^ word(table::BOOTS).read().wrapping_mul(0x9E37_79B1)
 }
 
-/// Copies the machine description that the host has put there and says how long it is: 0 for none, and for one that
-/// doesn't fit.
+/// Copies the machine description that the host has written, and returns its length. It is 0 without a description, and
+/// for one that does not fit.
 pub fn copy_machine_description(into: &mut [u8]) -> usize {
     let length = word(table::MACHINE_LENGTH).read() as usize;
     if length > table::MACHINE_CAPACITY || length > into.len() {
@@ -157,12 +156,12 @@ pub fn copy_machine_description(into: &mut [u8]) -> usize {
     length
 }
 
-/// Tells the host the tick rate.
+/// Reports the tick rate to the host.
 pub fn set_tick_hz(tick_hz: u32) {
     word(table::TICK_HZ).write(tick_hz);
 }
 
-/// Tells the host the time, and adds up the heat of the tick that has just passed. Called by the step interrupt.
+/// Reports the time to the host, and adds the heat of the past tick. The step interrupt calls this.
 pub fn publish_tick(low: u32, high: u32) {
     if low == 0 {
         word(table::TICKS_HI).write(high);
@@ -185,27 +184,27 @@ pub fn count_feed() {
     count(table::WATCHDOG_FEEDS);
 }
 
-/// Counts a received byte that found the queue full.
+/// Counts a received byte that was lost because the queue was full.
 pub fn count_lost_byte() {
     count(table::LINK_BYTES_LOST);
 }
 
-/// Whether the host wants the main loop to hang.
+/// Returns whether the host requests that the main loop hang.
 pub fn wants_hang() -> bool {
     word(table::HANG).read() == 1
 }
 
-/// Tells the host how much stack was never used.
+/// Reports to the host how much of the stack was never used.
 pub fn publish_unused_stack(bytes: u32) {
     word(table::STACK_UNUSED).write(bytes);
 }
 
-/// Whether the host wants the stack to overflow.
+/// Returns whether the host requests a stack overflow.
 pub fn wants_overflow() -> bool {
     word(table::OVERFLOW_STACK).read() == 1
 }
 
-/// How the board is to crash, one of `CRASH_*`.
+/// Returns the kind of crash that the host requests, one of `CRASH_*`.
 pub fn wanted_crash() -> u32 {
     word(table::CRASH).read()
 }
@@ -224,7 +223,7 @@ const fn steps_of(axis: Axis) -> usize {
     }
 }
 
-/// Level of the DIR pins. Not in the shared memory: the host learns it from each step.
+/// Levels of the DIR pins. They are not in the shared memory, because the host reads the direction from each step.
 static FORWARD: [core::sync::atomic::AtomicBool; 2] = [const { core::sync::atomic::AtomicBool::new(false) }; 2];
 
 const fn wire_of(axis: Axis) -> &'static core::sync::atomic::AtomicBool {
@@ -256,7 +255,7 @@ impl OutputPin for Wire {
     }
 }
 
-/// A STEP pin. Both are driven from the step interrupt only: they share the write index of the ring.
+/// A STEP pin. Only the step interrupt drives the two STEP pins, because they share the write index of the ring.
 pub struct Step {
     axis: Axis,
     high: bool,
@@ -343,7 +342,7 @@ impl SetDutyCycle for Power {
     }
 }
 
-/// A channel of the ADC: of the thermistor, or of the supply.
+/// A channel of the ADC: that of the thermistor, or of the supply.
 pub struct TipAdc {
     raw: usize,
     live: usize,
@@ -359,7 +358,7 @@ impl Adc for TipAdc {
     }
 }
 
-/// An input that is one word: high where it is 1.
+/// An input that is one word: high if it is 1.
 pub struct Flag {
     offset: usize,
 }
@@ -384,7 +383,7 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// Its mapping as the host has it, or as it was at the latest look while the host is changing it.
+    /// Reads the encoder's mapping. While the host is changing it, returns the mapping of the latest read.
     fn look(&mut self) -> EncoderMapping {
         let sequence = word(table::ENCODER_SEQUENCE).read();
         let mapping = EncoderMapping {

@@ -1,6 +1,6 @@
 //! The UART of the link, UART0: a byte queue in each direction.
 //!
-//! Both queues end in interrupts, so `main` never waits for the UART.
+//! Interrupts empty and fill both queues, so that `main` never waits for the UART.
 
 use growbot_core::link::emergency_stop::Recogniser;
 use growbot_firmware::byte_queue::ByteQueue;
@@ -11,7 +11,7 @@ use crate::interrupts::{self, Interrupt};
 use crate::registers::Register;
 use crate::tip;
 
-/// The queue of each direction.
+/// Queue of one direction.
 type Queue = ByteQueue<4096>;
 
 const BASE: usize = 0x4000_4000;
@@ -28,7 +28,7 @@ const BAUD_DIVIDER: Register = unsafe { Register::at(BASE + 0x10) };
 
 const STATE_TRANSMIT_FULL: u32 = 1 << 0;
 const STATE_RECEIVE_FULL: u32 = 1 << 1;
-/// Both directions on, both interrupts on.
+/// Enables both directions and both interrupts.
 const CONTROL_ALL: u32 = 0b1111;
 const CLEAR_TRANSMIT: u32 = 1 << 0;
 const CLEAR_RECEIVE: u32 = 1 << 1;
@@ -36,7 +36,7 @@ const CLEAR_RECEIVE: u32 = 1 << 1;
 static RECEIVED: Queue = Queue::new();
 static TO_SEND: Queue = Queue::new();
 
-/// `main`'s ends of the queues.
+/// The queues' ends in `main`.
 pub struct Uart {
     /// Received bytes, oldest first.
     pub received: &'static Queue,
@@ -45,27 +45,28 @@ pub struct Uart {
 }
 
 impl Uart {
-    /// Sets the UART up. Bytes flow once the interrupts are enabled.
+    /// Initialises the UART. Bytes are transferred once the interrupts are enabled.
     pub fn start(clock_hz: u32) -> Self {
-        // The emulator ignores the rate, but wants a divider of at least 16.
+        // The emulator ignores the rate, but requires a divider of at least 16.
         BAUD_DIVIDER.write((clock_hz / 115_200).max(16));
         WATCH.give(Recogniser::new());
         CONTROL.write(CONTROL_ALL);
         Uart { received: &RECEIVED, to_send: &TO_SEND }
     }
 
-    /// Pends the transmit interrupt, which looks at the queue.
+    /// Pends the transmit interrupt, which reads the queue.
     pub fn send_queued(&self) {
         interrupts::pend(Interrupt::UartTransmit);
     }
 }
 
-/// Looks for an emergency stop in what is received.
+/// Recogniser of an emergency stop in the received bytes.
 static WATCH: InterruptOwned<Recogniser> = InterruptOwned::empty();
 
-/// Ingests what has been received. An emergency stop is obeyed here, ahead of everything that is queued.
+/// Processes the received bytes. An emergency stop is carried out here, ahead of all queued bytes.
 pub fn on_receive() {
-    // Cleared before the bytes are read. Cleared afterwards, it would lose a byte that comes in between.
+    // The flag is cleared before the bytes are read. If it were cleared afterwards, a byte that arrives in between
+    // would be lost.
     INTERRUPT_CLEAR.write(CLEAR_RECEIVE);
     while STATE.read() & STATE_RECEIVE_FULL != 0 {
         let byte = (DATA.read() & 0xFF) as u8;
@@ -77,16 +78,16 @@ pub fn on_receive() {
     }
 }
 
-/// Switches everything off before anything else runs, if an emergency stop has come.
+/// Switches everything off before anything else runs, if an emergency stop has arrived.
 fn obey(emergency_stop: bool) {
     if emergency_stop {
-        // First, so that no step in between energises a motor again.
+        // This comes first, so that no step in between energises a motor again.
         HANDOVER.call_emergency_stop();
         tip::make_safe();
     }
 }
 
-/// Sends as much as the UART takes; it interrupts again when it can take more.
+/// Sends as many bytes as the UART accepts. It interrupts again when it can accept more.
 pub fn on_transmit() {
     INTERRUPT_CLEAR.write(CLEAR_TRANSMIT);
     while STATE.read() & STATE_TRANSMIT_FULL == 0 {

@@ -1,6 +1,6 @@
 //! The handlers of the board's interrupts.
 //!
-//! There is no device crate for this board, so cortex-m-rt's vector table leads all of them to `DefaultHandler`.
+//! This board has no device crate, so cortex-m-rt's vector table leads all interrupts to `DefaultHandler`.
 
 use crate::interrupts::Interrupt;
 use crate::{step_timer, uart};

@@ -1,4 +1,4 @@
-//! The watchdog of the board: a first expiry is a non-maskable interrupt, a second one resets.
+//! The watchdog of the board. The first expiry is a non-maskable interrupt, and the second one resets the board.
 
 use growbot_firmware::hal::Watchdog;
 
@@ -19,14 +19,15 @@ const UNLOCK: u32 = 0x1ACC_E551;
 const CONTROL_INTERRUPT: u32 = 1 << 0;
 const CONTROL_RESET: u32 = 1 << 1;
 
-/// The running watchdog. It cannot be stopped again.
+/// The running watchdog. It cannot be stopped.
 pub struct BoardWatchdog(());
 
-/// How long it waits to be fed, s. Time on this board is the desktop's, which may stop the emulator for a while when it
-/// has other work. The robot's board waits for 1 s.
+/// Timeout of the watchdog, s. Time on this board is that of the desktop, which may stop the emulator for a while when
+/// it has other work. The timeout of the robot's board is 1 s.
 const PATIENCE: u32 = 10;
 
-/// Starts the watchdog: the tip is made safe [`PATIENCE`] after the last feed, and the board resets as long after that.
+/// Starts the watchdog. The tip is made safe [`PATIENCE`] after the last feed, and the board resets after the same time
+/// again.
 pub fn start(clock_hz: u32) -> BoardWatchdog {
     LOCK.write(UNLOCK);
     LOAD.write(clock_hz.saturating_mul(PATIENCE));
@@ -48,8 +49,8 @@ fn feed() {
     LOCK.write(0);
 }
 
-/// Only feeds the watchdog, for as long as the host wants the main loop to hang. Only an interrupt can switch anything
-/// off then.
+/// Feeds the watchdog and does nothing else while the host requests that the main loop hang. In this time only an
+/// interrupt can switch anything off.
 pub fn hang() {
     while tip::wants_hang() {
         feed();

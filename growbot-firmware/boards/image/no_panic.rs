@@ -1,13 +1,13 @@
-//! The firmware cannot panic. The panic handler calls a function that no crate defines, so an image with a panic in it
-//! does not link.
+//! The guarantee that the firmware cannot panic. The panic handler calls a function that no crate defines, so that an
+//! image with a panic in it does not link.
 //!
-//! The linker then says "undefined symbol: growbot_firmware_can_panic": as far as the compiler can tell, an index, a
-//! slice, a division or an `expect` may fail. CONTRIBUTING.md shows how to find it.
+//! In that case the linker prints "undefined symbol: growbot_firmware_can_panic". It means that, as far as the compiler
+//! can prove, an index, a slice, a division or an `expect` may fail. CONTRIBUTING.md shows how to find it.
 //!
 //! Free of panics are iterators, `zip`, `get`, `split_first`, slice patterns, `checked_` functions, constant indices
-//! into arrays, and indices that a loop over a constant range counts. These are not: computed indices, `collect` into
-//! a heapless vector and its `insert` and `into_iter`, heapless' `spsc`, division by what may be 0, nalgebra's
-//! `column`, `lu` and `cholesky`, `cobs::decode`, the HAL's clocks, `defmt-rtt`.
+//! into arrays, and indices that a loop over a constant range counts. Panics may come from computed indices, `collect`
+//! into a heapless vector and its `insert` and `into_iter`, heapless' `spsc`, division by a number that may be 0,
+//! nalgebra's `column`, `lu` and `cholesky`, `cobs::decode`, the HAL's clocks, and `defmt-rtt`.
 
 use core::panic::PanicInfo;
 

@@ -1,4 +1,4 @@
-//! Memory that survives a reset: RAM that nothing loads or clears.
+//! Memory that survives a reset: RAM that no code loads or clears.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
@@ -13,20 +13,20 @@ static WORDS: Words = Words(UnsafeCell::new(MaybeUninit::uninit()));
 
 struct Words(UnsafeCell<MaybeUninit<[u32; RETAINED_BYTES / 4]>>);
 
-// SAFETY: only reached through the one `RetainedRam` there is.
+// SAFETY: accessed only through the single `RetainedRam`.
 unsafe impl Sync for Words {}
 
-/// The memory.
+/// The retained memory.
 pub struct RetainedRam(());
 
 impl RetainedRam {
-    /// The memory; none where it is owned already.
+    /// Returns the memory. `None` if it is already owned.
     pub fn take() -> Option<Self> {
         static TAKEN: AtomicBool = AtomicBool::new(false);
         (!TAKEN.swap(true, Ordering::Relaxed)).then_some(Self(()))
     }
 
-    /// A word of the memory. An index beyond it falls onto one within.
+    /// Returns a word of the memory. An index beyond the memory is mapped to one inside.
     fn word(&self, index: usize) -> *mut u32 {
         WORDS.0.get().cast::<u32>().wrapping_add(index % (RETAINED_BYTES / 4))
     }
@@ -36,22 +36,22 @@ impl RetainedMemory for RetainedRam {
     fn read(&mut self) -> [u8; RETAINED_BYTES] {
         let mut bytes = [0; RETAINED_BYTES];
         for (index, into) in bytes.as_chunks_mut::<4>().0.iter_mut().enumerate() {
-            // SAFETY: an aligned word of the array; RAM may be read before it was written.
+            // SAFETY: an aligned word of the array. RAM may be read before it was written.
             *into = unsafe { self.word(index).read_volatile() }.to_le_bytes();
         }
         bytes
     }
 
-    /// Not interrupted, so that no interrupt that resets the board finds half of it. Any other reset leaves the other
-    /// copy whole.
+    /// Writes without interrupts, so that an interrupt that resets the board never leaves a half-written copy. Any
+    /// other reset leaves the other copy whole.
     fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]) {
         cortex_m::interrupt::free(|_| {
             for (index, from) in bytes.as_chunks::<4>().0.iter().enumerate() {
-                // SAFETY: an aligned word of the array, which only this value reaches.
+                // SAFETY: an aligned word of the array, which only this value accesses.
                 unsafe { self.word(copy * (COPY_BYTES / 4) + index).write_volatile(u32::from_le_bytes(*from)) }
             }
         });
-        // The last word is in the memory before anything follows: the other copy, or power for the heater.
+        // The last word is in the memory before the next action: a write of the other copy, or power for the heater.
         cortex_m::asm::dsb();
     }
 }

@@ -1,8 +1,8 @@
 //! Logs through the debug probe (SEGGER's RTT). The frames of defmt are in a ring in memory. The probe finds it by its
 //! header and reads it while the board runs.
 //!
-//! A frame that finds no room is dropped: the robot never waits for a probe. (The crate `defmt-rtt` waits, and leaves
-//! panics in the firmware.)
+//! A frame that does not fit is dropped, so that the robot never waits for a probe. (The crate `defmt-rtt` waits, and
+//! leaves panics in the firmware.)
 
 use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
@@ -14,7 +14,7 @@ const SIZE: u32 = 1024;
 
 static RING: [AtomicU8; SIZE as usize] = [const { AtomicU8::new(0) }; SIZE as usize];
 
-/// What the probe looks for.
+/// Header by which the probe finds the ring.
 #[repr(C)]
 struct Header {
     id: [u8; 16],
@@ -23,15 +23,15 @@ struct Header {
     name: *const u8,
     ring: *const AtomicU8,
     size: u32,
-    /// Where the next byte goes; the board's.
+    /// Offset of the next byte that the board writes. Only the board changes it.
     write: AtomicU32,
-    /// Where the probe reads on; the probe's.
+    /// Offset of the next byte that the probe reads. Only the probe changes it.
     read: AtomicU32,
-    /// 0: frames without room are dropped. A probe that asks for another mode is ignored.
+    /// Mode 0: frames that do not fit are dropped. If a probe requests another mode, the board ignores it.
     mode: AtomicU32,
 }
 
-// SAFETY: the pointers, which alone are not `Sync`, are for the probe.
+// SAFETY: only the pointers are not `Sync`, and only the probe uses them.
 unsafe impl Sync for Header {}
 
 #[unsafe(no_mangle)]
@@ -51,14 +51,14 @@ static _SEGGER_RTT: Header = Header {
 struct Frame {
     encoder: defmt::Encoder,
     interrupts: RestoreState,
-    /// Where its next byte goes.
+    /// Offset of its next byte.
     at: u32,
     fits: bool,
 }
 
 struct FrameCell(UnsafeCell<Frame>);
 
-// SAFETY: only reached between `acquire` and `release`, which keep all interrupts off.
+// SAFETY: accessed only between `acquire` and `release`, during which all interrupts are off.
 unsafe impl Sync for FrameCell {}
 
 static FRAME: FrameCell = FrameCell(UnsafeCell::new(Frame {
@@ -71,11 +71,11 @@ static FRAME: FrameCell = FrameCell(UnsafeCell::new(Frame {
 #[defmt::global_logger]
 struct Logger;
 
-// SAFETY: all interrupts are off from `acquire` to `release`, and what is logged logs nothing itself, so that there is
-// one frame at a time.
+// SAFETY: all interrupts are off from `acquire` to `release`, and formatting a log message logs nothing itself. There
+// is therefore one frame at a time.
 unsafe impl defmt::Logger for Logger {
     fn acquire() {
-        // SAFETY: `release` follows, by defmt's promise.
+        // SAFETY: defmt guarantees that `release` follows.
         let interrupts = unsafe { critical_section::acquire() };
         // SAFETY: interrupts are off.
         let frame = unsafe { &mut *FRAME.0.get() };
@@ -86,7 +86,7 @@ unsafe impl defmt::Logger for Logger {
     }
 
     unsafe fn write(bytes: &[u8]) {
-        // SAFETY: interrupts are off since `acquire`, which came before, by defmt's promise.
+        // SAFETY: interrupts are off since `acquire`, which defmt guarantees came before.
         let Frame { encoder, at, fits, .. } = unsafe { &mut *FRAME.0.get() };
         encoder.write(bytes, |bytes| put(at, fits, bytes));
     }
@@ -94,18 +94,18 @@ unsafe impl defmt::Logger for Logger {
     unsafe fn flush() {}
 
     unsafe fn release() {
-        // SAFETY: interrupts are off since `acquire`, which came before, by defmt's promise.
+        // SAFETY: interrupts are off since `acquire`, which defmt guarantees came before.
         let Frame { encoder, at, fits, interrupts } = unsafe { &mut *FRAME.0.get() };
         encoder.end_frame(|bytes| put(at, fits, bytes));
         if *fits {
             _SEGGER_RTT.write.store(*at, Ordering::Release);
         }
-        // SAFETY: what `acquire` took is given back once.
+        // SAFETY: the state from `acquire` is restored once.
         unsafe { critical_section::release(*interrupts) };
     }
 }
 
-/// Puts bytes where the frame has come to, as long as there is room.
+/// Appends bytes to the frame, as long as they fit.
 fn put(at: &mut u32, fits: &mut bool, bytes: &[u8]) {
     for byte in bytes {
         let next = (*at + 1) % SIZE;

@@ -1,26 +1,26 @@
-//! The seal of this image: filled in after linking, checked at each start (`growbot_firmware::image_seal`).
+//! The seal of this image: written after linking, checked at each start (`growbot_firmware::image_seal`).
 
 use growbot_core::link::message::ImageCheck;
 use growbot_firmware::image_seal::{self, EMPTY, Seal};
 
-/// The place of the seal. What is in flash may differ from what the compiler has put here.
+/// Location of the seal. Its content in flash may differ from this initial value.
 #[used]
 #[unsafe(no_mangle)]
 static GROWBOT_IMAGE_SEAL: Seal = EMPTY;
 
 unsafe extern "C" {
-    /// Where the firmware's flash begins and ends in the memory map. Addresses only.
+    /// Beginning and end of the firmware's flash in the memory map. Only their addresses are used.
     static _image_start: u32;
     static _image_end: u32;
 }
 
-/// The seal as it is in flash.
+/// Reads the seal from flash.
 fn read() -> Seal {
-    // SAFETY: a static of that type, which is never written to while this runs.
+    // SAFETY: a static of that type, which is never written to while the firmware runs.
     unsafe { (&raw const GROWBOT_IMAGE_SEAL).read_volatile() }
 }
 
-/// The CRC that the seal states; 0 for an image without one.
+/// Returns the CRC in the seal; 0 for an image without a seal.
 pub fn stated() -> u32 {
     let [_, crc, ..] = read();
     crc

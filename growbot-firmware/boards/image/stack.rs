@@ -1,6 +1,6 @@
-//! The stack: where it ends, and what happens when it overflows or the processor faults otherwise.
+//! The stack: its bounds, and the handler of its overflow and of other faults of the processor.
 //!
-//! It lies where there is no memory below it (`memory/*.x`), so that an overflow faults before it harms anything.
+//! No memory lies below the stack (`memory/*.x`), so that an overflow faults before it destroys data.
 
 use core::arch::naked_asm;
 
@@ -9,29 +9,29 @@ use growbot_core::link::message::ResetCause;
 use super::crash::Moment;
 
 unsafe extern "C" {
-    /// The linker's: the lowest word of the stack.
+    /// Symbol of the linker: the lowest word of the stack.
     static _stack_end: u32;
-    /// The linker's: the end of the stack, above its highest word.
+    /// Symbol of the linker: the end of the stack, above its highest word.
     static _stack_start: u32;
 }
 
-/// A fault that leaves less of the stack than this is an overflow, bytes. No push, no exception's frame and nothing
-/// that follows here takes as much.
+/// A fault with fewer free bytes of stack than this is reported as a stack overflow. Any push, an exception frame and
+/// the crash handler each need less.
 const LITTLE: usize = 512;
 
-/// Address of the lowest word of the stack.
+/// Returns the address of the lowest word of the stack.
 pub fn bottom() -> usize {
     &raw const _stack_end as usize
 }
 
-/// Address of the end of the stack.
+/// Returns the address of the end of the stack.
 pub fn top() -> usize {
     &raw const _stack_start as usize
 }
 
-/// The handler of the processor's faults. The stack pointer may point anywhere. If it leaves too little of the stack,
-/// it is set to the top before anything uses the stack. Else it stays, so that the crash record can have what was on
-/// the stack. The floating-point registers that the processor has not saved yet (FPCCR.LSPACT) are dropped.
+/// Handler of the processor's faults. The stack pointer may have any value. If too little of the stack is free, the
+/// pointer is set to the top before any code uses the stack. Otherwise it is kept, so that the crash record contains
+/// the content of the stack. Floating-point registers that the processor has not saved yet (FPCCR.LSPACT) are dropped.
 #[cfg(not(feature = "pico"))]
 #[unsafe(naked)]
 #[unsafe(export_name = "HardFault")]
@@ -44,7 +44,7 @@ extern "C" fn hard_fault() -> ! {
         "movw r3, #:lower16:_stack_start",
         "movt r3, #:upper16:_stack_start",
         "add r2, r2, {little}",
-        // Within the stack, and with enough of it left.
+        // Skips the reset of the pointer if it is within the stack, with enough of it free.
         "cmp r0, r2",
         "blo 1f",
         "cmp r0, r3",
@@ -61,7 +61,7 @@ extern "C" fn hard_fault() -> ! {
     )
 }
 
-/// The same for a processor of ARMv6-M, which has no floating-point registers and loads addresses from beside the code.
+/// Handler for a processor of ARMv6-M, which has no floating-point registers and loads addresses from beside the code.
 #[cfg(feature = "pico")]
 #[unsafe(naked)]
 #[unsafe(export_name = "HardFault")]
@@ -71,7 +71,7 @@ extern "C" fn hard_fault() -> ! {
         "mov r1, lr",
         "ldr r2, 3f",
         "ldr r3, 4f",
-        // Within the stack, and with enough of it left.
+        // Skips the reset of the pointer if it is within the stack, with enough of it free.
         "cmp r0, r2",
         "blo 1f",
         "cmp r0, r3",

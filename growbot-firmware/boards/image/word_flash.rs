@@ -1,4 +1,4 @@
-//! Flash that is read and programmed by words of 32 bits, as the traits of `embedded-storage` have it.
+//! Flash that is read and programmed word by word, 32 bits each, with the traits of `embedded-storage`.
 
 use embedded_storage::nor_flash::{
     ErrorType, MultiwriteNorFlash, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
@@ -18,13 +18,13 @@ pub trait WordFlash {
     /// Erases a sector.
     ///
     /// # Errors
-    /// A sector that cannot be erased.
+    /// Returns an error if the sector cannot be erased.
     fn erase(&mut self, sector: usize) -> Result<(), NorFlashErrorKind>;
 
     /// Programs words, which may clear bits and never sets any.
     ///
     /// # Errors
-    /// A word that cannot be programmed.
+    /// Returns an error if a word cannot be programmed.
     fn program(&mut self, words: impl Iterator<Item = Word>) -> Result<(), NorFlashErrorKind>;
 }
 
@@ -34,7 +34,7 @@ pub struct Word {
     pub value: u32,
 }
 
-/// Flash by words, behind the traits of `embedded-storage`.
+/// Word-by-word flash, with the traits of `embedded-storage`.
 pub struct ByWords<F>(pub F);
 
 impl<F> ErrorType for ByWords<F> {

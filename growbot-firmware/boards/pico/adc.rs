@@ -1,7 +1,7 @@
-//! The analog inputs: the ADC converts thermistor and supply by turns, one at a time, and nothing waits for it.
+//! The analog inputs. The ADC converts thermistor and supply by turns, one at a time, and no code waits for it.
 //!
-//! It is switched on by the first call of `sample`, not at start-up: the link answers first. Its non-linearity at four
-//! codes (erratum RP2040-E11) is smaller than what the mean of a reading's conversions smooths.
+//! The first call of `sample` switches the ADC on, so that the link responds first after start-up. Its non-linearity at
+//! four codes (erratum RP2040-E11) is smaller than the noise that the mean of a reading's conversions removes.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -9,7 +9,7 @@ use growbot_core::robot::FIRST_ANALOG_PIN;
 use growbot_firmware::hal::Adc;
 use rp2040_pac as pac;
 
-/// Control and status: on, start one conversion, ready, error, and where the channel is.
+/// Control and status: on, start of one conversion, ready, error, and the position of the channel number.
 const ON: u32 = 1;
 const START: u32 = 1 << 2;
 const READY: u32 = 1 << 8;
@@ -17,7 +17,7 @@ const CHANNEL: u32 = 12;
 /// The last channel with a pin.
 const LAST_CHANNEL: u32 = 3;
 
-/// The latest reading of the supply that has not been read yet, else [`NONE`].
+/// Latest unread reading of the supply, otherwise [`NONE`].
 static SUPPLY_READING: AtomicU32 = AtomicU32::new(NONE);
 const NONE: u32 = u32::MAX;
 
@@ -25,25 +25,25 @@ const NONE: u32 = u32::MAX;
 pub struct Thermistor {
     adc: pac::ADC,
     state: State,
-    /// Channels of the thermistor and of the supply; where the supply is not measured, the thermistor's twice.
+    /// Channels of the thermistor and of the supply. If the supply is not measured, both are that of the thermistor.
     channels: [u32; 2],
 }
 
-/// The supply's input. It is converted while the thermistor is asked for.
+/// The supply's input. It is converted when the thermistor is sampled.
 pub struct Supply(());
 
 enum State {
-    /// Not touched yet.
+    /// The ADC has not been started.
     Off,
-    /// Switched on.
+    /// The ADC has just been switched on.
     Settling,
     /// A conversion of the thermistor is running or done.
     ConvertingThermistor,
-    /// One of the supply is.
+    /// A conversion of the supply is running or done.
     ConvertingSupply,
 }
 
-/// Both inputs, at these pins; the ADC is left alone.
+/// Creates both inputs, at these pins. The ADC is not started.
 pub fn new(adc: pac::ADC, thermistor: Option<u8>, supply: Option<u8>) -> (Thermistor, Supply) {
     let channel = |pin: u8| u32::from(pin.saturating_sub(FIRST_ANALOG_PIN)).min(LAST_CHANNEL);
     let thermistor = thermistor.map_or(0, channel);
@@ -53,7 +53,7 @@ pub fn new(adc: pac::ADC, thermistor: Option<u8>, supply: Option<u8>) -> (Thermi
 
 impl Thermistor {
     fn control(&self, bits: u32) {
-        // SAFETY: the whole register, of which this has the only owner.
+        // SAFETY: the whole register, which only this value owns.
         self.adc.cs().write(|w| unsafe { w.bits(ON | bits) });
     }
 
@@ -61,7 +61,7 @@ impl Thermistor {
         self.control(channel << CHANNEL | START);
     }
 
-    /// What has been converted, if that is done.
+    /// Returns the result of the conversion, if it is done.
     fn read_converted(&self) -> Option<u16> {
         let done = self.adc.cs().read().bits() & READY != 0;
         done.then(|| (self.adc.result().read().bits() & 0xFFF) as u16)
@@ -69,8 +69,8 @@ impl Thermistor {
 }
 
 impl Adc for Thermistor {
-    /// The conversion that has ended since the last call. Starts the next one. Every other call gives `None`, and so
-    /// does a call within 2 us.
+    /// Returns the result of the conversion that has ended since the last call, and starts the next one. Every other
+    /// call returns `None`, and so does a call within 2 us.
     fn sample(&mut self) -> Option<u16> {
         match self.state {
             State::Off => {

@@ -1,30 +1,31 @@
-//! The board's clocks, 125 MHz of the crystal's 12 MHz, and the time, which the timer counts in microseconds.
+//! The board's clocks, 125 MHz from the crystal's 12 MHz, and the time, which the timer counts in microseconds.
 
 use rp2040_pac as pac;
 
 /// The processor's clock.
 pub const PROCESSOR_HZ: u32 = 125_000_000;
-/// Peripherals that are used: ADC, both banks of pins and pads, both PLLs, PWM, timer, both UARTs (data sheet, 2.14.3).
+/// Bits of the used peripherals: ADC, both banks of pins and pads, both PLLs, PWM, timer, both UARTs (data sheet,
+/// 2.14.3).
 const USED: u32 = 1 | 1 << 5 | 1 << 8 | 1 << 12 | 1 << 13 | 1 << 14 | 1 << 21 | 1 << 22 | 1 << 23;
 /// Clocks of the crystal in a microsecond.
 const CRYSTAL_MHZ: u32 = 12;
-/// Readings of the timer, one a step tick, after which one that has not moved stands. Ticks are 10 us apart at least, and
-/// the timer counts microseconds: one reading would do.
+/// Number of readings of the timer, one a step tick, after which an unchanged timer counts as stopped. Ticks are at
+/// least 10 us apart and the timer counts microseconds, so one reading would be enough.
 const STANDING: u32 = 4;
 /// Magic numbers of the crystal's oscillator: on, at 1 to 15 MHz.
 const CRYSTAL_ON: u32 = 0xFA_BAA0;
-/// The crystal starts in 1 ms: 47 times 256 clocks.
+/// Start-up delay of the crystal, 1 ms: 47 times 256 clocks.
 const CRYSTAL_DELAY: u32 = 47;
 const STABLE: u32 = 1 << 31;
 const LOCKED: u32 = 1 << 31;
-/// Power down of a PLL: all of it, and only its dividers.
+/// Power-down bits of a PLL: all parts, and only its dividers.
 const PLL_OFF: u32 = 0b101101;
 const PLL_DIVIDERS_OFF: u32 = 1 << 3;
 
-/// Runs a PLL of 12 MHz times `factor`, divided by two dividers.
+/// Starts a PLL of 12 MHz times `factor`, divided by two dividers.
 fn run_pll(pll: &pac::pll_sys::RegisterBlock, factor: u32, dividers: [u32; 2]) {
     let [first, second] = dividers;
-    // SAFETY: oscillators of 750 to 1600 MHz and dividers of 1 to 7, as the data sheet has them (2.18.2).
+    // SAFETY: oscillators of 750 to 1600 MHz and dividers of 1 to 7, as the data sheet allows (2.18.2).
     unsafe {
         pll.pwr().write(|w| w.bits(PLL_OFF));
         pll.cs().write(|w| w.bits(1));
@@ -36,16 +37,16 @@ fn run_pll(pll: &pac::pll_sys::RegisterBlock, factor: u32, dividers: [u32; 2]) {
     }
 }
 
-/// Starts the crystal, the clocks of processor and peripherals, and the timer. What never gets ready is waited for, with
-/// everything off: the watchdog counts from the end of this on.
+/// Starts the crystal, the clocks of processor and peripherals, and the timer. If a part never gets ready, this waits
+/// without end, with everything off. The watchdog counts only after the end of this function.
 pub fn start(device: &pac::Peripherals) {
     let (clocks, crystal) = (&device.CLOCKS, &device.XOSC);
-    // SAFETY: values of the data sheet (2.15 to 2.18), in its order: nothing runs from a clock while it changes.
+    // SAFETY: values of the data sheet (2.15 to 2.18), in its order. No part runs from a clock while it changes.
     unsafe {
         crystal.startup().write(|w| w.bits(CRYSTAL_DELAY));
         crystal.ctrl().write(|w| w.bits(CRYSTAL_ON));
         while crystal.status().read().bits() & STABLE == 0 {}
-        // Reference from the crystal, and the processor from it too while the PLLs start.
+        // The reference runs from the crystal, and so does the processor while the PLLs start.
         clocks.clk_sys_ctrl().write(|w| w.bits(0));
         while clocks.clk_sys_selected().read().bits() != 1 {}
         clocks.clk_ref_ctrl().write(|w| w.bits(2));
@@ -54,7 +55,7 @@ pub fn start(device: &pac::Peripherals) {
         while device.RESETS.reset_done().read().bits() & USED != USED {}
         run_pll(&device.PLL_SYS, 125, [6, 2]);
         run_pll(&device.PLL_USB, 100, [5, 5]);
-        // The processor from its PLL, peripherals from the processor's clock, USB and the ADC from 48 MHz.
+        // The processor runs from its PLL, peripherals from the processor's clock, USB and the ADC from 48 MHz.
         clocks.clk_sys_div().write(|w| w.bits(1 << 8));
         clocks.clk_sys_ctrl().write(|w| w.bits(0));
         clocks.clk_sys_ctrl().write(|w| w.bits(1));
@@ -68,24 +69,24 @@ pub fn start(device: &pac::Peripherals) {
     }
 }
 
-/// Sees a crystal that stops. The timer and the watchdog count by it, and stand: supervision would find that no time
-/// passes, and feed a watchdog that waits for ever. The processor's PLL may run on without it, and the step interrupt
-/// with it.
+/// Detector of a crystal that stops. The timer and the watchdog count by the crystal and stop with it. Supervision
+/// would then see no time pass, and feed a watchdog that never expires. The processor's PLL may run on without the
+/// crystal, and the step interrupt with it.
 pub struct CrystalWatch {
-    /// The timer's lower half at the latest look.
+    /// Lower half of the timer at the latest check.
     latest: u32,
-    /// Looks for which it has been that.
+    /// Number of consecutive checks with this value.
     same: u32,
 }
 
 impl CrystalWatch {
-    /// Begins to watch.
+    /// Creates the detector.
     pub const fn new() -> Self {
         Self { latest: 0, same: 0 }
     }
 
-    /// Looks at the timer, at each step tick. Returns whether it stands.
-    #[inline(always)] // The interrupt that looks runs from memory.
+    /// Checks the timer, at each step tick. Returns whether it has stopped.
+    #[inline(always)] // The interrupt that calls it runs from memory.
     pub fn has_stopped(&mut self) -> bool {
         // SAFETY: reading this register has no effect.
         let now = unsafe { (*pac::TIMER::ptr()).timerawl().read().bits() };
@@ -95,7 +96,7 @@ impl CrystalWatch {
     }
 }
 
-/// Microseconds since the board started.
+/// Returns the microseconds since the board started.
 pub fn now_us() -> u64 {
     // SAFETY: reading these registers has no effect.
     let timer = unsafe { &*pac::TIMER::ptr() };

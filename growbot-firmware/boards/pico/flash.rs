@@ -1,10 +1,11 @@
-//! The flash of the robot's description and that of the journal, 256 KiB each at the end of the chip that the firmware
-//! runs from, which the boot ROM's functions erase and program (data sheet of the RP2040, 2.8.3).
+//! The flash of the robot's description and that of the journal. They are 256 KiB each at the end of the chip from
+//! which the firmware runs. Functions of the boot ROM erase and program them (data sheet of the RP2040, 2.8.3).
 //!
-//! Meanwhile nothing can be read from it, code included: this runs in memory, and so do the interrupts and all that
-//! they call, which go on. The main loop waits: 0.4 ms for a page, 3 ms at most; 0.5 s for a sector, which is erased
-//! between jobs only. Of that, 32 KiB take 120 ms, 1.6 s at most (data sheet of the W25Q16JV, 9.6): less than the
-//! watchdog waits. A fault of the processor finds no handler meanwhile; then it is the watchdog that resets the board.
+//! Meanwhile the flash cannot be read, and no code in it can run. This code therefore runs in memory, and so do the
+//! interrupts and all functions that they call, which continue. The main loop waits: 0.4 ms for a page, 3 ms at most,
+//! and 0.5 s for a sector, which is erased between jobs only. Of that, 32 KiB take 120 ms, 1.6 s at most (data sheet of
+//! the W25Q16JV, 9.6), which is less than the watchdog's timeout. A fault of the processor finds no handler meanwhile.
+//! In that case the watchdog resets the board.
 
 use embedded_storage::nor_flash::NorFlashErrorKind;
 
@@ -14,17 +15,17 @@ use crate::image::word_flash::{ByWords, Word, WordFlash};
 const SECTOR_BYTES: usize = 128 * 1024;
 const BLOCK_BYTES: usize = 32 * 1024;
 const ERASE_BLOCK: u32 = 0x52;
-/// Bytes that are programmed at once. Cells that get a one stay as they are.
+/// Bytes that are programmed at once. Cells that are programmed with a one do not change.
 const PAGE_BYTES: usize = 256;
 const PAGE_WORDS: usize = PAGE_BYTES / 4;
-/// Where the flash is mapped.
+/// Address at which the flash is mapped.
 const MAPPED: usize = 0x1000_0000;
 /// The boot ROM's table of functions and the function that searches it: addresses of 16 bits.
 const ROM_TABLE: *const u16 = 0x14 as *const u16;
 const ROM_SEARCH: *const u16 = 0x18 as *const u16;
 
 unsafe extern "C" {
-    /// Where the memory map has the description and the journal begin, and end. Addresses only.
+    /// Beginning and end of the description and the journal in the memory map. Only their addresses are used.
     static _description_start: u32;
     static _description_end: u32;
     static _journal_start: u32;
@@ -38,7 +39,7 @@ type Plain = unsafe extern "C" fn();
 type Erase = unsafe extern "C" fn(offset: u32, bytes: usize, block: u32, command: u32);
 type Program = unsafe extern "C" fn(offset: u32, data: *const u32, bytes: usize);
 
-/// What the work needs of the boot ROM.
+/// The functions of the boot ROM that are needed here.
 #[derive(Clone, Copy)]
 struct Rom {
     connect: Plain,
@@ -57,7 +58,7 @@ pub struct BoardFlash {
     bytes: usize,
 }
 
-/// The address of a function of the boot ROM; none where it has none of that name.
+/// Returns the address of a function of the boot ROM. `None` if it has no function of that name.
 fn search(name: [u8; 2]) -> Option<usize> {
     // SAFETY: the boot ROM has the addresses of its table and of a function of this type there.
     unsafe {
@@ -76,7 +77,7 @@ impl Rom {
     fn find() -> Option<Self> {
         let [connect, exit_execution, erase, program, flush] =
             [search(*b"IF")?, search(*b"EX")?, search(*b"RE")?, search(*b"RP")?, search(*b"FC")?];
-        // SAFETY: functions of these types, as the data sheet's table has them.
+        // SAFETY: functions of these types, according to the data sheet's table.
         unsafe {
             Some(Rom {
                 connect: core::mem::transmute::<usize, Plain>(connect),
@@ -89,11 +90,12 @@ impl Rom {
     }
 }
 
-/// Erases a block, where `page` is null, or programs a page. In memory, and all that it calls is there or in the ROM.
+/// Erases a block if `page` is null, otherwise programs a page. The function is in memory, and all functions that it
+/// calls are there or in the ROM.
 ///
 /// # Safety
 ///
-/// The offset is in a part that may be changed, and interrupts need nothing of the flash.
+/// The offset must be in a part of the flash that may be changed, and interrupts must not use the flash.
 #[inline(never)]
 #[unsafe(link_section = ".data.change")]
 unsafe fn change(rom: &Rom, loader: *const u32, offset: u32, page: *const u32) {
@@ -113,25 +115,25 @@ unsafe fn change(rom: &Rom, loader: *const u32, offset: u32, page: *const u32) {
 }
 
 impl BoardFlash {
-    /// The flash of the robot's description.
+    /// Returns the flash of the robot's description.
     pub fn of_description() -> PartOfFlash {
         ByWords(Self::between(&raw const _description_start, &raw const _description_end))
     }
 
-    /// The journal's flash.
+    /// Returns the journal's flash.
     pub fn of_journal() -> PartOfFlash {
         ByWords(Self::between(&raw const _journal_start, &raw const _journal_end))
     }
 
     fn between(start: *const u32, end: *const u32) -> Self {
-        // SAFETY: the flash begins with the loader, and is read only.
+        // SAFETY: the flash begins with the loader, which is only read.
         let loader =
             core::array::from_fn(|index| unsafe { (MAPPED as *const u32).wrapping_add(index).read_volatile() });
         let bytes = (end as usize).wrapping_sub(start as usize);
         Self { rom: Rom::find(), loader, page: [u32::MAX; PAGE_WORDS], start, bytes }
     }
 
-    /// Address of one of its bytes.
+    /// Returns the address of a byte of this flash.
     fn address(&self, offset: usize) -> *const u32 {
         self.start.wrapping_byte_add(offset)
     }
@@ -145,12 +147,12 @@ impl BoardFlash {
         let place = (self.address(offset) as usize).wrapping_sub(MAPPED) as u32;
         let page = page.map_or(core::ptr::null(), |()| self.page.as_ptr());
         crate::watchdog::feed();
-        // SAFETY: within this part; what the interrupts need is in memory (`memory/pico.x`).
+        // SAFETY: within this part. All code and data that the interrupts need are in memory (`memory/pico.x`).
         unsafe { change(&rom, self.loader.as_ptr(), place, page) };
         Ok(())
     }
 
-    /// Programs what has been put into the page, and empties it.
+    /// Programs the content of the page buffer, and clears the buffer.
     fn program_page(&mut self, offset: usize) -> Result<(), NorFlashErrorKind> {
         let done = self.change(offset, Some(()));
         self.page = [u32::MAX; PAGE_WORDS];
@@ -166,7 +168,7 @@ impl WordFlash for BoardFlash {
     }
 
     fn read(&self, offset: usize) -> u32 {
-        // SAFETY: an aligned word of this flash, which Rust code owns nothing of.
+        // SAFETY: an aligned word of this flash, of which Rust code owns nothing.
         unsafe { self.address(offset).read_volatile() }
     }
 

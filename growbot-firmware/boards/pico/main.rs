@@ -1,17 +1,18 @@
 //! growbot on boards with an RP2040 at 125 MHz, whose second core stays asleep: a Raspberry Pi Pico, or a BTT SKR Pico.
-//! The robot's description says which, and at which pins the signals are.
+//! The robot's description defines which of them it is, and the pins of the signals.
 //!
-//! | priority | interrupt | does |
+//! | priority | interrupt | task |
 //! |---|---|---|
 //! | 0, the highest | PWM_IRQ_WRAP | steps the motors |
 //! | 1 | UART0_IRQ, USBCTRL_IRQ | move the bytes of the link |
 //! | main loop | | polls the controller, at each step tick |
 //!
-//! They run from memory (`memory/pico.x`), so that none waits while the flash is written to: steps go on, and an
-//! emergency stop is obeyed.
+//! The interrupts run from memory (`memory/pico.x`), so that none waits while the flash is written to. Steps continue,
+//! and an emergency stop is carried out.
 //!
-//! The processor has neither a floating-point unit nor atomic swaps. Its arithmetic is the compiler's, to the same bits
-//! as everywhere: that of the boot ROM flushes denormal numbers.
+//! The processor has neither a floating-point unit nor atomic swaps. The compiler's arithmetic is used instead of the
+//! boot ROM's, because the results are the same bits as on all other machines. The boot ROM's arithmetic flushes
+//! denormal numbers.
 
 #![no_std]
 #![no_main]
@@ -64,7 +65,7 @@ static LOADER: [u8; 256] = rp2040_boot2::BOOT_LOADER_W25Q080;
 
 defmt::timestamp!("{=u64:us}", clock::now_us());
 
-/// Where the controller and the step interrupt meet.
+/// Handover between the controller and the step interrupt.
 static HANDOVER: Handover = Handover::new();
 
 /// Interrupts and their priorities, of which the upper two bits count.
@@ -106,8 +107,8 @@ fn main() -> ! {
     run(set_up())
 }
 
-/// What the board does for ever.
-#[inline(never)] // So that its room on the stack is not taken while everything is started.
+/// Runs the main loop, which never ends.
+#[inline(never)] // Its stack frame must not exist during the start-up.
 fn run(controller: &mut Controller<Pico>) -> ! {
     let mut lines = Lines::new(&uart::RECEIVED, &usb::RECEIVED);
     let mut logged = controller.state();
@@ -131,24 +132,24 @@ fn run(controller: &mut Controller<Pico>) -> ! {
             let fault = controller.fault().map_or("none", |fault| fault.code());
             defmt::info!("{=str}, fault {=str}", logged.name(), fault);
         }
-        // The next step tick ends it at the latest.
+        // The next step tick ends the wait at the latest.
         cortex_m::asm::wfi();
     }
 }
 
-/// Starts everything.
-#[inline(never)] // Its room on the stack is not needed for longer.
+/// Initialises the board.
+#[inline(never)] // Its stack frame is needed only during the start-up.
 fn set_up() -> &'static mut Controller<Pico> {
     let store = cortex_m::singleton!(: LayerStore = LayerStore::new());
     let (Some(mut core), Some(store), Some(retained)) = (cortex_m::Peripherals::take(), store, RetainedRam::take())
     else {
-        // `main` runs once, so all of them are there.
+        // This is unreachable, because `main` runs once.
         reset::restart()
     };
-    // SAFETY: once, as the processor's own peripherals above.
+    // SAFETY: this is done once, like that of the processor's own peripherals above.
     let device = unsafe { pac::Peripherals::steal() };
     let watchdog = watchdog::start(&device);
-    // Fast clocks first: the check of the image takes ten times as long without.
+    // The fast clocks come first, because without them the check of the image takes ten times as long.
     clock::start(&device);
     let mut descriptions = Descriptions::open(BoardFlash::of_description());
     let Machine { robot, configured } = Machine::find(&mut descriptions);
@@ -191,23 +192,23 @@ fn set_up() -> &'static mut Controller<Pico> {
     vectors::move_to_memory();
     step_timer::start(engine, &device.PWM, robot.description().motion.tick_hz);
     start_interrupts(&mut core.NVIC);
-    // Not on the stack, which planning needs.
+    // The controller is not on the stack, because planning needs the stack.
     let controller = cortex_m::singleton!(: Controller<Pico> = Controller::new(robot, identity, parts, &HANDOVER));
     let Some(controller) = controller else { reset::restart() };
     controller
 }
 
-/// Enables the interrupts. Everything that their handlers use is in place.
+/// Enables the interrupts. All data that their handlers use is initialised.
 fn start_interrupts(nvic: &mut NVIC) {
     for (interrupt, priority) in INTERRUPTS {
-        // SAFETY: no code here is protected by a priority mask that this could undercut.
+        // SAFETY: no code here depends on a priority mask that this could weaken.
         unsafe { nvic.set_priority(interrupt, priority) };
-        // SAFETY: what the handlers use is in place, and this is in no critical section.
+        // SAFETY: the data of the handlers is initialised, and this is in no critical section.
         unsafe { NVIC::unmask(interrupt) };
     }
 }
 
-/// Facts about this start.
+/// Returns the facts about this start.
 fn identify(device: &pac::Peripherals) -> Identity {
     Identity {
         reset_cause: reset::read_and_clear_cause(device),

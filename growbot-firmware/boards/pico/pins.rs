@@ -1,7 +1,7 @@
-//! The wiring: the pin of each signal, as the robot's description says.
+//! The wiring: the pin of each signal, from the robot's description.
 //!
-//! The levels of DIR, EN and the inputs are the robot description's. A pin has a weak pull-down until
-//! [`Pins::new`] gives it its role, so that heater, fan and drivers need resistors that keep them off.
+//! The description defines the levels of DIR, EN and the inputs. Until [`Pins::new`] configures a pin, it has a weak
+//! pull-down. Heater, fan and drivers therefore need resistors that keep them off.
 
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -24,11 +24,11 @@ const PULL_DOWN: u32 = 1 << 2;
 /// Pad of an analog input: output disabled, all else off.
 const PAD_ANALOG: u32 = 1 << 7;
 
-/// Level of a driver's DIR.
+/// DIR of a driver, with its logical level.
 pub type Direction = Polarized<Output>;
-/// Level of a driver's EN; high is energised.
+/// EN of a driver. High is energised.
 pub type Enable = Polarized<Output>;
-/// A sensor's level.
+/// A sensor's input, with its logical level.
 pub type Sensor = Polarized<Level>;
 
 /// Pins of the link: UART0, to the host and from it.
@@ -38,16 +38,17 @@ const LINK_RX: u8 = 1;
 const DRIVERS_TX: u8 = 8;
 const DRIVERS_RX: u8 = 9;
 
-/// EN of the SKR Pico's drivers that no robot uses, at ZM and YM; off is high.
+/// EN of the SKR Pico's drivers that no robot uses, at ZM and YM. High is off.
 const UNUSED_ENABLES: [u8; 2] = [2, 7];
 
-/// What [`make_safe`] sets low, and what it sets high: a bit for each pin. None until the pins have their roles.
+/// Pins that [`make_safe`] sets low, and pins that it sets high: a bit for each pin. Both are 0 until the pins are
+/// configured.
 static SAFE_LOW: AtomicU32 = AtomicU32::new(0);
 static SAFE_HIGH: AtomicU32 = AtomicU32::new(0);
 
-/// The single-cycle block of the pins. Its registers set and clear single pins in one write.
+/// Returns the single-cycle block of the pins. Its registers set and clear single pins in one write.
 fn sio() -> &'static pac::sio::RegisterBlock {
-    // SAFETY: each pin's bit is written by the pin's owner and by `make_safe` only.
+    // SAFETY: only the pin's owner and `make_safe` write a pin's bit.
     unsafe { &*pac::SIO::ptr() }
 }
 
@@ -75,12 +76,12 @@ fn level(pins: u32) -> bool {
     sio().gpio_in().read().bits() & pins != 0
 }
 
-/// The bit of a pin; no bit where there is none.
+/// Returns the bit of a pin, and 0 without a pin.
 fn bit(pin: Option<u8>) -> u32 {
     pin.map_or(0, |pin| 1_u32.checked_shl(u32::from(pin)).unwrap_or(0))
 }
 
-/// A pin that drives both levels: its bit. Without a bit it does nothing.
+/// A pin that drives both levels, as its bit. Without a bit it does nothing.
 pub struct Output(u32);
 
 /// A pin that is read. Without a bit it is low.
@@ -145,14 +146,14 @@ impl InputPin for OpenDrain {
     }
 }
 
-/// The peripherals that give pins their roles.
+/// The peripherals that configure the pins.
 struct Roles {
     io: pac::IO_BANK0,
     pads: pac::PADS_BANK0,
 }
 
 impl Roles {
-    /// A pin's pad and function. A pin that the processor does not have is left alone.
+    /// Sets a pin's pad and function. A pin that the processor does not have is ignored.
     fn give(&self, pin: Option<u8>, pad: u32, function: u32) {
         if let Some(pin) = pin.map(usize::from).filter(|pin| *pin < 30) {
             // SAFETY: a pad's pulls and drive, and a function of the data sheet's table.
@@ -163,7 +164,7 @@ impl Roles {
         }
     }
 
-    /// An output, which gets its level before it becomes one.
+    /// Configures an output. Its level is set before it becomes an output.
     fn output(&self, pin: Option<u8>, high: bool) -> Output {
         set(bit(pin), high);
         drive(bit(pin), true);
@@ -185,8 +186,8 @@ impl Roles {
     }
 }
 
-/// All pins that have an owner, each in its role and at its safe level; and the numbers of those whose owners are the
-/// converter and the PWM.
+/// All pins that have an owner, each configured and at its safe level, and the numbers of the pins that the ADC and the
+/// PWM use.
 pub struct Pins {
     /// STEP of the head.
     pub head_step: Output,
@@ -200,35 +201,35 @@ pub struct Pins {
     pub feed_direction: Direction,
     /// EN of the feed.
     pub feed_enable: Enable,
-    /// The heater's power.
+    /// Power of the heater.
     pub heater: Option<u8>,
-    /// The second switch in the heater's supply.
+    /// Second switch in the heater's supply.
     pub heater_enable: Output,
-    /// The fan.
+    /// Fan.
     pub fan: Option<u8>,
-    /// The filament's switch; high is filament.
+    /// Presence switch of the filament. High is filament.
     pub filament_presence: Sensor,
-    /// The drivers' fault outputs; high is a fault.
+    /// Fault outputs of the drivers. High is a fault.
     pub driver_fault: Sensor,
     /// SCL of the orientation sensor.
     pub orientation_clock: OpenDrain,
     /// SDA of the orientation sensor.
     pub orientation_data: OpenDrain,
-    /// Index sensor of the head; high is on the mark.
+    /// Index sensor of the head. High is on the mark.
     pub index: Sensor,
-    /// The encoder that the filament turns.
+    /// Encoder that the filament turns.
     pub filament_motion: Level,
-    /// The emergency stop; high is pressed.
+    /// Emergency stop. High is pressed.
     pub emergency_stop: Sensor,
-    /// The thermistor.
+    /// Thermistor.
     pub thermistor: Option<u8>,
-    /// The supply.
+    /// Supply.
     pub supply: Option<u8>,
 }
 
 impl Pins {
-    /// Gives each pin its role: those of the robot's board. Without a robot all but the link's stay as the reset has
-    /// left them.
+    /// Configures each pin for the robot's board. Without a robot all pins except the link's stay in their state after
+    /// the reset.
     pub fn new(robot: &RobotDescription, configured: bool, io: pac::IO_BANK0, pads: pac::PADS_BANK0) -> Self {
         let roles = Roles { io, pads };
         roles.give(Some(LINK_TX), PAD, FUNCTION_UART);
@@ -254,7 +255,7 @@ impl Pins {
             roles.give(pin(signal), PAD_ANALOG, FUNCTION_NONE);
         }
         let sensors = &robot.sensors;
-        // Those of sensors that the robot does not have are not asked, so any level will do.
+        // The inputs of sensors that the robot does not have are never read, so that any level is valid.
         let active_low = |input: Option<Input>| input.is_some_and(|input| input.active_low);
         let output = |signal, high| roles.output(pin(signal), high);
         let input = |signal| roles.input(pin(signal));
@@ -293,7 +294,7 @@ impl Outputs for TipOutputs {
     }
 }
 
-/// Heater, fan and both drivers off at once, from any context. Their owners keep the pins.
+/// Switches heater, fan and both drivers off at once, from any context. Their owners keep the pins.
 pub fn make_safe() {
     set(SAFE_LOW.load(Ordering::Relaxed), false);
     set(SAFE_HIGH.load(Ordering::Relaxed), true);

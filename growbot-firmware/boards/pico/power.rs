@@ -1,4 +1,4 @@
-//! Power of heater and fan: PWM at 1.9 kHz, each of a slice of its own.
+//! Power of heater and fan: PWM at 1.9 kHz, each with a slice of its own.
 
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -7,12 +7,12 @@ use embedded_hal::pwm::{ErrorType, SetDutyCycle};
 use growbot_core::robot::pwm_slice;
 use rp2040_pac as pac;
 
-/// The slice of each power stage, for [`off`]; [`NONE`] while there is none.
+/// Slice of each power stage, for [`off`]; [`NONE`] before it is started.
 static STAGES: [AtomicU32; 2] = [AtomicU32::new(NONE), AtomicU32::new(NONE)];
 const NONE: u32 = u32::MAX;
-/// One period is this many clocks less one, so that a duty of `u16::MAX` never goes low.
+/// Last count of a period, which has `u16::MAX` clocks, so that a duty of `u16::MAX` never goes low.
 const LAST_COUNT: u32 = u16::MAX as u32 - 1;
-/// Clocked by the processor's clock itself: 1 in 4 bits after the point.
+/// Divider of the processor's clock: 1, with 4 bits after the point.
 const UNDIVIDED: u32 = 1 << 4;
 const ENABLE: u32 = 1;
 
@@ -23,17 +23,18 @@ pub struct Power(Option<Channel>);
 #[derive(Clone, Copy)]
 struct Channel {
     slice: usize,
-    /// Bits by which its level is shifted: 16 for B, at odd pins.
+    /// Bits by which the channel's level is shifted: 16 for B, at odd pins.
     shift: u32,
 }
 
 fn slice(slice: usize) -> &'static pac::pwm::CH {
-    // SAFETY: the slices of heater and fan are touched by this file only, and there are eight.
+    // SAFETY: only this file accesses the slices of heater and fan, and there are eight.
     unsafe { &*pac::PWM::ptr() }.ch(slice % 8)
 }
 
 impl Power {
-    /// Starts the PWM of a pin at no power. The slice is as the reset has left it. Without a pin there is no power.
+    /// Starts the PWM of a pin with a duty of zero. The slice is in its state after the reset. Without a pin the duty
+    /// has no effect.
     pub fn start(pin: Option<u8>) -> Self {
         let Some(pin) = pin else { return Self(None) };
         let number = pwm_slice(pin);
@@ -61,17 +62,17 @@ impl SetDutyCycle for Power {
         u16::MAX
     }
 
-    /// Acts from the end of the period, within 0.53 ms.
+    /// Sets the duty, which acts from the end of the period, within 0.53 ms.
     fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
         if let Some(Channel { slice: number, shift }) = self.0 {
-            // SAFETY: the level of one channel; the other one has no pin.
+            // SAFETY: the level of one channel. The other channel has no pin.
             slice(number).cc().write(|w| unsafe { w.bits(u32::from(duty) << shift) });
         }
         Ok(())
     }
 }
 
-/// Switches heater and fan off within a period: the comparison is buffered, so the count is set to its end. Their
+/// Switches heater and fan off within a period. The comparison is buffered, so the count is set to its end. Their
 /// owners keep them.
 pub fn off() {
     for stage in &STAGES {
@@ -80,7 +81,7 @@ pub fn off() {
             continue;
         }
         let slice = slice(number as usize);
-        // SAFETY: whole registers; no power is a value that their owner writes too.
+        // SAFETY: whole registers. Their owner writes the same value for no power.
         unsafe {
             slice.cc().write(|w| w.bits(0));
             slice.ctr().write(|w| w.bits(LAST_COUNT));

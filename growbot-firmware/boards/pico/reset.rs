@@ -1,4 +1,4 @@
-//! Why the board started, which boot this is, and the way to an orderly end.
+//! The cause of the board's start, the boot id, and orderly resets.
 
 use core::arch::naked_asm;
 use core::cell::UnsafeCell;
@@ -9,20 +9,20 @@ use rp2040_pac as pac;
 
 use crate::image::crash::{self, Moment};
 
-/// Three words that survive a reset: nothing loads or clears this section.
+/// Three words that survive a reset: no code loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_notes")]
 static NOTES: Notes = Notes(UnsafeCell::new(MaybeUninit::uninit()));
 
 struct Notes(UnsafeCell<MaybeUninit<[u32; 3]>>);
 
-// SAFETY: only reached through `read` and `write`, each a single access of a whole word.
+// SAFETY: accessed only through `read` and `write`, each a single access of a whole word.
 unsafe impl Sync for Notes {}
 
-/// Word 0: how the last boot ended.
+/// Word 0: the end of the last boot.
 const END: usize = 0;
 /// Word 1: the boot id.
 const BOOT: usize = 1;
-/// Word 2: the complement of word 1, which shows whether both are a former boot's or chance.
+/// Word 2: the complement of word 1. It shows whether both words are from an earlier boot or random.
 const CHECK: usize = 2;
 
 const FAULTED: u32 = 0x6E0F_E502;
@@ -35,7 +35,7 @@ impl Notes {
     }
 
     fn read(&self, index: usize) -> u32 {
-        // SAFETY: one of the three words; RAM may be read before it was written.
+        // SAFETY: one of the three words. RAM may be read before it was written.
         unsafe { self.word(index).read_volatile() }
     }
 
@@ -45,9 +45,9 @@ impl Notes {
     }
 }
 
-/// The power came on, or the detector of the core's supply has been at work: one flag for both.
+/// Flag: the power was switched on, or the detector of the core's supply has caused a reset.
 const HAD_POWER_ON: u32 = 1 << 8;
-/// The watchdog's reasons: it was not fed in time; a reset was asked for.
+/// Reasons of the watchdog's reset: it was not fed in time, or the firmware requested a reset.
 const TIMED_OUT: u32 = 1;
 
 /// Reads the flags of the last reset, and reads and clears the note of the last boot. Call it once.
@@ -72,10 +72,10 @@ pub fn read_and_clear_cause(device: &pac::Peripherals) -> ResetCause {
     }
 }
 
-/// A number that tells this boot from the ones before. Call it once.
+/// Returns a number that differs from those of earlier boots. Call it once.
 ///
-/// It counts up while RAM has power. After a loss of power it starts anew at what the cells came up with, which
-/// differs from board to board and, in part, from time to time.
+/// The number counts up while RAM has power. After a loss of power it starts from the random content of the cells,
+/// which differs from board to board and, in part, from time to time.
 pub fn next_boot_id() -> u32 {
     let (boot, check) = (NOTES.read(BOOT), NOTES.read(CHECK));
     let next = if boot == !check { boot.wrapping_add(1) } else { boot.rotate_left(16) ^ check };
@@ -84,7 +84,7 @@ pub fn next_boot_id() -> u32 {
     next
 }
 
-/// Resets the board, all but its oscillators: a reset of the processor alone would leave its outputs as they are.
+/// Resets the board, all except its oscillators. A reset of the processor alone would leave its outputs unchanged.
 pub fn restart() -> ! {
     // SAFETY: the bit that triggers the watchdog's reset.
     unsafe { (*pac::WATCHDOG::ptr()).ctrl().write(|w| w.bits(1 << 31)) };
@@ -93,9 +93,9 @@ pub fn restart() -> ! {
     }
 }
 
-/// The crystal has stopped: everything off, and a new start, which waits for it. It needs nothing of the flash, which may
-/// be at work (`memory/pico.x`).
-#[inline(never)] // Not in the step interrupt, which seldom needs it.
+/// Switches everything off and resets after the crystal has stopped. The start then waits for the crystal. The function
+/// does not use the flash, which may be busy (`memory/pico.x`).
+#[inline(never)] // It is not inlined into the step interrupt, which seldom needs it.
 pub fn end_by_clock_failure() -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();
@@ -103,18 +103,18 @@ pub fn end_by_clock_failure() -> ! {
     restart()
 }
 
-/// The handler of unexpected interrupts: they are as bad as a fault of the processor.
+/// Handler of unexpected interrupts. They are treated like a fault of the processor.
 #[unsafe(naked)]
 #[unsafe(export_name = "DefaultHandler")]
 extern "C" fn default_handler() -> ! {
     naked_asm!("ldr r0, 1f", "bx r0", ".balign 4", "1: .word HardFault")
 }
 
-/// The stack is full, or the processor faulted for another reason.
+/// Ends the program after a stack overflow or another fault of the processor.
 pub fn on_crash(cause: ResetCause, moment: &Moment) -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();
-    // First what is surest to succeed.
+    // The step that is most certain to succeed comes first.
     let note = if cause == ResetCause::StackOverflow { OVERFLOWED } else { FAULTED };
     NOTES.write(END, note);
     crash::retain(cause, NOTES.read(BOOT), moment);

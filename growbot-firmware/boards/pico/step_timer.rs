@@ -1,5 +1,5 @@
-//! The step interrupt: the end of each period of a PWM slice that has no pin, so that every rate is met to a clock. It
-//! also sees a crystal that stops.
+//! The step interrupt: the end of each period of a PWM slice that has no pin, so that every rate is exact to a clock.
+//! It also detects a crystal that stops.
 
 use growbot_core::robot::STEP_SLICE;
 use growbot_firmware::stepping::Engine;
@@ -17,7 +17,7 @@ const SLICE: usize = STEP_SLICE as usize;
 const MAX_COUNTS: u32 = 1 << 16;
 const ENABLE: u32 = 1;
 
-/// What runs in the step interrupt.
+/// The engine that runs in the step interrupt.
 pub type StepEngine = Engine<
     pins::Output,
     pins::Direction,
@@ -31,7 +31,7 @@ pub type StepEngine = Engine<
     pins::TipOutputs,
 >;
 
-/// What the step interrupt works with.
+/// Data of the step interrupt.
 struct Ticking {
     engine: StepEngine,
     crystal: CrystalWatch,
@@ -39,12 +39,12 @@ struct Ticking {
 
 static TICKING: InterruptOwned<Ticking> = InterruptOwned::empty();
 
-/// Starts the ticks, which come once the interrupts are enabled. [`growbot_core::robot::Robot::check_for_board`] has
+/// Starts the ticks, which begin once the interrupts are enabled. [`growbot_core::robot::Robot::check_for_board`] has
 /// checked the rate.
 pub fn start(engine: StepEngine, pwm: &pac::PWM, tick_hz: u32) {
     TICKING.give(Ticking { engine, crystal: CrystalWatch::new() });
     let clocks = PROCESSOR_HZ / tick_hz.max(1);
-    // The smallest whole divider, up to 255, by which a period fits.
+    // The smallest whole divider, up to 255, with which a period fits.
     let divider = clocks.div_ceil(MAX_COUNTS).clamp(1, 255);
     let counts = (clocks / divider).clamp(1, MAX_COUNTS);
     let slice = pwm.ch(SLICE);

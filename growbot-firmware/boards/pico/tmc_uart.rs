@@ -1,6 +1,7 @@
 //! The stepper drivers' line: UART1 at pins 8 and 9, which a resistor on the board joins to one wire.
 //!
-//! No interrupt serves it: its FIFOs of 32 bytes hold a whole exchange, until the controller looks for it. So an answer
+//! The line uses no interrupt. Its FIFOs of 32 bytes hold a whole exchange until the controller reads it. A response
+//! therefore also waits there while the flash is written to.
 //! also waits there while the flash is written to.
 
 use growbot_firmware::tmc2209::{BAUD, Wire};
@@ -8,9 +9,9 @@ use rp2040_pac as pac;
 
 use crate::clock::PROCESSOR_HZ;
 
-/// 8 bits, no parity, one stop bit, with the FIFOs.
+/// Frame format: 8 bits, no parity, one stop bit, with the FIFOs.
 const FRAME: u32 = 0b11 << 5 | 1 << 4;
-/// On, in both directions.
+/// Enables both directions.
 const ON: u32 = 1 | 1 << 8 | 1 << 9;
 const RECEIVE_EMPTY: u32 = 1 << 4;
 const TRANSMIT_EMPTY: u32 = 1 << 7;
@@ -19,9 +20,9 @@ const TRANSMIT_EMPTY: u32 = 1 << 7;
 pub struct DriverLine(pac::UART1);
 
 impl DriverLine {
-    /// Sets the UART up. Its pins have their functions.
+    /// Initialises the UART. Its pins have their functions.
     pub fn start(uart: pac::UART1) -> Self {
-        // Sixteenfold oversampling: the divider in 64ths is 4 times clock over rate, rounded.
+        // With sixteenfold oversampling, the divider in 64ths is 4 times clock over rate, rounded.
         let divider = (4 * PROCESSOR_HZ + BAUD / 2) / BAUD;
         // SAFETY: values within the registers' ranges.
         unsafe {

@@ -10,7 +10,7 @@ use crate::clock::PROCESSOR_HZ;
 use crate::interrupt_owned::InterruptOwned;
 use crate::pins;
 
-/// The queue of each direction.
+/// Queue of one direction.
 pub type Queue = ByteQueue<4096>;
 
 /// Received bytes, oldest first.
@@ -19,22 +19,22 @@ pub static RECEIVED: Queue = Queue::new();
 pub static TO_SEND: Queue = Queue::new();
 
 const BAUD: u32 = 115_200;
-/// 8 bits, no parity, one stop bit, without the FIFOs: an interrupt for each byte.
+/// Frame format: 8 bits, no parity, one stop bit, without the FIFOs, so that each byte causes an interrupt.
 const FRAME: u32 = 0b11 << 5;
-/// On, in both directions.
+/// Enables both directions.
 const ON: u32 = 1 | 1 << 8 | 1 << 9;
 const RECEIVE_EMPTY: u32 = 1 << 4;
 const TRANSMIT_FULL: u32 = 1 << 5;
 const RECEIVE_INTERRUPT: u32 = 1 << 4;
 const TRANSMIT_INTERRUPT: u32 = 1 << 5;
 
-/// Looks for an emergency stop in what is received.
+/// Recogniser of an emergency stop in the received bytes.
 static WATCH: InterruptOwned<Recogniser> = InterruptOwned::empty();
 
-/// Sets the UART up. Bytes flow once the interrupts are enabled.
+/// Initialises the UART. Bytes are transferred once the interrupts are enabled.
 pub fn start(uart: &pac::UART0) {
     WATCH.give(Recogniser::new());
-    // Sixteenfold oversampling: the divider in 64ths is 4 times clock over rate, rounded.
+    // With sixteenfold oversampling, the divider in 64ths is 4 times clock over rate, rounded.
     let divider = (4 * PROCESSOR_HZ + BAUD / 2) / BAUD;
     // SAFETY: values within the registers' ranges.
     unsafe {
@@ -46,21 +46,21 @@ pub fn start(uart: &pac::UART0) {
     }
 }
 
-/// Pends the interrupt, which looks at the queue.
+/// Pends the interrupt, which reads the queue.
 pub fn send_queued() {
     cortex_m::peripheral::NVIC::pend(pac::Interrupt::UART0_IRQ);
 }
 
-/// Switches everything off before anything else runs, if an emergency stop has come.
+/// Switches everything off before anything else runs, if an emergency stop has arrived.
 pub fn obey(emergency_stop: bool) {
     if emergency_stop {
-        // First, so that no step in between energises a motor again.
+        // This comes first, so that no step in between energises a motor again.
         HANDOVER.call_emergency_stop();
         pins::make_safe();
     }
 }
 
-/// Sends as much as the UART takes; it interrupts again when it can take more.
+/// Sends as many bytes as the UART accepts. It interrupts again when it can accept more.
 fn send(uart: &pac::uart0::RegisterBlock) {
     let mut waits = RECEIVE_INTERRUPT | TRANSMIT_INTERRUPT;
     while uart.uartfr().read().bits() & TRANSMIT_FULL == 0 {
@@ -77,15 +77,15 @@ fn send(uart: &pac::uart0::RegisterBlock) {
 
 #[interrupt]
 fn UART0_IRQ() {
-    // SAFETY: once the interrupts are on, only this handler touches the UART.
+    // SAFETY: once the interrupts are enabled, only this handler accesses the UART.
     let uart = unsafe { &*pac::UART0::ptr() };
-    // SAFETY: clears flags; bytes that are still there are read below.
+    // SAFETY: clears flags. Bytes that are still there are read below.
     uart.uarticr().write(|w| unsafe { w.bits(RECEIVE_INTERRUPT | TRANSMIT_INTERRUPT) });
     while uart.uartfr().read().bits() & RECEIVE_EMPTY == 0 {
         let byte = (uart.uartdr().read().bits() & 0xFF) as u8;
         // SAFETY: only this interrupt calls this.
         unsafe { WATCH.with(|watch| obey(watch.push(byte))) };
-        // A byte without room is lost, which its frame's CRC shows.
+        // A byte is lost if the queue is full, which the CRC of its frame shows.
         let _ = RECEIVED.enqueue(byte);
     }
     send(uart);

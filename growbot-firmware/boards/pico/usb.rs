@@ -1,7 +1,7 @@
-//! The link over USB: a serial port, in whose interrupt everything happens (data sheet of the RP2040, 4.1).
+//! The link over USB: a serial port that works entirely in its interrupt (data sheet of the RP2040, 4.1).
 //!
-//! It runs in memory, as the UART's: an emergency stop is obeyed while the flash is written to. Its priority is the
-//! UART's, as both call for a stop.
+//! The interrupt runs in memory, like the UART's, so that an emergency stop is carried out while the flash is written
+//! to. Its priority is that of the UART's interrupt, because either may receive a stop.
 
 use growbot_core::link::emergency_stop::Recogniser;
 use growbot_firmware::usb_serial::{BYTES, Content, NOTIFICATIONS, PACKET, Reply, Setup, UsbSerial};
@@ -13,11 +13,11 @@ use crate::uart::{self, Queue};
 
 /// Received bytes, oldest first.
 pub static RECEIVED: Queue = Queue::new();
-/// Bytes to send; call [`send_queued`] after adding some. They wait while the host takes none, and are dropped when it
-/// opens or closes the port.
+/// Bytes to send. Call [`send_queued`] after adding some. They wait while the host accepts none, and are dropped when
+/// the host opens or closes the port.
 pub static TO_SEND: Queue = Queue::new();
 
-/// The bit of the controller's reset.
+/// Bit of the controller's reset.
 const RESET: u32 = 1 << 24;
 /// The controller's memory: the request, controls of endpoints, controls of their buffers, and the buffers.
 const MEMORY: usize = 0x5010_0000;
@@ -27,7 +27,7 @@ const CONTROL_BUFFER: usize = 0x100;
 const NOTIFICATION_BUFFER: usize = 0x180;
 const RECEIVE_BUFFER: usize = 0x1C0;
 const SEND_BUFFER: usize = 0x200;
-/// Control of an endpoint: in use, with an interrupt for each buffer; and its kinds.
+/// Control of an endpoint: in use, with an interrupt for each buffer, and its kinds.
 const ENDPOINT_ON: u32 = 1 << 31 | 1 << 29;
 const BULK: u32 = 2 << 26;
 const INTERRUPT: u32 = 3 << 26;
@@ -41,33 +41,33 @@ const LENGTH: u32 = 0x3FF;
 const ON_BUFFER: u32 = 1 << 4;
 const ON_BUS_RESET: u32 = 1 << 12;
 const ON_SETUP: u32 = 1 << 16;
-/// The flags that end two of them.
+/// Flags that cause two of the interrupts.
 const BUS_RESET: u32 = 1 << 19;
 const SETUP_RECEIVED: u32 = 1 << 17;
-/// Pull-up of the bus: a device is there. An interrupt for each buffer of endpoint 0.
+/// Pull-up of the bus, which shows the device to the host, and an interrupt for each buffer of endpoint 0.
 const PULL_UP: u32 = 1 << 16;
 const CONTROL_INTERRUPT: u32 = 1 << 29;
 
 static DEVICE: InterruptOwned<Device> = InterruptOwned::empty();
 
-/// What endpoint 0 does.
+/// State of endpoint 0.
 #[derive(Clone, Copy)]
 enum Control {
     Idle,
-    /// Sends what is left of this, from there to there.
+    /// Sends the remaining part of a content, from one index to another.
     Sends(Content, usize, usize),
     TakesCoding,
-    /// Gets this address when the host has got the reply.
+    /// Sets this address when the host has received the reply.
     GetsAddress(u8),
 }
 
-/// The buffer of an endpoint in a direction.
+/// Buffer of an endpoint in one direction.
 #[derive(Clone, Copy)]
 struct Buffer {
-    /// Where its control is.
+    /// Offset of the buffer's control.
     control: usize,
     at: usize,
-    /// Whether the next packet is an odd one.
+    /// The next packet is an odd one.
     odd: bool,
 }
 
@@ -84,8 +84,8 @@ struct Device {
 }
 
 fn registers() -> &'static pac::usbctrl_regs::RegisterBlock {
-    // SAFETY: `start` uses it before the interrupt is enabled. After that only the interrupt does, which is forced
-    // by a register of its own.
+    // SAFETY: `start` uses it before the interrupt is enabled. After that only the interrupt does. Other code forces
+    // the interrupt by a separate register.
     unsafe { &*pac::USBCTRL_REGS::ptr() }
 }
 
@@ -114,8 +114,8 @@ impl Buffer {
         let odd = if self.odd { ODD } else { 0 };
         self.odd = !self.odd;
         write(self.control, flags | odd);
-        // The controller, with its clock of 48 MHz, sees the rest before it sees that.
-        // SAFETY: nothing but time.
+        // The controller, with its clock of 48 MHz, must see the other bits before this one.
+        // SAFETY: the instructions only take time.
         unsafe { core::arch::asm!("nop", "nop", "nop", "nop", "nop", "nop", "nop", "nop", "nop", "nop", "nop", "nop") };
         write(self.control, flags | odd | AVAILABLE);
     }
@@ -137,7 +137,7 @@ impl Buffer {
         self.hand_over(FULL | count as u32);
     }
 
-    /// The packet that has come.
+    /// Returns the bytes of the received packet.
     fn received(self) -> impl Iterator<Item = u8> {
         let count = (read(self.control) & LENGTH) as usize;
         (0..count.min(PACKET)).map(move |at| (read(self.at + at / 4 * 4) >> (8 * (at % 4))) as u8)
@@ -162,14 +162,14 @@ impl Device {
         self.serial.reset();
         self.control = Control::Idle;
         self.configure(false);
-        // SAFETY: the address of a device that has none; a flag that is cleared.
+        // SAFETY: the address of a device that has none yet, and a flag that is cleared.
         unsafe {
             registers().addr_endp().write(|w| w.bits(0));
             registers().sie_status().write(|w| w.bits(BUS_RESET));
         }
     }
 
-    /// Puts the endpoints of bytes into use, or out of it.
+    /// Enables or disables the endpoints of the data bytes.
     fn configure(&mut self, on: bool) {
         for buffer in [&mut self.receive, &mut self.send] {
             write(buffer.control, 0);
@@ -191,7 +191,7 @@ impl Device {
         unsafe { registers().sie_status().write(|w| w.bits(SETUP_RECEIVED)) };
         write(self.reply.control, 0);
         write(self.request.control, 0);
-        // What follows a request begins with an odd packet.
+        // The first packet after a request is an odd one.
         (self.reply.odd, self.request.odd, self.control) = (true, true, Control::Idle);
         match self.serial.answer(Setup::new(read(0), read(4))) {
             Reply::Send(content, most) => {
@@ -221,7 +221,7 @@ impl Device {
         self.reply.send(core::iter::empty());
     }
 
-    /// The packets of an endpoint begin anew.
+    /// Restarts the packets of an endpoint.
     fn clear(&mut self, endpoint: u8) {
         if !self.serial.is_configured() {
         } else if endpoint == BYTES {
@@ -233,7 +233,7 @@ impl Device {
         }
     }
 
-    /// Sends the next packet of a reply. None is left: what the host sends then, nothing, ends it.
+    /// Sends the next packet of a reply. If none is left, an empty packet from the host ends the reply.
     fn send_reply(&mut self) {
         let Control::Sends(content, from, until) = self.control else { return };
         let to = until.min(from + PACKET);
@@ -270,7 +270,7 @@ impl Device {
     fn on_received(&mut self) {
         for byte in self.receive.received() {
             uart::obey(self.watch.push(byte));
-            // A byte without room is lost, which its frame's CRC shows.
+            // A byte is lost if the queue is full, which the CRC of its frame shows.
             let _ = RECEIVED.enqueue(byte);
         }
         if self.serial.is_configured() {
@@ -278,7 +278,7 @@ impl Device {
         }
     }
 
-    /// Sends what is queued. Hosts wait after a full packet: there is none.
+    /// Sends the queued bytes. The packets are never full, because a host waits for more after a full packet.
     fn send_bytes(&mut self) {
         if self.sends || !self.serial.is_configured() || TO_SEND.is_empty() {
             return;
@@ -307,21 +307,21 @@ impl Device {
     }
 }
 
-/// Drops what the host has not taken: it is for a program that has closed the port.
+/// Drops the bytes that the host has not accepted. They are for a program that has closed the port.
 fn drop_queued() {
     while TO_SEND.dequeue().is_some() {}
 }
 
-/// Forces the interrupt, which looks at the queue.
+/// Forces the interrupt, which reads the queue.
 pub fn send_queued() {
-    // SAFETY: an interrupt that its handler ends.
+    // SAFETY: an interrupt that its handler clears.
     unsafe { registers().intf().write(|w| w.bits(ON_BUFFER)) };
 }
 
-/// Sets the controller up. The host sees a device; it gets answers once the interrupts are enabled.
+/// Initialises the controller. The host detects a device, which responds once the interrupts are enabled.
 pub fn start(resets: &pac::RESETS) {
     let usb = registers();
-    // SAFETY: values of the data sheet. The reset tells the host that the board has restarted.
+    // SAFETY: values of the data sheet. The reset shows the host that the board has restarted.
     unsafe {
         resets.reset().modify(|r, w| w.bits(r.bits() | RESET));
         resets.reset().modify(|r, w| w.bits(r.bits() & !RESET));
@@ -329,7 +329,7 @@ pub fn start(resets: &pac::RESETS) {
     }
     (0..CONTROL_BUFFER).step_by(4).for_each(|offset| write(offset, 0));
     DEVICE.give(Device::new());
-    // SAFETY: values of the data sheet. The bus counts as supplied: not every board has a pin that sees it.
+    // SAFETY: values of the data sheet. The bus counts as supplied, because not every board has a pin that detects it.
     unsafe {
         usb.usb_muxing().write(|w| w.bits(1 | 1 << 3));
         usb.usb_pwr().write(|w| w.bits(1 << 3 | 1 << 2));
@@ -343,7 +343,7 @@ pub fn start(resets: &pac::RESETS) {
 #[interrupt]
 fn USBCTRL_IRQ() {
     let pending = registers().ints().read().bits();
-    // SAFETY: what has been forced is done below.
+    // SAFETY: the work for which the interrupt was forced is done below.
     unsafe { registers().intf().write(|w| w.bits(0)) };
     // SAFETY: only this interrupt calls this.
     unsafe {

@@ -1,25 +1,25 @@
-//! The vector table, which the processor reads at each interrupt: in memory, as the flash cannot be read while it is
-//! written to.
+//! The vector table, which the processor reads at each interrupt. It is in memory, because the flash cannot be read
+//! while it is written to.
 
 use core::cell::UnsafeCell;
 
 use rp2040_pac as pac;
 
-/// Exceptions of the processor and interrupts of its peripherals.
+/// Number of exceptions of the processor and interrupts of its peripherals.
 const VECTORS: usize = 16 + 32;
 
-/// Aligned as the processor needs it.
+/// Vector table, aligned as the processor requires.
 #[repr(C, align(256))]
 struct Table(UnsafeCell<[u32; VECTORS]>);
 
-// SAFETY: written once, before the interrupts are enabled; then only the processor reads it.
+// SAFETY: written once, before the interrupts are enabled. After that only the processor reads it.
 unsafe impl Sync for Table {}
 
 static TABLE: Table = Table(UnsafeCell::new([0; VECTORS]));
 
-/// Copies the table of the image and has the processor use the copy. Call it once, before the interrupts are enabled.
+/// Copies the table of the image and makes the processor use the copy. Call it once, before the interrupts are enabled.
 pub fn move_to_memory() {
-    // SAFETY: the processor's own peripheral; the image has its table where it points to.
+    // SAFETY: the processor's own peripheral, which points to the table of the image.
     unsafe {
         let block = &*pac::PPB::ptr();
         let from = block.vtor().read().bits() as *const u32;

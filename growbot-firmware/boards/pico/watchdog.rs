@@ -1,31 +1,31 @@
-//! The watchdog: resets 2 s after it was last fed.
+//! The watchdog, which resets the board 2 s after it was last fed.
 
 use growbot_firmware::hal::Watchdog;
 use rp2040_pac as pac;
 
 /// Counts of 2 s: two a microsecond (erratum RP2040-E1).
 const COUNTS: u32 = 4_000_000;
-/// It resets all but the two oscillators.
+/// Parts that the watchdog resets: all except the two oscillators.
 const ALL_BUT_OSCILLATORS: u32 = 0x1_FFFC;
-/// On, and not paused by a debug probe.
+/// Enables the watchdog, which a debug probe does not pause.
 const ON: u32 = 1 << 30;
 
 /// The running watchdog.
 pub struct BoardWatchdog(());
 
-/// Starts the watchdog. It counts from when the clocks run.
+/// Starts the watchdog. It counts once the clocks run.
 pub fn start(device: &pac::Peripherals) -> BoardWatchdog {
-    // SAFETY: the bits of all parts that a reset is to reach.
+    // SAFETY: the bits of all parts that the reset must reach.
     device.PSM.wdsel().write(|w| unsafe { w.bits(ALL_BUT_OSCILLATORS) });
     feed();
-    // SAFETY: a whole register; only the watchdog's start and end write it.
+    // SAFETY: a whole register, which only the start and the end of the watchdog write.
     device.WATCHDOG.ctrl().write(|w| unsafe { w.bits(ON) });
     BoardWatchdog(())
 }
 
-/// Feeds it, from any context.
+/// Feeds the watchdog, from any context.
 pub fn feed() {
-    // SAFETY: writing the load value has no other effect than to feed.
+    // SAFETY: a write of the load value only feeds the watchdog.
     unsafe { (*pac::WATCHDOG::ptr()).load().write(|w| w.bits(COUNTS)) };
 }
 

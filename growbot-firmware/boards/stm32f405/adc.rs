@@ -1,6 +1,6 @@
-//! The analog inputs: ADC1. It converts thermistor and supply by turns, one at a time, and nothing waits for it.
+//! The analog inputs: ADC1. It converts thermistor and supply by turns, one at a time, and no code waits for it.
 //!
-//! The ADC is switched on by the first call of `sample`, not at start-up: the link answers first.
+//! The first call of `sample` switches the ADC on, so that the link responds first after start-up.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -15,7 +15,7 @@ const THERMISTOR: u8 = 10;
 /// ADC1's input at PC1.
 const SUPPLY: u8 = 11;
 
-/// The latest reading of the supply that has not been read yet, else [`NONE`].
+/// Latest unread reading of the supply, otherwise [`NONE`].
 static SUPPLY_READING: AtomicU32 = AtomicU32::new(NONE);
 const NONE: u32 = u32::MAX;
 
@@ -27,23 +27,24 @@ pub struct Thermistor {
     _pin: ThermistorInput,
 }
 
-/// The supply's input. It is converted while the thermistor is asked for.
+/// The supply's input. It is converted when the thermistor is sampled.
 pub struct Supply {
     _pin: SupplyInput,
 }
 
 enum State {
-    /// Not touched yet.
+    /// The ADC has not been started.
     Off,
-    /// Switched on; needs 3 us to settle (data sheet, table 67), which the time until the next call is.
+    /// The ADC has just been switched on. It needs 3 us to settle (data sheet, table 67), which the time until the next
+    /// call exceeds.
     Settling,
     /// A conversion of the thermistor is running or done.
     ConvertingThermistor,
-    /// One of the supply is.
+    /// A conversion of the supply is running or done.
     ConvertingSupply,
 }
 
-/// Clocks the ADC, and leaves it alone.
+/// Enables the clock of the ADC, without starting it.
 pub fn new(
     adc: pac::ADC1,
     common: pac::ADC_COMMON,
@@ -59,7 +60,7 @@ impl Thermistor {
     fn switch_on(&mut self) {
         // 84 MHz / 4: the data sheet allows up to 36 MHz.
         self.common.ccr().modify(|_, w| w.adcpre().div4());
-        // The longest sampling time, 480 clocks, since dividers are weak sources.
+        // The sampling time is the longest one, 480 clocks, because dividers are weak sources.
         self.adc.smpr1().modify(|_, w| w.smp10().cycles480().smp11().cycles480());
         self.adc.cr2().write(|w| w.adon().set_bit());
     }
@@ -70,7 +71,7 @@ impl Thermistor {
         self.adc.cr2().modify(|_, w| w.swstart().set_bit());
     }
 
-    /// What has been converted, if that is done.
+    /// Returns the result of the conversion, if it is done.
     fn read_converted(&mut self) -> Option<u16> {
         // Reading the data clears the flag.
         self.adc.sr().read().eoc().is_complete().then(|| self.adc.dr().read().data().bits() & 0xFFF)
@@ -78,8 +79,8 @@ impl Thermistor {
 }
 
 impl Adc for Thermistor {
-    /// The conversion that has ended since the last call. Starts the next one. Every other call gives `None`, and so
-    /// does a call within 25 us.
+    /// Returns the result of the conversion that has ended since the last call, and starts the next one. Every other
+    /// call returns `None`, and so does a call within 25 us.
     fn sample(&mut self) -> Option<u16> {
         match self.state {
             State::Off => {

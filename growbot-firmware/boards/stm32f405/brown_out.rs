@@ -1,44 +1,44 @@
 //! The processor's own supply: the detector that warns before it is too low, and the reset that stops the processor
 //! while it is.
 //!
-//! The detector's interrupt switches the tip off and starts the board anew, which then says "brown-out". It comes with
-//! the fall below the threshold only: a board whose supply is still rising, or always that low, starts nevertheless,
-//! and its log says so.
+//! The detector's interrupt switches the tip off and restarts the board, which then reports "brown-out". The interrupt
+//! occurs only at a fall below the threshold. A board whose supply is still rising, or always that low, therefore
+//! starts nevertheless, and writes a warning to its log.
 
 use growbot_firmware::supplied::SupplyDetector;
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc};
 
-/// PLS: 2.93 V falling (2.85 to 2.99), 3.03 V rising (data sheet, table "embedded reset and power control block
-/// characteristics"). The processor may run at 168 MHz down to 2.7 V; the next level, 3.03 V, is within the tolerance
+/// Level PLS: 2.93 V falling (2.85 to 2.99), 3.03 V rising (data sheet, table "embedded reset and power control block
+/// characteristics"). The processor may run at 168 MHz down to 2.7 V. The next level, 3.03 V, is within the tolerance
 /// of 3.3 V.
 const LEVEL: u8 = 0b110;
 /// The detector's line of the interrupt controller EXTI (reference manual, 12.2.5).
 const LINE: u8 = 16;
 
-/// Starts the detector; it is quick, but what it says first is not to be believed.
+/// Starts the detector. It starts fast, but its first output is not reliable.
 pub fn start_detector(pwr: &pac::PWR, rcc: &mut Rcc) {
     pac::PWR::enable(rcc);
     // SAFETY: PLS has three bits, and every value is a level.
     pwr.cr().modify(|_, w| unsafe { w.pls().bits(LEVEL) }.pvde().set_bit());
 }
 
-/// The detector that has been started: its level is above what flash needs to be programmed by words (2.7 V, data sheet
-/// DS8626).
+/// The detector after its start. Its level is above the voltage at which flash can be programmed by words (2.7 V, data
+/// sheet DS8626).
 pub struct Detector;
 
 impl SupplyDetector for Detector {
     fn is_enough(&self) -> bool {
-        // SAFETY: reading this register has no effect.
+        // SAFETY: a read of this register has no effect.
         unsafe { &*pac::PWR::ptr() }.csr().read().pvdo().bit_is_clear()
     }
 }
 
-/// From now on a fall below the threshold interrupts. To be called as late as possible in the start-up.
+/// Enables the interrupt at a fall below the threshold. Call it as late as possible in the start-up.
 pub fn arm(pwr: &pac::PWR, exti: &pac::EXTI) {
-    // The detector's output rises where the supply falls.
+    // The detector's output rises when the supply falls.
     exti.rtsr().modify(|_, w| w.tr(LINE).set_bit());
-    // What has been before does not count. The flag is cleared by writing a one, and no other one is touched.
+    // Earlier events do not count. The flag is cleared by writing a one, and no other flag is changed.
     exti.pr().write(|w| w.pr(LINE).clear_bit_by_one());
     exti.imr().modify(|_, w| w.mr(LINE).set_bit());
     if pwr.csr().read().pvdo().bit_is_set() {
@@ -46,10 +46,10 @@ pub fn arm(pwr: &pac::PWR, exti: &pac::EXTI) {
     }
 }
 
-/// Warns where the option bytes have the brown-out reset off: then the processor runs on while its supply sags to 1.7
-/// V.
+/// Warns if the option bytes disable the brown-out reset. In that case the processor runs on while its supply sags to
+/// 1.7 V.
 pub fn check_reset_level(flash: &pac::FLASH) {
-    // BOR_LEV, bits 3:2 (reference manual, 3.9.10): 11 is off, as boards are delivered, 00 the highest level.
+    // BOR_LEV, bits 3:2 (reference manual, 3.9.10): 11 is off, as boards are delivered, and 00 is the highest level.
     if flash.optcr().read().bor_lev().bits() == 0b11 {
         defmt::warn!("the brown-out reset is off: set BOR_LEV to level 3 (WIRING.md)");
     }

@@ -1,4 +1,4 @@
-//! The board's clocks, and the time: SysTick counts milliseconds, and its counter gives the microseconds between.
+//! The board's clocks, and the time. SysTick counts milliseconds, and its counter gives the microseconds between them.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -11,7 +11,7 @@ use stm32f4xx_hal::pac;
 pub const PROCESSOR_HZ: u32 = 168_000_000;
 /// The clock of the peripherals on the first bus (APB1).
 pub const PERIPHERALS_1_HZ: u32 = PROCESSOR_HZ / 4;
-/// The clock of the timers there, which is twice as fast.
+/// The clock of the timers on that bus, which is twice as fast.
 pub const TIMERS_1_HZ: u32 = PROCESSOR_HZ / 2;
 
 /// SysTicks a second.
@@ -20,43 +20,45 @@ const TICK_HZ: u32 = 1_000;
 static MILLISECONDS_LO: AtomicU32 = AtomicU32::new(0);
 static MILLISECONDS_HI: AtomicU32 = AtomicU32::new(0);
 
-/// The internal oscillator, by which the processor starts.
+/// The internal oscillator, from which the processor starts.
 const INTERNAL_HZ: u32 = 16_000_000;
-/// Time for which a crystal is waited for, ms. A crystal takes some 2 ms (data sheet, table "HSE oscillator
-/// characteristics"), and the watchdog waits for 700 ms at least.
+/// Time for which the start waits for the crystal, ms. A crystal takes some 2 ms (data sheet, table "HSE oscillator
+/// characteristics"), and the watchdog's timeout is at least 700 ms.
 const CRYSTAL_WAIT_MS: u32 = 100;
-/// Clocks of a look at it. They are 7 to 10: a count, a load, a shift, and two branches, of which the one that is taken
-/// has 2 to 4.
+/// Clocks of one check of the crystal. They are 7 to 10: a count, a load, a shift, and two branches, of which the taken
+/// one has 2 to 4.
 const LOOK_CLOCKS: u32 = 8;
-/// Looks at a crystal that does not start: 200,000, which take 88 to 125 ms.
+/// Number of checks of a crystal that does not start: 200,000, which take 88 to 125 ms.
 const MAX_LOOKS: u32 = INTERNAL_HZ / 1000 * CRYSTAL_WAIT_MS / LOOK_CLOCKS;
 
-/// What the clocks are made of.
+/// Source of the clocks.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Oscillator {
-    /// The crystal, watched by the clock security system.
+    /// The crystal, monitored by the clock security system.
     Crystal,
-    /// The oscillator in the processor, since the crystal did not start: exact to 1 % at 25 C, and to 8 % over all
-    /// temperatures. The link works as a rule, so that the board can tell; nothing heats.
+    /// The oscillator in the processor, because the crystal did not start. It is exact to 1 % at 25 C, and to 8 % over
+    /// all temperatures. The link usually works with it, so that the board can report the fault. Nothing heats.
     Internal,
 }
 
-/// Makes the 168 MHz of the crystal's 8 MHz, or of the internal oscillator's 16 MHz. (The set-up of `stm32f4xx-hal`,
-/// for clocks of any rate, leaves panics in the firmware; what that crate says of its clocks afterwards is what they
-/// were before.)
+/// Makes the 168 MHz from the crystal's 8 MHz, or from the internal oscillator's 16 MHz. (The set-up of
+/// `stm32f4xx-hal`, for clocks of any rate, leaves panics in the firmware. The clock rates that this crate returns
+/// afterwards are those from before.)
 ///
-/// The watchdog has been started: what never gets ready ends in a reset, with every pin afloat.
+/// The watchdog must have been started: if a part never gets ready, the watchdog resets the board, with every pin
+/// floating.
 pub fn speed_up(rcc: &pac::RCC, flash: &pac::FLASH) -> Oscillator {
     rcc.cr().modify(|_, w| w.hseon().set_bit());
     let starts = (0..MAX_LOOKS).any(|_| rcc.cr().read().hserdy().bit_is_set());
     if starts {
-        // From now on a crystal that stops is a non-maskable interrupt, and the processor runs on by the internal
+        // From now on a crystal that stops causes a non-maskable interrupt, and the processor runs on by the internal
         // oscillator.
         rcc.cr().modify(|_, w| w.csson().set_bit());
     } else {
         rcc.cr().modify(|_, w| w.hseon().clear_bit());
     }
-    // 8 MHz / 4, or 16 MHz / 8; * 168 / 2. / 7 makes the 48 MHz of parts that are not used.
+    // The PLL computes 8 MHz / 4, or 16 MHz / 8, times 168 / 2. The divider 7 makes the 48 MHz of parts that are not
+    // used.
     // SAFETY: factors within the ranges of the reference manual: 2 to 63, 50 to 432, 2 to 15.
     rcc.pllcfgr().write(|w| unsafe {
         let w = if starts { w.pllsrc().hse().pllm().bits(4) } else { w.pllsrc().hsi().pllm().bits(8) };
@@ -67,15 +69,15 @@ pub fn speed_up(rcc: &pac::RCC, flash: &pac::FLASH) -> Oscillator {
     // Flash is slower than the processor by 5 clocks at 168 MHz and 3.3 V.
     flash.acr().write(|w| w.latency().ws5().prften().set_bit().icen().set_bit().dcen().set_bit());
     rcc.cfgr().modify(|_, w| w.hpre().div1().ppre1().div4().ppre2().div2());
-    // The new ratios hold after up to 16 clocks.
+    // The new ratios take effect after up to 16 clocks.
     cortex_m::asm::delay(16);
     rcc.cfgr().modify(|_, w| w.sw().pll());
     while !rcc.cfgr().read().sws().is_pll() {}
     if starts { Oscillator::Crystal } else { Oscillator::Internal }
 }
 
-/// The interrupt of the clock security system, which cannot be masked: the crystal has stopped. The processor runs by
-/// the internal oscillator, ten times as slow, so that nothing would come in time any more.
+/// Interrupt of the clock security system, which cannot be masked: the crystal has stopped. The processor runs by the
+/// internal oscillator, ten times slower, so that no task would be in time any more.
 #[exception]
 unsafe fn NonMaskableInt() {
     crate::reset::end_by_clock_failure();
@@ -90,16 +92,17 @@ pub fn start(syst: &mut SYST) {
     syst.enable_counter();
 }
 
-/// The SysTick interrupt.
+/// Handles the SysTick interrupt.
 pub fn on_tick() {
     let low = MILLISECONDS_LO.load(Ordering::Relaxed).wrapping_add(1);
     let high = MILLISECONDS_HI.load(Ordering::Relaxed).wrapping_add(u32::from(low == 0));
-    // High before low: `milliseconds` reads them the other way round and so notices a carry.
+    // The high word is stored before the low one. `milliseconds` reads them in the reverse order and so detects a
+    // carry.
     MILLISECONDS_HI.store(high, Ordering::Release);
     MILLISECONDS_LO.store(low, Ordering::Release);
 }
 
-/// Milliseconds since the board started.
+/// Returns the milliseconds since the board started.
 pub fn milliseconds() -> u64 {
     loop {
         let high = MILLISECONDS_HI.load(Ordering::Acquire);
@@ -110,8 +113,8 @@ pub fn milliseconds() -> u64 {
     }
 }
 
-/// Microseconds since the board started. For code that the SysTick interrupt may interrupt; it would repeat up to a
-/// millisecond otherwise.
+/// Returns the microseconds since the board started. Only code that the SysTick interrupt may interrupt can call this.
+/// Other code would see up to a millisecond twice.
 pub fn now_us() -> u64 {
     loop {
         let before = milliseconds();

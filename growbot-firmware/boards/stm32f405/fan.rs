@@ -1,4 +1,4 @@
-//! The fan: TIM12 channel 2, PWM at 1.28 kHz. A timer of its own, so that nothing of it can disturb the heater.
+//! The fan: TIM12 channel 2, PWM at 1.28 kHz. It has a timer of its own, so that it cannot disturb the heater.
 
 use core::convert::Infallible;
 
@@ -8,7 +8,7 @@ use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
 use crate::pins::FanPower;
 
-/// One period is this many clocks less one, so that a duty of `u16::MAX` never goes low.
+/// Last count of a period, which has `u16::MAX` clocks, so that a duty of `u16::MAX` never goes low.
 const LAST_COUNT: u16 = u16::MAX - 1;
 
 /// The fan's switch.
@@ -24,7 +24,7 @@ impl Fan {
         pac::TIM12::reset(rcc);
         timer.arr().write(|w| w.arr().set(LAST_COUNT));
         timer.ccr2().write(|w| w.ccr().set(0));
-        // No preload of the compare value: a duty acts at once.
+        // The compare value has no preload, so that a duty acts at once.
         timer.ccmr1_output().write(|w| w.oc2m().pwm_mode1());
         timer.ccer().write(|w| w.cc2e().set_bit());
         timer.cr1().write(|w| w.cen().set_bit());
@@ -49,7 +49,7 @@ impl SetDutyCycle for Fan {
 
 /// Switches the fan off at once. Its owner keeps it.
 pub fn off() {
-    // SAFETY: a single write of a whole register that its owner only ever writes whole.
+    // SAFETY: a single write of a whole register, which its owner also writes only as a whole.
     let timer = unsafe { &*pac::TIM12::ptr() };
     timer.ccr2().write(|w| w.ccr().set(0));
 }

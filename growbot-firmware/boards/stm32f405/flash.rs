@@ -1,12 +1,13 @@
-//! The flash of the robot's description, sectors 8 and 9 of the processor's own, and that of the journal, sectors 10 and
-//! 11: 128 KiB each (reference manual RM0090, chapter 3).
+//! The flash of the robot's description, sectors 8 and 9 of the processor's own, and that of the journal, sectors 10
+//! and 11. Each sector has 128 KiB (reference manual RM0090, chapter 3).
 //!
-//! While flash is programmed or erased, nothing can be read from it, code included: the processor stands. That is 16 us
-//! a word, 100 us at most, and up to 2 s a sector (data sheet DS8626, table "flash memory programming"). Interrupts are
-//! served between words. A sector is erased by code in RAM, which feeds the watchdog as it waits, without interrupts:
-//! heater and steppers must be off. Words need a supply of 2.7 V: it is behind the detector of `brown_out.rs`.
+//! While flash is programmed or erased, nothing can be read from it, code included, so that the processor stalls. This
+//! takes 16 us a word, 100 us at most, and up to 2 s a sector (data sheet DS8626, table "flash memory programming").
+//! Interrupts are served between words. Code in RAM erases a sector. It feeds the watchdog while it waits, with
+//! interrupts disabled, so that heater and steppers must be off. Words need a supply of 2.7 V, so the flash is behind
+//! the detector of `brown_out.rs`.
 //!
-//! (The flash of `stm32f4xx-hal` leaves panics in the firmware, writes bytes, and knows nothing of a watchdog.)
+//! (The flash of `stm32f4xx-hal` leaves panics in the firmware, writes bytes, and does not feed a watchdog.)
 
 use core::ops::RangeInclusive;
 
@@ -17,37 +18,37 @@ use stm32f4xx_hal::pac;
 use crate::brown_out::Detector;
 use crate::image::word_flash::{ByWords, Word, WordFlash};
 
-/// Sectors that may be erased. The firmware is in those before.
+/// Sectors that may be erased. The firmware is in the sectors before them.
 const ERASABLE_SECTORS: RangeInclusive<usize> = 8..=11;
-/// Bytes of a sector, of 5 and those after it.
+/// Bytes of a sector, for sector 5 and those after it.
 const SECTOR_BYTES: usize = 128 * 1024;
 /// Address of sector 5.
 const SECTOR_5: usize = 0x0802_0000;
 
-/// What unlocks the control register, until the next reset if in another order.
+/// Keys that unlock the control register. In any other order they lock it until the next reset.
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 /// Control: starts an erasure (STRT).
 const START: u32 = 1 << 16;
-/// Status: a write or erasure is under way (BSY).
+/// Status: a write or erasure is in progress (BSY).
 const BUSY: u32 = 1 << 16;
 /// Status: all its errors (PGSERR, PGPERR, PGAERR, WRPERR, OPERR), which are cleared by writing ones.
 const ERRORS: u32 = 0xF2;
-/// The watchdog's key register, and what feeds it.
+/// The watchdog's key register, and the key that feeds it.
 const WATCHDOG_KEY: *mut u32 = 0x4000_3000 as *mut u32;
 const FEED: u32 = 0xAAAA;
-/// Number of looks at an erasure after which the watchdog is left to reset the board: more than 3 s, at 12 clocks a
-/// look at least.
+/// Number of checks of an erasure after which the code stops feeding the watchdog, which then resets the board. They
+/// take more than 3 s, with at least 12 clocks a check.
 const MAX_LOOKS: u32 = 45_000_000;
 
 unsafe extern "C" {
-    /// Where the memory map has the description and the journal begin, and end. Addresses only.
+    /// Beginning and end of the description and the journal in the memory map. Only their addresses are used.
     static _description_start: u32;
     static _description_end: u32;
     static _journal_start: u32;
     static _journal_end: u32;
 }
 
-/// Flash that is changed only while the processor has its supply.
+/// Flash that is changed only while the processor's supply is high enough.
 pub type SuppliedFlash = Supplied<ByWords<BoardFlash>, Detector>;
 
 /// A part of the flash.
@@ -57,13 +58,13 @@ pub struct BoardFlash {
     bytes: usize,
 }
 
-// SAFETY: the address is of flash, which is the same from every context.
+// SAFETY: the address is one of flash, which is the same from every context.
 unsafe impl Send for BoardFlash {}
 
 impl BoardFlash {
-    /// The flash of the robot's description and that of the journal, whose clocks are set up.
+    /// Returns the flash of the robot's description and that of the journal. The clocks must be set up.
     pub fn parts(registers: pac::FLASH) -> [SuppliedFlash; 2] {
-        // SAFETY: both are used by the controller alone, one after the other.
+        // SAFETY: the controller alone uses both, one after the other.
         let other = unsafe { pac::FLASH::steal() };
         [
             Self::between(registers, &raw const _description_start, &raw const _description_end),
@@ -76,19 +77,19 @@ impl BoardFlash {
         SuppliedFlash::new(ByWords(Self { registers, start: start.cast_mut(), bytes }), Detector)
     }
 
-    /// Address of one of its bytes.
+    /// Returns the address of a byte of this flash.
     fn address(&self, offset: usize) -> *mut u32 {
         self.start.wrapping_byte_add(offset)
     }
 
-    /// Does something with the control register unlocked, and says whether that went well.
+    /// Does some work with the control register unlocked. Returns an error if the work fails.
     fn unlocked(&mut self, work: impl FnOnce(&pac::FLASH) -> bool) -> Result<(), NorFlashErrorKind> {
         let registers = &self.registers;
         for key in KEYS {
             // SAFETY: the keys of the reference manual.
             registers.keyr().write(|w| unsafe { w.key().bits(key) });
         }
-        // SAFETY: clears the errors of before.
+        // SAFETY: clears earlier errors.
         registers.sr().write(|w| unsafe { w.bits(ERRORS) });
         let is_done = registers.cr().read().lock().bit_is_clear() && work(registers);
         // All other bits are cleared.
@@ -101,33 +102,34 @@ impl BoardFlash {
     }
 }
 
-/// Whether the last write or erasure, which is over, went well.
+/// Returns whether the last write or erasure, which is over, succeeded.
 fn went_well(registers: &pac::FLASH) -> bool {
     registers.sr().read().bits() & ERRORS == 0
 }
 
 /// Programs a word.
 fn program(registers: &pac::FLASH, address: *mut u32, word: u32) -> bool {
-    // SAFETY: an aligned word of this flash, which Rust code owns nothing of.
+    // SAFETY: an aligned word of this flash, of which Rust code owns nothing.
     unsafe { address.write_volatile(word) };
     cortex_m::asm::dsb();
     while registers.sr().read().bits() & BUSY != 0 {}
     went_well(registers)
 }
 
-/// Starts the erasure that the control register says, and waits for its end. In RAM, and all that it calls is inlined.
+/// Starts the erasure that the control register describes, and waits for its end. The function is in RAM, and all
+/// functions that it calls are inlined.
 ///
 /// # Safety
 ///
-/// The control register is unlocked, and says which sector.
+/// The control register must be unlocked and must select the sector.
 #[inline(never)]
 #[unsafe(link_section = ".data.erase")]
 unsafe fn erase(status: *const u32, control: *mut u32, start: u32) {
     // SAFETY: registers of the flash, and of the watchdog, which may be fed at any time.
     unsafe {
         control.write_volatile(start);
-        // The write may still be on its way when the status is read, which would then say that all is over. (Not
-        // `cortex_m::asm::dsb`, which might not be inlined.)
+        // The write may not have arrived when the status is read. The status would then show that the erasure is over.
+        // (`cortex_m::asm::dsb` is not used, because it might not be inlined.)
         core::arch::asm!("dsb", options(nostack, preserves_flags));
         let mut looks = 0;
         while status.read_volatile() & BUSY != 0 {
@@ -147,7 +149,7 @@ impl WordFlash for BoardFlash {
     }
 
     fn read(&self, offset: usize) -> u32 {
-        // SAFETY: an aligned word of this flash, which Rust code owns nothing of.
+        // SAFETY: an aligned word of this flash, of which Rust code owns nothing.
         unsafe { self.address(offset).read_volatile() }
     }
 
@@ -161,7 +163,7 @@ impl WordFlash for BoardFlash {
             registers.cr().modify(|_, w| unsafe { w.ser().set_bit().psize().psize32().snb().bits(number as u8) });
             let start = registers.cr().read().bits() | START;
             cortex_m::interrupt::free(|_| {
-                // SAFETY: the control register is as it has to be.
+                // SAFETY: the control register is unlocked and selects the sector.
                 unsafe { erase(registers.sr().as_ptr(), registers.cr().as_ptr(), start) }
             });
             went_well(registers)

@@ -1,6 +1,6 @@
 //! growbot on the robot: an STM32F405RG at 168 MHz.
 //!
-//! | priority | task | does |
+//! | priority | task | function |
 //! |---|---|---|
 //! | not maskable | NMI | the crystal has stopped: everything off |
 //! | 5 | PVD | the processor's supply sags: everything off |
@@ -59,7 +59,7 @@ mod app {
     use crate::watchdog::BoardWatchdog;
     use crate::{brown_out, clock, reset, watchdog};
 
-    /// Where the controller and the step interrupt meet.
+    /// Handover between the controller and the step interrupt.
     static HANDOVER: Handover = Handover::new();
 
     type StepEngine = Engine<
@@ -114,7 +114,7 @@ mod app {
         let mut core = cx.core;
         let watchdog = watchdog::start(device.IWDG, Halts::set_up(device.DBGMCU, &mut core.DCB));
         let Some(retained) = RetainedRam::take() else {
-            // Nothing has taken it before.
+            // This is unreachable, because no code has taken the memory before.
             cortex_m::peripheral::SCB::sys_reset()
         };
 
@@ -169,8 +169,8 @@ mod app {
         (Shared {}, Local { engine, step_timer, uart, controller, logged })
     }
 
-    /// Facts about this start. It makes the clocks fast before it checks the image, long before the watchdog must be
-    /// fed.
+    /// Returns the facts about this start. It makes the clocks fast before it checks the image, long before the
+    /// watchdog must be fed.
     fn identify(rcc: &pac::RCC, flash: &pac::FLASH) -> Identity {
         Identity {
             reset_cause: reset::read_and_clear_cause(rcc),
@@ -204,7 +204,7 @@ mod app {
                 defmt::info!("{=str}, fault {=str}", logged.name(), fault);
             }
             rtic::pend(pac::Interrupt::USART2);
-            // The next SysTick ends it at the latest.
+            // The next SysTick ends the wait at the latest.
             cortex_m::asm::wfi();
         }
     }

@@ -1,10 +1,11 @@
-//! The wiring: a type for each signal of WIRING.md's table, which names it, and its role.
+//! The wiring: a type for each signal of WIRING.md's table, named after the signal, with its role.
 //!
-//! Which pins the published robots use is not known: this table is an assumption, for an STM32F405RG in its 64-pin
-//! package. PA15, PB3 and PB4 are left alone, since they are JTAG's until software says otherwise. The levels of DIR,
-//! EN and the inputs are the robot description's (`direction_high_is_positive`, `enable_low`, `active_low`, ...). What
-//! the board needs round the processor, first of all resistors that keep everything off while its pins float, is in
-//! WIRING.md. A test compares its table with these types, and with what the image writes to the ports.
+//! The pins of the published robots are not known. This table is an assumption, for an STM32F405RG in its 64-pin
+//! package. PA15, PB3 and PB4 are not used, because they are JTAG's until software changes that. The robot's
+//! description defines the levels of DIR, EN and the inputs (`direction_high_is_positive`, `enable_low`, `active_low`,
+//! ...). WIRING.md lists the parts that the board needs around the processor, above all resistors that keep everything
+//! off while its pins float. A test compares its table with these types, and with the values that the image writes to
+//! the ports.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
@@ -59,10 +60,10 @@ pub type LinkTx = PA2<Alternate<7>>;
 /// Signal `link, host to board`.
 pub type LinkRx = PA3<Alternate<7>>;
 
-/// Whether a low level enables the drivers: [`make_safe`] needs it without the pins.
+/// A low level enables the drivers. [`make_safe`] needs this without the pins.
 static ENABLE_LOW: AtomicBool = AtomicBool::new(true);
 
-/// All pins, each in its role and at its safe level.
+/// All pins, each configured and at its safe level.
 pub struct Pins {
     /// STEP of the head.
     pub head_step: HeadStep,
@@ -78,7 +79,7 @@ pub struct Pins {
     pub feed_enable: FeedEnable,
     /// Output of the heater's PWM.
     pub heater: HeaterPower,
-    /// The second switch in the heater's supply.
+    /// Second switch in the heater's supply.
     pub heater_enable: HeaterEnable,
     /// Output of the fan's PWM.
     pub fan: FanPower,
@@ -86,9 +87,9 @@ pub struct Pins {
     pub thermistor: ThermistorInput,
     /// Divider of the supply.
     pub supply: SupplyInput,
-    /// The filament's switch.
+    /// Presence switch of the filament.
     pub filament_presence: FilamentPresence,
-    /// The drivers' fault outputs.
+    /// Fault outputs of the drivers.
     pub driver_fault: DriverFault,
     /// SCL of the orientation sensor.
     pub orientation_clock: OrientationClock,
@@ -96,9 +97,9 @@ pub struct Pins {
     pub orientation_data: OrientationData,
     /// Index sensor of the head.
     pub index: Index,
-    /// The encoder that the filament turns.
+    /// Encoder that the filament turns.
     pub filament_motion: FilamentMotion,
-    /// The emergency stop.
+    /// Emergency stop.
     pub emergency_stop: EmergencyStop,
     /// TX of the link.
     pub link_tx: LinkTx,
@@ -107,7 +108,7 @@ pub struct Pins {
 }
 
 impl Pins {
-    /// Takes the ports and gives each pin its role. Outputs get their level before they become outputs.
+    /// Takes the ports and configures each pin. An output's level is set before it becomes an output.
     pub fn new(robot: &RobotDescription, a: pac::GPIOA, b: pac::GPIOB, c: pac::GPIOC, rcc: &mut Rcc) -> Self {
         let enable_low = robot.motion.enable_low;
         ENABLE_LOW.store(enable_low, Ordering::Relaxed);
@@ -115,7 +116,7 @@ impl Pins {
         let head_backwards = !robot.head.direction_high_is_positive;
         let feed_backwards = !robot.feed.direction_high_is_forward;
         let sensors = &robot.sensors;
-        // Those of sensors that the robot does not have are not asked, so any level will do.
+        // The inputs of sensors that the robot does not have are never read, so that any level is valid.
         let active_low = |input: Option<growbot_core::robot::Input>| input.is_some_and(|input| input.active_low);
         let (a, b, c) = (a.split(rcc), b.split(rcc), c.split(rcc));
         Pins {
@@ -125,8 +126,8 @@ impl Pins {
             feed_step: b.pb12.into_push_pull_output_in_state(PinState::Low),
             feed_direction: Polarized::new(b.pb13.into_push_pull_output_in_state(PinState::Low), feed_backwards),
             feed_enable: Polarized::new(b.pb14.into_push_pull_output_in_state(off), enable_low),
-            // The processor's own pull-downs beside those at the gate drivers: the timers' outputs may be off, and a
-            // wire may break.
+            // The processor's own pull-downs supplement those at the gate drivers, because the timers' outputs may be
+            // off and a wire may break.
             heater: a.pa8.into_alternate().internal_resistor(Pull::Down),
             heater_enable: a.pa7.into_push_pull_output_in_state(PinState::Low).internal_resistor(Pull::Down),
             fan: b.pb15.into_alternate().internal_resistor(Pull::Down),
@@ -155,9 +156,9 @@ impl Outputs for TipOutputs {
     }
 }
 
-/// Heater, fan and both drivers off at once, from any context. Their owners keep the pins.
+/// Switches heater, fan and both drivers off at once, from any context. Their owners keep the pins.
 pub fn make_safe() {
-    // SAFETY: `bsrr` sets and clears single pins in one write, so that no other pin's owner is disturbed.
+    // SAFETY: `bsrr` sets and clears single pins in one write, so that the owners of other pins are not disturbed.
     let (a, b, c) = unsafe { (&*pac::GPIOA::ptr(), &*pac::GPIOB::ptr(), &*pac::GPIOC::ptr()) };
     a.bsrr().write(|w| w.br7().set_bit());
     if ENABLE_LOW.load(Ordering::Relaxed) {

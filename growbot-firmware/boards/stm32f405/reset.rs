@@ -1,4 +1,4 @@
-//! Why the board started, which boot this is, and the ways to an orderly end.
+//! The cause of the board's start, the boot id, and orderly resets.
 
 use core::arch::naked_asm;
 use core::cell::UnsafeCell;
@@ -10,20 +10,20 @@ use stm32f4xx_hal::pac;
 
 use crate::image::crash::{self, Moment};
 
-/// Three words that survive a reset: nothing loads or clears this section.
+/// Three words that survive a reset: no code loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_notes")]
 static NOTES: Notes = Notes(UnsafeCell::new(MaybeUninit::uninit()));
 
 struct Notes(UnsafeCell<MaybeUninit<[u32; 3]>>);
 
-// SAFETY: only reached through `read` and `write`, each a single access of a whole word.
+// SAFETY: accessed only through `read` and `write`, each a single access of a whole word.
 unsafe impl Sync for Notes {}
 
-/// Word 0: how the last boot ended.
+/// Word 0: the end of the last boot.
 const END: usize = 0;
 /// Word 1: the boot id.
 const BOOT: usize = 1;
-/// Word 2: the complement of word 1, which shows whether both are a former boot's or chance.
+/// Word 2: the complement of word 1. It shows whether both words are from an earlier boot or random.
 const CHECK: usize = 2;
 
 const FAULTED: u32 = 0x6E0F_E502;
@@ -37,7 +37,7 @@ impl Notes {
     }
 
     fn read(&self, index: usize) -> u32 {
-        // SAFETY: one of the three words; RAM may be read before it was written.
+        // SAFETY: one of the three words. RAM may be read before it was written.
         unsafe { self.word(index).read_volatile() }
     }
 
@@ -53,7 +53,7 @@ pub fn read_and_clear_cause(rcc: &pac::RCC) -> ResetCause {
     rcc.csr().modify(|_, w| w.rmvf().set_bit());
     let end = NOTES.read(END);
     NOTES.write(END, 0);
-    // A power-on sets the brown-out flag too, and every cause the pin's.
+    // A power-on also sets the brown-out flag, and every cause sets the pin's flag.
     if flags.porrstf().bit_is_set() {
         ResetCause::PowerOn
     } else if flags.borrstf().bit_is_set() || end == SAGGED {
@@ -71,10 +71,10 @@ pub fn read_and_clear_cause(rcc: &pac::RCC) -> ResetCause {
     }
 }
 
-/// A number that tells this boot from the ones before. Call it once.
+/// Returns a number that differs from those of earlier boots. Call it once.
 ///
-/// It counts up while RAM has power. After a loss of power it starts anew at what the cells came up with, which
-/// differs from board to board and, in part, from time to time.
+/// The number counts up while RAM has power. After a loss of power it starts from the random content of the cells,
+/// which differs from board to board and, in part, from time to time.
 pub fn next_boot_id() -> u32 {
     let (boot, check) = (NOTES.read(BOOT), NOTES.read(CHECK));
     let next = if boot == !check { boot.wrapping_add(1) } else { boot.rotate_left(16) ^ check };
@@ -90,28 +90,28 @@ fn end(note: u32) -> ! {
     SCB::sys_reset()
 }
 
-/// The processor's supply sags: everything off, and a new start.
+/// Switches everything off and resets, because the processor's supply sags.
 pub fn end_by_brown_out() -> ! {
     end(SAGGED)
 }
 
-/// The handler of unexpected interrupts: they are as bad as a fault of the processor.
+/// Handler of unexpected interrupts. They are treated like a fault of the processor.
 #[unsafe(naked)]
 #[unsafe(export_name = "DefaultHandler")]
 extern "C" fn default_handler() -> ! {
     naked_asm!("b HardFault")
 }
 
-/// The crystal has stopped: everything off, and a new start.
+/// Switches everything off and resets, because the crystal has stopped.
 pub fn end_by_clock_failure() -> ! {
     end(CLOCK_FAILED)
 }
 
-/// The stack is full, or the processor faulted for another reason.
+/// Ends the program after a stack overflow or another fault of the processor.
 pub fn on_crash(cause: ResetCause, moment: &Moment) -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();
-    // First what is surest to succeed.
+    // The step that is most certain to succeed comes first.
     let note = if cause == ResetCause::StackOverflow { OVERFLOWED } else { FAULTED };
     NOTES.write(END, note);
     crash::retain(cause, NOTES.read(BOOT), moment);

@@ -1,4 +1,4 @@
-//! The step interrupt's timer: TIM2, 32 bits, so that every rate is met to a clock.
+//! The step interrupt's timer: TIM2, with 32 bits, so that every rate is exact to a clock.
 
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
@@ -9,7 +9,7 @@ use crate::clock;
 pub struct StepTimer(pac::TIM2);
 
 impl StepTimer {
-    /// Starts interrupts at a rate that [`growbot_core::robot::Robot::check_for_board`] has found possible.
+    /// Starts interrupts at a rate that [`growbot_core::robot::Robot::check_for_board`] has accepted.
     pub fn start(timer: pac::TIM2, tick_hz: u32, rcc: &mut Rcc) -> Self {
         pac::TIM2::enable(rcc);
         pac::TIM2::reset(rcc);
@@ -23,7 +23,7 @@ impl StepTimer {
         StepTimer(timer)
     }
 
-    /// Says that the interrupt has been seen.
+    /// Clears the interrupt's flag.
     pub fn acknowledge(&mut self) {
         self.0.sr().write(|w| w.uif().clear());
     }

@@ -6,12 +6,12 @@ use growbot_firmware::soft_i2c::SoftI2c;
 
 use crate::pins::{OrientationClock, OrientationData};
 
-/// The sensor.
+/// The orientation sensor.
 pub type BoardOrientation = TipOrientation<SoftI2c<OrientationClock, OrientationData, Cycles>>;
 
-/// Waits by counting the processor's cycles.
+/// Delay that counts the processor's cycles.
 pub struct Cycles {
-    /// Rounds of the waiting loop that take a us at least.
+    /// Rounds of the waiting loop that take at least a us.
     rounds_per_us: u32,
 }
 
@@ -21,9 +21,9 @@ impl DelayNs for Cycles {
     }
 }
 
-/// The sensor on these pins; nothing is sent yet.
+/// Creates the sensor on these pins. It sends nothing yet.
 pub fn orientation(clock: OrientationClock, data: OrientationData, processor_hz: u32) -> BoardOrientation {
-    // A round is a subtraction and a branch that is taken: 2 to 4 cycles (Cortex-M4 reference manual, 3.3.1).
+    // A round is a subtraction and a taken branch: 2 to 4 cycles (Cortex-M4 reference manual, 3.3.1).
     let rounds_per_us = processor_hz.div_ceil(2_000_000);
     TipOrientation::new(SoftI2c::new(clock, data, Cycles { rounds_per_us }))
 }

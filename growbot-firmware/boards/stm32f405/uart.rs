@@ -9,12 +9,12 @@ use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 use crate::pins::{LinkRx, LinkTx};
 use crate::{clock, pins};
 
-/// The queue of each direction.
+/// Queue of one direction.
 pub type Queue = ByteQueue<4096>;
 
 /// Received bytes, oldest first.
 pub static RECEIVED: Queue = Queue::new();
-/// Bytes to send; pend the interrupt after adding some.
+/// Bytes to send. Pend the interrupt after adding some.
 pub static TO_SEND: Queue = Queue::new();
 
 const BAUD: u32 = 115_200;
@@ -22,40 +22,40 @@ const BAUD: u32 = 115_200;
 /// The interrupt's side of the UART.
 pub struct Uart {
     usart: pac::USART2,
-    /// Looks for an emergency stop in what is received.
+    /// Recogniser of an emergency stop in the received bytes.
     watch: Recogniser,
     lost: u32,
     _pins: (LinkTx, LinkRx),
 }
 
 impl Uart {
-    /// Sets the USART up: 8 bits, no parity, one stop bit, an interrupt for each received byte.
+    /// Initialises the USART: 8 bits, no parity, one stop bit, an interrupt for each received byte.
     pub fn start(usart: pac::USART2, pins: (LinkTx, LinkRx), rcc: &mut Rcc) -> Self {
         pac::USART2::enable(rcc);
         pac::USART2::reset(rcc);
-        // Sixteenfold oversampling: the register has the divider in sixteenths, which is clock over rate, rounded.
+        // With sixteenfold oversampling, the register has the divider in sixteenths, which is clock over rate, rounded.
         let divider = (clock::PERIPHERALS_1_HZ + BAUD / 2) / BAUD;
-        // SAFETY: any 16-bit divider is valid; at 42 MHz it is 365, 0.1 % off the rate.
+        // SAFETY: any 16-bit divider is valid. At 42 MHz it is 365, 0.1 % off the rate.
         usart.brr().write(|w| unsafe { w.bits((divider & 0xFFFF) as u16) });
         usart.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit().rxneie().set_bit());
         Uart { usart, watch: Recogniser::new(), lost: 0, _pins: pins }
     }
 
-    /// The USART's interrupt, also pended by the main loop once it has queued bytes. An emergency stop is obeyed here,
-    /// ahead of everything that is queued.
+    /// Handles the USART's interrupt, which the main loop also pends once it has queued bytes. An emergency stop is
+    /// carried out here, ahead of all queued bytes.
     pub fn on_interrupt(&mut self, handover: &Handover) {
         loop {
             let status = self.usart.sr().read();
             if !status.rxne().bit_is_set() && !status.ore().bit_is_set() {
                 break;
             }
-            // Reading the data after the status clears both flags.
+            // A read of the data after the status clears both flags.
             let byte = (self.usart.dr().read().bits() & 0xFF) as u8;
             if status.ore().bit_is_set() {
                 self.lost = self.lost.wrapping_add(1);
             }
             if status.rxne().bit_is_set() && self.watch.push(byte) {
-                // First, so that no step in between energises a motor again.
+                // This comes first, so that no step in between energises a motor again.
                 handover.call_emergency_stop();
                 pins::make_safe();
             }

@@ -1,4 +1,5 @@
-//! The independent watchdog: resets about 1 s after it was last fed (0.7 to 2 s, over the tolerance of its oscillator).
+//! The independent watchdog, which resets about 1 s after it was last fed (0.7 to 2 s, over the tolerance of its
+//! oscillator).
 
 use growbot_firmware::hal::Watchdog;
 use stm32f4xx_hal::pac;
@@ -7,13 +8,13 @@ use stm32f4xx_hal::watchdog::IndependentWatchdog;
 
 use crate::debug_port::Halts;
 
-/// The running watchdog. It cannot be stopped again.
+/// The running watchdog. It cannot be stopped.
 pub struct BoardWatchdog {
     watchdog: IndependentWatchdog,
     halts: Halts,
 }
 
-/// Starts the watchdog. It runs on while a debug probe halts the processor, as `halts` has it.
+/// Starts the watchdog. It keeps counting while a debug probe halts the processor, as `halts` configures.
 pub fn start(iwdg: pac::IWDG, halts: Halts) -> BoardWatchdog {
     let mut watchdog = IndependentWatchdog::new(iwdg);
     watchdog.start(1.secs());

@@ -1,8 +1,8 @@
-//! What a layer in closed loop costs on the microcontroller, and whether it comes to the same there as on a desktop:
-//! growths with noise and feedback, on QEMU's mps2-an386.
+//! Measurement of the cost of a layer in closed loop on the microcontroller, and check that its result is the same as
+//! on a desktop: growths with noise and feedback, on QEMU's mps2-an386.
 //!
-//! For each growth one line goes out over UART0, `seed,layers,hash,instructions,stack`, and `end` at last: the hash is
-//! over the bits of every layer asked for and of the tip's last frame, the instructions are those of one layer, in the
+//! For each growth one line is sent over UART0, `seed,layers,hash,instructions,stack`, and `end` at last. The hash is
+//! over the bits of every planned layer and of the tip's last frame. The instructions are those of one layer, in the
 //! mean. `tests/feedback_cost.rs` runs this, and the same growths on the desktop. QEMU must run it with `-icount
 //! shift=10`, that is 1024 ns an instruction.
 

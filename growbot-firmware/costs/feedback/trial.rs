@@ -1,4 +1,4 @@
-//! Short growths with noise of every kind and feedback, the same on every machine.
+//! Short growths with noise of every kind and feedback, which are the same on every machine.
 
 use growbot_core::hash::Hasher;
 use growbot_core::path::{Leg, Segment, end};
@@ -8,20 +8,20 @@ use growbot_core::robot::Robot;
 use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors, Task, grow_closed};
 use growbot_core::tracking::SensorNoise;
 
-/// Number of growths, each by its own seed.
+/// Number of growths, each with its own seed.
 pub const GROWTHS: u64 = 2;
 
-/// What a growth came to.
+/// Result of a growth.
 pub struct Trial {
     /// Layers laid.
     pub layers: u64,
-    /// Hash of the bits of all layers asked for, and of the frame and the estimate at the end.
+    /// Hash of the bits of all planned layers, and of the frame and the estimate at the end.
     pub hash: u64,
 }
 
 const DEGREE: f64 = core::f64::consts::PI / 180.0;
 
-/// Grows an arc, a line and an arc; every other one with nothing but gravity to tell its direction.
+/// Grows an arc, a line and an arc. In every other growth only gravity shows the direction of the tip.
 pub fn grow(robot: &Robot, seed: u64) -> Option<Trial> {
     let mut random = Random::new(&[seed]);
     let mut arc = || Segment::Arc { alpha: random.between(0.0, 6.0), bend: 0.3, length: 30.0 };

@@ -1,19 +1,19 @@
-//! The goals by which planners are measured, on every board.
+//! The goals with which planners are measured, on every board.
 
 use core::f64::consts::{PI, TAU};
 
 use growbot_core::pose::Pose;
 
-/// mm; near what the built-in robot can bend to.
+/// Radius of the goals, mm. It is near the smallest radius of the built-in robot.
 pub const RADIUS: f64 = 100.0;
 
-/// A number in [0, 1) for each n: Weyl's sequence, evenly spread.
+/// Returns a number in [0, 1) for each n: Weyl's sequence, evenly spread.
 pub fn spread(n: u32, factor: f64) -> f64 {
     let value = f64::from(n + 1) * factor;
     value - libm::floor(value)
 }
 
-/// Evenly spread over distance (radii), direction, heading and pitch.
+/// Returns a goal, evenly spread over distance (radii), direction, heading and pitch.
 pub fn goal(n: u32, nearest: f64, farthest: f64) -> Option<Pose> {
     let distance = RADIUS * (nearest + (farthest - nearest) * spread(n, 0.754_877_666_246_692_7));
     let (y, x) = libm::sincos(TAU * spread(n, 0.569_840_290_998_053_2));

@@ -1,6 +1,7 @@
-//! What planning costs on the microcontroller: instructions and stack of each plan, measured on QEMU's mps2-an386.
+//! Measurement of the cost of planning on the microcontroller: instructions and stack of each plan, on QEMU's
+//! mps2-an386.
 //!
-//! For each plan one line goes out over UART0, `planner,goals,instructions,stack`, and `end` at last;
+//! For each plan one line is sent over UART0, `planner,goals,instructions,stack`, and `end` at last.
 //! `tests/plan_cost.rs` runs this and makes the table. It counts instructions, not cycles: QEMU must run it with
 //! `-icount shift=10`, that is 1024 ns an instruction.
 
@@ -41,7 +42,7 @@ fn main() -> ! {
     }
 }
 
-/// One line for each planner and kind of goals: a further one is a further line.
+/// Measures each planner with each kind of goals. A further measurement is a further line.
 fn measure_all(to: &mut PolledUart, robot: &Robot) {
     run(to, "planar", "0 to 40 R", 512, |n| planar_goal(n, 40.0), dubins2::shortest);
     run(to, "planar", "0 to 5 R", 512, |n| planar_goal(n, 5.0), dubins2::shortest);
@@ -69,21 +70,21 @@ fn run<G, P>(
     }
 }
 
-/// From the origin, straight up: of how many candidates the path was chosen.
-#[inline(never)] // Else its room would count as often as it is passed on.
+/// Plans from the origin, straight up. Returns the number of candidates of which the path was chosen.
+#[inline(never)] // If it were inlined, its stack frame would count once for each use.
 fn plan_to(robot: &Robot, goal: &Option<Pose>, planner: Planner) -> Option<usize> {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).ok()?;
     plan(robot, &start, goal.as_ref()?, RADIUS, planner).ok().map(|chosen| black_box(chosen).candidates)
 }
 
-/// Evenly spread over distance, direction and heading.
+/// Returns a goal, evenly spread over distance, direction and heading.
 fn planar_goal(n: u32, farthest: f64) -> PlanarPose {
     let distance = farthest * spread(n, 0.754_877_666_246_692_7);
     let (y, x) = libm::sincos(TAU * spread(n, 0.569_840_290_998_053_2));
     PlanarPose { x: distance * x, y: distance * y, heading: TAU * spread(n, 0.618_033_988_749_894_9) }
 }
 
-/// The ends of parts of words, one after the other: C, CC, CS, SC, S, and nothing.
+/// Returns the ends of parts of words, one after the other: C, CC, CS, SC, S, and nothing.
 fn degenerate_goal(n: u32) -> PlanarPose {
     let (first, last) = (TAU * spread(n, 0.754_877_666_246_692_7), TAU * spread(n, 0.569_840_290_998_053_2));
     let line = 40.0 * spread(n, 0.618_033_988_749_894_9);

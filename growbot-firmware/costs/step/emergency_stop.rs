@@ -1,8 +1,8 @@
-//! What an emergency stop by the link costs: from its last byte, which waits in the UART, until heater and drivers are
-//! off.
+//! Measurement of the cost of an emergency stop over the link: from its last byte, which waits in the UART, until
+//! heater and drivers are off.
 //!
-//! The UART's driver is the board's own, `boards/an386/uart.rs`. Its queue is full all the time, as if the main loop
-//! never came to it. The desktop sends stops behind noise until enough are measured.
+//! The UART's driver is the board's own, `boards/an386/uart.rs`. Its queue is always full, as if the main loop never
+//! emptied it. The desktop sends stops behind noise until enough are measured.
 
 use cortex_m::asm::isb;
 use cortex_m::interrupt;
@@ -16,17 +16,17 @@ use crate::uart::Uart;
 
 /// The board's clock, Hz.
 const CLOCK_HZ: u32 = 25_000_000;
-/// Stops that are measured.
+/// Number of stops that are measured.
 const STOPS: u32 = 16;
-/// What the stop switches off.
+/// Outputs that a stop switches off.
 const OUTPUTS: [usize; 5] =
     [table::HEATER_ENABLE, table::HEATER_DUTY, table::HEAD_ENABLE, table::FEED_ENABLE, table::FAN_DUTY];
 
-// SAFETY: the state of UART0, which `uart` drives; reading it changes nothing.
+// SAFETY: the state of UART0, which `uart` drives. A read changes nothing.
 const UART_STATE: Register = unsafe { Register::at(0x4000_4004) };
 const UART_STATE_RECEIVE_FULL: u32 = 1 << 1;
 
-/// Stops, and the max instructions of one, with the way into its interrupt and out of it.
+/// Returns the number of stops, and the max instructions of one, including the entry and the exit of its interrupt.
 pub fn measure(timer: &Timer) -> Option<(u32, u32)> {
     let mut core = cortex_m::Peripherals::take()?;
     interrupt::disable();
@@ -40,16 +40,16 @@ pub fn measure(timer: &Timer) -> Option<(u32, u32)> {
         for output in OUTPUTS {
             word(output).write(1);
         }
-        // The queue is full: every byte that is taken is a lost one.
+        // The queue is full, so that every byte from the UART counts as lost.
         let lost = word(table::LINK_BYTES_LOST).read();
         let instructions = timer.instructions(|| {
-            // SAFETY: nothing here is protected by masked interrupts but the measurement.
+            // SAFETY: no other code than this measurement depends on masked interrupts.
             unsafe { interrupt::enable() };
-            // Here the byte is taken.
+            // The interrupt reads the byte here.
             isb();
             interrupt::disable();
         });
-        // The desktop may have been so quick that bytes before the last one were taken with it.
+        // The desktop may have been so fast that the interrupt read earlier bytes together with the last one.
         let alone = word(table::LINK_BYTES_LOST).read().wrapping_sub(lost) == 1;
         if alone && OUTPUTS.iter().all(|output| word(*output).read() == 0) {
             stops += 1;

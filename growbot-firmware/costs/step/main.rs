@@ -1,9 +1,9 @@
-//! What a tick of the step interrupt costs on the microcontroller: instructions of `Engine::tick` in each kind of tick,
-//! measured on QEMU's mps2-an386; and what an emergency stop by the link costs.
+//! Measurement of the cost of the step interrupt on the microcontroller: instructions of `Engine::tick` in each kind of
+//! tick, and of an emergency stop over the link, on QEMU's mps2-an386.
 //!
-//! Every tick of some turns is measured. For each kind one line goes out over UART0, `turns,tick,count,max`, and
-//! `end` at last; `tests/step_cost.rs` runs this and makes the table. It counts instructions, not cycles: QEMU must run
-//! it with `-icount shift=10`, that is 1024 ns an instruction.
+//! Every tick of some turns is measured. For each kind one line is sent over UART0, `turns,tick,count,max`, and `end`
+//! at last. `tests/step_cost.rs` runs this and makes the table. It counts instructions, not cycles: QEMU must run it
+//! with `-icount shift=10`, that is 1024 ns an instruction.
 
 #![no_std]
 #![no_main]
@@ -43,7 +43,7 @@ use crate::pins::{StepEngine, World};
 use crate::polled_uart::PolledUart;
 use crate::timer::Timer;
 
-/// The handover in which the UART's interrupt notes an emergency stop.
+/// Handover in which the UART's interrupt reports an emergency stop.
 static HANDOVER: Handover = Handover::new();
 
 /// Turns of each run.
@@ -81,7 +81,7 @@ const KINDS: [(Kind, &str); 12] = [
     (Kind::Stop, "emergency stop"),
 ];
 
-/// Ticks of each kind, and the max instructions of one.
+/// Number of ticks of each kind, and the max instructions of one.
 #[derive(Default)]
 struct Costs([(u32, u32); KINDS.len()]);
 
@@ -99,7 +99,7 @@ impl Costs {
 #[entry]
 fn main() -> ! {
     let stops = emergency_stop::measure(&Timer::start());
-    // Interrupts have driven the UART until here.
+    // Until here the interrupts have driven the UART.
     let mut uart = PolledUart::start();
     if let Some((count, max)) = stops {
         let _ = writeln!(uart, "link,emergency stop,{count},{max}");
@@ -119,7 +119,7 @@ fn main() -> ! {
     }
 }
 
-/// A quick robot, for wide bends, whose motors need ramps.
+/// Changes a robot to a fast one, for wide bends, whose motors need ramps.
 fn needs_ramps(description: &mut RobotDescription) {
     description.planning_radius_mm = 150.0;
     description.layer.period_s = 3.0;
@@ -142,7 +142,7 @@ fn run(uart: &mut PolledUart, name: &str, ramps: &str, robot: &Robot, change: im
     }
 }
 
-/// An engine and its world.
+/// An engine and its simulated hardware.
 struct Bench {
     engine: StepEngine,
     handover: Handover,
@@ -162,7 +162,7 @@ impl Bench {
         }
     }
 
-    /// All kinds of ticks. Nothing if the engine does not do as it should.
+    /// Measures all kinds of ticks. Returns `None` if the engine does not behave as expected.
     fn measure(mut self, robot: &Robot) -> Option<Costs> {
         let head = &robot.description().head;
         let homing = Homing {
@@ -189,7 +189,7 @@ impl Bench {
         Some(self.costs)
     }
 
-    /// A tick, of the kind that its steps show or of this one.
+    /// Runs and measures a tick. Its kind is given by its steps, or otherwise by `kind`.
     fn tick(&mut self, kind: Kind) {
         let instructions = self.timer.instructions(|| pins::tick(&mut self.engine, &self.handover));
         let steps = self.world.watch();
@@ -216,7 +216,7 @@ impl Bench {
         matches!(self.handover.pop_report(), Some(Report::Homed | Report::Fed)).then_some(())
     }
 
-    /// Turns without a stop between them.
+    /// Lays turns without a stop between them.
     fn lay(&mut self, robot: &Robot) -> Option<()> {
         let alternate = robot.description().motion.turning == Turning::Alternate;
         let (mut material, mut encoder) = (Material::default(), Encoder::default());
@@ -229,7 +229,8 @@ impl Bench {
         let mut next = turn_of(0)?;
         self.handover.give(Order::Lay(next));
         while laid < TURNS {
-            // The tick that takes the turn; without ramps it is a tick of the turn itself, but for the first.
+            // This tick accepts the turn. Without ramps it is also a tick of the turn itself, except for the first
+            // turn.
             let turn = next;
             self.tick(Kind::Begin);
             if laid + 1 < TURNS {
@@ -243,11 +244,11 @@ impl Bench {
         Some(())
     }
 
-    /// A turn of which a number of ticks have passed.
+    /// Lays a turn of which a number of ticks have passed.
     fn lay_one(&mut self, turn: &Turn, passed: u32) {
         let (mut sectors, mut now) = (turn.sectors.iter(), passed);
         let mut sector_ends = sectors.next().map_or(0, |sector| sector.ticks);
-        // At full speed the ticks are those of the sectors; with ramps such ticks go by their steps.
+        // At full speed the sectors give the ticks. With ramps only the steps show the kind of a tick.
         let full_speed = turn.needs_no_ramp();
         while !self.handover.report_waits() {
             now += 1;

@@ -1,4 +1,4 @@
-//! Pins that cost what the robot's cost, a store or a load and their polarity, and the head and the filament behind
+//! Pins with the same cost as the robot's, a store or a load and their polarity, and the head and the filament behind
 //! them.
 
 use core::convert::Infallible;
@@ -51,14 +51,14 @@ impl InputPin for Pin {
 
 type Wired = Polarized<Pin>;
 
-/// The engine with its pins wired as the robot's are.
+/// The engine with its pins wired like the robot's.
 pub type StepEngine = Engine<Pin, Wired, Wired, Pin, Wired, Wired, Wired, Pin, Wired, TipOutputs>;
 
 fn wired(pin: &'static AtomicBool) -> Wired {
     Polarized::new(Pin(pin), false)
 }
 
-/// An engine with these pins.
+/// Creates an engine with these pins.
 pub fn engine(settings: EngineSettings) -> StepEngine {
     STOP.store(false, Ordering::Relaxed);
     Engine::new(
@@ -79,12 +79,12 @@ impl Outputs for TipOutputs {
     }
 }
 
-/// Presses the emergency stop, or lets it go.
+/// Presses or releases the emergency stop.
 pub fn press_emergency_stop(pressed: bool) {
     STOP.store(pressed, Ordering::Relaxed);
 }
 
-/// What the step interrupt does.
+/// Runs the code of the step interrupt.
 #[inline(never)]
 pub fn tick(engine: &mut StepEngine, handover: &Handover) {
     engine.tick(handover);
@@ -95,13 +95,13 @@ pub struct World {
     steps_per_turn: u32,
     mark: u32,
     mark_width: u32,
-    /// Where the head is, within a turn.
+    /// Position of the head within a turn.
     head: u32,
     fed: u32,
 }
 
 impl World {
-    /// The world of a robot, its head a little before its mark.
+    /// Creates the hardware of a robot, with its head a little before its mark.
     pub fn of(robot: &Robot) -> Self {
         let head = &robot.description().head;
         let steps = |degrees: f64| libm::rint(degrees / 360.0 * f64::from(head.steps_per_turn)) as i32;
@@ -116,12 +116,12 @@ impl World {
         }
     }
 
-    /// Steps from the mark's leading edge to the tip's x axis.
+    /// Returns the steps from the mark's leading edge to the tip's x axis.
     pub fn steps_from_mark_to_zero(&self) -> u32 {
         self.steps_per_turn - self.mark
     }
 
-    /// Looks at the step pins after a tick, and moves: whether head and feed have stepped.
+    /// Reads the step pins after a tick, and moves. Returns whether head and feed have stepped.
     pub fn watch(&mut self) -> (bool, bool) {
         let (head, feed) = (HEAD_STEP.load(Ordering::Relaxed), FEED_STEP.load(Ordering::Relaxed));
         if head {

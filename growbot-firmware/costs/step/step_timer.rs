@@ -1,5 +1,4 @@
-//! The step interrupt that the board's vector table leads to. It is never started here: the ticks are called one by
-//! one.
+//! The step interrupt in the board's vector table. It is never started here, because the ticks are called one by one.
 
-/// Nothing.
+/// Does nothing.
 pub fn on_tick() {}

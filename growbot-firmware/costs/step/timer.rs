@@ -1,4 +1,4 @@
-//! Counts instructions: TIMER0.
+//! Counter of instructions: TIMER0.
 
 use core::hint::black_box;
 
@@ -14,19 +14,20 @@ const RELOAD: Register = unsafe { Register::at(BASE + 0x08) };
 
 const CONTROL_ENABLE: u32 = 1 << 0;
 
-/// At 25 MHz.
+/// Duration of a tick at 25 MHz, ns.
 const NS_PER_TICK: u32 = 40;
-/// By `-icount shift=10`. An instruction is 25.6 ticks, so that a tick more or less is none.
+/// Duration of an instruction with `-icount shift=10`, ns. An instruction is 25.6 ticks, so that an error of one tick
+/// does not matter.
 const NS_PER_INSTRUCTION: u32 = 1 << 10;
 
 /// The running timer.
 pub struct Timer {
-    /// Ticks of nothing at all.
+    /// Ticks of an empty measurement.
     nothing: u32,
 }
 
 impl Timer {
-    /// Starts it. It wraps after 160 million instructions, which does not matter.
+    /// Starts the timer. It wraps after 160 million instructions, which does not matter.
     pub fn start() -> Self {
         RELOAD.write(u32::MAX);
         VALUE.write(u32::MAX);
@@ -34,7 +35,7 @@ impl Timer {
         Timer { nothing: ticks(|| black_box(())) }
     }
 
-    /// Instructions of a piece of work, which must be short.
+    /// Returns the instructions of a piece of work, which must be short.
     pub fn instructions(&self, work: impl FnOnce()) -> u32 {
         let ns = ticks(work).saturating_sub(self.nothing).saturating_mul(NS_PER_TICK);
         (ns + NS_PER_INSTRUCTION / 2) / NS_PER_INSTRUCTION
@@ -44,6 +45,6 @@ impl Timer {
 fn ticks(work: impl FnOnce()) -> u32 {
     let before = VALUE.read();
     work();
-    // It counts downwards.
+    // The timer counts downwards.
     before.wrapping_sub(VALUE.read())
 }

@@ -1,5 +1,6 @@
-//! Another robot description from a host: taken at rest and cold, checked, kept in flash, and in effect after a restart
-//! of the board, so that no part of the firmware goes on with the old one.
+//! Configuration with a new robot description from a host. The board accepts one only at rest and cold, checks it, and
+//! stores it in flash. It takes effect after a restart of the board, so that no part of the firmware keeps using the
+//! old one.
 
 use growbot_core::link::message::{BadDescription, Configure, Configured, Message, Refusal, State};
 use growbot_core::robot::{BoardKind, LONGEST_VERSIONED, Robot};
@@ -10,21 +11,23 @@ use super::{Controller, centi};
 use crate::hal::{Board, Watchdog};
 use crate::safety::transitions::may_heat;
 
-/// Time at rest after which a nozzle counts as cold whatever its thermistor says, us: a description of the wrong
-/// thermistor must not keep itself. A nozzle is below 50 C after a quarter of that (`normal_growth.rs`).
+/// Time at rest after which a nozzle counts as cold, whatever its thermistor reads, us. Without this limit a
+/// description of the wrong thermistor could not be replaced, because the nozzle might always read as hot. A nozzle
+/// cools below 50 C in a quarter of this time (`normal_growth.rs`).
 const COOLED_US: u64 = 20 * 60 * 1_000_000;
-/// Time from the answer to the restart, us, in which the answer leaves the board and its repetition is answered too.
+/// Time from the response to the restart, us. In this time the response leaves the board, and a repeated request is
+/// answered too.
 const RESTART_US: u64 = 500_000;
 
-/// The description that is on its way.
+/// Description that is being received.
 #[derive(Default)]
 pub(super) struct Configuring {
-    /// Its hash, as the host says.
+    /// Hash of the description, as the host states it.
     robot: u64,
-    /// Its length, as the host says.
+    /// Length of the description, as the host states it, bytes.
     length: u16,
     bytes: Vec<u8, LONGEST_VERSIONED>,
-    /// When the board restarts with it, us.
+    /// Time at which the board restarts with the new description, us. `None` until the description is stored.
     restart_at: Option<u64>,
 }
 
@@ -35,12 +38,12 @@ impl Configuring {
         Message::Configured(Configured { robot: self.robot, received, stored })
     }
 
-    /// Whether the board is to restart. It takes no other requests until then.
+    /// Returns whether a restart is pending. Until then the board refuses all other requests.
     pub(super) fn restarts(&self) -> bool {
         self.restart_at.is_some()
     }
 
-    /// Adds a part. True where it was the last one.
+    /// Adds a part of the description. Returns `true` if the description is now complete.
     fn add(&mut self, part: &Configure) -> Result<bool, Refusal> {
         if usize::from(part.length) > LONGEST_VERSIONED {
             return Err(Refusal::BadDescription { why: BadDescription::TooLong });
@@ -56,20 +59,21 @@ impl Configuring {
         if end > usize::from(part.length) || part.bytes.is_empty() {
             return Err(Refusal::NotUnderstood);
         }
-        // What it has already came with an answer that was lost.
+        // The bytes that are already stored came with a request whose response was lost.
         let news = part.bytes.get(received - offset..).unwrap_or_default();
         self.bytes.extend_from_slice(news).map_err(|_| Refusal::NotUnderstood)?;
         Ok(self.bytes.len() == usize::from(self.length))
     }
 
-    /// The robot, all of whose bytes are there.
+    /// Decodes the robot from the complete description.
     fn robot(&self) -> Result<Robot, BadDescription> {
         let robot = Robot::decode_for_board(&self.bytes)?;
         if robot.hash() == self.robot { Ok(robot) } else { Err(BadDescription::OtherHash { found: robot.hash() }) }
     }
 }
 
-/// The robot, if its description is for one of these kinds of board, or for any. Without kinds, all suit.
+/// Returns the robot if its description is for one of these kinds of board, or for any kind. If `kinds` is empty, every
+/// description is accepted.
 pub(super) fn suits_kinds(kinds: &[BoardKind], robot: Robot) -> Result<Robot, BadDescription> {
     let asked = robot.description().board.map(|board| board.kind);
     match (asked, kinds.first()) {
@@ -79,13 +83,13 @@ pub(super) fn suits_kinds(kinds: &[BoardKind], robot: Robot) -> Result<Robot, Ba
 }
 
 impl<B: Board> Controller<B> {
-    /// Whether the board is to be reset now, to start with another robot description. Everything is off.
+    /// Returns whether the board must be reset now to start with the new robot description. Everything is off then.
     #[must_use]
     pub fn is_to_restart(&self) -> bool {
         self.configuring.restart_at.is_some_and(|at| self.now >= at)
     }
 
-    /// Takes a part of a description; with the last one, stores it.
+    /// Accepts a part of a description, and stores the description once its last part has arrived.
     pub(super) fn configure(&mut self, part: &Configure) -> Result<Message, Refusal> {
         if self.configuring.restarts() {
             return if part.robot == self.configuring.robot {
@@ -109,8 +113,8 @@ impl<B: Board> Controller<B> {
         Ok(self.configuring.answer())
     }
 
-    /// Whether the board may get another description: nothing is under way, nothing is hot, and there is no job that
-    /// is not done.
+    /// Checks that the board may accept a new description: the robot is at rest, nothing is hot, and no job is
+    /// unfinished.
     fn check_configurable(&self) -> Result<(), Refusal> {
         if !self.identity.configured {
             return Ok(());

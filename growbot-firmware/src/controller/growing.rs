@@ -1,5 +1,5 @@
-//! The orders to the step engine: homing, layers, and filament that is pulled back for a pause and pushed forward again
-//! after it.
+//! The moves for the step engine: homing, layers, and the filament that is pulled back for a pause and pushed forward
+//! again after it.
 
 use growbot_core::layer_bytes::{self, Encoder, Fields, LayerBytes};
 use growbot_core::link::message::{Fault, PauseCause, State};
@@ -11,38 +11,39 @@ use crate::journal;
 use crate::safety::transitions::Event;
 use crate::stepping::{AxisMove, Handover, Homing, Order, Report, TurnReport, as_built};
 
-/// The share of its time that an order may take longer.
+/// Allowance for the duration of a move, as a share of its expected time.
 const ALLOWANCE: f64 = 0.2;
-/// The time that any order may take longer on top of that, us.
+/// Further allowance for the duration of any move, us.
 const ALLOWANCE_US: u64 = 2_000_000;
 
-/// Time by which the power for a first layer leads its plastic, s, since power takes seconds from the heater to the
-/// nozzle (docs/decisions/0022-heater-regulation.md; `tests/normal_growth.rs` bounds it).
+/// Time by which the heater gets the power for a first layer before its plastic flows, s, because power takes seconds
+/// from the heater to the nozzle (docs/decisions/0022-heater-regulation.md; `tests/normal_growth.rs` bounds it).
 const LEAD_S: f64 = 1.5;
-/// The max lead as a share of a layer's period (decision 0022).
+/// Limit of that time as a share of a layer's period (decision 0022).
 const MAX_LEAD_SHARE: f64 = 1.0 / 12.0;
 
-/// The min time for which a robot waits for filament before it parks, s: an hour, as 3D printers do.
+/// Min time for which a robot waits for filament before it parks, s. It is an hour, as with 3D printers.
 const WAITS_FOR_FILAMENT_S: f64 = 3600.0;
 
-/// The orders given to the step engine, and where they left head and filament.
+/// The moves handed to the step engine, and the positions in which they left head and filament.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Motion {
-    /// Number of orders given and not yet reported.
+    /// Number of moves handed to the engine and not yet reported.
     outstanding: u8,
-    /// The latest time at which the first of them must be reported, us.
+    /// Latest time at which the first of them must be reported, us.
     due: Option<u64>,
-    /// The time that the order given last may take, us.
+    /// Time that the latest move may take, us.
     latest_us: u64,
-    /// The direction in which filament is moved without a layer.
+    /// Direction in which filament is moved without a layer.
     feeding: Option<Feeding>,
-    /// What maintenance moves.
+    /// Current move of maintenance.
     maintained: Option<Maintained>,
-    /// Steps that the filament is behind the nozzle: it was pulled back for a pause, or by maintenance.
+    /// Steps by which the filament is behind the nozzle. It was pulled back for a pause or by maintenance, and is
+    /// pushed forward again before the next layer.
     behind: u32,
-    /// The next turn goes back to where the one before came from.
+    /// The next turn has the reverse direction, back to the start of the turn before.
     backwards: bool,
-    /// The reason for a pause after the layer under way, if one was asked for.
+    /// Reason for a pause after the current layer. `None` if no pause was requested.
     pause: Option<PauseCause>,
 }
 
@@ -52,49 +53,50 @@ enum Feeding {
     Forward,
 }
 
-/// A move of maintenance under way.
+/// Current move of maintenance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Maintained {
-    /// The head.
+    /// Move of the head.
     Head,
-    /// Filament.
+    /// Move of filament.
     Filament {
-        /// Flow through the nozzle, mm^3/s; 0 backwards.
+        /// Flow through the nozzle, mm^3/s; 0 in reverse.
         flow: f64,
-        /// Steps forwards.
+        /// Steps forward.
         forward: u32,
-        /// Steps backwards.
+        /// Steps in reverse.
         back: u32,
     },
 }
 
 impl Motion {
-    /// Whether an order is under way.
+    /// Returns whether a move is in progress.
     pub fn is_under_way(&self) -> bool {
         self.outstanding > 0
     }
 
-    /// Whether maintenance moves something.
+    /// Returns whether a move of maintenance is in progress.
     pub fn maintains_something(&self) -> bool {
         self.maintained.is_some()
     }
 
-    /// Notes a move of maintenance that should take this time.
+    /// Records a move of maintenance that should take this time.
     pub fn maintains(&mut self, what: Maintained, seconds: f64, now: u64) {
         if let Maintained::Filament { back, .. } = what {
-            // One that is cut off has perhaps pulled as much: too much is asked back rather than too little.
+            // If the move is cut off, its full length counts as pulled back. Too much is then pushed forward again
+            // rather than too little.
             self.behind = self.behind.saturating_add(back);
         }
         self.maintained = Some(what);
         self.given(seconds, now);
     }
 
-    /// Whether maintenance moves filament.
+    /// Returns whether a move of maintenance moves filament.
     pub fn feeds_for_maintenance(&self) -> bool {
         matches!(self.maintained, Some(Maintained::Filament { .. }))
     }
 
-    /// Notes the end of a move of maintenance. False where there was none.
+    /// Records the end of a move of maintenance. Returns `false` if there was none.
     fn maintained(&mut self, now: u64) -> bool {
         let Some(what) = self.maintained.take() else { return false };
         self.reported(now);
@@ -104,32 +106,32 @@ impl Motion {
         true
     }
 
-    /// Forgets the orders under way. Where the filament is stays known.
+    /// Forgets all moves. The position of the filament is kept.
     pub fn halt(&mut self) {
         *self = Self { behind: self.behind, ..Self::default() };
     }
 
-    /// Sets how many steps the filament is behind the nozzle, after a start of the board.
+    /// Sets the number of steps by which the filament is behind the nozzle, after a start of the board.
     pub fn assume_behind(&mut self, steps: u32) {
         self.behind = steps;
     }
 
-    /// Steps that the filament is behind the nozzle.
+    /// Returns the number of steps by which the filament is behind the nozzle.
     pub fn behind(&self) -> u32 {
         self.behind
     }
 
-    /// Whether filament is pushed for maintenance.
+    /// Returns whether maintenance pushes filament forward.
     pub fn loads(&self) -> bool {
         matches!(self.maintained, Some(Maintained::Filament { forward: 1.., .. }))
     }
 
-    /// Whether the engine has failed to report in time.
+    /// Returns whether the engine has failed to report a move in time.
     pub fn is_overdue(&self, now: u64) -> bool {
         self.due.is_some_and(|due| now > due)
     }
 
-    /// Notes an order that should take this time.
+    /// Records a move that should take this time.
     fn given(&mut self, seconds: f64, now: u64) {
         self.latest_us = (seconds * (1.0 + ALLOWANCE) * 1e6) as u64 + ALLOWANCE_US;
         if self.outstanding == 0 {
@@ -138,7 +140,7 @@ impl Motion {
         self.outstanding = self.outstanding.saturating_add(1);
     }
 
-    /// Notes the report of an order.
+    /// Records the report of a move.
     fn reported(&mut self, now: u64) {
         self.outstanding = self.outstanding.saturating_sub(1);
         self.due = (self.outstanding > 0).then_some(now.saturating_add(self.latest_us));
@@ -171,12 +173,12 @@ impl<B: Board> Controller<B> {
             Report::HeadStepsLost => self.fail(Fault::HeadStepsLost, handover),
             Report::FilamentJam => self.fail(Fault::FilamentJam, handover),
             Report::Hardware => self.fail(Fault::Hardware, handover),
-            // Reports of orders that were under way when everything was switched off.
+            // These are late reports of moves from before everything was switched off.
             Report::Homed | Report::Laid(_) | Report::Fed | Report::Rotated => {}
         }
     }
 
-    /// Counts a layer as laid, in the journal and then for the host.
+    /// Counts a layer as laid: first in the journal, then for the host.
     pub(super) fn count(&mut self, turn: &TurnReport, handover: &Handover) {
         let measured = self.measure(handover);
         self.commit(Encoder::default().encode(&as_built(&turn.feed, &self.robot)), measured);
@@ -189,7 +191,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Takes the next step of the growth if everything is there for it.
+    /// Takes the next step of the growth if its conditions are met.
     pub(super) fn proceed(&mut self, handover: &Handover) {
         match self.state {
             State::Heating if self.heater.is_steady(self.now) && self.parts.drivers.are_configured() => {
@@ -211,13 +213,13 @@ impl<B: Board> Controller<B> {
         self.happens(Event::Hot);
     }
 
-    /// The max time of a homing, s.
+    /// Returns the max time of a homing, s.
     pub(super) fn homing_s(&self, homing: &Homing) -> f64 {
         let steps = f64::from(homing.max_steps) + f64::from(homing.steps_to_zero);
         steps * f64::from(homing.ticks_per_step) / f64::from(self.robot.description().motion.tick_hz)
     }
 
-    /// The homing of this robot.
+    /// Returns the homing move of this robot.
     pub(super) fn homing(&self) -> Homing {
         let description = self.robot.description();
         let head = &description.head;
@@ -227,20 +229,20 @@ impl<B: Board> Controller<B> {
         let index_steps = libm::rint(index / core::f64::consts::TAU * steps) as u32;
         Homing {
             ticks_per_step: (f64::from(description.motion.tick_hz) / steps_a_second).max(2.0) as u32,
-            // A turn to pass the mark, and half a turn for a start within it.
+            // A turn to pass the mark, and half a turn in case the head starts within the mark.
             max_steps: head.steps_per_turn + head.steps_per_turn / 2,
             steps_to_zero: if index_steps == 0 { 0 } else { head.steps_per_turn.saturating_sub(index_steps) },
         }
     }
 
-    /// While growing: lays the next layer, or pauses.
+    /// Lays the next layer while growing, or pauses.
     fn lay_or_pause(&mut self, handover: &Handover) {
         if self.job.given == self.job.layers {
             return;
         }
         let next = self.store().get(self.job.given).filter(|_| self.motion.pause.is_none());
         let Some(bytes) = next else {
-            // The layer under way is finished first.
+            // The current layer is finished first.
             if self.job.laid == self.job.given {
                 self.happens(Event::LayersExhausted);
                 self.feed(Feeding::Back, handover);
@@ -263,7 +265,7 @@ impl<B: Board> Controller<B> {
                 self.motion.given(period_s, self.now);
                 self.motion.backwards = !backwards;
                 self.job.given += 1;
-                // There is room: no more than two turns are under way.
+                // The queue is not full, because no more than two turns are outstanding.
                 let _ = self.job.carries.push_back(journal::Laid {
                     as_built: LayerBytes::default(),
                     height_units: Fields::of(&bytes).height,
@@ -275,7 +277,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Steps that filament is pulled back for a pause.
+    /// Returns the number of steps by which filament is pulled back for a pause.
     pub(super) fn retract_steps(&self) -> u32 {
         let feed = &self.robot.description().feed;
         libm::rint(feed.retract_mm * feed.steps_per_mm) as u32
@@ -286,7 +288,7 @@ impl<B: Board> Controller<B> {
         let description = self.robot.description();
         let feed = &description.feed;
         let backwards = feeding == Feeding::Back;
-        // What maintenance has pulled back counts.
+        // Filament that maintenance has pulled back already counts.
         let steps =
             if backwards { self.retract_steps().saturating_sub(self.motion.behind) } else { self.motion.behind };
         if steps == 0 {
@@ -299,8 +301,8 @@ impl<B: Board> Controller<B> {
         self.motion.feeding = Some(feeding);
     }
 
-    /// While paused: continues as soon as there is a layer and the nozzle is hot; otherwise lets the nozzle cool to
-    /// standby and parks, each after its time.
+    /// Handles a pause. The growth continues as soon as a layer is stored and the nozzle is hot. Otherwise the nozzle
+    /// cools to standby and later parks, each after its time.
     fn pause_or_continue(&mut self, handover: &Handover) {
         let description = self.robot.description();
         let (heater, pause) = (&description.heater, &description.pause);
@@ -329,30 +331,31 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// A pause lasts until somebody orders the growth to continue.
+    /// Makes the pause last until the host requests that the growth continue.
     pub(super) fn wait_for_start(&mut self) {
         self.motion.pause.get_or_insert(PauseCause::Requested);
     }
 
-    /// Sets or clears the reason for a pause after the layer under way.
+    /// Sets or clears the reason for a pause after the current layer.
     pub(super) fn set_pause(&mut self, pause: Option<PauseCause>) {
         self.motion.pause = pause;
     }
 
-    /// The reason for which the robot waits, or will wait once the layer under way is laid.
+    /// Returns the reason for which the robot waits, or will wait once the current layer is laid.
     pub(super) fn pause_cause(&self) -> PauseCause {
         self.motion.pause.unwrap_or_default()
     }
 
-    /// Whether the power for a first layer leads it at this moment.
+    /// Returns whether the heater already gets the power for the first layer while that layer waits, for up to 1.5 s.
     fn leads(&self) -> bool {
         let lead_s = LEAD_S.min(MAX_LEAD_SHARE * self.robot.description().layer.period_s);
         let waits = self.state == State::Growing && self.motion.outstanding == 0;
         waits && (self.in_state_us() as f64) < lead_s * 1e6
     }
 
-    /// The flow that the heater must melt now, mm^3/s: what the step engine feeds, which varies in a bend and from
-    /// layer to layer; or the mean of the first layer, before that begins.
+    /// Returns the flow that the heater must melt now, mm^3/s. While the step engine feeds, this is its feed rate,
+    /// which varies in a bend and from layer to layer. Before the first layer begins, it is the mean flow of that
+    /// layer.
     pub(super) fn flow(&self, handover: &Handover) -> f64 {
         if let Some(Maintained::Filament { flow, .. }) = self.motion.maintained {
             return flow;

@@ -1,7 +1,8 @@
 //! The job: its plan, its progress, and the requests that change it.
 //!
-//! A layer is a transaction named by plan and index: accepted into the store, begun, and committed to the journal once
-//! it is laid. No index is laid twice and none is passed over, unless the operator says so of an interrupted layer.
+//! A layer is a transaction named by plan and index. It is accepted into the store, begun, and committed to the journal
+//! once it is laid. No index is laid twice and none is skipped, unless the operator decides so for an interrupted
+//! layer.
 
 use growbot_core::layer::SECTORS;
 use growbot_core::layer_bytes::{LayerBytes, decode_checked};
@@ -18,20 +19,20 @@ use crate::safety::retained::UnderWay;
 use crate::safety::transitions::Event;
 use crate::stepping::{Handover, Material, Report};
 
-/// The nozzle must be below this to erase a sector of the journal, degrees Celsius, which stops the processor for up to
-/// two seconds.
+/// Temperature below which the nozzle must be to erase a sector of the journal, degrees Celsius. Erasing stops the
+/// processor for up to two seconds.
 pub(super) const COLD_C: f64 = 50.0;
-/// The max number of layers handed to the engine and not yet laid.
+/// Max number of layers handed to the engine and not yet laid.
 const MAX_GIVEN: usize = 3;
 /// Number of the latest layers whose measurements are stored.
 const MAX_MEASURED: usize = 16;
-/// The max age of what is retained about the layer under way, s.
+/// Max age of the retained progress of the current layer, s.
 const RETAINED_AGE_S: f64 = 0.25;
 
-/// The job: its plan and its progress.
+/// The current job: its plan and its progress.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Job {
-    /// The plan; 0 without a job.
+    /// Identifier of the plan; 0 without a job.
     pub plan_id: u64,
     /// Number of layers of the plan.
     pub layers: u32,
@@ -41,23 +42,23 @@ pub(super) struct Job {
     pub given: u32,
     /// Number of layers reported to the host.
     pub reported: u32,
-    /// How much was made of the layer that was interrupted, if one was.
+    /// Progress of the interrupted layer. `None` if no layer was interrupted.
     pub interrupted: Option<InterruptedLayer>,
-    /// The reaction to a silent host.
+    /// Reaction to a silent host.
     pub silence: Silence,
     /// The journal has failed, so that the job cannot be resumed.
     pub unwritten: bool,
-    /// The carry of the layers laid to those to come.
+    /// Carry from the layers that are laid to the next layers.
     pub carry: journal::Carry,
-    /// The material of the layers handed over.
+    /// Material of the layers handed to the engine.
     pub material: Material,
-    /// The carry of each layer handed over and not yet laid to the next one.
+    /// Carry from each layer that is handed to the engine and not yet laid to the next layer.
     pub carries: Deque<journal::Laid, MAX_GIVEN>,
     /// Measurements after the latest layers.
     measured: Deque<MeasuredLayer, MAX_MEASURED>,
 }
 
-/// The measurements after a layer.
+/// Measurements after a layer.
 #[derive(Debug, Clone)]
 struct MeasuredLayer {
     index: u32,
@@ -65,7 +66,8 @@ struct MeasuredLayer {
 }
 
 impl Job {
-    /// Forgets the layers handed over and not laid, so that the next one follows those that were laid.
+    /// Forgets the layers that were handed to the engine and not laid, so that the next layer follows those that were
+    /// laid.
     pub fn forget_given(&mut self) {
         self.given = self.laid;
         self.carries.clear();
@@ -77,11 +79,11 @@ impl Job {
         if self.measured.is_full() {
             self.measured.pop_front();
         }
-        // There is room now.
+        // The queue is not full: its oldest element was removed above.
         let _ = self.measured.push_back(MeasuredLayer { index, measured });
     }
 
-    /// The measurements after a layer, if they are still stored.
+    /// Returns the measurements after a layer. `None` if they are no longer stored.
     fn measured(&self, index: u32) -> Option<Measured> {
         self.measured.iter().find(|layer| layer.index == index).map(|layer| layer.measured)
     }
@@ -98,14 +100,14 @@ impl<B: Board> Controller<B> {
         self.check_event(Event::Begin)?;
         let repeated = (begin.plan_id, begin.layers) == (self.job.plan_id, self.job.layers);
         match self.state {
-            // At rest it asks for another growth, of the same plan or not.
+            // At rest the request starts another growth, of the same plan or of a new one.
             State::Done | State::Stopped => {}
             State::Idle if repeated && self.job.laid == 0 && self.job.interrupted.is_none() => {
                 return Ok(self.accepted());
             }
             State::Idle => {}
             _ if repeated => return Ok(self.accepted()),
-            // Another job is under way.
+            // Another job is in progress.
             state => return Err(Refusal::WrongState { state }),
         }
         self.new_job(begin.plan_id, begin.layers)?;
@@ -113,7 +115,7 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// Replaces the job by another one, in the journal too.
+    /// Replaces the job by a new one, in the journal too.
     pub(super) fn new_job(&mut self, plan_id: u64, layers: u32) -> Result<(), Refusal> {
         let capacity = self.parts.journal.capacity();
         if layers > capacity {
@@ -126,15 +128,15 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    /// Erases what the journal needs for a job. Everything is off. The nozzle must be cold too, since nothing is
-    /// watched while it erases.
+    /// Erases as much of the journal as a job needs. Everything is off. The nozzle must be cold too, because nothing is
+    /// monitored while the flash is erased.
     fn make_room(&mut self, layers: u32) -> Result<(), Refusal> {
         while self.parts.journal.needs_erasing(layers) {
             if self.heater.temperature(self.now).is_none_or(|temperature| temperature >= COLD_C) {
                 return Err(Refusal::Hot { below: centi(COLD_C) });
             }
             self.parts.watchdog.feed();
-            // A new job is on its way: the one before may go.
+            // A new job is about to start, so the record of the previous one may be lost.
             self.parts.journal.forget();
             self.parts.journal.erase_step(layers).map_err(|_| Refusal::Journal)?;
         }
@@ -160,7 +162,7 @@ impl<B: Board> Controller<B> {
                 return Err(Refusal::OutOfOrder { expected: laid });
             }
             self.job.forget_given();
-            // It is laid again, on top of what there is of it.
+            // The layer is laid again, on top of its finished part.
             self.job.interrupted = None;
         }
         self.job.reported = resume.known.min(self.job.laid);
@@ -168,7 +170,7 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// Refuses a request that the journal could not record, and notes that the job cannot be resumed.
+    /// Refuses a request that the journal could not record, and records that the job cannot be resumed.
     fn in_journal(&mut self, written: Result<(), JournalError>) -> Result<(), Refusal> {
         written.map_err(|_| {
             self.job.unwritten = true;
@@ -212,7 +214,7 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// Checks all layers of a batch before any is stored: a batch is stored as a whole or not at all.
+    /// Checks all layers of a batch before any is stored, because a batch is stored as a whole or not at all.
     fn check_layers(&self, first: u32, batch: &[LayerBytes], end: u32) -> Result<(), Refusal> {
         for (index, bytes) in (first..end).zip(batch) {
             self.check_layer(index, bytes)?;
@@ -223,8 +225,8 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    /// Refuses a layer that cannot be laid. The robot's limits are built into the board: nothing that a host sends
-    /// lifts them.
+    /// Refuses a layer that the robot cannot lay. The limits of the robot are part of the board's configuration, so
+    /// that no layer from a host can exceed them.
     pub(super) fn check_layer(&self, index: u32, bytes: &LayerBytes) -> Result<(), Refusal> {
         decode_checked(bytes, &self.robot).map(|_| ()).map_err(|_| Refusal::BadLayer { index })
     }
@@ -234,7 +236,7 @@ impl<B: Board> Controller<B> {
         if self.store_mut().push(bytes) { Ok(()) } else { Err(Refusal::Full) }
     }
 
-    /// Replaces the layers from an index on, all or none.
+    /// Replaces the layers from an index on: all or none.
     pub(super) fn amend(&mut self, amend: &Amend) -> Result<Message, Refusal> {
         self.check_event(Event::Amend)?;
         if amend.amended == 0 {
@@ -255,7 +257,7 @@ impl<B: Board> Controller<B> {
         if amend.layers > capacity {
             return Err(Refusal::PlanTooLong { layers: amend.layers, capacity });
         }
-        // Something must be left to lay, or nothing would ever end it.
+        // At least one layer must remain, because otherwise nothing would end the job.
         if amend.layers <= self.job.laid || amend.layers < amend.from {
             return Err(Refusal::BadLayer { index: amend.layers });
         }
@@ -278,7 +280,7 @@ impl<B: Board> Controller<B> {
         self.this_plan(start.plan_id)?;
         self.check_event(Event::Start)?;
         if self.state == State::Idle && self.job.interrupted.is_some() {
-            // A host must say by `Resume` what becomes of the interrupted layer.
+            // A host must decide with `Resume` how the interrupted layer is handled.
             return Err(Refusal::OutOfOrder { expected: self.job.laid });
         }
         if self.may_be_halted() {
@@ -303,13 +305,13 @@ impl<B: Board> Controller<B> {
                 self.heater.switch_on(self.robot.description().heater.target_c, self.now);
                 self.happens(Event::Start);
             }
-            // A repetition, or the end of a pause.
+            // The request is a repetition, or ends a pause.
             _ => {}
         }
         Ok(self.accepted())
     }
 
-    /// Gives the job up. Repeating it changes nothing.
+    /// Cancels the job. A repeated request changes nothing.
     pub(super) fn cancel(&mut self, cancel: &Cancel, handover: &Handover) -> Result<Message, Refusal> {
         self.check_event(Event::Cancel)?;
         if self.job.plan_id != 0 {
@@ -330,9 +332,10 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Switches everything off. A layer that was under way is interrupted, and how much of it was made is noted.
+    /// Switches everything off. If a layer was in progress it becomes the interrupted layer, and its progress is
+    /// recorded.
     pub(super) fn interrupt(&mut self, handover: &Handover) {
-        // A layer whose report waits is laid.
+        // A layer whose report is pending is already laid.
         if self.job.given > self.job.laid
             && let Some(Report::Laid(turn)) = handover.pop_report()
         {
@@ -347,14 +350,15 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Restores the job that the journal knows after a start of the board, with nothing of it in the store.
+    /// Restores the job from the journal after a start of the board. None of its layers are in the store then.
     pub(super) fn restore_job(&mut self) {
         let robot = self.robot.hash();
-        // A job that is done is known too: its last layers may not be acknowledged.
+        // A finished job is restored too, because the host may not have acknowledged its last layers.
         let is_known = |job: &&JobState| job.robot == robot && (!job.ended || job.laid == job.layers);
         let Some(known) = self.parts.journal.job().filter(is_known).copied() else { return };
         let interrupted = (known.begun > known.laid).then(|| match self.retained.under_way {
-            // Only of the layer that was under way then; later, say in maintenance, there was none.
+            // The retained progress counts only for the layer that was current then. In a later state, for example in
+            // maintenance, no layer was current.
             Some(UnderWay { plan_id, laid, begun, sectors, .. })
                 if (plan_id, laid) == (known.plan_id, known.laid) && begun > laid =>
             {
@@ -369,13 +373,13 @@ impl<B: Board> Controller<B> {
         self.store_mut().restart(known.laid);
         self.job.carry = self.parts.journal.carry();
         self.job.forget_given();
-        // Between layers it was paused, and filament pulled back.
+        // Between two layers the robot was paused, with filament pulled back.
         let between_layers = (1..self.job.layers).contains(&self.job.laid) && self.job.interrupted.is_none();
         self.motion.assume_behind(if between_layers { self.retract_steps() } else { 0 });
     }
 
-    /// Records in the journal that the layer that is about to be handed to the engine is begun. A layer that follows
-    /// another without a pause is recorded with that one.
+    /// Records in the journal that a layer is begun, before it is handed to the engine. If a layer follows another
+    /// without a pause, the record of the layer before includes this.
     pub(super) fn note_begun(&mut self) {
         if self.job.given == self.job.laid {
             self.job.unwritten |= self.parts.journal.begun(self.job.given).is_err();
@@ -397,7 +401,7 @@ impl<B: Board> Controller<B> {
         self.job.unwritten |= self.parts.journal.committed(index, &layer, next_begun).is_err();
     }
 
-    /// Reports to the host the layers that it has not received yet, out of the journal.
+    /// Reports layers from the journal that the host has not received yet.
     pub(super) fn report_layers(&mut self) {
         while self.job.reported < self.job.laid && self.link.has_room_for_layer() {
             let index = self.job.reported;

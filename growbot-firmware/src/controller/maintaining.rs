@@ -1,6 +1,6 @@
-//! Maintenance: heats, feeds and turns without a job, and changes filament in a pause. The board chooses the speeds, and
-//! nothing lasts for long: each move has its time, and the heater goes off when nobody has asked for anything for a
-//! while.
+//! Maintenance: heating, feeding and turning without a job, and changing filament in a pause. The board chooses the
+//! speeds. All actions are limited in time: each move has a max duration, and the heater switches off if no request for
+//! maintenance arrives for ten minutes.
 
 use growbot_core::link::message::{Fault, Message, Refusal, State, Task};
 
@@ -11,13 +11,13 @@ use crate::hal::{Board, Drivers};
 use crate::safety::transitions::Event;
 use crate::stepping::{AxisMove, Handover, Order};
 
-/// Time after the latest request for maintenance at which heater and motors go off, us: ten minutes.
+/// Time after the latest request for maintenance at which heater and motors switch off, us. It is ten minutes.
 pub const UNATTENDED_US: u64 = 600_000_000;
-/// The max time of one move, s: well below that.
+/// Max time of one move, s. It is well below [`UNATTENDED_US`].
 const MAX_MOVE_S: f64 = 300.0;
-/// Distance of a target from the max temperature, degrees: that of `heater.target_c`.
+/// Min distance of a target from the max temperature, degrees. It is the same as for `heater.target_c`.
 const MARGIN_C: f64 = 5.0;
-/// Hundredths of a degree in a turn of the head, the max of one request.
+/// Hundredths of a degree in a turn of the head, which is the max of one request.
 const TURN_CENTI_DEG: u32 = 36_000;
 
 impl<B: Board> Controller<B> {
@@ -43,7 +43,7 @@ impl<B: Board> Controller<B> {
             Task::Feed { um } => self.feed_by(um, handover)?,
             Task::DryRun => self.dry_run()?,
         }
-        // Somebody is there.
+        // The operator is present.
         if matches!(self.state, State::Maintenance | State::Paused) {
             self.since = self.now;
         }
@@ -67,7 +67,7 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::Temperature { min: centi(growth_c), max: centi(growth_c) });
         }
         match self.state {
-            // The pause begins anew, and with it the time at the temperature of growth.
+            // The pause starts again, and with it the time at the temperature of growth.
             State::Paused => {}
             State::Maintenance if !self.is_dry_run() => self.heater.set_target(target_c, self.now),
             _ => self.heater.switch_on(target_c, self.now),
@@ -76,7 +76,7 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    /// Maintenance with the heater off.
+    /// Enters maintenance with the heater off.
     fn dry_run(&mut self) -> Result<(), Refusal> {
         self.check_event(Event::Preheat)?;
         if self.state == State::Paused || self.heater.target().is_some() {
@@ -89,7 +89,7 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    /// Whether head and feed move without heat: only a dry run is maintenance with the heater off.
+    /// Returns whether head and feed move without heat. Maintenance with the heater off is always a dry run.
     pub(super) fn is_dry_run(&self) -> bool {
         self.state == State::Maintenance && self.heater.target().is_none()
     }
@@ -108,7 +108,8 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    /// Forwards as fast as the robot grows on average, which its heater can melt; backwards as fast as before a pause.
+    /// Feeds filament. The speed forward is the mean speed of the robot's growth, which its heater can melt. The speed
+    /// in reverse is that before a pause.
     fn feed_by(&mut self, um: i32, handover: &Handover) -> Result<(), Refusal> {
         self.may_maintain(Event::MoveFilament, handover)?;
         let backwards = um < 0;
@@ -126,7 +127,7 @@ impl<B: Board> Controller<B> {
             if backwards { (0.0, 0, order.steps) } else { (mm_per_s * self.robot.filament_area(), order.steps, 0) };
         self.motion.maintains(Maintained::Filament { flow, forward, back }, seconds, self.now);
         if self.state == State::Paused {
-            // Whoever works at the nozzle says when the body goes on.
+            // The operator is working at the nozzle and decides when the growth continues.
             self.wait_for_start();
         }
         Ok(())
@@ -137,13 +138,14 @@ impl<B: Board> Controller<B> {
         let grows = description.layer.height_mm * self.robot.wall_area() / self.robot.filament_area();
         let grows = grows / description.layer.period_s;
         let feed = &description.feed;
-        // No ramp: what the motor starts with at once. A step every two ticks is the fastest.
+        // The move has no ramp, so its speed is limited to the speed at which the motor can start. The engine makes at
+        // most one step every two ticks.
         let fastest = f64::from(description.motion.tick_hz) / (2.0 * feed.steps_per_mm);
         let back = feed.retract_mm_per_s.min(feed.speed_jump_mm_per_s).min(fastest);
         if backwards { back } else { grows.min(back) }
     }
 
-    /// A move of an axis, and its time in s.
+    /// Returns a move of an axis, and its time in s.
     fn axis_move(&self, steps: f64, steps_per_s: f64, backwards: bool, changes_filament: bool) -> (AxisMove, f64) {
         let tick_hz = f64::from(self.robot.description().motion.tick_hz);
         let steps = libm::rint(steps) as u32;
@@ -152,12 +154,14 @@ impl<B: Board> Controller<B> {
         (AxisMove { steps, backwards, ticks_per_step, changes_filament }, seconds)
     }
 
-    /// Refuses a move in other states, with a nozzle that is not hot unless in a dry run, and while something moves.
+    /// Refuses a move in other states, while another move is in progress, and with a nozzle that is not hot, except in
+    /// a dry run.
     fn may_maintain(&self, event: Event, handover: &Handover) -> Result<(), Refusal> {
         self.check_event(event)?;
         let min_c = self.robot.description().heater.extrusion_min_c;
         let now_c = self.heater.temperature(self.now).unwrap_or(0.0);
-        // Also while the switches are tried, and while a target is on its way.
+        // The temperature also counts as unsteady while the heater's switches are tested and while it approaches a new
+        // target.
         let steady = self.heater.is_steady(self.now);
         if (now_c < min_c || !steady) && !self.is_dry_run() {
             let target_c = self.heater.target().unwrap_or(min_c);
@@ -172,12 +176,12 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    /// Whether there is filament at its switch; true where the robot has none.
+    /// Returns whether the presence switch detects filament. Returns `true` if the robot has no such switch.
     pub(super) fn has_filament(&self) -> bool {
         self.readings.filament_present != Some(false)
     }
 
-    /// Switches off what nobody has attended to for long.
+    /// Switches off after the time without requests has passed.
     pub(super) fn end_maintenance_in_time(&mut self, handover: &Handover) {
         if self.state == State::Maintenance && self.in_state_us() >= UNATTENDED_US {
             self.switch_off(handover);

@@ -1,7 +1,7 @@
-//! The requests of the host. Every request is answered, and one that is refused changes nothing.
+//! The requests of the host. Every request gets a response. A refused request changes nothing.
 //!
-//! Requests may be repeated, since an answer may be lost. Each names what it is about (a plan, an index), so that a
-//! repetition is recognised and answered like the first time.
+//! A host may repeat a request, because its response may be lost. Each request names what it concerns (a plan, an
+//! index), so that a repetition is recognised and gets the same response as the first time.
 
 use growbot_core::job::job_layers_with_keep_alive;
 use growbot_core::link::frame::{Frame, Header};
@@ -20,16 +20,16 @@ use crate::link::Arrival;
 use crate::safety::transitions::{Event, after};
 use crate::stepping::Handover;
 
-/// The kind of a stop, which is obeyed with any body.
+/// Kind of a stop request, which is carried out whatever its body contains.
 const STOP: u8 = 0x06;
-/// The min target of tuning, degrees Celsius: below it there is nothing to tune.
+/// Min target of tuning, degrees Celsius. Below it there is nothing to tune.
 pub(super) const MIN_TUNING_C: f64 = 50.0;
-/// Distance of the target from the max temperature while tuning, degrees, since the nozzle swings. In
-/// `heater::tests::regulating` it swings by 15 C at most.
+/// Min distance of the target from the max temperature while tuning, degrees, because the nozzle's temperature swings.
+/// In `heater::tests::regulating` it swings by 15 C at most.
 const TUNING_MARGIN_C: f64 = 20.0;
 
 impl<B: Board> Controller<B> {
-    /// Carries out a request and answers it.
+    /// Carries out a request and sends the response.
     pub(super) fn serve(&mut self, frame: &Frame, handover: &Handover) {
         let header = frame.header;
         let arrival = self.link.ingest(&header, self.now);
@@ -54,7 +54,7 @@ impl<B: Board> Controller<B> {
         arrival: Arrival,
         handover: &Handover,
     ) -> Result<Message, Refusal> {
-        // These are answered without a session, too.
+        // These requests need no session.
         match request {
             Message::Hello(hello) => return self.hello(hello, header),
             Message::AskBoard(_) => return Ok(self.board_hello()),
@@ -98,7 +98,7 @@ impl<B: Board> Controller<B> {
         if hello.schema != SCHEMA_HASH {
             return Err(Refusal::OtherSchema { board: SCHEMA_HASH });
         }
-        // A closed session stays closed: this frame has been long on its way.
+        // A closed session stays closed. This frame is a delayed one.
         if header.session == 0 || self.link.is_closed(header.session) {
             return Err(Refusal::NoSession);
         }
@@ -169,14 +169,14 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// Leaves `Fault` or `EmergencyStop` if nothing that can be seen at rest is still wrong. What cannot be seen at
-    /// rest will be found again.
+    /// Leaves `Fault` or `EmergencyStop` if no remaining cause is detectable at rest. A cause that is not detectable at
+    /// rest will be found again during operation.
     fn clear_fault(&mut self, handover: &Handover) -> Result<Message, Refusal> {
         self.check_event(Event::Clear)?;
         match self.state {
             State::EmergencyStop if handover.emergency_stop() => return Err(Refusal::EmergencyStop),
             State::Fault | State::EmergencyStop => {}
-            // Nothing to clear.
+            // The robot has no fault to clear.
             _ => return Ok(self.accepted()),
         }
         if let Some(fault) = self.fault.filter(|fault| self.remains(*fault)) {
@@ -190,11 +190,11 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// Whether the cause of a fault can be seen to remain.
+    /// Returns whether the cause of a fault is known to remain.
     fn remains(&self, fault: Fault) -> bool {
         let description = self.robot.description();
         let temperature = self.heater.temperature(self.now);
-        // A robot that has lost a sensor since, with another description, has nothing to see there.
+        // If a newer description has no such sensor, the cause cannot be checked.
         let measured = description.sensors.supply;
         let volts = self.readings.supply_mv.map(|millivolts| f64::from(millivolts) / 1000.0);
         match fault {
@@ -211,13 +211,13 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Plans on the board, by the same code as on the host, and so to the same layers, bit for bit.
+    /// Plans on the board with the same code as the host, so that the layers are the same, bit for bit.
     fn plan_by_itself(&mut self, request: &PlanRequest) -> Result<Message, Refusal> {
         self.check_event(Event::Plan)?;
         let start = Pose::try_from(request.start).map_err(|_| Refusal::NoPlan)?;
         let goal = Pose::try_from(request.goal).map_err(|_| Refusal::NoPlan)?;
-        // A near goal takes some ten seconds, or a minute. The heater is off, so only the watchdog needs the
-        // controller: the keep-alive callback feeds it.
+        // A near goal takes some ten seconds, or up to a minute. The heater is off, so only the watchdog needs the
+        // controller in this time. The keep-alive callback feeds it.
         let robot = self.robot.clone();
         let watchdog = &mut self.parts.watchdog;
         let path =
@@ -231,7 +231,7 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::PlanTooLong { layers, capacity: CAPACITY as u32 });
         }
         let summary = layers.summary_with_keep_alive(&mut || watchdog.feed());
-        // A radius below the robot's planning radius may ask for steps that its motors do not make.
+        // A curve with a radius below the robot's planning radius may need steps that its motors cannot make.
         for (index, bytes) in (0..).zip(layers.clone()) {
             self.parts.watchdog.feed();
             self.check_layer(index, &bytes)?;
@@ -254,14 +254,14 @@ impl<B: Board> Controller<B> {
         let end = first.saturating_add(MAX_LAYERS as u32);
         let mut layers = LayerBatch::new();
         for layer in (first..end).map_while(|index| self.store().get(index)) {
-            // There is room: the range is no longer than a batch.
+            // The vector is not full, because the range has at most the length of a batch.
             let _ = layers.push(layer);
         }
         Message::StoredLayers(StoredLayers { first, layers })
     }
 }
 
-/// Major, minor and patch of this firmware, from the package.
+/// Major, minor and patch version of this firmware, from the package.
 const FIRMWARE: [u8; 3] = [
     number(env!("CARGO_PKG_VERSION_MAJOR")),
     number(env!("CARGO_PKG_VERSION_MINOR")),

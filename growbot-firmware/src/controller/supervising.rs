@@ -1,4 +1,4 @@
-//! Supervision ten times a second: temperature, sensors, watchdog; and the reaction to a fault.
+//! Supervision of temperature, sensors and watchdog ten times a second, and the reaction to a fault.
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
@@ -15,25 +15,28 @@ use crate::safety::retained::{Unknown, fault_of};
 use crate::safety::transitions::{Event, may_feed, may_heat};
 use crate::stepping::Handover;
 
-/// The min time of the self-test, us: what must persist to count can persist in it, and the reading of an ADC that has
-/// stopped at once gets too old.
+/// Min time of the self-test, us. It is long enough to detect a problem that counts only if it persists, and an ADC
+/// that stops right after the start.
 const SELF_TEST_MIN_US: u64 = 600_000;
-/// The max time of the self-test, in which every sensor must be found well, us. No derivation is recorded.
+/// Max time of the self-test, in which every sensor must be found healthy, us. The derivation of this value is not
+/// recorded.
 const SELF_TEST_MAX_US: u64 = 2_000_000;
-/// Time in which the fan comes up from nothing to full speed, s (docs/decisions/0022-heater-regulation.md;
+/// Time in which the fan accelerates from standstill to full speed, s (docs/decisions/0022-heater-regulation.md;
 /// `tests/normal_growth.rs` bounds it).
 const FAN_RAMP_S: f64 = 10.0;
-/// Looks in a row, ten a second, without the step interrupt that make a fault (SAFETY.md, `steps-stalled`).
+/// Number of consecutive checks, ten a second, without a step interrupt that raise a fault (SAFETY.md,
+/// `steps-stalled`).
 const LOOKS_WITHOUT_TICKS: u8 = 3;
 
 impl<B: Board> Controller<B> {
-    /// One look at everything.
+    /// Runs all checks once.
     pub(super) fn supervise(&mut self, handover: &Handover) {
         self.look_at_board(handover);
         if self.identity.configured {
             self.look_at_tip(handover);
         } else {
-            // Nothing heats or moves, and it is not known what the tip's sensors would say.
+            // Nothing heats or moves, and the readings of the tip's sensors have no known meaning without a
+            // description.
             (self.proof.regulator, self.proof.steps) = (true, true);
         }
         self.proof.supervisor = true;
@@ -42,7 +45,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// One look at the tip and all that happens there.
+    /// Checks the tip once and updates everything that depends on it.
     fn look_at_tip(&mut self, handover: &Handover) {
         let look = self.look(handover);
         let grows = matches!(self.state, State::Heating | State::Homing | State::Growing | State::Paused);
@@ -50,7 +53,7 @@ impl<B: Board> Controller<B> {
             || (self.state == State::Maintenance && self.motion.loads());
         let found = self.inputs.look(&look, self.robot.description(), needs_filament);
         if found == Some(Fault::FilamentOut) && matches!(self.state, State::Growing | State::Paused) {
-            // The layer under way is finished, unless the filament jams before.
+            // The current layer is finished, unless the filament jams before.
             self.set_pause(Some(PauseCause::FilamentOut));
         } else if let Some(fault) = found
             && (may_heat(self.state) || self.state == State::SelfTest)
@@ -71,7 +74,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Fails if the board itself cannot be relied on: without its crystal, or where a debug probe may halt it.
+    /// Raises a fault if the board itself is unreliable: without its crystal, or if a debug probe may halt it.
     fn look_at_board(&mut self, handover: &Handover) {
         let latched = matches!(self.state, State::Fault | State::EmergencyStop);
         if self.identity.without_crystal && !latched {
@@ -81,12 +84,13 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Whether a debug probe may halt the processor with the heater on, where nobody watches.
+    /// Returns whether a debug probe may halt the processor with the heater on, which would leave the heater
+    /// unsupervised.
     pub(super) fn may_be_halted(&self) -> bool {
         self.parts.debug_port.is_on() && !self.robot.description().test_bench
     }
 
-    /// Measures how far the tip has grown, and which way it points.
+    /// Measures the length of filament fed and the direction of gravity at the tip.
     pub(super) fn measure(&mut self, handover: &Handover) -> Measured {
         let sensors = &self.robot.description().sensors;
         Measured {
@@ -95,18 +99,18 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Reads every sensor but the thermistor.
+    /// Reads every sensor except the thermistor.
     fn look(&mut self, handover: &Handover) -> Look {
         let description = self.robot.description();
         let sensors = &description.sensors;
         let raw = self.supply.pop_mean();
-        // A pin that cannot be read counts as the fault.
+        // If the pin cannot be read, a fault is assumed.
         let driver_fault = sensors.driver_fault.map(|_| self.parts.driver_fault.is_high().unwrap_or(true));
         let driver_trouble = self.parts.drivers.trouble();
         let counts = driver_trouble.is_some_and(|trouble| self.counts(trouble.problem));
         let look = Look {
             supply_v: raw.filter(|_| sensors.supply).map(|raw| volts(raw, &description.supply)),
-            // A pin that cannot be read counts as the fault.
+            // If the pin cannot be read, missing filament is assumed.
             filament_present: sensors
                 .filament_presence
                 .map(|_| self.parts.filament_presence.is_high().unwrap_or(false)),
@@ -127,8 +131,8 @@ impl<B: Board> Controller<B> {
         look
     }
 
-    /// Whether a driver's problem counts now. The self-test lets one pass that cannot be configured: the motors' supply
-    /// may come later than the board's.
+    /// Returns whether a driver's problem counts now. The self-test ignores a driver that cannot be configured, because
+    /// the motors' supply may be switched on later than the board's.
     fn counts(&self, problem: DriverProblem) -> bool {
         self.state != State::SelfTest || !matches!(problem, DriverProblem::Silent | DriverProblem::NotConfigured)
     }
@@ -165,11 +169,12 @@ impl<B: Board> Controller<B> {
         if !enabled || self.parts.heater_power.set_duty_cycle(duty).is_err() {
             self.fail(Fault::Hardware, handover);
         }
-        // An emergency stop by the link may have come while this switched the heater on.
+        // An emergency stop may have arrived over the link while this function switched the heater on.
         self.obey_emergency_stop(handover);
     }
 
-    /// Pauses when the host has fallen silent, unless it asked to continue then when it started the job.
+    /// Pauses if the host is silent, unless the host requested at the start of the job that the growth continue in that
+    /// case.
     fn pause_on_silence(&mut self) {
         let works = matches!(self.state, State::Heating | State::Homing | State::Growing | State::Paused);
         if works
@@ -181,7 +186,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Sets the fan: it comes up and goes down slowly, since power takes seconds from the heater to the nozzle.
+    /// Sets the fan. Its speed rises and falls slowly, because power takes seconds from the heater to the nozzle.
     fn cool(&mut self, handover: &Handover) {
         let growing = if self.state == State::Growing { self.robot.description().fan.growing_duty } else { 0.0 };
         let step = heater::PERIOD_US as f64 * 1e-6 / FAN_RAMP_S;
@@ -192,14 +197,15 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Fails if the step interrupt does not run, or an order takes too long.
+    /// Raises a fault if the step interrupt does not run, or if a move takes too long.
     fn watch_steps(&mut self, handover: &Handover) {
         let TickWatch { ticks: before, looks_without } = self.ticks;
         let ticks = handover.ticks();
         let looks_without = if ticks == before { looks_without.saturating_add(1) } else { 0 };
         self.ticks = TickWatch { ticks, looks_without };
         let works = may_heat(self.state);
-        // Only a reset releases motors that a stalled interrupt has energised: the watchdog is left to starve.
+        // If a stalled interrupt has left motors energised, only a reset releases them. The watchdog is therefore no
+        // longer fed.
         self.proof.steps = ticks != before || !(works || self.motors_energised);
         if looks_without >= LOOKS_WITHOUT_TICKS && (works || self.state == State::SelfTest) {
             self.fail(Fault::StepsStalled, handover);
@@ -210,7 +216,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// The self-test: every sensor must give what a healthy one gives.
+    /// Runs the self-test: every sensor must give the reading of a healthy one.
     fn test(&mut self, look: &Look, handover: &Handover) {
         let measures = self.heater.temperature(self.now).is_some();
         let powered = !self.robot.description().sensors.supply || look.supply_v.is_some();
@@ -225,7 +231,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Switches heater, fan and steppers off. Each is tried, also if another one fails.
+    /// Switches heater, fan and steppers off. Each is switched even if another one fails.
     pub(super) fn switch_off(&mut self, handover: &Handover) {
         self.heater.switch_off();
         let _ = self.parts.heater_enable.set_low();
@@ -257,7 +263,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// The record of a fault at this moment.
+    /// Returns the record of a fault at this moment.
     fn record(&self, fault: Option<Fault>) -> FaultRecord {
         FaultRecord {
             fault,
@@ -274,8 +280,8 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Restores the fault after a start. One that was never cleared is latched again, and a reset in the midst of work
-    /// is a fault. So is a reset after which it is unknown what was under way, though the memory has had power.
+    /// Restores the fault after a start. A fault that was never cleared is latched again, and a reset during work is a
+    /// fault. A reset is also a fault if the activity before it is unknown although the memory has kept its power.
     pub(super) fn restore_fault(&mut self, unknown: Option<Unknown>) {
         let cause = self.identity.reset_cause;
         let latched = self.retained.record.is_some_and(|record| !record.cleared);
@@ -295,7 +301,7 @@ impl<B: Board> Controller<B> {
             self.retained.record = Some(self.record(Some(fault_of(cause))));
         }
         if self.identity.is_corrupt() {
-            // With this image nothing can be relied on, so this fault comes first.
+            // With a corrupt image nothing is reliable, so this fault comes first.
             self.retained.record = Some(self.record(Some(Fault::ImageCorrupt)));
         }
         if let Some(FaultRecord { fault, cleared: false, .. }) = self.retained.record {

@@ -1,4 +1,4 @@
-//! The controller with everything round it: link, step engine, and a tip that warms, turns and breaks.
+//! Tests of the controller with its surroundings: link, step engine, and a tip that warms, turns and breaks.
 
 mod bench;
 mod board;

@@ -1,8 +1,8 @@
-//! The robot's description in flash: what a host has configured, kept over resets and losses of power.
+//! Storage of the robot's description in flash. The host configures it, and it survives resets and losses of power.
 //!
-//! There are two slots, each of an erase sector or more. A description is written to the slot that does not have the
-//! newest one, its bytes first and its header last, so that a loss of power at any byte leaves the old description or
-//! the new one. The header:
+//! The flash has two slots, each of one erase sector or more. A description is written to the slot that does not
+//! contain the newest one. Its bytes are written first and its header last, so that a loss of power at any byte leaves
+//! either the old description or the new one. The header:
 //!
 //! | byte | content |
 //! |---|---|
@@ -21,36 +21,37 @@ use embedded_storage::nor_flash::MultiwriteNorFlash;
 use growbot_core::link::frame;
 use growbot_core::robot::{LONGEST_VERSIONED, Robot};
 
-/// What a header begins with: `GBRD`.
+/// First word of a header: `GBRD`.
 const MAGIC: u32 = u32::from_le_bytes(*b"GBRD");
 /// Bytes of a header.
 const HEADER_BYTES: usize = 16;
-/// The longest description, filled up to whole words.
+/// Length of the longest description, filled up to whole words, bytes.
 const LONGEST: usize = LONGEST_VERSIONED.next_multiple_of(4);
-/// A header that was struck out: flash can always be programmed to zero.
+/// Invalid header. It can overwrite any other one, because flash can always be programmed to zero.
 const STRUCK: [u8; HEADER_BYTES] = [0; HEADER_BYTES];
 
-/// The bytes of a description, of which only the first ones may count.
+/// Bytes of a description, filled up to the max length.
 type Padded = [u8; LONGEST];
 
-/// The description could not be written, or reads differently. The one before is still there.
+/// Error: the description could not be written, or reads back differently. The previous one is still stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NotStored;
 
-/// What the flash has.
+/// Content of the flash.
 #[derive(Debug, Clone, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "it is taken apart where it is made")]
 pub enum Stored {
-    /// No description was ever stored whole.
+    /// No description was ever stored completely.
     Nothing,
-    /// A whole one that this firmware cannot read, or not drive: another release's.
+    /// The description is complete, but this firmware cannot decode it or cannot drive its robot. Another release
+    /// stored it.
     Unreadable,
-    /// One.
+    /// The description of a robot.
     Robot(Robot),
 }
 
 impl Stored {
-    /// The robot, if there is one.
+    /// Returns the robot, if there is one.
     #[must_use]
     pub fn robot(self) -> Option<Robot> {
         match self {
@@ -60,14 +61,14 @@ impl Stored {
     }
 }
 
-/// The slot of the newest description.
+/// Slot and number of the newest description.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Newest {
     slot: u32,
     header: Header,
 }
 
-/// A header without its CRC.
+/// Header without its CRC.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Header {
     number: u32,
@@ -75,7 +76,7 @@ struct Header {
 }
 
 impl Header {
-    /// The header's bytes, for a description of at least its length.
+    /// Encodes the header for a description of at least its length.
     fn to_bytes(self, description: &Padded) -> [u8; HEADER_BYTES] {
         let mut bytes = STRUCK;
         for (into, word) in bytes.as_chunks_mut::<4>().0.iter_mut().zip([MAGIC, self.number, self.length]) {
@@ -88,7 +89,7 @@ impl Header {
         bytes
     }
 
-    /// CRC of a header's bytes, without those of the CRC, and of a description.
+    /// Returns the CRC of a description and of a header's bytes without those of the CRC.
     fn checksum(self, header: &[u8; HEADER_BYTES], description: &Padded) -> u32 {
         let mut covered = [0; HEADER_BYTES + LONGEST];
         let content = header.iter().take(HEADER_BYTES - 4).chain(description.iter().take(self.length as usize));
@@ -108,7 +109,7 @@ pub struct Descriptions<F> {
 }
 
 impl<F: MultiwriteNorFlash> Descriptions<F> {
-    /// Finds the newest description. The flash has two sectors or more.
+    /// Finds the newest description. The flash must have at least two sectors.
     pub fn open(flash: F) -> Self {
         let mut descriptions = Self { flash, newest: None };
         for slot in 0..2 {
@@ -122,7 +123,7 @@ impl<F: MultiwriteNorFlash> Descriptions<F> {
         descriptions
     }
 
-    /// The newest description.
+    /// Returns the newest description.
     pub fn newest(&mut self) -> Stored {
         let read = self.newest.and_then(|newest| self.read(newest.slot));
         let Some((header, bytes)) = read else { return Stored::Nothing };
@@ -130,11 +131,11 @@ impl<F: MultiwriteNorFlash> Descriptions<F> {
         robot.and_then(Result::ok).map_or(Stored::Unreadable, Stored::Robot)
     }
 
-    /// Stores a robot's description. It erases a slot, which takes up to two seconds in which nothing else happens: so
-    /// heater and steppers must be off and the nozzle cold.
+    /// Stores a robot's description. It erases a slot, which takes up to two seconds in which the controller does
+    /// nothing else. Heater and steppers must therefore be off and the nozzle cold.
     ///
     /// # Errors
-    /// [`NotStored`].
+    /// Returns [`NotStored`] if the description could not be written or reads back differently.
     #[inline(never)]
     pub fn store(&mut self, robot: &Robot) -> Result<(), NotStored> {
         let mut bytes: Padded = [0xff; LONGEST];
@@ -145,7 +146,7 @@ impl<F: MultiwriteNorFlash> Descriptions<F> {
         };
         let newest = Newest { slot, header: Header { number, length: length as u32 } };
         if self.write(newest, &bytes).is_err() || self.read(slot) != Some((newest.header, bytes)) {
-            // It may read as whole later.
+            // Its cells may read as a valid description later.
             let _ = self.flash.write(self.start(slot), &STRUCK);
             return Err(NotStored);
         }
@@ -160,7 +161,7 @@ impl<F: MultiwriteNorFlash> Descriptions<F> {
         self.flash.write(start, &newest.header.to_bytes(bytes))
     }
 
-    /// The description in a slot; none where it has no whole one.
+    /// Returns the description in a slot. `None` if the slot has no complete one.
     #[inline(never)]
     fn read(&mut self, slot: u32) -> Option<(Header, Padded)> {
         let start = self.start(slot);
@@ -177,7 +178,7 @@ impl<F: MultiwriteNorFlash> Descriptions<F> {
         is_whole.then_some((found, bytes))
     }
 
-    /// Where a slot begins.
+    /// Returns the address at which a slot begins.
     fn start(&self, slot: u32) -> u32 {
         slot * (self.flash.capacity() / F::ERASE_SIZE / 2 * F::ERASE_SIZE) as u32
     }

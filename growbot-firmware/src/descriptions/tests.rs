@@ -1,4 +1,4 @@
-//! Descriptions in flash, with the power cut anywhere.
+//! Tests of descriptions in flash, with losses of power at every byte.
 
 use growbot_core::robot::Robot;
 
@@ -6,7 +6,7 @@ use super::{Descriptions, HEADER_BYTES, LONGEST, NotStored, Stored};
 use crate::testing::flash::Flash;
 use crate::testing::{fast_robot, robot_a};
 
-/// Slots of a sector that just holds a description.
+/// Bytes of a sector that just holds a description.
 const SECTOR: usize = 1024;
 type Small = Flash<SECTOR>;
 
@@ -33,7 +33,8 @@ fn the_newest_description_is_found_again() {
     assert_eq!(flash.erasures(), [3, 2], "each slot by turns");
 }
 
-/// As after new firmware, which has another encoding: nothing else takes its place unasked.
+/// After an update of the firmware the encoding may differ. The stored description must not be replaced without a
+/// request.
 #[test]
 fn a_whole_description_that_cannot_be_read_is_told_from_none() {
     let flash = Small::new(2);
@@ -41,7 +42,7 @@ fn a_whole_description_that_cannot_be_read_is_told_from_none() {
     let mut descriptions = Descriptions::open(flash.clone());
     descriptions.store(&robot_a()).unwrap();
     let newest = descriptions.newest.unwrap();
-    // The same bytes, said to be of another version, with a header that suits them.
+    // The same bytes with another version, and with a header that matches them.
     let (header, mut bytes) = descriptions.read(newest.slot).unwrap();
     bytes[0] ^= 0x40;
     descriptions.write(newest, &bytes).unwrap();
@@ -86,7 +87,7 @@ fn a_power_cut_at_every_byte_leaves_the_old_description_or_the_new_one() {
             cut += 1;
             let flash = Small::new(2);
             if let Some(old) = &before {
-                // Both slots are written to: one is to be erased.
+                // Both slots are written to, so the next write has to erase one.
                 Descriptions::open(flash.clone()).store(&named("older")).unwrap();
                 Descriptions::open(flash.clone()).store(old).unwrap();
             }
@@ -106,7 +107,7 @@ fn a_power_cut_at_every_byte_leaves_the_old_description_or_the_new_one() {
                     olds += 1;
                 }
             }
-            // It can be configured again, and is not undone by what the cut has left.
+            // The board can be configured again, and the remains of the cut write do not undo it.
             Descriptions::open(flash.clone()).store(&new).unwrap();
             assert_eq!(stored(&flash), Some(new.clone()), "cut at byte {cut}, and written again");
         }
@@ -115,7 +116,7 @@ fn a_power_cut_at_every_byte_leaves_the_old_description_or_the_new_one() {
     assert!(olds > 2 * SECTOR && news > 0, "{olds} old, {news} new");
 }
 
-/// Bits that were being programmed may read differently at each start: never as another description.
+/// Cells that were being programmed may read differently at each start, but never as another description.
 #[test]
 fn weak_cells_read_as_the_old_description_or_the_new_one() {
     let (old, new) = (robot_a(), fast_robot());

@@ -1,10 +1,10 @@
-//! The memory that the emulated board and the simulated tip share: one table for both sides.
+//! The memory that the emulated board and the simulated tip share. This module defines its layout for both sides.
 //!
-//! QEMU's mps2-an386 has no pins. Its firmware drives these words instead of a heater and two stepper drivers, and
-//! reads them instead of a thermistor and an index sensor; the desktop maps the same memory (QEMU's
-//! `memory-backend-file`, at [`ADDRESS`] for the board) and plays the tip.
+//! QEMU's mps2-an386 has no pins. Its firmware writes these words instead of driving a heater and two stepper drivers.
+//! It reads them instead of a thermistor and an index sensor. The desktop maps the same memory (QEMU's
+//! `memory-backend-file`, at [`ADDRESS`] for the board) and simulates the tip.
 //!
-//! Every word is a little-endian `u32`, named here by its byte offset. Each word has one writer:
+//! Every word is a little-endian `u32` and is named here by its byte offset. Each word has one writer:
 //!
 //! | offset | word | writer | unit |
 //! |---|---|---|---|
@@ -31,7 +31,7 @@
 //! | `0x100` | [`THERMISTOR_RAW`] | host | 0 to 4095, as the board's ADC would read |
 //! | `0x104` | [`THERMISTOR_LIVE`] | host | 1: the ADC delivers readings; 0: it has stopped |
 //! | `0x108` | [`STEP_READ_INDEX`] | host | records read, wrapping |
-//! | `0x110` | [`INDEX_STEPS_PER_TURN`] | host | head steps in a turn; 0: there is no index mark |
+//! | `0x110` | [`INDEX_STEPS_PER_TURN`] | host | head steps in a turn; 0 without an index mark |
 //! | `0x114` | [`INDEX_POSITION`] | host | where the mark begins, in head steps from 0 |
 //! | `0x118` | [`INDEX_WIDTH`] | host | width of the mark in head steps |
 //! | `0x11C` | [`INDEX_FAULT`] | host | `INDEX_FAULT_*` |
@@ -61,32 +61,33 @@
 //!
 //! # Order of accesses
 //!
-//! - The host makes the memory ([`SIZE`] bytes of zero), writes its words, then starts the board. The board leaves the
-//!   host's words alone in every boot, and its own running indices too when it finds [`MAGIC_VALUE`]; all its outputs
-//!   start at 0.
-//! - A new boot shows as a change of [`BOOTS`], which the board writes last. Records from [`BOOT_WRITE_INDEX`] on are
-//!   of this boot.
-//! - The board writes a record, then [`STEP_WRITE_INDEX`]; the host reads the index, then the records below it, then
+//! - The host creates the memory ([`SIZE`] bytes of zero), writes its words, then starts the board. The board never
+//!   changes the host's words. It also keeps its own running indices if it finds [`MAGIC_VALUE`]. All its outputs start
+//!   at 0.
+//! - A new boot shows as a change of [`BOOTS`], which the board writes last. The records from [`BOOT_WRITE_INDEX`] on
+//!   belong to this boot.
+//! - The board writes a record, then [`STEP_WRITE_INDEX`]. The host reads the index, then the records below it, then
 //!   writes [`STEP_READ_INDEX`]. The board never waits: when the ring is full it drops the record and counts it in
-//!   [`STEP_OVERRUN`]. The positions [`HEAD_STEPS`] and [`FEED_STEPS`] count such steps all the same.
+//!   [`STEP_OVERRUN`]. The positions [`HEAD_STEPS`] and [`FEED_STEPS`] still count such steps.
 //! - The host writes [`THERMISTOR_RAW`], then 1 to [`THERMISTOR_LIVE`]. From then on the board reads the latest value
-//!   as often as it likes, as it would an ADC of its own: a host that is slow is not a sensor that is broken.
-//! - The board writes to [`JOURNAL`] and [`DESCRIPTION`] as one writes to flash: it programs words by clearing bits, and erases sectors of
-//!   [`JOURNAL_SECTOR`] bytes by setting all. The zeros that it finds at first are not erased.
-//! - Pairs (`_LO`, `_HI`) are read high, low, high, until both highs agree; each pair lies in eight aligned bytes.
+//!   at any rate, like that of its own ADC, so that a slow host does not look like a broken sensor.
+//! - The board writes to [`JOURNAL`] and [`DESCRIPTION`] as to flash: it programs words by clearing bits, and erases
+//!   sectors of [`JOURNAL_SECTOR`] bytes by setting all bits. The zeros of the new memory do not count as erased.
+//! - Pairs (`_LO`, `_HI`) are read high, low, high, until both highs agree. Each pair lies in eight aligned bytes.
 //!
-//! # What the pins mean
+//! # Meaning of the pins
 //!
-//! A step counts at the rising edge of STEP; DIR high turns forward (counts up). A driver that is not energised doesn't
-//! turn, so its edges are recorded with `enabled` false and don't count in the positions. The index sensor pulls its
-//! line low while `(HEAD_STEPS - INDEX_POSITION) mod INDEX_STEPS_PER_TURN < INDEX_WIDTH`. The board computes it from
-//! its own edges, so that homing takes the same steps in every run; a host that wants the head to slip moves
-//! [`INDEX_POSITION`]. The filament's encoder comes from [`FEED_STEPS`] in the same way: high in the first half of each
-//! [`ENCODER_PITCH`]; if the filament slips in its drive, the host says from where and how much; if it does not
-//! follow the feed at all, the host sets a fixed level. The words of the other inputs have logical levels, not those of
-//! a wire.
+//! A step counts at the rising edge of STEP. DIR high turns forward (counts up). A driver that is not energised does
+//! not turn, so its edges are recorded with `enabled` false and do not count in the positions. The index sensor pulls
+//! its line low while `(HEAD_STEPS - INDEX_POSITION) mod INDEX_STEPS_PER_TURN < INDEX_WIDTH`. The board computes the
+//! level from its own edges, so that homing takes the same steps in every run. A host simulates slip of the head by
+//! changing [`INDEX_POSITION`]. The level of the filament's encoder follows from [`FEED_STEPS`] in the same way: it is
+//! high in the first half of each [`ENCODER_PITCH`]. If the filament slips in its drive, the host sets where the slip
+//! begins and how large it is. If the filament does not follow the feed at all, the host sets a fixed level. The words
+//! of the other inputs have logical levels, not those of a wire.
 //!
-//! Not modelled here: step pulse widths, set-up times of DIR, micro-step tables, and the two directions of a worn gear.
+//! The model does not include step pulse widths, set-up times of DIR, micro-step tables, and the two directions of a
+//! worn gear.
 
 mod sensors;
 mod step_record;
@@ -94,9 +95,9 @@ mod step_record;
 pub use sensors::{EncoderMapping, encoder_level, index_level};
 pub use step_record::{Axis, StepRecord, step_record_offset};
 
-/// Where the board finds the memory: the expansion RAM of the mps2 boards.
+/// Address of the memory on the board: the expansion RAM of the mps2 boards.
 pub const ADDRESS: usize = 0x2100_0000;
-/// Bytes of the memory, a power of two. QEMU wants the file to be exactly this long.
+/// Bytes of the memory, a power of two. QEMU requires the file to have exactly this length.
 pub const SIZE: usize = 16 * 1024 * 1024;
 
 /// Offset: [`MAGIC_VALUE`] once the board's words are valid.
@@ -110,7 +111,7 @@ pub const VERSION_VALUE: u32 = 6;
 
 /// Offset, board to host: boots since the memory was zero.
 pub const BOOTS: usize = 0x010;
-/// Offset, board to host: why the board started, one of `RESET_*`.
+/// Offset, board to host: cause of the board's start, one of `RESET_*`.
 pub const RESET_CAUSE: usize = 0x014;
 /// Offset, board to host: [`STEP_WRITE_INDEX`] when this boot began.
 pub const BOOT_WRITE_INDEX: usize = 0x018;
@@ -134,14 +135,14 @@ pub const FEED_ENABLE: usize = 0x03C;
 pub const HEAD_STEPS: usize = 0x040;
 /// Offset, board to host: steps the feed has turned, as an `i32`.
 pub const FEED_STEPS: usize = 0x044;
-/// Offset, board to host: low half of the sum of the duty over the ticks with the heater on. What the tip got between
-/// two looks is their difference, however rarely the host looks.
+/// Offset, board to host: low half of the sum of the duty over the ticks with the heater on. The energy between two
+/// reads is the difference of the sums, at any rate of reading.
 pub const HEATER_ENERGY_LO: usize = 0x048;
 /// Offset, board to host: high half of [`HEATER_ENERGY_LO`].
 pub const HEATER_ENERGY_HI: usize = 0x04C;
 /// Offset, board to host: step records written.
 pub const STEP_WRITE_INDEX: usize = 0x050;
-/// Offset, board to host: step records dropped in this boot, the host being too slow.
+/// Offset, board to host: step records dropped in this boot because the host read too slowly.
 pub const STEP_OVERRUN: usize = 0x054;
 /// Offset, board to host: received bytes dropped in this boot.
 pub const LINK_BYTES_LOST: usize = 0x058;
@@ -191,33 +192,33 @@ pub const GRAVITY_Y: usize = 0x148;
 pub const GRAVITY_Z: usize = 0x14C;
 /// Offset, host to board: 1 while the orientation sensor answers.
 pub const GRAVITY_LIVE: usize = 0x150;
-/// Offset, host to board: 1 to have the board overflow its stack.
+/// Offset, host to board: 1 to make the board overflow its stack.
 pub const OVERFLOW_STACK: usize = 0x154;
 /// Offset, host to board: odd while the host changes [`ENCODER_ORIGIN`], [`ENCODER_PHASE`] and [`ENCODER_SLIP`].
 pub const ENCODER_SEQUENCE: usize = 0x158;
-/// Offset, host to board: the [`FEED_STEPS`] from which the encoder continues, as an `i32`.
+/// Offset, board to host: [`FEED_STEPS`] from which the encoder continues, as an `i32`.
 pub const ENCODER_ORIGIN: usize = 0x15C;
-/// Offset, host to board: how far the encoder is turned there, in 1/256 steps, below [`ENCODER_PITCH`].
+/// Offset, host to board: angle of the encoder at [`ENCODER_ORIGIN`], in 1/256 steps, below [`ENCODER_PITCH`].
 pub const ENCODER_PHASE: usize = 0x160;
-/// Offset, host to board: how much more than a step's worth of filament each step moves from there on, in 1/65536, as
-/// an `i32`.
+/// Offset, host to board: filament that each step moves beyond a step's worth from [`ENCODER_ORIGIN`] on, in 1/65536,
+/// as an `i32`.
 pub const ENCODER_SLIP: usize = 0x164;
-/// Offset, host to board: how the board is to crash, one of `CRASH_*`; 0 for not.
+/// Offset, host to board: the way in which the board must crash, one of `CRASH_*`; 0 for no crash.
 pub const CRASH: usize = 0x168;
-/// Offset, host to board: 1 to have the board's main loop hang while its watchdog is fed.
+/// Offset, host to board: 1 to make the board's main loop hang while its watchdog is fed.
 pub const HANG: usize = 0x16C;
 /// Offset, host to board: the machine description.
 pub const MACHINE: usize = 0x1000;
-/// The longest machine description, in bytes.
+/// Max length of the machine description, bytes.
 pub const MACHINE_CAPACITY: usize = 0x1000;
 
 /// Offset, board to host: the flash of the board's journal.
 pub const JOURNAL: usize = 0x2_0000;
-/// Bytes of a sector of that flash, which are erased together: as on the robot's board.
+/// Bytes of a sector of that flash, which is erased as a unit. It is the same as on the robot's board.
 pub const JOURNAL_SECTOR: usize = 0x2_0000;
 /// Bytes of that flash.
 pub const JOURNAL_CAPACITY: usize = 2 * JOURNAL_SECTOR;
-/// Offset, board to host: the flash of the robot's description, of as many sectors and bytes.
+/// Offset, board to host: the flash of the robot's description, with the same number of sectors and bytes.
 pub const DESCRIPTION: usize = 0x8_0000;
 
 /// Offset, board to host: at each tick, after [`TICKS_LO`] and [`TICKS_HI`], the board writes the tick's low half into
@@ -228,16 +229,16 @@ pub const ALARM_WORDS: u32 = 1024;
 
 /// Offset, board to host: the step records. Record `i` is at `STEP_RING + 4 * (i % STEP_RING_RECORDS)`.
 pub const STEP_RING: usize = 0x10_0000;
-/// Records in the ring, a power of two: over four minutes at one step a tick and 4 kHz.
+/// Records in the ring, a power of two. They last for over four minutes at one step a tick and 4 kHz.
 pub const STEP_RING_RECORDS: u32 = 1 << 20;
 
-/// [`CRASH`]: by an instruction that does not exist.
+/// [`CRASH`]: executes an instruction that does not exist.
 pub const CRASH_BY_INSTRUCTION: u32 = 1;
-/// [`CRASH`]: by reading at [`NOWHERE`].
+/// [`CRASH`]: reads at [`NOWHERE`].
 pub const CRASH_BY_ACCESS: u32 = 2;
-/// [`CRASH`]: by hanging, until the watchdog expires.
+/// [`CRASH`]: hangs until the watchdog expires.
 pub const CRASH_BY_HANGING: u32 = 3;
-/// An address of the board at which there is nothing.
+/// Address at which the board has no memory.
 pub const NOWHERE: usize = 0x2FFF_FFF0;
 
 /// [`RESET_CAUSE`]: the first start on this memory.
@@ -248,7 +249,7 @@ pub const RESET_WATCHDOG: u32 = 2;
 pub const RESET_FAULT: u32 = 4;
 /// [`RESET_CAUSE`]: reset from outside, by the emulator's monitor.
 pub const RESET_EXTERNAL: u32 = 5;
-/// [`RESET_CAUSE`]: the firmware used more stack than there is.
+/// [`RESET_CAUSE`]: the stack of the firmware overflowed.
 pub const RESET_STACK_OVERFLOW: u32 = 6;
 
 /// [`INDEX_FAULT`]: the sensor works.

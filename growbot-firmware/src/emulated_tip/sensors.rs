@@ -2,7 +2,7 @@
 
 use super::{ENCODER_STANDS_HIGH, ENCODER_STANDS_LOW, INDEX_FAULT_STUCK_HIGH, INDEX_FAULT_STUCK_LOW};
 
-/// Level of the index line (`true` is high) for a head at `head_steps`, as the sensor's words describe it.
+/// Returns the level of the index line (`true` is high) for a head at `head_steps`, as the sensor's words describe it.
 ///
 /// ```
 /// use growbot_firmware::emulated_tip::{INDEX_FAULT_NONE, index_level};
@@ -24,7 +24,7 @@ pub const fn index_level(head_steps: i32, steps_per_turn: u32, position: u32, wi
     }
 }
 
-/// How the level of the filament's encoder follows from the feed's steps.
+/// Relation between the feed's steps and the level of the filament's encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct EncoderMapping {
     /// [`ENCODER_ORIGIN`](super::ENCODER_ORIGIN).
@@ -35,7 +35,8 @@ pub struct EncoderMapping {
     pub slip: i32,
 }
 
-/// Level of the filament's encoder (`true` is high) for a feed at `feed_steps`, as the encoder's words describe it.
+/// Returns the level of the filament's encoder (`true` is high) for a feed at `feed_steps`, as the encoder's words
+/// describe it.
 ///
 /// ```
 /// use growbot_firmware::emulated_tip::{ENCODER_TURNS, EncoderMapping, encoder_level};
@@ -83,7 +84,7 @@ mod tests {
         assert_eq!(rises(mapping), 888);
     }
 
-    /// Rising edges of the encoder in 100,000 steps, 112.5 steps a pulse.
+    /// Counts the rising edges of the encoder in 100,000 steps, at 112.5 steps a pulse.
     fn rises(mapping: EncoderMapping) -> usize {
         let level = |step| encoder_level(step, 225 * 128, ENCODER_TURNS, mapping);
         (1..=100_000).filter(|step| level(*step) && !level(step - 1)).count()
@@ -93,7 +94,7 @@ mod tests {
     fn the_encoder_turns_as_far_as_the_filament_that_slips() {
         assert_eq!(rises(EncoderMapping { slip: -65_536 / 10, ..EncoderMapping::default() }), 800);
         assert_eq!(rises(EncoderMapping { slip: 65_536 / 4, ..EncoderMapping::default() }), 1111);
-        // From one mapping to the next it continues where it was.
+        // At a change of the mapping, the encoder continues at its present angle.
         let (pitch, before) = (225 * 128, EncoderMapping { origin: 0, phase: 0, slip: 6554 });
         let phase = ((70_i64 * 256 + ((70 * 6554) >> 8)) % i64::from(pitch)) as u32;
         let after = EncoderMapping { origin: 70, phase, slip: -6554 };

@@ -1,8 +1,8 @@
-//! The records of steps, and where they are in the ring.
+//! The records of steps, and their addresses in the ring.
 
 use super::{STEP_RING, STEP_RING_RECORDS};
 
-/// One rising edge of a STEP pin, as it is in the ring:
+/// One rising edge of a STEP pin, as stored in the ring:
 ///
 /// | bits | meaning |
 /// |---|---|
@@ -12,22 +12,22 @@ use super::{STEP_RING, STEP_RING_RECORDS};
 /// | 28..0 | low bits of the tick at which the edge came |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StepRecord {
-    /// Which motor.
+    /// The motor.
     pub axis: Axis,
-    /// Whether DIR was high.
+    /// DIR was high.
     pub forward: bool,
-    /// Whether the driver was energised, so that the motor turned.
+    /// The driver was energised, so that the motor turned.
     pub enabled: bool,
-    /// The tick modulo 2^29 (37 hours at 4 kHz); see [`StepRecord::tick_after`].
+    /// Tick modulo 2^29 (37 hours at 4 kHz); see [`StepRecord::tick_after`].
     pub tick: u32,
 }
 
 /// The two motors of the tip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {
-    /// Turns the print head.
+    /// The motor that turns the print head.
     Head,
-    /// Pushes the filament.
+    /// The motor that pushes the filament.
     Feed,
 }
 
@@ -37,7 +37,7 @@ const ENABLED_BIT: u32 = 1 << 29;
 const TICK_MASK: u32 = ENABLED_BIT - 1;
 
 impl StepRecord {
-    /// The record as a word of the ring. Bits of the tick above 28 are dropped.
+    /// Encodes the record as a word of the ring. Bits of the tick above 28 are dropped.
     pub const fn to_word(self) -> u32 {
         let axis = match self.axis {
             Axis::Head => 0,
@@ -48,7 +48,7 @@ impl StepRecord {
         axis | forward | enabled | (self.tick & TICK_MASK)
     }
 
-    /// Reads a word of the ring. Every word is a record.
+    /// Decodes a word of the ring. Every word is a valid record.
     pub const fn from_word(word: u32) -> Self {
         StepRecord {
             axis: if word & AXIS_BIT == 0 { Axis::Head } else { Axis::Feed },
@@ -58,7 +58,8 @@ impl StepRecord {
         }
     }
 
-    /// The whole tick number, given that of an earlier record (or the start of the boot) less than 2^29 ticks before.
+    /// Returns the complete tick number, given that of an earlier record (or the start of the boot) less than 2^29
+    /// ticks before.
     pub const fn tick_after(self, earlier: u64) -> u64 {
         let modulus = TICK_MASK as u64 + 1;
         let gap = (self.tick as u64).wrapping_sub(earlier) % modulus;
@@ -66,7 +67,7 @@ impl StepRecord {
     }
 }
 
-/// Byte offset of the record with a running index.
+/// Returns the byte offset of the record with a running index.
 pub const fn step_record_offset(index: u32) -> usize {
     STEP_RING + 4 * (index % STEP_RING_RECORDS) as usize
 }

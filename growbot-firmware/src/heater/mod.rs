@@ -1,12 +1,13 @@
 //! The heater: regulation of the nozzle's temperature, and the conditions under which it is switched off.
 //!
-//! [`Heater::update`] is called ten times a second with the mean of the period's conversions ([`Sampler`]) and what is
-//! asked of the nozzle ([`Demand`]). It gives the duty: by `regulation` on the way to a target and at it, by `tuning`
-//! where the gains are to be found. `supervision` compares the reading with what the nozzle can do by the `model`.
+//! Call [`Heater::update`] ten times a second with the mean of the period's conversions ([`Sampler`]) and the load of
+//! the nozzle ([`Demand`]). It returns the duty. `regulation` computes it while the nozzle approaches a target and
+//! holds it. `tuning` computes it while the gains are measured. `supervision` compares the reading with the behaviour
+//! that the `model` predicts for the nozzle.
 //!
-//! Before it heats, both of its switches are tried (`proof_test`). Power flows only while a reading is younger than
-//! half a second. Too high a temperature is a fault whether the heater is on or not; everything else matters only while
-//! it is on.
+//! Before the heater heats, both of its switches are tested (`proof_test`). Power flows only while a reading is younger
+//! than half a second. Too high a temperature is a fault whether the heater is on or off. All other checks apply only
+//! while it is on.
 
 mod model;
 mod proof_test;
@@ -30,85 +31,87 @@ use crate::thermistor::{Broken, temperature};
 
 /// Time between two updates of the regulation, us (docs/decisions/0022-heater-regulation.md).
 pub const PERIOD_US: u64 = 100_000;
-/// Age of the oldest reading on which power flows, us. Its conversions may be a period older, so that power never flows
-/// on one older than 0.5 s (decision 0022).
+/// Max age of the reading with which power flows, us. The conversions of a reading may be one period older, so that
+/// power never flows on a conversion older than 0.5 s (decision 0022).
 const OLDEST_READING_US: u64 = 400_000;
-/// How long the temperature must stay in its band to count as hot, us. No derivation is recorded;
-/// `heater::tests::times` holds it, and `heater::tests::sound` bounds it from below: a nozzle that counts as hot too
-/// early drops.
+/// Time for which the temperature must stay in its band to count as hot, us. The derivation of this value is not
+/// recorded. `heater::tests::times` checks it, and `heater::tests::sound` bounds it from below: if a nozzle counts as
+/// hot too early, its temperature drops.
 const SETTLING_US: u64 = 2_000_000;
-/// The share of its band within which the temperature must be for [`STEADY_US`] before a layer is laid. With both the
-/// overshoot is over by then: `tests/normal_growth.rs` demands 1.5 C while growing, and half of robot A's band is that.
+/// Share of the band within which the temperature must stay for [`STEADY_US`] before a layer is laid. With both limits
+/// the overshoot is over by then. `tests/normal_growth.rs` demands 1.5 C while growing, which is half of robot A's
+/// band.
 const STEADY_BANDS: f32 = 0.45;
-/// Time within [`STEADY_BANDS`] before a layer is laid, us: bounded as these.
+/// Time within [`STEADY_BANDS`] before a layer is laid, us. It is bounded like [`STEADY_BANDS`].
 const STEADY_US: u64 = 10_000_000;
-/// Time anywhere in its band after which a layer is laid, too, us: a nozzle that never comes nearer still grows. No
-/// derivation is recorded; `heater::tests::times` holds it.
+/// Time anywhere in its band after which a layer is laid too, us, so that a nozzle that never comes nearer to the
+/// target still grows. The derivation of this value is not recorded. `heater::tests::times` checks it.
 const STEADY_ENOUGH_US: u64 = 60_000_000;
-/// The power is dithered within this many bands of the target: then a living reading shows the dither before it is hot.
-/// No derivation is recorded; `heater::tests::sound` and `heater::tests::faults` bound it.
+/// Distance from the target within which the power is dithered, in bands. The reading of a working sensor then shows
+/// the dither before the nozzle is hot. The derivation of this value is not recorded. `heater::tests::sound` and
+/// `heater::tests::faults` bound it.
 const DITHERED_BANDS: f32 = 2.0;
-/// Tuning takes at most this many times the robot's heating timeout (docs/decisions/0022-heater-regulation.md).
+/// Max duration of tuning, as a multiple of the robot's heating timeout (docs/decisions/0022-heater-regulation.md).
 const TUNING_TIMEOUTS: u64 = 2;
-/// A reading that does not swing within this time, s, does not follow the power (decision 0022).
+/// Time, s, after which a reading that does not swing counts as not following the power (decision 0022).
 const MAX_SWING_S: f32 = 90.0;
 
-/// What is asked of the nozzle, and the supply that it has for that.
+/// The load of the nozzle, and the supply voltage of its heater.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Demand {
     /// Flow of plastic through the nozzle, mm^3/s.
     pub flow_mm3_per_s: f64,
     /// Duty of the fan, 0 to 1.
     pub fan: f64,
-    /// The measured supply, V; none without a sensor.
+    /// Measured supply voltage, V. `None` without a sensor.
     pub supply_v: Option<f64>,
 }
 
-/// The states of the heater's two switches.
+/// States of the heater's two switches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Output {
     /// Duty of the power stage, 0 to 1.
     pub duty: f64,
-    /// Whether the second switch is closed.
+    /// The second switch is closed.
     pub closed: bool,
 }
 
 impl Output {
-    /// Both switches are open.
+    /// Output with both switches open.
     pub const OFF: Self = Self { duty: 0.0, closed: false };
     const SECOND_SWITCH_ALONE: Self = Self { duty: 0.0, closed: true };
     const POWER_STAGE_ALONE: Self = Self { duty: 1.0, closed: false };
 }
 
-/// A reading of the thermistor.
+/// Reading of the thermistor.
 #[derive(Debug, Clone, Copy)]
 struct Reading {
     celsius: f64,
-    /// The time at which it was taken, us.
+    /// Time of the reading, us.
     taken: u64,
 }
 
 /// The heater's regulation and limits.
 #[derive(Debug, Clone, Default)]
 pub struct Heater {
-    /// Degrees Celsius, none while off.
+    /// Target, degrees Celsius. `None` while the heater is off.
     target: Option<f64>,
     reading: Option<Reading>,
-    /// Why the latest conversions gave no reading.
+    /// Reason why the latest conversions gave no reading.
     broken: Option<Broken>,
-    /// The latest duty of the power stage, 0 to 1.
+    /// Latest duty of the power stage, 0 to 1.
     duty: f64,
-    /// The time of the latest update, us.
+    /// Time of the latest update, us.
     updated: Option<u64>,
-    /// The time at which it was switched on, got its target, or began to heat, us.
+    /// Time at which the heater was switched on, got its target, or began to heat, us.
     on_since: u64,
-    /// The time since which the temperature has been in its band, us.
+    /// Time since which the temperature has been in its band, us.
     in_band_since: Option<u64>,
-    /// The time since which the temperature has been near enough to the target for a layer, us.
+    /// Time since which the temperature has been near enough to the target for a layer, us.
     steady_since: Option<u64>,
-    /// The reading while nothing heats.
+    /// Readings while the heater is off.
     rest: Rest,
-    /// The proof test of its switches, while that runs.
+    /// Proof test of the switches. `None` unless it is running.
     proof: Option<ProofTest>,
     regulation: Regulation,
     supervision: Supervision,
@@ -117,13 +120,13 @@ pub struct Heater {
 }
 
 impl Heater {
-    /// Switches the heater on. It tries its switches first.
+    /// Switches the heater on. The proof test of its switches runs first.
     pub fn switch_on(&mut self, target_c: f64, now: u64) {
         self.switch_off();
         (self.target, self.on_since, self.proof) = (Some(target_c), now, Some(ProofTest::default()));
     }
 
-    /// Sets another target, without switching off in between. It does nothing while the heater is off or being tuned.
+    /// Sets a new target without switching off in between. It has no effect while the heater is off or being tuned.
     pub fn set_target(&mut self, target_c: f64, now: u64) {
         if self.tuning.is_some() || self.target.is_none_or(|target| target.to_bits() == target_c.to_bits()) {
             return;
@@ -141,32 +144,32 @@ impl Heater {
         *self = Self { reading, broken, rest, tuned: self.tuned.take(), ..Self::default() };
     }
 
-    /// Switches the heater on to drive the nozzle round a target and find its gains. Once they are found, the heater is
-    /// off.
+    /// Switches the heater on and lets the nozzle swing about a target to find its gains. The heater is off once they
+    /// are found.
     pub fn tune(&mut self, target_c: f64, now: u64) {
         self.switch_on(target_c, now);
         (self.tuning, self.tuned) = (Some(Relay::default()), None);
     }
 
-    /// The gains that were found since the last call.
+    /// Returns the gains that were found since the last call.
     pub fn pop_tuned(&mut self) -> Option<Tuned> {
         self.tuned.take()
     }
 
-    /// The target, degrees Celsius, none while off.
+    /// Returns the target, degrees Celsius. `None` while the heater is off.
     #[must_use]
     pub fn target(&self) -> Option<f64> {
         self.target
     }
 
-    /// The temperature, degrees Celsius, none without a recent reading.
+    /// Returns the temperature, degrees Celsius. `None` without a recent reading.
     #[must_use]
     pub fn temperature(&self, now: u64) -> Option<f64> {
         let Reading { celsius, taken } = self.reading?;
         (self.broken.is_none() && now.saturating_sub(taken) <= OLDEST_READING_US).then_some(celsius)
     }
 
-    /// The fault of a sensor that gives no temperature.
+    /// Returns the fault of a sensor that gives no temperature.
     #[must_use]
     pub fn sensor_fault(&self) -> Fault {
         match self.broken {
@@ -176,38 +179,38 @@ impl Heater {
         }
     }
 
-    /// The duty of the power stage after the latest update, 0 to 1. In the proof test it is full with the second switch
-    /// open.
+    /// Returns the duty of the power stage after the latest update, 0 to 1. In the proof test it is at full duty while
+    /// the second switch is open.
     #[must_use]
     pub fn duty(&self) -> f64 {
         self.duty
     }
 
-    /// Whether the temperature has settled at the target.
+    /// Returns whether the temperature has settled at the target.
     #[must_use]
     pub fn is_hot(&self, now: u64) -> bool {
         self.in_band_since.is_some_and(|since| now.saturating_sub(since) >= SETTLING_US)
     }
 
-    /// Whether the temperature is steady enough to lay a layer.
+    /// Returns whether the temperature is steady enough to lay a layer.
     #[must_use]
     pub fn is_steady(&self, now: u64) -> bool {
         let lasts = |since: Option<u64>, min| since.is_some_and(|since| now.saturating_sub(since) >= min);
         lasts(self.steady_since, STEADY_US) || lasts(self.in_band_since, STEADY_ENOUGH_US)
     }
 
-    /// Whether power flows although the reading has grown too old since the latest update.
+    /// Returns whether power flows although the reading has grown too old since the latest update.
     #[must_use]
     pub fn is_blind(&self, now: u64) -> bool {
         self.duty > 0.0 && self.temperature(now).is_none()
     }
 
-    /// One update by the mean conversion of the period, if there is one: the states of the switches until the next. To
-    /// be called every [`PERIOD_US`].
+    /// Updates the heater with the mean conversion of the period, if there is one. Returns the states of the switches
+    /// until the next update. Call it every [`PERIOD_US`].
     ///
     /// # Errors
-    /// The fault for which the heater must be switched off.
-    #[inline(never)] // It is far in the controller, which has it beyond the reach of short instructions.
+    /// Returns the fault for which the heater must be switched off.
+    #[inline(never)] // The controller's code is large, so this function is beyond the reach of short instructions.
     pub fn update(
         &mut self,
         raw: Option<f64>,
@@ -215,13 +218,13 @@ impl Heater {
         robot: &RobotDescription,
         now: u64,
     ) -> Result<Output, Fault> {
-        // A fault leaves the duty unchanged, for its record.
+        // A fault leaves the duty unchanged, so that the fault's record contains it.
         let output = self.next(raw, demand, robot, now)?;
         self.duty = output.duty;
         Ok(output)
     }
 
-    /// The states of the switches until the next update.
+    /// Computes the states of the switches until the next update.
     fn next(&mut self, raw: Option<f64>, demand: &Demand, robot: &RobotDescription, now: u64) -> Result<Output, Fault> {
         let before = self.updated.replace(now).unwrap_or(now);
         let seconds = now.saturating_sub(before).min(OLDEST_READING_US) as f32 * 1e-6;
@@ -241,7 +244,7 @@ impl Heater {
             None => {}
         }
         let Some(reading_c) = self.temperature(now) else {
-            // Just switched on, the first reading may still be on its way.
+            // The first reading after switching on may still be pending.
             let waiting = now.saturating_sub(self.on_since) <= OLDEST_READING_US;
             return if waiting { Ok(Output::OFF) } else { Err(Fault::ThermistorSilent) };
         };
@@ -290,14 +293,14 @@ impl Heater {
         Ok(())
     }
 
-    /// Ends the tuning with the gains that it has found: the duty is none.
+    /// Ends the tuning with the gains that it has found. Returns a duty of zero.
     fn finish(&mut self, tuned: Tuned) -> f32 {
         self.switch_off();
         self.tuned = Some(tuned);
         0.0
     }
 
-    /// Notes whether the temperature is in its band, and fails if it does not get there in time.
+    /// Records whether the temperature is in its band, and fails if it does not get there in time.
     fn watch_band(&mut self, error: f32, band: f32, timeout: u64, now: u64) -> Result<(), Fault> {
         if error.abs() > STEADY_BANDS * band {
             self.steady_since = None;
@@ -305,7 +308,7 @@ impl Heater {
             self.steady_since = Some(now);
         }
         if error.abs() > band {
-            // Once hot, a dip is for the supervision to judge.
+            // Once the nozzle is hot, the supervision judges a dip.
             if !self.is_hot(now) {
                 self.in_band_since = None;
             }
@@ -321,7 +324,7 @@ impl Heater {
     }
 }
 
-/// Seconds to us.
+/// Converts seconds to us.
 fn seconds_us(seconds: f64) -> u64 {
     (seconds * 1e6) as u64
 }

@@ -1,30 +1,30 @@
-//! The nozzle as the robot's description says: one heat capacity, `C dT/dt = P duty - need`.
+//! Model of the nozzle from the robot's description, with one heat capacity: `C dT/dt = P duty - need`.
 
 use growbot_core::robot::{RobotDescription, Thermistor};
 
 use super::Demand;
 use crate::thermistor;
 
-/// The assumed temperature of the surroundings, degrees Celsius. Ten degrees more or less are 1.2 W for robot A, and
-/// the trials have 15 to 35 C (`heater::tests::plant`).
+/// Assumed temperature of the surroundings, degrees Celsius. A difference of ten degrees changes the need of robot A by
+/// 1.2 W. The trials cover 15 to 35 C (`heater::tests::plant`).
 const SURROUNDINGS_C: f32 = 25.0;
-/// The smallest share of the nominal voltage that a measured supply counts as. What is further off is a fault of the
-/// supply (`supply.min_v`), and no division by nothing. No trial bounds it.
+/// Min share of the nominal voltage that is assumed for a measured supply. A lower voltage is a fault of the supply
+/// (`supply.min_v`). The limit also prevents a division by zero. No trial bounds it.
 const MIN_SUPPLY: f64 = 0.5;
-/// The largest share, as [`MIN_SUPPLY`].
+/// Max share, like [`MIN_SUPPLY`].
 const MAX_SUPPLY: f64 = 1.5;
 
-/// The nozzle under a demand. It is in single precision, which the microcontroller's hardware computes: readings are
-/// good to five digits.
+/// The nozzle under a load. The model is in single precision, which the microcontroller's hardware computes. Readings
+/// are accurate to five digits.
 pub struct Nozzle<'a> {
     thermistor: &'a Thermistor,
-    /// Power that it needs for each degree above the surroundings, W/K: loss, fan and filament.
+    /// Power needed for each degree above the surroundings, W/K: loss, fan and filament.
     pub need_w_per_k: f32,
-    /// Power at full duty, W: proportional to the square of the supply's voltage.
+    /// Power at full duty, W. It is proportional to the square of the supply's voltage.
     pub available_w: f32,
     /// Power at full duty and the nominal voltage, W.
     pub power_w: f32,
-    /// Whether the supply is measured.
+    /// The supply is measured.
     pub measured: bool,
     pub heat_capacity_j_per_k: f32,
     pub max_c: f32,
@@ -55,12 +55,12 @@ impl<'a> Nozzle<'a> {
         }
     }
 
-    /// Power to keep it at a temperature, W.
+    /// Returns the power that holds a temperature, W.
     pub fn needed_w(&self, celsius: f32) -> f32 {
         self.need_w_per_k * (celsius - SURROUNDINGS_C)
     }
 
-    /// Degrees that one count of the ADC spans round a temperature.
+    /// Returns the degrees that one count of the ADC spans at a temperature.
     pub fn count_c(&self, celsius: f32) -> f32 {
         let raw = thermistor::reading(f64::from(celsius), self.thermistor);
         match (thermistor::temperature(raw - 0.5, self.thermistor), thermistor::temperature(raw + 0.5, self.thermistor))

@@ -1,8 +1,8 @@
-//! The proof test of the heater's two switches, each time before it heats: each is closed alone, and the nozzle must
-//! not get warmer.
+//! The proof test of the heater's two switches, each time before it heats. Each switch is closed alone, and the nozzle
+//! must not get warmer.
 //!
-//! Power stage and second switch lie in series. A switch that always conducts does no harm while the other one opens,
-//! and so would stay unknown until that one fails, too.
+//! Power stage and second switch are in series. A switch that always conducts is harmless while the other one still
+//! opens. Without the test it would therefore stay undetected until the other switch fails too.
 //!
 //! | stage | power stage | second switch | a rise means |
 //! |---|---|---|---|
@@ -10,16 +10,16 @@
 //! | second switch | off | closed | the power stage conducts: `heater-stuck-on` |
 //! | power stage | full duty | open | the second switch conducts: `heater-switch-welded` |
 //!
-//! A nozzle that is still hot cools in the test, and one that was heated a moment ago may still rise: its thermistor
-//! lags, and its heater is hotter than its block. So the test judges the deviation from a reference, the line that the
-//! reading followed with both switches open ([`Rest`]). That line must be straight first. A reading that leaves a
-//! falling line by standing still is `thermistor-frozen`.
+//! A nozzle that is still hot cools in the test. One that was heated a moment ago may still rise, because its
+//! thermistor lags and its heater is hotter than its block. The test therefore judges the deviation from a reference.
+//! The reference is the line that the reading followed with both switches open ([`Rest`]), and it must be straight
+//! first. If a reading leaves a falling line by standing still, the fault is `thermistor-frozen`.
 //!
-//! A switch that conducts gives the heater's whole power. Each stage lasts until that would have raised the nozzle by
-//! [`RISE_C`], and [`DELAY_S`] more, for the way from the heater to the reading: 6.9 s for robot A.
+//! A switch that conducts delivers the heater's whole power. Each stage lasts until that power would have raised the
+//! nozzle by [`RISE_C`], plus [`DELAY_S`] for the delay from the heater to the reading. For robot A this is 6.9 s.
 //!
 //! The limits are those of docs/decisions/0021-heater-proof-test.md. `heater::tests::proof` bounds each from both
-//! sides: on 300 nozzles, after any heating and pause, no sound switch is accused and every broken one is found.
+//! sides: on 300 nozzles, after any heating and pause, no healthy switch raises a fault and every broken one is found.
 
 #[cfg(test)]
 mod tests;
@@ -32,54 +32,54 @@ use super::model::Nozzle;
 
 /// Time over which readings are averaged, s (decision 0021).
 const MEAN_S: f32 = 1.0;
-/// Means that make a reference: two halves of [`HALF_S`], and a mean to begin with (decision 0021).
+/// Number of means in a reference: two halves of [`HALF_S`], and one mean at the beginning (decision 0021).
 const MEANS: usize = 7;
 /// Time of the half that gives the slope, s (decision 0021).
 const HALF_S: f32 = 3.0;
-/// Distance of the means from a straight line, degrees. Decision 0021; sound nozzles whose noise is 1.5 counts of half
-/// a degree must pass it.
+/// Max distance of the means from a straight line, degrees. Decision 0021. Healthy nozzles whose noise is 1.5 counts of
+/// half a degree must pass.
 const BEND_C: f32 = 0.4;
-/// The fastest rise of a reference, degrees a second. Decision 0021; a nozzle that was heated a moment ago is waited
-/// for.
+/// Max rise of a reference, degrees a second. Decision 0021. After recent heating the test waits until the nozzle rises
+/// no faster.
 const RISING_C_PER_S: f32 = 0.3;
-/// The fastest fall of a reference, degrees a second, beyond [`FALL_TIMES`]. Decision 0021: a faster fall, as in a
-/// draught, levels off too soon.
+/// Max fall of a reference, degrees a second, beyond [`FALL_TIMES`]. Decision 0021. A faster fall, as in a draught,
+/// levels off too soon.
 const FALLING_C_PER_S: f32 = 0.3;
-/// A fall of this many times the nozzle's loss is a reference. It is supervision's limit of a fall (decision 0023).
+/// Max fall of a reference, as a multiple of the nozzle's loss. It is supervision's limit of a fall (decision 0023).
 const FALL_TIMES: f32 = 1.6;
-/// Means of a reading that does not change differ by less than this, degrees: far less than a count of the ADC, and
-/// more than the rounding of a mean.
+/// Max difference between the means of a reading that does not change, degrees. It is far less than a count of the ADC
+/// and more than the rounding of a mean.
 const STILL_C: f32 = 1e-3;
-/// A nozzle without power that still rises after this time, s, is heated. Decision 0021.
+/// Time, s, after which a nozzle that still rises without power counts as heated. Decision 0021.
 const STILL_RISING_S: f32 = 30.0;
-/// Degrees by which the whole power would raise the nozzle in a stage. Decision 0021; it must pass [`LIMIT_C`] on a
-/// nozzle with 10 % less power and a lag of 4 s.
+/// Degrees by which the whole power would raise the nozzle in a stage. Decision 0021. The rise must pass [`LIMIT_C`] on
+/// a nozzle with 10 % less power and a lag of 4 s.
 const RISE_C: f32 = 8.0;
-/// Time that the reading takes to show a rise, s: the lag of 4 s of the slowest sound thermistor, and a second of
-/// cartridge (decision 0021).
+/// Time that the reading takes to show a rise, s: the lag of 4 s of the slowest healthy thermistor, and a second for
+/// the cartridge (decision 0021).
 const DELAY_S: f32 = 5.0;
-/// A mean that lies further above the reference than this, degrees, is a rise. Decision 0021.
+/// Distance above the reference, degrees, beyond which a mean counts as a rise. Decision 0021.
 const LIMIT_C: f32 = 3.5;
-/// The test begins so far below `max_c`, degrees, since a switch that conducts heats. Decision 0021; in the trial no
-/// nozzle passed `max_c`.
+/// Min distance of the reading below `max_c` at which the test may begin, degrees, because a switch that conducts heats
+/// the nozzle. Decision 0021. In the trial no nozzle exceeded `max_c`.
 const HEADROOM_C: f32 = 35.0;
 
-/// The reading while nothing heats.
+/// One-second means of the reading while the heater is off.
 #[derive(Debug, Clone, Default)]
 pub struct Rest {
     means: Deque<f32, MEANS>,
-    /// Sum of the readings of the mean under way.
+    /// Sum of the readings of the current mean.
     sum: f32,
-    /// Time of the mean under way, s.
+    /// Time of the current mean, s.
     seconds: f32,
 }
 
-/// The line that the reading would follow if nothing heated.
+/// The line that the reading would follow without heat.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Reference {
-    /// The latest mean, degrees Celsius.
+    /// Latest mean, degrees Celsius.
     at_c: f32,
-    /// Degrees a second; never upwards, since nothing heats.
+    /// Slope, degrees a second. It is never positive, because nothing heats.
     slope_c_per_s: f32,
 }
 
@@ -96,19 +96,19 @@ impl Rest {
         if self.means.is_full() {
             self.means.pop_front();
         }
-        // There is room now.
+        // The queue is not full: its oldest element was removed above.
         let _ = self.means.push_back(mean);
         Some(mean)
     }
 
-    /// The line through the latter half of the means; none while there are too few.
+    /// Returns the line through the latter half of the means. `None` while there are too few.
     fn latter_half(&self) -> Option<Reference> {
         let at = |index: usize| self.means.iter().nth(index).copied();
         let (middle, last) = (at(MEANS / 2)?, at(MEANS - 1)?);
         Some(Reference { at_c: last, slope_c_per_s: (last - middle) / HALF_S })
     }
 
-    /// The largest distance of a mean from the line through the first and the latest one, degrees.
+    /// Returns the largest distance of a mean from the line through the first and the latest one, degrees.
     fn bend_c(&self) -> f32 {
         let (Some(first), Some(last)) = (self.means.front(), self.means.back()) else { return 0.0 };
         let step = (last - first) / (MEANS - 1) as f32;
@@ -120,7 +120,7 @@ impl Rest {
         bend
     }
 
-    /// The reference that the means make; none while they are not straight, or too steep.
+    /// Returns the reference from the means. `None` while they are not straight or too steep.
     fn reference(&self, nozzle: &Nozzle) -> Option<Reference> {
         let Reference { at_c, slope_c_per_s: slope } = self.latter_half()?;
         let fall = FALL_TIMES * nozzle.needed_w(at_c).max(0.0) / nozzle.heat_capacity_j_per_k;
@@ -128,7 +128,8 @@ impl Rest {
         straight.then_some(Reference { at_c, slope_c_per_s: slope.min(0.0) })
     }
 
-    /// Whether the latest two means are the same. A nozzle that leaves its reference does not give them.
+    /// Returns whether the latest two means are equal. The means of a working sensor differ while the nozzle leaves its
+    /// reference.
     fn stands_still(&self) -> bool {
         let mut latest = self.means.iter().rev();
         matches!((latest.next(), latest.next()), (Some(last), Some(before)) if (last - before).abs() < STILL_C)
@@ -139,7 +140,7 @@ impl Rest {
     }
 }
 
-/// A proof test under way.
+/// A running proof test.
 #[derive(Debug, Clone, Default)]
 pub struct ProofTest {
     stage: Stage,
@@ -157,10 +158,11 @@ enum Stage {
 }
 
 impl ProofTest {
-    /// Judges a reading: the states of the switches until the next one, or none once both are proven.
+    /// Evaluates a reading. Returns the states of the switches until the next one, or `None` once both switches are
+    /// proven.
     ///
     /// # Errors
-    /// The fault of the switch that conducts.
+    /// Returns the fault of the switch that conducts.
     pub fn look(
         &mut self,
         rest: &mut Rest,
@@ -174,7 +176,7 @@ impl ProofTest {
             Stage::AtRest => self.waited_s += seconds,
             Stage::Closed { seconds: closed_s, .. } => *closed_s += seconds,
         }
-        // Each stage begins and ends with a mean, so that the times between them are whole.
+        // Each stage begins and ends with a mean, so that the stages last a whole number of means.
         if let Some(mean_c) = mean {
             if let Stage::Closed { seconds: closed_s, reference } = self.stage {
                 if mean_c - reference.after(closed_s, nozzle) > LIMIT_C {
@@ -208,13 +210,13 @@ impl ProofTest {
     }
 }
 
-/// How long one switch stays closed alone, s.
+/// Returns the time for which one switch stays closed alone, s.
 fn stage_s(nozzle: &Nozzle) -> f32 {
     DELAY_S + RISE_C * nozzle.heat_capacity_j_per_k / nozzle.available_w
 }
 
 impl Reference {
-    /// The temperature after a time, degrees Celsius. A fall levels off as the nozzle nears its surroundings.
+    /// Returns the temperature after a time, degrees Celsius. A fall levels off as the nozzle nears its surroundings.
     fn after(&self, seconds: f32, nozzle: &Nozzle) -> f32 {
         let levels_off = 0.5 * seconds * nozzle.need_w_per_k / nozzle.heat_capacity_j_per_k;
         self.at_c + self.slope_c_per_s * seconds * (1.0 - levels_off.min(0.5))

@@ -1,15 +1,17 @@
-//! Regulation: feed-forward of what the nozzle needs by the model, and PID for what the model does not know.
+//! Regulation: feed-forward of the nozzle's need from the model, and PID for the deviations from the model.
 //!
-//! `duty = (need (1 + trim) + dither) / available + kp e - kd dT/dt`. The integral is the *trim*, a share of the need:
-//! what is learned about loss and power at one temperature and flow then holds at every other. The trim is bounded, so
-//! that a reading that does not follow the nozzle cannot ask for everything. It stands while the power is saturated or
-//! the reading nears the target by itself, so that the long way up leaves nothing to overshoot by.
+//! `duty = (need (1 + trim) + dither) / available + kp e - kd dT/dt`. The integral is the *trim*, a share of the need.
+//! A trim that is learned at one temperature and flow corrects loss and power at every other. The trim is bounded, so
+//! that a reading that does not follow the nozzle cannot demand unlimited power. It is frozen while the power is
+//! saturated or the reading approaches the target by itself, so that heating up builds up no integral that would cause
+//! overshoot.
 //!
-//! The *dither* swings target and power together by about a count of the ADC, so that the regulation does not work
-//! against it. A reading in which it does not show is not the nozzle's (see [`super::supervision`]).
+//! The *dither* varies target and power together by about a count of the ADC, so that the regulation does not
+//! counteract it. A reading without the dither is not that of the nozzle (see [`super::supervision`]).
 //!
 //! docs/decisions/0022-heater-regulation.md gives the reasons. `heater::tests::regulating` and `tests/normal_growth.rs`
-//! bound what these constants make of the temperature: within 1.5 C of the target over layers, and 4 C of overshoot.
+//! bound the effect of these constants on the temperature: within 1.5 C of the target over layers, and 4 C of
+//! overshoot.
 
 #[cfg(test)]
 mod tests;
@@ -20,39 +22,39 @@ use growbot_core::trigonometry;
 
 use super::model::Nozzle;
 
-/// Period of the dither, s. Decision 0022; `heater::tests::faults` bounds it from above: a reading without the dither
-/// must be known within 120 s.
+/// Period of the dither, s. Decision 0022. `heater::tests::faults` bounds it from above: a reading without the dither
+/// must be detected within 120 s.
 pub const DITHER_PERIOD_S: f32 = 16.0;
-/// Amplitude of the dither, counts of the ADC. Decision 0022: with more than a count the mean of a period changes even
+/// Amplitude of the dither, counts of the ADC. Decision 0022. With more than a count the mean of a period changes even
 /// without noise.
 const DITHER_COUNTS: f32 = 1.2;
-/// The smallest amplitude of the dither, degrees. Decision 0022; `tests/normal_growth.rs` bounds it from above (the
-/// nozzle stays within 1.5 C), `heater::tests::sound` from below (it must show in noise of 1.5 counts).
+/// Min amplitude of the dither, degrees. Decision 0022. `tests/normal_growth.rs` bounds it from above (the nozzle stays
+/// within 1.5 C), `heater::tests::sound` from below (it must be detectable in noise of 1.5 counts).
 const DITHER_MIN_C: f32 = 0.35;
-/// The largest amplitude of the dither, degrees: bounded as [`DITHER_MIN_C`].
+/// Max amplitude of the dither, degrees. It is bounded like [`DITHER_MIN_C`].
 const DITHER_MAX_C: f32 = 0.7;
 /// Lag of the reading by which the dither of the target is computed, s. The thermistors of the trials lag by 1 to 4 s
 /// (`heater::tests::plant`).
 const DITHER_LAG_S: f32 = 2.0;
 /// Time by which the reading is smoothed for the derivative, s (decision 0022).
 const SMOOTHING_S: f32 = 1.0;
-/// A reading that nears the target faster than this, degrees a second, does so by itself. It was lowered from 0.3 C/s
-/// together with the fan's ramp and the lead of the power: over 100 h of growth the nozzle then stayed within 1.24 C of
-/// its target, instead of 1.81 C.
+/// Rate, degrees a second, beyond which a reading counts as approaching the target by itself. It was lowered from 0.3
+/// C/s together with the fan's ramp and the lead of the power. Over 100 h of growth the nozzle then stayed within 1.24
+/// C of its target, instead of 1.81 C.
 const APPROACH_C_PER_S: f32 = 0.15;
-/// Bound of the trim, as a share of the need, where the supply is measured. Decision 0022; `heater::tests::sound`
-/// bounds it from below.
+/// Bound of the trim, as a share of the need, if the supply is measured. Decision 0022. `heater::tests::sound` bounds
+/// it from below.
 const TRIM_MAX: f32 = 0.35;
-/// Bound of the trim where the supply is not measured: 10 % less voltage is 19 % less power. Decision 0022.
+/// Bound of the trim if the supply is not measured, because 10 % less voltage is 19 % less power. Decision 0022.
 const TRIM_MAX_UNMEASURED: f32 = 0.55;
-/// The trim is scaled by the need, which counts as this share of the heater's power at least: near the surroundings the
-/// need is nothing, and the scale would be infinite.
+/// Min need by which the trim is scaled, as a share of the heater's power. Near the temperature of the surroundings the
+/// need is zero, and the scale would be infinite.
 const MIN_NEED: f32 = 0.02;
 
 /// The dither at a moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dither {
-    /// The place in its period, 0 to 1.
+    /// Phase within its period, 0 to 1.
     pub phase: f32,
     pub amplitude_c: f32,
 }
@@ -62,40 +64,40 @@ pub struct Dither {
 pub struct Regulation {
     /// Integral of the error, as a share of the need.
     trim: f32,
-    /// The latest reading, without the dither in it.
+    /// Latest reading, without the dither in it.
     previous_c: Option<f32>,
-    /// The smoothed slope of the reading without the dither.
+    /// Smoothed slope of the reading without the dither.
     slope_c_per_s: f32,
-    /// The dither's place in its period, 0 to 1.
+    /// Phase of the dither, 0 to 1.
     phase: f32,
-    /// The dither's amplitude, degrees, computed when it is first needed at a target.
+    /// Amplitude of the dither, degrees, computed when it is first needed at a target.
     amplitude_c: Option<f32>,
     saturated: bool,
 }
 
 impl Regulation {
-    /// Prepares for another target. The trim stays.
+    /// Prepares for another target. The trim is kept.
     pub fn retarget(&mut self) {
         *self =
             Self { trim: self.trim, previous_c: self.previous_c, slope_c_per_s: self.slope_c_per_s, ..Self::default() };
     }
 
-    /// By how much the need differs from the model, as a share of it.
+    /// Returns the deviation of the need from the model, as a share of the need.
     pub fn trim(&self) -> f32 {
         self.trim
     }
 
-    /// Whether the latest duty was limited to what there is.
+    /// Returns whether the latest duty was limited to the available power.
     pub fn saturated(&self) -> bool {
         self.saturated
     }
 
-    /// The dither at this moment.
+    /// Returns the dither at this moment.
     pub fn dither(&self) -> Dither {
         Dither { phase: self.phase, amplitude_c: self.amplitude_c.unwrap_or(DITHER_MIN_C) }
     }
 
-    /// The duty, 0 to 1, after `seconds` since the latest one.
+    /// Returns the duty, 0 to 1, after `seconds` since the latest one.
     pub fn duty(&mut self, target_c: f32, reading_c: f32, dithers: bool, seconds: f32, nozzle: &Nozzle) -> f32 {
         let (available, need) = (nozzle.available_w, nozzle.needed_w(target_c));
         let (dither_c, dither_w) = if dithers { self.advance_dither(target_c, seconds, nozzle) } else { (0.0, 0.0) };
@@ -106,11 +108,11 @@ impl Regulation {
         }
         self.previous_c = Some(steady_c);
         let error = target_c - steady_c;
-        // The gains are those at the nominal supply.
+        // The gains apply at the nominal supply voltage.
         let correction = (nozzle.kp * error - nozzle.kd * self.slope_c_per_s) * nozzle.power_w;
         let unlimited = (need * (1.0 + self.trim) + dither_w + correction) / available;
         self.saturated = !(0.0..=1.0).contains(&unlimited);
-        // On its way by itself, or asked for what there is not: nothing to learn.
+        // The trim is frozen while the reading approaches the target by itself or the power is saturated.
         let approaches = error * self.slope_c_per_s > APPROACH_C_PER_S * error.abs();
         if !self.saturated && !approaches {
             let max = if nozzle.measured { TRIM_MAX } else { TRIM_MAX_UNMEASURED };
@@ -120,7 +122,7 @@ impl Regulation {
         unlimited.clamp(0.0, 1.0)
     }
 
-    /// Advances the dither: what the reading shows of it, degrees, and its power, W.
+    /// Advances the dither. Returns its part in the reading, degrees, and its power, W.
     fn advance_dither(&mut self, target_c: f32, seconds: f32, nozzle: &Nozzle) -> (f32, f32) {
         let amplitude = *self
             .amplitude_c
@@ -136,7 +138,7 @@ impl Regulation {
     }
 }
 
-/// Sine and cosine of the dither at a phase, 0 to 1.
+/// Returns sine and cosine of the dither at a phase, 0 to 1.
 pub fn dither_at(phase: f32) -> (f32, f32) {
     let (sin, cos) = trigonometry::sin_cos(f64::from(TAU * phase));
     (sin as f32, cos as f32)

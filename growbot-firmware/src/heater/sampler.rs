@@ -1,11 +1,11 @@
-//! Oversampling: averages all conversions of a period.
+//! Oversampling: the mean of all conversions of a period.
 
 use crate::thermistor::is_broken;
 
-/// Adds up conversions of the ADC.
+/// Sum of the ADC's conversions.
 ///
-/// Conversions at either end of the scale, where only a broken sensor is, are averaged apart from the sound ones: a
-/// mean of both would be a temperature that is nowhere.
+/// Conversions at either end of the scale come only from a broken sensor. They are averaged separately from the valid
+/// ones, because a mean of both would be a temperature that does not exist.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Sampler {
     sound: Sum,
@@ -36,8 +36,8 @@ impl Sampler {
         if is_broken(raw) { self.broken.add(raw) } else { self.sound.add(raw) }
     }
 
-    /// The mean of the conversions since the last call, none without any: of the sound ones, or of those at the ends of
-    /// the scale where these are more.
+    /// Returns the mean of the conversions since the last call. `None` without any. It is the mean of the valid
+    /// conversions, or of those at the ends of the scale if these are more.
     pub fn pop_mean(&mut self) -> Option<f64> {
         let Self { sound, broken } = core::mem::take(self);
         if broken.count > sound.count { broken.mean() } else { sound.mean() }
@@ -70,7 +70,7 @@ mod tests {
             sampler.add(raw);
         }
         assert_eq!(sampler.pop_mean(), Some(600.0));
-        // As many of them are too few.
+        // An equal number of them is too few.
         for raw in [4095, 600] {
             sampler.add(raw);
         }

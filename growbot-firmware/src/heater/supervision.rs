@@ -1,16 +1,17 @@
-//! Supervision: compares the reading with what the nozzle can do.
+//! Supervision: compares the reading with the behaviour of the nozzle that three models predict.
 //!
-//! Three models run along with the real nozzle, by the power that it is given ([`models`]). The change of the reading
-//! over each of the last seconds, up to [`MARKS`] of them, is compared with theirs. Of a model's two changes, for a
-//! reading that follows at once and for one that lags, the one counts that accuses less.
+//! Three models run along with the real nozzle and use the power that it is given ([`models`]). The change of the
+//! reading over each of the last seconds, up to [`MARKS`] of them, is compared with the changes of the models. Each
+//! model has two changes: for a reading that follows at once, and for one that lags. The change nearer to the reading
+//! counts, so that the comparison favours a healthy nozzle.
 //!
 //! The limits (docs/decisions/0023-heater-supervision.md) are for a capacity, loss and power of 10 % more or less than
-//! described and a reading that follows within 4 s. Two trials bound each of them, from opposite sides: no
-//! limit may accuse a sound nozzle (`heater::tests::sound`, 1,000 h, and `tests/normal_growth.rs`), and every fault
-//! must be found in its time (`heater::tests::faults`, 200 nozzles, and `cargo fault-campaign`). "Sound" and "faults"
-//! below are these two. The module's own tests hold the values.
+//! described and a reading that follows within 4 s. Two trials bound each of them from opposite sides. No limit may
+//! raise a fault on a healthy nozzle (`heater::tests::sound`, 1,000 h, and `tests/normal_growth.rs`). Every fault must
+//! be found in its time (`heater::tests::faults`, 200 nozzles, and `cargo fault-campaign`). The comments below call
+//! these two trials "sound" and "faults". The module's own tests check the values.
 //!
-//! These are the limits:
+//! The limits are:
 //!
 //! | fault | what is compared | limit | why |
 //! |---|---|---|---|
@@ -31,10 +32,10 @@
 //! | | saturated power, once hot | over 60 % of three dithers in a row | no working nozzle needs that |
 //!
 //! A reading that has not left its first value by 3 C is `heating-too-slow` even if it stands still, because a dead
-//! heater looks the same. At full power so does a nozzle in a draught that warms no further: without noise, and with
-//! half a degree a count, its reading stands to the bit. Then the fault is `heating-too-slow`, `temperature-drop` or
-//! `heater-energy`, by where the reading is. There is no energy budget for heating up, because a rise that *lower*
-//! does not allow is detected sooner than any sum.
+//! heater looks the same. At full power, a nozzle in a draught that warms no further looks the same too: without noise,
+//! and with half a degree a count, its reading does not change by a bit. Then the fault is `heating-too-slow`,
+//! `temperature-drop` or `heater-energy`, depending on the reading. Heating up has no energy budget, because a rise
+//! that *lower* does not allow is detected sooner than any sum.
 
 mod models;
 #[cfg(test)]
@@ -49,100 +50,102 @@ use self::models::{Bounds, Change, Factors, LAG_S, LOWER, MARK_S, MARKS, Mark, U
 use super::model::Nozzle;
 use super::regulation::{DITHER_PERIOD_S, Dither, dither_at};
 
-/// A rise of the lower model, degrees, from which on the reading must follow. Decision 0023; sound bounds it from
-/// below, faults (a heater's open wire) from above.
+/// Rise of the lower model, degrees, from which on the reading must follow. Decision 0023. Sound bounds it from below,
+/// faults (a heater's open wire) from above.
 const LOWER_C: f32 = 12.0;
-/// The share of that rise that the reading must show. Decision 0023; sound bounds it from above, faults from below.
+/// Share of that rise that the reading must show. Decision 0023. Sound bounds it from above, faults from below.
 const LOWER_SHARE: f32 = 0.7;
-/// A change of the nominal model, degrees, from which on the reading must follow. It was raised from 22 until sound
+/// Change of the nominal model, degrees, from which on the reading must follow. It was raised from 22 until sound
 /// raised no alarm.
 const NOMINAL_C: f32 = 26.0;
-/// The share of that change that the reading must show. Decision 0023; faults, whose thermistors that come out still
-/// take up to 40 % of the nozzle's warmth, bounds it from below.
+/// Share of that change that the reading must show. Decision 0023. Faults bounds it from below, because its detached
+/// thermistors still get up to 40 % of the nozzle's warmth.
 const NOMINAL_SHARE: f32 = 0.4;
-/// A change of the nominal model, degrees, through which no living reading stands still. Decision 0023; faults (a
-/// frozen reading must be known within 15 s of switching on) bounds it from above.
+/// Change of the nominal model, degrees, through which the reading of a working sensor cannot stand still. Decision
+/// 0023. Faults (a frozen reading must be detected within 15 s of switching on) bounds it from above.
 const FROZEN_C: f32 = 12.0;
-/// Time of dither, s, through which no living reading stands still. Decision 0023; faults (a frozen reading must be
-/// known within 60 s) bounds it from above.
+/// Time of dither, s, through which the reading of a working sensor cannot stand still. Decision 0023. Faults (a frozen
+/// reading must be detected within 60 s) bounds it from above.
 const FROZEN_S: f32 = 45.0;
-/// A reading that does not follow, and has not changed at all for this long, s, is frozen. In sound a living reading of
-/// half a degree a count stands for nearly 3 s, where a draught turns a rise into a fall.
+/// Time, s, after which a reading that does not follow and has not changed at all is frozen. In sound, a working
+/// reading of half a degree a count stands still for nearly 3 s when a draught turns a rise into a fall.
 const STILL_S: f32 = 4.0;
-/// A reading that has never moved so far, degrees, may as well be that of a heater without effect. Decision 0023; it is
-/// well above the noise of sound, 1.5 counts of half a degree.
+/// Distance from the first value, degrees, up to which a reading counts as never having moved. Such a reading may also
+/// be that of a heater without effect. Decision 0023. It is well above the noise of sound, 1.5 counts of half a degree.
 const MOVED_C: f32 = 3.0;
-/// Rise above the upper model, degrees, that is too much. Decision 0023; sound bounds it from below, faults (a power
-/// stage that is stuck on) from above.
+/// Max rise above the upper model, degrees. Decision 0023. Sound bounds it from below, faults (a power stage that is
+/// stuck on) from above.
 const RISE_C: f32 = 6.0;
-/// The same where there was no power in the whole time. Decision 0023; bounded as [`RISE_C`].
+/// Max rise above the upper model, degrees, if there was no power in the whole time. Decision 0023. It is bounded like
+/// [`RISE_C`].
 const RISE_UNPOWERED_C: f32 = 2.0;
-/// Ages of the marks since which a rise is judged, s. Decision 0023; bounded as [`RISE_C`].
+/// Ages of the marks since which a rise is judged, s. Decision 0023. Bounded like [`RISE_C`].
 const RISE_WINDOW_S: RangeInclusive<f32> = 3.0..=6.0;
-/// A fall beyond this many times what the nozzle does without any power, and [`FALL_C`], is none of the nozzle's.
-/// Decision 0023; sound bounds it from below, faults (a thermistor that comes out) from above.
+/// Max fall of the reading beyond [`FALL_C`], as a multiple of the nozzle's fall without any power. A faster fall is
+/// not that of the nozzle. Decision 0023. Sound bounds it from below, faults (a thermistor that comes out) from above.
 const FALL_TIMES: f32 = 1.6;
-/// Degrees of a fall beyond [`FALL_TIMES`]. Decision 0023; bounded as [`FALL_TIMES`].
+/// Degrees of a fall beyond [`FALL_TIMES`]. Decision 0023. Bounded like [`FALL_TIMES`].
 const FALL_C: f32 = 4.0;
-/// Ages of the marks since which a fall is judged, s. Decision 0023; bounded as [`FALL_TIMES`].
+/// Ages of the marks since which a fall is judged, s. Decision 0023. Bounded like [`FALL_TIMES`].
 const FALL_WINDOW_S: RangeInclusive<f32> = 1.0..=5.0;
-/// A hot nozzle that is so far below its target, degrees, for [`DROP_S`] has dropped. Decision 0023; sound, whose flow
-/// goes by 35 %, bounds it from below.
+/// Distance of a hot nozzle below its target, degrees, that is a temperature drop after [`DROP_S`]. Decision 0023.
+/// Sound, whose flow varies by 35 %, bounds it from below.
 const DROP_C: f32 = 8.0;
-/// Time of a drop by [`DROP_C`], s. Decision 0023; faults (20 s for a heater's open wire) bounds it from above.
+/// Time of a drop by [`DROP_C`], s. Decision 0023. Faults (20 s for a heater's open wire) bounds it from above.
 const DROP_S: f32 = 3.0;
-/// Time of a hot nozzle below its band, s. It was lengthened from 20 s until sound raised no alarm.
+/// Max time of a hot nozzle below its band, s. It was lengthened from 20 s until sound raised no alarm.
 const OUT_OF_BAND_S: f32 = 30.0;
-/// Time over which power and need are averaged, s. Decision 0023; sound bounds it from below, faults from above.
+/// Time over which power and need are averaged, s. Decision 0023. Sound bounds it from below, faults from above.
 const ENERGY_S: f32 = 60.0;
-/// Mean power beyond this many times the mean need is too much. Decision 0023; sound bounds it from below: 10 % more
-/// loss and 10 % less power than described alone make 1.22 times.
+/// Max mean power, as a multiple of the mean need. Decision 0023. Sound bounds it from below: 10 % more loss and 10 %
+/// less power than described already give 1.22 times.
 const ENERGY_TIMES: f32 = 1.6;
-/// Time over which the regulation's trim is learned, s. Sound bounds it from above, since the nominal model is wrong
-/// until then, and faults from below, since a fault is learned too.
+/// Time over which the regulation's trim is learned, s. Sound bounds it from above, because the nominal model is wrong
+/// until then. Faults bounds it from below, because a fault is learned too.
 const LEARNING_S: f32 = 30.0;
-/// The trim is learned within this distance of the target, degrees. Bounded as [`LEARNING_S`].
+/// Distance from the target within which the trim is learned, degrees. Bounded like [`LEARNING_S`].
 const LEARNING_C: f32 = 2.0;
-/// The share of the dither's amplitude below which it is missing in the reading. Decision 0023; sound bounds it from
-/// above, faults (a standing voltage with noise) from below.
+/// Share of the dither's amplitude below which it is missing in the reading. Decision 0023. Sound bounds it from above,
+/// faults (a standing voltage with noise) from below.
 const DITHER_SHARE: f32 = 0.15;
-/// Periods in a row without the dither that are a fault. Decision 0023; faults allows 120 s for them.
+/// Number of consecutive periods without the dither that are a fault. Decision 0023. Faults allows 120 s for them.
 const DITHERS_MISSED: u32 = 2;
-/// The share of a period beyond which the power counts as saturated in it. It was raised from 0.3 until sound raised no
+/// Share of a period beyond which the power counts as saturated in it. It was raised from 0.3 until sound raised no
 /// alarm.
 const SATURATED_SHARE: f32 = 0.6;
-/// Saturated periods in a row that a hot nozzle cannot need. Decision 0023; bounded as [`SATURATED_SHARE`].
+/// Number of consecutive saturated periods that a hot nozzle cannot need. Decision 0023. Bounded like
+/// [`SATURATED_SHARE`].
 const PERIODS_SATURATED: u32 = 3;
-/// The nozzle is ahead of its thermistor: its temperature is that of the reading if it continues for this long, s. It
-/// is the lag of the slowest sound reading, [`LAG_S`].
+/// Time, s, by which the reading is extrapolated, because the nozzle is ahead of its thermistor. It is the lag of the
+/// slowest healthy reading, [`LAG_S`].
 const AHEAD_S: f32 = 4.0;
-/// Only the rate beyond this counts then, degrees a second. Decision 0023; faults (the nozzle stays below 5 C above
-/// `max_c`) bounds it from above.
+/// Rate, degrees a second, beyond which the reading is extrapolated. Decision 0023. Faults (the nozzle stays below 5 C
+/// above `max_c`) bounds it from above.
 const AHEAD_C_PER_S: f32 = 0.5;
-/// Ages of the marks since which that rate is measured, s: about 3 s (decision 0023).
+/// Ages of the marks since which that rate is measured, s. They are about 3 s (decision 0023).
 const AHEAD_WINDOW_S: RangeInclusive<f32> = 2.5..=3.5;
 
-/// What is compared after each period.
+/// Data that is compared after each period.
 pub struct Look<'a> {
     pub reading_c: f32,
     pub target_c: f32,
-    /// The duty in the period.
+    /// Duty in the period.
     pub duty: f32,
-    /// The length of the period, s.
+    /// Length of the period, s.
     pub seconds: f32,
-    /// Whether the target has been reached.
+    /// The target has been reached.
     pub hot: bool,
-    /// The state of the regulation; none while the gains are tuned.
+    /// State of the regulation. `None` while the gains are tuned.
     pub regulated: Option<Regulated>,
     pub nozzle: &'a Nozzle<'a>,
 }
 
-/// The state of the regulation that supervision needs.
+/// The part of the regulation's state that supervision needs.
 #[derive(Debug, Clone, Copy)]
 pub struct Regulated {
     pub trim: f32,
     pub saturated: bool,
-    /// None without dither.
+    /// `None` without dither.
     pub dither: Option<Dither>,
 }
 
@@ -155,19 +158,19 @@ pub struct Supervision {
     nominal: Change,
     upper: Change,
     fall_c: f32,
-    /// The trim, learned slowly.
+    /// Trim, learned slowly.
     learned: f32,
-    /// The reading when the heater was switched on, degrees Celsius.
+    /// Reading when the heater was switched on, degrees Celsius.
     first_c: Option<f32>,
-    /// Whether the reading has left its first value since.
+    /// The reading has left its first value since then.
     moved: bool,
-    /// The time in which the reading has not changed at all.
+    /// Time in which the reading has not changed at all.
     still: Option<Still>,
-    /// How long there has been no power, s.
+    /// Time without power, s.
     unpowered_s: f32,
-    /// How long a hot nozzle has been far below the target, s.
+    /// Time for which a hot nozzle has been far below the target, s.
     low_s: f32,
-    /// How long a hot nozzle has been below its band, s.
+    /// Time for which a hot nozzle has been below its band, s.
     out_s: f32,
     /// Power and need, each a mean over [`ENERGY_S`].
     mean: MeanHeat,
@@ -178,11 +181,11 @@ pub struct Supervision {
 #[derive(Debug, Clone, Copy)]
 struct Still {
     reading_c: f32,
-    /// How long it has stood, s.
+    /// Time for which it has stood still, s.
     seconds: f32,
-    /// How long of that the power was dithered, s.
+    /// Part of that time in which the power was dithered, s.
     dithered_s: f32,
-    /// The nominal model's change when it began to stand.
+    /// Change of the nominal model when the reading began to stand still.
     nominal: Change,
 }
 
@@ -193,22 +196,22 @@ struct MeanHeat {
     need_w: f32,
 }
 
-/// The dither in the reading, over one period of it.
+/// The dither in the reading, over one period.
 #[derive(Debug, Clone, Copy, Default)]
 struct DitherPeriod {
     sine: f32,
     cosine: f32,
     seconds: f32,
-    /// How long of that the power was saturated, s.
+    /// Part of the period in which the power was saturated, s.
     saturated_s: f32,
-    /// Periods in a row in which the dither was missing in the reading.
+    /// Number of consecutive periods in which the dither was missing in the reading.
     missed: u32,
-    /// Periods in a row in which the power was saturated.
+    /// Number of consecutive periods in which the power was saturated.
     saturated: u32,
 }
 
 impl Supervision {
-    /// Forgets what refers to the target before this one.
+    /// Resets everything that refers to the previous target.
     pub fn retarget(&mut self) {
         (self.low_s, self.out_s) = (0.0, 0.0);
         self.dither = DitherPeriod::default();
@@ -217,7 +220,7 @@ impl Supervision {
     /// Compares a reading with the models.
     ///
     /// # Errors
-    /// The fault that the reading shows.
+    /// Returns the fault that the reading shows.
     #[inline(never)]
     pub fn look(&mut self, look: &Look) -> Result<(), Fault> {
         self.advance_models(look);
@@ -237,7 +240,7 @@ impl Supervision {
             self.marks.pop_front();
         }
         let Self { lower, nominal, upper, fall_c, .. } = *self;
-        // There is room now.
+        // The queue is not full: its oldest element was removed above.
         let _ = self.marks.push_back(Mark { age_s: 0.0, reading_c, lower, nominal, upper, fall_c });
         // All changes count from this mark on.
         for mark in &mut self.marks {
@@ -281,13 +284,13 @@ impl Supervision {
             self.mean.power_w += (power * min - self.mean.power_w) * share;
             self.mean.need_w += (need - self.mean.need_w) * share;
         } else {
-            // The power of the way up is judged by the rise.
+            // While the nozzle heats up, its rise is judged instead of its mean power.
             self.mean = MeanHeat { power_w: need, need_w: need };
         }
     }
 
-    /// The reading rises faster than the power given can heat, is about to be too hot, or falls faster than a nozzle
-    /// without power.
+    /// Checks for a reading that rises faster than the given power can heat, is about to be too hot, or falls faster
+    /// than a nozzle without power.
     fn rises_or_falls(&self, look: &Look) -> Option<Fault> {
         for mark in &self.marks {
             let (age, change) = (mark.age_s, look.reading_c - mark.reading_c);
@@ -309,13 +312,13 @@ impl Supervision {
         None
     }
 
-    /// The reading does not change at all where it must.
+    /// Checks for a reading that does not change at all although it must.
     fn stands_still(&mut self, look: &Look) -> Option<Fault> {
         let first = *self.first_c.get_or_insert(look.reading_c);
         self.moved |= (look.reading_c - first).abs() > MOVED_C;
         let fresh = Still { reading_c: look.reading_c, seconds: 0.0, dithered_s: 0.0, nominal: self.nominal };
         let still = self.still.get_or_insert(fresh);
-        // A mean of whole counts that does not change comes out the same to the last bit.
+        // If the mean of whole counts does not change, it is equal to the last bit.
         if (still.reading_c - look.reading_c).abs() > 1e-6 {
             *still = fresh;
             return None;
@@ -325,7 +328,7 @@ impl Supervision {
             still.dithered_s += look.seconds;
         }
         let nominal = self.nominal.since(&still.nominal);
-        // With a supply that is not measured, a fall is known only where there is no power.
+        // If the supply is not measured, a fall is certain only without power.
         let falls = look.nozzle.measured || self.unpowered_s > LAG_S;
         if nominal.min > FROZEN_C {
             let dead_heater = !self.moved && !look.hot;
@@ -335,7 +338,7 @@ impl Supervision {
         frozen.then_some(Fault::ThermistorFrozen)
     }
 
-    /// The reading does not go where the power takes the nozzle.
+    /// Checks for a reading that does not follow the power.
     fn does_not_follow(&self, look: &Look) -> Option<Fault> {
         for mark in &self.marks {
             let change = look.reading_c - mark.reading_c;
@@ -358,7 +361,7 @@ impl Supervision {
         None
     }
 
-    /// A nozzle that was hot is too cold.
+    /// Checks for a nozzle that was hot and is too cold.
     fn drops(&mut self, look: &Look) -> Option<Fault> {
         let below = if look.hot && look.regulated.is_some() { look.target_c - look.reading_c } else { 0.0 };
         self.low_s = if below > DROP_C { self.low_s + look.seconds } else { 0.0 };
@@ -366,13 +369,13 @@ impl Supervision {
         (self.low_s > DROP_S || self.out_s > OUT_OF_BAND_S).then_some(Fault::TemperatureDrop)
     }
 
-    /// The nozzle takes more power than it can need.
+    /// Checks for a nozzle that takes more power than it can need.
     fn takes_energy(&self, look: &Look) -> Option<Fault> {
         let MeanHeat { power_w, need_w } = self.mean;
         (look.hot && power_w > ENERGY_TIMES * need_w).then_some(Fault::HeaterEnergy)
     }
 
-    /// The dither does not show in the reading, or the power has no room for it.
+    /// Checks for a dither that is missing in the reading, or that saturated power does not allow.
     fn misses_dither(&mut self, look: &Look) -> Option<Fault> {
         let Some(Dither { phase, amplitude_c }) = look.regulated.and_then(|regulated| regulated.dither) else {
             self.dither = DitherPeriod::default();
@@ -395,20 +398,20 @@ impl Supervision {
         period.cosine += error * cos * look.seconds;
         period.seconds += look.seconds;
         if period.missed >= DITHERS_MISSED {
-            // With all the power on there is no dither; a reading that stands then is not that of a hot nozzle either.
+            // Full power leaves no room for the dither. If the reading stands still then, the nozzle is not hot either.
             return Some(if period.saturated > 0 { Fault::HeaterEnergy } else { Fault::ThermistorFrozen });
         }
         (period.saturated >= PERIODS_SATURATED).then_some(Fault::HeaterEnergy)
     }
 }
 
-/// Whether all the power is on. A reading that stands then may be that of a nozzle that comes no further, as in a
-/// draught.
+/// Returns whether the heater gets full power. If the reading stands still then, it may be that of a nozzle that warms
+/// no further, as in a draught.
 fn has_all_the_power(look: &Look) -> bool {
     look.duty >= 1.0
 }
 
-/// The fault of a nozzle that does not get as warm as its power makes it, by where the reading is.
+/// Returns the fault of a nozzle that does not get as warm as its power makes it, depending on the reading.
 fn lacks(look: &Look) -> Fault {
     if !look.hot {
         Fault::HeatingTooSlow

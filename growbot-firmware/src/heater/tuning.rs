@@ -1,17 +1,17 @@
-//! Finding the gains: the relay method of Astrom and Hagglund (Automatica 20, 1984).
+//! Measurement of the gains: the relay method of Astrom and Hagglund (Automatica 20, 1984).
 //!
-//! The power switches between two levels round what the nozzle needs, low where the reading is above the target and
-//! high where it is below, each by a hysteresis that noise does not pass. The nozzle then swings steadily. Amplitude
-//! `a` and period of the swings give the ultimate gain `4 d / (pi sqrt(a^2 - h^2))` of the loop, with `d` half the
-//! distance of the levels and `h` the hysteresis.
+//! The power switches between two levels around the nozzle's need. It is low while the reading is above the target and
+//! high while it is below, each by a hysteresis that exceeds the noise. The nozzle then swings steadily. Amplitude `a`
+//! and period of the swings give the ultimate gain `4 d / (pi sqrt(a^2 - h^2))` of the loop, with `d` half the distance
+//! of the levels and `h` the hysteresis.
 //!
-//! The gains follow from it by Tyreus and Luyben (Ind. Eng. Chem. Res. 31, 1992: `kp = Ku / 2.2`, `Ti = 2.2 Tu`,
-//! `Td = Tu / 6.3`), whose rules are for a plant that integrates, as a nozzle does in the time of a swing. Their gains
-//! are for disturbances; a nozzle also comes up at full power and must not pass its target by much. So proportional and
-//! integral gain are half of theirs, the derivative is theirs.
+//! The gains follow from it by the rules of Tyreus and Luyben (Ind. Eng. Chem. Res. 31, 1992: `kp = Ku / 2.2`, `Ti =
+//! 2.2 Tu`, `Td = Tu / 6.3`). These rules are for a plant that integrates, as a nozzle does in the time of a swing.
+//! Their gains are made for disturbances, but a nozzle also heats up at full power and must not pass its target by
+//! much. Proportional and integral gain are therefore half of theirs. The derivative gain is theirs.
 //!
-//! `heater::tests::regulating` bounds the constants: on 40 nozzles up to 30 % off their description, the gains that are
-//! found keep the nozzle within 1.5 C of its target, with 4 C of overshoot.
+//! `heater::tests::regulating` bounds the constants: on 40 nozzles up to 30 % off their description, the measured gains
+//! keep the nozzle within 1.5 C of its target, with 4 C of overshoot.
 //!
 //! Supervision stays on, except for the checks that need a regulated nozzle. A swing that takes 90 s ends the tuning,
 //! and so does a tuning beyond twice `heating_timeout_s`. A nozzle whose power per capacity is about 30 % off its
@@ -23,45 +23,47 @@ use growbot_core::link::message::{Gains, Tuned};
 
 use super::model::Nozzle;
 
-/// Swings that are left out until they are steady (docs/decisions/0022-heater-regulation.md).
+/// Number of first swings that are not measured, because they are not yet steady
+/// (docs/decisions/0022-heater-regulation.md).
 const FIRST_CYCLES: u32 = 2;
-/// Swings that are measured (decision 0022).
+/// Number of swings that are measured (decision 0022).
 const CYCLES: u32 = 4;
 /// Hysteresis, counts of the ADC: the largest noise of the trials (`heater::tests::plant`).
 const HYSTERESIS_COUNTS: f32 = 1.5;
-/// The smallest hysteresis, degrees. No derivation is recorded; `heater::tests::regulating` bounds it.
+/// Min hysteresis, degrees. The derivation of this value is not recorded. `heater::tests::regulating` bounds it.
 const MIN_HYSTERESIS_C: f32 = 0.4;
-/// Half the distance of the levels, as a share of the room round the middle: a tenth is left, so that neither level is
-/// none or all of the power. `heater::tests::regulating` bounds it.
+/// Half the distance of the levels, as a share of the distance from the middle to zero or full power. A tenth is left,
+/// so that neither level is zero or full power. `heater::tests::regulating` bounds it.
 const SHARE_OF_ROOM: f32 = 0.9;
-/// Limits of the middle, as a share of the power, so that there is room round it.
+/// Limits of the middle, as a share of the power, so that the levels can differ from it.
 const MIN_MIDDLE: f32 = 0.05;
 const MAX_MIDDLE: f32 = 0.95;
-/// Factors by which one swing may move the middle: a swing that is not yet steady says little of it.
+/// Factors by which one swing may change the middle, because a swing that is not yet steady is a poor measure of it.
 /// `heater::tests::regulating` bounds them.
 const MIN_STEP: f32 = 0.7;
 const MAX_STEP: f32 = 1.4;
-/// Full power flows on the way up until this far below the target, degrees. No derivation is recorded;
-/// `heater::tests::regulating` bounds it from below: the nozzle stays 15 C above its target at most.
+/// Distance below the target, degrees, up to which full power flows on the way up. The derivation of this value is not
+/// recorded. `heater::tests::regulating` bounds it from below: the nozzle stays 15 C above its target at most.
 const FULL_POWER_BELOW_C: f32 = 10.0;
-/// Where the hysteresis is all of the swing, a fifth of the amplitude counts: this is its square. No derivation is
-/// recorded; without a bound the gains would be infinite.
+/// Min square of the swing beyond the hysteresis, as a share of the squared amplitude. It is a fifth of the amplitude,
+/// squared. The derivation of this value is not recorded. Without a bound the gains would be infinite if the hysteresis
+/// were all of the swing.
 const MIN_SWING_SQUARED: f32 = 0.04;
 /// Share of Tyreus' and Luyben's proportional and integral gain (decision 0022).
 const GAIN_SHARE: f32 = 0.5;
 
-/// The nozzle being driven round a target.
+/// State of a tuning, in which the nozzle swings about a target.
 #[derive(Debug, Clone, Copy)]
 pub struct Relay {
     high: bool,
-    /// The middle of the two levels, as a share of what the model needs.
+    /// Middle of the two levels, as a share of the need by the model.
     middle: f32,
     cycles: u32,
-    /// Length of the swing under way, s.
+    /// Length of the current swing, s.
     length_s: f32,
-    /// Time at the high level in it, s.
+    /// Time at the high level in the current swing, s.
     on_s: f32,
-    /// Extremes of the reading in it, degrees Celsius.
+    /// Extremes of the reading in the current swing, degrees Celsius.
     lowest_c: f32,
     highest_c: f32,
     sums: Sums,
@@ -91,12 +93,12 @@ impl Default for Relay {
 }
 
 impl Relay {
-    /// The length of the swing under way, s; none on the way up.
+    /// Returns the length of the current swing, s. `None` on the way up.
     pub fn swing_s(&self) -> Option<f32> {
         (self.cycles > 0 || !self.high).then_some(self.length_s)
     }
 
-    /// The duty, 0 to 1, or the gains once they are found.
+    /// Returns the duty, 0 to 1, or the gains once they are found.
     pub fn duty(&mut self, target_c: f32, reading_c: f32, seconds: f32, nozzle: &Nozzle) -> Result<f32, Tuned> {
         let available = nozzle.available_w;
         let need = nozzle.needed_w(target_c) / available;
@@ -116,7 +118,7 @@ impl Relay {
             }
         } else if !self.high && reading_c < target_c - hysteresis {
             self.high = true;
-            // The first way up is no swing.
+            // The first way up is not a swing.
             if self.cycles >= FIRST_CYCLES {
                 self.sums.period_s += self.length_s;
                 self.sums.amplitude_c += 0.5 * (self.highest_c - self.lowest_c);
@@ -134,7 +136,7 @@ impl Relay {
                 return Err(self.found(hysteresis));
             }
         }
-        // Full power on the way up.
+        // The nozzle gets full power on the way up.
         let first = self.cycles == 0 && self.high && reading_c < target_c - FULL_POWER_BELOW_C;
         Ok(if first {
             1.0
@@ -174,7 +176,7 @@ mod tests {
         let nozzle = Nozzle::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
         let mut relay = Relay::default();
         let duty = |relay: &mut Relay, reading_c| relay.duty(200.0, reading_c, 0.25, &nozzle).unwrap();
-        // Full power from far below; then 0.42 of it and nine tenths of that more or less.
+        // The power is full far below the target, then 0.42 of it, plus or minus nine tenths of that.
         let [high, low] = [0.42 + 0.378, 0.42 - 0.378];
         assert!((duty(&mut relay, 189.5) - 1.0).abs() < 1e-5);
         for reading_c in [190.5, 199.0, 200.39] {
@@ -189,7 +191,8 @@ mod tests {
         assert_eq!((relay.cycles, relay.swing_s()), (1, Some(0.0)));
         duty(&mut relay, 199.7);
         assert_eq!(relay.swing_s(), Some(0.25), "a swing under way with the power high");
-        // Where the power is low for most of a swing, the middle was too high: by no more than 0.7 at a time.
+        // The power was low for most of the swing, so the middle was too high. It is changed by a factor of 0.7 at
+        // most.
         duty(&mut relay, 200.41);
         for _ in 0..20 {
             duty(&mut relay, 200.0);
@@ -205,14 +208,14 @@ mod tests {
         let robot = robot_a();
         let nozzle = Nozzle::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
         let mut relay = Relay::default();
-        // 33 W of 50 W, and nine tenths of the 17 W that are left.
+        // The levels are 33 W of 50 W, plus or minus nine tenths of the remaining 17 W.
         for (reading_c, duty) in [(299.0, 0.66 + 0.306), (301.0, 0.66 - 0.306)] {
             assert!((relay.duty(300.0, reading_c, 0.25, &nozzle).unwrap() - duty).abs() < 1e-4);
         }
     }
 
-    /// Runs the relay through one swing, with a number of looks at each level, and the reading at its extremes in the
-    /// last of each.
+    /// Runs the relay through one swing, with a number of updates at each level. The reading is at its extremes in the
+    /// last update of each level.
     fn swing(relay: &mut Relay, nozzle: &Nozzle, looks: [u32; 2], extremes_c: [f32; 2]) -> Result<f32, Tuned> {
         let mut latest = Ok(0.0);
         for (looks, extreme_c) in looks.into_iter().zip(extremes_c) {
@@ -228,18 +231,17 @@ mod tests {
         let robot = robot_a();
         let nozzle = Nozzle::new(&Demand { supply_v: Some(13.2), ..Demand::default() }, robot.description());
         let mut relay = Relay::default();
-        // Two that are not yet steady.
+        // The first two swings are not yet steady.
         for (looks, highest_c) in [(50, 230.0), (90, 210.0)] {
             assert!(swing(&mut relay, &nozzle, [looks; 2], [highest_c, 199.0]).is_ok());
         }
-        // As long at one level as at the other, so that the levels stay: 9, 10, 12 and 13 s, and 1, 1.5, 2 and 2.5 C.
+        // Both levels last equally long, so that they do not change: 9, 10, 12 and 13 s, and 1, 1.5, 2 and 2.5 C.
         for (looks, highest_c) in [(18, 201.0), (20, 202.0), (24, 203.0)] {
             assert!(swing(&mut relay, &nozzle, [looks; 2], [highest_c, 199.0]).is_ok());
         }
         let tuned = swing(&mut relay, &nozzle, [26; 2], [204.0, 199.0]).unwrap_err();
         assert_eq!((tuned.period_s, tuned.amplitude_c), (11.0, 1.75));
-        // The need is 0.42 of the nominal power at any supply, and the levels are nine tenths of it more and
-        // less.
+        // The need is 0.42 of the nominal power at any supply, and the levels are nine tenths of it above and below.
         let ultimate = 4.0 * 0.9 * 0.42 / (core::f64::consts::PI * libm::sqrt(1.75 * 1.75 - 0.4 * 0.4));
         let kp = 0.5 * ultimate / 2.2;
         assert!((tuned.gains.kp / kp - 1.0).abs() < 1e-5, "{}, not {kp}", tuned.gains.kp);
@@ -262,7 +264,8 @@ mod tests {
     fn the_middle_moves_as_far_as_the_levels_differ_in_length_and_by_no_more_than_the_limits() {
         let robot = robot_a();
         let nozzle = Nozzle::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
-        // Of a swing the power is high for 0.6, 0.4, 0.9 and 0.1: nine tenths of 0.2 more or less, or the limit.
+        // The power is high for 0.6, 0.4, 0.9 and 0.1 of a swing. The middle changes by nine tenths of 0.2, or by the
+        // limit.
         for (looks, times) in [([6, 4], 1.18), ([4, 6], 0.82), ([9, 1], 1.4), ([1, 9], 0.7)] {
             let mut relay = Relay::default();
             for looks in [[10, 10], looks] {
@@ -281,7 +284,7 @@ mod tests {
             let sums = Sums { period_s: 4.0 * 10.0, amplitude_c: 4.0 * amplitude_c, relay: 4.0 * 0.3 };
             Relay { sums, ..Relay::default() }.found(0.5)
         };
-        // Where noise is all of the swing, a fifth of it counts.
+        // If noise is all of the swing, a fifth of the amplitude counts.
         for (amplitude_c, swing) in [(2.0, libm::sqrt(3.75)), (0.5, 0.1)] {
             let tuned = of(amplitude_c);
             let ultimate = 4.0 * 0.3 / (core::f64::consts::PI * swing);

@@ -1,5 +1,5 @@
-//! The progress journal: the progress of a growth, in flash, so that the growth can be resumed at its layer after a
-//! reset or a loss of power.
+//! The progress journal: a record in flash of the progress of a growth, so that the growth can be resumed at its layer
+//! after a reset or a loss of power.
 //!
 //! Records of 32 bytes (`record`) are appended in a ring of two or more erase sectors:
 //!
@@ -8,21 +8,21 @@
 //! sector 1: | sector | laid 4092 | ... | ended | job 8 | begun 0 | laid 0 | (blank) ...
 //! ```
 //!
-//! - A record counts as a whole or not at all, by its CRC. A record that was torn by a loss of power is passed over,
-//!   and the next one goes to the next place.
-//! - Cells that lost their power while they were programmed may read differently at each start. So a start settles what
-//!   they say for good: the last record is programmed again if it reads as whole, and struck out if not. The first
-//!   blank place may have been written to and read as blank. It is passed over, and struck out before anything is
+//! - A record is valid as a whole or not at all, by its CRC. A record that was torn by a loss of power is skipped, and
+//!   the next one is written to the next slot.
+//! - Cells that lost their power while they were programmed may read differently at each start. The journal therefore
+//!   fixes their content at each start: the last record is programmed again if it is valid, and struck out if not. The
+//!   first blank slot may have been written to and read as blank. It is skipped, and struck out before anything is
 //!   written after it.
-//! - A record that is there twice in a row counts once, since a place that seemed not to accept it may read as if it
-//!   had.
-//! - Every record has the number of its job, and jobs are counted for ever. The present job is the one with the max
-//!   number of any record. If one of its records is missing, except for the last ones, there is no job.
-//! - A sector is erased only between jobs, when the next job would not fit into the blank places; the sector written
-//!   longest ago is erased first. Its first record is struck out before and written anew after: without it the sector
-//!   has no journal, even after an interrupted erasure.
-//! - If a record cannot be written, the present job's own record is struck out: better no growth to resume than one to
-//!   resume at the wrong layer.
+//! - A record that is stored twice in a row counts once, because a slot that seemed to refuse a record may later read
+//!   as if it had accepted it.
+//! - Every record has the number of its job. The numbers of jobs never start again. The present job is the one with the
+//!   max number of any record. If one of its records is missing, except for the last ones, the journal has no job.
+//! - A sector is erased only between jobs, when the next job would not fit into the blank slots. The sector written
+//!   longest ago is erased first. Its first record is struck out before the erasure and written again after it. Without
+//!   that record the sector has no journal, even after an interrupted erasure.
+//! - If a record cannot be written, the first record of the present job is struck out. A growth that cannot be resumed
+//!   is better than one that is resumed at the wrong layer.
 
 mod present;
 mod record;
@@ -37,24 +37,24 @@ use present::{Found, Present};
 pub use record::Laid;
 use record::{BLANK, Kind, RECORD_BYTES, Record, RecordBytes, STRUCK, split};
 
-/// Number of places at which a record is tried before flash counts as broken.
+/// Number of slots in which a record is tried before the flash counts as broken.
 const ATTEMPTS: u32 = 3;
-/// The part of the area, one in this number, that is reserved for records that are not layers: those of pauses and of
-/// amended plans.
+/// One part in this number of the area is reserved for records that are not layers: those of pauses and of amended
+/// plans.
 const SPARE_PART: u32 = 4;
 
-/// The reason why a record is not in the journal, or a sector not erased.
+/// The reason why a record is not in the journal, or why a sector was not erased.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JournalError {
-    /// There is no room: erase, or grow without a journal.
+    /// The journal is full. The caller must erase a sector, or grow without a journal.
     Full,
-    /// No job is under way.
+    /// The journal has no current job.
     NoJob,
-    /// The record does not follow from those before it.
+    /// The record does not follow from the records before it.
     OutOfOrder,
-    /// The sector has a job that has not ended: end it or forget it first.
+    /// The sector contains a job that has not ended. The caller must end or forget it first.
     JobNotEnded,
-    /// Flash refuses, or reads differently from what was written.
+    /// The flash refuses the operation, or reads back differently from what was written.
     Flash,
 }
 
@@ -63,29 +63,29 @@ pub enum JournalError {
 pub struct LaidRecord {
     /// The layer as built.
     pub as_built: LayerBytes,
-    /// Whether it was interrupted, and counts as laid.
+    /// The layer was interrupted and counts as laid.
     pub interrupted: bool,
 }
 
-/// The journal in one area of flash, all of it.
+/// The journal in one area of flash. It uses the whole area.
 ///
-/// Places of records are counted through the sectors, without the first one of each.
+/// The slots of records are numbered through all sectors, without the first record of each sector.
 pub struct Journal<F> {
     flash: F,
-    /// The place of the next record.
+    /// Slot of the next record.
     next: u32,
-    /// Blank places from there on, round the ring.
+    /// Number of blank slots from there on, around the ring.
     free: u32,
-    /// The max count of erasures.
+    /// Largest number of erasures in any sector's record.
     erasures: u32,
-    /// The max number of a job.
+    /// Largest number of any job.
     jobs: u32,
-    /// A place that reads as blank, and may have been written to as power was lost.
+    /// Slot that reads as blank, and may have been written to when power was lost.
     doubtful: Option<u32>,
     present: Option<Present>,
 }
 
-/// The last place that is not blank, as far as the journal has been read.
+/// The last slot that is not blank, as far as the journal has been read.
 #[derive(Clone, Copy)]
 struct Tail {
     place: u32,
@@ -93,15 +93,15 @@ struct Tail {
 }
 
 impl<F: MultiwriteNorFlash> Journal<F> {
-    /// Places in a sector.
+    /// Slots in a sector.
     const PLACES: u32 = {
         assert!(F::ERASE_SIZE >= 2 * RECORD_BYTES && F::ERASE_SIZE.is_multiple_of(RECORD_BYTES));
         assert!(RECORD_BYTES.is_multiple_of(F::WRITE_SIZE) && RECORD_BYTES.is_multiple_of(F::READ_SIZE));
         (F::ERASE_SIZE / RECORD_BYTES - 1) as u32
     };
 
-    /// Reads the area, and settles what a loss of power has left in doubt. Anything that is no journal counts as flash
-    /// to be erased, and nothing is written there.
+    /// Reads the area, and fixes the content that a loss of power has left uncertain. Flash without a journal counts as
+    /// flash to be erased, and nothing is written there.
     pub fn open(flash: F) -> Self {
         let mut journal = Self { flash, next: 0, free: 0, erasures: 0, jobs: 0, doubtful: None, present: None };
         let sectors = journal.sectors();
@@ -122,26 +122,27 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         journal
     }
 
-    /// The job that was begun last, if all of it can be read.
+    /// Returns the latest job. `None` if not all of it can be read.
     pub fn job(&self) -> Option<&JobState> {
         self.present.as_ref().map(|present| &present.state)
     }
 
-    /// The max number of layers of a job: a quarter of the places is left for other records.
+    /// Returns the max number of layers of a job. A quarter of the slots is left for other records.
     pub fn capacity(&self) -> u32 {
         self.places() - self.places() / SPARE_PART
     }
 
-    /// Whether a job of this number of layers cannot begin before something is erased.
+    /// Returns whether a sector must be erased before a job of this number of layers can begin.
     pub fn needs_erasing(&self, layers: u32) -> bool {
         self.free < layers.saturating_add(self.places() / SPARE_PART)
     }
 
-    /// Erases one sector for a job of this number of layers, if it needs that. True while more is to be erased. It
-    /// takes up to two seconds in which nothing else happens, so heater and steppers must be off and the nozzle cold.
+    /// Erases one sector for a job of this number of layers, if it needs that. Returns `true` while more sectors must
+    /// be erased. The erasure takes up to two seconds in which the controller does nothing else, so heater and steppers
+    /// must be off and the nozzle cold.
     ///
     /// # Errors
-    /// [`JournalError::JobNotEnded`] if the sector has such a job, which stays; [`JournalError::Flash`].
+    /// Returns [`JournalError::JobNotEnded`] if the sector has such a job, which is kept, or [`JournalError::Flash`].
     pub fn erase_step(&mut self, layers: u32) -> Result<bool, JournalError> {
         if !self.can_erase(layers) {
             return Ok(false);
@@ -157,7 +158,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         }
         let into = self.next % Self::PLACES;
         if sector == self.next / Self::PLACES && into > 0 {
-            // All others are blank: the next record goes to the one that was erased first.
+            // All other slots are blank. The next record goes to the sector that was erased first.
             self.free -= (Self::PLACES - into).min(self.free);
             self.next = self.around((sector + 1) * Self::PLACES);
         }
@@ -178,24 +179,25 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         Ok(self.can_erase(layers))
     }
 
-    /// Forgets the present job, so that its sectors can be erased. The job comes back with a reset unless a sector of
-    /// it has been erased or another job begun.
+    /// Forgets the present job, so that its sectors can be erased. A reset restores the job unless a sector of it has
+    /// been erased or another job has begun.
     pub fn forget(&mut self) {
         self.present = None;
     }
 
-    /// Records the beginning of a job. The job before it is over, even if this fails.
+    /// Records the beginning of a job. The previous job is over, even if this fails.
     ///
     /// # Errors
-    /// [`JournalError::Full`] if something must be erased first, or the job has more layers than [`Journal::capacity`];
-    /// [`JournalError::Flash`]. After an error there is no job that has not ended.
+    /// Returns [`JournalError::Full`] if a sector must be erased first, or if the job has more layers than
+    /// [`Journal::capacity`]. Otherwise returns [`JournalError::Flash`]. After an error the journal has no unfinished
+    /// job.
     pub fn begin(&mut self, plan_id: u64, robot: u64, layers: u32) -> Result<(), JournalError> {
         let ([a, b], [c, d]) = (split(plan_id), split(robot));
         let job = self.jobs.saturating_add(1);
         let record = Record { kind: Kind::Job, count: 0, index: 0, job, content: [a, b, c, d, layers] };
         let place = if self.needs_erasing(layers) { Err(JournalError::Full) } else { self.append(&record) };
         match place {
-            // The job before goes with it: its number is lower.
+            // The previous job is replaced by this record, because its number is lower.
             Ok(place) => self.apply(&record, place),
             Err(_) if self.present.as_ref().is_some_and(|present| !present.state.ended) => self.strike(),
             Err(_) => {}
@@ -206,16 +208,16 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Records the beginning of a layer: the first one, or the first one after a pause.
     ///
     /// # Errors
-    /// As of [`Journal::committed`].
+    /// Returns the same errors as [`Journal::committed`].
     pub fn begun(&mut self, index: u32) -> Result<(), JournalError> {
         self.put(Kind::Begun, index, [0; 5])
     }
 
-    /// Records a layer that is laid. The next one may have been begun at once.
+    /// Records that a layer is laid, and whether the next one has begun at once.
     ///
     /// # Errors
-    /// [`JournalError::NoJob`]; [`JournalError::OutOfOrder`] if it is not the next layer of the job;
-    /// [`JournalError::Full`] and [`JournalError::Flash`]. After an error there is no job to resume any more.
+    /// Returns [`JournalError::NoJob`], [`JournalError::OutOfOrder`] if it is not the next layer of the job,
+    /// [`JournalError::Full`] or [`JournalError::Flash`]. After an error the job can no longer be resumed.
     pub fn committed(&mut self, index: u32, laid: &Laid, next_begun: bool) -> Result<(), JournalError> {
         let kind = if next_begun { Kind::LaidNextBegun } else { Kind::Laid };
         self.put(kind, index, laid.to_content())
@@ -224,34 +226,34 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Records an interrupted layer that counts as laid, as far as it was made.
     ///
     /// # Errors
-    /// As of [`Journal::committed`].
+    /// Returns the same errors as [`Journal::committed`].
     pub fn skipped(&mut self, index: u32, laid: &Laid) -> Result<(), JournalError> {
         self.put(Kind::Interrupted, index, laid.to_content())
     }
 
-    /// Records another plan from a layer on.
+    /// Records a new plan from a layer on.
     ///
     /// # Errors
-    /// As of [`Journal::committed`]; [`JournalError::OutOfOrder`] also where that layer is laid already or beyond the
-    /// job.
+    /// Returns the same errors as [`Journal::committed`], and [`JournalError::OutOfOrder`] also if that layer is laid
+    /// already or beyond the job.
     pub fn amended(&mut self, from: u32, plan_id: u64, layers: u32) -> Result<(), JournalError> {
         let [a, b] = split(plan_id);
         self.put(Kind::Amended, from, [a, b, layers, 0, 0])
     }
 
-    /// Records that the job is done or given up.
+    /// Records that the job is done or cancelled.
     ///
     /// # Errors
-    /// As of [`Journal::committed`].
+    /// Returns the same errors as [`Journal::committed`].
     pub fn ended(&mut self) -> Result<(), JournalError> {
         self.put(Kind::Ended, 0, [0; 5])
     }
 
-    /// A layer of the present job. It is found quickly, and most quickly in order.
+    /// Returns a layer of the present job. The search is fast, and fastest in the order of the layers.
     pub fn laid(&mut self, index: u32) -> Option<LaidRecord> {
         let present = self.present.as_ref().filter(|present| index < present.state.laid)?;
         let (at, Found { layer: near, offset }) = (present.at, present.found);
-        // There is at least a place for each layer in between.
+        // There is at least one slot for each layer in between.
         let first = index.checked_sub(near).map_or(index + 1, |layers| offset + layers);
         for offset in first..=self.places() {
             let place = self.around(at + offset);
@@ -274,7 +276,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         None
     }
 
-    /// The carry of the layers laid to those after them.
+    /// Returns the carry from the laid layers to the next ones.
     pub fn carry(&self) -> Carry {
         self.present.as_ref().map_or_else(Carry::default, |present| present.carry)
     }
@@ -283,12 +285,12 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         (self.flash.capacity() / F::ERASE_SIZE) as u32
     }
 
-    /// Number of places in the area.
+    /// Returns the number of slots in the area.
     fn places(&self) -> u32 {
         self.sectors() * Self::PLACES
     }
 
-    /// A place, wrapped once round the ring.
+    /// Returns a slot, wrapped once around the ring.
     fn around(&self, place: u32) -> u32 {
         place.checked_sub(self.places()).unwrap_or(place)
     }
@@ -297,14 +299,14 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.needs_erasing(layers) && self.free < self.places()
     }
 
-    /// Byte offset of a place.
+    /// Returns the byte offset of a slot.
     fn offset(place: u32) -> u32 {
         (place + place / Self::PLACES + 1) * RECORD_BYTES as u32
     }
 
     fn read(&mut self, offset: u32) -> RecordBytes {
         let mut bytes = STRUCK;
-        // A place that cannot be read is neither blank nor a record.
+        // A slot that cannot be read is neither blank nor a record.
         if self.flash.read(offset, &mut bytes).is_ok() { bytes } else { STRUCK }
     }
 
@@ -312,13 +314,13 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         Record::from_bytes(&self.read(Self::offset(place)))
     }
 
-    /// The first record of a sector; none where the sector has no journal.
+    /// Returns the first record of a sector. `None` if the sector has no journal.
     fn sector_record(&mut self, sector: u32) -> Option<Record> {
         let bytes = self.read(sector * F::ERASE_SIZE as u32);
         Record::from_bytes(&bytes).filter(|record| record.kind == Kind::Sector)
     }
 
-    /// Reads a sector's records except for the last one, which becomes the tail, and finds where the ring is free.
+    /// Reads a sector's records except for the last one, which becomes the tail, and finds the blank part of the ring.
     fn read_sector(&mut self, sector: u32, tail: &mut Option<Tail>) {
         let first = sector * Self::PLACES;
         let Some(own) = self.sector_record(sector) else {
@@ -347,7 +349,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         }
     }
 
-    /// Settles what the last record is, and where the next one goes.
+    /// Decides whether the last record is valid, and in which slot the next one goes.
     fn settle(&mut self, tail: Option<Tail>) {
         if self.free > 0 {
             self.doubtful = Some(self.next);
@@ -368,7 +370,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
                     && record.job == self.jobs
                     && let Ok(copy) = self.append(&record)
                 {
-                    // These cells are weak: others have the record now.
+                    // The cells of this slot are weak. The record is now in another slot.
                     self.strike_out(place);
                     if let Some(present) = self.present.as_mut().filter(|present| present.at == place) {
                         present.at = copy;
@@ -379,14 +381,14 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         }
     }
 
-    /// Strikes a place out, so that it never reads as a record again.
+    /// Strikes a slot out, so that it never reads as a record again.
     #[inline(never)]
     fn strike_out(&mut self, place: u32) {
-        // If flash refuses even this, nothing is left to be tried.
+        // If the flash refuses even this, there is nothing else to try.
         let _ = self.flash.write(Self::offset(place), &STRUCK);
     }
 
-    /// Writes a record, and reads it back. False if it is not there.
+    /// Writes a record and reads it back. Returns `false` if it reads differently.
     #[inline(never)]
     fn write(&mut self, offset: u32, bytes: &RecordBytes) -> bool {
         self.flash.write(offset, bytes).is_ok() && self.read(offset) == *bytes
@@ -405,7 +407,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         written.map(|_| ())
     }
 
-    /// Writes a record to the next place, or to one of those after it, and returns the place.
+    /// Writes a record to the next slot, or to one of those after it, and returns the slot.
     fn append(&mut self, record: &Record) -> Result<u32, JournalError> {
         let bytes = record.to_bytes();
         for _ in 0..ATTEMPTS {
@@ -418,20 +420,20 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             if self.write(Self::offset(place), &bytes) {
                 return Ok(place);
             }
-            // It may read as whole later, beside the copy that counts.
+            // The slot may later read as a valid record, beside the copy that counts.
             self.strike_out(place);
         }
         Err(JournalError::Flash)
     }
 
-    /// Strikes out the present job's own record.
+    /// Strikes out the first record of the present job.
     fn strike(&mut self) {
         if let Some(present) = self.present.take() {
             self.strike_out(present.at);
         }
     }
 
-    /// Applies a record. They come in the order in which they were written.
+    /// Applies a record. The caller passes the records in the order in which they were written.
     fn apply(&mut self, record: &Record, at: u32) {
         if record.job > self.jobs {
             (self.jobs, self.present) = (record.job, None);

@@ -1,8 +1,8 @@
-//! The present job, as its records say.
+//! The present job, as its records describe it.
 
 use super::record::{Kind, LAST_COUNT, LAST_INDEX, Record, join, lean_owed};
 
-/// The job that the journal knows of.
+/// The latest job in the journal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct JobState {
     /// Id of the plan.
@@ -11,53 +11,53 @@ pub struct JobState {
     pub robot: u64,
     /// Number of layers of the job.
     pub layers: u32,
-    /// Number of layers laid, the interrupted ones that count as laid included.
+    /// Number of layers laid, including the interrupted ones that count as laid.
     pub laid: u32,
     /// Number of layers begun: as many as laid, or one more.
     pub begun: u32,
-    /// Whether the job is done or given up.
+    /// The job is done or cancelled.
     pub ended: bool,
 }
 
-/// The carry of the layers laid to those after them.
+/// Carry from the laid layers to the next ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Carry {
-    /// Sum of their planned heights, units of [`growbot_core::layer_bytes`].
+    /// Sum of the planned heights of the laid layers, units of [`growbot_core::layer_bytes`].
     pub height_units: u64,
-    /// The lean that is owed.
+    /// Lean that is owed to the next layers.
     pub lean_owed: [i16; 2],
 }
 
-/// The present job, and where it is.
+/// The present job, and its position in the journal.
 pub(super) struct Present {
     pub state: JobState,
     pub carry: Carry,
     /// Number of its records, as a record counts them.
     pub count: u32,
-    /// Place of its own record.
+    /// Slot of its first record.
     pub at: u32,
     pub found: Found,
     /// The record applied last.
     pub latest: Record,
 }
 
-/// Where a layer was found last.
+/// Position at which a layer was found last.
 #[derive(Clone, Copy)]
 pub(super) struct Found {
     pub layer: u32,
-    /// The min number of places between the job's own record and the layer's.
+    /// The min number of slots between the job's first record and the layer's record.
     pub offset: u32,
 }
 
 impl Present {
-    /// A job by its own record, of which this is the content.
+    /// Creates a job from its first record, with this content.
     pub fn new(record: &Record, at: u32, [a, b, c, d, layers]: [u32; 5]) -> Self {
         let state = JobState { plan_id: join(a, b), robot: join(c, d), layers, laid: 0, begun: 0, ended: false };
         let found = Found { layer: 0, offset: 1 };
         Self { state, carry: Carry::default(), count: 1, at, found, latest: *record }
     }
 
-    /// Applies one more record of the job. False if it does not follow; then nothing more is known of the job.
+    /// Applies one more record of the job. Returns `false` if it does not follow. The state of the job is unknown then.
     pub fn apply(&mut self, record: &Record) -> bool {
         if record.count != self.count {
             return false;

@@ -1,10 +1,10 @@
-//! A record of the journal: 32 bytes, which count as a whole or not at all.
+//! A record of the journal: 32 bytes that are valid as a whole or not at all.
 //!
 //! | byte | content |
 //! |---|---|
 //! | 0 | [`Kind`] in the low four bits; in the others the number of the job's records before this one, modulo 16 |
-//! | 1 to 3 | index of a layer, 24 bits; 0 where the record is about none |
-//! | 4 to 7 | number of the job; jobs are counted for ever |
+//! | 1 to 3 | index of a layer, 24 bits; 0 if the record is not about a layer |
+//! | 4 to 7 | number of the job; the numbers never start again |
 //! | 8 to 27 | content, by the kind |
 //! | 28 to 31 | CRC-32C of bytes 0 to 27 |
 //!
@@ -16,25 +16,26 @@ use growbot_core::link::frame;
 /// Bytes of a record.
 pub(super) const RECORD_BYTES: usize = 32;
 
-/// The max count of records.
+/// Max count of records.
 pub(super) const LAST_COUNT: u32 = 15;
-/// The max index that fits.
+/// Max index of a layer in a record.
 pub(super) const LAST_INDEX: u32 = (1 << 24) - 1;
 
-/// A record as it lies in flash.
+/// A record as stored in flash.
 pub(super) type RecordBytes = [u8; RECORD_BYTES];
 
-/// A place where nothing has been written since it was erased.
+/// A slot in which nothing has been written since it was erased.
 pub(super) const BLANK: RecordBytes = [0xff; RECORD_BYTES];
-/// A record that was struck out: flash can always be programmed to zero. It has no right CRC.
+/// A record that was struck out. It can overwrite any record, because flash can always be programmed to zero. Its CRC
+/// is wrong.
 pub(super) const STRUCK: RecordBytes = [0; RECORD_BYTES];
 
-/// The kind of a record, as the low bits of its first byte.
+/// The kind of a record, in the low bits of its first byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Kind {
-    /// The first record of a sector, with the number of erasures in the area, this one included. Its job is the last
-    /// one begun before that.
+    /// The first record of a sector. It has the number of erasures in the area up to and including this one. Its job
+    /// number is that of the last job begun before the erasure.
     Sector,
     /// The beginning of a job: plan id, robot's hash, layers.
     Job,
@@ -44,11 +45,11 @@ pub(super) enum Kind {
     Laid,
     /// A layer that is laid, with the next one begun at once.
     LaidNextBegun,
-    /// A layer that was interrupted, and counts as laid.
+    /// A layer that was interrupted and counts as laid.
     Interrupted,
-    /// Another plan from a layer on: its id and its number of layers.
+    /// A new plan from a layer on: its id and its number of layers.
     Amended,
-    /// The end of a job that is done or given up.
+    /// The end of a job that is done or cancelled.
     Ended,
 }
 
@@ -66,7 +67,7 @@ impl Kind {
     ];
 }
 
-/// A layer that is laid, as the journal records it.
+/// A laid layer, as the journal records it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Laid {
     /// The layer as built.
@@ -81,7 +82,7 @@ pub struct Laid {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Record {
     pub kind: Kind,
-    /// Number of the job's records before this one: 0 to [`LAST_COUNT`], then again from 0.
+    /// Number of the job's records before this one: 0 to [`LAST_COUNT`], then from 0 again.
     pub count: u32,
     /// Index of a layer, 24 bits.
     pub index: u32,
@@ -103,7 +104,7 @@ impl Record {
         bytes
     }
 
-    /// Decodes a record; none where the bytes are no record.
+    /// Decodes a record. `None` if the bytes are not a valid record.
     pub fn from_bytes(bytes: &RecordBytes) -> Option<Self> {
         let (content, checksum) = bytes.split_last_chunk::<4>()?;
         if frame::checksum(content).to_le_bytes() != *checksum {
@@ -141,17 +142,17 @@ impl Laid {
     }
 }
 
-/// The lean of the last word of a layer's content.
+/// Unpacks the lean from the last word of a layer's content.
 pub(super) const fn lean_owed(lean: u32) -> [i16; 2] {
     [lean as i16, (lean >> 16) as i16]
 }
 
-/// A number of 64 bits as two words of 32.
+/// Splits a number of 64 bits into two words of 32.
 pub(super) const fn split(number: u64) -> [u32; 2] {
     [number as u32, (number >> 32) as u32]
 }
 
-/// A number of 64 bits from two words of 32.
+/// Joins two words of 32 bits to a number of 64.
 pub(super) const fn join(low: u32, high: u32) -> u64 {
     low as u64 | (high as u64) << 32
 }

@@ -1,20 +1,21 @@
-//! The record of a crash, for the next start: words in RAM that nothing clears, between a mark and a checksum.
+//! The record of a crash, for the next start: words in RAM that is not cleared at start-up, between a mark and a
+//! checksum.
 //!
-//! The handler of the processor's faults fills them in after it has switched everything off, with little stack and
-//! without trust in anything: the stack pointer may point anywhere, so every word of the stack is read through a
-//! function that knows where the stack is. It copies only; what the words mean is the host's to find out
+//! The handler of the processor's faults writes the record after it has switched everything off. It uses little stack
+//! and relies on no other data. The stack pointer may have any value, so every word of the stack is read through a
+//! function that checks the stack's bounds. The handler only copies words. The host decodes them
 //! ([`growbot_core::link::crash`]).
 
 use core::ops::Range;
 
 use growbot_core::link::crash::{CRASH_WORDS, CrashWords, FRAME_WORDS, HEAD_WORDS, frame_bytes};
 
-/// Words that are retained: a mark, the crash, a checksum.
+/// Number of retained words: a mark, the crash, a checksum.
 pub const RETAINED_WORDS: usize = CRASH_WORDS + 2;
-/// The first of them.
+/// The first of these words.
 const MARK: u32 = 0x6372_6173;
 
-/// Where stack and program lie in the memory map.
+/// Address ranges of stack and program.
 #[derive(Debug, Clone)]
 pub struct Places {
     /// The stack, from its lowest address.
@@ -24,16 +25,17 @@ pub struct Places {
 }
 
 impl Places {
-    /// Whether a word of the stack may be the address that a function returns to: code, in Thumb state.
+    /// Returns whether a word of the stack may be a return address: an address of code, in Thumb state.
     fn may_return_to(&self, word: u32) -> bool {
         word & 1 == 1 && self.code.contains(&word)
     }
 }
 
-/// The words to be retained. `stack` gives the stack's word at an address, 0 where there is no stack.
+/// Builds the words to be retained. `stack` returns the stack's word at an address, and 0 outside of the stack.
 ///
-/// After an overflow the stack pointer is below the stack. Then the words that may be return addresses are retained,
-/// from the stack's lowest on: they tell what has filled it, however long the frames between them are.
+/// After an overflow the stack pointer is below the stack. The record then contains the words that may be return
+/// addresses, starting at the stack's lowest address. They show which calls have filled the stack, however large their
+/// frames are.
 pub fn words(head: &[u32; HEAD_WORDS], places: &Places, stack: impl Fn(u32) -> u32) -> [u32; RETAINED_WORDS] {
     let [_, _, _, sp, exc_return, ..] = *head;
     let overflowed = sp < places.stack.start;
@@ -64,14 +66,14 @@ pub fn words(head: &[u32; HEAD_WORDS], places: &Places, stack: impl Fn(u32) -> u
     words
 }
 
-/// The crash in the words that were retained; none where they are not what [`words`] made.
+/// Decodes the crash from the retained words. `None` if they are not a valid record of [`words`].
 #[must_use]
 pub fn from_words(words: &[u32; RETAINED_WORDS]) -> Option<CrashWords> {
     let [mark, crash @ .., sum] = *words;
     (mark == MARK && crash.iter().fold(MARK, |sum, word| added(sum, *word)) == sum).then_some(crash)
 }
 
-/// A checksum that every word changes, wherever it stands.
+/// Adds a word to a checksum that depends on every word and its position.
 const fn added(sum: u32, word: u32) -> u32 {
     (sum.rotate_left(5) ^ word).wrapping_mul(0x9E37_79B1)
 }
@@ -82,7 +84,7 @@ mod tests {
 
     use super::*;
 
-    /// The stack lies here, and each of its words says where it is.
+    /// Range of the stack. Each of its words contains its own address.
     const STACK: Range<u32> = 0x1000_0000..0x1000_1000;
     const PLACES: Places = Places { stack: STACK, code: 0x0000_0400..0x0000_8000 };
 
@@ -120,7 +122,7 @@ mod tests {
 
     #[test]
     fn an_overflow_retains_the_return_addresses_on_the_stack() {
-        // Frames of 200 bytes, each with its return address and with what looks like one and is none.
+        // The stack has frames of 200 bytes, each with its return address and a word that only resembles one.
         let filled = |address: u32| match (STACK.contains(&address), address % 200) {
             (false, _) => 0,
             (true, 0) => 0x0000_0401 + (address - STACK.start) / 200 * 2,
@@ -135,7 +137,7 @@ mod tests {
         let there: Vec<u32> = STACK.step_by(4).map(filled).filter(|word| PLACES.may_return_to(*word)).collect();
         assert!(there.len() > kept.len(), "{}", there.len());
         assert_eq!(kept, &there[..kept.len()]);
-        // A stack without any.
+        // The stack contains no return addresses.
         let crash = from_words(&words(&head, &PLACES, word)).unwrap();
         assert!(crash[HEAD_WORDS..].iter().all(|word| *word == 0));
     }

@@ -1,30 +1,31 @@
-//! Inputs that mean danger. A level must persist over some looks, ten a second, before it counts, since wires pick up
-//! noise.
+//! Inputs that indicate danger. A level must persist over several samples, ten a second, before it counts, because
+//! wires pick up noise.
 
 use growbot_core::link::message::Fault;
 use growbot_core::robot::{RobotDescription, Supply};
 
-/// Looks in a row that make a fault of the supply or of a driver: 0.2 s, so that one disturbed look is none
-/// (`what_passes_by_is_no_fault`). SAFETY.md and `cargo fault-campaign` have the time.
+/// Number of consecutive samples that raise a fault of the supply or of a driver. It is 0.2 s, so that one disturbed
+/// sample raises none (`what_passes_by_is_no_fault`). SAFETY.md and `cargo fault-campaign` have the time.
 const LOOKS: u8 = 2;
-/// Looks in a row without filament: 0.5 s, since the switch chatters as the filament's end passes.
-/// `cargo fault-campaign` has the time.
+/// Number of consecutive samples without filament that raise a fault. It is 0.5 s, because the switch bounces as the
+/// filament's end passes. `cargo fault-campaign` has the time.
 const LOOKS_WITHOUT_FILAMENT: u8 = 5;
-/// Looks in a row without a reading of the supply's voltage: 1 s, as SAFETY.md says. No derivation is recorded.
+/// Number of consecutive samples without a reading of the supply's voltage that raise a fault. It is 1 s, as in
+/// SAFETY.md. The derivation of this value is not recorded.
 const LOOKS_WITHOUT_VOLTAGE: u8 = 10;
 
-/// The present inputs: none where the robot has no such sensor, or where it gives nothing.
+/// The present inputs. A value is `None` if the robot has no such sensor, or if the sensor gives no reading.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Look {
     /// Voltage of the supply, V.
     pub supply_v: Option<f64>,
-    /// Whether there is filament.
+    /// Filament is present.
     pub filament_present: Option<bool>,
-    /// Whether a stepper driver reports a fault.
+    /// A stepper driver reports a fault.
     pub driver_fault: Option<bool>,
 }
 
-/// The time for which each input has been wrong, in looks.
+/// Time for which each input has been wrong, in samples.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Inputs {
     no_voltage: u8,
@@ -34,24 +35,24 @@ pub struct Inputs {
     no_filament: u8,
 }
 
-/// Counts looks in a row.
+/// Counts consecutive samples.
 fn count(counter: &mut u8, is_so: bool) -> u8 {
     *counter = if is_so { counter.saturating_add(1) } else { 0 };
     *counter
 }
 
 impl Inputs {
-    /// Counts a look. Returns a fault where something has persisted. Filament counts only if `needs_filament`.
+    /// Counts a sample. Returns a fault if a wrong input has persisted. Filament counts only if `needs_filament`.
     pub fn look(&mut self, look: &Look, robot: &RobotDescription, needs_filament: bool) -> Option<Fault> {
         let low = look.supply_v.is_some_and(|volts| volts < robot.supply.min_v);
         let high = look.supply_v.is_some_and(|volts| volts > robot.supply.max_v);
         let blind = robot.sensors.supply && look.supply_v.is_none();
-        // Every counter counts, also where another one has found a fault.
+        // Every counter is updated, even if another one has found a fault.
         let found = [
             (count(&mut self.driver, look.driver_fault == Some(true)) >= LOOKS, Fault::DriverFault),
             (count(&mut self.low, low) >= LOOKS, Fault::SupplyLow),
             (count(&mut self.high, high) >= LOOKS, Fault::SupplyHigh),
-            // A voltage that cannot be read is not known to be enough.
+            // If the voltage cannot be read, it may be too low.
             (count(&mut self.no_voltage, blind) >= LOOKS_WITHOUT_VOLTAGE, Fault::SupplyLow),
             (
                 count(&mut self.no_filament, needs_filament && look.filament_present == Some(false))
@@ -63,7 +64,7 @@ impl Inputs {
     }
 }
 
-/// The voltage of a mean of readings (0 to 4095) of the supply's divider.
+/// Returns the voltage for a mean of readings (0 to 4095) of the supply's divider.
 #[must_use]
 pub fn volts(raw: f64, supply: &Supply) -> f64 {
     raw / f64::from(crate::thermistor::FULL_SCALE) * supply.full_scale_v
@@ -76,7 +77,7 @@ mod tests {
 
     const FINE: Look = Look { supply_v: Some(12.0), filament_present: Some(true), driver_fault: Some(false) };
 
-    /// Looks until this fault is found.
+    /// Counts the samples until this fault is found.
     fn looks_to(fault: Fault, look: Look) -> u32 {
         let robot = robot_a();
         let mut inputs = Inputs::default();

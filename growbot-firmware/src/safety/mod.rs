@@ -1,13 +1,13 @@
-//! Safety of a robot that nobody watches.
+//! Safety of an unattended robot.
 //!
 //! - [`transitions`]: the table of states and events.
-//! - [`inputs`]: the inputs that mean danger: supply, drivers, filament; each must persist before it counts.
+//! - [`inputs`]: the inputs that indicate danger: supply, drivers, filament. Each must persist before it counts.
 //! - [`crash`]: the record of a crash of the firmware, for the next start.
-//! - [`retained`]: what survives a reset: the latest fault as it was when it came, and what was under way.
+//! - [`retained`]: the state that survives a reset: the record of the latest fault, and the activity before the reset.
 //! - [`proof_of_life`]: the conditions for feeding the watchdog.
 //!
-//! The nozzle's own faults are found in [`crate::heater`], those of head and feed in [`crate::stepping`]. Whatever
-//! finds one, the controller switches everything off at once and latches the first.
+//! [`crate::heater`] finds the nozzle's own faults, and [`crate::stepping`] those of head and feed. After any fault the
+//! controller switches everything off at once and latches the first one.
 
 pub mod crash;
 pub mod inputs;

@@ -1,20 +1,20 @@
-//! When the watchdog may be fed: only once everything that keeps the robot safe has shown that it runs.
+//! The condition for feeding the watchdog: all parts that keep the robot safe have shown that they run.
 
 /// The parts that have reported since the watchdog was last fed.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ProofOfLife {
     /// The thermistor's ADC has been sampled.
     pub sampler: bool,
-    /// The heater's duty has been computed anew.
+    /// The heater's duty has been computed again.
     pub regulator: bool,
-    /// Everything that can mean danger has been looked at.
+    /// All inputs that can indicate danger have been checked.
     pub supervisor: bool,
     /// The step interrupt has run.
     pub steps: bool,
 }
 
 impl ProofOfLife {
-    /// Whether all have reported. If so, they have to report again before the next time.
+    /// Returns `true` once all parts have reported, and clears the reports. Feed the watchdog only then.
     pub fn accept(&mut self) -> bool {
         let complete = self.sampler && self.regulator && self.supervisor && self.steps;
         if complete {

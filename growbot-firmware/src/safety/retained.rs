@@ -1,16 +1,16 @@
-//! What survives a reset of the board: the latest fault as it was when it came, and what was under way.
+//! The state that survives a reset of the board: the record of the latest fault, and the activity before the reset.
 //!
-//! It lies in RAM that nothing clears at start-up. After a loss of power that RAM is noise, and nothing is known.
-//! There are two copies, each with a generation number and a CRC:
+//! The state is stored in RAM that is not cleared at start-up. After a loss of power that RAM contains noise, and the
+//! state is unknown. There are two copies, each with a generation number and a CRC:
 //!
-//! - A write goes to the older copy, from its first byte to its last, so a reset in the midst of it leaves the newer
-//!   one whole.
-//! - A write that changes what a start must do (whether work was under way, which fault is latched) goes to both
-//!   copies, one after the other, so that either copy alone says what matters.
-//! - A start takes the newer of the copies that are whole. If this firmware cannot decode that copy, another version
-//!   has written it. The memory has had power then, and the copy may say that work was under way or a fault latched:
-//!   the start is a fault, after any cause.
-//! - Where no copy is whole, the cause of the reset decides: see [`survives`].
+//! - A write goes to the older copy, from its first byte to its last, so that a reset during the write leaves the newer
+//!   copy whole.
+//! - A write that changes the action of the next start (whether work is in progress, which fault is latched) goes to
+//!   both copies, one after the other, so that either copy alone has the decisive part.
+//! - At a start the board loads the newer of the copies that are whole. If this firmware cannot decode that copy,
+//!   another version has written it. The memory has kept its power then, and the copy may contain current work or a
+//!   latched fault. The start is therefore a fault, whatever the cause of the reset.
+//! - If no copy is whole, the cause of the reset decides: see [`survives`].
 
 use growbot_core::link::frame;
 use growbot_core::link::message::{Fault, FaultRecord, ResetCause, State};
@@ -27,38 +27,39 @@ pub const RETAINED_BYTES: usize = COPIES * COPY_BYTES;
 /// Bytes of a generation number, and of a checksum.
 const NUMBER_BYTES: usize = 4;
 
-/// What was under way.
+/// The activity before a reset.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct UnderWay {
-    /// What the board was doing.
+    /// State of the board.
     pub state: State,
-    /// The job.
+    /// Plan of the job.
     pub plan_id: u64,
-    /// Layers laid.
+    /// Number of layers laid.
     pub laid: u32,
-    /// Layers begun.
+    /// Number of layers begun.
     pub begun: u32,
-    /// Sectors made of the layer under way, some tenths of a second ago.
+    /// Number of finished sectors of the current layer, up to some tenths of a second ago.
     pub sectors: u8,
 }
 
-/// What a board retains through a reset.
+/// The state that a board retains through a reset.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Retained {
     /// The latest fault.
     pub record: Option<FaultRecord>,
-    /// None while the robot rests.
+    /// Current activity. `None` while the robot is at rest.
     pub under_way: Option<UnderWay>,
 }
 
 impl Retained {
-    /// The bytes of a copy.
+    /// Encodes a copy.
     #[must_use]
     pub fn to_bytes(&self, generation: u32) -> [u8; COPY_BYTES] {
         let mut bytes = [0; COPY_BYTES];
         if let Some((covered, checksum)) = bytes.split_last_chunk_mut::<NUMBER_BYTES>() {
             if let Some((content, number)) = covered.split_last_chunk_mut::<NUMBER_BYTES>() {
-                // It fits: a test says so of the longest one. If it did not, an empty one would be retained.
+                // The content fits, as a test checks for the longest one. If it did not, an empty content would be
+                // retained.
                 let _ = postcard::to_slice(self, content);
                 *number = generation.to_le_bytes();
             }
@@ -67,14 +68,14 @@ impl Retained {
         bytes
     }
 
-    /// Decodes the bytes of a copy; none where they are not what [`Retained::to_bytes`] made.
+    /// Decodes a copy. `None` if the bytes are not a valid result of [`Retained::to_bytes`].
     #[must_use]
     pub fn from_bytes(bytes: &[u8; COPY_BYTES]) -> Option<Self> {
         generation_of(bytes)?;
         postcard::take_from_bytes(bytes).ok().map(|(retained, _)| retained)
     }
 
-    /// What a start must do because of it.
+    /// Returns the part that decides what the next start does.
     fn meaning(&self) -> Meaning {
         Meaning {
             under_way: self.under_way.is_some(),
@@ -83,24 +84,25 @@ impl Retained {
     }
 }
 
-/// The generation number of a copy; none where it is not whole.
+/// Returns the generation number of a copy. `None` if the copy is not whole.
 fn generation_of(bytes: &[u8; COPY_BYTES]) -> Option<u32> {
     let (covered, checksum) = bytes.split_last_chunk::<NUMBER_BYTES>()?;
     let (_, number) = covered.split_last_chunk::<NUMBER_BYTES>()?;
     (frame::checksum(covered).to_le_bytes() == *checksum).then_some(u32::from_le_bytes(*number))
 }
 
-/// Why a start does not know what was under way.
+/// The reason why the retained state could not be loaded at start-up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unknown {
-    /// No copy is whole: the memory was without power, or is destroyed.
+    /// No copy is whole: the memory was without power, or was destroyed.
     NotWhole,
-    /// The newer copy is whole, and this firmware cannot decode it: another one has written it.
+    /// The newer copy is whole, but this firmware cannot decode it, because another version has written it.
     NotDecodable,
 }
 
 impl Unknown {
-    /// Whether it may hide work that was under way, or a fault, so that a start after a reset of this cause is a fault.
+    /// Returns whether the lost state may have contained current work or a fault, so that a start after a reset of this
+    /// cause is a fault.
     #[must_use]
     pub const fn is_fault(self, cause: ResetCause) -> bool {
         match self {
@@ -110,23 +112,23 @@ impl Unknown {
     }
 }
 
-/// The part of what is retained that decides what a start must do.
+/// The part of the retained state that decides what the next start does.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Meaning {
-    /// Work was under way: its end is a fault.
+    /// Work was in progress, so that its interruption is a fault.
     under_way: bool,
-    /// What is latched: a fault, or the emergency stop, which is none.
+    /// Latched fault, `Some(None)` for the emergency stop. `None` if nothing is latched.
     latched: Option<Option<Fault>>,
 }
 
 /// The two copies in the memory.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Copies {
-    /// The newer one.
+    /// Index of the newer copy.
     newer: usize,
-    /// Its generation number.
+    /// Generation number of the newer copy.
     generation: u32,
-    /// The meaning of both copies; none before the first write after a start.
+    /// Meaning of both copies. `None` before the first write after a start.
     meaning: Option<Meaning>,
 }
 
@@ -138,7 +140,7 @@ impl Copies {
         let mut newest = None;
         for (copy, bytes) in bytes.as_chunks::<COPY_BYTES>().0.iter().enumerate() {
             let Some(generation) = generation_of(bytes) else { continue };
-            // The shorter way round: the number wraps.
+            // The comparison wraps, because the number wraps.
             if newest.is_none() || (generation.wrapping_sub(found.generation) as i32) > 0 {
                 found = Self { newer: copy, generation, meaning: None };
                 newest = Some(bytes);
@@ -148,7 +150,7 @@ impl Copies {
         (found, bytes.and_then(|bytes| Retained::from_bytes(bytes).ok_or(Unknown::NotDecodable)))
     }
 
-    /// Writes to the older copy, or to both copies if a start would have to do something else because of it.
+    /// Writes to the older copy, or to both copies if the change affects what the next start does.
     pub fn write(&mut self, memory: &mut impl RetainedMemory, retained: &Retained) {
         let meaning = Some(retained.meaning());
         if self.meaning != meaning {
@@ -165,7 +167,7 @@ impl Copies {
     }
 }
 
-/// The fault that a reset in the midst of work is latched as.
+/// Returns the fault that is latched after a reset during work.
 #[must_use]
 pub const fn fault_of(cause: ResetCause) -> Fault {
     match cause {
@@ -178,8 +180,9 @@ pub const fn fault_of(cause: ResetCause) -> Fault {
     }
 }
 
-/// Whether the memory has had power through a reset of this cause, and only this firmware has written there: what is
-/// not whole then was destroyed. (A debug probe, which is [`ResetCause::External`], flashes a board by code in RAM.)
+/// Returns whether the memory keeps its power through a reset of this cause, and only this firmware can have written
+/// there. A copy that is not whole after such a reset was destroyed. [`ResetCause::External`] is excluded, because a
+/// debug probe flashes a board by code in RAM.
 #[must_use]
 pub const fn survives(cause: ResetCause) -> bool {
     matches!(
@@ -222,7 +225,7 @@ pub(crate) mod tests {
         Retained { record: Some(record), under_way: Some(under_way) }
     }
 
-    /// The memory as a test sees it.
+    /// The memory, for tests.
     #[derive(Clone)]
     struct Memory([u8; RETAINED_BYTES]);
 
@@ -236,12 +239,12 @@ pub(crate) mod tests {
         }
     }
 
-    /// What a start finds.
+    /// Returns the state that a start finds.
     fn found(memory: &Memory) -> Option<Retained> {
         Copies::find(&mut memory.clone()).1.ok()
     }
 
-    /// A copy that is whole, and that this firmware cannot decode.
+    /// Returns a copy that is whole, and that this firmware cannot decode.
     pub(crate) fn of_another_firmware(generation: u32) -> [u8; COPY_BYTES] {
         let mut bytes = [0xff; COPY_BYTES];
         let (covered, checksum) = bytes.split_last_chunk_mut::<NUMBER_BYTES>().unwrap();
@@ -257,7 +260,7 @@ pub(crate) mod tests {
             ([other(7), other(8)], Err(Unknown::NotDecodable)),
             ([own(7), other(8)], Err(Unknown::NotDecodable)),
             ([other(8), own(7)], Err(Unknown::NotDecodable)),
-            // The first write of this firmware has come to its end.
+            // The first write of this firmware is complete.
             ([other(7), own(8)], Ok(longest())),
             ([other(7), [0; COPY_BYTES]], Err(Unknown::NotDecodable)),
             ([own(7), [0; COPY_BYTES]], Ok(longest())),
@@ -297,7 +300,7 @@ pub(crate) mod tests {
     #[test]
     fn both_copies_say_what_a_start_must_do_and_the_rest_takes_one_write() {
         let (mut memory, mut copies) = (Memory([0xA5; RETAINED_BYTES]), Copies::default());
-        // Of each of the story: whether a start would have to do something else than after the one before.
+        // For each state of the sequence: whether a start would act differently than with the state before.
         let otherwise = [true, true, true, false, true, false, false, false, true, true, true, false, true, true];
         for (retained, otherwise) in story().iter().zip(otherwise) {
             let before = copies.generation;
@@ -322,15 +325,15 @@ pub(crate) mod tests {
         }
     }
 
-    /// What a board retains one after the other: at rest, a fault of the self-test, at rest, at work, a fault, the
-    /// fault cleared, at work again, an emergency stop.
+    /// Returns states that a board retains one after the other: at rest, a fault of the self-test, at rest, at work, a
+    /// fault, the fault cleared, at work again, an emergency stop.
     fn story() -> std::vec::Vec<Retained> {
         let record = |fault, cleared| longest().record.map(|record| FaultRecord { fault, cleared, ..record });
         let at = |state, sectors| longest().under_way.map(|under_way| UnderWay { state, sectors, ..under_way });
         let fault = Some(Fault::ThermistorOpen);
         std::vec![
             Retained::default(),
-            // A fault of the self-test, before anything was under way.
+            // The self-test raised a fault before any work began.
             Retained { record: record(Some(Fault::SupplyLow), false), under_way: None },
             Retained { record: record(Some(Fault::SupplyLow), true), under_way: None },
             Retained::default(),
@@ -347,7 +350,7 @@ pub(crate) mod tests {
         ]
     }
 
-    /// The memory after some bytes of a write. The byte that the reset met may be anything.
+    /// Returns the memory after a part of a write. The byte at which the reset occurred may have any value.
     fn torn(before: &Memory, copy: usize, bytes: &[u8; COPY_BYTES], written: usize, noise: u8) -> Memory {
         let mut memory = before.clone();
         let into = &mut memory.0.as_chunks_mut::<COPY_BYTES>().0[copy];
@@ -368,7 +371,7 @@ pub(crate) mod tests {
             }
         }
         let mut tears = 0;
-        // Generation numbers that wrap at each of the writes, and memory that comes up with anything.
+        // The generation numbers wrap at each of the writes, and the initial memory may have any content.
         for first in (u32::MAX - 24..=u32::MAX).chain([0, 1 << 31, (1 << 31) - 3]) {
             let mut memory = Memory([0xA5; RETAINED_BYTES]);
             let mut copies = Copies { generation: first, ..Copies::default() };

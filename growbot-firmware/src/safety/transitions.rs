@@ -1,57 +1,57 @@
-//! The table of states and events. Nothing else in the firmware decides where a state leads.
+//! The table of states and events. It alone decides which state an event leads to.
 
 use growbot_core::link::message::State;
 
 /// The events that a state can react to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
-    /// A host begins a job, or begins it again.
+    /// A host begins a job, or repeats that request.
     Begin,
-    /// A host asks the board to plan by itself.
+    /// A host requests that the board plan on its own.
     Plan,
-    /// A host resumes the job that the board knows.
+    /// A host resumes the job in the board's journal.
     Resume,
-    /// A host hands over layers that can be laid.
+    /// A host sends layers that can be laid.
     Layers,
-    /// A host replaces the layers to come.
+    /// A host replaces the next layers.
     Amend,
-    /// A host starts the job that is stored, or continues it.
+    /// A host starts the stored job, or continues it.
     Start,
-    /// A host wants the robot to pause after the layer under way.
+    /// A host requests a pause after the current layer.
     Pause,
-    /// A host wants the gains of the heater found.
+    /// A host requests tuning of the heater's gains.
     Tune,
-    /// A host wants the nozzle hot without a job, or head and feed to move in a dry run with the heater off.
+    /// A host requests a hot nozzle without a job, or a dry run, in which head and feed move with the heater off.
     Preheat,
-    /// A host wants it cold again.
+    /// A host requests that the nozzle cool down.
     CoolDown,
-    /// A host wants the head to turn.
+    /// A host requests a move of the head.
     MoveHead,
-    /// A host wants filament to move.
+    /// A host requests a move of filament.
     MoveFilament,
     /// A host stops everything.
     Stop,
-    /// A host gives the job up.
+    /// A host cancels the job.
     Cancel,
     /// A host clears a fault or an emergency stop whose cause is gone.
     Clear,
-    /// Every sensor gives what a healthy robot at rest gives.
+    /// Every sensor gives the reading of a healthy robot at rest.
     Tested,
     /// The nozzle has settled at its target.
     Hot,
     /// The head stands at the tip's x axis.
     Homed,
-    /// A layer is laid, and none is to follow now.
+    /// A layer is laid, and no further layer can follow now.
     LayersExhausted,
-    /// The nozzle is hot and there is a layer to continue with.
+    /// The nozzle is hot, and the next layer is stored.
     LayersAvailable,
     /// The last layer is laid.
     Finished,
-    /// The robot has paused for as long as its heater may be on for nothing.
+    /// The pause has lasted for the max time in which the heater may be on without growth.
     PausedTooLong,
     /// The gains are found.
     Tuned,
-    /// Nobody has asked for maintenance for long.
+    /// No request for maintenance has arrived for a long time.
     Unattended,
     /// The emergency stop is pressed.
     EmergencyStop,
@@ -90,7 +90,7 @@ impl Event {
         Self::Fault,
     ];
 
-    /// The name of the event.
+    /// Returns the name of the event.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -124,13 +124,13 @@ impl Event {
     }
 }
 
-/// The state that an event leads to: the same one where the event is accepted and changes nothing; none where a request
-/// is refused, or any other event ignored.
+/// Returns the state that an event leads to. It is the same state if the event is accepted and changes nothing. `None`
+/// if the state refuses the request, or ignores an event that is not a request.
 #[must_use]
 pub const fn after(state: State, event: Event) -> Option<State> {
     use State as S;
     match (state, event) {
-        // Latched: the first one wins.
+        // A fault is latched, and the first one is kept.
         (S::Fault | S::EmergencyStop, Event::Fault | Event::EmergencyStop | Event::Stop | Event::Cancel) => Some(state),
         (S::Fault | S::EmergencyStop, Event::Clear) => Some(S::Idle),
         (S::Fault | S::EmergencyStop, _) => None,
@@ -144,7 +144,7 @@ pub const fn after(state: State, event: Event) -> Option<State> {
 
         (_, Event::Stop) => Some(S::Stopped),
         (_, Event::Cancel) => Some(S::Idle),
-        // Nothing to clear.
+        // There is nothing to clear.
         (_, Event::Clear) => Some(state),
 
         (S::Idle | S::Done | S::Stopped, Event::Begin | Event::Plan) => Some(S::Idle),
@@ -154,10 +154,10 @@ pub const fn after(state: State, event: Event) -> Option<State> {
         (S::Maintenance, Event::MoveHead) => Some(state),
         (S::Maintenance, Event::CoolDown | Event::Unattended) => Some(S::Idle),
         (S::Idle | S::Done | S::Stopped | S::Parked, Event::CoolDown) => Some(state),
-        // The same job again, where it is under way: a request that is repeated.
+        // The request for the same job is repeated while the job is in progress.
         (S::Heating | S::Homing | S::Growing | S::Paused | S::Parked, Event::Begin) => Some(state),
 
-        // What was stopped is resumed from rest; what is under way continues.
+        // A stopped job is resumed from rest. A job in progress continues.
         (S::Stopped, Event::Resume) => Some(S::Idle),
         (S::Idle | S::Heating | S::Homing | S::Growing | S::Paused | S::Parked | S::Done, Event::Resume) => Some(state),
 
@@ -165,7 +165,7 @@ pub const fn after(state: State, event: Event) -> Option<State> {
         (S::Idle | S::Heating | S::Homing | S::Growing | S::Paused | S::Parked, Event::Amend) => Some(state),
 
         (S::Idle | S::Parked, Event::Start) => Some(S::Heating),
-        // A body of no length is grown at once.
+        // A body of no length is finished at once.
         (S::Idle, Event::Finished) => Some(S::Done),
         (S::Heating | S::Homing | S::Growing | S::Paused | S::Done, Event::Start) => Some(state),
 
@@ -182,7 +182,7 @@ pub const fn after(state: State, event: Event) -> Option<State> {
     }
 }
 
-/// Whether the heater may be on.
+/// Returns whether the heater may be on.
 #[must_use]
 pub const fn may_heat(state: State) -> bool {
     matches!(
@@ -191,14 +191,14 @@ pub const fn may_heat(state: State) -> bool {
     )
 }
 
-/// Whether motors may be energised and turn. In maintenance they do so only while the nozzle is hot, or in a dry run
-/// with the heater off.
+/// Returns whether motors may be energised and turn. In maintenance they do so only while the nozzle is hot, or in a
+/// dry run with the heater off.
 #[must_use]
 pub const fn may_move(state: State) -> bool {
     matches!(state, State::Homing | State::Growing | State::Paused | State::Maintenance)
 }
 
-/// Whether filament may be fed, which is a fault below the min extrusion temperature.
+/// Returns whether filament may be fed, which is a fault below the min extrusion temperature.
 #[must_use]
 pub const fn may_feed(state: State) -> bool {
     matches!(state, State::Homing | State::Growing)
@@ -230,7 +230,7 @@ mod tests {
                     );
                 }
                 if !may_move(state) && may_move(to) {
-                    // In maintenance the controller refuses to move a cold nozzle.
+                    // In maintenance the controller refuses to move with a cold nozzle.
                     assert!(
                         matches!((state, event), (State::Heating, Event::Hot) | (_, Event::Preheat)),
                         "{state:?} and {event:?} move"
@@ -250,7 +250,7 @@ mod tests {
         }
     }
 
-    /// Rows of a table of SAFETY.md, as their cells.
+    /// Returns the rows of a table of SAFETY.md, as cells.
     fn rows(from: &'static str) -> impl Iterator<Item = std::vec::Vec<&'static str>> {
         let (_, rest) = include_str!("../../../SAFETY.md").split_once(from).expect("SAFETY.md has the table");
         let rows = rest.trim_start_matches('\n').lines().take_while(|row| row.starts_with('|')).skip(2);

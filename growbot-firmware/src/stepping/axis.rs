@@ -4,22 +4,22 @@ use embedded_hal::digital::OutputPin;
 
 use super::orders::Alarm;
 
-/// A stepper driver: step, direction and enable pins. Levels are logical. A board that wires them the other way round
-/// wraps its pins in [`crate::polarity::Polarized`].
+/// A stepper driver: step, direction and enable pins. Levels are logical. A board with inverted wiring wraps its pins
+/// in [`crate::polarity::Polarized`].
 pub struct Axis<S, D, E> {
-    /// A rising edge is a step.
+    /// Step pin. A rising edge is a step.
     pub step: S,
-    /// High: the head turns counter-clockwise, the feed pushes filament out.
+    /// Direction pin. High: the head turns counter-clockwise, the feed pushes filament out.
     pub direction: D,
-    /// High: the motor is energised.
+    /// Enable pin. High: the motor is energised.
     pub enable: E,
 }
 
-/// An axis, and whether its step pin is high.
+/// An axis with the states of its pins.
 pub(super) struct Driver<S, D, E> {
     pins: Axis<S, D, E>,
     pub raised: bool,
-    /// The level of the direction pin, once it has one.
+    /// Level of the direction pin. `None` before it is first set.
     pub backwards: Option<bool>,
 }
 
@@ -41,7 +41,7 @@ impl<S: OutputPin, D: OutputPin, E: OutputPin> Driver<S, D, E> {
         Ok(other)
     }
 
-    /// Switches the driver off. Each pin is tried, also if another one has failed.
+    /// Switches the driver off. Each pin is set even if another one has failed.
     pub fn disable(&mut self) {
         self.raised = false;
         let _ = self.pins.step.set_low();

@@ -3,11 +3,11 @@
 //! The steps of both axes are spread evenly over the ticks of a sector: see [`super::spread`]. The ticks of a turn are
 //! virtual: see [`super::pace`].
 //!
-//! A step pulse is raised in one tick and lowered in the next, so it is high for a tick and low for at least one. A
-//! direction changes while no pulse is high, a tick at least before the next one.
+//! A step pulse is raised in one tick and lowered in the next, so that it is high for a tick and low for at least one.
+//! A direction changes while no pulse is high, at least one tick before the next pulse.
 //!
-//! [`Engine::ticks_to_event`] and [`Engine::skip`] let a simulation pass over ticks in which no pin changes; what
-//! happens is the same, tick for tick.
+//! [`Engine::ticks_to_event`] and [`Engine::skip`] let a simulation skip ticks in which no pin changes. The result is
+//! the same, tick for tick.
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use growbot_core::layer::SECTORS;
@@ -26,26 +26,26 @@ use crate::hal::Outputs;
 
 /// The inputs of the engine. Levels are logical.
 pub struct Inputs<I, M, S> {
-    /// High while the index sensor sees its mark.
+    /// Input that is high while the index sensor detects its mark.
     pub index: I,
-    /// The encoder that the filament turns; a pin that never changes without one.
+    /// The filament's encoder. Without an encoder it is a pin that never changes.
     pub filament_motion: M,
-    /// High while the emergency stop is pressed.
+    /// Input that is high while the emergency stop is pressed.
     pub emergency_stop: S,
 }
 
-/// What the engine needs of its robot.
+/// The part of a robot's description that the engine needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EngineSettings {
     mark: Mark,
     emergency_stop: bool,
-    /// Number of feed steps without a pulse of the encoder beyond which the filament does not move. `u32::MAX` without
-    /// an encoder.
+    /// Number of feed steps without a pulse of the encoder beyond which the filament counts as jammed. `u32::MAX`
+    /// without an encoder.
     jam_steps: u32,
 }
 
 impl EngineSettings {
-    /// The settings of a robot.
+    /// Returns the settings of a robot.
     #[must_use]
     pub fn of(robot: &Robot) -> Self {
         let description = robot.description();
@@ -60,15 +60,15 @@ impl EngineSettings {
     }
 }
 
-/// The task under way.
+/// The current task.
 enum Mode {
     Idle,
     Homing(HomingRun),
     Feeding(FeedRun),
     Rotating(FeedRun),
-    /// The turn is outlined in [`Engine::turn`], its progress in [`Engine::progress`].
+    /// Laying of a turn. The turn's outline is in [`Engine::turn`], its progress in [`Engine::progress`].
     Laying,
-    /// The end of a task whose report waits for room.
+    /// The end of a task whose report waits until the controller has removed the one before.
     Finished(Finished),
 }
 
@@ -81,17 +81,17 @@ enum Finished {
     Rotated,
 }
 
-/// A turn under way.
+/// Progress of the current turn.
 struct Progress {
-    /// The sector, by angle.
+    /// Sector, by angle.
     sector: usize,
     sectors_left: usize,
-    /// Virtual ticks.
+    /// Remaining virtual ticks of the sector and of the turn.
     sector_left: u32,
     turn_left: u32,
     head: Spread,
     feed: Spread,
-    /// Steps made, of the feed in this sector.
+    /// Steps made. For the feed, those in this sector.
     head_made: u32,
     feed_made: u32,
 }
@@ -109,7 +109,7 @@ impl Progress {
     };
 }
 
-/// Drives head and feed. One per robot, ticked by the step interrupt.
+/// The step engine that drives head and feed. A robot has one, and the step interrupt calls it in each tick.
 pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S, O> {
     head: Driver<HS, HD, HE>,
     feed: Driver<FS, FD, FE>,
@@ -119,7 +119,7 @@ pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S, O> {
     mode: Mode,
     turn: Outline,
     progress: Progress,
-    /// The slot in which the steps made are counted.
+    /// Slot in which the steps made are counted.
     made: Slot,
     clock: Clock,
     watch: IndexWatch,
@@ -143,7 +143,7 @@ where
     S: InputPin,
     O: Outputs,
 {
-    /// An idle engine, with both drivers off. An emergency stop and an alarm switch `outputs` off.
+    /// Creates an idle engine, with both drivers off. An emergency stop and an alarm switch `outputs` off.
     pub fn new(
         head: Axis<HS, HD, HE>,
         feed: Axis<FS, FD, FE>,
@@ -173,7 +173,7 @@ where
         engine
     }
 
-    /// One tick of the step interrupt.
+    /// Runs one tick of the step interrupt.
     pub fn tick(&mut self, handover: &Handover) {
         self.ticks = self.ticks.wrapping_add(1);
         handover.set_ticks(self.ticks);
@@ -184,7 +184,8 @@ where
         }
     }
 
-    /// Number of ticks until something happens, that tick included. `u32::MAX` if nothing will without an order.
+    /// Returns the number of ticks until something happens, including that tick. `u32::MAX` if nothing happens without
+    /// a new move.
     pub fn ticks_to_event(&self, handover: &Handover) -> u32 {
         if self.head.raised || self.feed.raised || handover.halt_waits() || handover.call_waits() {
             return 1;
@@ -204,7 +205,7 @@ where
         }
     }
 
-    /// Skips ticks in which nothing happens, fewer than [`Engine::ticks_to_event`].
+    /// Skips ticks in which nothing happens. Their number must be below [`Engine::ticks_to_event`].
     pub fn skip(&mut self, ticks: u32) {
         self.ticks = self.ticks.wrapping_add(ticks);
         match &mut self.mode {
@@ -238,7 +239,7 @@ where
         if stopped || halted {
             self.release(handover);
             if stopped {
-                // Here and not in the main loop only, which may hang with the heater on.
+                // The interrupt switches the outputs off itself, because the main loop may hang with the heater on.
                 self.outputs.make_safe();
             }
             return Ok(());
@@ -252,11 +253,11 @@ where
         if high && !before {
             self.fed_blindly = 0;
         }
-        // Filament that is changed has grown nothing.
+        // Filament that is changed does not count as growth.
         if matches!(&self.mode, Mode::Feeding(run) if run.changes_filament) {
             return Ok(());
         }
-        // The place at which the line rises on the way forwards is the one at which it falls on the way back.
+        // The position at which the line rises forwards is that at which it falls in reverse.
         self.filament_pulses = match (before, high, self.feed.backwards == Some(true)) {
             (false, true, false) => self.filament_pulses.wrapping_add(1),
             (true, false, true) => self.filament_pulses.wrapping_sub(1),
@@ -266,8 +267,8 @@ where
         Ok(())
     }
 
-    /// Whether the emergency stop is pressed, or has come by the link. It is latched for the controller, however short
-    /// it was.
+    /// Returns whether the emergency stop is pressed, or was received over the link. It is latched for the controller,
+    /// however short it was.
     fn emergency_stop(&mut self, halted: bool, handover: &Handover) -> Result<bool, Alarm> {
         let pressed =
             self.settings.emergency_stop && self.inputs.emergency_stop.is_high().map_err(|_| Alarm::Hardware)?;
@@ -292,7 +293,7 @@ where
                 return see_index(&mut self.inputs.index, handover).map(|_| ());
             }
             if handover.emergency_stop() {
-                // The stop is released, and the controller has not seen it yet.
+                // The stop is released, but the controller has not handled it yet.
                 handover.refuse_order();
             }
             let Some(task) = handover.accept_order() else { return Ok(()) };
@@ -322,7 +323,8 @@ where
                 Ok(())
             }
             Mode::Rotating(run) => {
-                // Where the mark is, is seen; that it is missing is found by the homing before the next layer.
+                // The move reads the sensor, but it does not check for a missing mark. The homing before the next layer
+                // does.
                 see_index(&mut self.inputs.index, handover)?;
                 if run.tick(&mut self.head)? {
                     self.finish(Finished::Rotated, handover);
@@ -339,8 +341,8 @@ where
         }
     }
 
-    /// Begins an order. Returns whether it continues in this very tick, as a turn does that follows another one in the
-    /// same direction.
+    /// Begins a move. Returns whether the move continues in the same tick, as a turn does that follows another one in
+    /// the same direction.
     fn begin(&mut self, task: Task, handover: &Handover) -> Result<bool, Alarm> {
         match task {
             Task::Home(homing) => {
@@ -380,7 +382,7 @@ where
         }
     }
 
-    /// Reports the end of a task, or waits until the controller has popped the report before.
+    /// Reports the end of a task, or waits until the controller has removed the report before.
     fn finish(&mut self, finished: Finished, handover: &Handover) {
         if handover.report_waits() {
             self.mode = Mode::Finished(finished);

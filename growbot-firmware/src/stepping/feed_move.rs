@@ -1,17 +1,17 @@
-//! Moves filament while the head stands.
+//! Moves of one axis alone.
 
 use embedded_hal::digital::OutputPin;
 
 use super::axis::Driver;
 use super::orders::{Alarm, AxisMove};
 
-/// A move of the filament under way.
+/// Progress of a move of one axis.
 pub(super) struct FeedRun {
     ticks_per_step: u32,
     pub ticks_to_step: u32,
     steps_left: u32,
     pub changes_filament: bool,
-    /// Whether a step is watched for a jam.
+    /// The steps are monitored for a jam.
     watched: bool,
 }
 
@@ -27,12 +27,12 @@ impl FeedRun {
         }
     }
 
-    /// Whether the next tick makes a step that is watched for a jam.
+    /// Returns whether the next tick makes a step that is monitored for a jam.
     pub fn is_watched_step(&self) -> bool {
         self.watched && self.ticks_to_step <= 1 && self.steps_left > 0
     }
 
-    /// One tick. Returns whether the move is over.
+    /// Runs one tick. Returns whether the move is over.
     pub fn tick<S: OutputPin, D: OutputPin, E: OutputPin>(
         &mut self,
         feed: &mut Driver<S, D, E>,
@@ -41,7 +41,7 @@ impl FeedRun {
         if self.ticks_to_step > 0 {
             return Ok(false);
         }
-        // The last step gets its time too, so that the next move does not follow too fast.
+        // The last step gets its full time too, so that the next move does not follow too fast.
         if self.steps_left == 0 {
             return Ok(true);
         }

@@ -1,13 +1,13 @@
-//! The handover between controller and step interrupt: one waiting order, one waiting report, a halt, and what the
-//! interrupt sees.
+//! The handover between controller and step interrupt: one pending move, one pending report, a halt, and the readings
+//! of the interrupt.
 //!
-//! The interrupt checks `halt` first in every tick, and takes a turn at the edge of the one before. Sectors are
-//! handed over and counted one by one, in two places each, because copying a whole turn made the worst tick ten times
-//! as long. A turn whose report finds no room ends at rest and waits.
+//! The interrupt checks `halt` first in every tick, and accepts a turn at the end of the one before. Sectors are handed
+//! over and counted one by one, in two slots each, because copying a whole turn made the worst tick ten times as long.
+//! If a turn ends before the previous report is removed, it ends at rest and its report waits.
 //!
 //! The interrupt reports the emergency stop, the edges of the filament's encoder, the index sensor, and the count of
 //! ticks, which proves that it runs. At an emergency stop the engine releases the motors, switches heater and fan off
-//! by itself (`hal::Outputs`), and refuses orders until the controller has halted.
+//! by itself (`hal::Outputs`), and refuses moves until the controller has halted.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -20,10 +20,10 @@ use super::orders::{Alarm, AxisMove, Homing, Order, Report, TurnReport};
 use super::pace::Pace;
 use super::turn::{Sector, Turn};
 
-/// An order as the engine accepts it, without the sectors, which it gets one after the other.
+/// A move as the engine accepts it, without its sectors, which it gets one after the other.
 ///
-/// Here and in [`Done`] the numbers leave 0 for `None`. So an empty [`Handover`] is all zeros, and costs a board no
-/// flash.
+/// Here and in [`Done`] the numbers leave 0 for `None`. An empty [`Handover`] is therefore all zeros, and costs a board
+/// no flash.
 #[derive(Clone, Copy)]
 #[repr(u8)]
 pub(super) enum Task {
@@ -36,7 +36,7 @@ pub(super) enum Task {
 /// A turn without its sectors.
 #[derive(Clone, Copy)]
 pub(super) struct Outline {
-    /// The slot of its sectors.
+    /// Slot of the turn's sectors.
     slot: Slot,
     pub backwards: bool,
     pub ticks: u32,
@@ -58,7 +58,7 @@ pub(super) enum Done {
     Rotated = 5,
 }
 
-/// One of two places, so that one turn can be laid while the next one waits, and counted while the one before is
+/// One of two slots. One turn can be laid while the next one waits, and its steps are counted while the turn before is
 /// reported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Slot {
@@ -99,33 +99,33 @@ impl<T: Copy> Slots<T> {
     }
 }
 
-/// Shared by the controller and the step interrupt. Every access is short and none waits: what belongs to a whole turn
-/// is copied sector by sector, so that neither the interrupt takes long nor the controller keeps it waiting.
+/// Mailbox shared by the controller and the step interrupt. Every access is short and none waits. The data of a whole
+/// turn is copied sector by sector, so that the interrupt stays short and the controller never delays it.
 ///
-/// The flags spare the interrupt a critical section in each tick. A flag and what it stands for change in one critical
-/// section, so that no tick falls between the two.
+/// The flags save the interrupt a critical section in each tick. A flag and the data that it announces change in one
+/// critical section, so that no tick can occur between the two changes.
 pub struct Handover {
     task: Mutex<Cell<Option<Task>>>,
-    /// Sectors of the turn that is laid, and of the one that waits.
+    /// Sectors of the current turn, and of the pending one.
     sectors: Slots<Sector>,
-    /// The slot of the turn that is laid; the other slot is the controller's.
+    /// Slot of the current turn. The controller owns the other slot.
     laying: Mutex<Cell<Slot>>,
     done: Mutex<Cell<Option<Done>>>,
-    /// Feed steps of the turn that is laid, and of the one that is reported.
+    /// Feed steps of the current turn, and of the reported one.
     made: Slots<u32>,
     order_waits: AtomicBool,
     report_waits: AtomicBool,
     halt: AtomicBool,
-    /// The rate at which the turn that waits can be entered; 0 where none waits.
+    /// Rate at which the pending turn can be entered; 0 if no turn is pending.
     entry: AtomicU32,
     emergency_stop: AtomicBool,
-    /// An emergency stop has come by the link, and the engine has not seen it.
+    /// An emergency stop was received over the link, and the engine has not handled it yet.
     called: AtomicBool,
-    /// Number of emergency stops that have come by the link.
+    /// Number of emergency stops received over the link.
     calls: AtomicU32,
-    /// Sectors made of the turn that is laid.
+    /// Number of finished sectors of the current turn.
     progress: AtomicU32,
-    /// Feed steps and ticks of the sector that is laid; no steps where none is.
+    /// Feed steps and ticks of the current sector. The steps are 0 while no turn is laid.
     sector_feed: AtomicU32,
     sector_ticks: AtomicU32,
     on_index: AtomicBool,
@@ -140,7 +140,7 @@ impl Default for Handover {
 }
 
 impl Handover {
-    /// A handover in which nothing waits.
+    /// Creates an empty handover.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -167,14 +167,14 @@ impl Handover {
         }
     }
 
-    /// Controller: whether an order can be given.
+    /// Returns whether a move can be submitted (controller side).
     #[must_use]
     pub fn accepts_orders(&self) -> bool {
         !self.order_waits.load(Ordering::Acquire) && !self.halt.load(Ordering::Acquire) && !self.emergency_stop()
     }
 
-    /// Controller: gives an order. One that still waits is replaced: only [`Handover::halt`] before makes that safe,
-    /// since the engine may be braking for it.
+    /// Submits the next move (controller side). A pending move is replaced. That is safe only after [`Handover::halt`],
+    /// because the engine may already be braking for the pending move.
     pub fn give(&self, order: Order) {
         self.refuse_order();
         let (task, entry) = match order {
@@ -197,7 +197,7 @@ impl Handover {
         });
     }
 
-    /// Controller: pops the report.
+    /// Removes and returns the report (controller side).
     pub fn pop_report(&self) -> Option<Report> {
         if !self.report_waits.load(Ordering::Acquire) {
             return None;
@@ -217,15 +217,15 @@ impl Handover {
             Done::Alarm(alarm) => alarm.report(),
         });
         critical_section::with(|cs| {
-            // An alarm may have come since.
+            // An alarm may have been written in the meantime.
             let alarm = self.done.borrow(cs).get();
             self.report_waits.store(alarm.is_some(), Ordering::Release);
         });
         report
     }
 
-    /// Controller: stops the steppers and switches their drivers off at the next tick. Waiting orders and reports are
-    /// dropped, and so is an emergency stop that is no longer pressed.
+    /// Stops the steppers and switches their drivers off at the next tick (controller side). Pending moves and reports
+    /// are dropped, and so is an emergency stop that has been released.
     pub fn halt(&self) {
         critical_section::with(|cs| {
             self.halt.store(true, Ordering::Release);
@@ -235,97 +235,98 @@ impl Handover {
         });
     }
 
-    /// Whether the emergency stop is pressed, or was pressed since the last [`Handover::halt`]. The engine has
-    /// released the motors by itself and accepts no orders.
+    /// Returns whether the emergency stop is pressed, or was pressed since the last [`Handover::halt`]. The engine has
+    /// then released the motors by itself and accepts no moves.
     #[must_use]
     #[inline]
     pub fn emergency_stop(&self) -> bool {
         self.emergency_stop.load(Ordering::Acquire)
     }
 
-    /// The UART's interrupt: an emergency stop has come by the link. The engine releases the motors at its next tick,
-    /// as if the input were pressed for a moment.
+    /// Reports an emergency stop that was received over the link (from the UART's interrupt). The engine releases the
+    /// motors at its next tick, as if the input were pressed for a moment.
     pub fn call_emergency_stop(&self) {
         self.emergency_stop.store(true, Ordering::Release);
         self.called.store(true, Ordering::Release);
-        // One interrupt only counts.
+        // Only one interrupt writes this count.
         self.calls.store(self.calls().wrapping_add(1), Ordering::Release);
     }
 
-    /// Emergency stops that have come by the link, wrapping.
+    /// Returns the number of emergency stops received over the link, wrapping.
     #[must_use]
     pub fn calls(&self) -> u32 {
         self.calls.load(Ordering::Acquire)
     }
 
-    /// Sectors made of the turn that was begun last.
+    /// Returns the number of finished sectors of the latest turn.
     #[must_use]
     pub fn progress(&self) -> u32 {
         self.progress.load(Ordering::Acquire)
     }
 
-    /// How fast the layer under way feeds at this moment, steps a tick; 0 where none is laid.
+    /// Returns the present feed rate of the current layer, steps a tick; 0 if no layer is laid.
     #[must_use]
     pub fn feed_rate(&self) -> f64 {
-        // Both of one sector: the step interrupt must not come between.
+        // Both values must belong to one sector, so the step interrupt must not run between the reads.
         let (steps, ticks) = critical_section::with(|_| {
             (self.sector_feed.load(Ordering::Acquire), self.sector_ticks.load(Ordering::Acquire))
         });
         f64::from(steps) / f64::from(ticks.max(1))
     }
 
-    /// Whether the index sensor sees its mark: looked at in each step of the head, and in each tick without an order.
+    /// Returns whether the index sensor detects its mark. It is read in each step of the head, and in each tick without
+    /// a move.
     #[must_use]
     pub fn on_index(&self) -> bool {
         self.on_index.load(Ordering::Acquire)
     }
 
-    /// Pulses of the filament's encoder: those forwards less those backwards, wrapping.
+    /// Returns the pulses of the filament's encoder: those forward minus those in reverse, wrapping.
     #[must_use]
     pub fn filament_pulses(&self) -> u32 {
         self.filament_pulses.load(Ordering::Acquire)
     }
 
-    /// Ticks of the step interrupt, wrapping: the proof that it lives.
+    /// Returns the ticks of the step interrupt, wrapping. They prove that the interrupt runs.
     #[must_use]
     pub fn ticks(&self) -> u32 {
         self.ticks.load(Ordering::Acquire)
     }
 
-    /// Whether a report waits for the controller.
+    /// Returns whether a report is pending for the controller.
     #[must_use]
     #[inline]
     pub fn report_waits(&self) -> bool {
         self.report_waits.load(Ordering::Acquire)
     }
 
-    /// Engine: whether the controller wants a halt.
+    /// Returns whether the controller requests a halt (engine side).
     #[inline]
     pub(super) fn halt_waits(&self) -> bool {
         self.halt.load(Ordering::Acquire)
     }
 
-    /// Engine: whether to halt now. The halt no longer waits then.
+    /// Returns whether to halt now, and clears the request (engine side).
     #[inline]
     pub(super) fn acknowledge_halt(&self) -> bool {
-        // A load first: a swap in each tick would cost more than the rest of an idle tick.
+        // The load comes first, because a swap in each tick would cost more than the rest of an idle tick.
         self.halt_waits() && self.halt.swap(false, Ordering::AcqRel)
     }
 
-    /// Engine: whether an order waits.
+    /// Returns whether a move is pending (engine side).
     #[inline]
     pub(super) fn order_waits(&self) -> bool {
         self.order_waits.load(Ordering::Acquire)
     }
 
-    /// Engine: the rate at which the next turn can follow this one, 0 if it must stop: where no turn waits, or the
-    /// report of this one would find no room.
+    /// Returns the rate at which the next turn can follow this one (engine side). It is 0 if the engine must stop,
+    /// because no turn is pending or the report of this turn would have to wait.
     #[inline]
     pub(super) fn passing(&self) -> u32 {
         if self.report_waits() { 0 } else { self.entry.load(Ordering::Acquire) }
     }
 
-    /// Engine: accepts the order that waits.
+    /// Accepts the pending move (engine side).
     pub(super) fn accept_order(&self) -> Option<Task> {
         critical_section::with(|cs| {
             let task = self.task.borrow(cs).get();
@@ -337,12 +338,12 @@ impl Handover {
         })
     }
 
-    /// Engine: a sector of the turn that it lays.
+    /// Returns a sector of the current turn (engine side).
     pub(super) fn sector(&self, turn: &Outline, index: usize) -> Option<Sector> {
         self.sectors.get(turn.slot, index)
     }
 
-    /// Drops the order that waits.
+    /// Drops the pending move.
     pub(super) fn refuse_order(&self) {
         critical_section::with(|cs| self.forget(cs));
     }
@@ -353,12 +354,12 @@ impl Handover {
         self.task.borrow(cs).set(None);
     }
 
-    /// Engine: writes the feed steps of a sector.
+    /// Writes the feed steps of a sector (engine side).
     pub(super) fn count(&self, slot: Slot, sector: usize, steps: u32) {
         self.made.set(slot, sector, steps);
     }
 
-    /// Engine: writes a report.
+    /// Writes a report (engine side).
     pub(super) fn report(&self, done: Done) {
         critical_section::with(|cs| {
             self.done.borrow(cs).set(Some(done));
@@ -371,7 +372,7 @@ impl Handover {
         self.called.load(Ordering::Acquire)
     }
 
-    /// Engine: whether an emergency stop has come by the link. It no longer waits then.
+    /// Returns whether an emergency stop was received over the link, and clears it (engine side).
     #[inline]
     pub(super) fn acknowledge_call(&self) -> bool {
         self.call_waits() && self.called.swap(false, Ordering::AcqRel)
@@ -381,7 +382,8 @@ impl Handover {
         self.progress.store(sectors as u32, Ordering::Release);
     }
 
-    /// Engine: publishes the feed of the sector that it begins; [`Sector::default`] once no layer is laid.
+    /// Publishes the feed of the sector that begins (engine side). The value is [`Sector::default`] once no layer is
+    /// laid.
     pub(super) fn set_sector(&self, sector: &Sector) {
         self.sector_feed.store(sector.feed, Ordering::Release);
         self.sector_ticks.store(sector.ticks, Ordering::Release);

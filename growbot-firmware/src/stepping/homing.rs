@@ -1,4 +1,4 @@
-//! Finds the index mark: turns the head to the leading edge of the mark, and on to the tip's x axis.
+//! Homing: turns the head to the leading edge of the index mark, and on to the tip's x axis.
 
 use embedded_hal::digital::{InputPin, OutputPin};
 
@@ -7,16 +7,16 @@ use super::handover::Handover;
 use super::index::{Mark, see_index};
 use super::orders::{Alarm, Homing};
 
-/// A homing under way.
+/// Progress of a homing.
 pub(super) struct HomingRun {
     homing: Homing,
     pub ticks_to_step: u32,
     steps_made: u32,
-    /// Steps in a row at which the mark was seen.
+    /// Number of consecutive steps at which the mark was detected.
     on_mark_for: u32,
     /// The head has been outside of the mark, so that the next edge is the leading one.
     left_mark: bool,
-    /// Steps still to make after the leading edge.
+    /// Remaining steps after the leading edge. `None` before that edge.
     steps_to_zero: Option<u32>,
 }
 
@@ -32,7 +32,7 @@ impl HomingRun {
         }
     }
 
-    /// One tick. Returns whether the homing is over.
+    /// Runs one tick. Returns whether the homing is over.
     pub fn tick<S: OutputPin, D: OutputPin, E: OutputPin>(
         &mut self,
         head: &mut Driver<S, D, E>,

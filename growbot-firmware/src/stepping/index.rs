@@ -1,22 +1,25 @@
-//! The index mark, looked for in every turn: whether the head still is where its steps say.
+//! Monitor of the index mark. In every turn it checks that the head is at the position that its steps give.
 //!
-//! The head's position is known since homing. At each of its steps the sensor must see the mark where the mark is, must
-//! not see it elsewhere, and may do either within a tolerance round both edges. Two samples in a row that contradict
-//! this are needed, so that a single disturbed one is no alarm. It is the same in both directions of turning.
+//! The head's position is known since homing. At each of its steps the sensor must detect the mark if the head is on
+//! it, and must not detect it elsewhere. Within a tolerance around both edges it may do either. Two consecutive samples
+//! must contradict this, so that a single disturbed one raises no alarm. The check is the same in both directions of
+//! turning.
 //!
-//! The mark must be seen from its beginning to its end, less `index_tolerance_deg` on both sides. It must not be seen
-//! outside the mark and the tolerance. On a contradiction the engine releases the motors by itself and reports:
+//! The mark must be detected from its beginning to its end, less `index_tolerance_deg` on both sides. It must not be
+//! detected outside the mark and the tolerance. On a contradiction the engine releases the motors by itself and
+//! reports:
 //!
-//! | seen | report |
+//! | detected | report |
 //! |---|---|
-//! | not in its place, nor elsewhere by the end of the turn | `IndexMissing` |
-//! | elsewhere, or late, or not all through its place, then off | `HeadStepsLost` |
+//! | not at its position, nor elsewhere by the end of the turn | `IndexMissing` |
+//! | elsewhere, or late, or not through its whole width, then off | `HeadStepsLost` |
 //! | elsewhere, and on for a quarter of a turn longer than mark and tolerances | `IndexStuck` |
 //! | in homing, for longer than mark and tolerance | `IndexStuck` |
 //! | in homing, never | `IndexNotFound` |
 //!
-//! An edge may be a step more than the tolerance off. A mark narrower than its tolerances must be seen once within
-//! them. Steps lost so late in a turn that the mark comes only after the turn's end are reported as `IndexMissing`.
+//! An edge may be off by a step more than the tolerance. A mark narrower than its tolerances must be detected once
+//! within them. If steps are lost so late in a turn that the mark comes only after the turn's end, the report is
+//! `IndexMissing`.
 
 use embedded_hal::digital::InputPin;
 use growbot_core::angle::{radians, wrap_positive};
@@ -25,24 +28,24 @@ use growbot_core::robot::Robot;
 use super::handover::Handover;
 use super::orders::Alarm;
 
-/// Samples in a row that must contradict.
+/// Number of consecutive samples that must contradict.
 const CONTRADICTIONS: u32 = 2;
 
-/// Where the mark is, in head steps.
+/// Position of the mark, in head steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Mark {
     steps_per_turn: u32,
-    /// The tip's x axis, counted from where the tolerance before the mark begins.
+    /// The tip's x axis, counted from the beginning of the tolerance before the mark.
     zero: u32,
-    /// The mark and the tolerance on both sides: it is never seen beyond.
+    /// Width of the mark with the tolerance on both sides. The mark is never detected beyond it.
     reach: u32,
-    /// Counted from where the tolerance begins, the mark is certainly seen from here ...
+    /// Beginning of the range in which the mark must be detected, counted from the beginning of the tolerance.
     certain_from: u32,
-    /// ... up to here. With a mark narrower than the tolerances there is no such place.
+    /// End of that range. The range is empty if the mark is narrower than the tolerances.
     certain_to: u32,
-    /// The longest that homing may see it.
+    /// Max number of steps for which homing may detect the mark.
     pub longest: u32,
-    /// Seen for longer than this, steps lost on the mark cannot be the reason: the sensor sees it everywhere.
+    /// Number of steps with a detected mark beyond which lost steps cannot be the reason: the sensor is stuck.
     stuck: u32,
 }
 
@@ -68,21 +71,22 @@ impl Mark {
     }
 }
 
-/// What the sensor has seen of the mark.
+/// The readings of the index sensor in this turn.
 pub(super) struct IndexWatch {
-    /// Where the head is, counted like [`Mark::zero`]; none unless it has homed since its motor was last energised.
+    /// Position of the head, counted like [`Mark::zero`]. `None` unless the head has homed since its motor was last
+    /// energised.
     place: Option<u32>,
     backwards: bool,
-    /// Samples in a row that saw a mark.
+    /// Number of consecutive samples with a detected mark.
     seen_for: u32,
-    /// Samples in a row that saw one where none is, and none where one is.
+    /// Numbers of consecutive samples with a mark detected outside its position, and without a mark at its position.
     stray_for: u32,
     absent_for: u32,
-    /// The mark was seen in its place in this turn.
+    /// The mark was detected at its position in this turn.
     seen: bool,
-    /// It was not seen in its place.
+    /// The mark was not detected at its position.
     absent: bool,
-    /// It is seen where it should not be.
+    /// The mark is detected outside its position.
     stray: bool,
 }
 
@@ -98,7 +102,7 @@ impl IndexWatch {
         stray: false,
     };
 
-    /// The head stands at the tip's x axis.
+    /// Records that the head stands at the tip's x axis.
     pub fn homed(&mut self, mark: &Mark) {
         *self = Self { place: Some(mark.zero), ..Self::LOST };
     }
@@ -109,7 +113,7 @@ impl IndexWatch {
         *self = Self { place: self.place, backwards, seen_for, stray: self.stray, ..Self::LOST };
     }
 
-    /// What the sensor sees as the head makes a step.
+    /// Checks the sensor's reading as the head makes a step.
     #[inline]
     pub fn step(&mut self, on: bool, mark: &Mark) -> Result<(), Alarm> {
         let Some(place) = self.place else { return Ok(()) };
@@ -125,7 +129,7 @@ impl IndexWatch {
     fn sees_it(&mut self, place: u32, mark: &Mark) -> Result<(), Alarm> {
         self.seen_for += 1;
         self.absent_for = 0;
-        // A mark that is late is elsewhere too, though still within its tolerance.
+        // A late mark is also stray, though still within its tolerance.
         if place >= mark.reach || self.absent {
             self.stray_for += 1;
             self.stray |= self.stray_for >= CONTRADICTIONS;
@@ -156,14 +160,14 @@ impl IndexWatch {
         Ok(())
     }
 
-    /// All places have been passed.
+    /// Checks for a missing mark at the end of a turn, when all positions have been passed.
     pub fn end_turn(&self) -> Result<(), Alarm> {
         let missing = self.place.is_some() && !self.seen && !self.stray;
         if missing { Err(Alarm::IndexMissing) } else { Ok(()) }
     }
 }
 
-/// Whether the index sensor sees its mark.
+/// Returns whether the index sensor detects its mark.
 pub(super) fn see_index(index: &mut impl InputPin, handover: &Handover) -> Result<bool, Alarm> {
     let on = index.is_high().map_err(|_| Alarm::Hardware)?;
     handover.set_on_index(on);

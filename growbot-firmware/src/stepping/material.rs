@@ -1,9 +1,11 @@
-//! The material of a job so far, to the step, and the lean that rounding has left owing.
+//! Conversion of layers to turns. It carries the rounding error of each turn to the next, so that height and direction
+//! do not drift.
 //!
-//! A turn makes whole steps, so a layer as laid is off by a fraction of a step in height, and by about a quarter of a
-//! step in its lean to one side. Left alone both would add up, since layers of a segment are all alike and rounded
-//! alike. So feed steps are counted from the beginning of the job, and the lean that one layer lacked is asked of the
-//! next one: height and direction of a body stay within a step's worth of the plan however long it grows.
+//! A turn makes whole steps. A layer as laid is therefore off by a fraction of a step in height, and by about a quarter
+//! of a step in its lean to one side. Without correction both errors would add up, because the layers of a segment are
+//! all alike and rounded alike. Feed steps are therefore counted from the beginning of the job, and the lean that one
+//! layer lacks is added to the next one. Height and direction of a body stay within a step's worth of the plan, however
+//! long it grows.
 
 use growbot_core::angle::wrap_positive;
 use growbot_core::layer::Layer;
@@ -17,9 +19,9 @@ use crate::journal::Carry;
 use super::pace::Ends;
 use super::turn::{StepRate, Turn};
 
-/// The lean that rounding can leave owing, in the height of a step spread over the whole ring: with every edge of a
-/// sector off by half a step, the first harmonic is off by `2 pi` at most. What goes beyond, because a layer was too
-/// thin to pay, is forgotten.
+/// Max lean that rounding can leave owing, in the height of a step spread over the whole ring. With every edge of a
+/// sector off by half a step, the first harmonic is off by `2 pi` at most. A larger lean arises if a layer is too thin
+/// to correct it, and the excess is dropped.
 const MAX_OWED_STEPS: f64 = core::f64::consts::TAU;
 
 /// Parts of a step in which owed lean is stored, so that it can be recorded exactly.
@@ -34,31 +36,32 @@ pub struct Material {
 }
 
 impl From<Carry> for Material {
-    /// Continues from there, with the head at rest.
+    /// Continues from this carry, with the head at rest.
     fn from(carry: Carry) -> Self {
         Self { carry, before: None }
     }
 }
 
-/// By how much a layer is higher on its outer side than on average, as a vector towards that side, mm.
+/// Returns the height of a layer's outer side above its mean, as a vector towards that side, mm.
 fn lean(layer: &Layer, robot: &Robot) -> Vector2<f64> {
     let (sin, cos) = trigonometry::sin_cos(layer.alpha);
     Vector2::new(cos, sin) * (robot.tip_radius() * layer.tilt)
 }
 
 impl Material {
-    /// The carry of the layers so far to those to come.
+    /// Returns the carry from the layers so far to the next ones.
     #[must_use]
     pub fn carry(&self) -> Carry {
         self.carry
     }
 
-    /// The turn that lays a layer next, counter-clockwise or (`backwards`) clockwise. The layer counts as laid.
+    /// Computes the turn that lays the next layer, counter-clockwise or (`backwards`) clockwise. The layer counts as
+    /// laid.
     ///
     /// # Errors
-    /// [`StepRate`] if a sector asks for more than one step in two ticks, the layer for no height or for feed taken
-    /// back, or its profile for more acceleration than the motors have. No layer does that which
-    /// [`growbot_core::layer_bytes::decode_checked`] has passed. The layer does not count then.
+    /// Returns [`StepRate`] if a sector needs more than one step in two ticks, the layer has no height or needs feed
+    /// taken back, or its profile needs more acceleration than the motors have. A layer that
+    /// [`growbot_core::layer_bytes::decode_checked`] has accepted never fails. After an error the layer does not count.
     pub fn lay(&mut self, bytes: &LayerBytes, robot: &Robot, backwards: bool) -> Result<Turn, StepRate> {
         let fields = Fields::of(bytes);
         if fields.height == 0 {
@@ -66,7 +69,7 @@ impl Material {
         }
         let layer = fields.layer();
         let below = self.carry.height_units as f64;
-        // mm of a unit of lean
+        // Length of a unit of lean, mm.
         let unit = 1.0 / (LEAN_UNITS * robot.feed_steps_per_length());
         let [x, y] = self.carry.lean_owed;
         let feed_steps =
@@ -78,7 +81,7 @@ impl Material {
             ..layer
         };
         let lay = |profile: &Layer| Turn::new(profile, feed_steps, robot, backwards, self.before.as_ref());
-        // A layer close to its limits goes as it is, and the next one pays.
+        // A layer close to its limits is laid without the correction, and the next one corrects.
         let (turn, ends) = lay(&paying).or_else(|StepRate| lay(&layer))?;
         self.before = Some(ends);
         let mut owed = (asked - lean(&turn.layer(robot), robot)) / unit;
@@ -131,7 +134,7 @@ mod tests {
         let mut by_speed = quick.description().clone();
         by_speed.motion.strategy = FeedStrategy::Speed;
         let by_speed = Robot::new(by_speed).unwrap();
-        // Nearly nothing on the inner side; and nearly more than one head step in two ticks there.
+        // The layer has nearly no height on the inner side, or nearly more than one head step in two ticks there.
         for (robot, height, leans) in [(robot_a(), 0.17, 0.999..1.0), (by_speed, 0.5, 0.2888..0.2889)] {
             let (mut material, mut laid) = (Material::default(), 0);
             for i in 0..4000 {

@@ -1,14 +1,14 @@
-//! From a layer to step pulses.
+//! Conversion of layers to step pulses.
 //!
 //! ```text
 //! Layer --Material::lay--> Turn (steps and ticks of 64 sectors) --Handover--> Engine --tick by tick--> step pins
 //! ```
 //!
 //! [`Material::lay`] does the floating-point work in the controller's time, a layer ahead. The [`Engine`] runs in the
-//! step interrupt: it adds and compares integers. They meet only in the [`Handover`].
+//! step interrupt, where it only adds and compares integers. The two exchange data only through the [`Handover`].
 //!
-//! The engine also looks at what must be seen at once: the index mark at each step of the head, the filament's encoder,
-//! and the emergency stop.
+//! The engine also reads the inputs that need an immediate reaction: the index mark at each step of the head, the
+//! filament's encoder, and the emergency stop.
 
 mod axis;
 mod engine;

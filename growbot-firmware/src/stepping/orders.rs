@@ -1,27 +1,27 @@
-//! Orders of the controller to the engine, and reports of the engine.
+//! Moves from the controller to the engine, and reports of the engine.
 
 use growbot_core::layer::SECTORS;
 
 use super::turn::Turn;
 
-/// An order to the engine.
+/// A move for the engine.
 #[expect(clippy::large_enum_variant, reason = "one of each exists, and there is no heap to box a turn on")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
-    /// Find the index mark and stop at the tip's x axis.
+    /// Finds the index mark and stops at the tip's x axis.
     Home(Homing),
-    /// Lay a layer. Given while the one before is laid, it follows without a stop.
+    /// Lays a layer. If it is submitted while the one before is laid, it follows without a stop.
     Lay(Turn),
-    /// Move filament while the head stands.
+    /// Moves filament while the head stands.
     Feed(AxisMove),
-    /// Turn the head while filament stands.
+    /// Turns the head while filament stands.
     Rotate(AxisMove),
 }
 
-/// An order to find the index mark.
+/// A move that finds the index mark.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Homing {
-    /// Ticks between two steps of the head, 2 at least.
+    /// Ticks between two steps of the head, at least 2.
     pub ticks_per_step: u32,
     /// Number of steps without the leading edge of the mark after which homing fails.
     pub max_steps: u32,
@@ -29,17 +29,18 @@ pub struct Homing {
     pub steps_to_zero: u32,
 }
 
-/// An order to move one axis: filament back when feeding pauses, and forward again before it continues; or what
-/// maintenance asks for.
+/// A move of one axis. It pulls filament back when feeding pauses, and forward again before feeding continues, or it is
+/// a move of maintenance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AxisMove {
-    /// Its steps.
+    /// Number of steps.
     pub steps: u32,
-    /// Whether filament is pulled back, or the head turned backwards.
+    /// Filament is pulled back, or the head turned in reverse.
     pub backwards: bool,
-    /// Ticks between two steps, 2 at least.
+    /// Ticks between two steps, at least 2.
     pub ticks_per_step: u32,
-    /// Filament is loaded, purged or unloaded: its pulses do not count as growth, and forwards it must not jam.
+    /// Filament is loaded, purged or unloaded. Its pulses do not count as growth, and a forward move is monitored for a
+    /// jam.
     pub changes_filament: bool,
 }
 
@@ -55,13 +56,13 @@ pub enum Report {
     Fed,
     /// The head is turned.
     Rotated,
-    /// Homing did not find the index mark; everything is off, as with all that follow.
+    /// Homing did not find the index mark. Everything is off, as for all reports below.
     IndexNotFound,
     /// A turn has passed without the index mark.
     IndexMissing,
-    /// The index sensor sees its mark for longer than the mark is wide.
+    /// The index sensor detects its mark for longer than the mark is wide.
     IndexStuck,
-    /// The index mark came in another place.
+    /// The index mark was detected at another position.
     HeadStepsLost,
     /// Filament is fed and does not move.
     FilamentJam,

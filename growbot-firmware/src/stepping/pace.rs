@@ -1,15 +1,15 @@
-//! Ramps: how the time of a turn speeds up and slows down.
+//! Ramps: acceleration and deceleration of a turn.
 //!
-//! The sectors of a turn are laid out in *virtual ticks*. A real tick moves virtual time on by the *rate*, [`ONE`] at
-//! most: an accumulator adds it up, and each time it overflows a virtual tick is due. So both axes slow down together
-//! and lay the same plastic at any rate, to the step.
+//! The sectors of a turn are laid out in *virtual ticks*. A real tick advances virtual time by the *rate*, [`ONE`] at
+//! most: an accumulator adds it up, and each time it overflows a virtual tick is due. Both axes therefore slow down
+//! together and lay the same plastic at any rate, to the step.
 //!
-//! From rest the rate begins at what the motors can do at an instant and goes up evenly; before the end of a turn it
-//! goes down in time, to what allows a stop, or to what the next turn can be entered at. Slopes and rates come with
-//! each turn ([`Pace`]), so that the interrupt multiplies and compares, and divides nothing.
+//! From rest the rate begins at the speed that the motors can reach at an instant, and rises evenly. Before the end of
+//! a turn it falls in time, to a rate that allows a stop, or to the entry rate of the next turn. Slopes and rates come
+//! with each turn ([`Pace`]), so that the interrupt only multiplies and compares, without division.
 //!
-//! An order that arrives while a turn brakes speeds the turn up again. A layer in which no speed exceeds the jumps
-//! has no ramp, and every tick counts. Homing and moves of the filament run evenly, at speeds within the jump.
+//! If a move arrives while a turn brakes, the turn speeds up again. A layer in which no speed exceeds the jumps has no
+//! ramp, and every tick counts. Homing and moves of the filament run evenly, at speeds within the jump.
 
 use growbot_core::robot::{AxisMotion, LayerMotion};
 
@@ -18,21 +18,21 @@ pub const ONE: u32 = 1 << FRACTION;
 /// Bits of a rate below one.
 const FRACTION: u32 = 24;
 
-/// How fast a turn may be begun, entered and ended, and how fast that may change. Rates in units of 2^-24.
+/// Limits of the rate at the beginning and the end of a turn, and of its change. Rates are in units of 2^-24.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pace {
-    /// The max rate from rest, and to rest.
+    /// Max rate from rest, and to rest.
     pub(super) start: u32,
-    /// By how much the rate may change in a tick.
+    /// Max change of the rate in a tick.
     pub(super) slope: u32,
-    /// The max rate at which the turn may follow the one before: the change of speed between the two is within what the
-    /// motors can do at an instant, and there is room enough to brake.
+    /// Max rate at which the turn may follow the one before. The change of speed between the two is within the speed
+    /// that the motors can reach at an instant, and the turn is long enough to brake.
     pub(super) entry: u32,
-    /// Virtual ticks within which any rate can be braked away.
+    /// Virtual ticks within which the turn can brake from any rate.
     pub(super) braking: u32,
 }
 
-/// Speeds of both axes, with their signs, where a turn begins and ends at full rate.
+/// Signed speeds of both axes at the beginning and the end of a turn at full rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Ends {
     head: f64,
@@ -46,16 +46,16 @@ impl Ends {
     }
 }
 
-/// A share of full speed as a rate: 1 unit at least, and rounded to the side of caution.
+/// Converts a share of full speed to a rate, rounded down, but at least 1 unit.
 fn units(share: f64) -> u32 {
     ((share.min(1.0) * f64::from(ONE)) as u32).max(1)
 }
 
 impl Pace {
-    /// No ramps at all.
+    /// The pace without ramps.
     pub(super) const FULL: Self = Self { start: ONE, slope: ONE, entry: ONE, braking: 0 };
 
-    /// The pace of a turn of this number of ticks that follows another.
+    /// Returns the pace of a turn of this number of ticks that follows another.
     pub(super) fn of(motion: &LayerMotion, ends: &Ends, before: Option<&Ends>, tick_hz: u32, ticks: u32) -> Self {
         let axes = [&motion.head, &motion.feed];
         let min_share = |share: &dyn Fn(&AxisMotion) -> f64| axes.into_iter().map(share).fold(1.0, f64::min);
@@ -64,10 +64,10 @@ impl Pace {
             if axis.needs_no_ramp() { 1.0 } else { axis.ramp / axis.speed / f64::from(tick_hz) }
         }));
         let change = before.map_or([0.0; 2], |before| [ends.head - before.head, ends.feed - before.feed]);
-        // A change of 0 gives infinity, of which `units` makes full speed.
+        // A change of 0 gives infinity, which `units` limits to full speed.
         let passing =
             axes.into_iter().zip(change).map(|(axis, change)| axis.passing_jump / change.abs()).fold(1.0, f64::min);
-        // From that rate it can be braked to `start` within the turn: see `Clock::can_brake`, solved for the rate.
+        // From that rate the turn can brake to `start`: see `Clock::can_brake`, solved for the rate.
         let (from, by) = (f64::from(start), f64::from(slope));
         let room = 2.0 * by * f64::from(ticks) * f64::from(ONE);
         let brakable = libm::sqrt(by * by / 4.0 + from * from - by * from + room) - by / 2.0;
@@ -79,17 +79,17 @@ impl Pace {
         }
     }
 
-    /// The max ticks that a turn can take beyond its own: two ramps up and two down, since an order that comes while it
-    /// brakes speeds it up again, and some virtual ticks at the slowest rate.
+    /// Returns the max number of ticks that a turn can take beyond its own. They are two ramps up and two down, because
+    /// a move that arrives while the turn brakes speeds it up again, and some virtual ticks at the slowest rate.
     pub(super) fn ramps_ticks(&self) -> u32 {
         let slowest = ONE.div_ceil(self.start.min(self.entry).max(1));
         self.braking.saturating_mul(4).saturating_add(slowest.saturating_mul(4))
     }
 }
 
-/// Virtual time as it passes.
+/// The virtual clock.
 pub(super) struct Clock {
-    /// 0 at rest.
+    /// Rate; 0 at rest.
     rate: u32,
     accumulator: u32,
 }
@@ -104,12 +104,12 @@ impl Clock {
 
     /// Begins a turn: from rest, or at the rate at which the one before has ended.
     pub fn enter(&mut self, pace: &Pace) {
-        // What the next turn cannot be entered at is slow enough to stop at: the engine has braked to one of the two.
+        // A rate above the entry rate of the next turn is low enough to stop: the engine has braked to one of the two.
         self.rate = if self.rate <= pace.entry { self.rate.max(pace.start) } else { pace.start };
     }
 
-    /// Advances by a tick, with `left` virtual ticks of the turn left. Returns whether one is due. `passing` is the
-    /// rate at which the next turn can be entered, 0 without one.
+    /// Advances by a tick, with `left` virtual ticks of the turn left. Returns whether a virtual tick is due. `passing`
+    /// is the rate at which the next turn can be entered, 0 without one.
     #[inline]
     pub fn tick(&mut self, pace: &Pace, left: u32, passing: u32) -> bool {
         let goal = passing.max(pace.start);
@@ -124,7 +124,7 @@ impl Clock {
         due
     }
 
-    /// Speeds up where it can still brake to the goal by the end of the turn, slows down where it must.
+    /// Accelerates if the turn can still brake to the goal by its end, and decelerates if it must.
     fn change(&mut self, pace: &Pace, left: u32, goal: u32) {
         let faster = (self.rate + pace.slope).min(ONE);
         if left > pace.braking || self.can_brake(pace, left, goal, faster) {
@@ -134,16 +134,16 @@ impl Clock {
         }
     }
 
-    /// Whether this tick can pass at a rate. Each tick after it takes off a slope, until the goal is reached: from `r`
-    /// to `g` by `s`, that takes `(r + g)(r - g + s) / 2 s` of virtual time. Nothing overflows, since `left` is within
-    /// [`Pace::braking`].
+    /// Returns whether this tick can run at a rate. Each tick after it reduces the rate by a slope, until the goal is
+    /// reached. From `r` to `g` by `s`, that takes `(r + g)(r - g + s) / 2 s` of virtual time. The computation does not
+    /// overflow, because `left` is within [`Pace::braking`].
     fn can_brake(&self, pace: &Pace, left: u32, goal: u32, rate: u32) -> bool {
         let Some(over) = rate.checked_sub(goal) else { return true };
         let room = (u64::from(left) << FRACTION) - u64::from(self.accumulator);
         over == 0 || u64::from(rate + goal) * u64::from(over + pace.slope) <= 2 * u64::from(pace.slope) * room
     }
 
-    /// Ticks, from now on, of which each is a virtual tick for certain; 0 while the rate changes.
+    /// Returns the number of next ticks that are all virtual ticks for certain; 0 while the rate changes.
     #[inline]
     pub fn steady_ticks(&self, pace: &Pace, left: u32, passing: u32) -> u32 {
         if self.rate != ONE {
@@ -192,7 +192,7 @@ mod tests {
                         start.max(rates[0].saturating_sub(slope)),
                         "{ticks} {slope} {start}"
                     );
-                    // Up, then down, and never up again; no slower than need be.
+                    // The rate rises, then falls, and never rises again. It is only as low as necessary.
                     let top = rates.iter().max().unwrap();
                     let summit = rates.iter().position(|rate| rate == top).unwrap();
                     assert!(rates[..summit].is_sorted());

@@ -1,10 +1,10 @@
-//! Spreads the steps of a sector evenly over its ticks, by adding and comparing.
+//! Even distribution of a sector's steps over its ticks, by additions and comparisons.
 //!
 //! With `n` steps in `t` ticks, `n` is added in each tick to an accumulator that starts at `t / 2`. Each time it
-//! reaches `t`, a step is due. So steps fall where the even line crosses half steps, and after `t` ticks there are
-//! exactly `n`.
+//! reaches `t`, a step is due. Steps therefore fall where the even line crosses half steps, and after `t` ticks there
+//! are exactly `n`.
 
-/// Spreads steps evenly over ticks.
+/// Even distribution of steps over ticks.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Spread {
     steps: u32,
@@ -29,12 +29,12 @@ impl Spread {
         due
     }
 
-    /// Ticks until a step is due, that tick included.
+    /// Returns the number of ticks until a step is due, including that tick.
     pub fn ticks_to_step(&self) -> u32 {
         if self.steps == 0 { u32::MAX } else { (self.ticks - self.accumulator).div_ceil(self.steps) }
     }
 
-    /// Passes over ticks in which no step is due.
+    /// Skips ticks in which no step is due.
     pub fn skip(&mut self, ticks: u32) {
         self.accumulator += self.steps * ticks;
     }
@@ -49,7 +49,7 @@ mod tests {
     fn steps_of_a_spread_fall_within_its_ticks_and_leave_room_for_the_pulse() {
         for ticks in 2..60 {
             for steps in 0..=ticks / 2 {
-                // Two sectors alike, one after the other.
+                // The two sectors are equal and follow each other.
                 let mut due = Vec::new();
                 for sector in 0..2 {
                     let mut spread = Spread::new(steps, ticks);

@@ -1,15 +1,15 @@
-//! One layer as one turn of the head: how many steps of head and feed, in how many ticks, in each sector.
+//! One layer as one turn of the head: the steps of head and feed, and the ticks, in each sector.
 //!
 //! The material between angle 0 and `psi` has a closed form ([`Layer::share_of_material`]). At the edges of the sectors
-//! both axes stand where it puts them, to the step; within a sector both run evenly. Running evenly within a sector
-//! flattens the first harmonic of the profile, which *is* the tilt, by `sinc^2` of half the sector's angle (0.08 % for
-//! 64 sectors); the turn asks for that much more, so that the layer as laid has the tilt that was asked for.
+//! both axes stand at the positions of this form, to the step. Within a sector both run evenly. This flattens the first
+//! harmonic of the profile, which *is* the tilt, by `sinc^2` of half the sector's angle (0.08 % for 64 sectors). The
+//! turn is computed with a tilt that is larger by this factor, so that the layer as laid has the planned tilt.
 //!
-//! Two strategies lay the same steps in the same sectors: `feed` gives every sector the same time and varies the feed,
-//! `speed` gives every sector time in proportion to its material, so that the feed is steady and the head slower where
-//! more is due.
+//! Two strategies lay the same steps in the same sectors. `feed` gives every sector the same time and varies the feed.
+//! `speed` gives every sector time in proportion to its material, so that the feed is steady and the head is slower
+//! where more material is needed.
 //!
-//! Turns come from [`Material::lay`](super::Material::lay), which knows the lean that the layers before have left
+//! Turns come from [`Material::lay`](super::Material::lay), which carries the lean that the layers before have left
 //! owing.
 
 use core::f64::consts::{PI, TAU};
@@ -24,7 +24,7 @@ use super::pace::{Ends, ONE, Pace};
 /// Steps and ticks of one sector. Neither axis makes more than one step in two ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Sector {
-    /// How long it takes, ticks of the step interrupt.
+    /// Duration, ticks of the step interrupt.
     pub ticks: u32,
     /// Steps of the head.
     pub head: u32,
@@ -37,19 +37,19 @@ pub struct Sector {
 pub struct Turn {
     /// The sectors by angle, from the tip's x axis on.
     pub sectors: [Sector; SECTORS],
-    /// Whether the head turns clockwise: from the last sector to the first.
+    /// The head turns clockwise: from the last sector to the first.
     pub backwards: bool,
     /// Ticks of all sectors.
     pub ticks: u32,
-    /// How fast it may be begun and ended.
+    /// Limits of the speed at the beginning and the end of the turn.
     pub pace: Pace,
 }
 
-/// A layer asks for steps faster than one in two ticks, or for more than the motors can follow.
+/// Error: a layer needs steps faster than one in two ticks, or more acceleration than the motors have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StepRate;
 
-/// By how much running evenly within a sector flattens the first harmonic of a profile.
+/// Returns the factor by which running evenly within a sector flattens the first harmonic of a profile.
 fn flattening() -> f64 {
     let half_sector = PI / SECTORS as f64;
     let sinc = trigonometry::sin(half_sector) / half_sector;
@@ -57,11 +57,12 @@ fn flattening() -> f64 {
 }
 
 impl Turn {
-    /// The turn that lays this profile from one position of the feed to another, and how it ends: `feed_steps` gives
-    /// the position, in steps and not rounded, after a share of the layer. `before` is how the turn before has ended.
+    /// Computes the turn that lays this profile from one position of the feed to another, and its end. `feed_steps`
+    /// returns the position, in steps and not rounded, after a share of the layer. `before` is the end of the turn
+    /// before.
     ///
     /// # Errors
-    /// [`StepRate`] if a sector asks for more than one step in two ticks, for feed taken back, or for more acceleration
+    /// Returns [`StepRate`] if a sector needs more than one step in two ticks, feed taken back, or more acceleration
     /// than the motors have.
     pub(super) fn new(
         profile: &Layer,
@@ -71,7 +72,8 @@ impl Turn {
         before: Option<&Ends>,
     ) -> Result<(Self, Ends), StepRate> {
         let steeper = Layer { tilt: profile.tilt / flattening(), ..*profile };
-        // The check of a layer knows of no steeper one, so a layer close to its limits goes as it is.
+        // The check of a layer does not include the steeper profile. A layer close to its limits is therefore laid
+        // without the factor.
         let (sectors, motion) = Self::of_profile(&steeper, &feed_steps, robot)
             .or_else(|StepRate| Self::of_profile(profile, &feed_steps, robot))?;
         let ticks = sectors.iter().map(|sector| sector.ticks).sum();
@@ -105,7 +107,7 @@ impl Turn {
         for (index, sector) in sectors.iter_mut().enumerate() {
             let to = edge(index + 1);
             let [ticks, head, feed] = [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
-            // A lean of more than the whole height would take feed back; no layer that was checked has one.
+            // A lean of more than the whole height would take feed back. No checked layer has one.
             if ticks < 1.0 || head < 0.0 || feed < 0.0 || 2.0 * head.max(feed) > ticks {
                 return Err(StepRate);
             }
@@ -115,26 +117,27 @@ impl Turn {
         Ok((sectors, robot.motion_of(profile)))
     }
 
-    /// Whether it is laid at full speed from its first tick to its last, as where no ramps are needed.
+    /// Returns whether the turn is laid at full speed from its first tick to its last, because it needs no ramps.
     #[must_use]
     pub fn needs_no_ramp(&self) -> bool {
         self.pace.start == ONE
     }
 
-    /// The max ticks that it can take, from rest to rest and with an order that comes late. What takes longer is stuck.
+    /// Returns the max number of ticks that the turn can take, from rest to rest and with a next move that arrives
+    /// late. A longer turn is stuck.
     #[must_use]
     pub fn longest_ticks(&self) -> u32 {
         self.ticks.saturating_add(self.pace.ramps_ticks())
     }
 
-    /// The layer that this turn lays.
+    /// Returns the layer that this turn lays.
     #[must_use]
     pub fn layer(&self, robot: &Robot) -> Layer {
         as_built(&self.sectors.map(|sector| sector.feed), robot)
     }
 }
 
-/// The layer that the feed steps made in each sector amount to.
+/// Returns the layer that results from the feed steps made in each sector.
 ///
 /// The mean height follows from the sum, tilt and alpha from the first harmonic: `h(psi) = h + r_t phi cos(psi -
 /// alpha)`.
@@ -215,7 +218,8 @@ mod tests {
                 let (sin, cos) = libm::sincos(layer.alpha);
                 nalgebra::Vector2::new(cos, sin) * layer.tilt * robot.tip_radius()
             };
-            // Each edge is rounded by half a step at most; in the first harmonic that is far less than the sum of all.
+            // Rounding shifts each edge by half a step at most. In the first harmonic the error is far less than the
+            // sum of all.
             prop_assert!((tilt(&built) - tilt(&layer)).norm() < 4.0 * step, "{built:?} for {layer:?}");
         }
     }

@@ -1,4 +1,4 @@
-//! Flash behind a detector, alone and below a journal.
+//! Tests of flash behind a detector, alone and below a journal.
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -20,7 +20,7 @@ impl SupplyDetector for Supply {
     }
 }
 
-/// Flash below a detector, and what that says.
+/// Returns flash behind a detector, and the setting of that detector.
 fn below(flash: &Small, enough: bool) -> (Supplied<Small, Supply>, Supply) {
     let supply = Rc::new(Cell::new(enough));
     (Supplied::new(flash.clone(), Rc::clone(&supply)), supply)
@@ -52,7 +52,7 @@ fn a_start_without_supply_settles_nothing_and_the_next_one_finds_the_job() {
     while journal.erase_step(4).unwrap() {}
     journal.begin(1, 2, 4).unwrap();
     journal.committed(0, &LAYER, true).unwrap();
-    // Power was lost while the last record was programmed, and at too low a voltage it reads as torn.
+    // Power was lost while the last record was programmed. At too low a voltage the record reads as torn.
     let whole = flash.bytes();
     let mut torn = whole.clone();
     torn[32 * 2 + 8] ^= 0xf0;
@@ -64,7 +64,7 @@ fn a_start_without_supply_settles_nothing_and_the_next_one_finds_the_job() {
     let (supplied, supply) = below(&flash, true);
     let mut journal = Journal::open(supplied);
     assert_eq!(journal.job().map(|job| job.laid), Some(1));
-    // What is not in the journal is said not to be.
+    // The journal returns an error for a record that it could not write.
     supply.set(false);
     assert_eq!(journal.committed(1, &LAYER, true), Err(JournalError::Flash));
     assert_eq!(journal.job(), None);

@@ -1,5 +1,4 @@
-//! Two wires with a chip at the other end, level by level: a BMI160 as far as its I2C interface and the registers used
-//! here go.
+//! An I2C bus with a simulated BMI160, level by level. It has the chip's I2C interface and the registers used here.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -9,29 +8,29 @@ use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 
 use super::PinFailed;
 
-/// The chip's address, with its SDO pin low.
+/// Address of the chip, with its SDO pin low.
 pub const ADDRESS: u8 = 0x68;
 
-/// Its registers and commands (BMI160 data sheet, 2.11).
+/// Registers and commands of the chip (BMI160 data sheet, 2.11).
 const CHIP_ID: u8 = 0x00;
 const PMU_STATUS: u8 = 0x03;
 const ACC_RANGE: u8 = 0x41;
 const CMD: u8 = 0x7E;
 const ACC_NORMAL: u8 = 0x11;
 
-/// What is wrong with a chip.
+/// Defect of a chip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Trouble {
-    /// Nothing.
+    /// No defect.
     #[default]
     None,
-    /// It is not there, or has no power.
+    /// The chip is absent, or has no power.
     Absent,
-    /// It acknowledges its address and nothing more.
+    /// The chip acknowledges its address and nothing more.
     RefusesData,
-    /// It holds the clock down.
+    /// The chip holds the clock low.
     HoldsClock,
-    /// It holds the data line down.
+    /// The chip holds the data line low.
     HoldsData,
 }
 
@@ -53,7 +52,7 @@ impl Default for FakeChip {
 }
 
 impl FakeChip {
-    /// It loses its power for a moment.
+    /// Removes the chip's power for a moment.
     pub fn power_up(&self) {
         let mut chip = self.0.borrow_mut();
         chip.registers = [0; 256];
@@ -61,7 +60,7 @@ impl FakeChip {
         chip.registers[usize::from(ACC_RANGE)] = 0x03;
     }
 
-    /// From now on this is wrong with it.
+    /// Gives the chip this defect from now on.
     pub fn trouble(&self, trouble: Trouble) {
         self.0.borrow_mut().trouble = trouble;
     }
@@ -72,7 +71,7 @@ impl FakeChip {
         self.0.borrow_mut().registers[from..from + bytes.len()].copy_from_slice(bytes);
     }
 
-    /// A register.
+    /// Returns a register.
     pub fn get(&self, register: u8) -> u8 {
         self.0.borrow().registers[usize::from(register)]
     }
@@ -90,18 +89,18 @@ impl FakeChip {
     }
 }
 
-/// What the chip does on the bus.
+/// State of the chip on the bus.
 #[derive(Clone, Copy)]
 enum Phase {
     /// Waits for a start condition.
     Idle,
-    /// Takes bits; these are the address, the register, or data.
+    /// Receives bits of the address, the register, or data.
     Takes { what: What, byte: u8, bits: u8 },
-    /// Holds the data line down to acknowledge; then this.
+    /// Holds the data line low to acknowledge. `next` follows.
     Acknowledges { reads: bool, next: What },
-    /// Sends a byte, of which this number of bits are out.
+    /// Sends a byte. `bits` of it have been sent.
     Sends { byte: u8, bits: u8 },
-    /// Looks whether the other side wants more.
+    /// Checks whether the board reads another byte.
     Listens { goes_on: bool },
 }
 
@@ -116,20 +115,20 @@ struct Bus {
     chip: FakeChip,
     phase: Phase,
     register: u8,
-    /// The chip holds the data line down.
+    /// The chip holds the data line low.
     chip_data_low: bool,
-    /// The chip holds the clock down until then, ns.
+    /// Time until which the chip holds the clock low, ns.
     clock_held_until: u64,
-    /// Time for which it holds the clock down from its next fall on, ns.
+    /// Time for which the chip holds the clock low from its next fall on, ns.
     stretch: u64,
-    /// What the board does: true lets go.
+    /// Outputs of the board; `true` releases the line.
     board_clock: bool,
     board_data: bool,
-    /// Levels as they were.
+    /// Previous levels of the lines.
     clock: bool,
     data: bool,
     now: u64,
-    /// The number of clocks after which the board's pins fail.
+    /// Number of clocks after which the board's pins fail.
     clocks_left: Option<u32>,
     broken: bool,
 }
@@ -143,7 +142,7 @@ impl Bus {
         self.board_data && !self.chip_data_low && !self.chip.has(Trouble::HoldsData)
     }
 
-    /// The chip sees what has changed.
+    /// Updates the chip after a change of a line.
     fn look(&mut self) {
         let (clock, data) = (self.clock_level(), self.data_level());
         let (clock_before, data_before) = (self.clock, self.data);
@@ -221,12 +220,12 @@ impl Bus {
     }
 }
 
-/// The wires, as a test sees them.
+/// The bus, for tests.
 #[derive(Clone)]
 pub struct FakeWires(Rc<RefCell<Bus>>);
 
 impl FakeWires {
-    /// Wires to this chip, let go.
+    /// Creates a bus with this chip. Both lines are released.
     pub fn new(chip: FakeChip) -> Self {
         Self(Rc::new(RefCell::new(Bus {
             chip,
@@ -245,33 +244,33 @@ impl FakeWires {
         })))
     }
 
-    /// The clock's pin.
+    /// Returns the pin of the clock.
     pub fn clock(&self) -> Wire<true> {
         Wire(self.clone())
     }
 
-    /// The data's pin.
+    /// Returns the pin of the data line.
     pub fn data(&self) -> Wire<false> {
         Wire(self.clone())
     }
 
-    /// What makes time pass here.
+    /// Returns the timer that advances time on the bus.
     pub fn timer(&self) -> WireTimer {
         WireTimer(self.clone())
     }
 
-    /// Time that has passed, us.
+    /// Returns the time that has passed, us.
     pub fn elapsed_us(&self) -> u64 {
         self.0.borrow().now / 1000
     }
 
-    /// Both lines are high.
+    /// Returns whether both lines are high.
     pub fn is_free(&self) -> bool {
         let bus = self.0.borrow();
         bus.clock_level() && bus.data_level()
     }
 
-    /// When the clock falls next, the chip holds it down for this time; 0 ends that.
+    /// Makes the chip hold the clock low for this time when it falls next. 0 cancels that.
     pub fn stretch_next(&self, us: u64) {
         let mut bus = self.0.borrow_mut();
         bus.stretch = us * 1000;
@@ -283,7 +282,7 @@ impl FakeWires {
         self.0.borrow_mut().clocks_left = Some(clocks);
     }
 
-    /// The board is back: its pins have let go in between.
+    /// Reconnects the board. Its pins released the lines in between.
     pub fn reconnect(&self) {
         let mut bus = self.0.borrow_mut();
         (bus.clocks_left, bus.broken) = (None, false);
@@ -291,13 +290,13 @@ impl FakeWires {
         bus.look();
     }
 
-    /// The board's pins fail from now on.
+    /// Makes the board's pins fail from now on.
     pub fn break_pins(&self) {
         self.0.borrow_mut().broken = true;
     }
 }
 
-/// One of the wires, as the board has it.
+/// A line of the bus, on the board's side.
 pub struct Wire<const CLOCK: bool>(FakeWires);
 
 impl<const CLOCK: bool> Wire<CLOCK> {
@@ -340,7 +339,7 @@ impl<const CLOCK: bool> InputPin for Wire<CLOCK> {
     }
 }
 
-/// Makes time pass on the wires.
+/// Timer that advances time on the bus.
 pub struct WireTimer(FakeWires);
 
 impl DelayNs for WireTimer {

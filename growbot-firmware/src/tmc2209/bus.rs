@@ -1,55 +1,56 @@
-//! One exchange at a time on the drivers' line: a register is written, or read with a few attempts (data sheet of the
-//! TMC2209, rev. 1.09, 4.1).
+//! The drivers' line. It makes one exchange at a time: it writes a register, or reads one with several attempts (data
+//! sheet of the TMC2209, rev. 1.09, 4.1).
 //!
-//! What the board sends comes back to it, as all share one wire. An answer is told apart by its address, which no
-//! request has, its register and its CRC; whatever else comes in is passed over.
+//! The board receives its own bytes too, because all share one wire. A response is recognised by its address, which no
+//! request has, its register and its CRC. All other bytes are ignored.
 
 use tmc2209::reg::{Address, State};
 use tmc2209::{MASTER_ADDR, ReadRequest, SYNC_AND_RESERVED, WriteRequest, crc};
 
-/// A serial line with one wire for both directions. Nothing waits.
+/// Serial line with one wire for both directions. Its functions never wait.
 pub trait Wire {
-    /// Sends some bytes, 8 at most. False where there is no room for all of them, and then none is sent.
+    /// Sends some bytes, at most 8. Returns `false` if the transmit buffer has too little room for all of them. Then
+    /// none is sent.
     fn send(&mut self, bytes: &[u8]) -> bool;
-    /// The next byte that has come in, the board's own ones included.
+    /// Returns the next received byte, including the board's own ones.
     fn receive(&mut self) -> Option<u8>;
 }
 
-/// Rate of the line, baud. Drivers take what the host's line has: 9,600 to 500,000 (4.2).
+/// Rate of the line, baud. The drivers detect the rate of the host's line: 9,600 to 500,000 (4.2).
 pub const BAUD: u32 = 115_200;
-/// Bytes of an answer.
+/// Bytes of a response.
 const ANSWER_BYTES: usize = 8;
-/// Time until 8 bytes of 10 bits are written and the line is quiet again, us: twice what they take.
+/// Time until 8 bytes of 10 bits are written and the line is quiet again, us. It is twice the time of the bytes.
 const WRITTEN_US: u64 = 2 * 8 * 10 * 1_000_000 / BAUD as u64;
-/// Max time from a request to its answer's end, us: 12 bytes and the driver's delay take 1.3 ms.
+/// Max time from a request to the end of its response, us. 12 bytes and the driver's delay take 1.3 ms.
 const ANSWER_US: u64 = 10_000;
-/// How often a register is asked for.
+/// Number of attempts to read a register.
 const ATTEMPTS: u8 = 3;
-/// Bytes that are taken at once: what a FIFO holds.
+/// Max number of bytes received at once: the capacity of a FIFO.
 const TAKEN_AT_ONCE: usize = 32;
 
-/// How an exchange has ended.
+/// Result of an exchange.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Outcome {
-    /// A register was written. Only the driver's counter says whether it was taken.
+    /// A register was written. Only the driver's counter shows whether the driver accepted it.
     Written,
     /// A register was read.
     Read(u32),
-    /// No answer came, or none that is whole.
+    /// No valid response arrived.
     Silent,
 }
 
 #[derive(Debug, Clone, Copy)]
 enum Exchange {
     None,
-    /// Bytes wait for room until this time.
+    /// The bytes wait for room in the transmit buffer until this time.
     Sending {
         node: u8,
         what: What,
         attempts: u8,
         until: u64,
     },
-    /// They have been sent, and something is due by this time.
+    /// The bytes have been sent. A response or the end of the write is due by this time.
     Sent {
         node: u8,
         what: What,
@@ -64,11 +65,11 @@ enum What {
     Write(State),
 }
 
-/// The line, and the exchange under way.
+/// The line, and the current exchange.
 pub(super) struct Bus<W> {
     wire: W,
     exchange: Exchange,
-    /// The latest bytes that have come in.
+    /// The latest received bytes.
     latest: [u8; ANSWER_BYTES],
 }
 
@@ -82,7 +83,7 @@ impl<W: Wire> Bus<W> {
         self.begin(node, What::Read(register), ATTEMPTS, now);
     }
 
-    /// Begins to write one.
+    /// Begins to write a register of a driver.
     pub(super) fn write(&mut self, node: u8, state: State, now: u64) {
         self.begin(node, What::Write(state), 1, now);
     }
@@ -92,10 +93,10 @@ impl<W: Wire> Bus<W> {
         self.send(now);
     }
 
-    /// Sends what waits for room, if there is some.
+    /// Sends the pending bytes if there is room.
     fn send(&mut self, now: u64) {
         let Exchange::Sending { node, what, attempts, .. } = self.exchange else { return };
-        // What has come in until now is no answer to this.
+        // Bytes received until now are not a response to this request.
         self.take();
         self.latest = [0; ANSWER_BYTES];
         let (sent, time) = match what {
@@ -110,9 +111,9 @@ impl<W: Wire> Bus<W> {
         }
     }
 
-    /// How the exchange has ended; none while it is under way, and where there is none.
+    /// Returns the result of the exchange. `None` while it is in progress, and if there is none.
     pub(super) fn poll(&mut self, now: u64) -> Option<Outcome> {
-        // Bytes come first: an answer counts that was there in time and looked at late.
+        // Received bytes are processed first, so that a response that arrived in time counts even if it is read late.
         let answer = self.take();
         match self.exchange {
             Exchange::None => None,
@@ -138,7 +139,7 @@ impl<W: Wire> Bus<W> {
         outcome
     }
 
-    /// Takes bytes that have come in: the value, where they end an answer to what was asked.
+    /// Processes the received bytes. Returns the value if they complete the response to the current request.
     fn take(&mut self) -> Option<u32> {
         for _ in 0..TAKEN_AT_ONCE {
             let byte = self.wire.receive()?;
@@ -155,7 +156,8 @@ impl<W: Wire> Bus<W> {
     }
 }
 
-/// The value in an answer (table 4.1.2); none where the bytes are none, or that of another register.
+/// Returns the value in a response (table 4.1.2). `None` if the bytes are not a response, or the response is for
+/// another register.
 fn answer(bytes: &[u8; ANSWER_BYTES], register: Address) -> Option<u32> {
     let [sync, master, of, value @ .., check] = *bytes;
     let is_answer = sync & 0xF == SYNC_AND_RESERVED && master == MASTER_ADDR && of == register as u8;

@@ -1,19 +1,20 @@
-//! TMC2209 stepper drivers on a one-wire serial line: configured before a motor is energised, then watched.
+//! TMC2209 stepper drivers on a one-wire serial line. They are configured before a motor is energised, then monitored.
 //!
 //! Source: TMC2209 data sheet, rev. 1.09. Registers and datagrams are those of the crate `tmc2209`.
 //!
-//! - Both drivers are configured when the board starts: 12 registers each. A driver counts the writes that it takes
-//!   (IFCNT), and only if it took all of them it counts as configured. Otherwise all is written again.
-//! - Then each is looked at in turn, some 30 times a second: reset, charge pump, temperature, shorts, open wires, and
-//!   the load, where a threshold is set.
-//! - StallGuard4 measures the load in StealthChop only, and from about one turn of the motor a second on. In
-//!   SpreadCycle, and of slower motors, a stall is not found.
-//! - A driver that started anew has lost its current and its microsteps. While its motor is in use that is a problem,
-//!   as the motor has lost its place. At rest the driver is configured again.
-//! - One that does not answer is asked again and again, and is configured once it does: the motors' supply may come
-//!   later than the board's.
+//! - Both drivers are configured when the board starts, with 12 registers each. A driver counts the writes that it
+//!   accepts (IFCNT). It counts as configured only if it accepted all of them. Otherwise all registers are written
+//!   again.
+//! - Then each driver is polled in turn, some 30 times a second: reset, charge pump, temperature, shorts, open wires,
+//!   and the load, if a threshold is set.
+//! - StallGuard4 measures the load in StealthChop only, and only from about one turn of the motor a second on. In
+//!   SpreadCycle, and with slower motors, a stall is not detected.
+//! - A driver that restarted has lost its current and its microsteps. While its motor is in use that is a problem,
+//!   because the motor has lost its position. At rest the driver is configured again.
+//! - A driver that does not respond is polled again and again, and is configured once it responds, because the motors'
+//!   supply may be switched on later than the board's.
 //!
-//! Nothing waits: [`Tmc2209::poll`] goes on as far as it can and returns. Each exchange has a time by which it ends.
+//! [`Tmc2209::poll`] never waits: it does as much as it can and returns. Each exchange has a time limit.
 
 mod bus;
 #[cfg(test)]
@@ -34,9 +35,9 @@ use self::settings::REGISTERS;
 use self::watch::{Look, Watch};
 use crate::hal::Drivers;
 
-/// Time between two looks at both drivers, us.
+/// Time between two polls of both drivers, us.
 const PERIOD_US: u64 = 30_000;
-/// How often a driver may leave writes uncounted before that is a problem.
+/// Number of consecutive failed configurations of a driver that are a problem.
 const MAX_UNCOUNTED: u8 = 3;
 
 /// One driver.
@@ -44,7 +45,7 @@ struct Node {
     motor: Motor,
     settings: Settings,
     configured: bool,
-    /// How often in a row it did not count what was written to it.
+    /// Number of consecutive configurations in which the driver did not count all writes.
     uncounted: u8,
     watch: Watch,
     problem: Option<DriverProblem>,
@@ -55,7 +56,7 @@ impl Node {
         Self { motor, settings, configured: false, uncounted: 0, watch: Watch::default(), problem: None }
     }
 
-    /// Notes the end of a configuration: how many writes the driver has counted.
+    /// Records the end of a configuration, with the number of writes that the driver has counted.
     fn note_counted(&mut self, counted: u8) {
         self.configured = usize::from(counted) == REGISTERS;
         self.uncounted = if self.configured { 0 } else { self.uncounted.saturating_add(1) };
@@ -63,28 +64,28 @@ impl Node {
         self.problem = (self.uncounted >= MAX_UNCOUNTED).then_some(DriverProblem::NotConfigured);
     }
 
-    /// Notes the end of a look.
+    /// Records the end of a sample.
     fn note_look(&mut self, look: &Look, in_use: bool) {
         self.problem = self.watch.look(look, self.settings.watched_threshold());
         if self.problem == Some(DriverProblem::ShutDown) && !in_use {
-            // What remains of a problem that has gone is cleared with all else.
+            // The driver is configured again, which clears the flags of the past problem.
             self.configured = false;
         }
     }
 }
 
-/// What is done with the driver whose turn it is.
+/// Progress with the current driver.
 #[derive(Debug, Clone, Copy)]
 enum Step {
-    /// Nothing until this time.
+    /// Nothing is done until this time.
     Rest(u64),
-    /// Its count of writes is read, before it is configured.
+    /// The driver's count of writes is read, before it is configured.
     CountBefore,
     /// A register is written.
     Write { index: usize, before: u8 },
     /// The count is read again.
     CountAfter { before: u8 },
-    /// A look is taken, and this register is read.
+    /// A sample is being taken, and this register is read.
     Look(Address, Look),
 }
 
@@ -92,15 +93,15 @@ enum Step {
 pub struct Tmc2209<W> {
     bus: Bus<W>,
     nodes: [Node; 2],
-    /// The driver whose turn it is.
+    /// The current driver.
     turn: Motor,
     step: Step,
-    /// When the first driver's turn began, us.
+    /// Time at which the first driver's turn began, us.
     begun: u64,
 }
 
 impl<W: Wire> Tmc2209<W> {
-    /// The drivers of head and feed, not configured yet.
+    /// Creates the drivers of head and feed, not configured yet.
     pub fn new(wire: W, [head, feed]: [Settings; 2]) -> Self {
         Self {
             bus: Bus::new(wire),
@@ -150,7 +151,7 @@ impl<W: Wire> Tmc2209<W> {
         }
     }
 
-    /// Writes a register, or reads how many were taken.
+    /// Writes a register, or reads the count of accepted writes.
     fn write(&mut self, index: usize, before: u8, now: u64) {
         let settings = self.node().settings;
         if let Some(register) = settings.registers().get(index) {
@@ -179,7 +180,7 @@ impl<W: Wire> Tmc2209<W> {
         }
     }
 
-    /// Notes a register of a look, and reads the next one.
+    /// Stores a register of a sample, and reads the next one.
     fn look(&mut self, register: Address, mut look: Look, value: u32, now: u64, in_use: bool) {
         let next = match register {
             Address::GSTAT => {

@@ -1,4 +1,4 @@
-//! A model of the drivers' line: four drivers that share one wire.
+//! Model of the drivers' line: four drivers that share one wire.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
@@ -22,13 +22,13 @@ pub const STANDING: u32 = 1 << 31 | TURNING;
 #[derive(Clone)]
 pub struct Chip {
     pub registers: BTreeMap<u8, u32>,
-    /// Writes that it was given, lost ones included.
+    /// Number of writes to this driver, including lost ones.
     pub writes: u32,
-    /// It gives no answer.
+    /// The driver does not respond.
     pub silent: bool,
-    /// It counts no writes.
+    /// The driver counts no writes.
     pub deaf: bool,
-    /// So many of its next answers have a wrong CRC.
+    /// Number of next responses with a wrong CRC.
     pub corrupt: u32,
 }
 
@@ -39,7 +39,7 @@ impl Chip {
         chip
     }
 
-    /// Its supply was gone for a moment.
+    /// Removes the driver's supply for a moment.
     pub fn start_anew(&mut self) {
         self.registers = BTreeMap::from([(GSTAT, 1), (DRV_STATUS, STANDING), (TSTEP, 0xFFFFF), (SG_RESULT, 300)]);
     }
@@ -73,13 +73,13 @@ impl Chip {
 /// The line.
 pub struct Line {
     pub chips: [Chip; 4],
-    /// What the board sends comes back to it.
+    /// The board receives its own bytes.
     pub echoes: bool,
-    /// There is no room for what the board sends.
+    /// The line has no room for the board's bytes.
     pub full: bool,
     /// Bytes on their way to the board.
     pub incoming: VecDeque<u8>,
-    /// For ever this byte comes in.
+    /// Byte that is received without end.
     pub babbles: Option<u8>,
 }
 
@@ -98,7 +98,7 @@ impl FakeWire {
         change(&mut self.0.borrow_mut().chips[address]);
     }
 
-    /// A register of a driver.
+    /// Returns a register of a driver.
     pub fn register(&self, address: usize, register: u8) -> u32 {
         self.0.borrow().chips[address].registers.get(&register).copied().unwrap_or_default()
     }

@@ -1,4 +1,4 @@
-//! What a driver is configured with, and the registers that say so (data sheet of the TMC2209, rev. 1.09, 5).
+//! Settings of a driver, and the registers that configure them (data sheet of the TMC2209, rev. 1.09, 5).
 
 use growbot_core::robot::{Driver, DriverMode, RobotDescription};
 use tmc2209::data::MicroStepResolution;
@@ -7,40 +7,41 @@ use tmc2209::reg::{
     VACTUAL,
 };
 
-/// Addresses of the drivers at the terminals of an SKR Pico: X, where the head is, and E, where the feed is.
+/// Addresses of the drivers at the terminals of an SKR Pico: X for the head, and E for the feed.
 const HEAD_ADDRESS: u8 = 0;
 const FEED_ADDRESS: u8 = 3;
 /// Number of registers that are written.
 pub(super) const REGISTERS: usize = 12;
-/// The chopper's comparator is blank for 24 clocks (table 5.5.1, TBL).
+/// Blank time of the chopper's comparator: 24 clocks (table 5.5.1, TBL).
 const BLANK_TIME: u32 = 1;
-/// A driver answers 3 times 8 bits after the request: what several drivers on one line need (table 5.1, SENDDELAY).
+/// Delay of a driver's response: 3 times 8 bits after the request, which several drivers on one line need (table 5.1,
+/// SENDDELAY).
 const SEND_DELAY: u8 = 2;
-/// Flags of GSTAT, which writing ones clears (table 5.1).
+/// All flags of GSTAT. Writing ones clears them (table 5.1).
 const ALL_FLAGS: u32 = 0b111;
-/// The max time between two 256ths of a step at which StallGuard is believed, clocks of 12 MHz: one turn a second of a
-/// motor of 200 steps. Below about that speed it is not reliable (11.5).
+/// Max time between two 256ths of a step at which StallGuard's reading is used, clocks of 12 MHz. It is one turn a
+/// second of a motor of 200 steps. Below about that speed StallGuard is not reliable (11.5).
 pub(super) const STALL_MAX_STEP_TIME: u32 = 12_000_000 / (200 * 256);
 
 /// The settings of one driver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Its address on the line, 0 to 3, which its pins MS1 and MS2 give it.
+    /// Address on the line, 0 to 3, set by the driver's pins MS1 and MS2.
     pub address: u8,
-    /// Its sense resistors, ohm.
+    /// Resistance of the sense resistors, ohm.
     pub sense_ohm: f64,
     /// Current of a motor's phase, A rms.
     pub current_a: f64,
     /// Steps of STEP in a full step, a power of two up to 256.
     pub microsteps: u16,
-    /// Whether it runs in SpreadCycle, else in StealthChop.
+    /// The driver runs in SpreadCycle, otherwise in StealthChop.
     pub spread_cycle: bool,
-    /// The load at which the motor counts as stalled (SGTHRS). Measured in StealthChop only.
+    /// Load at which the motor counts as stalled (SGTHRS). It is measured in StealthChop only.
     pub stall_threshold: Option<u8>,
 }
 
 impl Settings {
-    /// The settings of a robot's drivers; none where its board does not configure drivers.
+    /// Returns the settings of a robot's drivers. `None` if its board does not configure drivers.
     #[must_use]
     pub fn of(robot: &RobotDescription) -> Option<[Self; 2]> {
         let (head, feed) = (robot.head.driver?, robot.feed.driver?);
@@ -58,16 +59,16 @@ impl Settings {
         }
     }
 
-    /// The threshold that is looked at: StallGuard4 measures in StealthChop only.
+    /// Returns the threshold that is monitored, because StallGuard4 measures in StealthChop only.
     pub(super) fn watched_threshold(&self) -> Option<u8> {
         self.stall_threshold.filter(|_| !self.spread_cycle)
     }
 
-    /// Every register that has to be written, in this order. The driver's pin EN keeps the motor off meanwhile.
+    /// Returns every register that has to be written, in this order. The driver's pin EN keeps the motor off meanwhile.
     pub(super) fn registers(&self) -> [State; REGISTERS] {
         let (current, scale) = self.current();
         let threshold = self.watched_threshold();
-        // Above this speed StallGuard measures; never without a threshold.
+        // StallGuard measures above this speed. Without a threshold it never measures.
         let stall_max = threshold.map_or(0, |_| STALL_MAX_STEP_TIME);
         [
             State::GCONF(self.general()),
@@ -76,11 +77,11 @@ impl Settings {
             State::IHOLD_IRUN(current),
             State::TPOWERDOWN(TPOWERDOWN::default()),
             State::PWMCONF(PWMCONF::default()),
-            // StealthChop at every speed, or never.
+            // The driver uses StealthChop at every speed, or never.
             State::TPWMTHRS(TPWMTHRS::from(0)),
             State::TCOOLTHRS(TCOOLTHRS::from(stall_max)),
             State::SGTHRS(SGTHRS::from(threshold.map_or(0, u32::from))),
-            // The current stays as it is set.
+            // The driver does not adapt the current to the load.
             State::COOLCONF(COOLCONF::from(0)),
             // The motor follows the pin STEP.
             State::VACTUAL(VACTUAL::from(0)),
@@ -88,7 +89,8 @@ impl Settings {
         ]
     }
 
-    /// GCONF: the line and registers decide, not pins; the current's reference is the driver's own.
+    /// Returns GCONF: the line and registers configure the driver instead of pins, and the current's reference is
+    /// internal.
     fn general(&self) -> GCONF {
         with(0, |register: &mut GCONF| {
             register.set_pdn_disable(true);
@@ -98,7 +100,7 @@ impl Settings {
         })
     }
 
-    /// CHOPCONF: the reset's chopper, with these microsteps, interpolated to 256.
+    /// Returns CHOPCONF: the chopper's default values, with these microsteps, interpolated to 256.
     fn chopper(&self, high_sensitivity: bool) -> CHOPCONF {
         let mut register = CHOPCONF::default();
         let exponent = self.microsteps.trailing_zeros().min(8);
@@ -109,9 +111,9 @@ impl Settings {
         register
     }
 
-    /// IHOLD_IRUN, the same current whether the motor turns or not, as a motor that lets go loses its place; and
-    /// whether the sense resistors' full scale is the lower one (data sheet, 9). It is the next lower current that
-    /// the driver can be set to.
+    /// Returns IHOLD_IRUN, and whether the sense resistors' full scale is the lower one (data sheet, 9). The current is
+    /// the same whether the motor turns or not, because a motor without current loses its position. It is the next
+    /// lower current that the driver can be set to.
     fn current(&self) -> (IHOLD_IRUN, bool) {
         let milliamps = (self.current_a * 1000.0) as f32;
         let (high_sensitivity, scale) = tmc2209::rms_current_to_vsense_cs(self.sense_ohm as f32, milliamps);
@@ -124,7 +126,7 @@ impl Settings {
     }
 }
 
-/// A register of these bits with some fields set.
+/// Returns a register with these bits and some fields set.
 fn with<R: From<u32>>(bits: u32, set: impl FnOnce(&mut R)) -> R {
     let mut register = R::from(bits);
     set(&mut register);
@@ -178,7 +180,7 @@ mod tests {
         }
     }
 
-    /// The formula of section 9: I rms = (CS + 1) / 32 * V_FS / (R + 20 mOhm) / sqrt 2.
+    /// Checks the formula of section 9: I rms = (CS + 1) / 32 * V_FS / (R + 20 mOhm) / sqrt 2.
     #[test]
     fn the_current_is_the_greatest_that_is_not_above_the_one_asked_for() {
         for hundredths in 5..=170 {

@@ -20,7 +20,7 @@ struct Bench {
 }
 
 impl Bench {
-    /// A board whose power has just come on.
+    /// Creates a board whose power has just been switched on.
     fn new() -> Self {
         let wire = FakeWire::new();
         let head = Settings {
@@ -36,7 +36,7 @@ impl Bench {
         Self { wire, drivers, now: 0, period: 1000, in_use: false }
     }
 
-    /// One whose drivers are configured, in use or not.
+    /// Creates a board whose drivers are configured, in use or not.
     fn configured(in_use: bool) -> Self {
         let mut bench = Self::new();
         bench.run(500);
@@ -63,7 +63,7 @@ impl Bench {
         self.drivers.trouble().map(|DriverTrouble { motor, problem }| (motor, problem))
     }
 
-    /// Asserts that there is this problem within a time, which the controller's looks do not count in.
+    /// Asserts that this problem is found within a time. That time excludes the controller's own samples.
     fn finds(&mut self, motor: Motor, problem: DriverProblem, ms: u64) {
         assert_eq!(self.found(), None);
         self.run(ms);
@@ -86,7 +86,7 @@ fn both_drivers_are_configured_and_no_other_one() {
                 assert_eq!((bench.wire.register(chip, IFCNT), bench.wire.register(chip, GSTAT)), (12, 0));
                 assert_eq!(bench.wire.register(chip, 0x6C) >> 24 & 0xF, 4, "16 microsteps");
             }
-            // SpreadCycle.
+            // SpreadCycle is set in the feed's driver only.
             assert_eq!((bench.wire.register(HEAD, 0x00) & 4, bench.wire.register(FEED, 0x00) & 4), (0, 4));
             assert_eq!((bench.wire.register(1, IFCNT), bench.wire.register(2, IFCNT)), (0, 0));
         }
@@ -139,7 +139,7 @@ fn a_driver_that_counts_no_writes_is_not_configured() {
     bench.wire.chip(HEAD, |chip| chip.deaf = true);
     bench.finds(Motor::Head, DriverProblem::NotConfigured, 500);
     assert!(!bench.drivers.are_configured());
-    // The first attempts are none: one lost write is no problem.
+    // One lost write is not a problem yet.
     let mut bench = Bench::new();
     bench.wire.chip(HEAD, |chip| chip.deaf = true);
     bench.run(30);
@@ -205,13 +205,13 @@ fn a_stall_is_found_in_stealth_chop_at_speed() {
         bench.run(200);
         bench.found()
     };
-    // The feed's driver is in SpreadCycle, where nothing is measured.
+    // The feed's driver runs in SpreadCycle, in which it does not measure the load.
     assert_eq!(stalls(TURNING, 200, 100), Some((Motor::Head, DriverProblem::Stall)));
     for (status, step_time, load) in [
         (TURNING, 200, 102),
         (TURNING, 235, 0),
         (STANDING, 200, 0),
-        // The driver has gone over to SpreadCycle.
+        // The driver has switched to SpreadCycle.
         (0, 200, 0),
     ] {
         assert_eq!(stalls(status, step_time, load), None);
@@ -258,7 +258,7 @@ fn a_line_without_room_or_full_of_bytes_blocks_nothing() {
     assert!(bench.drivers.are_configured());
 }
 
-/// A line from which anything comes, whatever is sent.
+/// A line that delivers arbitrary bytes, whatever is sent.
 struct Noise<'a> {
     bytes: std::slice::Iter<'a, u8>,
     rooms: std::iter::Cycle<std::slice::Iter<'a, bool>>,

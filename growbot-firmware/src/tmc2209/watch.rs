@@ -1,17 +1,18 @@
-//! What a driver's registers say of its health.
+//! The health of a driver, from its registers.
 
 use growbot_core::link::message::DriverProblem;
 use tmc2209::reg::{DRV_STATUS, GSTAT, SG_RESULT, TSTEP};
 
 use super::settings::STALL_MAX_STEP_TIME;
 
-/// Looks in a row at a moving motor that make an open wire, some 0.3 s: the flag comes up by itself as a motor starts
-/// (data sheet of the TMC2209, rev. 1.09, 10.3).
+/// Number of consecutive samples of a moving motor that mean an open wire. It is some 0.3 s, because the flag is also
+/// set as a motor starts (data sheet of the TMC2209, rev. 1.09, 10.3).
 const OPEN_LOOKS: u8 = 10;
-/// Looks in a row that make a stall, some 0.1 s: a measurement is one of a full step, and noisy.
+/// Number of consecutive samples that mean a stall. It is some 0.1 s, because a measurement covers one full step and is
+/// noisy.
 const STALL_LOOKS: u8 = 3;
 
-/// What was read in one look.
+/// The registers read in one sample.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Look {
     /// GSTAT.
@@ -24,7 +25,7 @@ pub(super) struct Look {
     pub load: SG_RESULT,
 }
 
-/// For how many looks in a row something has been so.
+/// Counts of consecutive samples with an open load, and with a stall.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Watch {
     open: u8,
@@ -37,7 +38,7 @@ fn count(counter: &mut u8, is_so: bool) -> u8 {
 }
 
 impl Watch {
-    /// What is wrong. A stall is looked for where there is a threshold.
+    /// Returns the driver's problem. A stall is checked only if there is a threshold.
     pub(super) fn look(&mut self, look: &Look, threshold: Option<u8>) -> Option<DriverProblem> {
         let status = look.status;
         let moves = !status.stst();

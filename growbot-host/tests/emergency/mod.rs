@@ -21,8 +21,12 @@ use serialport::{SerialPort, TTYPort};
 
 use crate::running::{PATIENCE, PROGRAM, Ran, command, in_lines};
 
-/// The board's time passes faster than real time by this factor.
+/// The board's time passes faster than real time by this factor,
 const PACE: u32 = 50;
+/// and so once it grows or pauses: 10 s of it are long enough for a host that a busy machine holds up.
+const PACE_OF_GROWTH: u32 = 2;
+/// The temperature at which a nozzle is warm, degrees Celsius.
+const WARM_C: f64 = 190.0;
 /// What the board says arrives in such pieces, bytes, as from a UART: of two programs that read the line, each may have
 /// some of them.
 const PIECE: usize = 8;
@@ -78,13 +82,22 @@ pub struct Bench {
 impl Bench {
     /// A board on a serial line.
     pub fn new() -> Self {
+        Self::on_serial(false)
+    }
+
+    /// The same whose nozzle is warm as soon as it is heated.
+    pub fn warm() -> Self {
+        Self::on_serial(true)
+    }
+
+    fn on_serial(is_warm: bool) -> Self {
         let (mut master, slave) = TTYPort::pair().unwrap();
         let name = slave.name().unwrap();
         // Not closed to others, as serialport would have it.
         let open = File::open(&name).unwrap();
         drop(slave);
         master.set_timeout(Duration::from_millis(1)).unwrap();
-        Self::behind(name, Some(open), |_| Some(master))
+        Self::behind(name, Some(open), is_warm, |_| Some(master))
     }
 
     /// A board behind TCP, which hears one host.
@@ -92,7 +105,7 @@ impl Bench {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let name = format!("tcp:{}", listener.local_addr().unwrap());
         listener.set_nonblocking(true).unwrap();
-        Self::behind(name, None, move |over| {
+        Self::behind(name, None, false, move |over| {
             while !*over.lock().unwrap() {
                 if let Ok((stream, _)) = listener.accept() {
                     stream.set_nonblocking(false).unwrap();
@@ -109,6 +122,7 @@ impl Bench {
     fn behind<L: Read + Write>(
         name: String,
         open: Option<File>,
+        is_warm: bool,
         far_end: impl FnOnce(&Mutex<bool>) -> Option<L> + Send + 'static,
     ) -> Self {
         let seen = Seen {
@@ -125,7 +139,7 @@ impl Bench {
             let (line, seen, over) = (Arc::clone(&line), Arc::clone(&seen), Arc::clone(&over));
             move || {
                 if let Some(end) = far_end(&over) {
-                    carry(end, &line, &seen, &over);
+                    carry(end, is_warm, &line, &seen, &over);
                 }
             }
         });
@@ -180,9 +194,12 @@ impl Drop for Bench {
 }
 
 /// Carries bytes between the line and a simulated board until it is over.
-fn carry(mut master: impl Read + Write, line: &Mutex<Line>, seen: &Mutex<Seen>, over: &Mutex<bool>) {
+fn carry(mut master: impl Read + Write, is_warm: bool, line: &Mutex<Line>, seen: &Mutex<Seen>, over: &Mutex<bool>) {
     println!("noise of seed {SEED}");
     let mut sim = Sim::new(robot_file::load("growbot-a".as_ref()).unwrap());
+    if is_warm {
+        sim.simulated_tip().warm_at_once(WARM_C);
+    }
     let (mut random, mut buffer) = (Random::new(&[SEED]), [0; 256]);
     // Of what the host sends, and of what of it passes.
     let mut sent = Recogniser::new();
@@ -232,7 +249,8 @@ fn carry(mut master: impl Read + Write, line: &Mutex<Line>, seen: &Mutex<Seen>, 
         sim.send(&bytes).unwrap();
         let passed = last.elapsed();
         last = Instant::now();
-        sim.pass(passed * PACE);
+        let grows = matches!(sim.state(), State::Growing | State::Paused);
+        sim.pass(passed * if grows { PACE_OF_GROWTH } else { PACE });
         {
             let mut seen = seen.lock().unwrap();
             (seen.state, seen.heats) = (sim.state(), heats(&mut sim));

@@ -1,7 +1,7 @@
-//! Chains: bodies that lead from the start over some positions to the goal, each piece the shortest one there is.
+//! Chains: bodies that lead from the start over some positions to the goal, with the shortest piece between each two.
 //!
-//! An arc and a line to a position have a closed form that takes 0.1 us. So a body is described by the positions that
-//! it passes, and shortening it is a search in few numbers.
+//! An arc and a line to a position have a closed form that takes 0.1 us. A body is therefore described by the positions
+//! that it passes, and shortening it is a search over few numbers.
 
 use growbot_core::pose::Frame;
 use growbot_core::shortest::{self, Candidates};
@@ -10,20 +10,19 @@ use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use super::{Goal, Problem};
 use crate::motion::{Stretch, Tip, any_across, length, stretches, to_position};
 
-/// A body that arrives at the goal, and the positions that it was led over.
+/// A body that arrives at the goal, and the positions that it passes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chain {
-    /// The positions on the way.
+    /// Positions on the way.
     pub via: Vec<Vector3<f64>>,
-    /// The body.
+    /// Stretches of the body.
     pub stretches: Vec<Stretch>,
-    /// Its length, mm.
+    /// Length, mm.
     pub length: f64,
 }
 
 impl Problem<'_> {
-    /// The shortest chain over these positions, if there is one below this length; and the number of its stretches
-    /// that do not lead to the goal itself.
+    /// Returns the shortest chain over these positions, if its length is below this one.
     pub(super) fn chain(&self, via: &[Vector3<f64>], below: f64) -> Option<Chain> {
         let mut tip = self.start;
         let mut stretches = Vec::with_capacity(2 * via.len() + 3);
@@ -32,7 +31,7 @@ impl Problem<'_> {
             let [arc, line] = to_position(&tip, position, self.radius)?;
             so_far += arc.length + line.length;
             let next = via.get(index + 1).copied().unwrap_or_else(|| self.goal.position());
-            // What is left is no shorter than straight.
+            // The rest is at least as long as the straight line.
             if so_far + (next - position).norm() - self.tolerance() > below {
                 return None;
             }
@@ -46,7 +45,7 @@ impl Problem<'_> {
         (length < below).then(|| Chain { via: via.to_vec(), stretches, length })
     }
 
-    /// How far from its position a goal may be missed, mm.
+    /// Returns the maximum distance from the goal's position at which a body may end, mm.
     pub(super) fn tolerance(&self) -> f64 {
         match self.goal {
             Goal::Position { tolerance, .. } => tolerance,
@@ -54,13 +53,13 @@ impl Problem<'_> {
         }
     }
 
-    /// Whether a body that ends at this position has arrived, beside the goal but as near as it needs to be.
+    /// Reports whether a body that ends at this position has arrived within the tolerance of the goal.
     pub(super) fn is_at_goal(&self, position: &Vector3<f64>) -> bool {
         let tolerance = self.tolerance();
         tolerance > 0.0 && (position - self.goal.position()).norm() <= tolerance
     }
 
-    /// The shortest way from a tip to the goal.
+    /// Returns the shortest way from a tip to the goal.
     pub(super) fn shortest_to_goal(&self, tip: &Tip) -> Option<Vec<Stretch>> {
         match self.goal {
             Goal::Position { at, tolerance } => {
@@ -72,7 +71,7 @@ impl Problem<'_> {
         }
     }
 
-    /// All ways from a tip to the goal that have one piece each of the shortest path's, shortest first.
+    /// Returns all ways from a tip to the goal that have the form of a shortest path, shortest first.
     pub(super) fn ways_to_goal(&self, tip: &Tip) -> Vec<Vec<Stretch>> {
         let Goal::Pose(goal) = self.goal else { return self.shortest_to_goal(tip).into_iter().collect() };
         let base_from_tip = frame(tip);
@@ -86,14 +85,14 @@ impl Problem<'_> {
     }
 }
 
-/// A frame of this tip, with any roll.
+/// Returns a frame of this tip, with any roll.
 pub(super) fn frame(tip: &Tip) -> Frame {
     let x = any_across(&tip.direction);
     let axes = Matrix3::from_columns(&[x, tip.direction.cross(&x), tip.direction]);
     Frame::from_parts(Translation3::from(tip.position), Rotation3::from_matrix_unchecked(axes))
 }
 
-/// Takes this length off the end.
+/// Cuts this length off the end.
 fn cut(way: &mut Vec<Stretch>, mut length: f64) {
     while let Some(last) = way.last_mut() {
         if last.length > length {

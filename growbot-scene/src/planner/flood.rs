@@ -1,8 +1,8 @@
-//! Whether start and goal are separated for every body of this width, however it bends.
+//! Proof that start and goal are separated for every body of this width, however it bends.
 //!
-//! Space is divided into cubes. One whose centre is so near to an obstacle that no point of it is far enough from that
-//! is blocked. If start and goal are in parts of the rest that share no face, then there is no path: that is proven,
-//! not a matter of resolution. The other way round nothing is proven.
+//! Space is divided into cubes. A cube is blocked if its centre is so near to an obstacle that no point of it is far
+//! enough from that. If start and goal are in parts of the rest that share no face, no path exists. That is a proof,
+//! independent of the resolution. The opposite result proves nothing.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashSet};
@@ -13,32 +13,32 @@ use super::Problem;
 use super::meter::Meter;
 use crate::tree::Bounds;
 
-/// How finely space is divided, tried one after another: the side of the cubes as a share of the distance that the body
-/// needs, and the max number of cubes that are looked at. Half the diagonal of the largest cube is less than that
-/// distance by so much that no layer of blocked cubes along a wall has holes.
+/// Resolutions, tried one after another: the side of the cubes as a fraction of the distance that the body needs, and
+/// the maximum number of cubes that are examined. Half the diagonal of the largest cube is smaller than that distance,
+/// so that a layer of blocked cubes along a wall has no holes.
 pub(super) const FINENESS: [(f64, usize); 3] = [(0.7, 1 << 18), (0.35, 1 << 20), (0.175, 1 << 21)];
 
-/// What a flood came to.
+/// Result of a flood.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Flood {
-    /// There is no path.
+    /// No path exists.
     Separated,
-    /// There may be one.
+    /// A path may exist.
     Joined,
-    /// The meter has run out, or there are too many cubes.
+    /// The budget is used up, or there are too many cubes.
     Unknown,
 }
 
-/// Whether start and goal are separated, as far as cubes of this fineness tell.
+/// Checks whether start and goal are separated, at this resolution.
 pub(super) fn separated(problem: &Problem, (share, max_cubes): (f64, usize), meter: &mut Meter) -> Flood {
     Grid::new(problem, share * problem.need.distance).flood(problem, max_cubes, meter)
 }
 
-/// Cubes: those between two corners, or those that a body of max length may reach.
+/// A grid of cubes between two corners, or those that a body of maximum length may reach.
 struct Grid {
     side: f64,
     origin: Vector3<f64>,
-    /// Number of the last cube along each axis; the first has 0.
+    /// Index of the last cube along each axis. The first one is 0.
     last: [i32; 3],
 }
 
@@ -48,7 +48,7 @@ impl Grid {
     fn new(problem: &Problem, side: f64) -> Self {
         let goal = Bounds::of(&[problem.goal.position()]).grown(problem.tolerance());
         let ends = Bounds::of(&[problem.start.position]).with(&goal);
-        // Beyond all obstacles there is a way round.
+        // Beyond all obstacles a body can go round.
         let bounds = problem.scene.bounds().with(&ends).grown(problem.need.distance + 3.0 * side);
         let size = (bounds.max - bounds.min) / side;
         let last = [size.x, size.y, size.z].map(|count| count.ceil().min(f64::from(i32::MAX / 2)) as i32);
@@ -76,8 +76,8 @@ impl Grid {
         problem.scene.distance_within(&centre, enough) >= enough
     }
 
-    /// The cubes in which a body may end: that of the goal, and open ones beside it where it need not be met. None if
-    /// there are too many.
+    /// Returns the cubes in which a body may end: the goal's cube, and open ones within the tolerance of the goal.
+    /// `None` if there are too many.
     fn at_goal(&self, problem: &Problem, max_cubes: usize, meter: &mut Meter) -> Option<Vec<Cube>> {
         let (goal, tolerance) = (problem.goal.position(), problem.tolerance());
         let centre = self.cube(&goal);
@@ -103,7 +103,7 @@ impl Grid {
         Some(cubes)
     }
 
-    /// Floods from both ends by turns, each towards the other: if either fills up before they meet, they are separated.
+    /// Floods from both ends by turns, each towards the other. If either fills up before they meet, they are separated.
     fn flood(&self, problem: &Problem, max_cubes: usize, meter: &mut Meter) -> Flood {
         let ends = [self.cube(&problem.start.position), self.cube(&problem.goal.position())];
         let Some(at_goal) = self.at_goal(problem, max_cubes, meter) else { return Flood::Unknown };
@@ -135,7 +135,7 @@ impl Grid {
     }
 }
 
-/// The square of the distance between two cubes, in sides.
+/// Returns the square of the distance between two cubes, in sides.
 fn apart(a: &Cube, b: &Cube) -> i64 {
     a.iter().zip(b).map(|(a, b)| (i64::from(*a) - i64::from(*b)).pow(2)).sum()
 }

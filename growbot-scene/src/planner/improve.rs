@@ -1,4 +1,4 @@
-//! Shortening a body that is clear, and drawing new ones at random.
+//! Shortening of a clear body, and drawing of random ones.
 
 use growbot_core::random::Random;
 use growbot_core::trigonometry::sin_cos;
@@ -11,50 +11,50 @@ use super::meter::Meter;
 use crate::clear::{Work, is_clear};
 use crate::motion::{Curve, Stretch, any_across};
 
-/// Max number of positions on the way of a body that is being shortened.
+/// Maximum number of positions on the way of a body that is being shortened.
 const MAX_VIA: usize = 12;
-/// The least move of a position, as a power of two of the largest.
+/// Smallest move of a position, as a power of two of the largest.
 const FINEST: f64 = -16.0;
 
-/// By how much a body may become longer for a while, as a share of the distance of the goal.
+/// Temporary increase of the length of a body, as a fraction of the distance of the goal.
 const LONGER: f64 = 1e-3;
 
-/// What a position on the way costs, as a share of the distance of the goal.
+/// Price of a position on the way, as a fraction of the distance of the goal.
 const PRICE: f64 = 1e-4;
 
-/// Whether a body is clear.
+/// Reports whether a body is clear and accepted.
 pub(super) fn clear(problem: &Problem, chain: &Chain, work: &mut Work) -> bool {
     chain.stretches.iter().all(|stretch| is_clear(problem.scene, stretch, &problem.need, work))
         && (problem.accept)(chain)
 }
 
-/// What a position on the way costs, mm of length: a body of few pieces is worth a little more length.
+/// Returns the price of a position on the way, mm of length. A body of few pieces is worth a little more length.
 fn price(problem: &Problem) -> f64 {
     PRICE * (problem.goal.position() - problem.start.position).norm()
 }
 
-/// The length of a body and the price of its positions on the way, mm.
+/// Returns the cost of a body: its length and the price of its positions on the way, mm.
 pub(super) fn cost(problem: &Problem, chain: &Chain) -> f64 {
     chain.length + price_of(problem, &chain.via)
 }
 
-/// The price of these positions, mm. One at the goal is no bend on the way to it.
+/// Returns the price of these positions, mm. A position at the goal is free, because it is not a bend on the way.
 fn price_of(problem: &Problem, via: &[Vector3<f64>]) -> f64 {
     let on_the_way = via.len() - usize::from(via.last().is_some_and(|last| problem.is_at_goal(last)));
     price(problem) * on_the_way as f64
 }
 
-/// Lets a body end at a position of its own beside the goal, where it may: its end as it is.
+/// If the goal has a tolerance, adds the body's end as a position of its own, so that it can be moved.
 fn free_end(problem: &Problem, chain: &Chain, via: &mut Vec<Vector3<f64>>) {
     let has_own = via.last().is_some_and(|last| problem.is_at_goal(last));
     if let Some(last) = chain.stretches.last().filter(|_| problem.tolerance() > 0.0 && !has_own) {
         let goal = problem.goal.position();
-        // A little within, lest rounding puts it outside.
+        // The position is slightly inside, so that rounding does not put it outside.
         via.push(goal + (last.end().position - goal) * (1.0 - 1e-9));
     }
 }
 
-/// Moves a position by a random step of this size; one at the goal stays as near to that as it needs to be.
+/// Moves a position by a random step of this size. A position at the goal stays within its tolerance.
 fn displace(problem: &Problem, position: &mut Vector3<f64>, random: &mut Random, size: f64) {
     let at_goal = problem.is_at_goal(position);
     *position += random.normal_vector() * size;
@@ -64,12 +64,12 @@ fn displace(problem: &Problem, position: &mut Vector3<f64>, random: &mut Random,
     }
 }
 
-/// A body that is being shortened: clear at every time.
+/// A body that is being shortened. `chain` is clear at any time.
 pub(super) struct Shortening {
     pub(super) chain: Chain,
-    /// The body that is changed: a little longer than the shortest at times.
+    /// The body that is being changed. It may temporarily be a little longer than the shortest.
     current: Chain,
-    /// The power of two of the last move that made it shorter.
+    /// Power of two of the last move that made the body shorter.
     exponent: f64,
 }
 
@@ -85,7 +85,7 @@ impl Shortening {
         }
     }
 
-    /// Moves positions on the way, leaves one out or adds one: kept if the body is clear and shorter.
+    /// Moves positions on the way, removes one or adds one. The change is kept if the body is clear and shorter.
     fn step(&mut self, problem: &Problem, random: &mut Random, work: &mut Work) {
         work.0 += 1;
         let mut via = self.current.via.clone();
@@ -132,7 +132,7 @@ impl Shortening {
     }
 }
 
-/// A body without positions that are not needed.
+/// Removes the positions of a body that are not needed.
 pub(super) fn straighten(problem: &Problem, mut chain: Chain, work: &mut Work) -> Chain {
     if let Some(same) = problem.chain(&chain.via, chain.length * (1.0 + 1e-9))
         && clear(problem, &same, work)
@@ -151,7 +151,7 @@ pub(super) fn straighten(problem: &Problem, mut chain: Chain, work: &mut Work) -
     chain
 }
 
-/// A body without one of its positions on the way, or without several; clear, and perhaps longer.
+/// Returns a body without one or several of its positions on the way, which may be longer and is not checked.
 pub(super) fn simpler(problem: &Problem, chain: &Chain, random: &mut Random, below: f64) -> Option<Chain> {
     let mut via = chain.via.clone();
     for _ in 0..=random.below(via.len() as u64 / 2 + 1) {
@@ -166,7 +166,7 @@ pub(super) fn simpler(problem: &Problem, chain: &Chain, random: &mut Random, bel
     problem.chain(&via, below)
 }
 
-/// A point of a body, at this share of its length, and the number of positions on the way before it.
+/// Returns the point at this fraction of a body's length, and the number of positions on the way before it.
 fn along(chain: &Chain, share: f64) -> (Vector3<f64>, usize) {
     let mut left = share * chain.length;
     for (index, stretch) in chain.stretches.iter().enumerate() {
@@ -179,7 +179,7 @@ fn along(chain: &Chain, share: f64) -> (Vector3<f64>, usize) {
     (end, chain.via.len())
 }
 
-/// A body of up to three random arcs and lines, and on to the goal, below this length; it may not be clear.
+/// Draws a body of up to three random arcs and lines and a way to the goal, below this length. It may not be clear.
 pub(super) fn draw(problem: &Problem, random: &mut Random, below: f64) -> Option<Chain> {
     let mut tip = problem.start;
     let mut via = Vec::new();

@@ -1,13 +1,13 @@
-//! What a search has spent, and when it has to stop.
+//! The work of a search and its limits.
 
 use std::time::Instant;
 
 use crate::clear::Work;
 
-/// The clock is looked at after this many distances.
+/// Number of distance queries between two checks of the clock.
 const BETWEEN_LOOKS: u64 = 512;
 
-/// A search's account: work done, work allowed, and the time of day at which it ends whatever is done.
+/// Budget of a search: distance queries made and allowed, and the deadline.
 #[derive(Debug)]
 pub(super) struct Meter {
     pub(super) work: Work,
@@ -22,7 +22,7 @@ impl Meter {
         Self { work: Work(0), limit, deadline, next_look: 0, late: false }
     }
 
-    /// Whether the search has to stop.
+    /// Reports whether the search has to stop. Checks the clock from time to time.
     pub(super) fn is_over(&mut self) -> bool {
         if self.work.0 >= self.next_look {
             self.next_look = self.work.0 + BETWEEN_LOOKS;
@@ -31,7 +31,7 @@ impl Meter {
         self.late || self.work.0 >= self.limit
     }
 
-    /// Whether a part of the search that may work until here has to stop.
+    /// Reports whether a part of the search has to stop, which may work until `until`.
     pub(super) fn is_over_or_at(&mut self, until: u64) -> bool {
         self.work.0 >= until || self.is_over()
     }

@@ -1,12 +1,12 @@
 //! Paths through a scene.
 //!
 //! First the shortest unobstructed ways are tried, in order of length. Then bodies are drawn at random, and trees of
-//! arcs and lines are grown at finer and finer resolutions (`tree.rs`), each tip of them connected to the goal by
-//! growbot's own shortest paths. What is found is shortened while it stays clear (`improve.rs`), and shorter ones are
-//! searched for beside it. Where nothing is found for long, start and goal may be separated (`flood.rs`), which is then
-//! proven.
+//! arcs and lines are grown at finer and finer resolutions (`tree.rs`). Each tip of a tree is connected to the goal by
+//! growbot's own shortest paths. A path that is found is shortened while it stays clear (`improve.rs`), and shorter
+//! ones are searched for as well. If nothing is found for long, start and goal may be separated (`flood.rs`), which is
+//! then proven.
 //!
-//! Everything is counted in distances looked up, so that a search that is bounded by them gives the same result on
+//! All work is counted in distance queries, so that a search that is limited by their number gives the same result on
 //! every machine.
 
 mod chain;
@@ -29,22 +29,22 @@ use crate::clear::Need;
 use crate::motion::{Tip, length};
 use crate::scene::Scene;
 
-/// Where a body is to end.
+/// Goal of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Goal {
-    /// At a position, pointing anywhere.
+    /// A position with any direction.
     Position {
         /// The position, mm.
         at: Vector3<f64>,
-        /// How far from it the body may end, mm.
+        /// Maximum distance from the position at which the body may end, mm.
         tolerance: f64,
     },
-    /// At a position, pointing in a direction.
+    /// A position with a direction.
     Pose(Tip),
 }
 
 impl Goal {
-    /// The position, mm.
+    /// Returns the position, mm.
     #[must_use]
     pub fn position(&self) -> Vector3<f64> {
         match self {
@@ -54,26 +54,26 @@ impl Goal {
     }
 }
 
-/// From where to where, through what.
+/// A planning problem: scene, start, goal and requirements of the body.
 #[derive(Clone, Copy)]
 pub struct Problem<'a> {
     /// The obstacles.
     pub scene: &'a Scene,
-    /// Where the body starts.
+    /// Start of the body.
     pub start: Tip,
-    /// Where it is to end.
+    /// Goal of the body.
     pub goal: Goal,
-    /// The min radius of bends, mm.
+    /// Minimum radius of bends, mm.
     pub radius: f64,
-    /// How far the centreline must keep from the obstacles.
+    /// Minimum distance of the centreline from the obstacles.
     pub need: Need,
-    /// Max length, mm.
+    /// Maximum length, mm.
     pub length_max: f64,
-    /// What else a clear body must be, such as clear of itself.
+    /// Further condition for a clear body, such as that it is clear of itself.
     pub accept: &'a dyn Fn(&Chain) -> bool,
 }
 
-/// What a search can tell apart.
+/// Resolution of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Resolution {
     /// Length of an arc or line, mm.
@@ -87,8 +87,8 @@ pub struct Resolution {
 }
 
 impl Resolution {
-    /// Resolution of a level, each twice as fine as the one before: two bodies that bend to different sides for one
-    /// step end in different cells.
+    /// Returns the resolution of a level. Each is twice as fine as the previous one. Two bodies that bend to different
+    /// sides for one step end in different cells.
     fn of_level(problem: &Problem, level: usize) -> Self {
         let span = (problem.goal.position() - problem.start.position).norm();
         let coarsest = (0.4 * problem.radius).min(0.25 * span).max(0.01 * problem.radius);
@@ -98,40 +98,40 @@ impl Resolution {
     }
 }
 
-/// How long to search.
+/// Limits of a search.
 #[derive(Debug, Clone, Copy)]
 pub struct Budget {
-    /// Work, in distances looked up. With this alone the result is the same on every machine.
+    /// Number of distance queries. With this limit alone the result is the same on every machine.
     pub work: u64,
-    /// When to stop whatever is done.
+    /// Time at which the search stops in any case.
     pub deadline: Option<Instant>,
-    /// Whether the first path found will do.
+    /// True to stop at the first path found.
     pub first_only: bool,
 }
 
-/// What a search came to.
+/// Result of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Outcome {
-    /// A path that is clear, the shortest that was found.
+    /// The shortest clear path that was found.
     Found(Chain),
-    /// There is no path: start or goal is too near to an obstacle, or what is between lets no body through.
+    /// No path exists: start or goal is too near to an obstacle, or no gap between them is wide enough.
     Impossible(Why),
-    /// There is none at this resolution.
+    /// No path exists at this resolution.
     NoneAt(Resolution),
-    /// None was found with the budget.
+    /// No path was found within the budget.
     NotFound,
 }
 
-/// Why there is no path at all.
+/// Reason why no path exists.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Why {
-    /// The start is this near to an obstacle, mm.
+    /// The start is too near to an obstacle. Contains its distance, mm.
     Start(f64),
-    /// The goal is this near to an obstacle, mm.
+    /// The goal is too near to an obstacle. Contains its distance, mm.
     Goal(f64),
-    /// The goal is farther from the start than the body may be long: this far, mm.
+    /// The goal is farther from the start than the maximum length of the body. Contains its distance, mm.
     TooFar(f64),
-    /// Obstacles lie all round the start or the goal, with no gap that is wide enough.
+    /// Obstacles surround the start or the goal, and no gap is wide enough.
     Separated,
 }
 
@@ -141,12 +141,12 @@ const LEVELS: usize = 5;
 const QUOTA: u64 = 2_000;
 /// Work for shortening in a round.
 const SHORTENING: u64 = 5 * QUOTA;
-/// After this many rounds without a path, start and goal may be separated.
+/// Numbers of rounds without a path after which separation of start and goal is checked.
 const ROUNDS_TO_FLOOD: [u32; 3] = [6, 16, 32];
-/// A body that is longer than the best by this share may become shorter.
+/// Excess length up to which a new body is shortened, as a fraction of the best length.
 const LONGER: f64 = 0.05;
 
-/// Searches for a path. `report` is called with each better one.
+/// Searches for a path. Calls `report` with each better one.
 pub fn search(problem: &Problem, budget: &Budget, report: &mut dyn FnMut(&Chain)) -> Outcome {
     if let Some(why) = impossible(problem) {
         return Outcome::Impossible(why);
@@ -163,10 +163,10 @@ pub fn search(problem: &Problem, budget: &Budget, report: &mut dyn FnMut(&Chain)
     search.run(budget.first_only)
 }
 
-/// Names the stream of random numbers.
+/// Name of the stream of random numbers.
 const SEED: u64 = 2026;
 
-/// What rules out any path, if that is plain to see.
+/// Returns the reason why no path exists, if a quick check finds one.
 #[must_use]
 pub fn impossible(problem: &Problem) -> Option<Why> {
     let (start, goal) = (problem.start.position, problem.goal.position());
@@ -182,12 +182,12 @@ pub fn impossible(problem: &Problem) -> Option<Why> {
     (far > problem.length_max).then_some(Why::TooFar(far))
 }
 
-/// A search under way.
+/// A search in progress.
 struct Search<'a, 'b> {
     problem: &'a Problem<'b>,
     meter: Meter,
     random: Random,
-    /// A tree for each resolution, begun when its turn comes.
+    /// The trees, one for each resolution. Each is begun when its turn comes.
     trees: Vec<Tree>,
     best: Option<Shortening>,
     report: &'a mut dyn FnMut(&Chain),
@@ -217,31 +217,31 @@ impl Search<'_, '_> {
         if self.trees.iter().all(Tree::is_exhausted) && self.is_separated_at_all() {
             return Outcome::Impossible(Why::Separated);
         }
-        // Of a search that was cut off, nothing is said: coarser trees tell little.
+        // A search that was cut off gives no proof, because coarser trees mean little.
         let is_complete = self.trees.len() == LEVELS && self.trees.iter().all(Tree::is_exhausted);
         let finest = self.trees.last().filter(|_| is_complete);
         finest.map_or(Outcome::NotFound, |tree| Outcome::NoneAt(tree.resolution))
     }
 
-    /// Whether start and goal are separated: looked at more finely the longer nothing is found.
+    /// Checks in some rounds whether start and goal are separated, at a finer resolution each time.
     fn is_separated(&mut self, round: u32) -> bool {
         let fineness = ROUNDS_TO_FLOOD.iter().position(|rounds| *rounds == round);
         let Some(fineness) = fineness.and_then(|index| flood::FINENESS.get(index)) else { return false };
         flood::separated(self.problem, *fineness, &mut self.meter) == Flood::Separated
     }
 
-    /// Whether start and goal are separated, as finely as it is looked at.
+    /// Checks whether start and goal are separated, at all resolutions.
     fn is_separated_at_all(&mut self) -> bool {
         let separated = |fineness| flood::separated(self.problem, fineness, &mut self.meter) == Flood::Separated;
         flood::FINENESS.into_iter().any(separated)
     }
 
-    /// Only what is shorter than this is of use, mm.
+    /// Returns the length below which a new path is useful, mm.
     fn below(&self) -> f64 {
         self.best.as_ref().map_or(self.problem.length_max, |best| best.chain.length)
     }
 
-    /// Keeps a body that was found, if it is the best.
+    /// Records a new body if it is the best.
     fn keep(&mut self, shortening: Shortening) {
         let cost = |chain: &Chain| cost(self.problem, chain);
         if self.best.as_ref().is_none_or(|best| cost(&shortening.chain) < cost(&best.chain)) {
@@ -250,7 +250,7 @@ impl Search<'_, '_> {
         }
     }
 
-    /// Grows a tree more in each round, and each twice as much as the next finer one.
+    /// Grows each tree further in each round, twice as much as the next finer one.
     fn grow_trees(&mut self, round: u32) {
         for level in 0..LEVELS.min(round as usize + 1) {
             let below = self.below();
@@ -268,7 +268,7 @@ impl Search<'_, '_> {
         }
     }
 
-    /// Draws random bodies until one is clear; one that is a little longer than the best is shortened first.
+    /// Draws random bodies until one is clear. One that is a little longer than the best is shortened first.
     fn draw(&mut self) {
         let below = if self.best.is_some() { self.below() * (1.0 + LONGER) } else { self.problem.length_max };
         let until = self.meter.work.0 + QUOTA;

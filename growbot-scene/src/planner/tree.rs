@@ -1,8 +1,8 @@
-//! A search that is complete at its resolution: every way of arcs and lines of one length, in directions that are
-//! spread evenly, of which no two end in one cell of positions and directions.
+//! A search that is complete at its resolution. It tries all chains of arcs and lines of one length, in directions that
+//! are spread evenly. No two of them end in one cell of positions and directions.
 //!
-//! It follows Fu, Salzman and Alterovitz 2021 ("Toward certifiable motion planning for medical steerable needles",
-//! RSS), with growbot's own shortest paths to the goal from every tip.
+//! The method follows Fu, Salzman and Alterovitz 2021 ("Toward certifiable motion planning for medical steerable
+//! needles", RSS), with growbot's own shortest paths to the goal from every tip.
 
 use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashMap};
@@ -17,25 +17,25 @@ use super::{Problem, Resolution};
 use crate::clear::is_clear;
 use crate::motion::{Stretch, Tip, any_across, length, to_position};
 
-/// How much more the way to go counts than the way gone: what leads to the goal is tried first.
+/// Weight of the remaining way relative to the way so far. Ways that lead to the goal are tried first.
 const EAGERNESS: f64 = 1.5;
 
-/// Max number of tips that are remembered, some 500 MB with the ways that may be tried.
+/// Maximum number of stored tips, some 500 MB with the ways that may be tried.
 const MAX_NODES: usize = 500_000;
 
 /// A tip that has been reached.
 struct Node {
     tip: Tip,
-    /// Index of the node before, and the way from there.
+    /// Index of the previous node. `way` leads from there to this one.
     before: u32,
     way: Stretch,
     gone: f64,
 }
 
-/// A way that may be tried: from this node.
+/// A way from a node that may be tried.
 struct Next {
     rank: f64,
-    /// The length of the body with the shortest way on to the goal, mm.
+    /// Length of the body with the shortest way on to the goal, mm.
     total: f64,
     number: u64,
     node: u32,
@@ -58,18 +58,18 @@ impl PartialOrd for Next {
 
 impl Ord for Next {
     fn cmp(&self, other: &Self) -> Ordering {
-        // A heap gives the greatest: that is to be the least rank, and of equal ones the first.
+        // A heap returns the greatest element. That must be the lowest rank, and of equal ones the first.
         other.rank.total_cmp(&self.rank).then(other.number.cmp(&self.number))
     }
 }
 
 /// The search at one resolution.
 pub(super) struct Tree {
-    /// What it can tell apart.
+    /// Resolution of the search.
     pub(super) resolution: Resolution,
     nodes: Vec<Node>,
     queue: BinaryHeap<Next>,
-    /// The shortest way, mm, by which each cell was reached.
+    /// Length of the shortest way to each cell that was reached, mm.
     cells: HashMap<[i32; 6], f64>,
     pushed: u64,
 }
@@ -84,7 +84,7 @@ impl Tree {
         tree
     }
 
-    /// Whether nothing is left to try.
+    /// Reports whether nothing is left to try.
     pub(super) fn is_exhausted(&self) -> bool {
         self.queue.is_empty()
     }
@@ -99,7 +99,7 @@ impl Tree {
             }
             let end = next.way.end();
             let (cell, gone) = (self.cell(&end), self.nodes.get(next.node as usize)?.gone + next.way.length);
-            // A way that is blocked keeps no other from its cell.
+            // A blocked way does not reserve its cell.
             if self.cells.get(&cell).is_some_and(|before| *before <= gone)
                 || !is_clear(problem.scene, &next.way, &problem.need, &mut meter.work)
             {
@@ -116,7 +116,7 @@ impl Tree {
         None
     }
 
-    /// The cell of a tip. Two tips in one cell are one to the search.
+    /// Returns the cell of a tip. The search does not distinguish two tips in one cell.
     fn cell(&self, tip: &Tip) -> [i32; 6] {
         let at = |value: f64, size: f64| (value / size).floor() as i32;
         let (p, d) = (tip.position, tip.direction);
@@ -131,7 +131,7 @@ impl Tree {
         ]
     }
 
-    /// The body over this node to the goal, if it is clear.
+    /// Returns the body over this node to the goal, if it is clear.
     fn connect(&self, problem: &Problem, index: usize, below: f64, meter: &mut Meter) -> Option<Chain> {
         let node = self.nodes.get(index)?;
         for way in problem.ways_to_goal(&node.tip) {
@@ -146,7 +146,7 @@ impl Tree {
         None
     }
 
-    /// The body to this node, and on.
+    /// Returns the body to this node, followed by `way`.
     fn chain(&self, index: usize, way: Vec<Stretch>) -> Chain {
         let (mut stretches, mut via, mut at) = (Vec::new(), Vec::new(), index);
         while at > 0
@@ -162,7 +162,7 @@ impl Tree {
         Chain { via, length: length(&stretches), stretches }
     }
 
-    /// Notes the ways on from a node.
+    /// Adds the ways that lead on from a node.
     fn branch(&mut self, problem: &Problem, index: usize, below: f64) {
         let Some(node) = self.nodes.get(index) else { return };
         let (tip, gone) = (node.tip, node.gone);
@@ -186,7 +186,7 @@ impl Tree {
     }
 }
 
-/// About how long the way to the goal is, mm: for a pose, that to its position.
+/// Returns an estimate of the length of the way to the goal, mm. For a pose, it is the way to its position.
 fn remaining(problem: &Problem, tip: &Tip) -> f64 {
     let goal: Vector3<f64> = problem.goal.position();
     match to_position(tip, &goal, problem.radius) {

@@ -1,5 +1,5 @@
-//! GLB: the triangles of a glTF 2.0 scene in its binary form, each where its node puts it. Textures, materials, skins
-//! and animations are left out; compressed and sparse buffers are refused.
+//! GLB: the triangles of a glTF 2.0 scene in binary form, transformed by their nodes. Textures, materials, skins and
+//! animations are ignored. Compressed and sparse buffers are refused.
 
 use nalgebra::{Matrix4, Quaternion, UnitQuaternion, Vector3, Vector4};
 use serde::Deserialize;
@@ -7,13 +7,13 @@ use serde::de::IgnoredAny;
 
 use super::{Geometry, fan};
 
-/// Max depth of nodes below nodes.
+/// Maximum depth of nested nodes.
 const MAX_DEPTH: usize = 64;
-/// Max number of nodes that are shown: one may be the child of many.
+/// Maximum number of visited nodes. A node may be the child of many.
 const MAX_VISITS: usize = 1 << 20;
-/// Max number of points of all nodes together; a mesh may be shown by many.
+/// Maximum number of points of all nodes together. A mesh may be used by many nodes.
 const MAX_POINTS: usize = 1 << 26;
-/// glTF's names for kinds of numbers, and for triangles.
+/// glTF's codes for number types, and for triangles.
 const UNSIGNED_BYTE: u32 = 5121;
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
@@ -170,7 +170,7 @@ impl<'a> Reader<'a> {
         if self.geometry.triangles.len() + indices.len() / 3 > MAX_POINTS {
             return Err(format!("its nodes show more than {MAX_POINTS} triangles"));
         }
-        // What a mirroring node turns inside out is turned back.
+        // A node that mirrors turns its faces inside out. This is reversed here.
         let mirrored = world_from_node.fixed_view::<3, 3>(0, 0).determinant() < 0.0;
         for face in indices.as_chunks::<3>().0 {
             if let Some(index) = face.iter().find(|index| **index >= count as i64) {
@@ -194,7 +194,7 @@ impl<'a> Reader<'a> {
         Ok(items.into_iter().map(number).collect())
     }
 
-    /// The bytes of each item of an accessor.
+    /// Returns the bytes of each item of an accessor.
     fn items(&self, index: usize, size: usize, kinds: &[u32]) -> Result<Vec<&'a [u8]>, String> {
         let accessor = self.document.accessors.get(index).ok_or_else(|| format!("it has no accessor {index}"))?;
         if !kinds.contains(&accessor.component_type) {

@@ -1,5 +1,5 @@
-//! Readers of meshes and point clouds. Nothing that a file says is believed before it is checked against the bytes that
-//! are there, so that memory is bounded by the file's length.
+//! Readers of meshes and point clouds. All counts of a file are checked against its actual bytes before they are used,
+//! so that memory is bounded by the file's length.
 
 mod glb;
 mod obj;
@@ -14,36 +14,36 @@ use std::path::Path;
 use growbot_core::hash::Hasher;
 use nalgebra::Vector3;
 
-/// No mesh and no cloud is longer than this, bytes (512 MiB): some 10 million triangles.
+/// Maximum length of a mesh or cloud, bytes (512 MiB): some 10 million triangles.
 pub const LONGEST_GEOMETRY: u64 = 512 << 20;
 
-/// Number of characters of a reason that a message shows.
+/// Maximum number of characters of a reason in a message.
 const LONGEST_REASON: usize = 200;
 
-/// The formats, by the ending of a file.
+/// File extensions of the formats.
 const ENDINGS: [&str; 5] = ["stl", "obj", "ply", "glb", "pcd"];
 
-/// What a file of a mesh or of a cloud holds: points, and triangles between them.
+/// Content of a mesh or cloud file: points, and triangles between them.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Geometry {
     /// The points, in the file's units.
     pub points: Vec<Vector3<f64>>,
-    /// The corners of each triangle, as indices of points.
+    /// Corners of each triangle, as indices of points.
     pub triangles: Vec<[u32; 3]>,
 }
 
 /// A file that has been read.
 #[derive(Debug)]
 pub struct ReadGeometry {
-    /// What it holds.
+    /// Content of the file.
     pub geometry: Geometry,
-    /// The hash of its bytes, CRC-64/XZ.
+    /// Hash of its bytes, CRC-64/XZ.
     pub hash: u64,
-    /// How many bytes it has.
+    /// Number of bytes.
     pub length: u64,
 }
 
-/// Why a file could not be read.
+/// Error of reading a file.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// The file is missing, or may not be read.
@@ -51,46 +51,46 @@ pub enum ReadError {
     Unreadable {
         /// The file.
         file: String,
-        /// What the system says.
+        /// Error of the operating system.
         #[source]
         error: std::io::Error,
     },
-    /// The file is longer than growbot reads.
+    /// The file exceeds the size limit.
     #[error("{file} is longer than {limit} bytes, the most that is read: make it smaller")]
     TooLong {
         /// The file.
         file: String,
-        /// The limit.
+        /// Maximum length, bytes.
         limit: u64,
     },
-    /// The ending says nothing that is known.
+    /// The file extension is unknown.
     #[error("{file} has an ending that is not known: give a file that ends in .stl, .obj, .ply, .glb or .pcd")]
     UnknownEnding {
         /// The file.
         file: String,
     },
-    /// The file is not what its ending says, or is damaged.
+    /// The content does not match the extension, or is damaged.
     #[error("{file} cannot be understood: {reason}; write it again")]
     Malformed {
         /// The file.
         file: String,
-        /// What is wrong.
+        /// Description of the error.
         reason: String,
     },
 }
 
-/// The ending of a path, in lower case.
+/// Returns the extension of a path, in lower case.
 fn ending(path: &Path) -> Option<String> {
     path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase())
 }
 
-/// Whether a path ends as a mesh or a cloud does.
+/// Reports whether a path has the extension of a mesh or cloud.
 #[must_use]
 pub fn is_geometry(path: &Path) -> bool {
     ending(path).is_some_and(|ending| ENDINGS.contains(&ending.as_str()))
 }
 
-/// All bytes of a file that is no longer than a limit.
+/// Reads all bytes of a file, up to a limit.
 ///
 /// # Errors
 /// [`ReadError::Unreadable`], [`ReadError::TooLong`].
@@ -106,10 +106,10 @@ pub fn bytes(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
     if bytes.len() as u64 > limit { Err(ReadError::TooLong { file: file(), limit }) } else { Ok(bytes) }
 }
 
-/// Reads a mesh or a cloud, as its ending says.
+/// Reads a mesh or a cloud in the format of its extension.
 ///
 /// # Errors
-/// What is wrong with the file.
+/// Any fault of the file.
 pub fn geometry(path: &Path) -> Result<ReadGeometry, ReadError> {
     let file = || path.display().to_string();
     let read = match ending(path).as_deref() {
@@ -125,7 +125,7 @@ pub fn geometry(path: &Path) -> Result<ReadGeometry, ReadError> {
     Ok(ReadGeometry { geometry, hash: Hasher::of(&bytes), length: bytes.len() as u64 })
 }
 
-/// A text in one line of ordinary length, whatever a damaged file has put into it.
+/// Returns a text in one line of limited length, whatever a damaged file contains.
 pub(crate) fn one_line(text: &str) -> String {
     let words = text.split(|c: char| c.is_whitespace() || c.is_control()).filter(|word| !word.is_empty());
     let line = words.collect::<Vec<_>>().join(" ");
@@ -136,7 +136,7 @@ pub(crate) fn one_line(text: &str) -> String {
     short
 }
 
-/// Adds a face as triangles from its first corner.
+/// Adds a face as a fan of triangles from its first corner.
 fn fan(corners: &[i64], geometry: &mut Geometry) -> Result<(), String> {
     let points = geometry.points.len();
     let corner = |index: i64| match usize::try_from(index) {
@@ -151,21 +151,22 @@ fn fan(corners: &[i64], geometry: &mut Geometry) -> Result<(), String> {
     Ok(())
 }
 
-/// Edges at which a mesh encloses nothing.
+/// Number of edges at which a mesh encloses no volume.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Faults {
-    /// Edges that a face is missing at.
+    /// Number of edges at which a face is missing.
     pub open: usize,
-    /// Edges whose faces have it in the same order of corners, so that one of them is inside out.
+    /// Number of edges whose faces have it in the same order of corners, so that one of them is inside out.
     pub flipped: usize,
 }
 
-/// The edges that do not lie between two faces, one on each side. Points at one place are one corner.
+/// Counts the edges that do not lie between two faces, one on each side. Points with equal coordinates count as one
+/// corner.
 #[must_use]
 pub fn faults(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Faults {
     let bits = |index: u32| {
         let point = points.get(index as usize).copied().unwrap_or_default();
-        // Adding 0 makes 0 of -0.
+        // Adding 0 converts -0 to 0.
         point.data.0[0].map(|value| (value + 0.0).to_bits())
     };
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
@@ -180,7 +181,7 @@ pub fn faults(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Faults {
         }
         before = Some(index);
     }
-    // Each edge from its lower to its higher corner, and whether a face has it the other way round.
+    // Each edge from its lower to its higher corner, and whether a face has it in the opposite direction.
     let mut edges: Vec<(u32, u32, bool)> = Vec::with_capacity(3 * triangles.len());
     for face in triangles {
         let face = face.map(|index| corner.get(index as usize).copied().unwrap_or_default());
@@ -194,7 +195,7 @@ pub fn faults(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Faults {
     let mut faults = Faults::default();
     for group in edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
         let more = group.iter().map(|edge| if edge.2 { -1 } else { 1 }).sum::<isize>().unsigned_abs();
-        // Of an even number of faces none is missing.
+        // With an even number of faces, none is missing.
         if group.len().is_multiple_of(2) {
             faults.flipped += more / 2;
         } else {
@@ -204,18 +205,18 @@ pub fn faults(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Faults {
     faults
 }
 
-/// The lines of a text, each split into words. Bytes that are no UTF-8 may stand in names and remarks.
+/// Returns the lines of a text, each split into words. Bytes that are not UTF-8 may occur in names and comments.
 fn lines(bytes: &[u8]) -> impl Iterator<Item = Vec<&str>> {
     bytes.split(|byte| *byte == b'\n').map(words)
 }
 
-/// The words of a line; one that is no UTF-8, and so no number, is called so.
+/// Splits a line into words. A word that is not UTF-8, and so not a number, is replaced.
 fn words(line: &[u8]) -> Vec<&str> {
     let words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
     words.map(|word| std::str::from_utf8(word).unwrap_or("(no UTF-8)")).collect()
 }
 
-/// Three numbers.
+/// Parses three numbers.
 fn three(words: &[&str]) -> Option<Vector3<f64>> {
     let [x, y, z, ..] = words else { return None };
     Some(Vector3::new(x.parse().ok()?, y.parse().ok()?, z.parse().ok()?))

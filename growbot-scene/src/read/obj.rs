@@ -1,4 +1,4 @@
-//! OBJ: points and faces. Normals, textures, materials and groups are left out.
+//! OBJ: points and faces. Normals, textures, materials and groups are ignored.
 
 use super::{Geometry, fan, lines, three};
 
@@ -17,7 +17,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
                 let points = geometry.points.len() as i64;
                 let index = |word: &&str| {
                     let index: i64 = word.split('/').next()?.parse().ok()?;
-                    // From 1 on or, below 0, from the last point back.
+                    // Indices count from 1 or, if negative, from the last point back.
                     Some(if index < 0 { points.checked_add(index)? } else { index - 1 })
                 };
                 let corners: Option<Vec<i64>> = corners.iter().map(index).collect();

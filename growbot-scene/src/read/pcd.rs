@@ -4,17 +4,17 @@ use nalgebra::Vector3;
 
 use super::Geometry;
 
-/// Where a coordinate stands among the fields of a point.
+/// Position of a coordinate among the fields of a point.
 #[derive(Debug, Clone, Copy)]
 struct Field {
-    /// Number of the value in a line of text.
+    /// Index of the value in a line of text.
     word: usize,
-    /// Offset in a binary point, and size there: 4 or 8 bytes.
+    /// Offset and size in a binary point. The size is 4 or 8 bytes.
     offset: usize,
     size: usize,
 }
 
-/// What the header says.
+/// Content of the header.
 #[derive(Debug, Default)]
 struct Header {
     names: Vec<String>,
@@ -39,7 +39,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
     Ok(Geometry { points, triangles: Vec::new() })
 }
 
-/// Points, of which the header says how many there are.
+/// Points, whose number is in the header.
 struct Points(Vec<Vector3<f64>>);
 
 impl Points {
@@ -49,7 +49,7 @@ impl Points {
             return Err(format!("it announces {announced} points, and has {found}"));
         }
         self.0.truncate(announced);
-        // A point that a scanner did not see is NaN.
+        // A point that a scanner did not detect is NaN.
         self.0.retain(|point| point.iter().all(|value| !value.is_nan()));
         Ok(self.0)
     }
@@ -87,7 +87,7 @@ fn header(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
     Err("its header has no DATA".to_owned())
 }
 
-/// The fields x, y and z; the number of words and of bytes of a point.
+/// Returns the fields x, y and z, and the number of words and of bytes of a point.
 fn fields(header: &Header) -> Result<([Field; 3], usize, usize), String> {
     let (mut word, mut offset) = (0_usize, 0_usize);
     let mut found = [None; 3];

@@ -6,7 +6,7 @@ use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
 
 use super::Geometry;
 
-/// A point; what else a file says of it is left out.
+/// A point. Other properties are ignored.
 struct Vertex(Vector3<f64>);
 
 impl PropertyAccess for Vertex {
@@ -57,7 +57,7 @@ impl PropertyAccess for Face {
     }
 }
 
-/// Anything else.
+/// Any other element.
 struct Other;
 
 impl PropertyAccess for Other {
@@ -86,7 +86,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
                     super::fan(&corners, &mut geometry)?;
                 }
             }
-            // A mesh by strips would be taken for a cloud.
+            // A mesh made of strips would be mistaken for a cloud.
             "tristrips" if element.count > 0 => {
                 return Err("it has strips of triangles: export it with faces".to_owned());
             }

@@ -4,11 +4,11 @@ use nalgebra::Vector3;
 
 use super::{Geometry, lines, three};
 
-/// Bytes before the triangles, and of each.
+/// Number of bytes before the triangles, and of each triangle.
 const HEADER: usize = 84;
 const TRIANGLE: usize = 50;
 
-/// Reads an STL file. Many binary files begin like texts: the length tells.
+/// Reads an STL file. Many binary files begin like text files, so the length decides.
 pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
     let count = bytes.get(80..HEADER).and_then(|count| count.try_into().ok()).map(u32::from_le_bytes);
     let announced = count.map(|count| count as usize * TRIANGLE + HEADER);
@@ -32,7 +32,7 @@ fn binary(bytes: &[u8]) -> Geometry {
             let bytes = triangle.get(4 * index..).and_then(|rest| rest.first_chunk());
             f64::from(bytes.map_or(f32::NAN, |bytes| f32::from_le_bytes(*bytes)))
         };
-        // The first three are the normal.
+        // The first three numbers are the normal.
         let corner = |index: usize| Vector3::from_fn(|axis, _| number(3 + 3 * index + axis));
         push(&mut geometry, [corner(0), corner(1), corner(2)]);
     }

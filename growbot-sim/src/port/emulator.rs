@@ -39,9 +39,10 @@ use crate::truth::{Laid, Simulation};
 const LOOK: Duration = Duration::from_millis(1);
 /// How often it does in virtual time, where each look costs QEMU some 0.1 ms.
 const VIRTUAL_LOOK: Duration = Duration::from_millis(5);
-/// Ticks from one byte to the board to the next. The interrupt of a tick at which QEMU has stopped the board is
-/// followed at once by the next one, so a stop at every tick would leave the main loop no time.
-const BYTE_TICKS: u32 = 2;
+/// The fewest ticks from stop to stop, and the ticks from one byte to the board to the next. The interrupt of a tick at
+/// which QEMU has stopped the board is followed at once by the next one, so a stop at every tick would leave the main
+/// loop no time.
+const FEWEST_TICKS: u32 = 2;
 /// The clock of a board that reaches no tick for so long in real time stands: real time passes instead.
 const STANDING: Duration = Duration::from_secs(10);
 /// How long QEMU may take to end once its line has broken.
@@ -276,7 +277,7 @@ impl Stepped {
             self.line.write_all(&[byte])?;
         }
         let left = deadline.saturating_sub(self.now());
-        let ticks = if self.to_board.is_empty() { self.ticks(left.min(VIRTUAL_LOOK)) } else { BYTE_TICKS };
+        let ticks = if self.to_board.is_empty() { self.ticks(left.min(VIRTUAL_LOOK)) } else { FEWEST_TICKS };
         let before = locked(&self.followed).clock()?;
         if !self.debugger.run_to((before as u32).wrapping_add(ticks), STANDING)? {
             self.stood += STANDING;
@@ -291,10 +292,10 @@ impl Stepped {
         self.read()
     }
 
-    /// The ticks of a time, rounded up: at least one.
+    /// The ticks of a time, rounded up: at least [`FEWEST_TICKS`].
     fn ticks(&self, time: Duration) -> u32 {
         let ticks = (time.as_nanos() * u128::from(self.tick_hz)).div_ceil(1_000_000_000);
-        (ticks as u32).clamp(1, table::ALARM_WORDS - 1)
+        (ticks as u32).clamp(FEWEST_TICKS, table::ALARM_WORDS - 1)
     }
 
     /// Takes what the board has sent.

@@ -1,4 +1,4 @@
-//! The port to a simulated robot that stays on.
+//! The port to a simulated robot that runs in the background.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -17,26 +17,26 @@ use crate::port::TipSettings;
 use crate::tip::hand::Hand;
 use crate::truth::{Laid, Simulation};
 
-/// How long the process may take for what it does at once. It has nothing else to do.
+/// Timeout for requests that the process answers at once. It has nothing else to do.
 const AT_ONCE: Duration = Duration::from_secs(10);
-/// Slower than this no robot's time passes.
+/// Slowest pace of a robot, as a multiple of real time.
 const SLOWEST_PACE: f64 = 0.1;
 
-/// The line to a simulated robot that stays on. Its clock is the robot's, which passes by itself.
+/// The line to a simulated robot that runs in the background. Its clock is the robot's, which advances by itself.
 pub struct Line {
     name: String,
     place: Place,
     reader: BufReader<UnixStream>,
     now: Duration,
-    /// What has arrived beyond what was asked for.
+    /// Bytes that have arrived beyond the requested number.
     arrived: VecDeque<u8>,
 }
 
 impl Line {
-    /// Opens the line, alone.
+    /// Opens the line for exclusive use.
     ///
     /// # Errors
-    /// [`ResidentError`]: the robot is off, or another program has its line.
+    /// [`ResidentError`]: the robot is off, or another program uses its line.
     pub fn open(place: &Place) -> Result<Self, ResidentError> {
         Self::open_as(place, true)
     }
@@ -63,10 +63,10 @@ impl Line {
         }
     }
 
-    /// Growth begins where these settings say, on a tip that is off as they say.
+    /// Sets the start and the disturbances of the tip.
     ///
     /// # Errors
-    /// The robot was switched off.
+    /// If the robot was switched off.
     pub fn set_tip(&mut self, settings: &TipSettings) -> Result<(), PortError> {
         self.ask(&Ask::Tip(settings.into()), AT_ONCE).map(|_| ())
     }
@@ -74,18 +74,18 @@ impl Line {
     /// Resets the board.
     ///
     /// # Errors
-    /// The robot was switched off.
+    /// If the robot was switched off.
     pub fn reset(&mut self) -> Result<(), PortError> {
         self.ask(&Ask::Reset, AT_ONCE).map(|_| ())
     }
 
-    /// Switches the robot off at this moment, and waits until it is.
+    /// Switches the robot off immediately, and waits until it is off.
     ///
     /// # Errors
-    /// It does not answer.
+    /// If the process does not respond.
     pub fn power_off(&mut self) -> Result<(), PortError> {
         self.ask(&Ask::PowerOff, AT_ONCE)?;
-        // Its process ends once it has said so, and lets go of the line with that.
+        // The process ends after its response, and the line closes with it.
         let mut rest = String::new();
         let _ = self.reader.read_line(&mut rest);
         Ok(())
@@ -146,11 +146,11 @@ impl Port for Line {
     }
 }
 
-/// What the tip behind a line has laid.
+/// The layers of the tip behind a line.
 pub struct Truth(Rc<RefCell<Line>>);
 
 impl Truth {
-    /// The truth behind a line that a client has too.
+    /// Creates the truth of a line that a client uses too.
     #[must_use]
     pub fn behind(line: &Rc<RefCell<Line>>) -> Self {
         Self(Rc::clone(line))

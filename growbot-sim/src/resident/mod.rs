@@ -1,10 +1,11 @@
-//! Simulated robots that stay on: each is played by a process of its own, as a robot on a bench has a board of its own.
+//! Simulated robots that run in the background. Each runs in its own process and outlives the programs that connect to
+//! it.
 //!
-//! A program that uses `sim:NAME` as its port may end, crash or be stopped, and the robot goes on, as far as a robot
-//! does without a host. Its flash and its retained memory are files, so that it also comes back as itself after it was
-//! switched off in the midst of a layer.
+//! A program that uses `sim:NAME` as its port may end, crash or be stopped. The robot continues, as far as a robot does
+//! without a host. Its flash and its retained memory are files, so that it resumes correctly even after it was switched
+//! off in the middle of a layer.
 //!
-//! - [`Place`]: the directory of a robot; [`play`]: the process; [`Line`]: the port to it; `wire`: what both say.
+//! - [`Place`]: the directory of a robot; [`play`]: the process; [`Line`]: the port to it; `wire`: their messages.
 
 mod line;
 mod place;
@@ -21,47 +22,47 @@ pub use self::line::{Line, Truth};
 pub use self::place::Place;
 pub use self::play::play;
 
-/// Why a simulated robot that stays on could not be reached, or not be played.
+/// Error of connecting to a simulated robot in the background, or of running it.
 #[derive(Debug, thiserror::Error)]
 pub enum ResidentError {
-    /// There is no directory for it.
+    /// No directory for simulated robots is defined.
     #[error("neither XDG_STATE_HOME nor HOME is set, so there is no place for simulated robots: say sim:./NAME")]
     NoHome,
-    /// It is off.
+    /// The robot is off.
     #[error("the simulated robot sim:{0} is off: switch it on with `growbot power on --port sim:{0}`")]
     Off(String),
-    /// It is on already.
+    /// The robot is on already.
     #[error("the simulated robot sim:{0} is on already: switch it off with `growbot power off --port sim:{0}`")]
     On(String),
-    /// Another program has its line.
+    /// Another program uses the line of the robot.
     #[error("the simulated robot sim:{0} is in use by another program: end that, or go through it")]
     Busy(String),
-    /// Its directory belongs to another robot.
+    /// The directory belongs to another robot.
     #[error(
         "sim:{name} is {is}, and not {asked}: choose another name, or leave --robot out; {directory} holds what it \
          knows"
     )]
     OtherRobot {
-        /// Its name.
+        /// Name of the simulated robot.
         name: String,
-        /// The robot that it is.
+        /// Robot that the directory belongs to.
         is: String,
-        /// The robot that was asked for.
+        /// Robot that was requested.
         asked: String,
-        /// Where it is.
+        /// Directory of the simulated robot.
         directory: String,
     },
-    /// A file of it cannot be used.
+    /// A file of the robot cannot be used.
     #[error("cannot {what} {path} of the simulated robot: {error}", path = .path.display())]
     File {
-        /// What was tried.
+        /// Failed operation.
         what: &'static str,
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The system's reason.
+        /// Error of the operating system.
         error: io::Error,
     },
-    /// What its process says cannot be understood.
+    /// The messages of the robot's process cannot be parsed.
     #[error("the process of the simulated robot sim:{0} is of another release: switch the robot off, and on again")]
     OtherRelease(String),
 }

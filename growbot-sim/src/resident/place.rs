@@ -1,4 +1,4 @@
-//! Where a simulated robot keeps what it knows.
+//! The directory with the state of a simulated robot.
 
 use std::env;
 use std::fs::{self, File};
@@ -11,7 +11,7 @@ use rustix::fs::{FlockOperation, flock};
 
 use super::ResidentError;
 
-/// The longest path that a Unix socket can have, bytes.
+/// Maximum length of the path of a Unix socket, bytes.
 const LONGEST_SOCKET_PATH: usize = 107;
 
 /// The directory of a simulated robot.
@@ -22,8 +22,8 @@ pub struct Place {
 }
 
 impl Place {
-    /// The place of a robot of this name: a directory of its own in `$XDG_STATE_HOME/growbot/robots` or
-    /// `~/.local/state/growbot/robots`; a name with a slash in it is the directory itself.
+    /// Returns the place of a robot of this name: its own directory in `$XDG_STATE_HOME/growbot/robots` or
+    /// `~/.local/state/growbot/robots`. A name that contains a slash is the directory itself.
     ///
     /// # Errors
     /// [`ResidentError::NoHome`].
@@ -38,13 +38,13 @@ impl Place {
         Ok(Self { name: name.to_owned(), directory })
     }
 
-    /// The robot's name.
+    /// Returns the name of the robot.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The directory.
+    /// Returns the directory.
     #[must_use]
     pub fn directory(&self) -> &Path {
         &self.directory
@@ -54,7 +54,7 @@ impl Place {
         self.directory.join(name)
     }
 
-    /// The socket of its line.
+    /// Returns the path of the socket of its line.
     pub(super) fn line(&self) -> Result<PathBuf, ResidentError> {
         let path = self.file("line");
         if path.as_os_str().len() > LONGEST_SOCKET_PATH {
@@ -65,13 +65,13 @@ impl Place {
         Ok(path)
     }
 
-    /// Creates the directory, for this user alone.
+    /// Creates the directory, with access for this user only.
     pub(super) fn create(&self) -> Result<(), ResidentError> {
         let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(&self.directory);
         made.map_err(|error| self.failed("create", self.directory.clone(), error))
     }
 
-    /// Holds the robot for this process, for as long as the file is open. None where another process plays it.
+    /// Locks the robot for this process, until the file is closed. `None` if another process runs it.
     pub(super) fn hold(&self) -> Result<Option<File>, ResidentError> {
         let path = self.file("lock");
         let file = File::options().create(true).truncate(false).write(true).open(&path);
@@ -82,16 +82,16 @@ impl Place {
         }
     }
 
-    /// Whether a process plays it.
+    /// Reports whether a process runs the robot.
     #[must_use]
     pub fn is_on(&self) -> bool {
         self.directory.is_dir() && matches!(self.hold(), Ok(None))
     }
 
-    /// The robot that lives here; none where nobody does yet.
+    /// Returns the robot that the directory belongs to. `None` if it belongs to none yet.
     ///
     /// # Errors
-    /// A file that cannot be read.
+    /// If the file cannot be read.
     pub fn robot(&self) -> Result<Option<Robot>, ResidentError> {
         let path = self.file("robot");
         match fs::read(&path) {
@@ -104,10 +104,10 @@ impl Place {
         }
     }
 
-    /// Whether this robot may live here.
+    /// Checks that this robot may use the directory.
     ///
     /// # Errors
-    /// [`ResidentError::OtherRobot`], or a process plays it already.
+    /// [`ResidentError::OtherRobot`], or [`ResidentError::On`] if a process already runs the robot.
     pub fn check(&self, robot: &Robot) -> Result<(), ResidentError> {
         if self.is_on() {
             return Err(ResidentError::On(self.name.clone()));
@@ -115,7 +115,7 @@ impl Place {
         self.robot()?.map_or(Ok(()), |known| self.is_the_same(&known, robot))
     }
 
-    /// How many times as fast as real time its time passes; none where that is not known.
+    /// Returns the pace of the robot's time, as a multiple of real time. `None` if unknown.
     #[must_use]
     pub fn pace(&self) -> Option<f64> {
         fs::read_to_string(self.file("pace")).ok()?.trim().parse().ok()
@@ -143,7 +143,7 @@ impl Place {
         })
     }
 
-    /// Has this robot live here, unless another one does.
+    /// Assigns the directory to this robot, unless it belongs to another one.
     pub(super) fn settle(&self, robot: &Robot) -> Result<(), ResidentError> {
         match self.robot()? {
             Some(known) => self.is_the_same(&known, robot),
@@ -151,7 +151,7 @@ impl Place {
         }
     }
 
-    /// Has this robot live here, whoever did before.
+    /// Assigns the directory to this robot, even if it belonged to another one.
     pub(super) fn become_another(&self, robot: &Robot) -> Result<(), ResidentError> {
         let mut buffer = [0; LONGEST_ENCODED];
         self.write("robot", robot.encode(&mut buffer).unwrap_or_default())

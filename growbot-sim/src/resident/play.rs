@@ -1,4 +1,4 @@
-//! The process that plays a simulated robot.
+//! The process that runs a simulated robot.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io::{BufRead, BufReader, Write};
@@ -18,22 +18,22 @@ use super::{Place, ResidentError};
 use crate::port::TipSettings;
 use crate::port::sim::Sim;
 
-/// Time passes in such steps at most while programs may ask for something.
+/// Maximum step of time while programs may send requests.
 const STEP: Duration = Duration::from_millis(10);
-/// and real time that is behind by more is not made up for.
+/// Maximum delay behind real time that is caught up.
 const MAX_BEHIND: Duration = Duration::from_secs(1);
-/// A program that asks for nothing for so long is not waited for: the robot's time passes.
+/// Maximum time for which the robot's time stands still while its owner sends no request.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// How long requests are waited for while nothing is due.
+/// Timeout of a wait for requests while nothing is due.
 const LOOK: Duration = Duration::from_millis(1);
-/// Bytes that nobody has received are lost beyond so many.
+/// Maximum number of bytes that wait to be received. Further ones are lost.
 const MAX_QUEUE: usize = 1 << 16;
 
-/// Plays the robot of a place until it is switched off. Its time passes `pace` times as fast as real time. `ready` is
-/// called once programs can reach it.
+/// Runs the robot of a place until it is switched off. Its time advances `pace` times as fast as real time. `ready` is
+/// called once programs can connect.
 ///
 /// # Errors
-/// [`ResidentError`]: another process plays it, it is another robot, or its files cannot be used.
+/// [`ResidentError`]: another process runs it, the place belongs to another robot, or its files cannot be used.
 pub fn play(place: &Place, robot: &Robot, pace: f64, ready: impl FnOnce()) -> Result<(), ResidentError> {
     place.create()?;
     let Some(held) = place.hold()? else { return Err(ResidentError::On(place.name().to_owned())) };
@@ -61,13 +61,13 @@ pub fn play(place: &Place, robot: &Robot, pace: f64, ready: impl FnOnce()) -> Re
     ended
 }
 
-/// How often the board has started: a number that differs from process to process.
+/// Returns an initial boot number that differs from process to process.
 fn boots() -> u32 {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     now.subsec_nanos().rotate_left(13) ^ now.as_secs() as u32
 }
 
-/// What a host asks, or that it has come or gone.
+/// A message from a host's thread: a new connection, a request, or the end of the connection.
 enum Said {
     Came(UnixStream),
     Asked(Ask),
@@ -76,12 +76,12 @@ enum Said {
 
 type Asks = Receiver<(u64, Said)>;
 
-/// A thread for those who come, and one for each of them.
+/// Starts a thread that accepts connections, and one for each of them.
 fn listen(listener: UnixListener) -> Asks {
     let (say, said) = mpsc::channel();
     thread::spawn(move || {
         for (host, stream) in (0..).zip(listener.incoming()) {
-            // Where no descriptors are left for now.
+            // No file descriptors are available at present.
             let Ok(stream) = stream else {
                 thread::sleep(Duration::from_millis(100));
                 continue;
@@ -102,17 +102,17 @@ fn hear(host: u64, stream: UnixStream, say: &Sender<(u64, Said)>) {
         let Ok(ask) = serde_json::from_str(&line) else { break };
         heard = say.send((host, Said::Asked(ask))).is_ok();
     }
-    // Nobody is left to tell where the process ends.
+    // If the process ends, nothing receives this message.
     let _ = say.send((host, Said::Gone));
 }
 
-/// A program at the line.
+/// A program that is connected to the line.
 struct Host {
     stream: UnixStream,
-    /// What the board has sent since it opened the line, and it has not received.
+    /// Bytes that the board has sent since the line was opened and that the program has not received.
     queue: VecDeque<u8>,
     is_open: bool,
-    /// Until when it waits for bytes, in the robot's time, and for how many at most.
+    /// End of the wait for bytes, in the robot's time, and their maximum number.
     waits: Option<(Duration, usize)>,
 }
 
@@ -120,12 +120,12 @@ struct Player {
     sim: Sim,
     store: Store,
     pace: f64,
-    /// When the robot's time was 0.
+    /// Real time at which the robot's time was 0.
     began: Instant,
     hosts: BTreeMap<u64, Host>,
-    /// Who has the line.
+    /// Number of the host that owns the line.
     owner: Option<u64>,
-    /// When anybody has asked for something.
+    /// Time of the latest request.
     asked: Instant,
 }
 
@@ -147,18 +147,19 @@ impl Player {
                     self.store.keep(&self.sim)?;
                 }
                 Err(RecvTimeoutError::Timeout) => {}
-                // The thread that listens has no end.
+                // The thread that accepts connections never ends.
                 Err(RecvTimeoutError::Disconnected) => return Ok(()),
             }
         }
     }
 
-    /// The robot's time.
+    /// Returns the robot's time.
     fn now(&self) -> Duration {
         self.sim.now()
     }
 
-    /// How much of the robot's time is to pass now. It stands still while its owner computes what to say next.
+    /// Returns by how much the robot's time has to advance now. It stands still while its owner computes the next
+    /// request.
     fn due(&mut self) -> Duration {
         let waited_for = self.owner.is_some()
             && self.hosts.values().all(|host| host.waits.is_none())
@@ -172,7 +173,7 @@ impl Player {
         behind.mul_f64(self.pace)
     }
 
-    /// Lets time pass, until the board says something.
+    /// Lets time pass, until the board sends bytes.
     fn pass(&mut self, time: Duration) {
         let until = self.hosts.values().filter_map(|host| host.waits).map(|(until, _)| until).min();
         let time =
@@ -243,7 +244,7 @@ impl Player {
         Ok(if is_off { Power::Off } else { Power::On })
     }
 
-    /// Does what a host asks. None where it is answered later.
+    /// Executes the request of a host. `None` if the response is sent later.
     fn carry_out(&mut self, name: u64, ask: Ask) -> Option<Answer> {
         let now = self.now();
         match ask {
@@ -275,14 +276,14 @@ impl Player {
     }
 }
 
-/// Whether the robot stays on.
+/// Power state of the robot after a request.
 #[derive(PartialEq, Eq)]
 enum Power {
     On,
     Off,
 }
 
-/// A host that takes nothing for so long has gone.
+/// Time after which a host that accepts no bytes counts as gone.
 const STALLED: Duration = Duration::from_secs(2);
 
 fn say(stream: &mut UnixStream, answer: &Answer) -> io::Result<()> {

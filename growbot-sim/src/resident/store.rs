@@ -11,19 +11,19 @@ use super::{Place, ResidentError};
 use crate::port::sim::Sim;
 use crate::tip::flash::Flash;
 
-/// The files, and what they hold.
+/// The files of a simulated board, and their state.
 pub struct Store {
     place: Place,
     flash: KeptFlash,
-    /// The flash of the robot's description.
+    /// Flash of the robot's description.
     descriptions: KeptFlash,
     retained: Kept,
-    /// The robot that is in its file.
+    /// Hash of the robot in its file.
     robot: u64,
 }
 
 impl Store {
-    /// Opens the files, and has the board know what they hold. Returns whether it retains something.
+    /// Opens the files and loads them into the board. Returns true if retained memory was loaded.
     pub fn open(place: &Place, sim: &mut Sim) -> Result<(Self, bool), ResidentError> {
         let erased = [0; RETAINED_BYTES];
         let flash = KeptFlash::open(place, "flash", sim.flash())?;
@@ -37,7 +37,7 @@ impl Store {
         Ok((Self { place: place.clone(), flash, descriptions, retained, robot }, retains))
     }
 
-    /// Writes what has changed.
+    /// Writes the changes.
     pub fn keep(&mut self, sim: &Sim) -> Result<(), ResidentError> {
         self.flash.keep(&self.place)?;
         self.descriptions.keep(&self.place)?;
@@ -48,23 +48,23 @@ impl Store {
         self.retained.keep(&self.place, "retained", &sim.retained().read())
     }
 
-    /// The power goes: nothing is retained.
+    /// Erases the retained memory, because the power is lost.
     pub fn lose_retained(&mut self) -> Result<(), ResidentError> {
         self.retained.keep(&self.place, "retained", &[0; RETAINED_BYTES])
     }
 }
 
-/// A file that is a copy of a flash.
+/// A file that mirrors a flash.
 struct KeptFlash {
     name: &'static str,
     kept: Kept,
     flash: Flash,
-    /// Writes of the flash that are in the file.
+    /// Number of writes of the flash that are in the file.
     writes: u64,
 }
 
 impl KeptFlash {
-    /// The file, and the flash with what it holds.
+    /// Opens the file and loads its content into the flash.
     fn open(place: &Place, name: &'static str, flash: Flash) -> Result<Self, ResidentError> {
         let kept = Kept::open(place, name, &flash.bytes())?;
         flash.set_bytes(&kept.bytes);
@@ -82,14 +82,14 @@ impl KeptFlash {
     }
 }
 
-/// A file that is a copy of a memory.
+/// A file that mirrors a memory.
 struct Kept {
     file: File,
     bytes: Vec<u8>,
 }
 
 impl Kept {
-    /// The file, which holds this if there is none of that length.
+    /// Opens the file. If it does not have the length of `at_first`, writes `at_first` to it.
     fn open(place: &Place, name: &str, at_first: &[u8]) -> Result<Self, ResidentError> {
         let path = place.file(name);
         let opened = || -> io::Result<Self> {
@@ -106,7 +106,7 @@ impl Kept {
         opened().map_err(|error| place.failed("open", path.clone(), error))
     }
 
-    /// Writes from the first byte that differs to the last, in one piece.
+    /// Writes the range from the first byte that differs to the last, in one piece.
     fn keep(&mut self, place: &Place, name: &str, now: &[u8]) -> Result<(), ResidentError> {
         let mut differ = (0..now.len()).filter(|&at| self.bytes.get(at) != now.get(at));
         let Some(first) = differ.next() else { return Ok(()) };

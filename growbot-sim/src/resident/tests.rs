@@ -20,7 +20,7 @@ fn robot() -> Robot {
     robot_file::load("growbot-a2".as_ref()).unwrap()
 }
 
-/// A robot that is on: in a thread of this process instead of a process of its own.
+/// Starts a robot in a thread of this process instead of a process of its own.
 fn on(directory: &Path, pace: f64) -> (Place, thread::JoinHandle<Result<(), ResidentError>>) {
     let place = Place::of(&format!("{}/", directory.display())).unwrap();
     let (ready, is_ready) = std::sync::mpsc::channel();

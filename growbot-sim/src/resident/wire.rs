@@ -1,4 +1,4 @@
-//! What a program and the process of a simulated robot say to each other: lines of JSON.
+//! Messages between a program and the process of a simulated robot: lines of JSON.
 
 use std::time::Duration;
 
@@ -12,46 +12,46 @@ use crate::port::TipSettings;
 use crate::tip::hand::Hand;
 use crate::truth::Laid;
 
-/// Changes with what is said here.
+/// Version of these messages, to be changed with them.
 pub const RELEASE: u32 = 2;
 
-/// What is asked of the process.
+/// Request to the process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ask {
-    /// First of all: to have the line, alone unless it is for the emergency stop.
+    /// Opens the line, exclusively unless it is for the emergency stop. This is the first request.
     Open { release: u32, alone: bool },
-    /// Growth begins here, and the tip is off like this.
+    /// Sets the start and the disturbances of the tip.
     Tip(TipWords),
-    /// Bytes for the board.
+    /// Sends bytes to the board.
     Send(Vec<u8>),
-    /// Bytes of the board, within so much of its time.
+    /// Receives bytes from the board, with a timeout in its time.
     Receive { timeout_us: u64, max: usize },
-    /// What the tip has laid.
+    /// Requests the layers that the tip has laid.
     Laid,
-    /// The layers that no longer change.
+    /// Requests the layers that no longer change.
     Settled { from: usize },
-    /// Something that is done to the tip by hand.
+    /// Performs an action on the tip by hand.
     Hand(Hand),
-    /// A reset of the board.
+    /// Resets the board.
     Reset,
-    /// The end of the process, at once.
+    /// Ends the process immediately.
     PowerOff,
 }
 
-/// What the process answers.
+/// Response of the process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Answer {
-    /// It is done; the board's time.
+    /// The request is executed. Contains the board's time.
     Done { now_us: u64 },
-    /// Bytes, none where there were none in time; the board's time.
+    /// Bytes from the board, empty after the timeout. Contains the board's time.
     Bytes { bytes: Vec<u8>, now_us: u64 },
-    /// Alpha, height and tilt of layers, and all steps of the feed.
+    /// Alpha, height and tilt of layers, and the total steps of the feed.
     Laid { layers: Vec<[f64; 3]>, feed_steps: u64 },
-    /// Another program has the line.
+    /// Another program uses the line.
     Busy,
-    /// The process is of another release.
+    /// The process has another release.
     OtherRelease,
 }
 
@@ -61,16 +61,16 @@ impl Answer {
     }
 }
 
-/// What a tip has laid, as it was written.
+/// Converts a response to the layers that a tip has laid.
 pub fn laid(layers: &[[f64; 3]], feed_steps: u64) -> Laid {
     let body = layers.iter().map(|&[alpha, height, tilt]| Layer { alpha, height, tilt }).collect();
     Laid { body, feed_steps }
 }
 
-/// [`TipSettings`] in numbers, without the pace.
+/// [`TipSettings`] as numbers, without the pace.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TipWords {
-    /// x, y, z in mm, heading and pitch in degrees.
+    /// Pose: x, y, z in mm, heading and pitch in degrees.
     start: Option<[f64; 5]>,
     disturbance: [f64; 8],
     noise: [f64; 2],
@@ -122,7 +122,7 @@ impl From<TipWords> for TipSettings {
     }
 }
 
-/// Microseconds of a time.
+/// Converts a time to microseconds.
 pub fn micros(time: Duration) -> u64 {
     u64::try_from(time.as_micros()).unwrap_or(u64::MAX)
 }

@@ -1,5 +1,4 @@
-//! A simulated growth among the obstacles of a scene: whether its true body touches one, and where it took another
-//! path, or paused, to keep off them.
+//! A simulated growth among the obstacles of a scene: contacts of its true body, detours and pauses.
 
 use growbot_client::keep_clear::{Keeper, Surroundings};
 use growbot_core::layer::Layer;
@@ -13,45 +12,45 @@ use growbot_scene::motion::{Curve, stretches};
 use growbot_scene::scene::{Obstacle, Scene};
 use nalgebra::Vector3;
 
-/// Of obstacles farther than this from the tube it does not matter how far they are, mm.
+/// Distance of obstacles from the tube, mm, above which the exact distance does not matter.
 const FAR: f64 = 1e3;
 
-/// Where a body touches an obstacle first.
+/// First contact of a body with an obstacle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
     /// Index of the layer.
     pub layer: u64,
-    /// How far along the body, mm.
+    /// Position along the body, mm.
     pub at: f64,
-    /// The point of the centreline.
+    /// Point of the centreline.
     pub point: Vector3<f64>,
     /// The obstacle.
     pub obstacle: Option<Obstacle>,
 }
 
-/// Where a growth paused, because the rest would have been too near to an obstacle.
+/// A pause of a growth, because the rest would have been too near to an obstacle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pause {
-    /// Layers laid before.
+    /// Number of layers laid before.
     pub layers: u64,
     /// Length of the body, mm.
     pub at: f64,
-    /// How far the outside of the tube would have been from an obstacle, mm.
+    /// Distance between the outside of the tube and the obstacle, mm.
     pub clearance: f64,
     /// 3 standard deviations of the position there, mm.
     pub deviation: f64,
 }
 
-/// What became of a growth among obstacles.
+/// Result of a growth among obstacles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Among {
-    /// Where the true body touches an obstacle first, if it does.
+    /// First contact of the true body with an obstacle, if there is one.
     pub contact: Option<Contact>,
-    /// The least clearance between the outside of the true tube and the obstacles, in the middles of its layers, mm.
+    /// Minimum clearance between the outside of the true tube and the obstacles, in the middle of its layers, mm.
     pub clearance: f64,
-    /// How often another path was taken.
+    /// Number of detours.
     pub detours: u32,
-    /// Where it paused, if it did.
+    /// Pause at which the growth ended, if it did.
     pub paused: Option<Pause>,
 }
 
@@ -72,7 +71,7 @@ impl<'a> Touching<'a> {
         Self { scene, half_tube, base_from_tip: base_from_start, layers: 0, length: 0.0, among }
     }
 
-    /// A layer is laid.
+    /// Adds a layer.
     pub(super) fn lay(&mut self, laid: &Laid) {
         let Layer { alpha, height: length, tilt: bend } = laid.layer;
         let segment = if bend > 0.0 { Segment::Arc { alpha, bend, length } } else { Segment::Straight { length } };
@@ -94,7 +93,7 @@ impl<'a> Touching<'a> {
     }
 }
 
-/// Keeps a closed loop off the obstacles.
+/// Keeps a closed loop clear of the obstacles.
 pub(super) struct Keeping<'a> {
     keeper: Keeper<'a>,
     pub(super) detours: u32,
@@ -106,7 +105,7 @@ impl<'a> Keeping<'a> {
         Self { keeper: Keeper::new(around, seen), detours: 0, paused: None }
     }
 
-    /// Whether the growth goes on after a correction.
+    /// Reports whether the growth continues after a correction.
     pub(super) fn goes_on(&mut self, tracker: &mut Tracker<'a>, laid: Option<&Layer>) -> bool {
         if let Some(layer) = laid {
             self.keeper.laid(layer, &tracker.estimate().systematic_errors);

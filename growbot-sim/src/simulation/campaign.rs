@@ -1,7 +1,7 @@
-//! The same growth with many seeds, on all cores, in a memory that does not grow with their number.
+//! Repetition of a growth with many seeds, on all cores, with memory that does not depend on their number.
 //!
-//! Growth k has the seed N + k, so any growth can be repeated alone, above all the worst. Random streams are named by
-//! a hash of the seed, so neighbours are unrelated; campaigns from N and N + 1 share all growths but one. Outcomes
+//! Growth k has the seed N + k, so that any growth can be repeated alone, above all the worst. Random streams are named
+//! by a hash of the seed, so neighbours are unrelated. Campaigns from N and N + 1 share all growths but one. Outcomes
 //! are stored 16,384 at a time, so 3,000,000 growths take as much memory as 100,000: 14 MB.
 
 use std::cmp::Reverse;
@@ -14,35 +14,35 @@ use super::statistics::Statistics;
 use super::{Hung, Outcome, Simulation};
 use crate::parallel;
 
-/// Growths whose outcomes are stored at a time.
+/// Number of growths whose outcomes are stored at a time.
 const BATCH: u64 = 16_384;
 
-/// The growth that ended farthest from the goal; of several, the one of the smallest seed.
+/// The growth that ended farthest from the goal. If there are several, the one with the smallest seed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Farthest {
-    /// Its seed.
+    /// Seed of the growth.
     pub seed: u64,
-    /// How far from the goal it ended, mm.
+    /// Distance of its end from the goal, mm.
     pub position_error_mm: f64,
 }
 
-/// What became of many growths among the obstacles of a scene.
+/// Results of many growths among the obstacles of a scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ManyAmong {
-    /// Growths whose true body touches an obstacle.
+    /// Number of growths whose true body touches an obstacle.
     pub contacts: u64,
-    /// The first of them: its seed, and where it does.
+    /// Seed and contact of the first of them.
     pub first_contact: Option<(u64, Contact)>,
-    /// The least clearance of all, mm.
+    /// Minimum clearance of all growths, mm.
     pub clearance: f64,
-    /// Growths that took another path.
+    /// Number of growths with detours.
     pub with_detours: u64,
-    /// Growths that paused.
+    /// Number of growths that paused.
     pub pauses: u64,
 }
 
 impl ManyAmong {
-    /// What one growth among obstacles came to.
+    /// Creates the result of one growth among obstacles.
     fn of(seed: u64, among: &Among) -> Self {
         Self {
             contacts: u64::from(among.contact.is_some()),
@@ -63,18 +63,18 @@ impl ManyAmong {
     }
 }
 
-/// What many growths came to. The order in which they are added, or put together, does not show.
+/// Statistics over many simulated growths. The result does not depend on the order in which runs are added or merged.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Campaign {
-    /// How many.
+    /// Number of growths.
     pub runs: u64,
-    /// Layers laid.
+    /// Number of laid layers.
     pub layers: Statistics,
     /// Distance from the goal, mm.
     pub position_error_mm: Statistics,
-    /// That, over the length of the planned path.
+    /// Distance from the goal over the length of the planned path.
     pub normalized_position_error: Statistics,
-    /// Difference of the headings, degrees, of the growths that have one; of none where the goal is vertical.
+    /// Difference of the headings, degrees. Empty if the goal is vertical, and without the growths that end vertically.
     pub heading_error_deg: Statistics,
     /// Difference of the pitches, degrees.
     pub pitch_error_deg: Statistics,
@@ -82,25 +82,25 @@ pub struct Campaign {
     pub direction_error_deg: Statistics,
     /// The growth that ended farthest from the goal.
     pub farthest: Option<Farthest>,
-    /// Of bodies that hang: the max sag, and the max stress of a root, each of the body that has it.
+    /// Maximum sag and maximum stress of a root. They may belong to different bodies. `None` without sag.
     pub hung: Option<Hung>,
-    /// Of growths in a scene: what became of them there.
+    /// Results among the obstacles of a scene. `None` without a scene.
     #[serde(skip)]
     pub among: Option<ManyAmong>,
 }
 
 impl Campaign {
-    /// Grows `runs` times, with the seeds from `seed` on. `at` is called with the number that is done. The result does
-    /// not depend on the number of threads.
+    /// Grows `runs` times, with the seeds from `seed` on. Calls `at` with the number of finished growths. The result
+    /// does not depend on the number of threads.
     pub fn run(simulation: &Simulation, seed: u64, runs: u64, threads: usize, at: impl FnMut(u64)) -> Self {
         Self::run_each(simulation, seed, runs, threads, at, |_, _| Ok::<(), Infallible>(()))
             .unwrap_or_else(|never| match never {})
     }
 
-    /// As [`Self::run`]; `each` is called with every seed and its outcome, in the order of the seeds.
+    /// Like [`Self::run`], but calls `each` with every seed and its outcome, in the order of the seeds.
     ///
     /// # Errors
-    /// The first of `each`: no more is grown then.
+    /// The first error of `each`, after which no more is grown.
     pub fn run_each<E>(
         simulation: &Simulation,
         seed: u64,
@@ -123,7 +123,7 @@ impl Campaign {
         Ok(campaign)
     }
 
-    /// Takes in the outcome of a growth with this seed.
+    /// Adds the outcome of a growth with this seed.
     pub fn add(&mut self, seed: u64, outcome: &Outcome) {
         let Outcome { grown, arrival, hung, among } = outcome;
         self.runs += 1;
@@ -144,7 +144,7 @@ impl Campaign {
         }
     }
 
-    /// Takes in what other growths came to. The result is the same, to the bit, in any order and grouping.
+    /// Adds the results of other growths. The result is the same, to the bit, in any order and grouping.
     pub fn merge(&mut self, other: &Self) {
         self.runs += other.runs;
         self.layers.merge(&other.layers);
@@ -199,7 +199,7 @@ mod tests {
         let mut simulation = Simulation::new(&plan, &robot, Slicing::Exact);
         simulation.disturbance.growth_noise = 0.1;
         simulation.sag = true;
-        // More than a batch.
+        // This is more than a batch.
         let runs = BATCH + 100;
         let one = Campaign::run(&simulation, 7, runs, 1, |_| ());
         assert_eq!(one, Campaign::run(&simulation, 7, runs, 3, |_| ()));

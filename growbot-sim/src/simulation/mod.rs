@@ -1,8 +1,8 @@
-//! Plans grown without a robot: layer by layer, with what goes wrong, in open or in closed loop, once or a million
+//! Simulation of plans without a robot: layer by layer, with disturbances, in open or in closed loop, once or a million
 //! times.
 //!
-//! The physics and the loop are growbot-core's ([`growbot_core::simulation`]); here they are put together for a plan
-//! ([`Simulation`]), repeated with many seeds ([`campaign`]) and summed up ([`statistics`]).
+//! The physics and the loop are in growbot-core ([`growbot_core::simulation`]). This module applies them to a plan
+//! ([`Simulation`]). [`campaign`] repeats them with many seeds, and [`statistics`] summarizes the results.
 
 pub mod among;
 pub mod campaign;
@@ -24,59 +24,60 @@ use serde::{Deserialize, Serialize};
 
 use self::among::{Among, Keeping, Touching};
 
-/// Code of the warning of a root that would fail: max stress, strength (MPa).
+/// Code of the warning for a root that would fail: maximum stress, strength (MPa).
 pub const ROOT_FAILS: &str = "root-fails";
-/// Code of the warning of a body that sags further than the model of it is good for: deflection of the tip, a tenth of
-/// the length (mm).
+/// Code of the warning for a body that sags beyond the range of the model: deflection of the tip, a tenth of the length
+/// (mm).
 pub const SAGS_FAR: &str = "sags-far";
 
-/// Beyond this share of the length a sag is no longer small.
+/// Maximum small sag, as a fraction of the length.
 const SMALL_SAG: f64 = 0.1;
 
-/// A growth that can be simulated, with any seed.
+/// A growth that can be simulated with any seed.
 #[derive(Debug, Clone)]
 pub struct Simulation<'a> {
     task: Task<'a>,
-    /// Of the path, mm.
+    /// Length of the path, mm.
     path_length: f64,
-    /// What open loop lays.
+    /// Layers of the open loop.
     layers: Layers<'a>,
-    /// How layers come out.
+    /// Disturbance of the layers.
     pub disturbance: Disturbance,
-    /// What closed loop measures; none for open loop.
+    /// Sensors of the closed loop. `None` for open loop.
     pub sensors: Option<Sensors>,
-    /// Whether the body hangs under its own weight.
+    /// True if the body sags under its own weight.
     pub sag: bool,
-    /// What it grows among. Closed loop keeps off it; contacts are those of the body as it was laid, without its sag.
+    /// Scene of the growth. Closed loop stays clear of it. Contacts are those of the body as it was laid, without its
+    /// sag.
     pub scene: Option<&'a LoadedScene>,
     /// Radius of the bends of detours, mm.
     radius: f64,
 }
 
-/// What a simulated growth came to.
+/// Result of a simulated growth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outcome {
     /// The body.
     pub grown: Grown,
-    /// How near its tip came to the goal.
+    /// Pose of the tip and its errors from the goal.
     pub arrival: Arrival,
-    /// How it hangs, if it does.
+    /// Sag of the body. `None` without sag.
     pub hung: Option<Hung>,
-    /// What became of it in a scene, if there is one.
+    /// Result among the obstacles of a scene. `None` without a scene.
     pub among: Option<Among>,
 }
 
-/// How a body hangs.
+/// Sag of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Hung {
-    /// How far the tip is from where it would be without weight, mm.
+    /// Distance of the tip from its position without weight, mm.
     pub deflection: f64,
-    /// What the root has borne.
+    /// Stress of the root.
     pub root: RootStress,
 }
 
 impl<'a> Simulation<'a> {
-    /// An undisturbed growth of this plan in open loop, cut so.
+    /// Creates an undisturbed growth of this plan in open loop, with this slicing.
     #[must_use]
     pub fn new(plan: &'a Plan, robot: &'a Robot, slicing: Slicing) -> Self {
         Self {
@@ -91,7 +92,7 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Grows it. The same seed gives the same growth, to the bit.
+    /// Simulates the growth. The same seed gives the same growth, to the bit.
     ///
     /// ```
     /// use growbot_core::{plan::Planner, slicing::Slicing};
@@ -112,7 +113,7 @@ impl<'a> Simulation<'a> {
         self.run_by_layer(seed, |_| ())
     }
 
-    /// As [`Self::run`]; `each` is called with every layer as laid, without the sag of the body.
+    /// Like [`Self::run`], but calls `each` with every layer as laid, without the sag of the body.
     pub fn run_by_layer(&self, seed: u64, mut each: impl FnMut(&Laid)) -> Outcome {
         let Self { task, disturbance, .. } = self;
         let base_from_start = task.start.frame();
@@ -139,7 +140,7 @@ impl<'a> Simulation<'a> {
                     None,
                 )
             }
-            // The sensors feel the sag as it is after each layer.
+            // The sensors measure the body with its sag after each layer.
             Some(sensors) => {
                 let mut keeping = around.as_ref().map(|around| Keeping::new(around, sensors.seen()));
                 let tip = |_: &Layer, laid: &Laid, by_growth: &Frame| each(laid).unwrap_or(*by_growth);
@@ -161,25 +162,25 @@ impl<'a> Simulation<'a> {
         Outcome { grown, arrival, hung, among }
     }
 
-    /// Where it starts.
+    /// Returns the start pose.
     #[must_use]
     pub fn start(&self) -> Pose {
         self.task.start
     }
 
-    /// Where it is to arrive.
+    /// Returns the goal.
     #[must_use]
     pub fn goal(&self) -> Pose {
         self.task.goal()
     }
 
-    /// Length of the planned path, mm.
+    /// Returns the length of the planned path, mm.
     #[must_use]
     pub fn path_length(&self) -> f64 {
         self.path_length
     }
 
-    /// What speaks against a body that hangs so.
+    /// Returns the warnings for a body with this sag.
     #[must_use]
     pub fn warnings(&self, hung: &Hung) -> Vec<Warning> {
         let mut found = Vec::new();

@@ -1,24 +1,25 @@
-//! Mean, deviation, extremes and percentiles of any number of values, in a memory that does not grow with them.
+//! Mean, deviation, extremes and percentiles of any number of values, with memory that does not depend on their number.
 
 use std::collections::BTreeMap;
 
 use num_bigint::BigUint;
 use serde::{Deserialize, Serialize};
 
-/// Bits of a number's mantissa that tell its bin: 128 bins from each power of two to the next, each 0.4 to 0.8 % wide.
+/// Number of mantissa bits that determine the bin of a number: 128 bins from each power of two to the next, each 0.4 to
+/// 0.8 % wide.
 const MANTISSA_BITS: u32 = 7;
-/// Bits of an `f64` below those.
+/// Number of bits of an `f64` below those.
 const BELOW: u32 = f64::MANTISSA_DIGITS - 1 - MANTISSA_BITS;
-/// What is smaller is taken for 0, and what is larger for this: 2^-64 and 2^32.
+/// Limits of the bins: smaller values count as 0, and larger ones as `GREATEST`. They are 2^-64 and 2^32.
 const LEAST: f64 = f64::from_bits((1023 - 64) << 52);
 const GREATEST: f64 = f64::from_bits((1023 + 32) << 52);
 
-/// The statistics of values that are not negative. Sums are exact, so that neither the order of the values shows nor how
-/// they were put together ([`Statistics::merge`]).
+/// Statistics of values that are not negative. Sums are exact, so the result does not depend on the order of the values
+/// or the grouping of merges ([`Statistics::merge`]).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Statistics {
     count: u64,
-    /// How many values were infinite or no number: then mean and deviation are none either.
+    /// Number of values that were infinite or NaN. If there are any, mean and deviation are NaN.
     not_finite: u64,
     /// Sum of the values, in units of 2^-1074.
     sum: BigUint,
@@ -26,11 +27,11 @@ pub struct Statistics {
     squares: BigUint,
     min: f64,
     max: f64,
-    /// How many values lie in each bin that has some; the first one is for what counts as 0.
+    /// Number of values in each bin that is not empty. The first bin is for values that count as 0.
     bins: BTreeMap<u16, u64>,
 }
 
-/// The exponent of the unit of sums: that of the smallest `f64`.
+/// Exponent of the unit of sums: that of the smallest `f64`.
 const UNIT: i32 = -1074;
 
 impl Default for Statistics {
@@ -47,7 +48,7 @@ fn bin_of(value: f64) -> u16 {
     1 + ((value.min(GREATEST).to_bits() >> BELOW) - (LEAST.to_bits() >> BELOW)) as u16
 }
 
-/// The middle of a bin.
+/// Returns the middle of a bin.
 fn middle_of(bin: u16) -> f64 {
     if bin == 0 {
         return 0.0;
@@ -56,19 +57,19 @@ fn middle_of(bin: u16) -> f64 {
     0.5 * (edge(bin) + edge(bin.saturating_add(1)))
 }
 
-/// Mantissa and exponent of a finite number that is not negative: `mantissa * 2^(shift + UNIT)`.
+/// Returns mantissa and exponent of a finite number that is not negative: `mantissa * 2^(shift + UNIT)`.
 fn parts(value: f64) -> (u64, u64) {
     let bits = value.to_bits();
     let (exponent, fraction) = (bits >> 52, bits & ((1 << 52) - 1));
     if exponent == 0 { (fraction, 0) } else { (fraction | (1 << 52), exponent - 1) }
 }
 
-/// `numerator / denominator * 2^exponent`, rounded to the nearest number; 0 where the denominator is.
+/// Returns `numerator / denominator * 2^exponent`, rounded to the nearest number. 0 if the denominator is 0.
 fn quotient(numerator: &BigUint, denominator: &BigUint, exponent: i32) -> f64 {
     if *denominator == BigUint::ZERO {
         return 0.0;
     }
-    // As many bits as a number holds, and more.
+    // Scale to more bits than a number has.
     let more = (denominator.bits() + 64).saturating_sub(numerator.bits());
     let (scaled, more) = (numerator << more, i32::try_from(more).unwrap_or(i32::MAX));
     let whole = &scaled / denominator;
@@ -80,10 +81,10 @@ fn quotient(numerator: &BigUint, denominator: &BigUint, exponent: i32) -> f64 {
 }
 
 impl Statistics {
-    /// How far off a percentile may be, a share of it.
+    /// Maximum relative error of a percentile.
     pub const RESOLUTION: f64 = 0.004;
 
-    /// Takes in a further value.
+    /// Adds a value.
     pub fn add(&mut self, value: f64) {
         self.count += 1;
         if value.is_finite() {
@@ -98,7 +99,7 @@ impl Statistics {
         *self.bins.entry(bin_of(value)).or_default() += 1;
     }
 
-    /// Takes in the values of another one. The result is the same, to the bit, in any order and grouping.
+    /// Adds the values of another one. The result is the same, to the bit, in any order and grouping.
     pub fn merge(&mut self, other: &Self) {
         self.count += other.count;
         self.not_finite += other.not_finite;
@@ -111,25 +112,25 @@ impl Statistics {
         }
     }
 
-    /// How many values there are.
+    /// Returns the number of values.
     #[must_use]
     pub fn count(&self) -> u64 {
         self.count
     }
 
-    /// Whether there is no value.
+    /// Reports whether there are no values.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }
 
-    /// The mean, rounded once; 0 of no values.
+    /// Returns the mean, rounded once. 0 without values.
     #[must_use]
     pub fn mean(&self) -> f64 {
         if self.not_finite > 0 { f64::NAN } else { quotient(&self.sum, &self.count.into(), UNIT) }
     }
 
-    /// The standard deviation of the population that the values are a sample of; 0 of fewer than two.
+    /// Returns the standard deviation of the population of which the values are a sample. 0 for fewer than two values.
     #[must_use]
     pub fn deviation(&self) -> f64 {
         if self.not_finite > 0 {
@@ -138,24 +139,24 @@ impl Statistics {
         if self.count < 2 {
             return 0.0;
         }
-        // By Cauchy and Schwarz it is not negative.
+        // It is not negative, by the inequality of Cauchy and Schwarz.
         let spread = &self.squares * self.count - &self.sum * &self.sum;
         quotient(&spread, &(BigUint::from(self.count) * (self.count - 1)), 2 * UNIT).sqrt()
     }
 
-    /// The min value.
+    /// Returns the minimum value.
     #[must_use]
     pub fn min(&self) -> f64 {
         self.min.min(self.max)
     }
 
-    /// The max value.
+    /// Returns the maximum value.
     #[must_use]
     pub fn max(&self) -> f64 {
         self.max
     }
 
-    /// The value that this many percent of all values do not pass, to [`Self::RESOLUTION`].
+    /// Returns the value that this many percent of all values do not exceed, to [`Self::RESOLUTION`].
     #[must_use]
     pub fn percentile(&self, percent: f64) -> f64 {
         let rank = (percent / 100.0 * self.count as f64).ceil().max(1.0);
@@ -238,7 +239,7 @@ mod tests {
                 (sum + u128::from(*value), squares + u128::from(*value) * u128::from(*value))
             });
             let count = values.len() as u128;
-            // Sums of so few are whole numbers that an f64 holds.
+            // Sums of so few values are whole numbers that an f64 can hold.
             prop_assert_eq!(all.mean(), sum as f64 / count as f64 * scale);
             let variance = (count * squares - sum * sum) as f64 / (count * (count - 1)) as f64;
             prop_assert_eq!(all.deviation(), (variance * scale * scale).sqrt());

@@ -1,73 +1,72 @@
-//! A nozzle as its parts: a heater cartridge in a block that stands in air, and a thermistor of which a table is
-//! published.
+//! A nozzle in parts: a heater cartridge in a block in air, and a thermistor with a published table.
 //!
 //! `C_h dH/dt = P - G (H - B)` for the cartridge, `C_b dB/dt = G (H - B) - loss - c Q (B - A)` for the block, and the
-//! thermistor follows the block as in [`super::nozzle`]. The loss is natural convection, which goes with the
-//! temperature difference to the power of 1.25 (laminar: McAdams, Heat Transmission, 1954), and radiation (Stefan and
-//! Boltzmann). A fan or a draught adds to the convection.
+//! thermistor follows the block as in [`super::nozzle`]. The loss consists of natural convection and radiation (Stefan
+//! and Boltzmann). Natural convection is proportional to the temperature difference to the power of 1.25 (laminar:
+//! McAdams, Heat Transmission, 1954). A fan or a draught adds to the convection.
 //!
-//! The firmware reckons with one lump of heat, a loss in proportion to the difference, and an equation of the
-//! thermistor. None of that is used here: what is true of both nozzles is not true because they are the same.
-//! Integrated by Runge and Kutta's method of fourth order, 0.05 s a step at most.
+//! The firmware's model is one lump of heat, a loss in proportion to the difference, and an equation of the thermistor.
+//! None of that is used here, so that results that agree for both nozzles do not agree because the models are the same.
+//! The equations are integrated by the Runge-Kutta method of fourth order, 0.05 s a step at most.
 
 use super::nozzle::Drive;
 
-/// The nozzle of one copy of a robot as its parts.
+/// Parameters of the nozzle of one copy of a robot in parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parts {
-    /// The cartridge's share of the heat capacity, 0 to 1.
+    /// Fraction of the heat capacity that belongs to the cartridge, 0 to 1.
     pub capacity_share: f64,
-    /// What conducts heat from the cartridge to the block, W/K.
+    /// Thermal conductance from the cartridge to the block, W/K.
     pub coupling_w_per_k: f64,
-    /// The share of radiation in the loss at the robot's target in still air, 0 to 1.
+    /// Fraction of radiation in the loss at the robot's target in still air, 0 to 1.
     pub radiation_share: f64,
 }
 
-/// The description's loss is that at the target in a room of this temperature, degrees Celsius.
+/// Room temperature to which the description's loss at the target refers, degrees Celsius.
 const ROOM_C: f64 = 25.0;
 /// 0 degrees Celsius, K.
 const ZERO_C: f64 = 273.15;
-/// The longest step, s: a sixth of the shortest time constant that a cartridge of 10 % and 4 W/K has.
+/// Maximum step, s: a sixth of the shortest time constant of a cartridge of 10 % and 4 W/K.
 const STEP_S: f64 = 0.05;
-/// The shortest lag of a thermistor that the steps can follow, s.
+/// Minimum lag of a thermistor that the steps can follow, s.
 const SHORTEST_LAG_S: f64 = 0.1;
 
-/// Cartridge, block and thermistor, degrees Celsius.
+/// Temperatures of cartridge, block and thermistor, degrees Celsius.
 type Temperatures = [f64; 3];
 
-/// What the parts are made of.
+/// A nozzle in parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Cartridge {
     parts: Parts,
     heat_capacity: f64,
     ambient_c: f64,
-    /// Loss by radiation at the target, W for each degree between target and room, and the target.
+    /// Loss by radiation at the target, W per degree between target and room. `target_c` is the target.
     radiated_w_per_k: f64,
     target_c: f64,
-    /// Its temperature, degrees Celsius.
+    /// Temperature of the cartridge, degrees Celsius.
     celsius: f64,
 }
 
-/// What acts on block and thermistor while nothing changes.
+/// Constant inputs of block and thermistor during a step.
 pub(super) struct Load<'a> {
     pub drive: &'a Drive,
-    /// Heat that the filament takes away, W/K.
+    /// Heat that the filament removes, W/K.
     pub flow_w_per_k: f64,
 }
 
 impl Cartridge {
-    /// A cartridge at the temperature of its surroundings. `loss_w_per_k` is that in still air.
+    /// Creates a cartridge at the temperature of its surroundings. `loss_w_per_k` is the loss in still air.
     pub fn new(parts: Parts, heat_capacity: f64, loss_w_per_k: f64, target_c: f64, ambient_c: f64) -> Self {
         let radiated_w_per_k = parts.radiation_share * loss_w_per_k;
         Self { parts, heat_capacity, ambient_c, radiated_w_per_k, target_c, celsius: ambient_c }
     }
 
-    /// Puts it at a temperature, degrees Celsius.
+    /// Sets the temperature of the cartridge, degrees Celsius.
     pub fn set(&mut self, celsius: f64) {
         self.celsius = celsius;
     }
 
-    /// Loss of a block at a temperature, W; `still` is 1 in still air.
+    /// Returns the loss of a block at a temperature, W.
     fn loss(&self, block_c: f64, drive: &Drive) -> f64 {
         let at_target = self.target_c - ROOM_C;
         let fourth = |celsius: f64| {
@@ -82,7 +81,7 @@ impl Cartridge {
         radiated + convected
     }
 
-    /// Degrees a second of each part.
+    /// Returns the rate of change of each temperature, degrees a second.
     fn rates(&self, [cartridge, block, sensor]: Temperatures, load: &Load) -> Temperatures {
         let Load { drive, flow_w_per_k } = load;
         let Parts { capacity_share, coupling_w_per_k, .. } = self.parts;
@@ -96,8 +95,8 @@ impl Cartridge {
         ]
     }
 
-    /// Time passes in which nothing changes: block and thermistor after it, and the block's max temperature in that
-    /// time.
+    /// Advances the time, with constant inputs. Returns the temperatures of block and thermistor, and the block's
+    /// maximum temperature in that time.
     pub fn pass(&mut self, seconds: f64, block_c: f64, sensor_c: f64, load: &Load) -> (f64, f64, f64) {
         let steps = libm::ceil(seconds / STEP_S).max(1.0);
         let step = seconds / steps;
@@ -121,8 +120,8 @@ impl Cartridge {
     }
 }
 
-/// The thermistor 104GT-2 of Semitec (100 kilo-ohm): from -50 degrees Celsius on, every 10 degrees, kilo-ohm, as
-/// printed in the maker's leaflet "GT-2 glass thermistors".
+/// Resistance of the thermistor 104GT-2 of Semitec (100 kilo-ohm) from -50 degrees Celsius on, every 10 degrees,
+/// kilo-ohm, as printed in the maker's leaflet "GT-2 glass thermistors".
 const KILO_OHM: [f64; 36] = [
     8743.0, 4218.0, 2132.0, 1127.0, 620.0, 353.7, 208.6, 126.8, 79.36, 50.96, 33.49, 22.51, 15.44, 10.80, 7.686, 5.556,
     4.082, 3.043, 2.298, 1.758, 1.360, 1.064, 0.8414, 0.6714, 0.5408, 0.4393, 0.3597, 0.2969, 0.2468, 0.2065, 0.1740,
@@ -131,11 +130,12 @@ const KILO_OHM: [f64; 36] = [
 const TABLE_FROM_C: f64 = -50.0;
 const TABLE_STEP_C: f64 = 10.0;
 
-/// Steinhart and Hart's coefficients of that thermistor, for a robot's description: solved for 30, 150 and 250 degrees
-/// of the table. They follow its lines within 0.1 degrees from 0 to 260.
+/// Steinhart and Hart's coefficients of that thermistor, for a robot's description. They are solved for 30, 150 and 250
+/// degrees of the table, and follow its lines within 0.1 degrees from 0 to 260.
 pub const STEINHART_HART_104GT_2: [f64; 3] = [8.109974e-4, 2.114126e-4, 7.144945e-8];
 
-/// Resistance of that thermistor, ohm. Between the lines of the table its logarithm goes evenly; beyond the table too.
+/// Returns the resistance of that thermistor, ohm. Between the lines of the table, and beyond it, the logarithm is
+/// linear.
 pub(super) fn resistance_104gt_2(celsius: f64) -> f64 {
     let place = (celsius - TABLE_FROM_C) / TABLE_STEP_C;
     let line = (libm::floor(place).max(0.0) as usize).min(KILO_OHM.len() - 2);
@@ -153,7 +153,8 @@ mod tests {
         Drive { power_w, loss_w_per_k: 0.12, lag_s: 2.0, share: 1.0 }
     }
 
-    /// A nozzle of 12 J/K at 22 degrees, after so long with so much power: cartridge, block, thermistor.
+    /// Returns the temperatures of cartridge, block and thermistor of a nozzle of 12 J/K at 22 degrees, after this time
+    /// with this power.
     fn after(seconds: f64, power_w: f64, flow_w_per_k: f64, looks: u32) -> Temperatures {
         let mut cartridge = Cartridge::new(PARTS, 12.0, 0.12, 200.0, 22.0);
         let (mut block, mut sensor) = (22.0, 22.0);
@@ -188,13 +189,13 @@ mod tests {
 
     #[test]
     fn energy_is_neither_made_nor_lost() {
-        // Without loss and flow, what goes in stays.
+        // Without loss and flow, all heat stays in the nozzle.
         let mut cartridge = Cartridge::new(PARTS, 12.0, 0.0, 200.0, 22.0);
         let lossless = Drive { loss_w_per_k: 0.0, ..drive(50.0) };
         let (block, _, peak) = cartridge.pass(7.0, 22.0, 22.0, &Load { drive: &lossless, flow_w_per_k: 0.0 });
         let held = 2.4 * (cartridge.celsius - 22.0) + 9.6 * (block - 22.0);
         assert!((held - 350.0).abs() < 1e-9 && peak == block, "{held}");
-        // The filament's part at rest.
+        // The part of the filament in the steady state.
         let [_, block, _] = after(3000.0, 20.0, 0.03, 1);
         let loss = Cartridge::new(PARTS, 12.0, 0.12, 200.0, 22.0).loss(block, &drive(20.0));
         assert!((loss + 0.03 * (block - 22.0) - 20.0).abs() < 1e-6);

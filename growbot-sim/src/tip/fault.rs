@@ -1,8 +1,8 @@
-//! What can break on a tip.
+//! Physical faults of a tip.
 
 use std::mem::discriminant;
 
-/// Something physical that is broken, from [`super::Tip::inject`] until [`super::Tip::mend`].
+/// A physical fault, active from [`super::Tip::inject`] until [`super::Tip::mend`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TipFault {
     /// A wire of the thermistor is cut.
@@ -13,75 +13,75 @@ pub enum TipFault {
     ThermistorSilent,
     /// The ADC delivers the same number for ever.
     ThermistorFrozen,
-    /// The thermistor's voltage stands still; the ADC's noise is on it as ever.
+    /// The thermistor's voltage stays constant, but still has the ADC's noise.
     ThermistorStuck,
-    /// The thermistor has slipped out of its place: it follows the air near the nozzle.
+    /// The thermistor has slipped out of its place and follows the air near the nozzle.
     ThermistorDetached {
-        /// Time constant with which it follows, s.
+        /// Time constant with which the thermistor follows, s.
         tau_s: f64,
-        /// Share (0 to 1) of the nozzle's warmth above its surroundings that it gets.
+        /// Fraction (0 to 1) of the nozzle's excess temperature over its surroundings that the thermistor gets.
         share: f64,
     },
     /// A wire of the heater is cut: no power.
     HeaterOpen,
-    /// The heater's power stage conducts by itself: full power whatever the duty, while the second switch is closed.
+    /// The heater's power stage conducts permanently: full power whatever the duty, while the second switch is closed.
     PowerStageOn,
     /// The second switch in the heater's supply stays closed whatever its signal is.
     SecondSwitchClosed,
     /// A draught multiplies the nozzle's loss.
     Draught {
-        /// The loss, as a multiple of what it is in still air.
+        /// Factor of the loss, relative to still air.
         factor: f64,
     },
-    /// The index sensor never sees its mark.
+    /// The index sensor never detects its mark.
     IndexDead,
-    /// The index sensor sees its mark everywhere.
+    /// The index sensor detects its mark everywhere.
     IndexStuck,
-    /// The head's motor slips once: it does not follow this many steps.
+    /// The head's motor slips once and misses some steps.
     HeadLosesSteps {
-        /// How many.
+        /// Number of steps.
         steps: u32,
     },
-    /// The head's motor runs ahead once, by this many steps.
+    /// The head's motor runs ahead once by some steps.
     HeadGainsSteps {
-        /// How many.
+        /// Number of steps.
         steps: u32,
     },
-    /// Something holds the head: it makes no step.
+    /// The head is blocked and makes no step.
     HeadBlocked,
     /// The filament has come to its end.
     FilamentOut,
-    /// The feed turns and the filament stands.
+    /// The feed turns, but the filament does not move.
     FilamentJam,
-    /// Both stepper drivers report a fault and let their motors stand.
+    /// Both stepper drivers report a fault and do not move their motors.
     DriverFault,
-    /// The supply has sunk to this voltage.
+    /// The supply has dropped.
     SupplyLow {
-        /// V.
+        /// Voltage of the supply, V.
         volts: f64,
     },
-    /// The supply has risen to this voltage.
+    /// The supply has risen.
     SupplyHigh {
-        /// V.
+        /// Voltage of the supply, V.
         volts: f64,
     },
-    /// The supply sinks to this voltage and comes back by itself.
+    /// The supply drops and recovers by itself.
     SupplyDip {
-        /// V.
+        /// Voltage of the supply, V.
         volts: f64,
-        /// For how long, s.
+        /// Duration, s.
         seconds: f64,
     },
     /// The emergency stop is pressed.
     EmergencyStop,
-    /// The orientation sensor does not answer.
+    /// The orientation sensor does not respond.
     OrientationSilent,
-    /// The board's step interrupt has stopped. Not of the tip, which takes no notice; a simulated board does.
+    /// The board's step interrupt has stopped. The tip ignores this fault, but a simulated board does not.
     StepInterruptStopped,
 }
 
 impl TipFault {
-    /// One of each kind, with figures that suit the robots that come with growbot.
+    /// One fault of each kind, with values that suit the robots that come with growbot.
     pub const ALL: [Self; 24] = [
         Self::ThermistorOpen,
         Self::ThermistorShort,
@@ -109,7 +109,7 @@ impl TipFault {
         Self::StepInterruptStopped,
     ];
 
-    /// The kind of fault, as a name.
+    /// Returns the name of the kind of fault.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -141,30 +141,30 @@ impl TipFault {
     }
 }
 
-/// What is broken at present: of each kind one at most.
+/// Active faults, at most one of each kind.
 #[derive(Debug, Clone, Default)]
 pub struct Faults(Vec<TipFault>);
 
 impl Faults {
-    /// Adds a fault; it replaces one of its kind.
+    /// Adds a fault. It replaces one of its kind.
     pub fn add(&mut self, fault: TipFault) {
         self.remove(fault);
         self.0.push(fault);
     }
 
-    /// Removes the fault of this one's kind.
+    /// Removes the fault of the same kind.
     pub fn remove(&mut self, fault: TipFault) {
         self.0.retain(|other| discriminant(other) != discriminant(&fault));
     }
 
-    /// Whether there is exactly this fault.
+    /// Reports whether exactly this fault is active.
     #[inline]
     #[must_use]
     pub fn has(&self, fault: TipFault) -> bool {
         !self.0.is_empty() && self.0.contains(&fault)
     }
 
-    /// Each of them, in the order in which they came.
+    /// Returns the faults in the order in which they were added.
     pub fn iter(&self) -> impl Iterator<Item = TipFault> + '_ {
         self.0.iter().copied()
     }

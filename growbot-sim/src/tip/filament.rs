@@ -1,17 +1,17 @@
-//! The filament between spool and nozzle: how far it has come, where it ends, and the encoder that it turns.
+//! The filament between spool and nozzle: its position, its end, and the encoder that it turns.
 
 use growbot_core::robot::Robot;
 
-/// What a feed step has done to the filament.
+/// Effect of a feed step on the filament.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Moved {
-    /// Pushed out: that much flows.
+    /// The filament was pushed out, so a step's volume flows.
     Out,
-    /// Pushed forward, to fill what was pulled back before.
+    /// The filament was pushed forward into the space that retraction left.
     Filled,
-    /// Pulled back.
+    /// The filament was retracted.
     Back,
-    /// Not at all.
+    /// The filament did not move.
     Not,
 }
 
@@ -19,24 +19,24 @@ pub(super) enum Moved {
 #[derive(Debug, Clone)]
 pub(super) struct Filament {
     steps_per_mm: f64,
-    /// Half of what passes from one rising edge of the encoder to the next; none without an encoder.
+    /// Half the distance from one rising edge of the encoder to the next. `None` without an encoder.
     half_pulse: Option<f64>,
-    /// How far it has come, as far as the feed's steps tell.
+    /// Position according to the feed's steps.
     position: i64,
-    /// How far it has turned the encoder.
+    /// Distance by which the encoder was turned.
     turned: f64,
-    /// The encoder's level: asked for in each tick, and only changed by a step.
+    /// Level of the encoder. It is read in each tick, but only changed by a step.
     level: bool,
-    /// Between these two ends of `turned` the level is the same.
+    /// Range of `turned` in which the level stays the same.
     level_span: [f64; 2],
-    /// How far it has been at most: beyond, it flows.
+    /// Foremost position so far. Filament that moves beyond it flows.
     front: i64,
-    /// Where it ends.
+    /// Position at which the filament ends.
     end: i64,
 }
 
 impl Filament {
-    /// A full spool.
+    /// Creates a full spool.
     pub fn new(robot: &Robot) -> Self {
         let description = robot.description();
         let steps_per_mm = description.feed.steps_per_mm;
@@ -55,32 +55,34 @@ impl Filament {
         filament
     }
 
-    /// From now on there is so much left, mm.
+    /// Sets the remaining length, mm.
     pub fn set_left(&mut self, mm: f64) {
         self.end = self.position + libm::rint(mm * self.steps_per_mm) as i64;
     }
 
-    /// What is left, mm.
+    /// Returns the remaining length, mm.
     pub fn left(&self) -> f64 {
         (self.end - self.position) as f64 / self.steps_per_mm
     }
 
-    /// Whether there is any.
+    /// Reports whether any filament remains.
     pub fn is_there(&self) -> bool {
         self.position < self.end
     }
 
-    /// Whether a step forwards would push it out.
+    /// Reports whether a step forwards would push the filament out.
     pub fn is_at_front(&self) -> bool {
         self.position == self.front
     }
 
-    /// Is taken out of the nozzle, so that nothing stops it; or its end rests where it is.
+    /// Takes the filament out of the nozzle, so that nothing stops it, or lets it rest in the nozzle at its present
+    /// position.
     pub fn free(&mut self, free: bool) {
         self.front = if free { i64::MAX } else { self.position };
     }
 
-    /// A step of the feed that takes it along. Where that pushes it out the encoder sees so much of it.
+    /// Moves the filament by a step of the feed. `seen` is the distance that the encoder turns if the step pushes it
+    /// out.
     pub fn step(&mut self, forwards: bool, seen: f64) -> Moved {
         if !forwards {
             self.position -= 1;
@@ -106,26 +108,26 @@ impl Filament {
         if let Some(half) = self.half_pulse
             && !(from < self.turned && self.turned < to)
         {
-            // Half pulses from the start are even where it is high.
+            // Half pulses from the start are even where the level is high.
             let halves = libm::floor(self.turned / half);
             self.level = halves as i64 % 2 == 0;
-            // Close to the ends rounding decides, so they stay outside.
+            // Rounding may decide close to the ends, so they are excluded.
             self.level_span = [halves + 1e-6, halves + 1.0 - 1e-6].map(|halves| halves * half);
         }
     }
 
-    /// How far it has turned the encoder, steps.
+    /// Returns the distance by which the encoder was turned, steps.
     pub fn turned(&self) -> f64 {
         self.turned
     }
 
-    /// So many whole steps there are at least until the encoder's level may change, that step included.
+    /// Returns a lower bound of the number of whole steps until the encoder's level may change, including that step.
     pub fn steps_to_edge(&self) -> u32 {
         let [from, to] = self.level_span;
         if self.half_pulse.is_none() { u32::MAX } else { (self.turned - from).min(to - self.turned).max(1.0) as u32 }
     }
 
-    /// The level of the encoder.
+    /// Returns the level of the encoder.
     pub fn encoder(&self) -> bool {
         self.level
     }

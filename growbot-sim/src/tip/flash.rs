@@ -1,12 +1,11 @@
-//! Flash of a simulated board: two erase sectors as on the robot's, which hold what they hold over resets and losses of
+//! Flash of a simulated board: two erase sectors as on the robot's board, whose content survives resets and losses of
 //! power.
 //!
-//! A loss of power in the midst of a write leaves the byte that it meets with some of its bits programmed; in the midst
-//! of an erasure it leaves any mixture of what was there, noise, and bytes that are erased. Bits that were being
-//! programmed as power was lost may be weak: they read as a test says, at each start anew, until they are programmed
-//! again ([`Flash::weaken`]).
+//! A loss of power during a write leaves the current byte with some of its bits programmed. During an erasure it leaves
+//! a mixture of the old content, noise, and erased bytes. Bits that were being programmed when power was lost may be
+//! weak. A test sets how they read at each start, until they are programmed again ([`Flash::weaken`]).
 //!
-//! (The firmware's own tests take this file too.)
+//! (The firmware's own tests include this file too.)
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -19,7 +18,7 @@ use embedded_storage::nor_flash::{
 /// Bytes of an erase sector of the robot's board.
 pub const SECTOR_BYTES: usize = 128 * 1024;
 
-/// The flash; all clones are the same one. Writes by words.
+/// The flash. All clones share the same content. Writes have a granularity of one word.
 #[derive(Debug, Clone)]
 pub struct Flash<const SECTOR: usize = SECTOR_BYTES>(Rc<RefCell<Cells>>);
 
@@ -27,20 +26,20 @@ pub struct Flash<const SECTOR: usize = SECTOR_BYTES>(Rc<RefCell<Cells>>);
 struct Cells {
     bytes: Vec<u8>,
     erasures: Vec<u32>,
-    /// Writes and erasures.
+    /// Number of writes and erasures.
     writes: u64,
-    /// How many more bytes are written or erased before power is lost; none for as many as there are.
+    /// Number of bytes that are written or erased before power is lost. `None` without a limit.
     bytes_left: Option<usize>,
-    /// Of the noise that losses of power leave.
+    /// Seed of the noise that losses of power leave.
     seed: u64,
-    /// Where bits are weak: an offset, and the bits from there on.
+    /// Weak bits: an offset, and the mask of the bytes from there on.
     weak: (usize, Vec<u8>),
-    /// What reads of all bytes from an offset on give next, one after the other, whatever the cells hold.
+    /// Results of the next reads of all bytes from an offset on, one after the other, whatever the cells contain.
     flicker: (usize, Vec<Vec<u8>>),
 }
 
 impl<const SECTOR: usize> Flash<SECTOR> {
-    /// So many sectors of flash as it comes from the factory: erased.
+    /// Creates a flash of this number of sectors, erased as it comes from the factory.
     #[must_use]
     pub fn new(sectors: usize) -> Self {
         let bytes = std::vec![0xff; sectors * SECTOR];
@@ -55,57 +54,57 @@ impl<const SECTOR: usize> Flash<SECTOR> {
         })))
     }
 
-    /// Power is lost after `bytes` more bytes are written or erased; what that leaves follows from the seed.
+    /// Loses power after `bytes` more bytes are written or erased. The remaining content follows from the seed.
     pub fn lose_power_after(&self, bytes: usize, seed: u64) {
         let mut cells = self.0.borrow_mut();
         (cells.bytes_left, cells.seed) = (Some(bytes), seed);
     }
 
-    /// Whether power is lost: then flash answers nothing.
+    /// Reports whether power is lost. The flash then returns errors.
     #[must_use]
     pub fn has_lost_power(&self) -> bool {
         self.0.borrow().bytes_left == Some(0)
     }
 
-    /// Power is there again.
+    /// Restores power.
     pub fn power_up(&self) {
         self.0.borrow_mut().bytes_left = None;
     }
 
-    /// How often each sector has been erased.
+    /// Returns the number of erasures of each sector.
     #[must_use]
     pub fn erasures(&self) -> Vec<u32> {
         self.0.borrow().erasures.clone()
     }
 
-    /// How often it has been written to or erased.
+    /// Returns the number of writes and erasures.
     #[must_use]
     pub fn writes(&self) -> u64 {
         self.0.borrow().writes
     }
 
-    /// What it holds.
+    /// Returns the content.
     #[must_use]
     pub fn bytes(&self) -> Vec<u8> {
         self.0.borrow().bytes.clone()
     }
 
-    /// Has it hold something else.
+    /// Replaces the content.
     pub fn set_bytes(&self, bytes: &[u8]) {
         self.0.borrow_mut().bytes.copy_from_slice(bytes);
     }
 
-    /// From this offset on the bits of this mask are weak, and no others anywhere.
+    /// Makes the bits of this mask weak from this offset on, and no others.
     pub fn weaken(&self, offset: usize, mask: &[u8]) {
         self.0.borrow_mut().weak = (offset, mask.to_vec());
     }
 
-    /// The next reads that begin at this offset give these bytes, one after the other.
+    /// Makes the next reads that begin at this offset return these bytes, one after the other.
     pub fn flicker(&self, offset: usize, readings: &[&[u8]]) {
         self.0.borrow_mut().flicker = (offset, readings.iter().map(|reading| reading.to_vec()).collect());
     }
 
-    /// From now on the bits that are still weak read like these.
+    /// Sets the value of the bits that are still weak.
     pub fn read_weak_as(&self, reading: &[u8]) {
         let cells = &mut *self.0.borrow_mut();
         let (offset, mask) = &cells.weak;
@@ -120,7 +119,8 @@ impl<const SECTOR: usize> Flash<SECTOR> {
 }
 
 impl Cells {
-    /// Takes `bytes` off those before the loss of power. Returns how many of them are done: fewer where power is lost.
+    /// Subtracts `bytes` from those before the loss of power. Returns the number of bytes that are processed, which is
+    /// smaller if power is lost.
     fn spend(&mut self, bytes: usize) -> usize {
         let Some(left) = &mut self.bytes_left else { return bytes };
         let done = bytes.min(*left);
@@ -128,9 +128,9 @@ impl Cells {
         done
     }
 
-    /// Any number.
+    /// Returns a pseudorandom number.
     fn noise(&mut self) -> u64 {
-        // The generator SplitMix64.
+        // This is the generator SplitMix64.
         self.seed = self.seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mixed = (self.seed ^ self.seed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -192,7 +192,7 @@ impl<const SECTOR: usize> NorFlash for Flash<SECTOR> {
         Ok(())
     }
 
-    /// A byte that is not erased can only be written to zero, or to the same again.
+    /// Writes bytes. A byte that is not erased can only be set to zero, or to the same value again.
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         self.check_power()?;
         check_write(self, offset, bytes.len())?;

@@ -1,15 +1,15 @@
-//! What a person does to a tip: what commissioning asks of somebody who stands beside the robot.
+//! Manual actions on a tip, which commissioning requests from a person beside the robot.
 
 use growbot_core::pose::Pose;
 use serde::{Deserialize, Serialize};
 
 use super::{Tip, TipFault};
 
-/// Something that is done by hand.
+/// A manual action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Hand {
-    /// Turns the head by so many 64ths of a turn.
+    /// Turns the head by this number of 64ths of a turn.
     TurnHead(i32),
     /// Takes the filament out of its switch, or puts it back.
     TakeFilament(bool),
@@ -17,14 +17,14 @@ pub enum Hand {
     PressEmergencyStop(bool),
     /// Disconnects the heater, or connects it.
     DisconnectHeater(bool),
-    /// Takes the filament out of the nozzle, so that it moves freely, or lets it rest there again.
+    /// Takes the filament out of the nozzle, so that it moves freely, or lets it rest in the nozzle again.
     FreeFilament(bool),
-    /// Lays the tip on its side, or lets it stand upright.
+    /// Lays the tip on its side, or sets it upright.
     LayDown(bool),
 }
 
 impl Tip {
-    /// Does this. The motors are let go.
+    /// Performs this action, as if the motors were released.
     pub fn by_hand(&mut self, hand: Hand) {
         match hand {
             Hand::TurnHead(sixty_fourths) => {

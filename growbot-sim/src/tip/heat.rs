@@ -1,10 +1,10 @@
-//! Heater, fan and supply of the simulated tip, and how warm they make its nozzle.
+//! Heater, fan and supply of the simulated tip, and the temperature of its nozzle.
 
 use super::nozzle::Drive;
 use super::{HeaterInput, Tip, TipFault};
 
 impl Tip {
-    /// The heater's signals: a share of full power (0 to 1), and whether the second switch is closed.
+    /// Sets the heater's signals: a fraction of full power (0 to 1), and the state of the second switch.
     pub fn heat(&mut self, duty: f64, closed: bool) {
         let input = HeaterInput { duty, closed };
         if self.heater != input {
@@ -18,7 +18,7 @@ impl Tip {
         }
     }
 
-    /// The fan's signal: a share of full speed (0 to 1).
+    /// Sets the fan's signal: a fraction of full speed (0 to 1).
     pub fn blow(&mut self, duty: f64) {
         if self.fan != duty {
             self.sync();
@@ -26,13 +26,13 @@ impl Tip {
         }
     }
 
-    /// The supply's voltage from now on, V, unless it is broken.
+    /// Sets the supply's voltage, V. A fault of the supply overrides it.
     pub fn set_supply_v(&mut self, volts: f64) {
         self.sync();
         self.variation.supply_v = Some(volts);
     }
 
-    /// Lets the nozzle come to the present. All that acts on it has stood still since the last time.
+    /// Advances the nozzle to the present. Its inputs have been constant since the last time.
     pub(super) fn sync(&mut self) {
         if let Some(end) = self.dip_until.take_if(|end| *end <= self.now) {
             let drive = self.drive();
@@ -45,14 +45,14 @@ impl Tip {
         }
     }
 
-    /// Lets the nozzle come to the present where a slot of its flow has ended.
+    /// Advances the nozzle to the present if a slot of its flow has ended.
     pub(super) fn sync_slot(&mut self) {
         if self.nozzle.slot_is_over(self.now) {
             self.sync();
         }
     }
 
-    /// What acts on the nozzle.
+    /// Returns the inputs of the nozzle.
     fn drive(&self) -> Drive {
         let description = self.robot.description();
         let heater = &description.heater;
@@ -72,7 +72,7 @@ impl Tip {
         drive
     }
 
-    /// Power that really flows into the nozzle, W.
+    /// Returns the actual power of the heater, W.
     pub fn heater_power_w(&mut self) -> f64 {
         self.sync();
         self.power()
@@ -89,7 +89,7 @@ impl Tip {
         description.heater.power_w * self.variation.power * duty * voltage * voltage
     }
 
-    /// Voltage of the supply, V.
+    /// Returns the voltage of the supply, V.
     pub(super) fn supply_v(&self) -> f64 {
         let sound = self.variation.supply_v.unwrap_or(self.robot.description().supply.nominal_v);
         self.faults.iter().fold(sound, |voltage, fault| match fault {
@@ -98,38 +98,38 @@ impl Tip {
         })
     }
 
-    /// Temperature of the nozzle, degrees Celsius.
+    /// Returns the temperature of the nozzle, degrees Celsius.
     pub fn nozzle_c(&mut self) -> f64 {
         self.sync();
         self.nozzle.block()
     }
 
-    /// The highest temperature that the nozzle has had, degrees Celsius.
+    /// Returns the highest temperature that the nozzle has had, degrees Celsius.
     pub fn nozzle_peak_c(&mut self) -> f64 {
         self.sync();
         self.nozzle.peak()
     }
 
-    /// Puts the nozzle at a temperature, degrees Celsius.
+    /// Sets the temperature of the nozzle, degrees Celsius.
     pub fn set_nozzle_c(&mut self, celsius: f64) {
         self.sync();
         self.nozzle.set(celsius);
     }
 
-    /// From now on the nozzle is this warm, degrees Celsius, at the moment in which its heater first gets power: for
-    /// trials in real time, in which heating would take most of it. Earlier or later than that, the firmware would
-    /// rightly take it for a heater out of control.
+    /// Sets the temperature, degrees Celsius, to which the nozzle jumps when its heater first gets power. It is for
+    /// tests in real time, in which heating would take most of the time. Earlier or later than that, the firmware would
+    /// rightly detect a heater out of control.
     pub fn warm_at_once(&mut self, celsius: f64) {
         self.warm_at_once = Some(celsius);
     }
 
-    /// Whether the signal of the heater's second switch is closed.
+    /// Reports whether the heater's second switch is commanded to close.
     #[must_use]
     pub fn heater_is_on(&self) -> bool {
         self.heater.closed
     }
 
-    /// Share of full power by the heater's signal, 0 to 1.
+    /// Returns the heater's commanded fraction of full power, 0 to 1.
     #[must_use]
     pub fn heater_duty(&self) -> f64 {
         self.heater.duty

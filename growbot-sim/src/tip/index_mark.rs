@@ -6,16 +6,16 @@ use growbot_core::robot::Robot;
 /// The index mark in head steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct IndexMark {
-    /// Head steps in a turn.
+    /// Number of head steps in a turn.
     pub steps_per_turn: u32,
-    /// Where it begins, from the tip's x axis.
+    /// Position of its beginning, from the tip's x axis.
     pub position: u32,
-    /// How wide it is.
+    /// Width of the mark.
     pub width: u32,
 }
 
 impl IndexMark {
-    /// The mark of a robot, to the nearest step.
+    /// Returns the mark of a robot, rounded to the nearest step.
     #[must_use]
     pub fn of(robot: &Robot) -> Self {
         let head = &robot.description().head;
@@ -28,12 +28,12 @@ impl IndexMark {
         }
     }
 
-    /// Whether it is at a position of the head, steps.
+    /// Reports whether the mark is at a position of the head, steps.
     #[must_use]
     pub fn covers(&self, head: i64) -> bool {
         (head - i64::from(self.position)).rem_euclid(i64::from(self.steps_per_turn)) < i64::from(self.width)
     }
-    /// Steps of the head from a position to the nearest at which it begins or ends to be there.
+    /// Returns the number of steps of the head from a position to the nearest edge of the mark.
     pub(super) fn steps_to_edge(&self, head: i64) -> u32 {
         let turn = i64::from(self.steps_per_turn);
         let width = i64::from(self.width);

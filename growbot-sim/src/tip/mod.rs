@@ -1,20 +1,20 @@
-//! The simulated tip: what a robot's head, feed and nozzle would do with the signals they get, and what its sensors
-//! would show.
+//! The simulated tip: the reaction of a robot's head, feed and nozzle to their signals, and the readings of its
+//! sensors.
 //!
-//! It knows nothing of plans or layers. Head and feed steps become plastic by angle, plastic becomes height
-//! and tilt, and these chain to a body (Eq 4). The nozzle warms and cools, and its thermistor follows. The index sensor
-//! passes once a turn, the filament turns its encoder, and gravity turns as the body bends. Faults of a controller
-//! therefore show as they would on a robot: in the body. What can break on a robot breaks here on request
-//! ([`TipFault`]).
+//! The tip does not use plans or layers. Head and feed steps become plastic by angle, plastic becomes height and tilt,
+//! and these chain to a body (Eq 4). The nozzle warms and cools, and its thermistor follows. The index sensor passes
+//! its mark once a turn, the filament turns its encoder, and gravity turns as the body bends. Faults of a controller
+//! therefore appear in the body, as they would on a robot. Faults of a robot can be injected ([`TipFault`]).
 //!
-//! Its clock is the board's: ticks of the step interrupt. Nothing depends on how often it is looked at.
+//! The clock of the tip is the board's: ticks of the step interrupt. The results do not depend on how often the tip is
+//! polled.
 //!
-//! It lays exactly what its steps ask for unless told otherwise ([`Imperfection`]).
+//! The tip lays exactly what its steps command, unless an [`Imperfection`] is set.
 //!
-//! What it does not model is in the book's chapter "Limits" (`book/src/limits.md`).
+//! The limits of the model are in the book's chapter "Limits" (`book/src/limits.md`).
 //!
-//! Filament that is pulled back lays nothing, and when it is pushed forward again it first fills what was pulled
-//! back. Fed against a cold nozzle it stands.
+//! Filament that is retracted lays nothing, and when it is pushed forward again it first fills the space that it left.
+//! It does not move if it is fed against a cold nozzle.
 //!
 //! | file | what |
 //! |---|---|
@@ -22,8 +22,8 @@
 //! | `nozzle.rs`, `cartridge.rs`, `heat.rs` | nozzle, heater and thermistor |
 //! | `filament.rs` | the rest of the spool, and the encoder |
 //! | `sensors.rs`, `noise.rs` | readings of a 12-bit ADC, the index sensor, the switches and the orientation sensor; noise is a function of seed, channel and tick |
-//! | `variation.rs` | how one copy of a robot differs from its description: power, heat capacity, loss, room, supply, lag, noise |
-//! | `fault.rs` | what can break: [`TipFault`], put in and taken away at any time by `inject` and `mend` |
+//! | `variation.rs` | differences of one copy of a robot from its description: power, heat capacity, loss, room, supply, lag, noise |
+//! | `fault.rs` | faults: [`TipFault`], added and removed at any time by `inject` and `mend` |
 //! | `pins.rs` | the tip as a board's parts |
 
 mod cartridge;
@@ -69,29 +69,30 @@ pub struct Tip {
     now: u64,
     head: Axis,
     feed: Axis,
-    /// Where the head stands, steps from the tip's x axis; counter-clockwise is positive.
+    /// Position of the head, steps from the tip's x axis. Counter-clockwise is positive.
     position: i64,
-    /// How far that is from where its steps should have taken it.
+    /// Difference of that position from the one that its steps command.
     slipped: i64,
-    /// Steps that the head is not going to follow, or is going to make too many.
+    /// Number of steps that the head will make in excess; negative if it will miss them.
     to_slip: i64,
     heater: HeaterInput,
     fan: f64,
     nozzle: Nozzle,
-    /// Where the nozzle is put when its heater is switched on, degrees Celsius; none where it heats as it does.
+    /// Temperature to which the nozzle jumps when its heater is switched on, degrees Celsius. `None` for normal
+    /// heating.
     warm_at_once: Option<f64>,
-    /// It has been put there since the second switch was closed.
+    /// True if the nozzle has jumped since the second switch was closed.
     warmed: bool,
-    /// What a thermistor that no longer follows shows.
+    /// Readings of a thermistor that no longer follows.
     held: Held,
-    /// When a dip of the supply is over, ticks; none without a dip.
+    /// End of a dip of the supply, ticks. `None` without a dip.
     dip_until: Option<u64>,
     filament: Filament,
     plastic: Plastic,
     imperfection: Imperfection,
-    /// A layer's index, and how much filament the encoder sees for each step's worth in it.
+    /// Index of a layer, and the filament that the encoder detects for each step in it.
     seen_per_step: (u64, f64),
-    /// The base's frame of where growth began.
+    /// Pose of the start of growth in the base's frame.
     start: Frame,
     feed_steps: i64,
     cold_feed_steps: u64,
@@ -100,9 +101,9 @@ pub struct Tip {
 /// A motor of the tip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Motor {
-    /// Turns the head.
+    /// The motor that turns the head.
     Head,
-    /// Pushes filament.
+    /// The motor that pushes filament.
     Feed,
 }
 
@@ -113,17 +114,17 @@ struct Axis {
     forwards: bool,
 }
 
-/// What the heater's two switches are told.
+/// Signals of the heater's two switches.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct HeaterInput {
-    /// Share of full power, 0 to 1.
+    /// Fraction of full power, 0 to 1.
     duty: f64,
-    /// Whether the second switch is to be closed.
+    /// True if the second switch is commanded to close.
     closed: bool,
 }
 
 impl Tip {
-    /// A cold tip on an upright body, whose head stands somewhere, `head_steps` from the tip's x axis.
+    /// Creates a cold tip on an upright body. The head is `head_steps` from the tip's x axis.
     #[must_use]
     pub fn new(robot: Robot, head_steps: i64, variation: Variation) -> Self {
         Self {
@@ -154,39 +155,39 @@ impl Tip {
         }
     }
 
-    /// Growth begins at this pose. Without it, at the origin and upwards.
+    /// Sets the pose at which growth begins. By default, it is the origin with the direction upwards.
     pub fn start_at(&mut self, pose: &Pose) {
         self.start = pose.frame();
     }
 
-    /// Lays and measures otherwise than it should, from the first layer on: to be said before.
+    /// Sets the disturbances of layers and measurements, from the first layer on. It must be called before growth.
     pub fn disturb(&mut self, imperfection: &Imperfection) {
         self.imperfection = *imperfection;
         self.seen_per_step = (0, imperfection.seen_per_step(0));
     }
 
-    /// So much filament is left from now on, mm. Without it, a full spool.
+    /// Sets the remaining filament, mm. By default, the spool is full.
     pub fn load_filament(&mut self, mm: f64) {
         self.filament.set_left(mm);
     }
 
-    /// Time passes up to this tick of the board's clock.
+    /// Advances the time to this tick of the board's clock.
     pub fn advance(&mut self, tick: u64) {
         self.now = self.now.max(tick);
     }
 
-    /// The board's clock, ticks.
+    /// Returns the board's clock, ticks.
     #[must_use]
     pub fn now(&self) -> u64 {
         self.now
     }
 
-    /// The enable signal of a motor's driver.
+    /// Sets the enable signal of a motor's driver.
     pub fn enable(&mut self, motor: Motor, enabled: bool) {
         self.axis(motor).enabled = enabled;
     }
 
-    /// The direction signal of a motor's driver.
+    /// Sets the direction signal of a motor's driver.
     pub fn direct(&mut self, motor: Motor, forwards: bool) {
         self.axis(motor).forwards = forwards;
     }
@@ -198,7 +199,7 @@ impl Tip {
         }
     }
 
-    /// A step pulse. A driver that is off lets its motor stand.
+    /// Makes a step pulse. A driver that is off does not move its motor.
     pub fn step(&mut self, motor: Motor) {
         let Axis { enabled, forwards } = *self.axis(motor);
         if !enabled {
@@ -236,7 +237,7 @@ impl Tip {
             self.plastic.pass(self.now);
             return;
         }
-        // Cold plastic in the nozzle lets filament come no further than it was.
+        // Cold plastic in the nozzle stops the filament at its foremost position.
         if forwards && self.filament.is_at_front() {
             self.sync_slot();
             if self.nozzle.at_slot() < self.robot.description().heater.extrusion_min_c {
@@ -257,7 +258,7 @@ impl Tip {
         }
     }
 
-    /// How much filament the encoder sees for each step's worth in the layer that is laid.
+    /// Returns the filament that the encoder detects for each step in the current layer.
     fn seen_per_step(&mut self) -> f64 {
         let index = self.plastic.layer_index();
         if self.seen_per_step.0 != index {
@@ -266,17 +267,17 @@ impl Tip {
         self.seen_per_step.1
     }
 
-    /// Whether the head stands whatever its motor's signals are.
+    /// Reports whether the head is blocked, whatever its motor's signals are.
     fn head_is_held(&self) -> bool {
         self.faults.has(TipFault::HeadBlocked) || self.faults.has(TipFault::DriverFault)
     }
 
-    /// Whether the filament stands whatever the feed does.
+    /// Reports whether the filament is blocked, whatever the feed does.
     fn filament_is_held(&self) -> bool {
         self.faults.has(TipFault::FilamentJam) || self.faults.has(TipFault::FilamentOut)
     }
 
-    /// Breaks something; a fault of the same kind is replaced.
+    /// Injects a fault. It replaces a fault of the same kind.
     pub fn inject(&mut self, fault: TipFault) {
         self.sync();
         match fault {
@@ -293,7 +294,7 @@ impl Tip {
         self.faults.add(fault);
     }
 
-    /// Mends the fault of this one's kind. Steps that the head has lost stay lost.
+    /// Removes the fault of the same kind. Steps that the head has lost stay lost.
     pub fn mend(&mut self, fault: TipFault) {
         self.sync();
         if let TipFault::HeadLosesSteps { .. } | TipFault::HeadGainsSteps { .. } = fault {
@@ -302,25 +303,25 @@ impl Tip {
         self.faults.remove(fault);
     }
 
-    /// What is broken.
+    /// Returns the active faults.
     #[must_use]
     pub fn faults(&self) -> &Faults {
         &self.faults
     }
 
-    /// How it differs from its robot's description.
+    /// Returns the differences of the tip from its robot's description.
     #[must_use]
     pub fn variation(&self) -> &Variation {
         &self.variation
     }
 
-    /// The robot that it belongs to.
+    /// Returns the robot of the tip.
     #[must_use]
     pub fn robot(&self) -> &Robot {
         &self.robot
     }
 
-    /// Whether a motor is energised.
+    /// Reports whether a motor is energised.
     #[must_use]
     pub fn is_enabled(&self, motor: Motor) -> bool {
         match motor {
@@ -329,54 +330,54 @@ impl Tip {
         }
     }
 
-    /// Where the head stands, steps from the tip's x axis.
+    /// Returns the position of the head, steps from the tip's x axis.
     #[must_use]
     pub fn head_position(&self) -> i64 {
         self.position
     }
 
-    /// How far the head is from where its steps should have taken it.
+    /// Returns the difference of the head's position from the one that its steps command, steps.
     #[must_use]
     pub fn head_slip(&self) -> i64 {
         self.slipped
     }
 
-    /// The layers laid so far, from the plastic itself.
+    /// Returns the layers laid so far, from the plastic itself.
     #[must_use]
     pub fn body(&self) -> Vec<Layer> {
         self.plastic.layers(&self.robot, &self.imperfection)
     }
 
-    /// The layers of [`Tip::body`] that no longer change, from this index on.
+    /// Returns the layers of [`Tip::body`] that no longer change, from this index on.
     #[must_use]
     pub fn settled(&mut self, from: usize) -> &[Layer] {
         self.plastic.settled(&self.robot, &self.imperfection).get(from..).unwrap_or_default()
     }
 
-    /// Where the tip is and how it lies.
+    /// Returns the frame of the tip.
     pub fn base_from_tip(&mut self) -> Frame {
         self.start * self.plastic.start_from_tip(&self.robot, &self.imperfection)
     }
 
-    /// Filament that is left, mm.
+    /// Returns the remaining filament, mm.
     #[must_use]
     pub fn filament_left(&self) -> f64 {
         self.filament.left()
     }
 
-    /// Feed steps made with the motor held: those forwards less those backwards.
+    /// Returns the net number of feed steps that were made with the motor held: those forwards less those backwards.
     #[must_use]
     pub fn feed_steps(&self) -> u64 {
         u64::try_from(self.feed_steps).unwrap_or(0)
     }
 
-    /// Where the feed stands, steps.
+    /// Returns the position of the feed, steps.
     #[must_use]
     pub fn feed_position(&self) -> i64 {
         self.feed_steps
     }
 
-    /// Feed steps made against a cold nozzle, which laid nothing.
+    /// Returns the number of feed steps that were made against a cold nozzle, and laid nothing.
     #[must_use]
     pub fn cold_feed_steps(&self) -> u64 {
         self.cold_feed_steps

@@ -3,21 +3,22 @@
 //! `C dT/dt = P - (K + c Q) (T - T_ambient)` for the block, with the flow Q of the filament that it heats, and
 //! `tau dS/dt = T_ambient + share (T - T_ambient) - S` for the thermistor.
 //!
-//! A copy of a robot may have a [`Cartridge`] instead, which is solved otherwise; what follows is of the lump above.
+//! A copy of a robot may have a [`Cartridge`] instead, which is solved differently. The following applies to the lump
+//! above.
 //!
-//! Both are solved in closed form while power, loss and flow stand still. The flow is counted in slots of a tenth of a
-//! second: in each, the nozzle heats, evenly, what was fed in the one before. So the heat is exact, the result does not
-//! depend on how often anybody looks, and hours without flow are one step.
+//! Both are solved in closed form while power, loss and flow are constant. The flow is counted in slots of a tenth of a
+//! second. In each slot, the nozzle heats, evenly, the filament that was fed in the previous one. The heat is therefore
+//! exact, the result does not depend on the polling interval, and hours without flow are one step.
 
 use growbot_core::robot::{Heater, Robot};
 
 use super::Variation;
 use super::cartridge::{Cartridge, Load};
 
-/// Slots of the flow in a second.
+/// Number of slots of the flow in a second.
 const SLOTS_PER_S: u64 = 10;
 
-/// What acts on the nozzle, for as long as it stands still.
+/// Inputs of the nozzle while they are constant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Drive {
     /// Power of the heater, W.
@@ -26,30 +27,30 @@ pub(super) struct Drive {
     pub loss_w_per_k: f64,
     /// Time constant of the thermistor, s.
     pub lag_s: f64,
-    /// Share of the nozzle's warmth that the thermistor gets, 0 to 1.
+    /// Fraction of the nozzle's excess temperature that the thermistor gets, 0 to 1.
     pub share: f64,
 }
 
-/// A nozzle that warms and cools.
+/// The nozzle and its temperatures.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Nozzle {
     ambient_c: f64,
     heat_capacity: f64,
-    /// The heater where it is a part of its own, none where the nozzle is one lump.
+    /// The heater, if it is a separate part. `None` if the nozzle is one lump.
     cartridge: Option<Cartridge>,
     tick_hz: f64,
-    /// Ticks in a slot of the flow.
+    /// Number of ticks in a slot of the flow.
     slot: u64,
-    /// Heat that a feed step takes away for each degree above the surroundings, J/K.
+    /// Heat that a feed step removes for each degree above the surroundings, J/K.
     heat_of_step: f64,
-    /// All that follows is of this tick.
+    /// Tick to which the following values refer.
     tick: u64,
     block: f64,
     sensor: f64,
     peak: f64,
-    /// Temperature of the block when the slot began.
+    /// Temperature of the block at the start of the slot.
     at_slot: f64,
-    /// Feed steps heated in this slot: those made in the one before.
+    /// Feed steps that are heated in this slot: those of the previous one.
     heated: f64,
     /// Feed steps made in this slot.
     fed: f64,
@@ -57,7 +58,7 @@ pub(super) struct Nozzle {
 }
 
 impl Nozzle {
-    /// A nozzle at the temperature of its surroundings.
+    /// Creates a nozzle at the temperature of its surroundings.
     pub fn new(robot: &Robot, variation: &Variation) -> Self {
         let description = robot.description();
         let Heater { heat_capacity_j_per_k, loss_w_per_k, target_c, .. } = description.heater;
@@ -84,32 +85,32 @@ impl Nozzle {
         }
     }
 
-    /// The tick that the temperatures are of.
+    /// Returns the tick to which the temperatures refer.
     pub fn tick(&self) -> u64 {
         self.tick
     }
 
-    /// Temperature of the block, degrees Celsius.
+    /// Returns the temperature of the block, degrees Celsius.
     pub fn block(&self) -> f64 {
         self.block
     }
 
-    /// Temperature of the block when the tenth of a second began, degrees Celsius.
+    /// Returns the temperature of the block at the start of the current tenth of a second, degrees Celsius.
     pub fn at_slot(&self) -> f64 {
         self.at_slot
     }
 
-    /// Temperature of the thermistor, degrees Celsius.
+    /// Returns the temperature of the thermistor, degrees Celsius.
     pub fn sensor(&self) -> f64 {
         self.sensor
     }
 
-    /// The highest that the block has been, degrees Celsius.
+    /// Returns the highest temperature that the block has had, degrees Celsius.
     pub fn peak(&self) -> f64 {
         self.peak
     }
 
-    /// Puts block and thermistor at a temperature, degrees Celsius.
+    /// Sets block and thermistor to a temperature, degrees Celsius.
     pub fn set(&mut self, celsius: f64) {
         (self.block, self.sensor, self.at_slot) = (celsius, celsius, celsius);
         if let Some(cartridge) = &mut self.cartridge {
@@ -118,17 +119,17 @@ impl Nozzle {
         self.peak = self.peak.max(celsius);
     }
 
-    /// Whether this tick lies beyond the slot.
+    /// Reports whether this tick lies beyond the current slot.
     pub fn slot_is_over(&self, tick: u64) -> bool {
         tick / self.slot > self.tick / self.slot
     }
 
-    /// A feed step has brought cold filament.
+    /// Records a feed step, which brings cold filament.
     pub fn feed(&mut self) {
         self.fed += 1.0;
     }
 
-    /// Time passes up to a tick.
+    /// Advances the time to a tick.
     pub fn advance(&mut self, until: u64, drive: &Drive) {
         while self.tick < until {
             let still = self.heated == 0.0 && self.fed == 0.0;
@@ -144,7 +145,7 @@ impl Nozzle {
         }
     }
 
-    /// Time passes in which nothing changes.
+    /// Advances the time, with constant inputs.
     fn pass(&mut self, seconds: f64, drive: &Drive) {
         let flow = self.heated * self.heat_of_step * self.tick_hz / self.slot as f64;
         if let Some(cartridge) = &mut self.cartridge {
@@ -156,7 +157,7 @@ impl Nozzle {
         }
         let decay = self.decays.of(seconds, drive, flow, self.heat_capacity);
         let settled = drive.power_w / decay.loss_w_per_k;
-        // Above the surroundings, and above where the block settles.
+        // Temperature above the surroundings and above the steady state of the block.
         let above = self.block - self.ambient_c - settled;
         let sensor = self.sensor - self.ambient_c;
         self.sensor = self.ambient_c
@@ -168,11 +169,11 @@ impl Nozzle {
     }
 }
 
-/// The latest decays: a board that is polled evenly needs the same few again and again.
+/// Cache of the latest decays. A board that is polled evenly needs the same few repeatedly.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct Decays {
     known: [Option<Decay>; 8],
-    /// Where the next new one goes.
+    /// Index of the entry to replace next.
     next: usize,
 }
 
@@ -189,7 +190,7 @@ impl Decays {
     }
 }
 
-/// How much is left of a difference after some time.
+/// Remaining fractions of temperature differences after some time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Decay {
     seconds: f64,
@@ -198,10 +199,10 @@ struct Decay {
     flow_w_per_k: f64,
     /// Loss to the surroundings and to the filament, W/K.
     loss_w_per_k: f64,
-    /// Of the block's and of the thermistor's own difference.
+    /// Remaining fraction of the block's difference. `sensor` is that of the thermistor's own difference.
     block: f64,
     sensor: f64,
-    /// What the block's decay does to the thermistor in that time.
+    /// Effect of the block's decay on the thermistor in that time.
     mixed: f64,
 }
 
@@ -210,7 +211,7 @@ impl Decay {
         let loss_w_per_k = (drive.loss_w_per_k + flow_w_per_k).max(f64::MIN_POSITIVE);
         let (of_block, of_sensor) = (loss_w_per_k / heat_capacity, 1.0 / drive.lag_s.max(1e-6));
         let (slow, quick) = (of_block.min(of_sensor), of_block.max(of_sensor));
-        // The integral, without a difference of like numbers.
+        // The integral, in a form that does not subtract nearly equal numbers.
         let apart = quick - slow;
         let mixed = libm::exp(-slow * seconds)
             * if apart * seconds > 1e-12 { -libm::expm1(-apart * seconds) / apart } else { seconds };
@@ -226,7 +227,7 @@ impl Decay {
         }
     }
 
-    /// Whether it is of these conditions, to the last bit.
+    /// Reports whether the decay is for these conditions, to the last bit.
     fn is_of(&self, seconds: f64, drive: &Drive, flow_w_per_k: f64) -> bool {
         (self.seconds, self.lag_s, self.drive_loss_w_per_k, self.flow_w_per_k)
             == (seconds, drive.lag_s, drive.loss_w_per_k, flow_w_per_k)
@@ -289,7 +290,7 @@ mod tests {
     fn the_thermistor_lags() {
         let (mut nozzle, heater) = nozzle();
         nozzle.advance(20 * TICK_HZ, &drive(50.0));
-        // Well after the lag it follows a steady rise by the rise of one time constant.
+        // After several lags, the thermistor follows a steady rise with a delay of one time constant.
         let rate = (50.0 - 0.12 * (nozzle.block() - 22.0)) / heater.heat_capacity_j_per_k;
         assert!((nozzle.block() - nozzle.sensor() - 2.0 * rate).abs() < 0.3, "{nozzle:?}");
     }
@@ -311,7 +312,7 @@ mod tests {
     fn energy_is_neither_made_nor_lost() {
         let (mut nozzle, heater) = nozzle();
         nozzle.set(200.0);
-        // 400 feed steps a second for a minute; what is carried away and lost is added up from the temperatures.
+        // 400 feed steps a second for a minute. The heat that is carried away and lost is summed from the temperatures.
         let (mut lost, mut carried) = (0.0, 0.0);
         for slot in 0..600 {
             let heated = nozzle.heated;

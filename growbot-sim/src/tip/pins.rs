@@ -1,4 +1,4 @@
-//! The tip as a board sees it: pins, ADC channels and sensors, each a part that the controller or the step engine
+//! The tip as the parts of a board: pins, ADC channels and sensors, each of which the controller or the step engine
 //! takes.
 //!
 //! Levels are logical, so that no part needs [`growbot_firmware::polarity::Polarized`].
@@ -13,31 +13,31 @@ use growbot_firmware::hal;
 
 use super::{Motor, Tip};
 
-/// A tip that its pins share.
+/// A tip that is shared by its pins.
 pub type SharedTip = Rc<RefCell<Tip>>;
 
-/// STEP of a motor.
+/// STEP pin of a motor.
 pub struct StepPin(pub Motor, pub SharedTip);
 
-/// DIR of a motor: high turns the head counter-clockwise and pushes filament out.
+/// DIR pin of a motor: high turns the head counter-clockwise and pushes filament out.
 pub struct DirectionPin(pub Motor, pub SharedTip);
 
-/// ENABLE of a motor: high holds it.
+/// ENABLE pin of a motor: high holds the motor.
 pub struct EnablePin(pub Motor, pub SharedTip);
 
-/// An input with two levels, and what it asks the tip.
+/// An input with two levels, which is read from the tip.
 pub struct Input {
     tip: SharedTip,
     level: fn(&Tip) -> bool,
 }
 
-/// The heater's power.
+/// The heater's power output.
 pub struct HeaterPower(pub SharedTip);
 
-/// The second switch in the heater's supply: high closes it.
+/// The second switch in the heater's supply. High closes it.
 pub struct HeaterEnable(pub SharedTip);
 
-/// The fan.
+/// The output for the fan.
 pub struct Fan(pub SharedTip);
 
 /// A channel of the ADC.
@@ -50,31 +50,31 @@ pub struct Adc {
 pub struct Orientation(pub SharedTip);
 
 impl Input {
-    /// High while the index sensor sees its mark.
+    /// Returns the input of the index sensor: high while it detects its mark.
     #[must_use]
     pub fn index(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), level: Tip::on_index }
     }
 
-    /// The encoder that the filament turns.
+    /// Returns the input of the encoder that the filament turns.
     #[must_use]
     pub fn filament_motion(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), level: Tip::encoder }
     }
 
-    /// High while there is filament.
+    /// Returns the input of the filament switch: high while there is filament.
     #[must_use]
     pub fn filament_presence(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), level: Tip::has_filament }
     }
 
-    /// High while a stepper driver reports a fault.
+    /// Returns the input of the stepper drivers: high while one of them reports a fault.
     #[must_use]
     pub fn driver_fault(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), level: Tip::driver_fault }
     }
 
-    /// High while the emergency stop is pressed.
+    /// Returns the input of the emergency stop: high while it is pressed.
     #[must_use]
     pub fn emergency_stop(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), level: Tip::emergency_stop }
@@ -82,20 +82,20 @@ impl Input {
 }
 
 impl Adc {
-    /// The thermistor's divider.
+    /// Returns the channel of the thermistor's divider.
     #[must_use]
     pub fn thermistor(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), sample: Tip::sample_thermistor }
     }
 
-    /// The supply's divider.
+    /// Returns the channel of the supply's divider.
     #[must_use]
     pub fn supply(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), sample: Tip::sample_supply }
     }
 }
 
-/// Heater, fan and both drivers, for the step interrupt.
+/// Outputs for heater, fan and both drivers, for the step interrupt.
 pub struct TipOutputs(pub SharedTip);
 
 impl hal::Outputs for TipOutputs {
@@ -129,7 +129,7 @@ impl OutputPin for StepPin {
         Ok(())
     }
 
-    /// The engine raises a pin only after lowering it, so each time is an edge.
+    /// Makes a step. The engine raises a pin only after it has lowered it, so each call is an edge.
     fn set_high(&mut self) -> Result<(), Infallible> {
         self.1.borrow_mut().step(self.0);
         Ok(())

@@ -1,11 +1,11 @@
 //! Plastic by angle, layer by layer.
 //!
-//! Between two feed steps one step's volume flows, evenly in time, and lies wherever the head stood in between. Over a
-//! sweep of the head the sum gives the mean height and the first harmonic the tilt: `h = sum`, `r_t phi = 2 |sum e^(i
-//! psi)|`, in units of the height that one step spread over the whole ring would have.
+//! Between two feed steps one step's volume flows, evenly in time, and is laid along the positions of the head in that
+//! time. Over a sweep of the head the sum gives the mean height and the first harmonic the tilt: `h = sum`,
+//! `r_t phi = 2 |sum e^(i psi)|`, in units of the height that one step spread over the whole ring would have.
 //!
-//! A layer is a sweep from one visit of the tip's x axis to the next, whichever way the head turns. A head that turns
-//! back elsewhere, since it has lost steps, ends a layer there. What is less than half a turn is no layer of its own
+//! A layer is a sweep from one visit of the tip's x axis to the next, in either direction of the head. If the head
+//! turns back elsewhere, because it has lost steps, a layer ends there. A sweep of less than half a turn is not a layer
 //! and belongs to the next.
 
 use growbot_core::angle::wrap_positive;
@@ -24,9 +24,9 @@ struct Moments {
 }
 
 impl Moments {
-    /// Whether all of it lies on the tip's x axis: the edge of a layer, not a layer.
+    /// Reports whether all of it lies on the tip's x axis, so that it is the edge of a layer and not a layer.
     fn is_edge(&self) -> bool {
-        // Sums of the same numbers, so equal to the last bit.
+        // Both are sums of the same numbers, so they are equal to the last bit.
         self.cosine >= self.sum
     }
 
@@ -37,16 +37,16 @@ impl Moments {
     }
 }
 
-/// What belongs to one sweep of the head.
+/// Plastic of one sweep of the head.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Ring {
     sweep: u64,
     moments: Moments,
 }
 
-/// The ring of a sweep, which is the last one or comes after it.
+/// Returns the ring of a sweep, which is the last one or comes after it.
 fn ring_of(rings: &mut Vec<Ring>, sweep: u64) -> &mut Moments {
-    // A sweep ends with the head on the axis, half of which counts to it: the ring may be the last but one.
+    // A sweep ends with the head on the axis, half of which belongs to it, so the ring may be the last but one.
     let at = rings.iter().rposition(|ring| ring.sweep <= sweep).filter(|at| rings[*at].sweep == sweep);
     let at = at.unwrap_or_else(|| {
         rings.push(Ring { sweep, moments: Moments::default() });
@@ -55,28 +55,28 @@ fn ring_of(rings: &mut Vec<Ring>, sweep: u64) -> &mut Moments {
     &mut rings[at].moments
 }
 
-/// Layers from rings, one after the other.
+/// Iteration over the layers of consecutive rings.
 #[derive(Debug, Clone, Default)]
 struct Layers {
-    /// What lies on the axis and belongs to the layer that it opens.
+    /// Plastic on the axis that belongs to the layer that it opens.
     edge: Moments,
 }
 
 impl Layers {
-    /// The layer that this ring completes.
+    /// Returns the layer that this ring completes.
     fn next(&mut self, ring: &Ring) -> Option<Moments> {
         self.edge.add(ring.moments, 1.0);
         (!ring.moments.is_edge()).then(|| std::mem::take(&mut self.edge))
     }
 }
 
-/// The body up to rings that no longer change.
+/// The body up to the rings that no longer change.
 #[derive(Debug, Clone)]
 struct Grown {
     rings: usize,
     layers: Layers,
     start_from_tip: Frame,
-    /// The layer that comes next.
+    /// Index of the next layer.
     index: u64,
 }
 
@@ -89,30 +89,30 @@ impl Grown {
     }
 }
 
-/// All plastic laid.
+/// All plastic that was laid.
 #[derive(Debug, Clone)]
 pub(super) struct Plastic {
     steps_per_turn: i64,
     /// Cosine and sine of each head step.
     directions: Vec<(f64, f64)>,
-    /// Where the head stands in its turn, steps from the tip's x axis: below `directions.len()`.
+    /// Position of the head in its turn, steps from the tip's x axis, below `directions.len()`.
     head: usize,
-    /// Whether the head last stepped counter-clockwise.
+    /// True if the head last stepped counter-clockwise.
     positive: bool,
-    /// Sweeps of the head so far.
+    /// Number of sweeps of the head so far.
     sweep: u64,
-    /// Head steps in this sweep.
+    /// Number of head steps in this sweep.
     swept: i64,
-    /// When the head or the feed last stepped, ticks.
+    /// Time of the latest step of head or feed, ticks.
     stepped: u64,
-    /// Whether filament is pulled back, so that nothing flows.
+    /// True if filament is retracted, so that nothing flows.
     held_back: bool,
-    /// Head steps since the last feed step; none before the first.
+    /// Number of head steps since the latest feed step. `None` before the first.
     since_fed: Option<i64>,
-    /// Where the head has stood since then, weighed by time.
+    /// Positions of the head since then, weighted by time.
     stood: Vec<Ring>,
     laid: Vec<Ring>,
-    /// Layers whose sweep is over.
+    /// Number of layers whose sweep is finished.
     swept_layers: u64,
     grown: Grown,
     settled: Settled,
@@ -162,7 +162,7 @@ impl Plastic {
         }
     }
 
-    /// The head makes a step at this tick.
+    /// Makes a step of the head at this tick.
     pub fn turn(&mut self, positive: bool, tick: u64) {
         self.stand(tick);
         if self.sweep_is_whole() && (self.is_on_axis() || positive != self.positive) {
@@ -191,13 +191,13 @@ impl Plastic {
         self.head == 0
     }
 
-    /// Whether the sweep is more than what is left by lost steps.
+    /// Reports whether the sweep is longer than the remainder that lost steps may leave.
     fn sweep_is_whole(&self) -> bool {
         self.swept >= self.steps_per_turn / 2
     }
 
-    /// Notes how long the head has stood. On the tip's x axis, where one layer ends and the next begins, half of the
-    /// time counts to either.
+    /// Records the time for which the head has stood. On the tip's x axis, where one layer ends and the next begins,
+    /// half of the time counts for each.
     fn stand(&mut self, tick: u64) {
         let time = tick.saturating_sub(self.stepped) as f64;
         self.stepped = self.stepped.max(tick);
@@ -214,11 +214,12 @@ impl Plastic {
         }
     }
 
-    /// The feed steps at this tick: what flowed since its last step lies where the head stood.
+    /// Makes a step of the feed at this tick. The plastic that flowed since its latest step is laid where the head
+    /// stood.
     pub fn lay(&mut self, tick: u64) {
         self.stand(tick);
         let time: f64 = self.stood.iter().map(|ring| ring.moments.sum).sum();
-        // With a whole turn since the last step, as after homing, nothing flowed; this one begins.
+        // After a whole turn since the latest step, as after homing, nothing flowed, and this step begins.
         let flowed = self.since_fed.is_some_and(|steps| steps < self.steps_per_turn) && time > 0.0;
         if flowed {
             for stood in &self.stood {
@@ -228,7 +229,7 @@ impl Plastic {
             let (cosine, sine) = self.directions[self.head];
             let begins = self.is_on_axis() && self.sweep_is_whole();
             let sweep = self.sweep + u64::from(begins);
-            // Rings lie in order, and half of what flows here next is of the sweep that ends.
+            // Rings are in order, and half of the plastic that flows here next belongs to the sweep that ends.
             ring_of(&mut self.laid, self.sweep);
             ring_of(&mut self.laid, sweep).add(Moments { sum: 1.0, cosine, sine }, 1.0);
         }
@@ -236,26 +237,26 @@ impl Plastic {
         self.since_fed = Some(0);
     }
 
-    /// The feed steps without effect: nothing flowed.
+    /// Makes a step of the feed without effect, so nothing flowed.
     pub fn pass(&mut self, tick: u64) {
         self.stand(tick);
         self.stood.clear();
         self.since_fed = None;
     }
 
-    /// Filament is pulled back (nothing flows) or has come forward again.
+    /// Records that filament is retracted (nothing flows) or has come forward again.
     pub fn hold_back(&mut self, held_back: bool, tick: u64) {
         self.stand(tick);
         self.held_back = held_back;
     }
 
-    /// Index of the layer that is laid, or comes next.
+    /// Returns the index of the current or next layer.
     pub fn layer_index(&self) -> u64 {
         self.swept_layers
     }
 
-    /// The layers as they came out, that under way included. What twist they have shows in the deposition angles of
-    /// those after them, so that the layers chain to the same body without it.
+    /// Returns the layers as they came out, including the one in progress. Their twist is contained in the deposition
+    /// angles of the following layers, so that the layers chain to the same body without it.
     pub fn layers(&self, robot: &Robot, imperfection: &Imperfection) -> Vec<Layer> {
         let mut layers = Layers::default();
         let mut all: Vec<Moments> = self.laid.iter().filter_map(|ring| layers.next(ring)).collect();
@@ -270,9 +271,9 @@ impl Plastic {
         settled.came_out
     }
 
-    /// Those of [`Self::layers`] that no longer change, whatever comes.
+    /// Returns the layers of [`Self::layers`] that can no longer change.
     pub fn settled(&mut self, robot: &Robot, imperfection: &Imperfection) -> &[Layer] {
-        // Only the last two rings still change; and what may be an edge at the very end belongs to the layer before it.
+        // Only the last two rings still change. An edge at the very end may belong to the layer before it.
         let settled = &mut self.settled;
         let end = self.laid.len().saturating_sub(3);
         for ring in self.laid.get(settled.rings..end).unwrap_or_default() {
@@ -284,7 +285,7 @@ impl Plastic {
         &settled.came_out
     }
 
-    /// The tip's frame in that of the start, that under way included.
+    /// Returns the tip's frame in that of the start, including the layer in progress.
     pub fn start_from_tip(&mut self, robot: &Robot, imperfection: &Imperfection) -> Frame {
         // Only the last two rings still change.
         let grown = &mut self.grown;

@@ -1,4 +1,4 @@
-//! What the tip's sensors show.
+//! Readings of the tip's sensors.
 
 use growbot_core::robot::Robot;
 use growbot_core::simulation::Imperfection;
@@ -8,28 +8,28 @@ use super::cartridge::resistance_104gt_2;
 use super::noise::noise;
 use super::{Motor, Tip, TipFault};
 
-/// Channels of the ADC, each with its own noise.
+/// Channel of the ADC. Each has its own noise.
 #[derive(Debug, Clone, Copy)]
 enum Channel {
     Thermistor,
     Supply,
 }
 
-/// What a thermistor that no longer follows shows.
+/// Readings of a thermistor that no longer follows.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Held {
-    /// The ADC's number.
+    /// Converted reading of the ADC.
     pub number: u16,
-    /// The voltage, counts.
+    /// Voltage, counts.
     pub counts: f64,
 }
 
-/// So much before the feed is the switch that sees filament, mm: more than robot A needs for two layers, so that it can
+/// Distance of the filament switch before the feed, mm. It is more than robot A needs for two layers, so that it can
 /// finish those in its engine after the filament's end has passed the switch.
 const SWITCH_AHEAD_MM: f64 = 200.0;
 
 impl Tip {
-    /// The thermistor's voltage, counts of the ADC; none while that is silent.
+    /// Returns the thermistor's voltage, counts of the ADC. `None` while the ADC delivers no readings.
     pub fn sample_thermistor(&mut self) -> Option<u16> {
         self.sync();
         if self.faults.has(TipFault::ThermistorSilent) {
@@ -38,12 +38,12 @@ impl Tip {
         Some(if self.faults.has(TipFault::ThermistorFrozen) { self.held.number } else { self.converted_thermistor() })
     }
 
-    /// The thermistor's reading as the ADC makes it now.
+    /// Returns the thermistor's reading as the ADC converts it now.
     pub(super) fn converted_thermistor(&self) -> u16 {
         self.convert(self.thermistor_counts(), Channel::Thermistor)
     }
 
-    /// The thermistor's voltage, counts.
+    /// Returns the thermistor's voltage, counts.
     pub(super) fn thermistor_counts(&self) -> f64 {
         if self.faults.has(TipFault::ThermistorOpen) {
             f64::from(FULL_SCALE)
@@ -63,20 +63,20 @@ impl Tip {
         }
     }
 
-    /// The supply's voltage, counts of the ADC.
+    /// Returns the supply's voltage, counts of the ADC.
     pub fn sample_supply(&mut self) -> Option<u16> {
         self.sync();
         let supply = &self.robot.description().supply;
         Some(self.convert(self.supply_v() / supply.full_scale_v * f64::from(FULL_SCALE), Channel::Supply))
     }
 
-    /// What the 12-bit ADC makes of a voltage, given in counts.
+    /// Converts a voltage, given in counts, like the 12-bit ADC, with noise.
     fn convert(&self, counts: f64, channel: Channel) -> u16 {
         let noisy = counts + self.variation.noise_counts * noise(self.variation.seed, channel as u64, self.now);
         libm::rint(noisy).clamp(0.0, f64::from(FULL_SCALE)) as u16
     }
 
-    /// Whether the index sensor sees its mark.
+    /// Reports whether the index sensor detects its mark.
     #[must_use]
     pub fn on_index(&self) -> bool {
         if self.faults.has(TipFault::IndexDead) {
@@ -85,28 +85,28 @@ impl Tip {
         self.faults.has(TipFault::IndexStuck) || self.mark.covers(self.position)
     }
 
-    /// Whether what the index sensor sees depends on the head's steps.
+    /// Reports whether the index sensor's level depends on the head's steps.
     #[must_use]
     pub fn index_follows(&self) -> bool {
         let dead = self.faults.has(TipFault::IndexDead) || self.faults.has(TipFault::IndexStuck);
         !dead && !self.head_is_held()
     }
 
-    /// Whether the switch in the filament's path feels filament.
+    /// Reports whether the switch in the filament's path detects filament.
     #[must_use]
     pub fn has_filament(&self) -> bool {
         self.filament.left() > SWITCH_AHEAD_MM && !self.faults.has(TipFault::FilamentOut)
     }
 
-    /// The level of the encoder that the filament turns. It rises once for each pulse's length of filament that really
-    /// moves.
+    /// Returns the level of the encoder that the filament turns. It rises once for each pulse's length of filament that
+    /// actually moves.
     #[must_use]
     pub fn encoder(&self) -> bool {
         self.filament.encoder()
     }
 
-    /// So many steps of the head and of the feed there are at least until a sensor shows something else, that step
-    /// included, whichever way they go.
+    /// Returns lower bounds of the numbers of steps of the head and of the feed until a sensor's level changes,
+    /// including that step, in either direction.
     #[must_use]
     pub fn steps_to_next_edge(&self) -> [u32; 2] {
         let feed = self.steps_to_switch().min(self.steps_to_pulse());
@@ -121,7 +121,7 @@ impl Tip {
     }
 
     fn steps_to_pulse(&self) -> u32 {
-        // Where each layer moves the encoder otherwise, any step may.
+        // If each layer moves the encoder differently, any step may change it.
         if self.imperfection == Imperfection::default() { self.filament.steps_to_edge() } else { 1 }
     }
 
@@ -130,13 +130,12 @@ impl Tip {
         ((self.filament.left() - SWITCH_AHEAD_MM).abs() * steps_per_mm).max(1.0) as u32
     }
 
-    /// How the encoder continues from here: how far it has been turned, steps, and how much each step's worth adds in
-    /// this layer.
+    /// Returns the distance that the encoder was turned, steps, and how far each further step turns it in this layer.
     pub fn encoder_mapping(&mut self) -> (f64, f64) {
         (self.filament.turned(), self.seen_per_step())
     }
 
-    /// Whether filament follows the feed.
+    /// Reports whether filament follows the feed.
     pub fn filament_follows(&mut self) -> bool {
         self.sync();
         let min_c = self.robot.description().heater.extrusion_min_c;
@@ -144,20 +143,20 @@ impl Tip {
         !cold && self.has_filament() && !self.filament_is_held() && !self.faults.has(TipFault::DriverFault)
     }
 
-    /// Whether a stepper driver reports a fault.
+    /// Reports whether a stepper driver reports a fault.
     #[must_use]
     pub fn driver_fault(&self) -> bool {
         self.faults.has(TipFault::DriverFault)
     }
 
-    /// Whether the emergency stop is pressed.
+    /// Reports whether the emergency stop is pressed.
     #[must_use]
     pub fn emergency_stop(&self) -> bool {
         self.faults.has(TipFault::EmergencyStop)
     }
 
-    /// Gravity in the tip's frame, thousandths of the earth's, upwards as a resting accelerometer shows it; none where
-    /// the sensor does not answer.
+    /// Returns gravity in the tip's frame, thousandths of the earth's, upwards as a resting accelerometer measures it.
+    /// `None` if the sensor does not respond.
     pub fn gravity(&mut self) -> Option<[i16; 3]> {
         if self.faults.has(TipFault::OrientationSilent) {
             return None;
@@ -167,14 +166,15 @@ impl Tip {
         Some([up.x, up.y, up.z].map(|share| libm::rint(1000.0 * share) as i16))
     }
 
-    /// Whether any motor is energised.
+    /// Reports whether any motor is energised.
     #[must_use]
     pub fn steppers_are_on(&self) -> bool {
         self.is_enabled(Motor::Head) || self.is_enabled(Motor::Feed)
     }
 }
 
-/// Feed steps from one rising edge of a robot's filament encoder to the next, in 1/256; 0 without an encoder.
+/// Returns the number of feed steps from one rising edge of a robot's filament encoder to the next, in 1/256. 0 without
+/// an encoder.
 #[must_use]
 pub fn encoder_pitch(robot: &Robot) -> u32 {
     let description = robot.description();

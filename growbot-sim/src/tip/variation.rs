@@ -1,32 +1,33 @@
-//! How one copy of a robot differs from its description.
+//! Differences of one copy of a robot from its description.
 
 use super::cartridge::Parts;
 
-/// What may vary from one copy of a robot to the next, and from one day to the next.
+/// Parameters that vary between copies of a robot, and from day to day.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Variation {
-    /// The heater's power, as a multiple of the description's.
+    /// Factor of the heater's power relative to the description.
     pub power: f64,
-    /// The nozzle's heat capacity, as a multiple of the description's.
+    /// Factor of the nozzle's heat capacity relative to the description.
     pub heat_capacity: f64,
-    /// The nozzle's loss, as a multiple of the description's.
+    /// Factor of the nozzle's loss relative to the description.
     pub loss: f64,
-    /// The nozzle as its parts, with the thermistor 104GT-2; none for one lump of heat with a thermistor that follows its equation.
+    /// Parameters of a nozzle in parts, with the thermistor 104GT-2. `None` for one lump of heat with a thermistor that
+    /// follows its equation.
     pub parts: Option<Parts>,
     /// Temperature of the surroundings, degrees Celsius.
     pub ambient_c: f64,
-    /// Voltage of the supply, V; none for the description's nominal one.
+    /// Voltage of the supply, V. `None` for the description's nominal voltage.
     pub supply_v: Option<f64>,
     /// Time constant with which the thermistor follows the nozzle, s.
     pub sensor_lag_s: f64,
     /// Noise of the ADC, counts (root mean square).
     pub noise_counts: f64,
-    /// Where the noise comes from: the same seed gives the same noise.
+    /// Seed of the noise. The same seed gives the same noise.
     pub seed: u64,
 }
 
 impl Default for Variation {
-    /// The robot as described, in a room of 22 degrees Celsius.
+    /// Creates the robot as described, in a room of 22 degrees Celsius.
     fn default() -> Self {
         Self {
             power: 1.0,

@@ -1,22 +1,22 @@
-//! A line that loses, spoils, doubles and swaps what it carries: any port behind a wire with faults, drawn from a seed.
+//! A line with faults: any port behind a wire that loses, corrupts, duplicates and reorders data, at random from a
+//! seed.
 //!
-//! What travels is looked at piece by piece; a piece ends in a zero byte, as frames do, or is as long as the longest
-//! frame. Each direction draws by itself, one draw for each fault and piece, so that the same seed and the same traffic
-//! give the same faults.
+//! The traffic is processed in pieces. A piece ends in a zero byte, as frames do, or has the length of the longest
+//! frame. Each direction draws its own random numbers, one for each fault and piece. The same seed and the same traffic
+//! therefore give the same faults.
 //!
 //! | fault | what happens to a piece |
 //! |---|---|
 //! | `drop` | it is lost |
-//! | `flip` | one bit of a byte is turned over; the chance is each byte's, the ending zero's too |
-//! | `dup` | it comes twice |
-//! | `reorder` | it comes after the next one; without a next one it stays on the way |
-//! | `truncate` | its tail is lost, with the ending zero, so that the next one is glued to what is left |
-//! | `stall` | it and all that follows, both ways, waits for so long, and comes then |
-//! | `reset` | the line is cut: it, what is under way both ways, and what is sent within a second is lost |
+//! | `flip` | one bit of a byte is inverted; the probability is per byte, including the ending zero |
+//! | `dup` | it arrives twice |
+//! | `reorder` | it arrives after the next one; without a next one it stays in transit |
+//! | `truncate` | its tail is lost, with the ending zero, so that the next one is joined to the rest |
+//! | `stall` | it and all that follows, both ways, is delayed by the given time |
+//! | `reset` | the line is cut: it, what is in transit both ways, and what is sent within a second is lost |
 //!
-//! Time is measured by the time-outs that are waited out, on the virtual clock of `sim` too.
-//!
-//! So runs on `sim` repeat to the byte. `Faulty::tally` counts what happened to the traffic.
+//! Time is measured by the timeouts that are waited for, also on the virtual clock of `sim`. Runs on `sim` therefore
+//! repeat to the byte. `Faulty::tally` counts the faults of the traffic.
 
 mod spec;
 
@@ -29,31 +29,31 @@ pub use self::spec::{FaultSpec, FaultSpecError};
 use super::{Port, PortError};
 use growbot_core::random::scramble;
 
-/// How long the line stays cut.
+/// Time for which the line stays cut.
 const CUT: Duration = Duration::from_secs(1);
-/// Time is counted in such steps.
+/// Step in which time is counted.
 const STEP: Duration = Duration::from_millis(10);
-/// The max number of bytes that may come and be lost before a wait ends without bytes.
+/// Maximum number of bytes that may arrive and be lost before a wait ends without bytes.
 const MAX_SWALLOWED: usize = 1 << 16;
 
-/// What a wire has done so far, both ways together.
+/// Counts of the faults of a wire so far, both directions together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Tally {
-    /// Pieces that came to the wire.
+    /// Pieces that entered the wire.
     pub frames: u64,
     /// Pieces that were lost by `drop`.
     pub dropped: u64,
-    /// Bytes that had a bit turned over.
+    /// Bytes of which a bit was inverted.
     pub flipped: u64,
-    /// Pieces that came twice.
+    /// Pieces that were sent twice.
     pub doubled: u64,
     /// Pieces that are held back until after the next one.
     pub reordered: u64,
     /// Pieces that lost their tails.
     pub truncated: u64,
-    /// How often the wire stalled.
+    /// Number of stalls.
     pub stalls: u64,
-    /// How often the line was cut.
+    /// Number of cuts of the line.
     pub resets: u64,
     /// Pieces that were lost because the line was cut.
     pub cut_off: u64,
@@ -61,25 +61,25 @@ pub struct Tally {
 
 /// A port behind a wire with faults.
 ///
-/// To see what became of the traffic, put it into an `Rc<RefCell<_>>`, which is a port too.
+/// To read the counts while a client uses the port, put it into an `Rc<RefCell<_>>`, which is a port too.
 pub struct Faulty<P> {
     port: P,
     spec: FaultSpec,
     tally: Tally,
     to_board: Wire,
     from_board: Wire,
-    /// For how long nothing passes yet.
+    /// Remaining time for which nothing passes.
     stalled: Duration,
-    /// For how long everything is lost yet.
+    /// Remaining time for which everything is lost.
     cut: Duration,
 }
 
-/// One direction.
+/// One direction of the wire.
 struct Wire {
     draws: Draws,
     /// The beginning of a piece.
     begun: Vec<u8>,
-    /// A piece that comes after the next one.
+    /// A piece that is delivered after the next one.
     kept_back: Option<Vec<u8>>,
     /// Bytes that have passed the faults.
     through: VecDeque<u8>,
@@ -92,7 +92,7 @@ enum Direction {
 }
 
 impl<P: Port> Faulty<P> {
-    /// Puts a wire with such faults before a port.
+    /// Puts a wire with these faults before a port.
     pub fn new(port: P, spec: FaultSpec) -> Self {
         Self {
             port,
@@ -105,12 +105,12 @@ impl<P: Port> Faulty<P> {
         }
     }
 
-    /// What the wire has done so far.
+    /// Returns the counts of the faults so far.
     pub fn tally(&self) -> Tally {
         self.tally
     }
 
-    /// The port behind the wire.
+    /// Returns the port behind the wire.
     pub fn port(&mut self) -> &mut P {
         &mut self.port
     }
@@ -122,7 +122,7 @@ impl<P: Port> Faulty<P> {
         }
     }
 
-    /// Puts bytes on the wire.
+    /// Adds bytes to the wire.
     fn take(&mut self, direction: Direction, bytes: &[u8]) {
         for byte in bytes {
             let wire = self.wire(direction);
@@ -134,7 +134,7 @@ impl<P: Port> Faulty<P> {
         }
     }
 
-    /// Carries a piece as far as its faults let it come.
+    /// Applies the faults to a piece and passes on what is left of it.
     fn carry(&mut self, direction: Direction, mut piece: Vec<u8>) {
         let spec = self.spec;
         let draws = &mut self.wire(direction).draws;
@@ -190,7 +190,7 @@ impl<P: Port> Faulty<P> {
         }
     }
 
-    /// Sends what has come through to the board, unless the wire is stalled.
+    /// Sends the bytes that have passed the faults to the board, unless the wire is stalled.
     fn deliver(&mut self) -> Result<(), PortError> {
         if !self.stalled.is_zero() || self.to_board.through.is_empty() {
             return Ok(());
@@ -243,7 +243,7 @@ impl<P: Port> Port for Faulty<P> {
         self.port.compares_clocks()
     }
 
-    /// Past the faults: they are for trials.
+    /// Returns a port without faults, because faults are for tests.
     fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
         self.port.emergency_line()
     }
@@ -259,7 +259,7 @@ impl Wire {
         }
     }
 
-    /// What is under way is lost.
+    /// Drops all bytes in transit.
     fn clear(&mut self) {
         self.begun.clear();
         self.kept_back = None;
@@ -267,14 +267,14 @@ impl Wire {
     }
 }
 
-/// Numbers that look random, the same for the same seed.
+/// Pseudorandom numbers from a seed.
 struct Draws {
     state: u64,
     count: u64,
 }
 
 impl Draws {
-    /// The next one, from 0 up to but below 1.
+    /// Returns the next number, from 0 up to but below 1.
     fn draw(&mut self) -> f64 {
         self.count += 1;
         (scramble(self.state ^ self.count) >> 11) as f64 / (1_u64 << 53) as f64
@@ -285,7 +285,7 @@ impl Draws {
 mod tests {
     use super::*;
 
-    /// Gives back what it is sent. Its clock advances only during waits without bytes.
+    /// Returns the bytes that it is sent. Its clock advances only during waits without bytes.
     #[derive(Default)]
     struct LoopBack {
         bytes: VecDeque<u8>,
@@ -314,13 +314,13 @@ mod tests {
         Faulty::new(LoopBack::default(), spec.parse().unwrap())
     }
 
-    /// A frame of ten bytes that holds its number.
+    /// Returns a frame of ten bytes that contains its number.
     fn frame(number: u32) -> Vec<u8> {
         let digits = (0..8).map(|digit| 1 + (number >> (4 * digit) & 15) as u8);
         digits.chain([0xA5, 0]).collect()
     }
 
-    /// All that comes back within so long.
+    /// Returns all bytes that arrive within the timeout.
     fn received(port: &mut Faulty<LoopBack>, timeout: Duration) -> Vec<u8> {
         let (mut all, mut buffer) = (Vec::new(), [0; 64]);
         loop {
@@ -331,7 +331,7 @@ mod tests {
         }
     }
 
-    /// Sends `count` frames one by one, and gives what comes back.
+    /// Sends `frames` frames one by one. Returns the bytes received and the counts.
     fn run(spec: &str, frames: u32) -> (Vec<u8>, Tally) {
         let mut port = faulty(spec);
         let mut all = Vec::new();
@@ -342,7 +342,7 @@ mod tests {
         (all, port.tally())
     }
 
-    /// Whether a count fits this number of tries at this chance, within 4.5 standard deviations.
+    /// Asserts that a count fits this number of tries at this probability, within 4.5 standard deviations.
     fn assert_rate(count: u64, tries: u64, chance: f64) {
         let mean = tries as f64 * chance;
         let deviation = (mean * (1.0 - chance)).sqrt();
@@ -364,12 +364,12 @@ mod tests {
         assert_eq!(bytes.len() as u64, 10 * (u64::from(n) - tally.dropped));
 
         let (_, tally) = run("dup=0.05", n);
-        // A piece that is doubled on its way there is two on its way back.
+        // A piece that is doubled on the first way counts as two on the way back.
         assert_rate(tally.doubled, tally.frames, 0.05);
         let (_, tally) = run("truncate=2%", n);
         assert_rate(tally.truncated, tally.frames, 0.02);
         let (_, tally) = run("flip=1e-3", n);
-        // A flipped zero no longer ends its piece, and others do: the bytes stay as many.
+        // A flipped zero no longer ends its piece, and other flips end one, but the number of bytes stays the same.
         assert_rate(tally.flipped, 2 * 10 * u64::from(n), 1e-3);
         let (_, tally) = run("stall=500ms@3%", 2_000);
         assert_rate(tally.stalls, tally.frames, 0.03);
@@ -389,7 +389,7 @@ mod tests {
     #[test]
     fn neighbours_are_swapped() {
         let mut port = faulty("reorder=100%");
-        // Both are swapped on their way there and once more on their way back.
+        // Both are swapped on the way to the board and once more on the way back.
         for number in 0..4 {
             port.send(&frame(number)).unwrap();
         }
@@ -417,7 +417,7 @@ mod tests {
             assert_eq!(port.receive(&mut buffer, Duration::from_millis(500)).unwrap(), 0);
         }
         assert!(port.port().bytes.is_empty());
-        // Here the board gets it, and its answer stalls anew.
+        // The board receives it here, and its response stalls again.
         assert_eq!(port.receive(&mut buffer, Duration::from_secs(2)).unwrap(), 0);
         assert_eq!(port.receive(&mut buffer, Duration::from_secs(2)).unwrap(), 10);
         assert_eq!((&buffer[..10], port.tally().stalls), (&frame(1)[..], 2));

@@ -1,4 +1,4 @@
-//! The faults of a wire as users write them: `drop=1%,flip=1e-4,stall=2s@0.1%,seed=7`.
+//! Text form of the faults of a wire: `drop=1%,flip=1e-4,stall=2s@0.1%,seed=7`.
 
 use std::str::FromStr;
 use std::time::Duration;
@@ -7,86 +7,86 @@ use super::STEP;
 use crate::pose_text::parse_number;
 use crate::suggest::did_you_mean;
 
-/// The chance of a fault that is named without one.
+/// Default probability of a fault.
 const CHANCE: f64 = 0.01;
-/// The longest stall.
+/// Maximum time of a stall, s.
 const LONGEST_STALL_S: f64 = 3600.0;
 
 const NAMES: [&str; 8] = ["drop", "flip", "dup", "reorder", "truncate", "stall", "reset", "seed"];
 
-/// Why a text names no faults.
+/// Error of parsing a fault specification.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FaultSpecError {
-    /// There is no such fault.
+    /// The fault is unknown.
     #[error(
         "there is no fault {name:?}{}: give some of {}, with commas between",
         did_you_mean(.name, NAMES), NAMES.join(", ")
     )]
     Unknown {
-        /// What was there.
+        /// Name in the text.
         name: String,
     },
-    /// A fault is there twice.
+    /// A fault is given twice.
     #[error("{name} is there twice: remove one")]
     Twice {
-        /// Its name.
+        /// Name of the fault.
         name: &'static str,
     },
     /// A fault needs a value.
     #[error("{name} has no value: write it like {example}")]
     NoValue {
-        /// Its name.
+        /// Name of the fault.
         name: &'static str,
-        /// How it may look.
+        /// Example of a value.
         example: &'static str,
     },
-    /// Not between never and always.
+    /// The probability is not between 0 and 1.
     #[error("{name} is {text:?}, which is no chance: give 0% to 100%, or 0 to 1")]
     Chance {
-        /// The fault.
+        /// Name of the fault.
         name: &'static str,
-        /// What was there.
+        /// Value in the text.
         text: String,
     },
-    /// Not a time that a line can stall for.
+    /// The value is not a valid time of a stall.
     #[error("stall is {text:?}, which is no time: give 0.01s to {LONGEST_STALL_S}s, as in 2s or 500ms@0.1%")]
     Time {
-        /// What was there.
+        /// Value in the text.
         text: String,
     },
-    /// Not a seed.
+    /// The value is not a valid seed.
     #[error("seed is {text:?}, which is no seed: give a whole number from 0 to {}", u64::MAX)]
     Seed {
-        /// What was there.
+        /// Value in the text.
         text: String,
     },
 }
 
-/// How often which fault comes: chances from 0 to 1, for each piece, or for each byte in `flip`.
+/// Probabilities of the faults, from 0 to 1, for each piece, or for each byte in `flip`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FaultSpec {
-    /// A piece is lost.
+    /// Probability that a piece is lost.
     pub drop: f64,
-    /// A byte has one bit turned over.
+    /// Probability that one bit of a byte is inverted.
     pub flip: f64,
-    /// A piece comes twice.
+    /// Probability that a piece arrives twice.
     pub dup: f64,
-    /// A piece comes after the next one.
+    /// Probability that a piece arrives after the next one.
     pub reorder: f64,
-    /// A piece loses its tail.
+    /// Probability that a piece loses its tail.
     pub truncate: f64,
-    /// Nothing passes for as long as [`FaultSpec::stall_for`].
+    /// Probability of a stall, in which nothing passes for [`FaultSpec::stall_for`].
     pub stall: f64,
-    /// How long a stall takes.
+    /// Duration of a stall.
     pub stall_for: Duration,
-    /// The line is cut for a second.
+    /// Probability that the line is cut for a second.
     pub reset: f64,
-    /// What the faults are drawn from.
+    /// Seed of the random faults.
     pub seed: u64,
 }
 
 impl Default for FaultSpec {
-    /// A sound wire.
+    /// Creates a wire without faults.
     fn default() -> Self {
         Self {
             drop: 0.0,
@@ -140,7 +140,7 @@ impl FromStr for FaultSpec {
                     spec.stall_for = stall_time(time)?;
                     spec.stall = chance_or_default(name, odds)?;
                 }
-                // The last of the names.
+                // Only the last of the names is left.
                 _ => {
                     let text = value.ok_or(FaultSpecError::NoValue { name, example: "seed=7" })?;
                     spec.seed = text.parse().map_err(|_| FaultSpecError::Seed { text: text.to_owned() })?;

@@ -1,6 +1,6 @@
 //! A bench: the controller, its step engine and a tip in lock step, and a host at the other end of the link.
 //!
-//! What must be true at every moment is asserted at every moment: [`Bench::check`] after each poll and each tick.
+//! Conditions that must always hold are asserted in [`Bench::check`], after each poll and each tick.
 
 use std::boxed::Box;
 use std::rc::Rc;
@@ -29,11 +29,11 @@ use crate::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 use crate::testing::flash::Flash;
 use crate::testing::{FakePin, FakePins, FakePower};
 
-/// Sessions of the bench's host are numbered from here.
+/// Number of the first session of the bench's host.
 const SESSION: u32 = 7;
 /// Time between two polls, us.
 const POLL_US: u64 = 10_000;
-/// A nozzle this warm is hot within seconds.
+/// Temperature of a nozzle that is hot within seconds.
 pub const WARM: f64 = 190.0;
 
 pub struct Bench {
@@ -44,22 +44,22 @@ pub struct Bench {
     pub heater: HeaterWires,
     pub fed: FakeWatchdog,
     pub fan: FakePower,
-    /// Events as they came, unless the host does not read.
+    /// Events in the order of their arrival, unless the host does not read.
     pub events: Vec<Message>,
-    /// Each request is sent twice, and both answers must be alike.
+    /// Each request is sent twice, and both responses must be equal.
     pub stutters: bool,
     pub reads: bool,
-    /// The session of the host.
+    /// Session of the host.
     pub session: u32,
-    /// Whether the step interrupt runs.
+    /// The step interrupt runs.
     pub interrupt_runs: bool,
-    /// Whether the main loop runs: it hangs somewhere otherwise, and the controller is not polled.
+    /// The main loop runs. Otherwise it hangs, and the controller is not polled.
     pub main_loop_runs: bool,
     engine: TestEngine,
     handover: Handover,
     tick: u64,
     next_poll: u64,
-    /// The tick at which the host next shows that it lives.
+    /// Tick at which the host next shows that it is alive.
     greets_at: u64,
     receiver: Receiver,
     seq: u16,
@@ -90,19 +90,19 @@ impl Board for TestBoard {
     type Store = Box<LayerStore>;
 }
 
-/// States in which nothing may be warm or move.
+/// Returns whether nothing may be warm or move in a state.
 pub fn at_rest(state: State) -> bool {
     !may_heat(state)
 }
 
 impl Bench {
-    /// A board that has just been switched on, its nozzle at this temperature.
+    /// Creates a board that has just been switched on, with its nozzle at this temperature.
     pub fn new(robot: Robot, nozzle_c: f64) -> Self {
         let world = World::new(&robot, nozzle_c);
         Self::boot(robot, world, ResetCause::PowerOn)
     }
 
-    /// The same board after a reset: what it retained is still there.
+    /// Resets the board. Its retained memory is kept.
     pub fn reset(self, cause: ResetCause) -> Self {
         let mut bench = Self::boot(self.robot, self.world, cause);
         bench.run(0.7);
@@ -110,7 +110,7 @@ impl Bench {
         bench
     }
 
-    /// A board in this world, just started.
+    /// Creates a board in this world that has just started.
     pub fn boot(robot: Robot, world: Rc<World>, reset_cause: ResetCause) -> Self {
         let (pins, power, fed) = (FakePins::default(), FakePower::default(), FakeWatchdog::default());
         let fan = FakePower::default();
@@ -175,7 +175,7 @@ impl Bench {
         }
     }
 
-    /// The same with a session open.
+    /// Creates a board with an open session.
     pub fn greeted(robot: Robot, nozzle_c: f64) -> Self {
         let mut bench = Self::new(robot, nozzle_c);
         bench.run_to(State::Idle, 1.0);
@@ -187,7 +187,7 @@ impl Bench {
         u64::from(self.robot.description().motion.tick_hz)
     }
 
-    /// Lets some time pass.
+    /// Advances by some time.
     pub fn run(&mut self, seconds: f64) {
         let until = self.tick + (seconds * self.tick_hz() as f64) as u64;
         while self.tick < until {
@@ -195,7 +195,7 @@ impl Bench {
         }
     }
 
-    /// Lets time pass until something is so. Fails where it takes too long.
+    /// Advances until a condition holds. Fails if that takes too long.
     pub fn run_until(&mut self, seconds: f64, is_so: impl Fn(&Self) -> bool) {
         let until = self.tick + (seconds * self.tick_hz() as f64) as u64;
         while !is_so(self) {
@@ -208,7 +208,7 @@ impl Bench {
         self.run_until(seconds, |bench| bench.controller.state() == state);
     }
 
-    /// One tick in which something happens, or all up to the next poll in which nothing does.
+    /// Runs one tick in which something happens, or all ticks without events up to the next poll.
     fn advance(&mut self, until: u64) {
         let quiet = u32::try_from(self.next_poll.min(until).saturating_sub(self.tick).max(1)).unwrap_or(u32::MAX);
         let quiet = if self.main_loop_runs { quiet } else { 1 };
@@ -239,7 +239,7 @@ impl Bench {
         assert!(!(state == State::Heating && risen), "a step while cold");
         let min_c = self.robot.description().heater.extrusion_min_c;
         if self.motors.moved.feed > feed && self.world.wire.get() == Wire::Whole && !self.controller.is_dry_run() {
-            // The reading is up to a period of the regulation old, and has its own grain.
+            // The reading may be up to a period of the regulation old, and has a limited resolution.
             assert!(self.world.nozzle_c.get() > min_c - 5.0, "feed at {} C", self.world.nozzle_c.get());
         }
         self.check();
@@ -249,7 +249,7 @@ impl Bench {
         self.tick * 1_000_000 / self.tick_hz()
     }
 
-    /// Polls the controller and reads what it sends.
+    /// Polls the controller and reads the bytes that it sends.
     pub fn poll(&mut self) {
         self.controller.poll(self.now_us(), &self.handover);
         self.next_poll = self.tick + POLL_US * self.tick_hz() / 1_000_000;
@@ -264,7 +264,7 @@ impl Bench {
         }
     }
 
-    /// Asserts what must be true at every moment.
+    /// Asserts the conditions that must always hold.
     fn check(&self) {
         let state = self.controller.state();
         if at_rest(state) {
@@ -278,7 +278,7 @@ impl Bench {
         }
     }
 
-    /// Bytes to the board, as they are.
+    /// Sends raw bytes to the board.
     pub fn send(&mut self, bytes: &[u8]) {
         for byte in bytes {
             self.controller.receive(*byte, &self.handover);
@@ -286,7 +286,8 @@ impl Bench {
         }
     }
 
-    /// Reads all that the board has sent: the events, which are acknowledged, and the answers to this request.
+    /// Reads all bytes that the board has sent. Returns the events, which are acknowledged, and the responses to this
+    /// request.
     pub fn read(&mut self, ack: Option<u16>) -> (Vec<Message>, Vec<Message>) {
         let (mut events, mut answers) = (Vec::new(), Vec::new());
         while let Some(byte) = self.controller.transmit() {
@@ -299,7 +300,7 @@ impl Bench {
                     events.push(message);
                 }
                 0 if matches!(message, Message::StoppedAtOnce(_)) => self.stops_acknowledged += 1,
-                // Again.
+                // This event is a repetition.
                 0 => {}
                 other if Some(other) == ack => answers.push(message),
                 _ => {}
@@ -311,13 +312,13 @@ impl Bench {
         (events, answers)
     }
 
-    /// Acknowledges the events that have come, which also shows that the host lives.
+    /// Acknowledges the received events, which also shows that the host is alive.
     fn acknowledge(&mut self) {
         let header = Header { kind: 0x0E, session: self.session, seq: 0, ack: self.latest_event };
         self.send(&frame::encode(&header, &[]).unwrap());
     }
 
-    /// Asks with any kind and body, in any session.
+    /// Sends a request of any kind and body, in any session, and returns the response.
     pub fn ask_raw(&mut self, session: u32, kind: u8, body: &[u8]) -> Message {
         self.seq = next(self.seq);
         let header = Header { kind, session, seq: self.seq, ack: self.latest_event };
@@ -345,7 +346,7 @@ impl Bench {
         self.ask_in(self.session, message)
     }
 
-    /// Asks for something that must be accepted.
+    /// Sends a request that must be accepted.
     pub fn accepted(&mut self, message: &Message) -> Accepted {
         match self.ask(message) {
             Message::Accepted(accepted) => accepted,
@@ -353,7 +354,7 @@ impl Bench {
         }
     }
 
-    /// Asks for something that must be refused. Returns the reason. State and status must stay as they were.
+    /// Sends a request that must be refused, and returns the reason. State and status must not change.
     pub fn refused(&mut self, message: &Message) -> Refusal {
         let before = self.status();
         let answer = self.ask(message);
@@ -382,7 +383,7 @@ impl Bench {
         self.accepted(&begin(&self.robot, PLAN, layers as u32));
     }
 
-    /// Hands over layers in batches, from this index on.
+    /// Sends layers in batches, from this index on.
     pub fn hand_over(&mut self, first: usize, layers: &[LayerBytes]) {
         for (batch, bytes) in layers.chunks(MAX_LAYERS).enumerate() {
             self.accepted(&batch_of(first + batch * MAX_LAYERS, bytes));
@@ -393,32 +394,32 @@ impl Bench {
         self.accepted(&start());
     }
 
-    /// A job of these layers, all handed over and started.
+    /// Sends a job of these layers and starts it.
     pub fn grow(&mut self, layers: &[LayerBytes]) {
         self.begin(layers.len());
         self.hand_over(0, layers);
         self.start();
     }
 
-    /// The layers that were reported as laid.
+    /// Returns the layers that were reported as laid.
     pub fn laid(&self) -> Vec<Laid> {
         let laid = |event: &Message| if let Message::Laid(laid) = event { Some(laid.clone()) } else { None };
         self.events.iter().filter_map(laid).collect()
     }
 
-    /// Feed steps of the layers that were reported.
+    /// Returns the feed steps of the layers that were reported.
     pub fn fed(&self) -> u32 {
         self.laid().iter().map(|laid| feed_steps_of(laid, &self.robot)).sum()
     }
 
-    /// The states that were reported, in order.
+    /// Returns the states that were reported, in order.
     pub fn states(&self) -> Vec<State> {
         let state =
             |event: &Message| if let Message::StateChanged(changed) = event { Some(changed.state) } else { None };
         self.events.iter().filter_map(state).collect()
     }
 
-    /// Waits until the nozzle is hot enough for maintenance to move something.
+    /// Waits until the nozzle is hot enough for a move in maintenance.
     pub fn run_until_it_may_move(&mut self) {
         for _ in 0..400 {
             self.run(0.5);
@@ -475,23 +476,23 @@ impl Bench {
             }
             state => bench.run_to(state, 600.0),
         }
-        // Anywhere within the state.
+        // The moment within the state is arbitrary.
         bench.run(0.33);
         assert_eq!(bench.controller.state(), state);
         bench
     }
 
-    /// Lets the UART's interrupt recognise an emergency stop.
+    /// Simulates the UART's interrupt when it recognises an emergency stop.
     pub fn call_emergency_stop(&self) {
         self.handover.call_emergency_stop();
     }
 
-    /// Pops the number of emergency stops that the board has acknowledged.
+    /// Returns and clears the number of emergency stops that the board has acknowledged.
     pub fn stops_acknowledged(&mut self) -> u32 {
         core::mem::take(&mut self.stops_acknowledged)
     }
 
-    /// Lets the controller find a fault.
+    /// Raises a fault in the controller.
     pub fn fail(&mut self, fault: Fault) {
         self.controller.fail(fault, &self.handover);
     }

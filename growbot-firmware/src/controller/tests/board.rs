@@ -1,5 +1,5 @@
-//! What is wrong with the board itself: a debug probe that may halt it, a crystal that does not start; and that no
-//! fault is for ever.
+//! Tests of faults of the board itself (a debug probe that may halt it, a crystal that does not start), and of clearing
+//! every fault.
 
 use growbot_core::link::message::{Fault, Refusal, ResetCause, State};
 use growbot_core::robot::{Robot, Sensors};
@@ -37,7 +37,7 @@ fn a_debug_probe_that_is_attached_while_the_heater_is_on_is_a_fault() {
         bench.run_to(State::Fault, 0.11);
         assert_eq!(bench.controller.fault(), Some(Fault::DebugProbe), "{state:?}");
         assert!(bench.heater.off());
-        // It stays on when the probe is unplugged, until the power goes.
+        // Debugging stays enabled after the probe is unplugged, until the next power cycle.
         let refusal = Refusal::FaultRemains { fault: Fault::DebugProbe };
         assert_eq!(bench.refused(&clear()), refusal);
         bench.world.debugging.set(false);
@@ -89,14 +89,14 @@ fn behind_another_fault_the_crystal_is_not_forgotten() {
         assert_eq!(bench.controller.state(), state);
         assert_ne!(bench.controller.fault(), Some(Fault::ClockFailed), "the first one wins");
         bench.accepted(&clear());
-        // Quicker than the next look at the board.
+        // The host requests a start before the next check of the board.
         let _ = bench.ask(&start());
         bench.run_until(0.2, |bench| bench.controller.fault() == Some(Fault::ClockFailed));
         assert!(bench.heater.off());
     }
 }
 
-/// A board may be flashed for a robot that has fewer sensors, or none, while a fault is latched.
+/// A board may be configured for a robot that has fewer sensors, or none, while a fault is latched.
 #[test]
 fn every_fault_can_be_cleared_on_a_robot_without_sensors() {
     let mut description = fast_robot().description().clone();

@@ -1,4 +1,4 @@
-//! Another robot description from the host.
+//! Tests of a new robot description from the host.
 
 use std::vec::Vec;
 
@@ -17,14 +17,14 @@ use super::requests::{PLAN, begin, clear, start, stop};
 use crate::descriptions::Descriptions;
 use crate::testing::{fast_robot, number_from_environment, on_skr_pico, robot_a};
 
-/// A nozzle that counts as cold.
+/// Temperature of a nozzle that counts as cold.
 const COLD: f64 = 25.0;
 
 fn encoded(robot: &Robot) -> Vec<u8> {
     Vec::from(robot.encode_for_board(&mut [0; LONGEST_VERSIONED]).unwrap())
 }
 
-/// The requests that hand over a description.
+/// Returns the requests that send a description.
 fn parts(hash: u64, description: &[u8]) -> Vec<Message> {
     let part = |(at, bytes): (usize, &[u8])| {
         Message::Configure(Configure {
@@ -41,7 +41,7 @@ fn parts_of(robot: &Robot) -> Vec<Message> {
     parts(robot.hash(), &encoded(robot))
 }
 
-/// Hands it over up to its end or the first refusal.
+/// Sends the parts up to the last one or the first refusal.
 fn configure(bench: &mut Bench, parts: &[Message]) -> Result<Configured, Refusal> {
     let mut last = None;
     for part in parts {
@@ -65,14 +65,14 @@ fn hello(bench: &mut Bench) -> BoardHello {
     }
 }
 
-/// A board whose description is in its flash.
+/// Creates a board whose description is in its flash.
 fn described() -> Bench {
     let bench = Bench::new(robot_a(), COLD);
     Descriptions::open(bench.world.descriptions.clone()).store(&robot_a()).unwrap();
     bench.reset(ResetCause::PowerOn)
 }
 
-/// A board without a description.
+/// Creates a board without a description.
 fn unconfigured() -> Bench {
     let bench = Bench::new(robot_a(), COLD);
     bench.world.configured.set(false);
@@ -108,7 +108,7 @@ fn only_a_board_at_rest_is_configured() {
         bench.world.nozzle_c.set(COLD);
         let refused = configure(&mut bench, &parts_of(&robot_a())).unwrap_err();
         let expected = match state {
-            // There is a job that is not done.
+            // There is an unfinished job.
             State::Idle | State::Stopped | State::Fault | State::EmergencyStop => Refusal::JobNotDone { plan_id: PLAN },
             State::Done => Refusal::Hot { below: 5000 },
             _ => Refusal::WrongState { state },
@@ -128,7 +128,7 @@ fn without_its_job_a_board_is_configured_even_with_a_fault() {
     }
 }
 
-/// The thermistor may be described wrongly: the time does what its reading cannot.
+/// The description may have the wrong thermistor, so that only the time at rest shows that the nozzle is cold.
 #[test]
 fn a_hot_nozzle_must_cool_first_or_rest_long_enough() {
     let mut bench = Bench::greeted(robot_a(), WARM);
@@ -158,7 +158,7 @@ fn parts_may_be_repeated_and_must_follow_each_other() {
         let received = Message::Configured(Configured { robot: new.hash(), received: 2 * part, stored: false });
         assert_eq!(bench.ask(&parts[1]), received);
     }
-    // Another host's description comes in between.
+    // A description of another host arrives in between.
     bench.ask(&parts_of(&robot_a())[0]);
     assert_eq!(bench.refused(&parts[2]), Refusal::OutOfOrder { expected: 0 });
     assert_eq!(configure(&mut bench, &parts).map(|done| done.stored), Ok(true));
@@ -179,7 +179,7 @@ fn parts_beyond_the_end_are_refused() {
     assert_eq!(bench.refused(&part(4, u16::MAX, &[1])), Refusal::OutOfOrder { expected: 0 });
 }
 
-/// A description with everything that one may have.
+/// Returns a robot whose description has all optional parts.
 fn wired_robot() -> Robot {
     let mut description = fast_robot().description().clone();
     let pins = PinNumbers { index: Some(20), supply: Some(26), driver_fault: Some(24), ..PinNumbers::default() };
@@ -199,7 +199,7 @@ fn a_description_that_is_not_valid_is_refused_with_the_reason() {
     let mut nameless = encoded(&new);
     nameless[2] = b'A';
     let mut negative = encoded(&new);
-    // The planning radius follows on the name.
+    // The planning radius follows the name.
     let at = 2 + new.name().len();
     negative[at..at + 8].copy_from_slice(&(-1.0_f64).to_le_bytes());
     for (bad, why) in [
@@ -215,7 +215,7 @@ fn a_description_that_is_not_valid_is_refused_with_the_reason() {
     assert_eq!(configure(&mut bench, &parts_of(&new)).map(|done| done.stored), Ok(true), "and then a good one");
 }
 
-/// A description that no host would send, and its hash.
+/// Returns a description that no host would send, and its hash.
 fn unchecked(change: fn(&mut RobotDescription)) -> (u64, Vec<u8>) {
     let mut description = on_skr_pico().description().clone();
     change(&mut description);
@@ -227,7 +227,7 @@ fn with_pins(robot: &mut RobotDescription, change: fn(&mut PinNumbers)) {
     change(&mut robot.board.as_mut().unwrap().pins);
 }
 
-/// A change of a description, and why it is refused.
+/// A change of a description, and the reason of its refusal.
 type Refusing = (fn(&mut RobotDescription), BadDescription);
 
 #[test]
@@ -256,7 +256,8 @@ fn pins_and_drivers_that_do_not_suit_are_refused_and_the_old_description_stays()
     assert_eq!(stored(&bench), Some(good));
 }
 
-/// The board of these tests is every kind; one of a single kind takes that kind's descriptions, and those of no kind.
+/// The board of these tests is every kind of board. A board of a single kind accepts the descriptions of that kind, and
+/// those without a kind.
 #[test]
 fn descriptions_of_another_kind_of_board_are_refused() {
     let of = |kind| {

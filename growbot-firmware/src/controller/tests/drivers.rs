@@ -1,4 +1,4 @@
-//! Drivers that say over their line that something is wrong, or are not configured.
+//! Tests of drivers that report a problem over their line, or are not configured.
 
 use growbot_core::link::message::{
     DriverProblem, DriverTrouble, Empty, Fault, LatestFault, Message, Motor, Refusal, ResetCause, State, Task,
@@ -82,7 +82,7 @@ fn no_motor_is_energised_before_the_drivers_are_configured() {
 fn drivers_are_told_whether_their_motors_are_in_use() {
     for state in State::ALL {
         let bench = Bench::in_state(state);
-        // In the state since the latest poll at the latest.
+        // The drivers have the new value after the next poll at the latest.
         let mut bench = bench;
         bench.run(0.02);
         assert_eq!(bench.world.motors_in_use.get(), may_heat(bench.controller.state()), "{state:?}");

@@ -1,5 +1,5 @@
-//! Every fault by its real cause, in every state in which it can occur. A `StepRate` does not occur, since no layer
-//! that asks for it passes its check.
+//! Tests of every fault by its real cause, in every state in which it can occur. A `StepRate` does not occur, because
+//! no layer that needs too high a step rate passes its check.
 
 use growbot_core::link::message::{Empty, Fault, LatestFault, Message, Refusal, State, StateChanged};
 
@@ -10,10 +10,10 @@ use crate::testing::fast_robot;
 
 /// States in which the heater is on.
 const HEATED: [State; 5] = [State::Heating, State::Homing, State::Growing, State::Paused, State::Tuning];
-/// Those in which the nozzle must be hot.
+/// States in which the nozzle must be hot.
 const HOT: [State; 3] = [State::Homing, State::Growing, State::Paused];
 
-/// Breaks something and waits for this fault; then nothing is warm or moves.
+/// Waits for this fault, and asserts that nothing is warm or moves afterwards.
 fn assert_fault(bench: &mut Bench, fault: Fault, within: f64) {
     bench.run_to(State::Fault, within);
     assert_eq!(bench.controller.fault(), Some(fault));
@@ -21,7 +21,7 @@ fn assert_fault(bench: &mut Bench, fault: Fault, within: f64) {
     bench.run(0.1);
     assert!(!bench.motors.enabled());
     let told = Message::StateChanged(StateChanged { state: State::Fault, fault: Some(fault) });
-    // A layer that was laid at the same moment may be told after it.
+    // The report of a layer that was laid at the same moment may follow.
     let latest = bench.events.iter().rfind(|event| matches!(event, Message::StateChanged(_)));
     assert_eq!(latest, Some(&told));
     assert!(matches!(bench.refused(&start()), Refusal::WrongState { .. } | Refusal::OtherPlan { .. }));
@@ -74,7 +74,7 @@ fn a_broken_thermistor_matters_with_the_heater_off_only_once_it_is_to_go_on() {
             assert_eq!(bench.status().temperature_centi_c, None);
             bench.grow(&bends(2));
             if state == State::Done {
-                continue; // The same plan has been grown: nothing to do.
+                continue; // The same plan is finished already, so there is nothing to grow.
             }
             assert_fault(&mut bench, fault, within);
         }
@@ -85,11 +85,11 @@ fn a_broken_thermistor_matters_with_the_heater_off_only_once_it_is_to_go_on() {
 fn too_hot_is_a_fault_in_every_state() {
     for state in State::ALL.into_iter().filter(|state| !matches!(state, State::Fault | State::EmergencyStop)) {
         let mut bench = Bench::in_state(state);
-        // A short in the heater's switches: it heats at any duty.
+        // Both switches of the heater are shorted, so that it heats at any duty.
         bench.world.nozzle_c.set(320.0);
         bench.run_to(State::Fault, 0.22);
         let fault = bench.controller.fault().unwrap();
-        // On the way up it may already be seen that this cannot be the heater's power.
+        // On the way up, supervision may first detect that this cannot be the heater's power.
         let hot = !at_rest(state) && fault == Fault::HeaterStuckOn;
         assert!(fault == Fault::OverTemperature || hot, "{state:?}: {fault:?}");
         assert!(bench.heater.off());
@@ -97,7 +97,7 @@ fn too_hot_is_a_fault_in_every_state() {
             continue;
         }
         assert_eq!(bench.refused(&clear()), Refusal::FaultRemains { fault });
-        // Nor is it known to be gone without a reading.
+        // Without a reading, the fault also counts as remaining.
         bench.world.wire.set(Wire::Open);
         bench.world.nozzle_c.set(100.0);
         bench.run(0.2);
@@ -121,7 +121,7 @@ fn a_nozzle_that_cools_is_a_fault_wherever_it_must_be_hot() {
 
 #[test]
 fn a_nozzle_that_does_not_get_hot_is_a_fault() {
-    // Too much wind to reach the target, though the heater works.
+    // The draught is too strong to reach the target, though the heater works.
     let mut bench = Bench::in_state(State::Heating);
     bench.world.draught.set(4.0);
     assert_fault(&mut bench, Fault::HeatingTooSlow, 301.0);
@@ -133,7 +133,7 @@ fn a_nozzle_that_does_not_get_hot_is_a_fault() {
 fn inputs_that_mean_danger_are_faults_while_the_robot_works() {
     type Break = fn(&Bench, bool);
     let working = [State::Heating, State::Homing, State::Growing, State::Paused];
-    // While it grows it waits for filament: `pausing.rs`.
+    // While growing, the robot waits for filament: see `pausing.rs`.
     let before_growing = &working[..2];
     let inputs: [(Fault, Break); 5] = [
         (Fault::DriverFault, |bench, broken| bench.heater.pins.set(DRIVER_FAULT, broken)),
@@ -153,7 +153,7 @@ fn inputs_that_mean_danger_are_faults_while_the_robot_works() {
             bench.run(0.3);
             assert_usable(&mut bench);
         }
-        // At rest it is reported, and does nothing.
+        // At rest it is reported, and has no other effect.
         let mut bench = Bench::in_state(State::Idle);
         set(&bench, true);
         bench.run(5.0);
@@ -216,7 +216,7 @@ fn a_step_interrupt_that_stops_is_a_fault_and_then_starves_the_watchdog() {
         bench.run(3.0);
         assert_eq!(*bench.fed.0.borrow(), fed, "only a reset can let go of the motors");
     }
-    // What never ran shows in the self-test.
+    // If the interrupt never ran, the self-test detects it.
     let mut bench = Bench::new(fast_robot(), 25.0);
     bench.interrupt_runs = false;
     bench.run_to(State::Fault, 0.6);
@@ -298,7 +298,7 @@ fn the_first_fault_wins_and_stays() {
     bench.world.nozzle_c.set(300.0);
     bench.run(2.0);
     assert_eq!((bench.controller.state(), bench.controller.fault()), (State::Fault, first));
-    // Clearing it brings out what is still wrong.
+    // After the fault is cleared, the remaining cause raises it again.
     bench.accepted(&clear());
     bench.run(0.2);
     assert_eq!(bench.controller.fault(), Some(Fault::OverTemperature));
@@ -336,10 +336,10 @@ fn the_button_switches_the_heater_off_while_the_main_loop_hangs() {
         bench.run(0.1);
         assert!(bench.heater.share() > 0.0, "{state:?}: nothing else switches it off");
         bench.press_emergency_stop(true);
-        // One tick of the step interrupt.
+        // This is one tick of the step interrupt.
         bench.run(1.1 / f64::from(bench.robot.description().motion.tick_hz));
         assert!(bench.heater.off() && bench.fan.share() == 0.0 && !bench.motors.enabled(), "{state:?}");
-        // However short it was pressed.
+        // Even a short press is latched.
         bench.press_emergency_stop(false);
         bench.run(0.2);
         assert!(bench.heater.off() && bench.fan.share() == 0.0 && !bench.motors.enabled(), "{state:?}");
@@ -358,7 +358,7 @@ fn an_alarm_of_the_step_interrupt_switches_the_heater_off_while_the_main_loop_ha
     bench.main_loop_runs = false;
     bench.run(20.0);
     assert!(bench.heater.off() && !bench.motors.enabled());
-    // Back again, the main loop first misses the temperatures that it has not taken.
+    // When the main loop runs again, it first misses the temperatures that it has not read.
     bench.main_loop_runs = true;
     bench.run(0.1);
     assert_eq!((bench.controller.state(), bench.heater.off()), (State::Fault, true));

@@ -1,4 +1,4 @@
-//! What a job comes to.
+//! Tests of the result of a job.
 
 use std::vec::Vec;
 
@@ -19,7 +19,7 @@ use crate::layer_store::CAPACITY;
 use crate::safety::transitions::{Event, after};
 use crate::testing::{fast_robot, robot_a, robot_a_by};
 
-/// Feed steps that these layers amount to.
+/// Returns the feed steps of these layers.
 fn feed_steps(layers: &[LayerBytes], robot: &Robot) -> i64 {
     let units: u64 = layers.iter().map(|bytes| u64::from(Fields::of(bytes).height)).sum();
     libm::rint(units as f64 / HEIGHT_UNITS * robot.feed_steps_per_length()) as i64
@@ -48,8 +48,8 @@ fn assert_laid(bench: &mut Bench, layers: &[LayerBytes]) {
         assert_eq!((laid.plan_id, laid.index), (PLAN, index as u32));
         let as_built = laid.as_built.unwrap();
         assert!((decode(&as_built).height - decode(asked).height).abs() <= step, "height of layer {index}");
-        // Every sector begins and ends within half a step of where it should. In the first harmonic that is 2 pi steps
-        // at most, and what one layer owes the next one pays: it never adds up.
+        // Every sector begins and ends within half a step of its planned position. In the first harmonic the error is 2
+        // pi steps at most. The next layer corrects the error of a layer, so that errors never add up.
         owed += lean(asked) - lean(&as_built);
         assert!(owed.norm() <= std::f64::consts::TAU * step, "lean after layer {index}");
     }
@@ -96,7 +96,7 @@ fn requests_that_are_repeated_change_nothing() {
         bench.stutters = stutters;
         bench.grow(&layers);
         bench.run_to(State::Growing, 60.0);
-        // Late repetitions.
+        // These requests are late repetitions.
         bench.grow(&layers);
         bench.run_to(State::Done, 60.0);
         bench.start();
@@ -161,7 +161,7 @@ fn a_stop_switches_everything_off_in_every_state() {
     for state in State::ALL {
         let mut bench = Bench::in_state(state);
         bench.accepted(&stop());
-        // The heater before anything else, the motors with the next tick (the bench looks after each).
+        // The heater is off before anything else, and the motors with the next tick (the bench checks after each).
         assert!(bench.heater.off(), "{state:?}");
         let expected = after(state, Event::Stop).unwrap();
         assert_eq!(bench.controller.state(), expected);
@@ -189,7 +189,7 @@ fn a_job_after_a_stop_is_a_new_one() {
     assert!(before > 0);
     bench.accepted(&stop());
     assert_eq!(bench.refused(&start()), Refusal::WrongState { state: State::Stopped });
-    // In the very moment, before the next tick and poll.
+    // The stop takes effect at once, before the next tick and poll.
     let layers = bends(12);
     bench.grow(&layers);
     assert_eq!(bench.status().laid, 0);
@@ -208,7 +208,7 @@ fn nothing_heats_or_moves_without_a_start() {
     bench.begin(20);
     bench.hand_over(0, &bends(20));
     bench.run(20.0);
-    // The bench has looked at every tick; and this was the whole of it.
+    // The bench has checked every tick, and no step was made.
     assert_eq!((bench.motors.moved.pulses, bench.controller.state()), (0, State::Idle));
     assert!(bench.world.nozzle_c.get() < 175.0, "the nozzle cools");
 }
@@ -254,7 +254,7 @@ fn a_host_that_does_not_read_is_answered_once_it_does() {
         bench.send(&request);
     }
     bench.run(1.0);
-    // Whole frames only, and then the link is free again.
+    // Only whole frames are sent, and then the link is free again.
     let (_, answers) = bench.read(Some(1));
     assert!((5..100).contains(&answers.len()), "{} answers", answers.len());
     bench.reads = true;

@@ -1,4 +1,4 @@
-//! Maintenance: heat and moves without a job, each within its limits.
+//! Tests of maintenance: heat and moves without a job, each within its limits.
 
 use growbot_core::link::message::{Fault, Refusal, State, Task};
 
@@ -22,7 +22,7 @@ fn preheating_holds_a_temperature_and_cooling_down_ends_it() {
     bench.accepted(&maintain(Task::CoolDown));
     assert_eq!(bench.controller.state(), State::Idle);
     assert!(bench.heater.off());
-    // Twice is once, and the job of before is known.
+    // A repeated request changes nothing, and the earlier job is still stored.
     bench.accepted(&maintain(Task::CoolDown));
     bench.start();
     bench.run_to(State::Growing, 200.0);
@@ -45,7 +45,7 @@ fn a_cold_nozzle_moves_nothing() {
         let Refusal::Cold { now, min } = bench.refused(&request) else { panic!("{request:?}") };
         assert!((5900..6200).contains(&now) && min == 18_000, "{now} of {min}");
     }
-    // A soak is not hot enough either, and says what is.
+    // A soak is not hot enough either. The refusal states the required temperature.
     bench.accepted(&preheat(150.0));
     bench.run(120.0);
     assert!(matches!(bench.refused(&feed(1.0)), Refusal::Cold { now: 14_700..15_300, min: 18_000 }));
@@ -64,9 +64,9 @@ fn a_dry_run_moves_a_cold_robot_and_never_heats() {
     bench.run(60.0);
     assert!(bench.motors.moved.feed > at && bench.heater.off());
     assert_eq!((bench.controller.fault(), bench.controller.state()), (None, State::Maintenance));
-    // Twice is once.
+    // A repeated request changes nothing.
     bench.accepted(&maintain(Task::DryRun));
-    // With heat it ends: the nozzle is too cold then.
+    // A preheat ends the dry run, and the nozzle is too cold then.
     bench.accepted(&preheat(200.0));
     assert!(matches!(bench.refused(&feed(1.0)), Refusal::Cold { .. }));
     assert_eq!(bench.refused(&maintain(Task::DryRun)), Refusal::WrongState { state: State::Maintenance });
@@ -143,18 +143,18 @@ fn it_is_refused_while_a_body_grows() {
 
 #[test]
 fn alarms_stay_active() {
-    // A jam, while filament is pushed forwards.
+    // A jam occurs while filament is pushed forward.
     let mut bench = hot();
     bench.motors.jammed = true;
     bench.accepted(&feed(30.0));
     bench.run_to(State::Fault, 60.0);
     assert_eq!(bench.controller.fault(), Some(Fault::FilamentJam));
-    // A thermistor that comes off.
+    // The thermistor's wire breaks.
     let mut bench = hot();
     bench.world.wire.set(Wire::Open);
     bench.run_to(State::Fault, 1.0);
     assert!(bench.heater.off());
-    // And a stop.
+    // The host requests a stop.
     let mut bench = hot();
     bench.accepted(&feed(30.0));
     bench.accepted(&stop());
@@ -185,14 +185,14 @@ fn a_robot_without_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
     let status = bench.status();
     assert_eq!(status.pause_cause, growbot_core::link::message::PauseCause::FilamentOut);
     assert!(status.laid > 0 && status.interrupted.is_none(), "the layer under way was finished");
-    // Standby, and for longer than another pause.
+    // The nozzle is at standby, for longer than any other pause may last.
     bench.run(2.0 * bench.robot.description().pause.off_after_s);
     assert_eq!(bench.controller.state(), State::Paused);
     assert!(bench.world.nozzle_c.get() < 160.0, "{} C", bench.world.nozzle_c.get());
     assert_eq!(bench.refused(&start()), Refusal::NoFilament);
     bench.accepted(&pause());
     assert_eq!(bench.refused(&start()), Refusal::NoFilament, "another pause does not hide it");
-    // A new spool: heat, load, go on.
+    // After a new spool the operator heats, loads, and continues.
     bench.heater.pins.set(FILAMENT_PRESENCE, true);
     bench.run(0.5);
     assert!(matches!(bench.refused(&feed(20.0)), Refusal::Cold { .. }));
@@ -221,7 +221,7 @@ fn a_robot_that_waits_for_filament_for_long_parks() {
 #[test]
 fn a_body_goes_on_after_maintenance_in_a_pause_only_when_somebody_says_so() {
     let mut bench = Bench::in_state(State::Growing);
-    // It pauses for want of layers, and would go on by itself with the next ones.
+    // The growth pauses because it has no layers, and would continue by itself with the next ones.
     let layers = super::requests::bends(60);
     bench.run_until(60.0, |bench| bench.controller.state() == State::Paused);
     bench.run_until_it_may_move();
@@ -236,7 +236,7 @@ fn a_body_goes_on_after_maintenance_in_a_pause_only_when_somebody_says_so() {
     bench.run_to(State::Growing, 60.0);
 }
 
-/// Pulls and pushes filament by these lengths in a pause, mm.
+/// Moves filament by these lengths in a pause, mm.
 fn moved_in_a_pause(bench: &mut Bench, moves: &[f64]) {
     bench.grow(&super::requests::bends(30));
     bench.run_to(State::Growing, 60.0);
@@ -264,7 +264,7 @@ fn filament_that_was_pulled_back_is_pushed_to_the_nozzle_again() {
     };
     let undisturbed = steps(&[]);
     assert_eq!(steps(&[-5.0, 5.0]), undisturbed);
-    // Somebody pushes more than was missing: that goes through the nozzle.
+    // If more filament is pushed than was missing, the excess goes through the nozzle.
     let more = steps(&[-5.0, 8.0]) - undisturbed;
     assert!((more as f64 - 3.0 * per_mm).abs() <= 1.0, "{more} steps");
 }
@@ -316,7 +316,7 @@ fn a_parked_robot_without_filament_says_so() {
     bench.run_to(State::Parked, 4000.0);
     assert_eq!(bench.status().pause_cause, growbot_core::link::message::PauseCause::FilamentOut);
     assert_eq!(bench.refused(&start()), Refusal::NoFilament);
-    // A new spool: it heats and homes, pauses before its layer, and is loaded hot.
+    // With a new spool the robot heats and homes, pauses before its layer, and is loaded while hot.
     bench.heater.pins.set(FILAMENT_PRESENCE, true);
     bench.run(0.5);
     bench.start();

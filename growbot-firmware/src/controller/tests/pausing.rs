@@ -1,4 +1,4 @@
-//! Pauses, on request or for want of layers: filament pulled back, standby, parking, and continuing.
+//! Tests of pauses, on request or for lack of layers: filament pulled back, standby, parking, and continuing.
 
 use growbot_core::link::message::{Refusal, State};
 use growbot_core::robot::{Robot, Turning};
@@ -7,7 +7,7 @@ use super::bench::{Bench, WARM};
 use super::requests::{bends, feed_steps_of, pause, start};
 use crate::testing::fast_robot;
 
-/// The fast robot with filament to pull back: 4 mm, which are 10 steps.
+/// Returns the fast robot with filament to pull back: 4 mm, which are 10 steps.
 fn retracting() -> Robot {
     let mut description = fast_robot().description().clone();
     description.feed.retract_mm = 4.0;
@@ -52,14 +52,14 @@ fn a_long_pause_lets_the_nozzle_down_to_standby_and_then_parks() {
     assert!(bench.world.nozzle_c.get() > 195.0);
     bench.run(120.0);
     assert!((bench.world.nozzle_c.get() - settings.standby_c).abs() < 3.0, "{} C", bench.world.nozzle_c.get());
-    // From standby it heats up again before it continues.
+    // From standby the nozzle heats up again before the growth continues.
     bench.hand_over(10, &layers[10..20]);
     bench.run(0.1);
     assert_eq!(bench.controller.state(), State::Paused, "not while it is cold");
     bench.run_to(State::Growing, 60.0);
     assert!(bench.world.nozzle_c.get() > 195.0);
     bench.run_to(State::Paused, 60.0);
-    // Without layers for long enough the heater goes off, and the job is stored.
+    // If no layers arrive for long enough, the heater switches off, and the job is stored.
     bench.run_to(State::Parked, settings.off_after_s + 1.0);
     assert!(bench.heater.off());
     bench.run(1.0);
@@ -116,7 +116,7 @@ fn a_head_on_wires_turns_to_and_fro_and_builds_the_same_body() {
         }
         bench.laid()
     });
-    // Feed steps are placed by angle, so the layers are alike but for which way round their half steps fall.
+    // Feed steps are placed by angle, so the layers differ only in the sector to which their half steps are rounded.
     for (one, other) in built[0].iter().zip(&built[1]) {
         assert_eq!(one.index, other.index);
         let [one, other] = [one, other].map(|laid| feed_steps_of(laid, &fast_robot()));

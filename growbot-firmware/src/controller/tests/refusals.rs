@@ -1,4 +1,4 @@
-//! What the board refuses, and that it then does nothing.
+//! Tests of the requests that the board refuses, without any other effect.
 
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{Encoder, LayerBytes};
@@ -14,7 +14,7 @@ use super::requests::{PLAN, batch_of, begin, bends, clear, hello, start};
 use crate::layer_store::CAPACITY;
 use crate::testing::{fast_robot, robot_a};
 
-/// An idle board with a job of 40 layers, 30 of them stored.
+/// Creates an idle board with a job of 40 layers, 30 of them stored.
 fn idle() -> Bench {
     Bench::in_state(State::Idle)
 }
@@ -40,7 +40,7 @@ fn what_does_not_decode_is_not_understood() {
             let answer = bench.ask_raw(bench.session, kind, body);
             assert_eq!(answer, Message::Refused(Refused { kind, refusal: Refusal::NotUnderstood }), "{state:?}");
         }
-        // What only boards say.
+        // Only boards send these messages.
         assert_eq!(
             bench.refused(&Message::Accepted(growbot_core::link::message::Accepted { plan_id: 0, next: 0, room: 0 })),
             Refusal::NotUnderstood
@@ -56,7 +56,7 @@ fn another_schema_opens_no_session() {
     assert_eq!(bench.refused(&hello(SCHEMA_HASH + 1)), Refusal::OtherSchema { board: SCHEMA_HASH });
     let message = begin(&bench.robot.clone(), PLAN, 1);
     assert_eq!(bench.refused(&message), Refusal::NoSession);
-    // A session that is open stays so.
+    // An open session stays open.
     bench.hello();
     assert_eq!(bench.refused(&hello(0)), Refusal::OtherSchema { board: SCHEMA_HASH });
     bench.accepted(&message);
@@ -127,7 +127,7 @@ fn layers_must_follow_on_those_held() {
     let expected = Refusal::OutOfOrder { expected: 30 };
     assert_eq!(bench.refused(&batch_of(31, &bends(1))), expected);
     assert_eq!(bench.refused(&layers_of(PLAN, u32::MAX, &bends(16))), expected);
-    // An overlap is what a repeated request looks like.
+    // A repeated request overlaps with the stored layers.
     assert_eq!(bench.accepted(&batch_of(25, &bends(7))).next, 32);
     assert_eq!(bench.accepted(&batch_of(0, &bends(16))).next, 32);
     assert_eq!(bench.accepted(&batch_of(32, &[])).next, 32);
@@ -173,7 +173,7 @@ fn poses_and_radii_that_are_none_have_no_plan() {
 
 #[test]
 fn a_plan_that_the_motors_cannot_follow_is_refused_as_a_whole() {
-    // Steady feed turns the head fastest on the inner side: too fast for these steps on a tight bend.
+    // With a steady feed the head is fastest on the inner side. On a tight bend it is too fast for these steps.
     let mut description = fast_robot().description().clone();
     description.motion.strategy = FeedStrategy::Speed;
     description.head.steps_per_turn = 256;

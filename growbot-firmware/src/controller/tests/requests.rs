@@ -29,15 +29,15 @@ pub fn start() -> Message {
     Message::Start(Start { plan_id: PLAN, silence: Silence::Continue })
 }
 
-/// Resumes the job at a layer, with no layer known.
+/// Resumes the job at a layer, with no layer known to the host.
 pub fn resume(from: u32) -> Message {
     Message::Resume(Resume { plan_id: PLAN, from, known: 0 })
 }
 
-/// Id of the plan once it is amended.
+/// Id of the plan after its amendment.
 pub const AMENDED: u64 = 0x5678;
 
-/// Replaces the layers from this one on by others, three of them at once.
+/// Replaces the layers from this one on by others, and includes three of them.
 pub fn amend(from: u32, layers: u32) -> Message {
     let first_layers = bends(3).into_iter().collect();
     Message::Amend(Amend { plan_id: PLAN, amended: AMENDED, from, layers, first_layers })
@@ -72,12 +72,12 @@ pub fn clear() -> Message {
     Message::ClearFault(Empty {})
 }
 
-/// Feed steps of a layer, which its height gives exactly.
+/// Returns the feed steps of a layer, which its height gives exactly.
 pub fn feed_steps_of(laid: &Laid, robot: &Robot) -> u32 {
     libm::rint(decode(&laid.as_built.unwrap()).height * robot.feed_steps_per_length()) as u32
 }
 
-/// Layers of a body that bends this way and that.
+/// Returns the layers of a body that bends in several directions.
 pub fn bends(count: usize) -> Vec<LayerBytes> {
     let mut encoder = Encoder::default();
     let layer = |i: usize| Layer {

@@ -1,4 +1,5 @@
-//! What a reset of the board leaves: nothing heats or moves, and what was under way and what was wrong are told.
+//! Tests of the state after a reset of the board: nothing heats or moves, and the earlier activity and fault are
+//! reported.
 
 use growbot_core::link::message::{
     BootReport, Empty, Fault, FaultRecord, ImageCheck, InterruptedLayer, LatestFault, Message, Refusal, ResetCause,
@@ -45,7 +46,7 @@ fn a_reset_in_the_midst_of_work_is_a_fault_by_its_cause() {
             assert!(matches!(bench.ask(&start()), Message::Refused(_)), "not before it is cleared");
             bench.accepted(&clear());
             assert_eq!(bench.controller.state(), State::Idle);
-            // The job is known, and nothing of it is stored.
+            // The job is known, and none of its layers is stored.
             let status = bench.status();
             assert_eq!((status.plan_id, status.layers, status.laid, status.next), (PLAN, 40, laid, laid));
         }
@@ -59,7 +60,7 @@ fn of_a_layer_that_was_not_under_way_at_the_reset_nothing_is_made_up() {
     let mut bench = bench.reset(ResetCause::Watchdog);
     bench.accepted(&clear());
     assert!(bench.status().interrupted.is_some_and(|layer| layer.min > 1), "the layer was under way");
-    // Maintenance is under way at the next reset, and not the layer.
+    // The activity at the next reset is maintenance, not the layer.
     bench.accepted(&preheat(200.0));
     bench.run_to(State::Maintenance, 60.0);
     let mut bench = bench.reset(ResetCause::Watchdog);
@@ -183,7 +184,7 @@ fn what_another_firmware_has_retained_is_a_fault_whatever_it_was() {
             let mut bench = bench.reset(cause);
             assert_eq!((bench.controller.state(), bench.controller.fault()), (State::Fault, Some(fault)), "{before:?}");
             assert!(matches!(bench.ask(&start()), Message::Refused(_)), "not before it is cleared");
-            // It is retained in this firmware's own way, and cleared once and for all.
+            // The fault is stored in the format of this firmware, and stays cleared after it is cleared once.
             bench = bench.reset(ResetCause::External);
             assert_eq!(bench.controller.fault(), Some(fault));
             bench.accepted(&clear());
@@ -192,8 +193,8 @@ fn what_another_firmware_has_retained_is_a_fault_whatever_it_was() {
     }
 }
 
-/// What a start would find in the memory after every write of those under way, torn at every byte; the byte that the
-/// reset met is noise.
+/// Returns the distinct states that a start would find after each of these writes, torn at every byte, each with its
+/// memory. The byte at which the reset occurs is noise.
 fn found_after_tears(
     mut memory: [u8; RETAINED_BYTES],
     writes: &[(usize, [u8; COPY_BYTES])],
@@ -240,7 +241,7 @@ fn however_a_write_is_torn_a_board_at_work_comes_up_with_a_fault() {
         (|bench| bench.press_emergency_stop(true), State::EmergencyStop),
     ];
     for (end, state) in ends {
-        // After a fault that was cleared, so that an old copy may speak of that one.
+        // A cleared fault comes first, so that an old copy may contain that one.
         let mut bench = Bench::in_state(State::Fault);
         bench.accepted(&clear());
         bench.world.nozzle_c.set(WARM);
@@ -278,7 +279,7 @@ fn however_a_write_is_torn_a_board_at_work_comes_up_with_a_fault() {
 fn a_crystal_that_stopped_while_the_robot_rested_is_a_fault_too() {
     let mut bench = Bench::in_state(State::Idle).reset(ResetCause::ClockFailed);
     assert_eq!(bench.controller.fault(), Some(Fault::ClockFailed));
-    // The first fault wins: another one that is latched stays.
+    // The first fault stays latched if another one occurs.
     bench = Bench::in_state(State::Fault);
     let latched = bench.controller.fault();
     assert!(latched.is_some() && latched != Some(Fault::ClockFailed));

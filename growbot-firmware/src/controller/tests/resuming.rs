@@ -1,5 +1,5 @@
-//! A job that was interrupted, taken up again: every layer is laid once, and those after the interruption are as if
-//! there had been none.
+//! Tests of a job that is interrupted and resumed. Every layer is laid once, and the layers after the interruption are
+//! the same as without it.
 
 use std::vec::Vec;
 
@@ -10,10 +10,10 @@ use super::bench::{Bench, WARM};
 use super::requests::{AMENDED, PLAN, amend, bends, clear, pause, resume, start, stop};
 use crate::testing::fast_robot;
 
-/// The body as it was reported to the host, each layer once and in order.
+/// Returns the body as reported to the host, each layer once and in order.
 fn body(bench: &Bench) -> Vec<Option<LayerBytes>> {
     let laid = bench.laid();
-    // Told again after each resumption, and always the same.
+    // A layer is reported again after each resumption, and always equal.
     let mut body: Vec<Option<LayerBytes>> = Vec::new();
     for laid in laid {
         match body.get(laid.index as usize) {
@@ -72,7 +72,7 @@ fn after_a_stop_a_fault_or_a_reset_the_rest_is_laid_as_if_nothing_had_happened()
             bench.reset(ResetCause::PowerOn)
         },
         |mut bench| {
-            // Between two layers.
+            // The reset is between two layers.
             bench.accepted(&pause());
             bench.run_to(State::Paused, 2.0);
             bench.world.retained.set([0x5A; crate::safety::retained::RETAINED_BYTES]);
@@ -80,7 +80,7 @@ fn after_a_stop_a_fault_or_a_reset_the_rest_is_laid_as_if_nothing_had_happened()
         },
     ];
     for (which, interrupt) in interruptions.into_iter().enumerate() {
-        // The power goes ahead of the first layer by 42 ms.
+        // The heater gets power 42 ms before the first layer.
         for seconds in [0.06, 0.25, 1.3, 4.0] {
             let mut bench = Bench::greeted(fast_robot(), WARM);
             bench.grow(&bends(40));
@@ -100,7 +100,7 @@ fn after_a_stop_a_fault_or_a_reset_the_rest_is_laid_as_if_nothing_had_happened()
 
 #[test]
 fn how_much_of_a_layer_was_made_is_known_after_a_stop_and_roughly_after_a_reset() {
-    // 0.5 s a layer; a sector is 8 ms.
+    // A layer takes 0.5 s, and a sector 8 ms.
     let interrupted = |bench: &mut Bench| bench.status().interrupted.unwrap();
     let mut bench = Bench::greeted(fast_robot(), WARM);
     bench.grow(&bends(40));
@@ -184,7 +184,7 @@ fn layers_to_come_are_replaced_while_it_grows() {
     assert_eq!(bench.refused(&amend(given + 4, given + 6)), Refusal::BadLayer { index: given + 6 });
     let accepted = bench.accepted(&amend(given + 4, given + 7));
     assert_eq!((accepted.plan_id, accepted.next), (AMENDED, given + 7));
-    // Those of the plan as it was are no longer taken.
+    // Requests for the plan before the amendment are refused.
     assert_eq!(bench.refused(&start()), Refusal::OtherPlan { board: AMENDED });
     bench.run_to(State::Done, 60.0);
     bench.run(0.1);
@@ -216,7 +216,7 @@ fn a_layer_is_reported_with_what_was_measured_after_it_as_long_as_the_board_stor
     let pulses: Vec<u32> = measured.iter().map(|measured| measured.filament_pulses.unwrap()).collect();
     assert!(pulses.is_sorted() && pulses[39] > pulses[0] + 40, "{pulses:?}");
 
-    // Only the latest are still stored, and none of them survives a reset.
+    // Only the latest measurements are still stored, and none of them survives a reset.
     bench.events.clear();
     bench.accepted(&resume(0));
     bench.run(1.0);

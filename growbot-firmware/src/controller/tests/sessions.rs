@@ -1,4 +1,4 @@
-//! Who may talk to the board, what comes twice or late, and a host that falls silent.
+//! Tests of the session's owner, of repeated and late frames, and of a host that falls silent.
 
 use growbot_core::link::frame::{self, Header, LONGEST_BODY};
 use growbot_core::link::message::{
@@ -9,7 +9,7 @@ use super::bench::{Bench, WARM};
 use super::requests::{PLAN, bends, clear, start, stop};
 use crate::testing::fast_robot;
 
-/// Asks for the board under a name, without pressing.
+/// Requests a session with the board under a name, without taking it over.
 fn knock(bench: &mut Bench, session: u32) -> Message {
     let host = HostName::from_slice(b"another").unwrap();
     bench.ask_in(session, &Message::Hello(HostHello { schema: SCHEMA_HASH, host, take_over: false }))
@@ -29,7 +29,7 @@ fn a_board_that_is_held_is_not_given_to_another_host_until_that_one_is_silent() 
         matches!(answer, Message::Refused(Refused { refusal: Refusal::Owned { silent_ms: 0..1000 }, .. })),
         "{answer:?}"
     );
-    // It can be asked all the same, and names its owner.
+    // The board still responds to this request, and names its owner.
     let Message::BoardHello(BoardHello { owner, .. }) = bench.ask_in(99, &Message::AskBoard(Empty {})) else {
         panic!()
     };
@@ -73,7 +73,7 @@ fn requests_that_come_late_or_twice_are_not_carried_out_again() {
         assert_eq!(bench.controller.state(), State::Growing);
     }
     bench.run_to(State::Done, 60.0);
-    // The start of a growth that is long over.
+    // This frame is the start of a growth that ended long ago.
     let old_start = bytes_of(&start(), session, 4);
     bench.send(&old_start);
     bench.run(5.0);

@@ -1,4 +1,4 @@
-//! Every event in every state: what the board does is what the table says, and what SAFETY.md prints.
+//! Tests of every event in every state: the board behaves as the table in the code and in SAFETY.md defines.
 
 use std::string::String;
 use std::{env, format, fs};
@@ -12,7 +12,7 @@ use super::requests::{
 };
 use crate::safety::transitions::{Event, after};
 
-/// The request that an event is, if it is one.
+/// Returns the request of an event, if it is a request.
 fn request(event: Event, bench: &mut Bench) -> Option<Message> {
     let next = bench.status().next;
     Some(match event {
@@ -47,7 +47,7 @@ fn every_event_in_every_state_does_what_the_table_says() {
             let expected = after(state, event);
             let status = bench.status();
             let Some(request) = request(event, &mut bench) else {
-                // What happens on the robot itself.
+                // This event occurs on the robot itself.
                 assert_eq!(bench.controller.happens(event), expected.is_some(), "{state:?}, {event:?}");
                 assert_eq!(bench.controller.state(), expected.unwrap_or(state), "{state:?}, {event:?}");
                 continue;
@@ -69,7 +69,7 @@ fn every_event_in_every_state_does_what_the_table_says() {
     }
 }
 
-/// The table as SAFETY.md prints it.
+/// Returns the table in the format of SAFETY.md.
 fn table() -> String {
     let mut text = String::from("| event | accepted in | leads to |\n|---|---|---|\n");
     for event in Event::ALL {

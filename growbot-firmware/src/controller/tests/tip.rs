@@ -1,4 +1,4 @@
-//! The tip on the desktop: a nozzle that warms and cools, a thermistor that can break, a head with an index mark.
+//! The simulated tip: a nozzle that warms and cools, a thermistor that can break, a head with an index mark.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -24,56 +24,56 @@ pub const FILAMENT_PRESENCE: usize = 8;
 pub const FILAMENT_MOTION: usize = 9;
 pub const DRIVER_FAULT: usize = 10;
 pub const EMERGENCY_STOP: usize = 11;
-/// The surroundings, degrees Celsius.
+/// Temperature of the surroundings, degrees Celsius.
 const ROOM: f64 = 25.0;
 
-/// What the thermistor's wires are like.
+/// State of the thermistor's wires.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Wire {
     Whole,
     Open,
     Shorted,
-    /// The ADC gives nothing.
+    /// The ADC delivers no readings.
     Silent,
 }
 
-/// What the controller and the tip share.
+/// The state that the controller and the tip share.
 pub struct World {
     pub nozzle_c: Cell<f64>,
     pub wire: Cell<Wire>,
-    /// How much faster than in still air the nozzle loses heat.
+    /// Heat loss of the nozzle as a multiple of that in still air.
     pub draught: Cell<f64>,
-    /// The tick at which the ADC gave its latest reading.
+    /// Tick of the ADC's latest reading.
     pub sampled_at: Cell<u64>,
     pub now: Cell<u64>,
-    /// The supply's voltage, V; none where its ADC has stopped.
+    /// Voltage of the supply, V. `None` if its ADC has stopped.
     pub supply_v: Cell<Option<f64>>,
-    /// The journal's flash, as it leaves the works: erased and ready.
+    /// Flash of the journal, erased and ready as when delivered.
     pub flash: Flash,
-    /// That of the robot's description.
+    /// Flash of the robot's description.
     pub descriptions: Flash,
-    /// Whether the board starts with a description.
+    /// The board starts with a description.
     pub configured: Cell<bool>,
-    /// What the board finds of its image at its next start.
+    /// Result of the image check at the board's next start.
     pub image: Cell<ImageCheck>,
-    /// What survives a reset.
+    /// Memory that survives a reset.
     pub retained: Cell<[u8; RETAINED_BYTES]>,
-    /// Every write to it: which copy, and what.
+    /// Every write to that memory: the copy, and its bytes.
     pub retained_writes: RefCell<Vec<(usize, [u8; COPY_BYTES])>>,
-    /// A debug probe has switched debugging on.
+    /// A debug probe has enabled debugging.
     pub debugging: Cell<bool>,
     /// The drivers are not configured.
     pub drivers_unconfigured: Cell<bool>,
-    /// What a driver says over its line.
+    /// Problem that a driver reports over its line.
     pub driver_trouble: Cell<Option<DriverTrouble>>,
-    /// Whether the drivers were last told that their motors are in use.
+    /// The drivers' latest poll had the motors in use.
     pub motors_in_use: Cell<bool>,
     /// The crystal does not start.
     pub without_crystal: Cell<bool>,
     robot: Robot,
 }
 
-/// Flash with a journal in it that has room.
+/// Returns flash with a journal that has room.
 fn prepared_flash() -> Flash {
     let flash = Flash::new(2);
     let mut journal = Journal::open(flash.clone());
@@ -105,7 +105,7 @@ impl World {
         })
     }
 
-    /// Robot A's nozzle as a lump of heat: `C dT/dt = P duty - k (T - room)`.
+    /// Heats robot A's nozzle, with one heat capacity: `C dT/dt = P duty - k (T - room)`.
     pub fn heat(&self, duty: f64, seconds: f64) {
         let heater = &self.robot.description().heater;
         let loss = heater.loss_w_per_k * self.draught.get();
@@ -150,7 +150,7 @@ impl hal::Orientation for FakeOrientation {
     }
 }
 
-/// Memory that outlives the board.
+/// Memory that is kept when the board restarts.
 pub struct FakeRetained(pub Rc<World>);
 
 impl hal::RetainedMemory for FakeRetained {
@@ -166,7 +166,7 @@ impl hal::RetainedMemory for FakeRetained {
     }
 }
 
-/// The processor's debugging.
+/// The debug port of the processor.
 pub struct FakeDebugPort(pub Rc<World>);
 
 impl hal::DebugPort for FakeDebugPort {
@@ -192,7 +192,7 @@ impl hal::Drivers for FakeDrivers {
     }
 }
 
-/// Counts how often it is fed.
+/// Watchdog that counts its feeds.
 #[derive(Clone, Default)]
 pub struct FakeWatchdog(pub Rc<RefCell<u32>>);
 
@@ -202,10 +202,10 @@ impl hal::Watchdog for FakeWatchdog {
     }
 }
 
-/// What the step pins have moved, seen from outside: rising edges of a driver that is enabled.
+/// Movement by the step pins, measured from outside: rising edges of a driver that is enabled.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Moved {
-    /// Where the head stands, steps from the tip's x axis.
+    /// Position of the head, steps from the tip's x axis.
     pub head: i64,
     pub feed: i64,
     /// Rising edges of either step pin.
@@ -220,11 +220,11 @@ pub struct Motors {
     steps_per_turn: i64,
     mark: i64,
     mark_width: i64,
-    /// The sensor sees nothing any more.
+    /// The sensor no longer detects the mark.
     pub index_dead: bool,
-    /// Filament that has moved, in encoder pulses.
+    /// Feed steps of one pulse of the filament's encoder.
     steps_per_pulse: f64,
-    /// The feed turns and the filament stands.
+    /// The feed turns and the filament stands still.
     pub jammed: bool,
     moved_filament: f64,
 }
@@ -253,7 +253,7 @@ impl Motors {
         motors
     }
 
-    /// Looks at the step pins after a tick. Whether either has risen.
+    /// Reads the step pins after a tick. Returns whether either has risen.
     pub fn watch(&mut self) -> bool {
         let mut risen = false;
         for (axis, at) in [HEAD, FEED].into_iter().enumerate() {
@@ -314,12 +314,12 @@ pub struct HeaterWires {
 }
 
 impl HeaterWires {
-    /// The share of full power that reaches the nozzle.
+    /// Returns the share of full power that reaches the nozzle.
     pub fn share(&self) -> f64 {
         if self.pins.level(HEATER_ENABLE) { self.power.share() } else { 0.0 }
     }
 
-    /// Both are open; one that is broken cannot be.
+    /// Returns whether both switches are open. A broken switch cannot be.
     pub fn off(&self) -> bool {
         self.power.share() == 0.0 && !(self.pins.level(HEATER_ENABLE) && self.pins.works(HEATER_ENABLE))
     }

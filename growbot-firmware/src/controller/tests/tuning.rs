@@ -1,4 +1,4 @@
-//! Tuning, as a host asks for it.
+//! Tests of tuning on request of a host.
 
 use growbot_core::link::message::{Message, Refusal, State, Tuned};
 

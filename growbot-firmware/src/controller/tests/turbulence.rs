@@ -1,4 +1,4 @@
-//! Anything at all on the line. The bench asserts at every moment what must always be true.
+//! Tests with arbitrary messages on the line. The bench asserts the conditions that must always hold.
 
 use std::vec::Vec;
 
@@ -14,15 +14,16 @@ use super::requests::{PLAN, bends, hello, maintain, pause, tune};
 use super::tip::Wire;
 use crate::testing::{fast_robot, number_from_environment};
 
-/// Number of messages in each of the long tests, unless GROWBOT_MESSAGES says otherwise: 200,000 take some seconds.
+/// Returns the number of messages in each of the long tests, by default 200,000, which take some seconds.
+/// GROWBOT_MESSAGES sets it.
 fn messages() -> u64 {
     number_from_environment("GROWBOT_MESSAGES", 200_000)
 }
 
-/// Those of one board.
+/// Number of messages to one board.
 const MESSAGES_OF_A_SEED: u64 = 10_000;
 
-/// What is drawn for a seed.
+/// Random values from a seed.
 struct Random(growbot_core::random::Random);
 
 impl Random {
@@ -34,7 +35,7 @@ impl Random {
         self.0.bits()
     }
 
-    /// 0 to `end`, without it.
+    /// Returns a number from 0 to `end`, without `end`.
     fn below(&mut self, end: u64) -> u64 {
         self.0.below(end)
     }
@@ -49,7 +50,7 @@ impl Random {
         self.one_of(&[near, near, near, near / 1000.0, any, f64::NAN, f64::INFINITY, 0.0])
     }
 
-    /// Any request, more often one that could be meant.
+    /// Returns any request, more often a plausible one.
     fn request(&mut self, bench: &mut Bench) -> Message {
         let next = bench.status().next;
         let stored = bench.status().plan_id;
@@ -63,7 +64,7 @@ impl Random {
             }),
             47..50 => Message::Amend(Amend {
                 plan_id,
-                // The same name, so that the other requests still mean it.
+                // `PLAN` is among the choices, so that the other requests still match.
                 amended: self.one_of(&[PLAN + 1, PLAN, 0]),
                 from: self.one_of(&[next, next.saturating_sub(2), 0, u32::MAX]),
                 layers: self.one_of(&[30, 40, 0, u32::MAX]),
@@ -184,9 +185,9 @@ fn whole_frames_of_random_bodies_do_no_harm() {
     let mut seq = 1000;
     for count in 0..messages() {
         let body: Vec<u8> = (0..random.below(LONGEST_BODY as u64 + 1)).map(|_| random.next() as u8).collect();
-        // Of any kind but a stop, which would be a true one.
+        // The kind is any but a stop, because a stop would be carried out.
         let kind = random.one_of(&[1, 2, 3, 4, 5, 7, 9, 0x0b, 0x0c, 0x0d, 0x0e, 0x0f, 0x10, 0x12, 0x43, 0x50, 0xff]);
-        // Each as a new request.
+        // Each frame has the number of a new request.
         seq = next(seq);
         let header = Header { kind, session: bench.session, seq, ack: random.next() as u16 };
         let bytes = frame::encode(&header, &body[..body.len() >> random.below(8)]).unwrap();

@@ -1,4 +1,4 @@
-//! The reference of the reading and the stages of the proof, each limit from both sides.
+//! Tests of the reading's reference and of the stages of the proof test, with each limit from both sides.
 
 use super::*;
 use crate::heater::Demand;
@@ -6,7 +6,7 @@ use crate::testing::robot_a;
 use growbot_core::robot::Robot;
 
 const DT: f32 = 0.25;
-/// Time in which a nozzle may come to rest, s: within the second between two means.
+/// Max time in which a nozzle may come to rest, s. It ends within the second between two means.
 const TIMEOUT_S: f32 = 299.5;
 
 /// Robot A's nozzle: 50 W, 12 J/K, 0.12 W/K, 240 C at most.
@@ -15,7 +15,7 @@ fn nozzle(robot: &Robot) -> Nozzle<'_> {
     Nozzle::new(&Demand { supply_v, ..Demand::default() }, robot.description())
 }
 
-/// The readings at rest with these means.
+/// Returns the readings at rest that give these means.
 fn of(means: impl IntoIterator<Item = f32>) -> Rest {
     let mut rest = Rest::default();
     for mean in means {
@@ -35,12 +35,13 @@ fn a_mean_is_of_a_second() {
         let found = [10.0, 20.0, 20.0, 40.0].map(|reading| rest.add(reading, DT));
         assert_eq!(found, [None, None, None, Some(22.5)]);
     }
-    // Of periods that do not fit, as many as come nearest; each counts by its time.
+    // If the periods do not fit a second, the nearest number of them makes a mean. Each reading is weighted by its
+    // time.
     let found = [10.0, 20.0, 30.0].map(|reading| rest.add(reading, 0.3));
     assert!(found[..2] == [None; 2] && (found[2].unwrap() - 20.0).abs() < 1e-4);
     assert_eq!(rest.add(10.0, 0.25), None);
     assert_eq!(rest.add(20.0, 0.75), Some(17.5));
-    // One that comes half a period early is whole.
+    // A mean that ends half a period early is complete.
     assert_eq!([rest.add(5.0, 0.5), rest.add(5.0, 0.5)], [None, Some(5.0)]);
     assert_eq!([rest.add(5.0, 0.4), rest.add(5.0, 0.4)], [None, Some(5.0)]);
     assert_eq!([rest.add(5.0, 0.625), rest.add(5.0, 0.625)], [None, Some(5.0)]);
@@ -55,7 +56,7 @@ fn a_reference_is_of_the_latest_seven_means() {
     for count in 0..7 {
         assert_eq!(of(line(100.0, 0.0).into_iter().take(count)).reference(&nozzle), None);
     }
-    // What was before does not count any more.
+    // Earlier means no longer count.
     let rest = of([500.0, 300.0].into_iter().chain(line(100.0, -0.5)));
     assert_eq!(rest.reference(&nozzle), Some(Reference { at_c: 97.0, slope_c_per_s: -0.5 }));
     assert_eq!(rest.latter_half(), Some(Reference { at_c: 97.0, slope_c_per_s: -0.5 }));
@@ -67,11 +68,11 @@ fn a_reference_is_straight_and_as_steep_as_a_nozzle_without_power() {
     let robot = robot_a();
     let nozzle = nozzle(&robot);
     let is_reference = |means: [f32; 7]| of(means).reference(&nozzle).is_some();
-    // Upwards no more than 0.3 C/s, and then as if it stood.
+    // The rise is limited to 0.3 C/s, and a rising reference counts as level.
     assert_eq!(of(line(100.0, 0.25)).reference(&nozzle).unwrap().slope_c_per_s, 0.0);
     assert!(is_reference(line(100.0, 0.29)) && !is_reference(line(100.0, 0.31)));
     assert!(!of(line(100.0, 0.29)).rises() && of(line(100.0, 0.31)).rises());
-    // What may be a reference is no rise, to the last bit.
+    // A slope that is allowed for a reference does not count as a rise, to the last bit.
     let steepest = of([0.0, 0.0, 0.0, 0.0, 0.3, 0.6, 0.900_000_04]);
     assert_eq!(steepest.latter_half(), Some(Reference { at_c: 0.900_000_04, slope_c_per_s: RISING_C_PER_S }));
     assert!(!steepest.rises());
@@ -79,10 +80,10 @@ fn a_reference_is_straight_and_as_steep_as_a_nozzle_without_power() {
     // 125 C need 12 W: 1.6 C/s, and 0.3 C/s more.
     let down = |slope: f32| line(125.0 - 6.0 * slope, slope);
     assert!(is_reference(down(-1.89)) && !is_reference(down(-1.91)));
-    // Below the surroundings nothing falls by itself.
+    // Below the temperature of the surroundings nothing falls by itself.
     let cold = |slope: f32| line(10.0 - 6.0 * slope, slope);
     assert!(is_reference(cold(-0.29)) && !is_reference(cold(-0.31)));
-    // Any mean may lie 0.4 C beside the line.
+    // Each mean may deviate by up to 0.4 C from the line.
     for at in 1..6 {
         for (off, straight) in [(0.39, true), (-0.39, true), (0.41, false), (-0.41, false)] {
             let mut means = line(100.0, -0.5);
@@ -110,7 +111,7 @@ fn a_fall_levels_off() {
     let nozzle = nozzle(&robot);
     let reference = Reference { at_c: 100.0, slope_c_per_s: -1.0 };
     assert!((reference.after(0.0, &nozzle) - 100.0).abs() < 1e-4);
-    // By half of 10 s at 0.12 W/K of 12 J/K.
+    // The fall is reduced by a share of 0.5 * 10 s * 0.12 W/K / 12 J/K = 0.05, and by half at most.
     assert!((reference.after(10.0, &nozzle) - (100.0 - 10.0 * 0.95)).abs() < 1e-3);
     assert!((reference.after(200.0, &nozzle) - (100.0 - 200.0 * 0.5)).abs() < 1e-3);
 }
@@ -121,8 +122,8 @@ fn a_stage_lasts_until_the_whole_power_would_show() {
     assert!((stage_s(&nozzle(&robot)) - (5.0 + 8.0 * 12.0 / 50.0)).abs() < 1e-4);
 }
 
-/// Runs a proof test whose reading is a function of time and switches. Returns how long each output was given, s, and
-/// how the test ended.
+/// Runs a proof test whose reading is a function of time and switches. Returns the duration of each output, s, and the
+/// result of the test.
 fn prove(mut reading: impl FnMut(f32, Output) -> f32) -> ([f32; 3], Result<(), Fault>) {
     let robot = robot_a();
     let nozzle = nozzle(&robot);
@@ -143,7 +144,8 @@ fn prove(mut reading: impl FnMut(f32, Output) -> f32) -> ([f32; 3], Result<(), F
 
 #[test]
 fn sound_switches_are_proven_one_after_the_other() {
-    // At rest for seven means, then each switch for seven more, the least whole seconds beyond 6.92 s.
+    // The test rests for seven means, then closes each switch for seven more, which is the next whole second after 6.92
+    // s.
     for celsius in [20.0, 205.0] {
         let cools = if celsius > 100.0 { 1.0 } else { 0.0 };
         let reading = |time: f32, _| celsius - cools * time;
@@ -153,7 +155,7 @@ fn sound_switches_are_proven_one_after_the_other() {
 
 #[test]
 fn a_switch_that_conducts_is_found_in_its_stage() {
-    // Of more than 3.5 C above the reference.
+    // The limit is 3.5 C above the reference.
     for (rise, found) in [(3.5, false), (3.6, true)] {
         let stuck = prove(|_, output| if output == Output::SECOND_SWITCH_ALONE { 30.0 + rise } else { 30.0 });
         let welded = prove(|_, output| if output == Output::POWER_STAGE_ALONE { 30.0 + rise } else { 30.0 });
@@ -161,7 +163,7 @@ fn a_switch_that_conducts_is_found_in_its_stage() {
             assert_eq!(stuck, ([6.75, 1.0, 0.0], Err(Fault::HeaterStuckOn)));
             assert_eq!(welded, ([6.75, 7.0, 1.0], Err(Fault::HeaterSwitchWelded)));
         } else {
-            // What it has risen by bends the reference after the stage: it must be at rest again.
+            // The rise bends the reference after the stage, so that the nozzle must come to rest again.
             assert_eq!((stuck.1, welded.1), (Ok(()), Ok(())));
         }
     }
@@ -169,7 +171,7 @@ fn a_switch_that_conducts_is_found_in_its_stage() {
 
 #[test]
 fn a_fall_that_stops_when_a_switch_closes_is_a_reading_that_is_frozen() {
-    // 1 C/s for as long as it rests.
+    // The reading falls by 1 C/s during the rest.
     let mut last = 0.0;
     let (_, ended) = prove(|time, output| {
         if output == Output::OFF {
@@ -184,7 +186,7 @@ fn a_fall_that_stops_when_a_switch_closes_is_a_reading_that_is_frozen() {
 fn a_nozzle_that_still_rises_after_30_s_at_rest_is_heated() {
     let (times, ended) = prove(|time, _| 20.0 + 0.5 * time);
     assert_eq!((times, ended), ([30.75, 0.0, 0.0], Err(Fault::HeaterStuckOn)));
-    // One that swings each 3 s is never at rest, and over the 3 s that are looked at it does not rise either.
+    // A reading that swings every 3 s is never at rest. It does not rise either over the 3 s that the test compares.
     let swings = |time: f32, _| if (time as u32).is_multiple_of(3) { 101.5 } else { 100.0 };
     assert_eq!(prove(swings), ([299.75, 0.0, 0.0], Err(Fault::HeaterStuckOn)));
 }
@@ -193,7 +195,7 @@ fn a_nozzle_that_still_rises_after_30_s_at_rest_is_heated() {
 fn it_waits_until_it_is_35_c_below_the_max_temperature() {
     let (times, ended) = prove(|time, _| 225.0 - time);
     assert_eq!(ended, Ok(()));
-    // The mean of a second is that of its middle.
+    // The mean of a second equals the reading in its middle.
     assert!((19.0..=21.0).contains(&times[0]), "{times:?}");
     for (celsius, proves) in [(205.0, true), (205.5, false)] {
         assert_eq!(prove(|_, _| celsius).1.is_ok(), proves, "{celsius}");

@@ -1,4 +1,4 @@
-//! The law of the regulation, term by term. In the loop it is tried by [`crate::heater::tests`].
+//! Tests of the regulation's equation, term by term. [`crate::heater::tests`] tests it in the closed loop.
 
 use super::*;
 use crate::heater::Demand;
@@ -24,11 +24,11 @@ fn the_duty_is_need_trim_and_the_gains_of_error_and_slope() {
     let mut regulation = Regulation::default();
     let mut duty = |reading_c| regulation.duty(200.0, reading_c, false, DT, &nozzle);
     assert_near(duty(198.0), (21.0 + 0.07 * 2.0 * 50.0) / 50.0);
-    // 0.004 / s for each degree, as a share of a need of 21 W of 50 W.
+    // The trim changes by 0.004 / s for each degree, as a share of a need of 21 W of 50 W.
     let trim = 0.004 * 50.0 / 21.0 * 2.0 * DT;
     let slope = 4.0 * DT / (1.0 + DT);
     assert_near(duty(199.0), (21.0 * (1.0 + trim) + (0.07 - 0.2 * slope) * 50.0) / 50.0);
-    // On its way by itself: nothing is learned.
+    // The reading approaches the target by itself, so nothing is learned.
     let slope = slope + (0.0 - slope) * DT / (1.0 + DT);
     assert_near(duty(199.0), (21.0 * (1.0 + trim) + (0.07 - 0.2 * slope) * 50.0) / 50.0);
     assert_near(regulation.trim(), trim);
@@ -61,7 +61,7 @@ fn a_reading_that_nears_the_target_by_0_15_c_a_second_teaches_nothing() {
     let nozzle = nozzle(&robot, true);
     for (slope, learns) in [(0.14, true), (0.16, false), (-0.5, true)] {
         for error in [2.0, -2.0_f32] {
-            // Nearing from above is falling.
+            // From above, the reading approaches by falling.
             let slope_c_per_s = slope * error.signum();
             let reading_c = 200.0 - error;
             let previous_c = Some(reading_c - slope_c_per_s * DT);
@@ -82,7 +82,7 @@ fn what_there_is_not_is_not_given_and_teaches_nothing() {
         assert_near(regulation.duty(200.0, reading_c, false, DT, &nozzle), max);
         assert!(regulation.saturated());
         assert_near(regulation.trim(), 0.1);
-        // And no longer so as soon as there is room.
+        // The saturation ends as soon as power is available again.
         regulation.slope_c_per_s = 0.0;
         regulation.previous_c = None;
         regulation.duty(200.0, 200.0, false, DT, &nozzle);
@@ -142,7 +142,7 @@ fn the_dither_goes_round_in_16_s() {
         regulation.duty(200.0, 200.0, true, DT, &nozzle);
         assert_near(regulation.dither().phase, (step % 64) as f32 / 64.0);
     }
-    // Without it, it stands.
+    // Without the dither its phase is frozen.
     regulation.duty(200.0, 200.0, false, DT, &nozzle);
     assert_near(regulation.dither().phase, 8.0 / 64.0);
 }

@@ -1,19 +1,19 @@
-//! The three models that run along with the real nozzle, and what they say of the last seconds.
+//! The three models that run along with the real nozzle, and their predictions for the last seconds.
 //!
-//! *Nominal* is the nozzle as the description says, corrected by what the regulation has learned. *Lower* takes heat as
-//! badly as a sound nozzle may, *upper* as well as a sound nozzle may. Each model's change is computed twice: for a
-//! reading that follows at once, and for one that follows by [`LAG_S`].
+//! *Nominal* is the nozzle as the description states it, corrected by the trim that the regulation has learned. *Lower*
+//! warms as slowly as a healthy nozzle may, and *upper* as fast. Each model's change is computed twice: for a reading
+//! that follows at once, and for one that follows by [`LAG_S`].
 
-/// How late a sound reading may follow the nozzle, s. The thermistors of the trials lag by 1 to 4 s
+/// Max lag of a healthy reading behind the nozzle, s. The thermistors of the trials lag by 1 to 4 s
 /// (`heater::tests::plant`, `tests/fault_campaign.rs`).
 pub const LAG_S: f32 = 4.0;
-/// Moments that are compared with the present one, [`MARK_S`] apart. `heater::tests::faults` bounds them: with fewer of
-/// them slow faults are found too late.
+/// Number of earlier moments, [`MARK_S`] apart, that are compared with the present one. `heater::tests::faults` bounds
+/// it: with fewer of them slow faults are found too late.
 pub const MARKS: usize = 25;
 /// Time between two marks, s: the shortest time over which a change is judged ([`super::FALL_WINDOW_S`]).
 pub const MARK_S: f32 = 1.0;
 
-/// How far a model lies from the nominal one: factors of power, need and heat capacity.
+/// Deviation of a model from the nominal one: factors of power, need and heat capacity.
 #[derive(Debug, Clone, Copy)]
 pub struct Factors {
     pub power: f32,
@@ -21,17 +21,18 @@ pub struct Factors {
     pub capacity: f32,
 }
 
-/// The lower model: the 10 % by which a nozzle may differ from its description, and a margin
+/// The lower model. It includes the 10 % by which a nozzle may differ from its description, and a margin
 /// (docs/decisions/0023-heater-supervision.md).
 pub const LOWER: Factors = Factors { power: 0.88, need: 1.15, capacity: 1.12 };
 /// The upper model: the reverse of the lower one.
 pub const UPPER: Factors = Factors { power: 1.12, need: 0.85, capacity: 0.88 };
 
-/// The power of a supply that is not measured, and so may be 10 % off its nominal voltage: the squares of 0.9 and 1.1.
+/// Factors of the power if the supply is not measured. Its voltage may then be 10 % below or above the nominal one: the
+/// squares of 0.9 and 1.1.
 pub const UNMEASURED_MIN: f32 = 0.81;
 pub const UNMEASURED_MAX: f32 = 1.21;
 
-/// The change that a model computes, degrees: of the nozzle, and of a reading that follows it late.
+/// The computed change of a model, degrees: of the nozzle, and of a reading that follows it late.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Change {
     pub prompt: f32,
@@ -46,28 +47,28 @@ impl Change {
         self.late_rate += (rate - self.late_rate) * (seconds / LAG_S).min(1.0);
     }
 
-    /// Counts the same change from another moment on. Sums over hours would grow until what is added is lost in
-    /// rounding.
+    /// Counts the same change from a later moment on. Sums over hours would grow until rounding loses the small
+    /// additions.
     pub fn rebase(&mut self, origin: &Self) {
         self.prompt -= origin.prompt;
         self.late -= origin.late;
     }
 
-    /// The change since an earlier moment: the smaller and the larger one of the two readings.
+    /// Returns the change since an earlier moment: the smaller and the larger of the changes of the two readings.
     pub fn since(&self, earlier: &Self) -> Bounds {
         let (prompt, late) = (self.prompt - earlier.prompt, self.late - earlier.late);
         Bounds { min: prompt.min(late), max: prompt.max(late) }
     }
 }
 
-/// The range in which a change lies, degrees.
+/// Range of a change, degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
     pub min: f32,
     pub max: f32,
 }
 
-/// An earlier moment: the reading and the models' changes then.
+/// An earlier moment, with the reading and the models' changes at that time.
 #[derive(Debug, Clone, Copy)]
 pub struct Mark {
     pub age_s: f32,
@@ -75,6 +76,6 @@ pub struct Mark {
     pub lower: Change,
     pub nominal: Change,
     pub upper: Change,
-    /// By how much the reading may have fallen without any power, degrees.
+    /// Max fall of the reading without any power, degrees.
     pub fall_c: f32,
 }

@@ -1,4 +1,4 @@
-//! Every fault in every phase.
+//! Tests of every fault in every phase.
 
 use std::collections::BTreeMap;
 use std::vec::Vec;
@@ -8,7 +8,7 @@ use growbot_core::link::message::Fault;
 use super::plant::{Random, Rig, Spread, Wrong};
 use crate::testing::number_from_environment;
 
-/// When it breaks.
+/// Phase of operation in which the fault occurs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Phase {
     Before,
@@ -35,7 +35,7 @@ const PHASES: [Phase; 9] = [
     Phase::Again,
 ];
 
-/// Brings a nozzle somewhere into a phase.
+/// Brings a nozzle into a phase, at a random moment.
 fn bring(rig: &mut Rig, phase: Phase) {
     let (target, standby) = (rig.robot.heater.target_c, rig.robot.pause.standby_c);
     if phase == Phase::Before {
@@ -83,8 +83,8 @@ fn bring(rig: &mut Rig, phase: Phase) {
     }
 }
 
-/// Runs on from a phase until a fault shows: the fault, and the time since it came or since the proof test that did not
-/// show it, s. None if no fault shows.
+/// Continues from a phase until a fault is found. Returns the fault and the time, s, since the defect appeared, or
+/// since the proof test if that did not find it. `None` if no fault is found.
 fn run_to_fault(rig: &mut Rig, phase: Phase) -> Option<(Fault, f64)> {
     let mut fault = None;
     if matches!(phase, Phase::Before | Phase::Again) {
@@ -103,7 +103,7 @@ fn run_to_fault(rig: &mut Rig, phase: Phase) -> Option<(Fault, f64)> {
     fault.map(|fault| (fault, after))
 }
 
-/// Switches off and waits for the peak. Gives the time since the beginning, s.
+/// Switches off and waits for the peak. Returns the time since `begin`, s.
 fn cool_down(rig: &mut Rig, begin: u64) -> f64 {
     let after = (rig.now - begin) as f64 * 1e-6;
     rig.off();
@@ -113,10 +113,10 @@ fn cool_down(rig: &mut Rig, begin: u64) -> f64 {
     after
 }
 
-/// Draws how exactly something is broken.
+/// Draws the details of a defect.
 type Draw = fn(&mut Random) -> Wrong;
 
-/// What is broken.
+/// The defects.
 const WRONGS: [(&str, Draw); 11] = [
     ("open", |_| Wrong::Open),
     ("short", |_| Wrong::Short),
@@ -131,8 +131,8 @@ const WRONGS: [(&str, Draw); 11] = [
     ("draught", |_| Wrong::Draught(4.0)),
 ];
 
-/// The codes that are right, and the time within which one must come, s. Where the power is full on the way up,
-/// whatever keeps the reading down is too slow a heating.
+/// Returns the correct faults, and the time within which one of them must be found, s. If the heater gets full power on
+/// the way up, a reading that stays too low is reported as heating too slow.
 fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
     use Fault::{
         HeaterEnergy, HeaterStuckOn, HeaterSwitchWelded, HeatingTooSlow, TemperatureDrop, ThermistorDetached,
@@ -140,7 +140,7 @@ fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
     };
     let switched_on = matches!(phase, Phase::Before | Phase::Again);
     let rising = switched_on || matches!(phase, Phase::Heating | Phase::Returning);
-    // The end of the way up is in the target's band already.
+    // At the end, the way up is already within the target's band.
     let near = matches!(phase, Phase::Heating | Phase::Returning | Phase::Again);
     match wrong {
         Wrong::Nothing | Wrong::NoFlow => (&[], f64::INFINITY),
@@ -149,12 +149,12 @@ fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
         Wrong::Silent => (&[ThermistorSilent], 0.6),
         Wrong::Frozen if rising => (&[HeatingTooSlow, ThermistorFrozen], if near { 60.0 } else { 15.0 }),
         Wrong::Frozen => (&[ThermistorFrozen], 60.0),
-        // A voltage that stands, with noise on it, is a nozzle that does not cool.
+        // A constant voltage with noise on it looks like a nozzle that does not cool.
         Wrong::Stuck if phase == Phase::Again => {
             (&[HeaterStuckOn, ThermistorFrozen, HeatingTooSlow, HeaterEnergy], 45.0)
         }
         Wrong::Stuck if rising => (&[HeatingTooSlow, ThermistorFrozen, HeaterEnergy], if near { 120.0 } else { 15.0 }),
-        // With the power at nothing it is that of a nozzle that does not cool.
+        // Without power it looks like a nozzle that does not cool.
         Wrong::Stuck => (&[ThermistorFrozen, HeaterEnergy, HeaterStuckOn], 120.0),
         Wrong::Detached(..) if phase == Phase::Before => (&[HeatingTooSlow], 10.0),
         Wrong::Detached(..) if near => {
@@ -165,20 +165,20 @@ fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
         Wrong::HeaterOpen if near => (&[HeatingTooSlow, TemperatureDrop, HeaterEnergy], 30.0),
         Wrong::HeaterOpen if phase == Phase::LettingDown => (&[TemperatureDrop], 75.0),
         Wrong::HeaterOpen => (&[TemperatureDrop, HeaterEnergy], 20.0),
-        // The proof test shows both switches; it waits until a hot nozzle cools evenly.
+        // The proof test finds both defects. It waits until a hot nozzle cools evenly.
         Wrong::StuckOn(duty) if duty >= 1.0 && switched_on => (&[HeaterStuckOn], 45.0),
         Wrong::Welded if switched_on => (&[HeaterSwitchWelded], 45.0),
         Wrong::Welded => (&[], f64::INFINITY),
-        // Hidden as long as full power is asked for.
+        // The defect is hidden while full power is requested.
         Wrong::StuckOn(duty) if duty >= 1.0 => (&[HeaterStuckOn, ThermistorFrozen], if rising { 150.0 } else { 60.0 }),
-        // What the nozzle needs may be more than that: then nothing shows, and nothing gets too hot.
+        // The nozzle may need more than this duty. Then no fault is found, and nothing gets too hot.
         Wrong::StuckOn(_) => (&[HeaterStuckOn, ThermistorFrozen, HeaterEnergy], f64::INFINITY),
         Wrong::Draught(_) if phase == Phase::Before => (&[HeatingTooSlow], 60.0),
         Wrong::Draught(_) => (&[TemperatureDrop, ThermistorDetached, HeatingTooSlow, HeaterEnergy], 60.0),
     }
 }
 
-/// Breaks everything in every phase, on a nozzle for each seed.
+/// Tests every defect in every phase, on one nozzle for each seed.
 fn break_everything(seeds: core::ops::Range<u64>) {
     for (name, draw) in WRONGS {
         for phase in PHASES {
@@ -210,14 +210,15 @@ fn break_everything(seeds: core::ops::Range<u64>) {
     }
 }
 
-/// On GROWBOT_NOZZLES of them from GROWBOT_FIRST_NOZZLE on, the first 6 unless they say otherwise: 200 take minutes.
+/// The test uses GROWBOT_NOZZLES nozzles from GROWBOT_FIRST_NOZZLE on, by default the first 6. 200 nozzles take
+/// minutes.
 #[test]
 fn every_fault_is_found_in_time_in_every_phase() {
     let first = number_from_environment("GROWBOT_FIRST_NOZZLE", 0);
     break_everything(first..first + number_from_environment("GROWBOT_NOZZLES", 6));
 }
 
-/// The models are in single precision: sums over hours would no longer notice what is added.
+/// The models are in single precision, so sums over hours would lose small additions in rounding.
 #[test]
 fn hours_at_the_target_do_not_dull_supervision() {
     for (wrong, right, within) in [

@@ -1,4 +1,4 @@
-//! The heater on a nozzle with lag, noise and spread.
+//! Tests of the heater on a nozzle with lag, noise and spread.
 
 mod faults;
 mod plant;

@@ -1,4 +1,5 @@
-//! A nozzle with its thermistor, and what may be wrong with them. It is on purpose not the model of the supervision.
+//! A nozzle with its thermistor, and their possible defects. Its equations differ from the model of the supervision on
+//! purpose.
 
 use growbot_core::robot::RobotDescription;
 
@@ -7,7 +8,7 @@ use crate::testing::robot_a;
 use crate::thermistor::{FULL_SCALE, reading};
 use growbot_core::link::message::Fault;
 
-/// Numbers from a seed (xorshift).
+/// Generator of random numbers from a seed (xorshift).
 #[derive(Debug, Clone)]
 pub struct Random(u64);
 
@@ -31,12 +32,12 @@ impl Random {
         min + (max - min) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// One of these.
+    /// Returns one of the choices.
     pub fn of<T: Copy>(&mut self, choices: &[T]) -> T {
         choices[(self.next() >> 8) as usize % choices.len()]
     }
 
-    /// About normal, of deviation 1.
+    /// Returns a number from an almost normal distribution with deviation 1.
     fn normal(&mut self) -> f64 {
         let bits = self.next();
         let sum: u64 = (0..4).map(|part| bits >> (16 * part) & 0xFFFF).sum();
@@ -44,22 +45,22 @@ impl Random {
     }
 }
 
-/// What is broken.
+/// Defect of a nozzle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Wrong {
     #[default]
     Nothing,
     /// The thermistor's wire is open.
     Open,
-    /// Its wires touch.
+    /// The thermistor's wires touch.
     Short,
-    /// The ADC gives nothing.
+    /// The ADC delivers no readings.
     Silent,
-    /// The ADC gives the same number for ever.
+    /// The ADC always delivers the same number.
     Frozen,
-    /// The input holds its voltage; there is noise on it.
+    /// The input keeps its voltage, with noise on it.
     Stuck,
-    /// The thermistor has come out: it goes, with this time constant (s), to this share of the nozzle's warmth.
+    /// The thermistor is detached. It approaches, with this time constant (s), this share of the nozzle's warmth.
     Detached(f64, f64),
     /// The heater's wire is open.
     HeaterOpen,
@@ -67,32 +68,32 @@ pub enum Wrong {
     StuckOn(f64),
     /// The second switch is always closed.
     Welded,
-    /// A draught: this many times the loss.
+    /// A draught multiplies the loss by this factor.
     Draught(f64),
-    /// No filament comes, and the fan stands, in spite of the demand.
+    /// No filament flows and the fan stands still, in spite of the demand.
     NoFlow,
 }
 
-/// A nozzle, as shares of what is described, and what is round it.
+/// Deviations of a nozzle from its description, as factors, and its surroundings.
 #[derive(Debug, Clone, Copy)]
 pub struct Spread {
     pub capacity: f64,
     pub loss: f64,
     pub power: f64,
     pub supply: f64,
-    /// Whether the supply is measured.
+    /// The supply is measured.
     pub measured: bool,
     pub ambient_c: f64,
-    /// Of the thermistor behind the nozzle, s.
+    /// Lag of the thermistor behind the nozzle, s.
     pub lag_s: f64,
-    /// Of each conversion, counts.
+    /// Noise of each conversion, counts.
     pub noise: f64,
     /// The thermistor's pull-up, ohm: 4,700 as described, 25,000 for half a degree a count.
     pub pull_up_ohm: f64,
 }
 
 impl Spread {
-    /// Drawn within a share to either side: often the extremes, which are the hardest.
+    /// Draws deviations up to `share` to either side. The extremes, which are the hardest, are frequent.
     pub fn of(random: &mut Random, share: f64) -> Self {
         let mut near = |share: f64| {
             let even = random.between(-share, share);
@@ -126,13 +127,13 @@ pub struct Rig {
     pub block_c: f64,
     pub sensor_c: f64,
     pub peak_c: f64,
-    /// What the switches do.
+    /// States of the switches.
     pub output: Output,
     latest: u16,
     conversions: u16,
 }
 
-/// A nozzle that is not hot by then will never be.
+/// Time after which a nozzle that is not hot will never be.
 const LONGEST_HEATING_US: u64 = 1_000_000_000;
 
 pub const DT: f64 = PERIOD_US as f64 * 1e-6;
@@ -159,7 +160,7 @@ impl Rig {
         }
     }
 
-    /// One period: the nozzle advances at the duty, then is read and regulated.
+    /// Advances by one period: the nozzle advances at the duty, then is read and regulated.
     pub fn step(&mut self) -> Result<(), Fault> {
         let Output { duty, closed } = self.output;
         let duty = match self.wrong {
@@ -251,7 +252,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Heats, grows, waits, lets the nozzle down and heats again for some hours, as a robot may in its life.
+    /// Heats, grows, waits, cools the nozzle to standby and heats again for some hours, as in a robot's life.
     pub fn live(&mut self, hours: f64) -> Result<(), Fault> {
         let until = self.now + (hours * 3.6e9) as u64;
         let (target, pause) = (self.robot.heater.target_c, self.robot.pause);
@@ -278,7 +279,7 @@ impl Rig {
                     self.heat()?;
                 }
             }
-            // Parked, or done.
+            // The robot is parked or has finished.
             self.off();
             self.fan = 0.0;
             let parked = self.random.between(0.0, 200.0);
@@ -287,7 +288,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Lays a layer of 18 s: the flow goes round by 35 %.
+    /// Lays a layer of 18 s. The flow varies by 35 % around the turn.
     pub fn layer(&mut self, mut look: impl FnMut(&Self)) -> Result<(), Fault> {
         let period = self.robot.layer.period_s;
         let steps = (period / DT) as u64;

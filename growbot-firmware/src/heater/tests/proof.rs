@@ -1,10 +1,10 @@
-//! The proof test of both switches on a nozzle.
+//! Tests of the proof test of both switches on a nozzle.
 
 use growbot_core::link::message::Fault;
 
 use super::plant::{Random, Rig, Spread, Wrong};
 
-/// Switches on from anything that a nozzle may have done before, after any pause.
+/// Switches on again after a random time of heating and a random pause.
 fn again(seed: u64, wrong: Wrong) -> (Rig, Option<Fault>, f64) {
     let mut random = Random::new(seed);
     let mut rig = Rig::new(Spread::of(&mut random, 0.1), seed);

@@ -1,10 +1,10 @@
-//! The precision of the regulation.
+//! Tests of the precision of the regulation.
 
 use growbot_core::link::message::{Fault, Tuned};
 
 use super::plant::{Random, Rig, Spread, Wrong};
 
-/// Overshoot after heating up, and the farthest from the target over layers, fan and flow.
+/// Returns the overshoot after heating up, and the largest distance from the target over layers, with fan and flow.
 fn band_and_overshoot(rig: &mut Rig) -> (f64, f64) {
     let target = 200.0;
     rig.on(target);
@@ -34,14 +34,14 @@ fn layers_are_laid_within_the_band() {
     assert!(band < 1.5 && overshoot < 4.0, "band {band}, overshoot {overshoot}");
 }
 
-/// Drives a nozzle round its target.
+/// Tunes a nozzle at its target.
 fn tune(rig: &mut Rig) -> Result<Tuned, Fault> {
     rig.heater.tune(200.0, rig.now);
     loop {
         rig.step()?;
         if let Some(tuned) = rig.heater.pop_tuned() {
             assert_eq!((rig.heater.target(), rig.heater.duty()), (None, 0.0), "it is off when it is done");
-            // As a nozzle with lag swings about a hysteresis of 0.4 C or more.
+            // A nozzle with lag swings like this about a hysteresis of 0.4 C or more.
             assert!((0.4..5.0).contains(&tuned.amplitude_c), "{tuned:?}");
             return Ok(tuned);
         }
@@ -58,7 +58,8 @@ fn gains_that_were_found_keep_the_band() {
         let tuned = match tune(&mut rig) {
             Ok(tuned) => tuned,
             Err(fault) => {
-                // So far from its description, in both at once, that its supervision cannot tell it from a fault.
+                // The nozzle differs so much from its description, in both values, that its supervision cannot
+                // distinguish it from a fault.
                 let strength = spread.power / spread.capacity;
                 let strange = match fault {
                     Fault::HeaterStuckOn => strength > 1.3,
@@ -72,7 +73,7 @@ fn gains_that_were_found_keep_the_band() {
         let mut rig = Rig::new(Spread::of(&mut Random::new(seed), 0.3), seed + 1000);
         let heater = &mut rig.robot.heater;
         (heater.kp, heater.ki, heater.kd) = (tuned.gains.kp, tuned.gains.ki, tuned.gains.kd);
-        // As for any robot, the model is to be right within 10 %.
+        // As for any robot, the model must be right within 10 %.
         heater.power_w *= spread.power;
         heater.heat_capacity_j_per_k *= spread.capacity;
         heater.loss_w_per_k *= spread.loss;
@@ -101,7 +102,7 @@ fn a_sensor_that_fails_ends_the_tuning() {
 
 #[test]
 fn a_reading_that_does_not_swing_for_90_s_ends_the_tuning() {
-    // So little power holds 60 degrees that supervision expects no change in the time that it looks back.
+    // The power that holds 60 degrees is so low that supervision expects no change in the time that it compares.
     let mut rig = Rig::new(Spread { noise: 1.0, ..Spread::of(&mut Random::new(1), 0.0) }, 1);
     rig.heater.tune(60.0, rig.now);
     while rig.heater.tuning.is_some_and(|relay| relay.swing_s().is_none()) {

@@ -1,4 +1,4 @@
-//! The heater's times and bands, each from both sides.
+//! Tests of the heater's times and bands, each from both sides.
 
 use growbot_core::link::message::{Fault, Gains, Tuned};
 use growbot_core::robot::RobotDescription;
@@ -14,7 +14,7 @@ fn robot() -> RobotDescription {
     robot_a().description().clone()
 }
 
-/// A heater that has read this at this time.
+/// Returns a heater with this reading at this time.
 fn having_read(celsius: f64, now: u64) -> Heater {
     let (mut heater, robot) = (Heater::default(), robot());
     heater.update(Some(reading(celsius, &robot.thermistor)), &Demand::default(), &robot, now).unwrap();
@@ -58,7 +58,7 @@ fn a_nozzle_that_has_rested_is_proven_in_15_s() {
     heater.switch_on(200.0, 8_000_000);
     let outputs: std::vec::Vec<Output> = (0..160).map(|_| update(&mut heater)).collect();
     let heats = outputs.iter().position(|output| output.closed && output.duty > 0.0).unwrap();
-    // Each switch for 7 s, from the next whole second on.
+    // Each switch is closed for 7 s, from the next whole second on.
     assert!((140..=150).contains(&heats), "{heats} periods");
 }
 
@@ -82,7 +82,7 @@ fn the_max_temperature_itself_may_be_read() {
             heater.switch_on(200.0, 0);
         }
         assert!(heater.update(Some(raw), &Demand::default(), &robot, 1).is_ok());
-        // The resistance falls as it gets hotter.
+        // The resistance falls as the temperature rises.
         assert_eq!(heater.update(Some(raw - 1.0), &Demand::default(), &robot, 2), Err(Fault::OverTemperature));
     }
 }
@@ -137,7 +137,7 @@ fn the_band_is_watched_to_its_edges() {
         assert_eq!(heater.in_band_since, Some(10));
         watch(&mut heater, side * 4.25, 50).unwrap();
         assert_eq!(heater.in_band_since, None);
-        // Once hot, a dip is not for the band to judge.
+        // Once the nozzle is hot, the band does not judge a dip.
         heater.in_band_since = Some(0);
         watch(&mut heater, side * 4.25, 2_000_000).unwrap();
         assert_eq!(heater.in_band_since, Some(0));
@@ -150,7 +150,7 @@ fn a_heating_that_takes_too_long_is_a_fault_below_the_target() {
     let heater = Heater { on_since: 500, ..Heater::default() };
     assert_eq!(watch(&heater, 50.0, 1_500), Ok(()));
     assert_eq!(watch(&heater, 50.0, 1_501), Err(Fault::HeatingTooSlow));
-    // It may still be cooling to a lower one.
+    // The nozzle may still be cooling to a lower target.
     assert_eq!(watch(&heater, -50.0, 1_501), Ok(()));
     assert_eq!(watch(&heater, 3.0, 1_501), Ok(()));
     let tuning = Heater { tuning: Some(Relay::default()), ..heater };

@@ -1,4 +1,4 @@
-//! Room, erasures and wear.
+//! Tests of capacity, erasures and wear.
 
 use super::*;
 
@@ -28,7 +28,7 @@ fn one_sector_does_and_more_do_too() {
     }
 }
 
-/// Jobs of up to a number of layers. Returns the number of their records, and of the erasures of each sector.
+/// Records jobs of up to a number of layers. Returns the number of their records, and of the erasures of each sector.
 fn many_jobs(max_layers: u64) -> (u32, Vec<u32>) {
     let flash = Small::new(SECTORS);
     let mut records = 0;
@@ -42,7 +42,7 @@ fn many_jobs(max_layers: u64) -> (u32, Vec<u32>) {
             journal.committed(index, &layer(plan_id, index), true).unwrap();
         }
         journal.ended().unwrap();
-        // A start that writes passes over a place, which may have been written to.
+        // A start that writes skips a slot that may have been written to.
         records += layers + 2 + 1;
         let known = known(&mut Journal::open(flash.clone())).unwrap();
         assert_eq!((known.state.plan_id, known.state.laid, known.state.ended), (plan_id, layers, true));
@@ -58,10 +58,10 @@ fn hundreds_of_jobs_wear_the_sectors_evenly() {
         assert!(erasures[0].abs_diff(erasures[1]) <= 1, "{erasures:?}");
         let places = 31 * erasures.iter().sum::<u32>();
         if max_layers <= 16 {
-            // With the places reserved for other records they fit a sector: no place is erased before it was used.
+            // With the slots reserved for other records the jobs fit a sector. No slot is erased before it was used.
             assert!(places <= records + 2 * 31, "{places} places for {records} records");
         }
-        // With the least favourable length of jobs 5/8 are used.
+        // With the least favourable length of jobs, 5/8 of the slots are used.
         assert!(places * 5 <= (records + 2 * 31) * 8, "{places} places for {records} records");
     }
 }
@@ -119,7 +119,7 @@ fn after_any_job_all_places_can_be_used_and_none_twice() {
             while journal.erase_step(47).unwrap() {}
             let mut places = 62;
             if restarted {
-                // The first blank place may have been written to.
+                // The first blank slot may have been written to.
                 journal = Journal::open(flash.clone());
                 places -= 1;
             }

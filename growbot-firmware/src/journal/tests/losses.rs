@@ -1,4 +1,4 @@
-//! Losses of power, and flash that was damaged.
+//! Tests of losses of power and of damaged flash.
 
 use proptest::prelude::*;
 

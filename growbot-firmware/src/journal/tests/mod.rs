@@ -1,4 +1,4 @@
-//! The journal against a flash that loses power at every byte of a story, and against random flash.
+//! Tests of the journal on a flash that loses power at every byte of a sequence of calls, and on random flash.
 
 mod capacity;
 mod losses;
@@ -10,7 +10,7 @@ use std::vec::Vec;
 use super::*;
 use crate::testing::flash::Flash;
 
-/// Two sectors of 31 places: 15 are reserved, so a job may have 47 layers.
+/// Two sectors of 31 slots, of which 15 are reserved, so that a job may have 47 layers.
 type Small = Flash<1024>;
 const SECTORS: usize = 2;
 
@@ -22,14 +22,14 @@ enum Deed {
     Erase(u32),
     Begin(u64, u32),
     Begun,
-    /// The next layer, and whether the one after it is begun at once.
+    /// Commits the next layer. The value is `true` if the layer after it is begun at once.
     Commit(bool),
     Skip,
     Amend(u32, u64, u32),
     End,
 }
 
-/// Everything that can be known of a job.
+/// All data about a job that the journal returns.
 #[derive(Debug, Clone, PartialEq)]
 struct Known {
     state: JobState,
@@ -37,7 +37,7 @@ struct Known {
     laid: Vec<LaidRecord>,
 }
 
-/// A layer that shows which one it is.
+/// Returns a layer whose content identifies it.
 fn layer(plan_id: u64, index: u32) -> Laid {
     let mut as_built = LayerBytes::default();
     as_built[..8].copy_from_slice(&(plan_id ^ u64::from(index) << 32).to_le_bytes());
@@ -71,7 +71,7 @@ impl Deed {
         }
     }
 
-    /// The job as it is known after it.
+    /// Returns the expected data about the job after this call.
     fn after(self, before: Option<&Known>) -> Option<Known> {
         if let Deed::Begin(plan_id, layers) = self {
             let state = JobState { plan_id, robot: ROBOT, layers, laid: 0, begun: 0, ended: false };
@@ -105,7 +105,7 @@ impl Deed {
     }
 }
 
-/// A job with everything that can happen in one: 22 layers.
+/// Returns the calls of a job with every kind of event: 22 layers.
 fn job(plan_id: u64) -> Vec<Deed> {
     let mut deeds = std::vec![Deed::Begin(plan_id, 20), Deed::Begun];
     deeds.extend([Deed::Commit(true); 9]);
@@ -116,8 +116,8 @@ fn job(plan_id: u64) -> Vec<Deed> {
     deeds
 }
 
-/// Jobs after one another, with every kind of erasure: of new flash, of one sector, of the one in which the last job
-/// ended.
+/// Returns the calls of several jobs, with every kind of erasure: of new flash, of one sector, and of the sector in
+/// which the last job ended.
 fn story() -> Vec<Deed> {
     let mut deeds = std::vec![Deed::Erase(20)];
     deeds.extend(job(1));
@@ -125,15 +125,15 @@ fn story() -> Vec<Deed> {
     deeds.extend(job(2));
     deeds.push(Deed::Erase(47));
     deeds.extend(job(3));
-    // One that is given up for the next one.
+    // This job is replaced by the next one before it ends.
     deeds.push(Deed::Erase(8));
     deeds.extend([Deed::Begin(4, 8), Deed::Begun, Deed::Commit(true), Deed::Begin(5, 3), Deed::Begun]);
     deeds.extend([Deed::Commit(true), Deed::Commit(true), Deed::Commit(false), Deed::End]);
     deeds
 }
 
-/// Lives through a story. Power is lost when `losses` says, and each time the journal must know what it knew before the
-/// deed under way, or after it; then the story continues from there.
+/// Runs a sequence of calls. Power is lost when `losses` returns a value. Each time the journal must have its data from
+/// before the current call or from after it. The sequence then continues from there.
 fn live<const S: usize>(flash: &Flash<S>, story: &[Deed], mut losses: impl FnMut() -> Option<(usize, u64)>) {
     let power_up = |next: Option<(usize, u64)>| {
         flash.power_up();
@@ -157,7 +157,7 @@ fn live<const S: usize>(flash: &Flash<S>, story: &[Deed], mut losses: impl FnMut
             }
             let now = if result.is_err() { known(&mut journal) } else { None };
             let unended = before.as_ref().is_some_and(|known| !known.state.ended);
-            // An ended job goes with its sector, and one that has not ended when the next one begins.
+            // An ended job is lost with its sector. A job that has not ended is lost when the next one begins.
             let may_be_gone = matches!(deed, Deed::Erase(_)) && !unended || matches!(deed, Deed::Begin(..)) && unended;
             if result.is_ok() {
                 before = if may_be_gone && journal.job().is_none() { None } else { after };
@@ -180,7 +180,7 @@ fn live<const S: usize>(flash: &Flash<S>, story: &[Deed], mut losses: impl FnMut
     assert!(before.unwrap().state.ended);
 }
 
-/// The max number of layers of a job that could begin now.
+/// Returns the max number of layers of a job that could begin now.
 fn room(journal: &Journal<Small>) -> u32 {
     (0..=64).rev().find(|layers| !journal.needs_erasing(*layers)).unwrap_or(0)
 }

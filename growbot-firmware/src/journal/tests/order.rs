@@ -1,4 +1,4 @@
-//! Records that are missing, stray or out of order, and jobs that replace each other.
+//! Tests of missing, stray and misplaced records, and of jobs that replace each other.
 
 use super::*;
 
@@ -10,7 +10,7 @@ fn a_place_that_does_not_take_its_record_is_passed_over_and_of_broken_flash_noth
     journal.begin(1, ROBOT, 4).unwrap();
     let spoil = |places: std::ops::Range<usize>| {
         let mut bytes = flash.bytes();
-        // Bits of the layer's first byte that cannot be set any more.
+        // These bits of the layer's first byte can no longer be set.
         places.for_each(|place| bytes[32 * place + 8] = 0);
         flash.set_bytes(&bytes);
     };
@@ -18,7 +18,7 @@ fn a_place_that_does_not_take_its_record_is_passed_over_and_of_broken_flash_noth
     journal.committed(0, &layer(1, 0), true).unwrap();
     assert_eq!(known(&mut Journal::open(flash.clone())), known(&mut journal));
     assert_eq!(journal.job().unwrap().laid, 1);
-    // Such a place never reads as a record again.
+    // Such a slot never reads as a record again.
     assert!(flash.bytes()[2 * 32..4 * 32].iter().all(|byte| *byte == 0));
     spoil(5..8);
     assert_eq!(journal.committed(1, &layer(1, 1), true), Err(JournalError::Flash));
@@ -27,7 +27,7 @@ fn a_place_that_does_not_take_its_record_is_passed_over_and_of_broken_flash_noth
 
 #[test]
 fn any_record_that_is_missing_is_noticed() {
-    // The second one: that a layer is begun.
+    // Record 2 is the second one: a layer is begun.
     for missing in 2..6 {
         let flash = Small::new(SECTORS);
         let mut journal = Journal::open(flash.clone());
@@ -47,7 +47,7 @@ fn any_record_that_is_missing_is_noticed() {
 
 #[test]
 fn up_to_14_records_that_are_missing_in_a_row_are_noticed() {
-    // They are counted modulo 16, and one that is there twice counts once.
+    // The records are counted modulo 16. A record that is stored twice counts once.
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(4).unwrap() {}
@@ -148,7 +148,7 @@ fn a_job_that_has_not_ended_is_not_erased_before_it_is_forgotten() {
     journal.begin(1, ROBOT, 20).unwrap();
     journal.begun(0).unwrap();
     let before = known(&mut journal);
-    // Sector 1 is blank or has nothing of the job; sector 0 has it.
+    // Sector 1 is blank or has nothing of the job, and sector 0 has it.
     let refused = loop {
         match journal.erase_step(47) {
             Ok(more) => assert!(more),

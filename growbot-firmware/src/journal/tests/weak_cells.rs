@@ -1,8 +1,8 @@
-//! The last record before a loss of power, whose cells read differently at each start.
+//! Tests of the last record before a loss of power, whose cells read differently at each start.
 //!
-//! Bits that were to be programmed as power was lost may read as 0 or as 1, now and later, until they are programmed
-//! again. For all readings, in any order, what a start has once found stays so, and is what was known
-//! before the record or after it.
+//! Bits that were being programmed when power was lost may read as 0 or as 1 at any time until they are programmed
+//! again. For all readings, in any order, the data found at one start must never change later. It must be the data from
+//! before the record or from after it.
 
 use super::*;
 use crate::journal::record::RecordBytes;
@@ -13,11 +13,12 @@ struct Weak {
     base: RecordBytes,
     /// The weak bits.
     mask: RecordBytes,
-    /// What the weak bits may read like.
+    /// Possible readings of the weak bits.
     readings: Vec<RecordBytes>,
 }
 
-/// Every way in which cells of a record may be weak: each word, those after it written or not; and each bit.
+/// Returns every way in which cells of a record may be weak: each word, with the later words written or not, and each
+/// bit.
 fn weaknesses(record: &RecordBytes) -> Vec<Weak> {
     let mut all = Vec::new();
     let half = |pattern: u8| record.map(|byte| byte | pattern);
@@ -39,7 +40,7 @@ fn weaknesses(record: &RecordBytes) -> Vec<Weak> {
     all
 }
 
-/// Flash as a deed left it, what it wrote last, and what was known before that and after it.
+/// Flash after a call, the last write of the call, and the expected data from before and after it.
 struct Case {
     deed: Deed,
     bytes: Vec<u8>,
@@ -48,7 +49,7 @@ struct Case {
     after: Option<Known>,
 }
 
-/// The story's records, each as the last one.
+/// Returns the records of the sequence, each as the last one.
 fn cases() -> Vec<Case> {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
@@ -82,7 +83,7 @@ fn cases() -> Vec<Case> {
     cases
 }
 
-/// Carries out what follows what is known. Returns what is known then.
+/// Makes the next calls for a known state. Returns the expected data after them.
 fn carry_on(journal: &mut Journal<Small>, known: Option<Known>) -> Option<Known> {
     let deeds = match known.as_ref().map(|known| known.state) {
         Some(state) if !state.ended && state.laid < state.layers => std::vec![Deed::Commit(true)],
@@ -105,7 +106,7 @@ impl Case {
         flash
     }
 
-    /// Starts once for each reading, and carries on after each start if `works`.
+    /// Starts once for each reading, and makes further calls after each start if `works`.
     fn live(&self, weak: &Weak, readings: &[RecordBytes], works: bool) {
         let flash = self.flash(weak);
         let mut expected: Option<Option<Known>> = None;
@@ -123,7 +124,7 @@ impl Case {
     }
 }
 
-/// Every sequence of this length of some readings.
+/// Returns every sequence of this length of some readings.
 fn sequences<T: Copy>(of: &[T], length: usize) -> Vec<Vec<T>> {
     (0..length).fold(std::vec![Vec::new()], |sequences, _| {
         let longer = |sequence: Vec<T>| of.iter().map(move |next| [&sequence[..], &[*next]].concat());
@@ -179,8 +180,8 @@ fn a_loss_of_power_while_that_is_settled_costs_no_more_than_the_record() {
 
 #[test]
 fn a_place_that_seemed_not_to_take_its_record_and_reads_as_if_it_had_costs_nothing() {
-    // One bit of the place reads as 1 while the record is written there, so that it goes to the next place; later it
-    // reads as 0.
+    // One bit of the slot reads as 1 while the record is written there, so that the record goes to the next slot. Later
+    // the bit reads as 0.
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     Deed::Erase(20).done(&mut journal).unwrap();
@@ -191,7 +192,7 @@ fn a_place_that_seemed_not_to_take_its_record_and_reads_as_if_it_had_costs_nothi
         expected = deed.after(expected.as_ref());
         let mut bytes = flash.bytes();
         let written = (0..bytes.len()).step_by(32).rfind(|at| bytes[*at..*at + 32] != BLANK && at / 1024 == 0).unwrap();
-        // The same record once more, in the place after it.
+        // The same record is stored again in the slot after it.
         let copy: Vec<u8> = bytes[written..written + 32].to_vec();
         bytes[written + 32..written + 64].copy_from_slice(&copy);
         flash.set_bytes(&bytes);
@@ -224,7 +225,7 @@ fn a_sector_that_one_start_has_found_blank_is_so_at_the_next_one() {
         flash.weaken(offset, &record.map(|byte| !byte));
         for reading in [record, BLANK, record.map(|byte| byte | 0xA5)] {
             flash.read_weak_as(&reading);
-            // One place is passed over.
+            // One slot is skipped.
             assert_eq!(room(&Journal::open(flash.clone())), 62 - 1 - 15, "sector {sector}");
         }
     }
@@ -233,7 +234,7 @@ fn a_sector_that_one_start_has_found_blank_is_so_at_the_next_one() {
 #[test]
 fn a_record_that_cannot_be_read_at_one_start_is_not_back_at_the_next_one() {
     for case in cases().iter().filter(|case| !matches!(case.deed, Deed::Erase(_))) {
-        // As flash that refuses to be read is taken.
+        // Flash that refuses to be read is treated like this.
         assert_eq!(
             flickering(case, &[&[0_u8; 32][..]; 3]),
             [case.before.clone(), case.before.clone()],
@@ -243,7 +244,8 @@ fn a_record_that_cannot_be_read_at_one_start_is_not_back_at_the_next_one() {
     }
 }
 
-/// The last record reads like this, again and again, at one start; then at the next one as it is. What both find.
+/// Reads the last record differently several times at one start, then correctly at the next start. Returns the data
+/// found at both.
 fn flickering(case: &Case, readings: &[&[u8]]) -> [Option<Known>; 2] {
     let flash = Small::new(SECTORS);
     flash.set_bytes(&case.bytes);
@@ -272,7 +274,7 @@ fn a_record_in_weak_cells_goes_to_others() {
         let record = &case.bytes[case.offset..case.offset + 32];
         let mut other = record.to_vec();
         other[30] ^= 0x40;
-        // It reads as whole, and not any more once it is programmed again: nor ever after.
+        // The record first reads as valid, but never again once it has been programmed again.
         flash.flicker(case.offset, &[record, &other]);
         assert_eq!(known(&mut Journal::open(flash.clone())), case.after, "{:?}", case.deed);
         let mut bytes = flash.bytes();

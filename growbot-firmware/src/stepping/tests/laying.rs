@@ -1,4 +1,4 @@
-//! Layers and feed moves, to the step.
+//! Tests of layers and feed moves, to the step.
 
 use super::*;
 
@@ -22,7 +22,8 @@ fn five_thousand_layers_are_laid_to_the_step() {
             for (i, made) in report.feed.iter().enumerate() {
                 let closed_form = edge(i + 1) - edge(i);
                 let off = (f64::from(*made) - closed_form).abs();
-                // A step by rounding; what the layers before owe is at most a tenth of a step in a sector.
+                // Rounding adds up to a step. The lean owed by the layers before is at most a tenth of a step in a
+                // sector.
                 assert!(off <= (0.01 * closed_form).max(1.1), "sector {i}: {made} for {closed_form}");
             }
         }
@@ -68,7 +69,7 @@ fn skipping_quiet_ticks_changes_nothing() {
             let turns = turns(&robot, &layers(&robot, 6, 0.3));
             let (laid, end) = rig.lay(turns[..3].iter().copied());
             rig.run(12_345);
-            // The next two come while it lays: the second one late, while it brakes.
+            // The next two turns arrive while this one is laid: the second one late, while the engine brakes.
             rig.handover.give(Order::Lay(turns[3]));
             rig.run(u64::from(turns[3].ticks));
             rig.handover.give(Order::Lay(turns[4]));
@@ -95,7 +96,7 @@ fn a_report_that_waits_loses_nothing() {
     rig.run(150_000);
     rig.handover.give(Order::Lay(turns[2]));
     rig.run(150_000);
-    // The second is laid and waits to say so.
+    // The second turn is laid, and its report waits.
     assert!(!rig.handover.accepts_orders());
     assert_eq!(rig.engine.ticks_to_event(&rig.handover), u32::MAX);
     for _ in 0..3 {

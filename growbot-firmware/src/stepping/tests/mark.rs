@@ -1,14 +1,14 @@
-//! The index mark, lost steps, and sensors that fail.
+//! Tests of the index mark, lost steps, and sensors that fail.
 
 use super::*;
 
-/// Lays turns with a fault that comes at the beginning of the second one. Returns the report, and the number of turns
-/// laid after the fault.
+/// Lays turns with a fault at the beginning of the second one. Returns the report, and the number of turns laid after
+/// the fault.
 fn index_fault(robot: &Robot, fault: impl Fn(&World)) -> (Option<Report>, usize) {
     index_fault_at(0.0, robot, fault)
 }
 
-/// As [`index_fault`], with the fault after a share of the second turn.
+/// Like [`index_fault`], with the fault after a share of the second turn.
 fn index_fault_at(share: f64, robot: &Robot, fault: impl Fn(&World)) -> (Option<Report>, usize) {
     let turns = turns(robot, &layers(robot, 5, 0.5));
     let mut rig = Rig::homed(robot.clone());
@@ -36,13 +36,13 @@ fn index_fault_at(share: f64, robot: &Robot, fault: impl Fn(&World)) -> (Option<
 fn lost_and_gained_steps_are_noticed_within_a_turn() {
     for (strategy, turning) in ALL {
         let robot = robot_a_with(strategy, turning);
-        // 2 degrees are 18 steps; two samples must contradict.
+        // 2 degrees are 18 steps, and two samples must contradict.
         for steps in [20, 21, 25, 30, 44, 60, 61, 62, 63, 64, 100, 200, 320, 321, 399, 400, 1600, 3000] {
             for lost in [steps, -steps] {
                 let (report, laid) = index_fault(&robot, |world| world.lost.set(lost));
                 assert_eq!(report, Some(Report::HeadStepsLost), "{lost} lost, {turning:?}");
                 assert!(laid <= 1, "{lost} lost: noticed after {laid} more layers");
-                // Lost in the midst of a turn, it may end before the mark comes.
+                // If the steps are lost during a turn, the turn may end before the mark comes.
                 let (report, laid) = index_fault_at(0.5, &robot, |world| world.lost.set(lost));
                 assert!(
                     matches!(report, Some(Report::HeadStepsLost | Report::IndexMissing)),
@@ -59,7 +59,7 @@ fn lost_and_gained_steps_are_noticed_within_a_turn() {
 
 #[test]
 fn a_narrow_mark_is_looked_for_too() {
-    // Three steps wide with a tolerance of one; and one that is narrower than its tolerances.
+    // One mark is three steps wide with a tolerance of one. The other is narrower than its tolerances.
     let coarse = |steps, width, tolerance| {
         with(|description| {
             description.head.steps_per_turn = steps;
@@ -80,7 +80,7 @@ fn a_narrow_mark_is_looked_for_too() {
         assert_eq!(index_fault(&robot, |world| world.sensor.set(Sensor::Dead)).0, Some(Report::IndexMissing));
         assert_eq!(index_fault(&robot, |world| world.sensor.set(Sensor::Stuck)).0, Some(Report::IndexStuck));
     }
-    // A coarse head: 8 steps of 200 are 14 degrees.
+    // With a coarse head, 8 steps of 200 are 14 degrees.
     for lost in (8..=192).step_by(8) {
         let (report, _) = index_fault(&coarse(200, 5.0, 2.0), |world| world.lost.set(lost));
         assert_eq!(report, Some(Report::HeadStepsLost), "{lost}");
@@ -142,7 +142,7 @@ fn homing_tells_what_is_wrong_with_the_mark() {
         assert_eq!(rig.order(Order::Home(rig.homing())), report);
         assert!(!rig.energised() && rig.moved(HEAD) <= max, "{} steps", rig.moved(HEAD));
     }
-    // From within the mark it goes round once more.
+    // The head starts within the mark and turns round once more.
     let mut rig = Rig::new(robot_a());
     rig.world.lost.set(320 - 20);
     assert_eq!(rig.order(Order::Home(rig.homing())), Report::Homed);

@@ -1,5 +1,6 @@
-//! Layers through [`Material`] and [`Engine`] to the pins, and what stands at the other end of the pins: motors, an
-//! index mark, a filament's encoder and a button. What must be true of every pulse is asserted at every pulse.
+//! Tests of layers through [`Material`] and [`Engine`] to the pins, and the simulated hardware at the pins: motors, an
+//! index mark, a filament's encoder and a button. Conditions that must hold for every pulse are asserted at every
+//! pulse.
 
 mod laying;
 mod mark;
@@ -29,7 +30,7 @@ enum Sensor {
     Whole,
     Dead,
     Stuck,
-    /// From this place of the head on it shows the opposite for a number of steps.
+    /// From this position of the head on, the sensor inverts its level for a number of steps.
     Disturbed {
         from: i64,
         steps: i64,
@@ -41,7 +42,7 @@ struct Motor {
     high: Cell<bool>,
     backwards: Cell<bool>,
     enabled: Cell<bool>,
-    /// Steps made, forwards less backwards.
+    /// Steps made, forward minus reverse.
     moved: Cell<i64>,
     changed_at: Cell<u64>,
     direction_at: Cell<u64>,
@@ -55,7 +56,7 @@ struct Rise {
     backwards: bool,
 }
 
-/// The world at the other end of the pins.
+/// The simulated hardware at the pins.
 struct World {
     now: Cell<u64>,
     motors: [Motor; 2],
@@ -64,7 +65,7 @@ struct World {
     steps_per_turn: i64,
     mark: i64,
     mark_width: i64,
-    /// Steps ordered of the head that it has not made.
+    /// Commanded steps of the head that it has not made.
     lost: Cell<i64>,
     sensor: Cell<Sensor>,
     pressed: Cell<bool>,
@@ -134,7 +135,7 @@ impl Pin {
     fn get(&self) -> bool {
         match self.kind {
             Kind::Index => self.world.on_index(),
-            // A pulse for 100 steps.
+            // The encoder has a pulse for every 100 steps.
             Kind::Filament => self.world.motors[FEED].moved.get().rem_euclid(100) >= 50,
             Kind::Stop => self.world.pressed.get(),
             _ => unreachable!(),
@@ -164,7 +165,7 @@ impl InputPin for Pin {
     }
 }
 
-/// An engine with its world.
+/// An engine with its simulated hardware.
 struct Rig {
     robot: Robot,
     world: Rc<World>,
@@ -213,7 +214,7 @@ impl Rig {
         Self { robot, world, handover: Handover::new(), engine, outputs, skipping: true }
     }
 
-    /// The same, with the head at the tip's x axis.
+    /// Creates an engine whose head stands at the tip's x axis.
     fn homed(robot: Robot) -> Self {
         let mut rig = Self::new(robot);
         let report = rig.order(Order::Home(rig.homing()));
@@ -244,7 +245,7 @@ impl Rig {
         self.world.rises.borrow().clone().unwrap()
     }
 
-    /// One event, and the quiet ticks before it, of which there are fewer than `max`.
+    /// Runs one event, after the ticks without events before it. Together they are at most `max` ticks.
     fn advance(&mut self, max: u32) {
         let quiet = if self.skipping { self.engine.ticks_to_event(&self.handover).min(max) - 1 } else { 0 };
         self.engine.skip(quiet);
@@ -274,7 +275,7 @@ impl Rig {
         self.report()
     }
 
-    /// Lays turns without a stop between them; the first report that is none of a layer ends it.
+    /// Lays turns without a stop between them. It ends at the first report that is not about a layer.
     fn lay(&mut self, turns: impl IntoIterator<Item = Turn>) -> (Vec<TurnReport>, Option<Report>) {
         let (mut turns, mut reports, mut given) = (turns.into_iter(), Vec::new(), 0);
         loop {
@@ -309,7 +310,7 @@ fn robot_a_with(strategy: FeedStrategy, turning: Turning) -> Robot {
     })
 }
 
-/// A quick robot A, for wide bends, whose motors need ramps.
+/// A fast variant of robot A for wide bends, whose motors need ramps.
 fn ramping(strategy: FeedStrategy, turning: Turning) -> Robot {
     with(|description| {
         description.planning_radius_mm = 150.0;
@@ -329,7 +330,7 @@ const ALL: [(FeedStrategy, Turning); 4] = [
     (FeedStrategy::Speed, Turning::Alternate),
 ];
 
-/// Layers of all kinds that a robot can lay, from a share of its height on.
+/// Returns layers of all kinds that a robot can lay, from a share of its height on.
 fn layers(robot: &Robot, count: usize, thinnest: f64) -> Vec<LayerBytes> {
     let limits = robot.description().layer;
     let part = |i: usize, factor: f64| (i as f64 * factor).fract();

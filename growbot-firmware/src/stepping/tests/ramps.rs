@@ -1,4 +1,4 @@
-//! Ramps, and turns that follow each other.
+//! Tests of ramps, and of turns that follow each other.
 
 use super::*;
 
@@ -9,11 +9,11 @@ fn without_a_need_for_ramps_turns_follow_each_other_to_the_tick() {
     rig.run(100);
     let began = rig.world.now.get();
     rig.lay(turns(&robot, &layers(&robot, 5, 0.5)));
-    // One tick for the directions to settle.
+    // The directions need one tick to settle.
     assert_eq!(rig.world.now.get() - began, 5 * 72_000 + 1);
 }
 
-/// Positions of a motor at even times, in units of its limits, from the edges of its pulses.
+/// Returns the positions of a motor at even times, in units of its limits, from the edges of its pulses.
 fn positions(rises: &[Rise], motor: usize, steps_per_unit: f64, every: u64, until: u64) -> Vec<f64> {
     let (mut rises, mut at) = (rises.iter().filter(|rise| rise.motor == motor).peekable(), 0_i64);
     (0..until / every)
@@ -26,7 +26,7 @@ fn positions(rises: &[Rise], motor: usize, steps_per_unit: f64, every: u64, unti
         .collect()
 }
 
-/// Asserts that the speed changes by no more than the jump and what the acceleration allows, over any time.
+/// Asserts that the speed over any time changes by no more than the jump and the acceleration allow.
 fn assert_limits(rig: &Rig, rises: &[Rise]) {
     let description = rig.robot.description();
     let (head, feed) = (&description.head, &description.feed);
@@ -40,7 +40,7 @@ fn assert_limits(rig: &Rig, rises: &[Rise]) {
         let positions = positions(rises, motor, per_unit, every, until);
         let speeds: Vec<f64> = positions.windows(2).map(|pair| (pair[1] - pair[0]) / window).collect();
         assert!(speeds.iter().any(|speed| speed.abs() > 2.0 * jump), "no ramp is needed");
-        // Each end of a window is at most a step off, by rounding.
+        // Rounding shifts each end of a window by at most a step.
         let grain = 4.0 / per_unit / window;
         for (i, a) in speeds.iter().enumerate() {
             for (n, b) in speeds[i..].iter().enumerate() {
@@ -55,7 +55,7 @@ fn assert_limits(rig: &Rig, rises: &[Rise]) {
 fn ramps_keep_to_the_limits_of_the_motors() {
     for (strategy, turning) in ALL {
         let robot = ramping(strategy, turning);
-        // Thin and thick ones next to each other: the speed of the feed jumps between them.
+        // Thin and thick layers follow each other, so that the speed of the feed jumps between them.
         let layers = layers(&robot, 8, 0.1);
         let mut rig = Rig::homed(robot.clone());
         rig.record();
@@ -67,7 +67,7 @@ fn ramps_keep_to_the_limits_of_the_motors() {
         assert_eq!((reports.len(), end), (8, None));
         assert!(rig.world.now.get() - began <= u64::from(longest) + 8);
         let took = (rig.world.now.get() - began) as f64 / 20_000.0;
-        // Ramps take time, and not much of it.
+        // Ramps take only a little time.
         assert!(took > 24.5 && took < 33.0, "{took} s for 24 s of layers, {strategy:?} {turning:?}");
         rig.run(5000);
         assert_limits(&rig, &rig.rises());
@@ -86,7 +86,7 @@ fn orders_that_come_late_cost_no_step_and_break_no_limit() {
         let (mut laid, mut given) = (0, 0);
         let turns = turns(&robot, &layers);
         while laid < 10 {
-            // In time; while it brakes, ever later; after the end.
+            // The next turns arrive in time, then later and later while the engine brakes, then after the end.
             let wait = [50_000, 57_000, 59_000, 61_000, 63_000, 65_000, 67_000, 70_000, 90_000, 1000][given.min(9)];
             if given < 10 {
                 rig.handover.give(Order::Lay(turns[given]));

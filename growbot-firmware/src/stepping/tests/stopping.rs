@@ -1,4 +1,4 @@
-//! Halts, emergency stops, and pins that fail.
+//! Tests of halts, emergency stops, and pins that fail.
 
 use super::*;
 
@@ -24,7 +24,7 @@ fn an_emergency_stop_releases_at_once_and_refuses_orders_until_the_controller_kn
     assert!(!rig.handover.emergency_stop() && rig.handover.accepts_orders());
     rig.run(1000);
     assert_eq!([rig.moved(HEAD), rig.moved(FEED)], moved);
-    // Pressed, a halt changes nothing.
+    // While the stop is pressed, a halt changes nothing.
     rig.world.pressed.set(true);
     rig.run(1);
     rig.handover.halt();
@@ -60,7 +60,7 @@ fn nothing_is_fed_once_the_engine_has_released() {
     let ends: [fn(&mut Rig); 3] = [
         |rig| rig.handover.halt(),
         |rig| rig.world.pressed.set(true),
-        // The next step of the head finds its mark nowhere.
+        // The next step of the head finds the mark outside its position.
         |rig| rig.world.sensor.set(Sensor::Stuck),
     ];
     for (number, end) in ends.into_iter().enumerate() {

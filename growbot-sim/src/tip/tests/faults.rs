@@ -1,4 +1,4 @@
-//! What differs from copy to copy, and what breaks.
+//! Variation between copies of a robot, and faults.
 
 use super::*;
 

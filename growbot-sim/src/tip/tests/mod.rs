@@ -1,4 +1,4 @@
-//! The tip, driven by hand.
+//! Tests of the tip, whose signals are set directly.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -16,7 +16,7 @@ fn robot() -> Robot {
     growbot_client::robot_file::load("growbot-a".as_ref()).unwrap()
 }
 
-/// A tip without noise at 200 degrees whose motors are held.
+/// Returns a tip without noise at 200 degrees whose motors are held.
 fn hot_tip() -> Tip {
     let mut tip = Tip::new(robot(), 0, Variation { noise_counts: 0.0, ..Variation::default() });
     tip.set_nozzle_c(200.0);
@@ -40,7 +40,7 @@ fn wait(tip: &mut Tip, time: f64) {
     tip.advance(seconds(tip, time));
 }
 
-/// Feeds this many steps, a tick each.
+/// Feeds this many steps, one a tick.
 fn feed(tip: &mut Tip, steps: u32) {
     for _ in 0..steps {
         tip.advance(tip.now() + 1);
@@ -48,8 +48,8 @@ fn feed(tip: &mut Tip, steps: u32) {
     }
 }
 
-/// Lays a turn with twice the plastic in the quarter round 90 degrees, this way round. In each step of the head, half
-/// of its plastic comes before and half after, so that both ways are alike.
+/// Lays a turn with twice the plastic in the quarter round 90 degrees, in this direction. In each step of the head,
+/// half of its plastic comes before and half after, so that both directions give the same.
 fn lay_turn(tip: &mut Tip, positive: bool) {
     tip.direct(Motor::Head, positive);
     for step in 0..3200 {
@@ -68,14 +68,14 @@ fn a_nozzle_to_be_warm_at_once_is_warm_when_its_heater_is_switched_on() {
     tip.warm_at_once(190.0);
     wait(&mut tip, 1.0);
     assert!(tip.nozzle_c() < 30.0);
-    // Not while its switches are tried.
+    // It does not jump while its switches are tested.
     tip.heat(0.0, true);
     tip.heat(1.0, false);
     assert!(tip.nozzle_c() < 30.0);
     tip.heat(0.5, true);
     assert_eq!(tip.nozzle_c(), 190.0);
     tip.heat(0.0, true);
-    // Only then: what is on already cools and heats as ever, and what is hotter is not cooled.
+    // It jumps only then: a heated nozzle cools and heats normally, and a hotter one is not cooled.
     wait(&mut tip, 5.0);
     let cooled = tip.nozzle_c();
     tip.heat(0.1, true);
@@ -199,7 +199,7 @@ fn gravity_turns_as_the_body_bends() {
     }
     let whole = grow(&Frame::identity(), tip.body());
     assert!((tip.base_from_tip().translation.vector - whole.translation.vector).norm() < 1e-9);
-    // It has leant away from its y axis, so up lies on that side of it.
+    // The tip has leant away from its y axis, so up lies on that side of it.
     let lean: f64 = tip.body().iter().map(|layer| layer.tilt).sum();
     let [x, y, z] = tip.gravity().unwrap().map(f64::from);
     assert!(lean > 0.1 && x.abs() < 5.0, "{lean} {x}");
@@ -299,7 +299,8 @@ fn the_emulated_board_computes_the_same_encoder() {
     }
 }
 
-/// A tip that has laid this many turns, and how far it has turned its encoder after each, mm of filament.
+/// Returns a tip that has laid this many turns, and the distance that its encoder was turned after each, mm of
+/// filament.
 fn laid(turns: u32, imperfection: &Imperfection) -> (Tip, Vec<f64>) {
     let mut tip = hot_tip();
     tip.disturb(imperfection);
@@ -322,7 +323,7 @@ fn a_disturbed_tip_lays_layers_that_are_off_and_its_encoder_sees_the_growth() {
     let mut before = 0.0;
     for (index, (layer, asked)) in tip.body().iter().zip(exact.body()).enumerate() {
         assert_eq!(*layer, disturbance.lay(7, index as u64, &asked).layer);
-        // Half a step lies to either side of where layers meet.
+        // Half a step lies on either side of the boundary of two layers.
         let grown = (turned[index] - before) / filament_per_length;
         assert!((grown / layer.height - 1.0).abs() < 1e-3, "{index}: {grown} {}", layer.height);
         before = turned[index];
@@ -354,7 +355,7 @@ fn layers_that_have_settled_are_those_of_the_body_whatever_is_laid_next() {
             tip.set_nozzle_c(200.0);
             lay_turn(&mut tip, !alternate || turn % 2 == 0);
             told.extend_from_slice(tip.settled(told.len()));
-            // Three turns behind at most, and never one that is laid differently in the end.
+            // The settled layers are three turns behind at most, and none of them changes later.
             assert!(told.len() <= tip.body().len() && told.len() + 4 > turn, "{} after {turn}", told.len());
         }
         let body = tip.body();

@@ -9,7 +9,7 @@ fn a_fall_that_no_nozzle_can_do_is_a_thermistor_out_of_its_place() {
         let _ = supervision.marks.push_back(Mark { fall_c: 0.5, ..mark(age_s, 190.0) });
         supervision.rises_or_falls(&at(190.0 + change))
     };
-    // It may fall by 2 C, and by the margin of 4 C.
+    // The reading may fall by 2 C, plus the margin of 4 C.
     for age_s in [1.0, 5.0] {
         assert_eq!(found(age_s, -6.0), None);
         assert_eq!(found(age_s, -6.25), Some(Fault::ThermistorDetached));
@@ -29,11 +29,11 @@ fn a_rise_that_no_power_can_do_is_a_heater_stuck_on() {
     for age_s in [3.0, 6.0] {
         assert_eq!(found(age_s, 0.0, upper, 11.0), None);
         assert_eq!(found(age_s, 0.0, upper, 11.25), Some(Fault::HeaterStuckOn));
-        // Without any power in all the time, less is too much.
+        // Without any power in the whole time, the limit is lower.
         assert_eq!(found(age_s, age_s, upper, 7.0), None);
         assert_eq!(found(age_s, age_s, upper, 7.25), Some(Fault::HeaterStuckOn));
         assert_eq!(found(age_s, age_s - DT, upper, 7.25), None);
-        // A nozzle that should have cooled may have stayed as it was.
+        // A nozzle that should have cooled may have kept its temperature.
         assert_eq!(found(age_s, age_s, by(-8.0), 2.0), None);
         assert_eq!(found(age_s, age_s, by(-8.0), 2.25), Some(Fault::HeaterStuckOn));
     }
@@ -49,11 +49,11 @@ fn a_nozzle_that_will_be_too_hot_is_found_before() {
         supervision.rises_or_falls(&at(reading_c))
     };
     for age_s in [2.5, 3.0, 3.5] {
-        // 2 C/s, of which 1.5 go on for 4 s.
+        // The rate is 2 C/s, of which 1.5 C/s are extrapolated by 4 s.
         let change = 2.0 * age_s;
         assert_eq!(found(age_s, 234.0, change), None);
         assert_eq!(found(age_s, 234.25, change), Some(Fault::OverTemperature));
-        // A reading that falls does not hide what it says.
+        // A falling reading does not lower the temperature that is compared.
         assert_eq!(found(age_s, 240.0, -1.0), None);
         assert_eq!(found(age_s, 240.25, -1.0), Some(Fault::OverTemperature));
     }
@@ -97,7 +97,7 @@ fn the_state_says_what_a_missing_rise_is() {
 #[test]
 fn a_reading_must_follow_a_fall_of_the_nominal_model_by_40_percent() {
     let look = |reading_c: f32, hot: bool, measured: bool| Look { hot, nozzle: nozzle(measured), ..at(reading_c) };
-    // Without power, from 150 C.
+    // The nozzle cools without power, from 150 C.
     let cools = |fall: f32, unpowered_s: f32, change: f32, hot: bool| {
         let supervision = Supervision { nominal: by(-fall), unpowered_s, ..since(5.0, 150.0) };
         supervision.does_not_follow(&look(150.0 + change, hot, false))
@@ -109,7 +109,7 @@ fn a_reading_must_follow_a_fall_of_the_nominal_model_by_40_percent() {
     // A reading that has not risen either may be frozen.
     assert_eq!(cools(30.0, 5.0, 2.0, false), Some(Fault::ThermistorFrozen));
     assert_eq!(cools(30.0, 5.0, 2.25, false), Some(Fault::HeaterStuckOn));
-    // With little power, from above the target's band.
+    // The nozzle has little power, and its reading is above the target's band.
     let above = |reading_c: f32, measured: bool| {
         let supervision = Supervision { nominal: by(-30.0), ..since(5.0, reading_c) };
         supervision.does_not_follow(&look(reading_c, true, measured))

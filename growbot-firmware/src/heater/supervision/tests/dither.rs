@@ -1,9 +1,9 @@
-//! The dither in the reading.
+//! Tests of the dither in the reading.
 
 use super::*;
 
-/// Runs through periods of the dither. The reading swings by a share of it, and the power is saturated in a part of
-/// each.
+/// Runs through periods of the dither. The reading contains a share of the dither, and the power is saturated in a part
+/// of each period.
 fn swing(
     supervision: &mut Supervision,
     share: f32,
@@ -33,7 +33,7 @@ fn a_dither_that_does_not_show_twice_is_a_reading_that_is_not_the_nozzles() {
         assert_eq!(swing(&mut Supervision::default(), 0.14, shift, 0.0, 10), (128, frozen), "{shift}");
     }
     assert_eq!(swing(&mut Supervision::default(), 0.0, 0.0, 0.0, 10), (128, frozen));
-    // One that shows in between begins anew, and so does a time without dither, and another target.
+    // A period with the dither restarts the count, and so do a time without dither and a new target.
     let mut supervision = Supervision::default();
     let forget: [fn(&mut Supervision); 3] = [
         |supervision| assert_eq!(swing(supervision, 1.0, 0.0, 0.0, 1), (64, None)),
@@ -48,7 +48,7 @@ fn a_dither_that_does_not_show_twice_is_a_reading_that_is_not_the_nozzles() {
 
 #[test]
 fn a_reading_that_stands_at_its_target_shows_no_dither_where_the_looks_do_not_divide_its_period() {
-    // The period that is looked at ends within half a look of 16 s: after 15.9 and 15.95 s.
+    // The compared period ends within half an update of 16 s: after 15.9 and 15.95 s.
     for (seconds, looks) in [(0.3, 53), (0.11, 145)] {
         let mut supervision = Supervision::default();
         let mut look = 0;
@@ -71,9 +71,9 @@ fn power_that_is_saturated_for_three_periods_is_more_than_a_hot_nozzle_needs() {
     // 0.6 of 16 s are 9.6 s.
     assert_eq!(swing(&mut Supervision::default(), 1.0, 0.0, 9.5, 10), (640, None));
     assert_eq!(swing(&mut Supervision::default(), 1.0, 0.0, 9.75, 10), (192, energy));
-    // Where there is no dither for want of power, a reading without it is not frozen.
+    // If saturated power prevents the dither, a reading without it is not frozen.
     assert_eq!(swing(&mut Supervision::default(), 0.0, 0.0, 9.75, 10), (128, energy));
-    // One period with room for it begins anew.
+    // One period without saturation restarts the count.
     let mut supervision = Supervision::default();
     for _ in 0..5 {
         assert_eq!(swing(&mut supervision, 1.0, 0.0, 16.0, 2), (128, None));

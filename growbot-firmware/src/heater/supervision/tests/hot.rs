@@ -1,4 +1,4 @@
-//! A hot nozzle that is too cold, or takes too much power.
+//! Tests of a hot nozzle that is too cold or takes too much power.
 
 use super::*;
 
@@ -16,7 +16,7 @@ fn a_hot_nozzle_that_is_8_c_too_cold_for_3_s_or_out_of_its_band_for_30_s_drops()
     assert_eq!(low(-50.0, true, Some(STEADY)), (400, None));
     assert_eq!(low(50.0, false, Some(STEADY)), (400, None));
     assert_eq!(low(50.0, true, None), (400, None));
-    // A moment within begins anew, and so does another target.
+    // A moment within the limits restarts the time, and so does a new target.
     let mut supervision = Supervision::default();
     for round in 0..40 {
         for _ in 0..11 {
@@ -32,7 +32,7 @@ fn a_hot_nozzle_that_is_8_c_too_cold_for_3_s_or_out_of_its_band_for_30_s_drops()
 
 #[test]
 fn a_hot_nozzle_that_takes_60_percent_more_than_it_needs_loses_it_elsewhere() {
-    // It needs 21 W at 200 C: 0.42 of the power.
+    // The nozzle needs 21 W at 200 C: 0.42 of the power.
     let takes = |times: f32, hot: bool, measured: bool| {
         let look = Look { duty: 0.42 * times, hot, nozzle: nozzle(measured), ..at(TARGET_C) };
         let mut supervision = Supervision::default();
@@ -48,7 +48,7 @@ fn a_hot_nozzle_that_takes_60_percent_more_than_it_needs_loses_it_elsewhere() {
     let (looks, fault) = takes(2.0, true, true);
     assert_eq!(fault, Some(Fault::HeaterEnergy));
     assert!((218..=221).contains(&looks), "{looks}");
-    // A supply that is not measured may give a fifth less.
+    // If the supply is not measured, it may deliver a fifth less power.
     assert_eq!(takes(1.95, true, false), (4000, None));
     assert_eq!(takes(2.3, true, false).1, Some(Fault::HeaterEnergy));
 }
@@ -57,7 +57,7 @@ fn a_hot_nozzle_that_takes_60_percent_more_than_it_needs_loses_it_elsewhere() {
 fn power_that_goes_along_with_the_need_is_no_fault() {
     let mut supervision = Supervision::default();
     supervision.advance_models(&Look { hot: false, ..at(100.0) });
-    // From 9 W at 100 C to 21 W at 200 C.
+    // The need rises from 9 W at 100 C to 21 W at 200 C.
     for _ in 0..4000 {
         let look = Look { duty: 0.42, ..at(TARGET_C) };
         supervision.advance_models(&look);

@@ -1,4 +1,4 @@
-//! Each limit of the supervision, from both sides, in numbers that single precision has exactly.
+//! Tests of each limit of the supervision, from both sides, with numbers that are exact in single precision.
 
 mod changes;
 mod dither;
@@ -13,7 +13,7 @@ use super::*;
 use crate::heater::Demand;
 use crate::testing::robot_a;
 
-/// Between two looks, s.
+/// Time between two updates, s.
 const DT: f32 = 0.25;
 const TARGET_C: f32 = 200.0;
 
@@ -30,30 +30,30 @@ fn nozzle(measured: bool) -> &'static Nozzle<'static> {
 
 const STEADY: Regulated = Regulated { trim: 0.0, saturated: false, dither: None };
 
-/// What is compared of a hot nozzle at its target, without power.
+/// Returns the data of a hot nozzle at its target, without power.
 fn at(reading_c: f32) -> Look<'static> {
     let nozzle = nozzle(true);
     Look { reading_c, target_c: TARGET_C, duty: 0.0, seconds: DT, hot: true, regulated: Some(STEADY), nozzle }
 }
 
-/// A change of a model that does not lag.
+/// Returns a change of a model that does not lag.
 const fn by(change: f32) -> Change {
     Change { prompt: change, late: change, late_rate: 0.0 }
 }
 
-/// An earlier moment, from which all changes count.
+/// Returns an earlier moment, from which all changes count.
 fn mark(age_s: f32, reading_c: f32) -> Mark {
     Mark { age_s, reading_c, lower: by(0.0), nominal: by(0.0), upper: by(0.0), fall_c: 0.0 }
 }
 
-/// A supervision that looks back at this moment only.
+/// Returns a supervision that compares with this moment only.
 fn since(age_s: f32, reading_c: f32) -> Supervision {
     let mut supervision = Supervision::default();
     let _ = supervision.marks.push_back(mark(age_s, reading_c));
     supervision
 }
 
-/// The number of looks in a row without a fault, up to `max`.
+/// Returns the number of consecutive updates without a fault, up to `max`, and the fault.
 fn looks_without_fault(max: u32, mut look: impl FnMut() -> Option<Fault>) -> (u32, Option<Fault>) {
     for looks in 0..max {
         if let Some(fault) = look() {

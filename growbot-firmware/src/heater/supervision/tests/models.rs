@@ -1,4 +1,4 @@
-//! The three models and their marks.
+//! Tests of the three models and their marks.
 
 use std::vec::Vec;
 
@@ -6,7 +6,7 @@ use super::*;
 
 #[test]
 fn three_models_run_along() {
-    // At full power and 125 C: 50 W, of which 12 W are needed.
+    // At full power and 125 C the heater gives 50 W, and the nozzle needs 12 W.
     for (measured, min, max) in [(true, 1.0, 1.0), (false, 0.81, 1.21)] {
         let look = Look { duty: 1.0, nozzle: nozzle(measured), ..at(125.0) };
         let mut supervision = Supervision::default();
@@ -19,7 +19,7 @@ fn three_models_run_along() {
         for (change, rate) in rates {
             assert_near(change.prompt, 8.0 * rate);
             assert_near(change.late_rate, rate * (1.0 - libm::powf(1.0 - DT / 4.0, 32.0)));
-            // What a lag of 4 s has not shown yet.
+            // The late change lags by 4 s of its rate.
             assert_near(change.late, 8.0 * rate - 4.0 * change.late_rate);
             let earlier = by(1.0);
             assert_eq!(change.since(&earlier), Bounds { min: change.late - 1.0, max: change.prompt - 1.0 });
@@ -61,8 +61,8 @@ fn the_trim_is_learned_near_the_target_while_the_power_is_free() {
         assert_eq!(learn(reading_c, false, 30.0), 0.0);
     }
     assert_eq!(learn(TARGET_C, true, 30.0), 0.0);
-    // What is learned says how much less each watt does: at 1/0.8 of the power that it should need, it stays where it
-    // is.
+    // The learned trim reduces the effect of each watt. At 1/0.8 of the power that it should need, the nozzle keeps its
+    // temperature.
     let look = Look { duty: 21.0 / 50.0 * 1.25, regulated: None, ..at(TARGET_C) };
     let mut supervision = Supervision { learned: 0.25, ..Supervision::default() };
     run(&mut supervision, &look, 10.0);
@@ -100,7 +100,7 @@ fn marks_last_for_25_s_and_their_sums_stay_small() {
 fn a_mark_is_made_each_second() {
     let mut supervision = Supervision::default();
     for looks in 1..=12 {
-        // Power that the nozzle needs there.
+        // The nozzle needs this power there.
         supervision.look(&Look { duty: 21.0 / 50.0, ..at(TARGET_C) }).unwrap();
         assert_eq!(supervision.marks.len(), looks / 4);
     }

@@ -1,4 +1,4 @@
-//! A reading that stands still.
+//! Tests of a reading that stands still.
 
 use super::*;
 
@@ -17,12 +17,12 @@ fn a_reading_that_stands_through_a_change_is_frozen() {
     };
     assert_eq!(found(12.0, true, false, true, 0.0), None);
     assert_eq!(found(12.25, true, false, true, 0.0), Some(Fault::ThermistorFrozen));
-    // It has never moved: a heater without effect looks just so.
+    // The reading has never moved, like that of a heater without effect.
     assert_eq!(found(12.25, false, false, true, 0.0), Some(Fault::HeatingTooSlow));
     assert_eq!(found(12.25, false, true, true, 0.0), Some(Fault::ThermistorFrozen));
     assert_eq!(found(-12.0, false, false, true, 0.0), None);
     assert_eq!(found(-12.25, false, false, true, 0.0), Some(Fault::ThermistorFrozen));
-    // With a supply that is not measured, a fall is known only without power.
+    // If the supply is not measured, a fall is certain only without power.
     assert_eq!(found(-12.25, false, false, false, 4.0), None);
     assert_eq!(found(-12.25, false, false, false, 4.25), Some(Fault::ThermistorFrozen));
     assert_eq!(found(12.25, true, false, false, 0.0), Some(Fault::ThermistorFrozen));
@@ -44,12 +44,12 @@ fn a_reading_that_stands_while_the_power_is_dithered_is_frozen_after_45_s() {
         let mut supervision = Supervision::default();
         looks_without_fault(400, || supervision.stands_still(&Look { regulated, ..at(TARGET_C) }))
     };
-    // The first look is none of those in which it stands; then 180 make 45 s.
+    // The first update does not count as standing still. The next 180 make 45 s.
     assert_eq!(stand(Some(dithered)), (180, Some(Fault::ThermistorFrozen)));
     assert_eq!(stand(Some(Regulated { saturated: true, ..dithered })), (400, None));
     assert_eq!(stand(Some(STEADY)), (400, None));
     assert_eq!(stand(None), (400, None));
-    // The smallest change will do.
+    // Any change is enough, however small.
     let mut supervision = Supervision::default();
     for look in 0..1000 {
         let reading_c = if look % 100 == 99 { 1.000_1 } else { 1.0 };
