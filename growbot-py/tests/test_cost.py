@@ -49,9 +49,11 @@ def calls(work: Callable[[], object]) -> int:
 def test_a_plan_takes_one_call_and_many_take_no_more() -> None:
     start, wanted = growbot.Pose(*START), goals(1000, seed=11)
     nothing = calls(lambda: None)
-    assert calls(lambda: [None for _ in range(3)]) - nothing <= 1, "calls of Python itself"
     pose = growbot.Pose(*wanted[0])
     assert calls(lambda: growbot.plan(start, pose)) - nothing == 1
+    assert calls(lambda: (growbot.plan(start, pose), growbot.plan(start, pose))) - nothing == 2
+    # The first time, numpy loads more of itself.
+    growbot.plan_many(start, wanted[:10], threads=1)
     few, many = (calls(lambda: growbot.plan_many(start, wanted[:count], threads=1)) for count in (10, 1000))
     assert few == many
 
