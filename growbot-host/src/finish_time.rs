@@ -1,5 +1,5 @@
-//! The time of day at which something is done, as people read it. `finishText` of growbot-pictures/viewer/src/text.js is the
-//! same.
+//! The time of day at which something is done, as text. `finishText` of growbot-pictures/viewer/src/text.js gives the
+//! same text.
 
 use time::{Duration, OffsetDateTime, UtcOffset};
 

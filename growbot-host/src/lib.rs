@@ -1,7 +1,7 @@
 //! The library behind the `growbot` command: what it shows and writes.
 //!
-//! Boards, growths, plans and run logs are in growbot-client, simulated robots in growbot-sim, pages, pictures and exports
-//! in growbot-pictures. Here is what the command does with them:
+//! Boards, growths, plans and run logs are in growbot-client, simulated robots in growbot-sim, pages, pictures and
+//! exports in growbot-pictures. Here is what the command does with them:
 //!
 //! - [`settings`]: robot and port of commands that are given none;
 //! - [`robot_explained`]: a robot in words; [`robot_questions`]: a new one; [`schema`]: what robot files may hold;

@@ -79,8 +79,8 @@ fn connections_of_those_who_may_ask_are_limited_too_and_commands_still_get_throu
     wait_for("there is room again", || (lab.ask_page(&lab.at("/robots"), &[], "GET", "") == 200).then_some(()));
 }
 
-/// The status that comes to this beginning of a request, which goes on for ever, slowly; 0 where the connection is closed
-/// without.
+/// The status of the response to a request that starts like this and then arrives slowly, without an end; 0 if the
+/// connection is closed without a response.
 fn status_of(mut stream: TcpStream, request: &str) -> u16 {
     // What was closed before it was asked takes nothing.
     let _ = stream.write_all(request.as_bytes());

@@ -26,7 +26,7 @@ const LOOKS: u32 = 30;
 /// with such pauses: the system takes a moment to notice.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Writes an image, or the UF2 file of one, as a UF2 file: to this file, or to the drive of the board, which becomes one in this way.
+/// Writes an image, or the UF2 file of one, as a UF2 file: to this file, or to the drive of the board.
 pub fn write(image: &Path, file: Option<&Path>, drive: Option<&Path>, way: &str) -> Result<(), Failure> {
     let failed = |reason| Failure::bad_input(format!("{} cannot be flashed: {reason}", image.display()));
     let bytes = fs::read(image).map_err(|error| failed(error.to_string()))?;

@@ -15,7 +15,7 @@ use crate::settings::{port_from, robot_from};
 const PRACTICE_PACE: f64 = 60.0;
 /// and what it is called.
 pub const PRACTICE: &str = "practice";
-/// How long a request may take to come, s, unless `growbot.toml` says otherwise.
+/// Default limit of the time for the body of a request, s.
 const REQUEST_S: u32 = 20;
 
 /// A robot as `growbot.toml` has it.
@@ -48,7 +48,7 @@ impl RobotEntry {
 pub struct ServeEntry {
     /// The port of the pages' address on this machine.
     pub port: Option<u16>,
-    /// How long the head of a request, its body, and the pause before the next request may take, s; 20 without it.
+    /// Limit of the time for the body of a request, s; 20 without it. The head, and the pause before it, have half of it.
     pub request_s: Option<NonZeroU32>,
     /// Who is told what happens; nobody, unless somebody is named.
     #[serde(default)]
@@ -66,7 +66,7 @@ impl ServeEntry {
         self
     }
 
-    /// How long the head of a request, its body, and the pause before the next request may take.
+    /// Limit of the time for the body of a request.
     #[must_use]
     pub fn request(&self) -> Duration {
         Duration::from_secs(self.request_s.map_or(REQUEST_S, NonZeroU32::get).into())

@@ -58,7 +58,7 @@ pub struct Door {
     streams: Arc<Semaphore>,
     long_bodies: Arc<Semaphore>,
     computed: Arc<Semaphore>,
-    /// The head of a request takes no longer to come, nor does its body, and a connection waits no longer for the next one.
+    /// Limit of the time for a request's body. Its head, and the pause before the next request, have half of it.
     request: Duration,
 }
 
@@ -167,7 +167,7 @@ where
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(TAKEN));
     let mut server = http1::Builder::new();
-    server.timer(TokioTimer::new()).header_read_timeout(inside.0.door.request);
+    server.timer(TokioTimer::new()).header_read_timeout(inside.0.door.request / 2);
     // Who breaks off, or says what is no HTTP, has been told so where that is possible.
     let _ = server.serve_connection(TokioIo::new(Box::pin(stream)), service).with_upgrades().await;
 }

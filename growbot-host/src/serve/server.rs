@@ -136,7 +136,7 @@ impl Server {
         Ok([&self.tokens.operate, &self.tokens.read].map(|token| format!("http://{bound}/{token}/")))
     }
 
-    /// Serves for ever. The head of a request and its body each come within `request`.
+    /// Serves for ever. The body of a request has to arrive within `request`, its head within half of that.
     ///
     /// # Errors
     /// The system's.

@@ -1,5 +1,4 @@
-//! A drawing as pixels. The fonts come with the program (growbot-pictures/fonts/), so that a machine without any draws the
-//! same.
+//! A drawing as pixels. The fonts (growbot-pictures/fonts/) are part of the program, so every machine draws the same.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! What the page is given of a body: JSON that its script (growbot-pictures/viewer/src/subject.js) reads. Lengths in mm.
+//! The page's data of a body: JSON that its script (growbot-pictures/viewer/src/subject.js) reads. Lengths in mm.
 
 use growbot_client::client::ClockDrift;
 use growbot_client::run_log::{RunRecord, hex_of};

@@ -1,4 +1,5 @@
-//! The page: growbot-pictures/viewer/ has it and its script, which is bundled there at development time; here it is filled.
+//! Fills the page with data. The page and its script, which is bundled at development time, are in
+//! growbot-pictures/viewer/.
 
 use serde_json::{Value, json};
 

@@ -54,7 +54,8 @@ pub fn play(place: &Place, robot: &Robot, pace: f64, ready: impl FnOnce()) -> Re
     ready();
     let ended = player.run(&asks);
     drop(held);
-    // Who has switched it off waits for the end of the line. The threads that listen keep it where this process goes on.
+    // The program that has switched the robot off waits for the end of the line. The threads that listen keep the line
+    // open if this process continues.
     for host in player.hosts.values() {
         let _ = host.stream.shutdown(Shutdown::Both);
     }

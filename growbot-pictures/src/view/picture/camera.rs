@@ -1,5 +1,5 @@
-//! From where a body is looked at: orthographic, as on the page (growbot-pictures/viewer/src/stage.js), so that one scale
-//! holds everywhere.
+//! The camera of a picture: orthographic, as on the page (growbot-pictures/viewer/src/stage.js), so that one scale holds
+//! everywhere.
 
 use std::f64::consts::PI;
 
