@@ -51,7 +51,7 @@ impl Iterator for JobLayers<'_> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct JobSummary {
     /// Hash of the robot's hash and of all layers' bytes: the identifier of the job on the link. It is never 0, because
-    /// 0 means that there is no job.
+    /// 0 stands for the absence of a job.
     pub plan_id: u64,
     /// Hash of alpha, height and tilt of all layers in full precision.
     pub exact_hash: u64,
@@ -98,7 +98,7 @@ impl JobName {
         self.0.bytes(layer);
     }
 
-    /// Returns the identifier. It is never 0, because 0 means that there is no job.
+    /// Returns the identifier. It is never 0, because 0 stands for the absence of a job.
     fn finish(self) -> u64 {
         self.0.finish().max(1)
     }

@@ -31,7 +31,7 @@ pub struct Chosen {
     pub two_plane_length: f64,
 }
 
-/// Reason why there is no plan.
+/// Reason why a plan could not be made.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// The radius is below R_min.

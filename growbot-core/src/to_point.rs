@@ -86,8 +86,8 @@ fn keep(found: &mut Vec<PlanarPath, MAX_PATHS>, path: PlanarPath) {
 }
 
 /// Returns the lengths of a left arc until the tip points to the position, and a straight line. If the position is
-/// inside the circle, there is no such path, and the result does not reach it, unless rounding has moved the position
-/// inside.
+/// inside the circle, such a path does not exist, and the result does not reach the position. It does if only rounding
+/// has moved the position inside.
 fn arc_and_line(x: f64, y: f64) -> [f64; 3] {
     // Length of the tangent from the position to the circle, whose centre is (0, 1).
     let line = root(x * x + y * (y - 2.0));

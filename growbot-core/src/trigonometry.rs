@@ -8,8 +8,8 @@ use core::f64::consts::FRAC_2_PI;
 
 use crate::angle::wrap_positive;
 
-/// Angle beyond which the number of quarter turns times [`QUARTER`] is no longer exact, radians. A larger angle is
-/// wrapped first.
+/// Max angle for which the number of quarter turns times [`QUARTER`] is exact, radians. A larger angle is wrapped
+/// first.
 const MAX_ANGLE: f64 = 1e6;
 /// A quarter turn in two parts: the first 33 bits, and the remainder.
 const QUARTER: f64 = f64::from_bits(0x3ff9_21fb_5440_0000);

@@ -10,7 +10,7 @@
 //!   stays planar. If that pose has no plane either, any plane that contains the line is used.
 //! - In the first plane `v_se` is at *minus* the angle of Eq 23. Here headings come from components, by `atan2`.
 //! - The point of deposition (Eq 25) comes from the bend direction in the tip's frame: `alpha = bend direction + pi`.
-//! - If start and goal are one point there is no line. Then one plane that contains both directions is used.
+//! - If start and goal are one point, the line does not exist. Then one plane that contains both directions is used.
 
 use nalgebra::Vector3;
 

@@ -18,12 +18,12 @@ const ANGLE_MARGIN: f32 = 0.01;
 const LENGTH_MARGIN: f32 = 0.03;
 /// Margin of a length for each radius of a line: several times the rounding of single precision, 6e-8.
 const RELATIVE_MARGIN: f32 = 1e-6;
-/// Circles whose centres are closer than this (radii) may coincide. In that case there is no bound.
+/// Circles whose centres are closer than this (radii) may coincide. In that case the lower bound is 0.
 const COINCIDING: f32 = 1e-4;
 /// Tolerance for a square below 0: larger than the rounding error of single precision.
 const EDGE: f32 = 1e-4;
 
-/// Returns a lower bound of the length of each of [`super::PathType::ALL`], infinite if there is no such path type.
+/// Returns a lower bound of the length of each of [`super::PathType::ALL`], infinite if that path type does not exist.
 /// Beyond the range of single precision the bounds are NaN and exclude no path type.
 #[inline(always)]
 pub(super) fn lower_bounds(tangents: &[Tangent; 4]) -> [f32; 6] {

@@ -13,8 +13,8 @@
 //! back. The error at the goal then follows from how far the end of the line moves, so no path needs to be integrated.
 //!
 //! Building all six path types would mostly be a waste. If a path consists of an arc, a line and an arc, and neither
-//! arc is longer than pi, it is the shortest path. If there is no such path, the search is a branch and bound. Each
-//! path type first gets a lower bound of its length, in single precision and with a short polynomial for the arc
+//! arc is longer than pi, it is the shortest path. If such a path does not exist, the search is a branch and bound.
+//! Each path type first gets a lower bound of its length, in single precision and with a short polynomial for the arc
 //! tangent (`bounds.rs`). Only path types whose bound is below the best length found are built. A path type that is not
 //! built is never the one that would be returned.
 

@@ -41,8 +41,8 @@ impl Goal {
         Self { x: pose.x, y: pose.y, heading, sine, versine }
     }
 
-    /// Returns the path of an arc, a line and an arc of which neither arc is longer than pi. `None` if there is no such
-    /// path.
+    /// Returns the path of an arc, a line and an arc of which neither arc is longer than pi. `None` if such a path does
+    /// not exist.
     ///
     /// No path is shorter. From the start, and backwards from the goal, no path turns faster into the direction of the
     /// line, so no path advances further in that direction.
@@ -107,13 +107,13 @@ impl Goal {
 
 /// A tangent from a circle of the start to a circle of the goal.
 pub(super) struct Tangent {
-    /// Whether the tangent is the outer one, of LSL, or the inner one, of LSR.
+    /// True for the outer tangent, of LSL. False for the inner one, of LSR.
     pub(super) outer: bool,
     /// x component of a vector in the direction of the tangent.
     pub(super) x: f64,
     /// y component of that vector.
     pub(super) y: f64,
-    /// Square of the tangent's length. It is below 0 if there is no such tangent, or by rounding.
+    /// Square of the tangent's length. It is below 0 if the tangent does not exist, or by rounding.
     pub(super) square: f64,
     /// Length of the tangent. For the outer tangent it is also the distance between the centres.
     pub(super) straight: f64,
@@ -121,7 +121,7 @@ pub(super) struct Tangent {
     pub(super) heading: f64,
 }
 
-/// Returns the lengths of the segments of one of [`PathType::ALL`], infinite if there is no such path.
+/// Returns the lengths of the segments of one of [`PathType::ALL`], infinite if that path does not exist.
 #[cfg_attr(not(target_os = "none"), inline(always))]
 pub(super) fn lengths(tangents: &[Tangent; 4], path_type: PathType) -> [f64; 3] {
     let index = path_type as usize;

@@ -13,9 +13,10 @@
 //! | 7 | MMFAR, address of a memory management fault |
 //! | 8 | BFAR, address of a bus fault |
 //! | 9 to 16 | registers that the processor saved: R0, R1, R2, R3, R12, LR, PC, xPSR |
-//! | 17 to 31 | the stack above the saved registers; if the stack pointer is below the stack, possible return addresses from the stack, from its lowest word on |
+//! | 17 to 31 | the stack above the saved registers, or possible return addresses if the stack pointer is below the stack |
 //!
-//! Words beyond the end of the stack are 0. The names are those of the ARMv7-M Architecture Reference Manual.
+//! Words beyond the end of the stack are 0. Possible return addresses come from the stack, from its lowest word on. The
+//! names are those of the ARMv7-M Architecture Reference Manual.
 
 use super::state::ResetCause;
 
@@ -100,7 +101,7 @@ pub struct CrashRecord {
     pub hfsr: u32,
     /// Address of the failed access. `None` if the processor does not know it.
     pub address: Option<u32>,
-    /// Stack pointer before the exception. If there is no frame, the stack pointer at which the exception was taken.
+    /// Stack pointer before the exception. Without a frame, the stack pointer at which the exception was taken.
     pub sp: u32,
     /// Words of the stack from `sp` on, as far as they are known. If the stack pointer is below the stack, the words of
     /// the stack that may be return addresses.

@@ -163,7 +163,7 @@ fn unstuff(bytes: &[u8]) -> Option<Vec<u8, LONGEST_RAW>> {
 #[derive(Debug, Clone, Default)]
 pub struct Receiver {
     bytes: Vec<u8, LONGEST_FRAME>,
-    /// Whether too many bytes arrived without a zero. Bytes up to the next zero are ignored.
+    /// True if too many bytes arrived without a zero. Bytes up to the next zero are ignored.
     overrun: bool,
 }
 

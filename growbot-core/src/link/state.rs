@@ -112,7 +112,7 @@ pub enum Fault {
     IndexStuck,
     /// The index mark was detected at another angle than expected, because the head has lost or gained steps.
     HeadStepsLost,
-    /// There is no filament.
+    /// The filament has run out.
     FilamentOut,
     /// The feed runs, but the filament does not move.
     FilamentJam,

@@ -15,7 +15,7 @@ pub struct RobotDescription {
     pub name: String<32>,
     /// Radius that plans use unless the user requests another, mm.
     pub planning_radius_mm: f64,
-    /// Whether this is a test bench under supervision. A test bench heats even if a debug probe is attached. A robot
+    /// True if this is a test bench under supervision. A test bench heats even if a debug probe is attached. A robot
     /// that grows must not.
     #[serde(default)]
     pub test_bench: bool,
@@ -154,7 +154,7 @@ pub struct Motion {
     pub tick_hz: u32,
     /// Method of varying the material round a turn.
     pub strategy: FeedStrategy,
-    /// Whether a low level enables the stepper drivers, which is usual.
+    /// True if a low level enables the stepper drivers. This is the usual wiring.
     pub enable_low: bool,
     /// Direction in which the head turns from layer to layer.
     #[serde(default)]
@@ -168,14 +168,14 @@ pub struct Motion {
 pub struct Head {
     /// Motor steps (microsteps included) for one turn of the head.
     pub steps_per_turn: u32,
-    /// Whether the direction pin is high for a counter-clockwise turn, seen against the direction of growth.
+    /// True if the direction pin is high for a counter-clockwise turn, seen against the direction of growth.
     pub direction_high_is_positive: bool,
     /// Speed of homing, turns a second.
     pub homing_turns_per_s: f64,
     /// Angle of the head, from the tip's x axis, at the step at which the index sensor first detects the mark in a
     /// positive turn, degrees. It is rounded to the nearest step.
     pub index_angle_deg: f64,
-    /// Whether the index pin is low while the sensor detects the mark, which is usual.
+    /// True if the index pin is low while the sensor detects the mark. This is the usual wiring.
     pub index_low_on_mark: bool,
     /// Width of the index mark, degrees.
     pub index_width_deg: f64,
@@ -201,7 +201,7 @@ pub struct Head {
 pub struct Feed {
     /// Motor steps (microsteps included) for a mm of filament.
     pub steps_per_mm: f64,
-    /// Whether the direction pin is high to push filament out.
+    /// True if the direction pin is high to push filament out.
     pub direction_high_is_forward: bool,
     /// Diameter of the filament, mm.
     pub filament_diameter_mm: f64,
@@ -320,7 +320,7 @@ pub struct Heater {
 
 /// The nozzle's temperature sensor: a thermistor (NTC) to ground below a pull-up resistor, read by a 12-bit ADC.
 ///
-/// Its equation is either Beta's (`r25_ohm` and `beta_k`) or that of Steinhart and Hart.
+/// The equation of the thermistor is either the Beta equation (`r25_ohm` and `beta_k`) or that of Steinhart and Hart.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -343,7 +343,7 @@ pub struct Thermistor {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Fan {
-    /// Duty while growing, 0 to 1. A value of 0 means that there is no fan.
+    /// Duty while growing, 0 to 1. A value of 0 means that the robot has no fan.
     pub growing_duty: f64,
     /// Heat that the fan takes from the nozzle at full duty, W/K, in addition to [`Heater::loss_w_per_k`].
     pub loss_w_per_k: f64,
@@ -390,9 +390,9 @@ pub struct Sensors {
     pub driver_fault: Option<Input>,
     /// Emergency-stop button.
     pub emergency_stop: Option<Input>,
-    /// Whether the board measures the supply's voltage.
+    /// True if the board measures the supply's voltage.
     pub supply: bool,
-    /// Whether the robot has an orientation sensor.
+    /// True if the robot has an orientation sensor.
     pub orientation: bool,
 }
 
@@ -401,7 +401,7 @@ pub struct Sensors {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Input {
-    /// Whether the active level is low. Active means filament present, a driver's fault, or the button pressed.
+    /// True if the active level is low. Active means filament present, a driver's fault, or the button pressed.
     pub active_low: bool,
 }
 

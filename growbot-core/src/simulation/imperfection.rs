@@ -15,7 +15,7 @@ use crate::layer::Layer;
 use crate::pose::Frame;
 use crate::tracking::SensorNoise;
 
-/// The errors of a simulated tip. By default there are none.
+/// The errors of a simulated tip. By default all errors are zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Imperfection {
     /// The errors of the layers.

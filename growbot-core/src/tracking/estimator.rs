@@ -1,9 +1,10 @@
 //! The estimate of the tip: dead reckoning from the layers as commanded, corrected by measurements.
 //!
-//! It is an extended Kalman filter (Kalman 1960). Its nine errors are those of the position (3), of the attitude (3),
-//! and of three systematic errors that it learns: tilt gain, offset of the deposition angle, twist. The error of the
-//! attitude is a small rotation in the base's frame (Sola 2017, section 7), so that it stays constant while the tip
-//! turns. The fourth systematic error, that of the growth, is learned by a separate filter from the odometry.
+//! The estimator is an extended Kalman filter (Kalman 1960). Its nine errors are those of the position (3), of the
+//! attitude (3), and of three systematic errors that it learns: tilt gain, offset of the deposition angle, twist. The
+//! error of the attitude is a small rotation in the base's frame (Sola 2017, section 7), so that it stays constant
+//! while the tip turns. The fourth systematic error, that of the growth, is learned by a separate filter from the
+//! odometry.
 
 use nalgebra::{Rotation3, SMatrix, SVector, Vector3};
 

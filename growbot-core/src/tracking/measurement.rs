@@ -17,11 +17,11 @@ pub struct Measurement {
 /// The kinds of measurement that exist after a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Seen {
-    /// Whether the growth is measured.
+    /// True if the growth is measured.
     pub growth: bool,
-    /// Whether the direction of growth is measured.
+    /// True if the direction of growth is measured.
     pub direction: bool,
-    /// Whether the direction upwards is measured.
+    /// True if the direction upwards is measured.
     pub up: bool,
 }
 

@@ -195,7 +195,7 @@ struct Stages<'a> {
     planned: Frame,
     /// The pose to which the tracker steers.
     goal: Pose,
-    /// Whether a leg ends at this pose.
+    /// True if a leg ends at this pose.
     ends_leg: bool,
     /// Radius of the path's tightest bend, mm.
     radius: f64,

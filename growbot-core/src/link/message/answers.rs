@@ -56,8 +56,8 @@ pub enum Refusal {
         /// The fault.
         fault: Fault,
     },
-    /// There is no plan for these poses and this radius, because a number is not finite or out of range, or because the
-    /// radius is below R_min.
+    /// The board found no plan for these poses and this radius, because a number is not finite or out of range, or
+    /// because the radius is below R_min.
     NoPlan,
     /// The plan has more layers than the board can store.
     PlanTooLong {
@@ -108,7 +108,7 @@ pub enum Refusal {
     },
     /// Head or feed are still moving.
     Moving,
-    /// There is no filament.
+    /// The filament switch detects no filament.
     NoFilament,
     /// The board has no robot description, so it only communicates.
     NotConfigured,
@@ -207,7 +207,7 @@ pub struct Status {
     pub state: State,
     /// Latched fault, if there is one.
     pub fault: Option<Fault>,
-    /// Temperature of the nozzle, hundredths of a degree Celsius. `None` if there is no reading.
+    /// Temperature of the nozzle, hundredths of a degree Celsius. `None` without a reading.
     pub temperature_centi_c: Option<i32>,
     /// Target temperature of the nozzle, hundredths of a degree Celsius. `None` if the heater is off.
     pub target_centi_c: Option<i32>,
@@ -226,7 +226,7 @@ pub struct Status {
     pub interrupted: Option<InterruptedLayer>,
     /// Reason why the board pauses. It is valid in `Paused` and `Parked`.
     pub pause_cause: PauseCause,
-    /// Whether the job can be resumed after a reset or a loss of power.
+    /// True if the job can be resumed after a reset or a loss of power.
     pub journal: bool,
     /// Time since the board started, ms.
     pub uptime_ms: u64,
@@ -273,7 +273,7 @@ pub struct Configured {
     pub robot: u64,
     /// Number of bytes of the description that the board has received.
     pub received: u16,
-    /// Whether the description is valid and in flash. If so, the board restarts with it within a second.
+    /// True if the description is valid and in flash. If so, the board restarts with it within a second.
     pub stored: bool,
 }
 
@@ -370,19 +370,19 @@ pub struct Tuned {
 pub struct SensorReadings {
     /// Voltage of the supply, mV.
     pub supply_mv: Option<u32>,
-    /// Whether the head is at its index mark.
+    /// True if the head is at its index mark.
     pub on_index: bool,
-    /// Whether there is filament in the filament switch.
+    /// True if the filament switch detects filament.
     pub filament_present: Option<bool>,
     /// Pulses of the filament's encoder since the board started: forward pulses minus backward pulses, modulo 2^32.
     /// Filament that is retracted and pushed forward again does not count, but filament that has gone into the body
     /// does.
     pub filament_pulses: Option<u32>,
-    /// Whether a stepper driver reports a fault.
+    /// True if a stepper driver reports a fault.
     pub driver_fault: Option<bool>,
     /// Problem that a stepper driver reports over its UART. `None` if all drivers are well, or if they have no UART.
     pub driver_trouble: Option<DriverTrouble>,
-    /// Whether the emergency stop is pressed.
+    /// True if the emergency stop is pressed.
     pub emergency_stop: Option<bool>,
     /// Gravity in the tip's frame, thousandths of the earth's. The vector points upwards, as a resting accelerometer
     /// measures it.
@@ -394,13 +394,13 @@ pub struct SensorReadings {
 pub struct FaultRecord {
     /// The fault. `None` for the emergency stop.
     pub fault: Option<Fault>,
-    /// Whether the fault has been cleared since.
+    /// True if the fault has been cleared since.
     pub cleared: bool,
     /// State of the board when the fault occurred.
     pub state: State,
     /// Time from the start of the board to the fault, ms.
     pub uptime_ms: u64,
-    /// Temperature of the nozzle, hundredths of a degree Celsius. `None` if there is no reading.
+    /// Temperature of the nozzle, hundredths of a degree Celsius. `None` without a reading.
     pub temperature_centi_c: Option<i32>,
     /// Target temperature of the nozzle, hundredths of a degree Celsius. `None` if the heater is off.
     pub target_centi_c: Option<i32>,
@@ -428,8 +428,8 @@ pub struct LatestFault {
 pub struct BootReport {
     /// Result of the check of the firmware's image at this start.
     pub image: ImageCheck,
-    /// The latest crash. Retained memory stores it through resets, until the next crash or a loss of power. `None` if
-    /// there is no crash. [`CrashRecord`](crate::link::crash::CrashRecord) decodes the words.
+    /// The latest crash. Retained memory stores it through resets, until the next crash or a loss of power. `None`
+    /// without a crash. [`CrashRecord`](crate::link::crash::CrashRecord) decodes the words.
     pub crash: Option<CrashWords>,
 }
 

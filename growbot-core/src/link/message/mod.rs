@@ -175,7 +175,7 @@ messages! {
     0x0C AskFault(Empty),
     /// Requests the sensors' readings. The response is `SensorReadings`, in any session.
     0x0D AskSensors(Empty),
-    /// Acknowledges events. There is no response.
+    /// Acknowledges events. The board does not respond.
     0x0E Ack(Empty),
     /// Resumes the job that the board stores. The response is `Accepted` or `Refused`.
     0x0F Resume(Resume),
@@ -185,7 +185,7 @@ messages! {
     0x11 Cancel(Cancel),
     /// Requests the board's identity without opening a session. The response is `BoardHello`, in any session.
     0x12 AskBoard(Empty),
-    /// Closes the session, so that another host need not wait. There is no response.
+    /// Closes the session, so that another host need not wait. The board does not respond.
     0x13 Goodbye(Empty),
     /// Requests a report of the board's start. The response is `BootReport`, in any session.
     0x14 AskBoot(Empty),

@@ -19,7 +19,7 @@ pub struct HostHello {
     pub schema: u64,
     /// Name of the host. The board reports it to other hosts that request a session.
     pub host: HostName,
-    /// Whether to take the board over from a host that owns it.
+    /// True to take the board over from a host that owns it.
     pub take_over: bool,
 }
 

@@ -48,7 +48,7 @@ const INVERSE_BINOMIALS: Coefficients<f64> = [
 pub(super) struct Root {
     /// `|tau|`, or the inverse of `|tau|`.
     pub x: f64,
-    /// Whether the sign certainly changes here.
+    /// True if the sign certainly changes here.
     pub certain: bool,
 }
 

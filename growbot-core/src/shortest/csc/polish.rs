@@ -32,7 +32,7 @@ enum LineIs {
     Any,
     /// The sign of the length was reversed once.
     Reflected,
-    /// The line has no length. Either the path still ends at the goal to within [`ARRIVED`], or there is no path.
+    /// The line has no length. Either the path still ends at the goal to within [`ARRIVED`], or it does not exist.
     LeftOut,
 }
 

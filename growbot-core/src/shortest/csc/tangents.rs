@@ -21,10 +21,10 @@ const INSIDE: f64 = 1e-4;
 /// A tangent from the corner to the goal's circles.
 #[derive(Clone, Copy)]
 struct Branch {
-    /// Whether the circle's centre is on the side of `across` from the line along the goal's direction, or else on the
-    /// opposite side.
+    /// True if the circle's centre is on the side of `across` from the line along the goal's direction. False if it is
+    /// on the opposite side.
     towards: bool,
-    /// Whether the path follows the tangent forwards, or else backwards.
+    /// True if the path follows the tangent forwards, false if backwards.
     forwards: bool,
 }
 

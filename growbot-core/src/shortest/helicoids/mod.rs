@@ -187,9 +187,9 @@ impl RoughArcs {
 #[derive(Debug, Clone, Copy)]
 struct Invariants {
     numbers: [f32; 5],
-    /// Whether the goal is on the opposite side.
+    /// True if the goal is on the opposite side.
     mirrored: bool,
-    /// Whether start and goal are exchanged.
+    /// True if start and goal are exchanged.
     reversed: bool,
 }
 

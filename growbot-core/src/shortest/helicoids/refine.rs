@@ -27,7 +27,7 @@ pub(super) trait Precision: Nodes {
     const MISFIT: Self;
     /// Relative change of the numbers at the neck for the numerical derivative.
     const SHARE: Self;
-    /// Whether the result is refined further. Then circles are not worth their time.
+    /// True if the result is refined further. In that case circles are not worth their time.
     const IS_ROUGH: bool;
     /// First damping.
     const DAMPING: Self;

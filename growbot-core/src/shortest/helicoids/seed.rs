@@ -23,13 +23,13 @@ pub(super) struct Seed<T> {
     pub(super) narrowness: T,
     /// Logarithm of the absolute value of the component of `p` along `m` at the neck.
     pub(super) twist: T,
-    /// Whether the twist is negative, so that the curve is mirrored.
+    /// True if the twist is negative, so that the curve is mirrored.
     pub(super) mirrored: bool,
     /// Phase at which the arc begins.
     pub(super) start: T,
     /// Phase at which the arc ends.
     pub(super) end: T,
-    /// Whether the arc is a chain of circles between very narrow necks (`course.rs`).
+    /// True if the arc is a chain of circles between very narrow necks (`course.rs`).
     pub(super) with_circles: bool,
 }
 
