@@ -182,7 +182,7 @@ impl From<RobotError> for BadDescription {
 pub struct BoardHello {
     /// The board's [`SCHEMA_HASH`](super::SCHEMA_HASH).
     pub schema: u64,
-    /// Random number that differs at each start of the board.
+    /// Number that differs at each start of the board.
     pub boot_id: u32,
     /// Cause of the board's latest start.
     pub reset_cause: ResetCause,
