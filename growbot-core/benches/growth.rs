@@ -1,4 +1,4 @@
-//! How many layers a second an open-loop growth with noise takes: `cargo bench -p growbot-core --bench growth`.
+//! Benchmark of an open-loop growth with noise, in layers a second: `cargo bench -p growbot-core --bench growth`.
 
 use std::hint::black_box;
 use std::time::Duration;

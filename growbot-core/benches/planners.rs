@@ -1,4 +1,5 @@
-//! How long each planner takes for a plan, by kind of goals: `cargo bench -p growbot-core`.
+//! Benchmark of the planners: time for a plan, by planner and family of goals. Run it with `cargo bench -p
+//! growbot-core`.
 
 use std::f64::consts::{PI, TAU};
 use std::hint::black_box;
@@ -10,12 +11,12 @@ use growbot_core::plan::{Chosen, Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
-/// mm; near what the robot can bend to.
+/// Min radius of the paths, mm: close to the min radius of the robot.
 const RADIUS: f64 = 100.0;
-/// Goals of a kind: enough that a processor does not learn its way through them.
+/// Number of goals in each family, large enough that the branch predictor of a processor cannot learn them.
 const GOALS: u32 = 8192;
 
-/// One line for each planner and kind of goals: a further one is a further line.
+/// Measures each pair of planner and family of goals. To add a pair, add a line.
 fn planners(criterion: &mut Criterion) {
     let file = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a.toml"));
     let robot = Robot::new(toml::from_str(file).unwrap()).unwrap();
@@ -42,29 +43,29 @@ fn bench<G, P>(criterion: &mut Criterion, planner: &str, goals: &str, goal: impl
     });
 }
 
-/// From the origin, straight up.
+/// Plans a path to `goal` from the origin, where the tip points straight up.
 fn to(robot: &Robot, goal: &Pose, planner: Planner) -> Chosen {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     plan(robot, &start, goal, RADIUS, planner).unwrap()
 }
 
-/// A number in [0, 1) for each n: Weyl's sequence, evenly spread.
+/// Returns a number in [0, 1) for each `n`, from Weyl's sequence, whose numbers are evenly spread.
 fn spread(n: u32, factor: f64) -> f64 {
     let value = f64::from(n + 1) * factor;
     value - value.floor()
 }
 
-/// Evenly spread over distance, direction and heading.
+/// Returns goal `n` of a series that is evenly spread over distance, direction and heading.
 fn planar_goal(n: u32, farthest: f64) -> PlanarPose {
     let distance = farthest * spread(n, 0.754_877_666_246_692_7);
     let (y, x) = libm::sincos(TAU * spread(n, 0.569_840_290_998_053_2));
     PlanarPose { x: distance * x, y: distance * y, heading: TAU * spread(n, 0.618_033_988_749_894_9) }
 }
 
-/// A kind of goals, and the goal for each n.
+/// The name of a family of goals, and a function that returns the goal for each `n`.
 type Family = (&'static str, fn(u32) -> PlanarPose);
 
-/// The families of goals for which words degenerate, each the end of a path that is a part of a path_type.
+/// Families of goals for which path types degenerate: each goal is the end of a path that is a part of a path type.
 const FAMILIES: [Family; 7] = [
     ("arc below pi", |n| laid(PathType::Lsl, [0.5 * angle(n), 0.0, 0.0])),
     ("arc above pi", |n| laid(PathType::Lsl, [PI + 0.5 * angle(n), 0.0, 0.0])),
@@ -91,7 +92,7 @@ fn line(n: u32) -> f64 {
     40.0 * spread(n, 0.618_033_988_749_894_9)
 }
 
-/// Evenly spread over distance (radii), direction, heading and pitch.
+/// Returns goal `n` of a series that is evenly spread over distance (radii), direction, heading and pitch.
 fn goal(n: u32, nearest: f64, farthest: f64) -> Pose {
     let distance = RADIUS * (nearest + (farthest - nearest) * spread(n, 0.754_877_666_246_692_7));
     let (y, x) = libm::sincos(TAU * spread(n, 0.569_840_290_998_053_2));

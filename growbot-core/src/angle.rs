@@ -1,4 +1,4 @@
-//! Angles: wrapping, and the two places where degrees exist (reading and writing).
+//! Angles: wrapping, and conversion from and to degrees. Only code that reads or writes text uses degrees.
 //!
 //! Inside the crate every angle is in radians. Counter-clockwise is positive.
 
@@ -6,15 +6,15 @@ use core::f64::consts::{PI, TAU};
 
 /// Wraps an angle to `[0, 2 pi)`.
 ///
-/// An angle a rounding error below zero comes back as exactly 0, never as `2 pi`; so does one too large to say where in
-/// its turn it is.
+/// An angle that is below zero by a rounding error becomes exactly 0, never `2 pi`. So does an angle that is too large
+/// for `f64` to resolve a turn.
 #[must_use]
 pub fn wrap_positive(angle: f64) -> f64 {
     let wrapped = angle - TAU * libm::floor(angle / TAU);
     if wrapped.is_nan() || (0.0..TAU).contains(&wrapped) { wrapped } else { 0.0 }
 }
 
-/// Wraps an angle to `(-pi, pi]`. An angle that lies there already comes back to its last bit.
+/// Wraps an angle to `(-pi, pi]`. An angle in that range is returned unchanged, to the last bit.
 #[must_use]
 pub fn wrap_signed(angle: f64) -> f64 {
     if angle > -PI && angle <= PI {
@@ -24,13 +24,13 @@ pub fn wrap_signed(angle: f64) -> f64 {
     if wrapped > PI { wrapped - TAU } else { wrapped }
 }
 
-/// Degrees to radians.
+/// Converts degrees to radians.
 #[must_use]
 pub fn radians(degrees: f64) -> f64 {
     degrees * (PI / 180.0)
 }
 
-/// Radians to degrees.
+/// Converts radians to degrees.
 #[must_use]
 pub fn degrees(radians: f64) -> f64 {
     radians * (180.0 / PI)

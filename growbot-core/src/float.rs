@@ -1,30 +1,29 @@
-//! Floats of both precisions: for searches that are rough first, in single precision, which a microcontroller computes
-//! in hardware.
+//! Floats of both precisions. A search may begin in single precision, which a microcontroller computes in hardware.
 
 use nalgebra::RealField;
 
 use crate::trigonometry;
 
-/// A float, with functions that give the same bits on every machine. Those of [`RealField`] may be the standard
-/// library's.
+/// A float with functions that give the same bits on every machine. The functions of [`RealField`] may be those of the
+/// standard library, which differ between machines.
 pub trait Float: RealField + Copy {
-    /// The nearest float.
+    /// Returns the nearest float.
     fn of(number: f64) -> Self;
-    /// Square root.
+    /// Returns the square root.
     fn root(self) -> Self;
-    /// `e` to this power.
+    /// Returns `e` to the power of this number.
     fn exponential(self) -> Self;
-    /// Natural logarithm.
+    /// Returns the natural logarithm.
     fn logarithm(self) -> Self;
-    /// Sine of an angle of at most a quarter turn, radians.
+    /// Returns the sine of an angle of at most a quarter turn, radians.
     fn sine_of_quarter(self) -> Self;
-    /// Sine and cosine of an angle, radians.
+    /// Returns sine and cosine of an angle, radians.
     fn sine_cosine(self) -> (Self, Self);
 }
 
-/// A float of this size has no digits behind the point.
+/// A number so large that a float of its size has no digits after the point.
 const SHIFT_F64: f64 = 6_755_399_441_055_744.0;
-/// `ln 2`: its first bits, and the rest.
+/// `ln 2` in two parts: the leading bits, and the remainder.
 const LOG_2_F64: f64 = f64::from_bits(0x3fe6_2e42_fee0_0000);
 const LOG_2_REST_F64: f64 = f64::from_bits(0x3dea_39ef_3579_3c76);
 /// `(e^x - 1 - x) / x^2` in powers of `x`.
@@ -87,18 +86,18 @@ impl Float for f64 {
     }
 }
 
-/// A quarter turn: its first bits, and the rest.
+/// A quarter turn in two parts: the leading bits, and the remainder.
 const QUARTER: f32 = 1.570_312_5;
 const QUARTER_REST: f32 = 4.838_268e-4;
 
-/// `ln 2`: its first bits, and the rest.
+/// `ln 2` in two parts: the leading bits, and the remainder.
 const LOG_2: f32 = 0.693_359_4;
 const LOG_2_REST: f32 = -2.121_944_4e-4;
 
-/// A float of this size has no digits behind the point.
+/// A number so large that a float of its size has no digits after the point.
 const SHIFT: f32 = 12_582_912.0;
 
-/// The nearest whole number of one that is small.
+/// Returns the integer that is nearest to a small number.
 fn nearest(number: f32) -> f32 {
     (number + SHIFT) - SHIFT
 }
@@ -113,7 +112,7 @@ impl Float for f32 {
     }
 
     fn exponential(self) -> Self {
-        // The lowest bits of a float of this size are a whole number.
+        // The lowest bits of a float of this size are an integer.
         let shifted = self * core::f32::consts::LOG2_E + SHIFT;
         let whole = shifted - SHIFT;
         let x = (self - whole * LOG_2) - whole * LOG_2_REST;

@@ -1,10 +1,10 @@
-//! The hash of growbot: CRC-64/XZ, which distinguishes machines, plans and images.
+//! The hash of growbot, CRC-64/XZ. It identifies machines, plans and images.
 //!
-//! It guards against mix-ups, not against malice.
+//! The hash detects mistakes. It does not protect against an attacker.
 
 use crc::{CRC_64_XZ, Crc, Digest};
 
-/// The implementation of the CRC. A table of 1 or 2 kB saves time on the desktop; boards save the room.
+/// The implementation of the CRC. On the desktop a table of 1 or 2 kB saves time. Boards have no table, to save memory.
 #[cfg(not(target_os = "none"))]
 pub(crate) type CrcTable = crc::Table<1>;
 #[cfg(target_os = "none")]
@@ -12,7 +12,7 @@ pub(crate) type CrcTable = crc::NoTable;
 
 static CRC: Crc<u64, CrcTable> = Crc::<u64, CrcTable>::new(&CRC_64_XZ);
 
-/// A CRC-64/XZ under way.
+/// A CRC-64/XZ in progress.
 pub struct Hasher(Digest<'static, u64, CrcTable>);
 
 impl Default for Hasher {
@@ -22,7 +22,7 @@ impl Default for Hasher {
 }
 
 impl Hasher {
-    /// The hash of some bytes.
+    /// Returns the hash of some bytes.
     #[must_use]
     pub fn of(bytes: &[u8]) -> u64 {
         CRC.checksum(bytes)
@@ -38,7 +38,7 @@ impl Hasher {
         self.bytes(&value.to_le_bytes());
     }
 
-    /// The hash of all that was added.
+    /// Returns the hash of all bytes added.
     #[must_use]
     pub fn finish(self) -> u64 {
         self.0.finalize()

@@ -1,16 +1,18 @@
-//! Helicoidal arcs: curves of constant curvature whose torsion varies, the third kind of piece of which shortest paths
-//! in space consist, beside circular arcs and straight lines.
+//! Helicoidal arcs: curves of constant curvature and varying torsion. They are the third kind of segment of shortest
+//! paths in space, beside circular arcs and straight lines.
 //!
 //! Sussmann 1995 ("Shortest 3-dimensional paths with a prescribed curvature bound", CDC) shows that a shortest path of
-//! bounded curvature is made of arcs and lines or is one helicoidal arc. In units of the radius it is the curve
+//! bounded curvature is made of arcs and lines or is one helicoidal arc. In units of the radius a helicoidal arc is the
+//! curve
 //!
 //! ```text
 //! x'' = w x x',   w = m / |m|,   m = m0 + p x (x - x0)
 //! ```
 //!
-//! with constant vectors `m0`, perpendicular to the direction in which the curve starts, and `p`; their common scale is
-//! free. The tip turns about `w` by one radian per radius of length, and `w` itself turns about the tip: the body bends
-//! as tightly as it may throughout, and only the angle of deposition changes from layer to layer.
+//! with constant vectors `m0` and `p`. `m0` is perpendicular to the direction in which the curve starts. The common
+//! scale of both vectors is arbitrary. The tip turns about `w` by one radian per radius of length, and `w` itself turns
+//! about the tip. The body bends as tightly as it may everywhere, and only the angle of deposition changes from layer
+//! to layer.
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
@@ -22,38 +24,38 @@ use crate::trigonometry::sin_cos;
 pub struct Helicoid {
     /// `m` at the start: the axis about which the tip turns, times any positive scale.
     pub m0: Vector3<f64>,
-    /// How `m` changes along the curve: `m' = p x x'`.
+    /// Rate of change of `m` along the curve: `m' = p x x'`.
     pub p: Vector3<f64>,
 }
 
-/// Max step of the integration, radii. The test `the_integration_agrees_with_one_in_small_steps`, to 1e-9, bounds
-/// this and the shares below.
+/// Max step of the integration, radii. The test `the_integration_agrees_with_one_in_small_steps`, to 1e-9, checks this
+/// and the fractions below.
 const MAX_STEP: f64 = 0.2;
-/// Max step near a point where `m` vanishes and its direction turns fast, as a share of the length in which `m`
+/// Max step near a point where `m` vanishes and its direction turns fast, as a fraction of the length in which `m`
 /// would vanish at its present rate of change.
 const SHARE_OF_WAY: f64 = 0.25;
-/// Max step there, as a share of the length in which `m` would vanish at the rate at which its change changes.
+/// Max step near such a point, as a fraction of the length in which `m` would vanish at the second derivative of `m`.
 const SHARE_OF_TURN: f64 = 0.25;
-/// Min step, radii. `w` turns by half a turn at most within such a step, which moves the end by the square of its
-/// length.
+/// Min step, radii. Within such a step `w` turns by half a turn at most, which moves the end by the square of the
+/// step's length.
 const MIN_STEP: f64 = 1e-9;
-/// Max length of a step by the classical Runge-Kutta method, such as a layer, radii. Its error is of the order of
-/// the fifth power of the length.
+/// Max length of a step by the classical Runge-Kutta method, radii: for short steps, such as a layer. The error is of
+/// the order of the fifth power of the length.
 const SHORT: f64 = 0.01;
-/// Substeps of the midpoint rule whose results are extrapolated, which gives order 10.
+/// Numbers of substeps of the midpoint rule. The results are extrapolated, which gives order 10.
 const SUBSTEPS: [u32; 5] = [2, 4, 6, 8, 10];
 
 /// A point on a helicoidal arc: position, direction of growth and x axis of the tip, as the columns of a matrix.
 type State = Matrix3<f64>;
 
 impl Helicoid {
-    /// `m` at a point.
+    /// Returns `m` at a point.
     #[must_use]
     pub fn m(&self, position: &Vector3<f64>) -> Vector3<f64> {
         self.m0 + self.p.cross(position)
     }
 
-    /// The same curve grown from a tip that is turned by `roll` about its direction of growth (radians,
+    /// Returns the same curve grown from a tip that is turned by `roll` about its direction of growth (radians,
     /// counter-clockwise).
     #[must_use]
     pub fn rolled(&self, roll: f64) -> Self {
@@ -62,9 +64,9 @@ impl Helicoid {
         Self { m0: back(&self.m0), p: back(&self.p) }
     }
 
-    /// `start_from_tip` after this length, both in radii.
+    /// Returns `start_from_tip` after this length, both in radii.
     #[must_use]
-    #[inline(never)] // Its room on the stack is not the caller's.
+    #[inline(never)] // Keeps its stack frame out of the caller's.
     pub fn frame_after(&self, length: f64) -> Frame {
         let mut walk = Walk::new(self);
         walk.advance(length);
@@ -79,18 +81,19 @@ impl Helicoid {
         State::from_columns(&[direction, w.cross(&direction), w.cross(&column::<2>(state))])
     }
 
-    /// The midpoint rule over one step, in a given number of substeps.
+    /// Applies the midpoint rule to one step, in a given number of substeps.
     fn midpoint(&self, state: &State, step: f64, substeps: u32) -> State {
         let short = step / f64::from(substeps);
         let (mut before, mut here) = (*state, state + self.rate(state) * short);
         for _ in 1..substeps {
             (before, here) = (here, before + self.rate(&here) * (2.0 * short));
         }
-        // Gragg's smoothing is not needed: extrapolation in even powers holds for an even number of substeps.
+        // Gragg's smoothing is not needed, because extrapolation in even powers is valid for an even number of
+        // substeps.
         here
     }
 
-    /// A step that is so short that the classical Runge-Kutta method is exact to the last digits.
+    /// Makes a step that is so short that the classical Runge-Kutta method is exact to the last digits.
     fn short_step(&self, state: &State, step: f64) -> State {
         let first = self.rate(state);
         let second = self.rate(&(state + first * (0.5 * step)));
@@ -99,12 +102,12 @@ impl Helicoid {
         state + (first + (second + third) * 2.0 + fourth) * (step / 6.0)
     }
 
-    /// One step, extrapolated (Bulirsch and Stoer 1966, with polynomials).
+    /// Makes one extrapolated step (Bulirsch and Stoer 1966, with polynomials).
     fn step(&self, state: &State, step: f64) -> State {
         let mut row = [State::zeros(); SUBSTEPS.len()];
         for (index, substeps) in SUBSTEPS.into_iter().enumerate() {
             let mut value = self.midpoint(state, step, substeps);
-            // Neville's scheme: `row` holds the row before, from its left end.
+            // Neville's scheme: `row` holds the previous row, from its left end.
             for (column, entry) in row.iter_mut().enumerate().take(index + 1) {
                 let next = match index.checked_sub(column + 1).and_then(|earlier| SUBSTEPS.get(earlier)) {
                     Some(earlier) => {
@@ -121,7 +124,7 @@ impl Helicoid {
     }
 }
 
-/// A tip on its way along a helicoidal arc.
+/// A tip that moves along a helicoidal arc.
 #[derive(Debug, Clone)]
 pub struct Walk {
     curve: Helicoid,
@@ -129,7 +132,7 @@ pub struct Walk {
 }
 
 impl Walk {
-    /// A tip at the start of the curve.
+    /// Creates a tip at the start of the curve.
     #[must_use]
     pub fn new(curve: &Helicoid) -> Self {
         Self { curve: *curve, state: State::from_columns(&[Vector3::zeros(), Vector3::z(), Vector3::x()]) }
@@ -140,8 +143,8 @@ impl Walk {
         self.advance_with_keep_alive(length, &mut || ());
     }
 
-    /// As [`Walk::advance`], for boards. Past a narrow neck it takes a second on a microcontroller; `keep_alive` is
-    /// called in each step, so that the board can feed its watchdog.
+    /// Like [`Walk::advance`], but calls `keep_alive` in each step so that a board can feed its watchdog. Past a narrow
+    /// neck the integration takes a second on a microcontroller.
     #[inline(never)]
     pub fn advance_with_keep_alive(&mut self, length: f64, keep_alive: &mut dyn FnMut()) {
         let force = self.curve.p.norm().max(f64::MIN_POSITIVE);
@@ -152,7 +155,7 @@ impl Walk {
             let slope = self.curve.p.cross(&column::<1>(&self.state)).norm().max(f64::MIN_POSITIVE);
             let safe = (SHARE_OF_WAY * m / slope).min(SHARE_OF_TURN * libm::sqrt(m / force));
             let safe = safe.clamp(MIN_STEP, MAX_STEP);
-            // The last two steps are equal, so that none is nothing but rounding.
+            // The last two steps have equal length, so that no step is only a rounding error.
             let step = if left <= safe {
                 left
             } else if left < 2.0 * safe {
@@ -167,7 +170,7 @@ impl Walk {
         }
     }
 
-    /// `start_from_tip` at this point, lengths in radii.
+    /// Returns `start_from_tip` at this point, lengths in radii.
     #[must_use]
     pub fn frame(&self) -> Frame {
         let z = column::<1>(&self.state).normalize();
@@ -185,7 +188,8 @@ mod tests {
     use core::f64::consts::TAU;
     use proptest::prelude::*;
 
-    /// Curves on which `m` does not come nearer to 0 than some 1e-4: where it passes through 0, `w` jumps.
+    /// Generates curves on which `m` does not come closer to 0 than some 1e-4, because `w` jumps where `m` passes
+    /// through 0.
     fn helicoid() -> impl Strategy<Value = Helicoid> {
         (0.0..TAU, -3.0..0.0, -1.0..1.0, -1.0..1.0, 0.1..1.0, any::<bool>()).prop_map(
             |(angle, exponent, x, y, along, up): (f64, f64, f64, f64, f64, bool)| {
@@ -200,7 +204,7 @@ mod tests {
         )
     }
 
-    /// Many small steps.
+    /// Integrates in many small steps.
     fn by_small_steps(curve: &Helicoid, length: f64, steps: u32) -> State {
         let step = length / f64::from(steps);
         let mut state = Walk::new(curve).state;
@@ -228,7 +232,7 @@ mod tests {
                 walk.advance(length / 1000.0);
             }
             let (pieces, whole) = (walk.frame().to_homogeneous(), curve.frame_after(length).to_homogeneous());
-            // Errors of the pieces add up along the curve: 1e-9 of its length.
+            // The errors of the segments add up along the curve: 1e-9 of its length.
             let (apart, allowed) = ((pieces - whole).amax(), 1e-9 * length.max(1.0));
             prop_assert!(apart < allowed, "{curve:?} over {length}: {apart:e} apart");
         }
@@ -237,7 +241,7 @@ mod tests {
     #[test]
     fn a_constant_axis_gives_a_circle() {
         let circle = Helicoid { m0: Vector3::y(), p: Vector3::zeros() };
-        // About +y the tip bends towards +x: the material is laid at alpha = pi.
+        // About +y the tip bends towards +x, so the material is laid at alpha = pi.
         let arc = kinematics::step(core::f64::consts::PI, 2.5, 2.5);
         assert!((circle.frame_after(2.5).to_homogeneous() - arc.to_homogeneous()).amax() < 1e-12);
     }

@@ -1,4 +1,4 @@
-//! A job: the layers of a path as the board gets them, and the hashes that name them.
+//! A job: the layers of a path in the form that the board receives, and the hashes that identify them.
 
 use crate::hash::Hasher;
 use crate::layer_bytes::{Encoder, LayerBytes};
@@ -6,7 +6,7 @@ use crate::path::Segment;
 use crate::robot::Robot;
 use crate::slicing::{Layers, Slicing, layers_with_keep_alive};
 
-/// The layers of a path in bytes, in order.
+/// Iterator over the layers of a path as bytes, in order.
 #[derive(Debug, Clone)]
 pub struct JobLayers<'a> {
     layers: Layers<'a>,
@@ -14,13 +14,14 @@ pub struct JobLayers<'a> {
     robot: &'a Robot,
 }
 
-/// The layers of a path in bytes, by exact slicing.
+/// Returns the layers of a path as bytes, by exact slicing.
 #[must_use]
 pub fn job_layers<'a>(path: &'a [Segment], robot: &'a Robot) -> JobLayers<'a> {
     job_layers_with_keep_alive(path, robot, &mut || ())
 }
 
-/// As [`job_layers`], for boards: `keep_alive` is called as in [`layers_with_keep_alive`].
+/// Like [`job_layers`], but calls `keep_alive` as [`layers_with_keep_alive`] does, so that a board can feed its
+/// watchdog.
 #[must_use]
 pub fn job_layers_with_keep_alive<'a>(
     path: &'a [Segment],
@@ -46,11 +47,11 @@ impl Iterator for JobLayers<'_> {
     }
 }
 
-/// The hashes of a job's layers: its name, and the proof that two sides have computed the same layers.
+/// The hashes of a job's layers. They identify the job, and they prove that two sides have computed the same layers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct JobSummary {
-    /// Hash of the robot's hash and of all layers' bytes, the job's name on the link. It is never 0, which stands for
-    /// no job.
+    /// Hash of the robot's hash and of all layers' bytes: the identifier of the job on the link. It is never 0, because
+    /// 0 stands for the absence of a job.
     pub plan_id: u64,
     /// Hash of alpha, height and tilt of all layers in full precision.
     pub exact_hash: u64,
@@ -59,13 +60,13 @@ pub struct JobSummary {
 }
 
 impl JobLayers<'_> {
-    /// The hashes of these layers.
+    /// Returns the hashes of these layers.
     #[must_use]
     pub fn summary(&self) -> JobSummary {
         self.summary_with_keep_alive(&mut || ())
     }
 
-    /// As [`JobLayers::summary`], for boards: `keep_alive` is called for each layer.
+    /// Like [`JobLayers::summary`], but calls `keep_alive` for each layer so that a board can feed its watchdog.
     #[must_use]
     pub fn summary_with_keep_alive(&self, keep_alive: &mut dyn FnMut()) -> JobSummary {
         let (mut name, mut exact) = (JobName::new(self.robot), Hasher::default());
@@ -83,7 +84,7 @@ impl JobLayers<'_> {
     }
 }
 
-/// The name of a job under way: the hash of the robot's hash and of all layers' bytes.
+/// The identifier of a job while it is computed: the hash of the robot's hash and of all layers' bytes.
 struct JobName(Hasher);
 
 impl JobName {
@@ -97,13 +98,13 @@ impl JobName {
         self.0.bytes(layer);
     }
 
-    /// The name. It is never 0, which stands for no job.
+    /// Returns the identifier. It is never 0, because 0 stands for the absence of a job.
     fn finish(self) -> u64 {
         self.0.finish().max(1)
     }
 }
 
-/// The name of a job of these layers: [`JobSummary::plan_id`].
+/// Returns the identifier of a job of these layers: [`JobSummary::plan_id`].
 #[must_use]
 pub fn plan_id(robot: &Robot, layers: &[LayerBytes]) -> u64 {
     let mut name = JobName::new(robot);
@@ -111,7 +112,7 @@ pub fn plan_id(robot: &Robot, layers: &[LayerBytes]) -> u64 {
     name.finish()
 }
 
-/// The hashes of a path's layers.
+/// Returns the hashes of a path's layers.
 #[must_use]
 pub fn summarize(path: &[Segment], robot: &Robot) -> JobSummary {
     job_layers(path, robot).summary()

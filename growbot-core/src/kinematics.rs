@@ -1,22 +1,22 @@
-//! How a growing tip moves: one step (Eq 4), a chain of steps (Eq 5), and the configuration-space rates (Eq 6).
+//! Kinematics of a growing tip: one step (Eq 4), a chain of steps (Eq 5), and the configuration-space rates (Eq 6).
 //!
-//! Del Dottore et al. 2019, Front. Robot. AI 6:45, in its corrected form. The printed Eq 4 has
-//! four errors: the group is SE(3), not SO(4); the first row has `C_phi`; the y translation is
-//! `s sin(b) (1 - cos phi) / phi`; and the matrix bends **towards** its angle, which is therefore
-//! the bend direction `b = alpha + pi`, opposite to the point of max deposition `alpha`.
+//! The model is that of Del Dottore et al. 2019, Front. Robot. AI 6:45, in a corrected form. The printed Eq 4 has four
+//! errors: the group is SE(3), not SO(4); the first row has `C_phi`; the y translation is `s sin(b) (1 - cos phi) /
+//! phi`; and the matrix bends **towards** its angle. The angle is therefore the bend direction `b = alpha + pi`,
+//! opposite to the point of max deposition `alpha`.
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
 use crate::pose::{Frame, Pose};
 use crate::trigonometry;
 
-/// `tip_from_next_tip` of one step of growth (Eq 4, corrected).
+/// Returns `tip_from_next_tip` of one step of growth (Eq 4, corrected).
 ///
-/// - `alpha`: angle of max deposition from the tip's x axis, radians; the tip bends away from it.
+/// - `alpha`: angle of max deposition from the tip's x axis, radians. The tip bends away from it.
 /// - `bend`: rotation within this step, radians. The radius of curvature is `length / bend`.
 /// - `length`: arc length of this step, mm.
 ///
-/// Continuous in `bend` through 0, where it is a pure translation along z.
+/// The result is continuous in `bend` through 0, where it is a pure translation along z.
 ///
 /// ```
 /// use growbot_core::kinematics::step;
@@ -47,10 +47,11 @@ pub fn step(alpha: f64, bend: f64, length: f64) -> Frame {
     )
 }
 
-/// Below this many radians the two ratios come from their series, whose first term left out is under 1e-20 there.
+/// Angle below which the two ratios are computed from their series, radians. There, the first term omitted is under
+/// 1e-20.
 const SERIES_BELOW: f64 = 0.01;
 
-/// `sin(x) / x`.
+/// Returns `sin(x) / x`.
 fn sine_ratio(x: f64) -> f64 {
     if x.abs() > SERIES_BELOW {
         return trigonometry::sin(x) / x;
@@ -59,7 +60,7 @@ fn sine_ratio(x: f64) -> f64 {
     1.0 - x2 / 6.0 * (1.0 - x2 / 20.0 * (1.0 - x2 / 42.0))
 }
 
-/// `(1 - cos(x)) / x`.
+/// Returns `(1 - cos(x)) / x`.
 fn versine_ratio(x: f64) -> f64 {
     if x.abs() > SERIES_BELOW {
         let half = trigonometry::sin(0.5 * x);
@@ -69,9 +70,9 @@ fn versine_ratio(x: f64) -> f64 {
     0.5 * x * (1.0 - x2 / 12.0 * (1.0 - x2 / 30.0 * (1.0 - x2 / 56.0)))
 }
 
-/// `base_from_tip * tip_from_next_tip`, with a rotation that stays one however many steps follow each other: the
-/// rounding errors of 100,000 equal steps add up to 1e-11 of it otherwise. (A step of Newton and Schulz towards the
-/// nearest rotation mends it, Higham 2008, chapter 8.)
+/// Returns `base_from_tip * tip_from_next_tip`, with the rotation corrected so that it stays a rotation over any number
+/// of steps. Without the correction, the rounding errors of 100,000 equal steps add up to 1e-11. The correction is a
+/// Newton-Schulz step towards the nearest rotation (Higham 2008, chapter 8).
 #[must_use]
 pub fn advance(base_from_tip: &Frame, tip_from_next_tip: &Frame) -> Frame {
     let next = base_from_tip * tip_from_next_tip;
@@ -80,9 +81,9 @@ pub fn advance(base_from_tip: &Frame, tip_from_next_tip: &Frame) -> Frame {
     Frame::from_parts(next.translation, Rotation3::from_matrix_unchecked(mended))
 }
 
-/// `base_from_tip` at the end of a chain of steps (Eq 5), from `base_from_start` on.
+/// Returns `base_from_tip` at the end of a chain of steps (Eq 5) that begins at `base_from_start`.
 ///
-/// Steps are `(alpha, bend, length)` as for [`step`].
+/// Steps are `(alpha, bend, length)`, as in [`step`].
 #[must_use]
 pub fn chain(base_from_start: &Frame, steps: impl IntoIterator<Item = (f64, f64, f64)>) -> Frame {
     steps.into_iter().fold(*base_from_start, |base_from_tip, (alpha, bend, length)| {
@@ -113,22 +114,22 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// The rates that these inputs give at a pose (Eq 6).
+    /// Returns the rates that these inputs give at a pose (Eq 6).
     #[must_use]
     pub fn rates(&self, pose: &Pose) -> Rates {
         Rates { velocity: pose.direction() * self.growth, heading: self.heading_rate, pitch: self.pitch_rate }
     }
 
-    /// The angular speed of the tip at a given pitch (radians), rad/s: `sqrt(u1^2 cos^2 gamma + u2^2)`.
+    /// Returns the angular speed of the tip at a given pitch (radians), rad/s: `sqrt(u1^2 cos^2 gamma + u2^2)`.
     #[must_use]
     pub fn turning_rate(&self, pitch: f64) -> f64 {
         trigonometry::hypot(self.heading_rate * trigonometry::cos(pitch), self.pitch_rate)
     }
 
-    /// Whether a robot of this min radius (mm) can follow the inputs at this pitch (Eq 8, corrected).
+    /// Reports whether a robot of this min radius (mm) can follow the inputs at this pitch (Eq 8, corrected).
     ///
-    /// The printed box `|u_i| <= g / R_min` lets the curvature reach `sqrt(2) / R_min`; the bound that holds
-    /// couples the inputs: `u1^2 cos^2 gamma + u2^2 <= (g / R_min)^2`.
+    /// The printed box `|u_i| <= g / R_min` lets the curvature reach `sqrt(2) / R_min`. The correct bound couples the
+    /// inputs: `u1^2 cos^2 gamma + u2^2 <= (g / R_min)^2`.
     #[must_use]
     pub fn within_curvature(&self, pitch: f64, min_radius: f64) -> bool {
         self.turning_rate(pitch) * min_radius <= self.growth.abs()
@@ -141,7 +142,8 @@ mod tests {
     use core::f64::consts::{FRAC_PI_2, PI, TAU};
     use proptest::prelude::*;
 
-    /// Eq 4 the long way: turn to the bend direction, go round the centre of curvature, turn back.
+    /// Computes Eq 4 by composition: a turn to the bend direction, a rotation about the centre of curvature, and a turn
+    /// back.
     fn step_by_composition(alpha: f64, bend: f64, length: f64) -> Frame {
         let radius = length / bend;
         let turn = Frame::rotation(Vector3::z() * (alpha + PI));
@@ -190,7 +192,7 @@ mod tests {
 
     #[test]
     fn rotations_stay_rotations_over_a_hundred_thousand_layers() {
-        // Layers that are all alike are the worst: each adds the same rounding error.
+        // Identical layers are the worst case, because each adds the same rounding error.
         for (alpha, bend) in [(0.3, 0.00774), (1.0, 0.00258), (2.2, 1e-5), (3.7, 0.0921), (5.9, 0.5)] {
             let end = chain(&Frame::identity(), (0..100_000).map(|_| (alpha, bend, 0.774)));
             let rotation = end.rotation.matrix();
@@ -207,7 +209,7 @@ mod tests {
         assert!(!corner.within_curvature(0.0, 98.2));
         assert!(!corner.within_curvature(1.0, 98.2));
         assert!(Inputs { pitch_rate: 0.0, ..corner }.within_curvature(0.0, 98.2));
-        // Near the vertical a change of heading costs no curvature.
+        // Near the vertical a change of heading needs no curvature.
         assert!(Inputs { heading_rate: 100.0 * max_rate, pitch_rate: 0.0, growth }.within_curvature(FRAC_PI_2, 98.2));
     }
 

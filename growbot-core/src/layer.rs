@@ -7,14 +7,16 @@ use crate::kinematics;
 use crate::pose::Frame;
 use crate::trigonometry;
 
-/// Sectors into which a turn of the head is divided: at the edges of each, head and feed stand exactly, to the step,
-/// where the closed form of [`Layer::share_of_material`] puts them; within each, both run evenly.
+/// Number of sectors into which a turn of the head is divided. At the edges of each sector, head and feed are exactly,
+/// to the step, where the closed form of [`Layer::share_of_material`] puts them. Within a sector, both move at constant
+/// speed.
 pub const SECTORS: usize = 64;
 
 /// One layer.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Layer {
-    /// Angle of max deposition from the tip's x axis, `[0, 2 pi)`, radians; 0 where the layer is even.
+    /// Angle of max deposition from the tip's x axis, `[0, 2 pi)`, radians. 0 if the layer has the same height all
+    /// round.
     pub alpha: f64,
     /// Mean height, mm.
     pub height: f64,
@@ -22,7 +24,7 @@ pub struct Layer {
     pub tilt: f64,
 }
 
-/// Why a layer cannot be laid. Heights in mm, tilts in radians.
+/// Reasons why a layer cannot be laid. Heights are in mm, tilts in radians.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum LayerError {
     /// A number is NaN or infinite.
@@ -44,13 +46,13 @@ pub enum LayerError {
         /// The robot's limit, radians.
         limit: f64,
     },
-    /// The inner side would need no material, or less.
+    /// The inner side would have a height of zero or less.
     #[error("the layer is {height} mm high on its inner side; there must be some material all round")]
     NoMaterial {
         /// Height of the inner side, mm.
         height: f64,
     },
-    /// Head or feed would have to step more than once in two ticks of the step interrupt.
+    /// Head or feed would have to make more than one step in two ticks of the step interrupt.
     #[error("the layer asks for more than one step in two ticks: raise motion.tick_hz or lower the steps")]
     StepRate,
     /// The speed of an axis would have to change faster, from sector to sector, than its motor can follow.
@@ -59,50 +61,50 @@ pub enum LayerError {
          period, or raise the axis's acceleration and speed jump"
     )]
     Acceleration {
-        /// The axis and the unit.
+        /// Name of the axis, with the unit of the acceleration.
         axis: &'static str,
-        /// What the layer asks for.
+        /// Acceleration that the layer needs, in that unit.
         value: f64,
-        /// The part of the robot's limit that a layer's profile may take.
+        /// Fraction of the robot's limit that the profile of a layer may use, in that unit.
         limit: f64,
     },
 }
 
 impl Layer {
-    /// Height at angle `psi` from the tip's x axis, on a ring of this radius, mm.
+    /// Returns the height at angle `psi` from the tip's x axis, on a ring of this radius, mm.
     #[must_use]
     pub fn height_at(&self, psi: f64, tip_radius: f64) -> f64 {
         self.height + tip_radius * self.tilt * trigonometry::cos(psi - self.alpha)
     }
 
-    /// Height of the outer side of the bend, mm.
+    /// Returns the height of the outer side of the bend, mm.
     #[must_use]
     pub fn max_height(&self, tip_radius: f64) -> f64 {
         self.height + tip_radius * self.tilt
     }
 
-    /// Height of the inner side of the bend, mm.
+    /// Returns the height of the inner side of the bend, mm.
     #[must_use]
     pub fn min_height(&self, tip_radius: f64) -> f64 {
         self.height - tip_radius * self.tilt
     }
 
-    /// Share of the layer's material that lies between angle 0 and `psi` (0 to `2 pi`), 0 to 1:
-    /// `(h psi + r_t phi (sin(psi - alpha) + sin alpha)) / (2 pi h)`.
+    /// Returns the fraction of the layer's material that lies between angle 0 and `psi` (0 to `2 pi`), 0 to 1: `(h psi
+    /// + r_t phi (sin(psi - alpha) + sin alpha)) / (2 pi h)`.
     #[must_use]
     pub fn share_of_material(&self, psi: f64, tip_radius: f64) -> f64 {
         let lean = tip_radius * self.tilt * (trigonometry::sin(psi - self.alpha) + trigonometry::sin(self.alpha));
         (psi + lean / self.height) / core::f64::consts::TAU
     }
 
-    /// `tip_from_next_tip`: how laying this layer moves the tip (Eq 4).
+    /// Returns `tip_from_next_tip`, the motion of the tip while this layer is laid (Eq 4).
     #[must_use]
     pub fn step(&self) -> Frame {
         kinematics::step(self.alpha, self.tilt, self.height)
     }
 }
 
-/// `base_from_tip` after laying these layers (Eq 5).
+/// Returns `base_from_tip` after these layers (Eq 5).
 #[must_use]
 pub fn grow(base_from_start: &Frame, layers: impl IntoIterator<Item = Layer>) -> Frame {
     layers.into_iter().fold(*base_from_start, |base_from_tip, layer| kinematics::advance(&base_from_tip, &layer.step()))

@@ -1,15 +1,16 @@
-//! A layer in 12 bytes, as the link carries and the board stores it.
+//! A layer in 12 bytes, the form in which the link carries it and the board stores it.
 //!
 //! Three little-endian `u32` in fixed point: alpha in 2^-32 turns, height in 2^-24 mm, tilt in 2^-32 rad. Height and
-//! tilt of a segment are rarely a whole number of these units; the [`Encoder`] carries what it rounded off forward to
-//! the next layer, so that a path of any length is off by half a unit (30 pm, 0.1 nrad) and not by that for each layer.
+//! tilt of a segment are rarely a whole number of these units. The [`Encoder`] carries the rounding error of each layer
+//! to the next layer. So the error of a path of any length is half a unit (30 pm, 0.1 nrad), and not half a unit for
+//! each layer.
 
 use crate::angle::wrap_positive;
 use crate::layer::{Layer, LayerError};
 use crate::robot::Robot;
 use crate::slicing::LIMIT_SLACK;
 
-/// A layer on the link.
+/// A layer in the form that the link carries.
 pub type LayerBytes = [u8; 12];
 
 /// Units of height in a mm.
@@ -19,12 +20,12 @@ pub const TILT_UNITS: f64 = 4_294_967_296.0;
 /// Units of alpha in a turn.
 const ALPHA_UNITS: f64 = 4_294_967_296.0;
 
-/// Encodes layers one after the other, carrying the rounding forward.
+/// Encodes successive layers, and carries the rounding error of each to the next.
 #[derive(Debug, Clone, Default)]
 pub struct Encoder {
-    /// Height that rounding has taken so far, units.
+    /// Accumulated rounding error of the height, units.
     height_owed: f64,
-    /// Tilt that rounding has taken so far, units.
+    /// Accumulated rounding error of the tilt, units.
     tilt_owed: f64,
 }
 
@@ -34,13 +35,13 @@ fn units(value: f64) -> u32 {
 }
 
 impl Encoder {
-    /// The next layer in bytes.
+    /// Returns the next layer as bytes.
     pub fn encode(&mut self, layer: &Layer) -> LayerBytes {
         self.encode_rounded(layer, units, units)
     }
 
-    /// The next layer in bytes, as a board can lay it. A layer of a few units is not rounded to one without height or
-    /// without material on its inner side; that change is carried forward too.
+    /// Returns the next layer as bytes, in a form that a board can lay. Rounding a layer of a few units does not
+    /// produce a layer without height or without material on its inner side. That change too is carried forward.
     pub fn encode_layable(&mut self, layer: &Layer, tip_radius: f64) -> LayerBytes {
         let height = |exact: f64| units(exact).max(1);
         let mut encoder = self.clone();
@@ -55,13 +56,13 @@ impl Encoder {
         let (height, tilt) = (height(exact_height), tilt(exact_tilt));
         self.height_owed = exact_height - f64::from(height);
         self.tilt_owed = exact_tilt - f64::from(tilt);
-        // A full turn is 0 again: the wrapping cast from u64 does that.
+        // The wrapping cast from u64 turns a full turn into 0.
         let alpha = libm::rint(wrap_positive(layer.alpha) / core::f64::consts::TAU * ALPHA_UNITS) as u64 as u32;
         Fields { alpha, height, tilt }.to_bytes()
     }
 }
 
-/// The three numbers of a layer in their units.
+/// The three numbers of a layer, in their units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Fields {
     /// Alpha, 2^-32 turns.
@@ -92,7 +93,7 @@ impl Fields {
         [a0, a1, a2, a3, h0, h1, h2, h3, t0, t1, t2, t3]
     }
 
-    /// The layer of these numbers, in mm and radians.
+    /// Returns the layer of these numbers, in mm and radians.
     #[must_use]
     pub fn layer(&self) -> Layer {
         Layer {
@@ -103,16 +104,16 @@ impl Fields {
     }
 }
 
-/// The layer of 12 bytes, in mm and radians.
+/// Decodes a layer from 12 bytes, to mm and radians.
 #[must_use]
 pub fn decode(bytes: &LayerBytes) -> Layer {
     Fields::of(bytes).layer()
 }
 
-/// Decodes a layer that arrived and checks it against the robot's limits, allowing for one unit of rounding.
+/// Decodes a received layer and checks it against the robot's limits, with a tolerance of one unit of rounding.
 ///
 /// # Errors
-/// The limit that it breaks.
+/// Returns the limit that the layer exceeds.
 pub fn decode_checked(bytes: &LayerBytes, robot: &Robot) -> Result<Layer, LayerError> {
     let layer = decode(bytes);
     let height_unit = 1.0 / (HEIGHT_UNITS * robot.description().layer.height_max_mm);

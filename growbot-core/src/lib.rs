@@ -1,21 +1,20 @@
 //! Geometry, planning, layers and link messages of robots that move by growing.
 //!
 //! Such a robot prints the tube behind its tip, layer by layer, as a root grows. A layer that is higher on one side
-//! bends the tube away from that side; many such layers are a curve, and the robot is where the
-//! curve ends. This crate computes the layers that lead to a goal pose. It has no I/O, no clock and no heap, and
-//! gives the same bits on the desktop and on the robot's microcontroller. The model is that of Del Dottore et al. 2019,
-//! Front. Robot. AI 6:45, doi 10.3389/frobt.2019.00045; the errors of its printed equations are named where they are
-//! used.
+//! bends the tube away from that side. Many such layers form a curve, and the tip of the robot is at the end of the
+//! curve. This crate computes the layers that lead to a goal pose. It has no I/O, no clock and no heap, and gives the
+//! same bits on the desktop and on the robot's microcontroller. The model is that of Del Dottore et al. 2019, Front.
+//! Robot. AI 6:45, doi 10.3389/frobt.2019.00045. The code that uses an equation names the errors of its printed form.
 //!
 //! # Conventions
 //!
-//! - Millimetres, radians, seconds, degrees Celsius, all `f64`. Degrees exist where people read and write: there the
-//!   name says so, as in `tilt_max_deg` or [`pose::Pose::from_degrees`].
+//! - Millimetres, radians, seconds, degrees Celsius, all `f64`. Only text for people uses degrees. Names of such values
+//!   contain the unit, as in `tilt_max_deg` or [`pose::Pose::from_degrees`].
 //! - Right-handed frames; counter-clockwise is positive.
 //! - A [`pose::Pose`] is a point and a direction: *heading*, the angle in the x-y plane, and *pitch*, the angle above
 //!   it. Pitch 90 degrees is straight up. It has no roll.
-//! - A [`pose::Frame`] is named by what it converts, `base_from_tip`, so that products read right:
-//!   `base_from_tip * tip_from_next_tip`. The tip's z axis is the direction of growth; x and y span the plane in which
+//! - The name of a [`pose::Frame`] is the conversion that it makes, as in `base_from_tip`, so that products read right:
+//!   `base_from_tip * tip_from_next_tip`. The tip's z axis is the direction of growth. x and y span the plane in which
 //!   material is laid. Growth carries the frame along without twist.
 //! - *alpha* is the angle, from the tip's x axis, of the point of **max deposition**. The tip bends **away** from it.
 //! - Errors are small enums that hold the value and the limit. No input panics.

@@ -1,8 +1,8 @@
 //! Linear algebra in five dimensions: systems of five linear equations.
 //!
 //! nalgebra solves them too, but through views whose sizes are only known at run time. In the firmware that leaves
-//! panics that no input can cause and that the compiler cannot exclude. The operations here are nalgebra's, in the same
-//! order, so the results have the same bits.
+//! panics that no input can cause but that the compiler cannot exclude. The operations here are those of nalgebra, in
+//! the same order, so the results have the same bits.
 
 use core::cmp::Ordering;
 use core::mem;
@@ -11,11 +11,11 @@ use nalgebra::{Matrix5, Vector5};
 
 use crate::float::Float;
 
-/// Solves `matrix x = right` by Gaussian elimination with partial pivoting. None if the matrix is singular.
+/// Solves `matrix x = right` by Gaussian elimination with partial pivoting. `None` if the matrix is singular.
 #[inline(never)]
 pub fn solve<T: Float>(matrix: &Matrix5<T>, right: &Vector5<T>) -> Option<Vector5<T>> {
     let (zero, one) = (T::of(0.0), T::of(1.0));
-    // Each equation with its right side as the last number.
+    // Each row is an equation, with its right side as the last number.
     let mut rows = [[zero; 6]; 5];
     for (column, numbers) in matrix.data.0.iter().chain(&right.data.0).enumerate() {
         for (row, number) in rows.iter_mut().zip(numbers) {
@@ -63,7 +63,7 @@ pub fn solve<T: Float>(matrix: &Matrix5<T>, right: &Vector5<T>) -> Option<Vector
 pub struct Cholesky<T>([[T; 5]; 5]);
 
 impl<T: Float> Cholesky<T> {
-    /// Factorizes a matrix. Only its lower triangle is read. None if it is not positive definite.
+    /// Factorizes a matrix. Only its lower triangle is read. `None` if it is not positive definite.
     #[inline(never)]
     pub fn new(matrix: &Matrix5<T>) -> Option<Self> {
         let mut columns = matrix.data.0;

@@ -1,9 +1,8 @@
-//! Numbers in messages.
+//! Format of numbers in messages.
 
 use core::fmt;
 
-/// A number as people read it: plainly, or with an exponent where it would take more than a dozen zeros.
-///
+/// A number in a short form: decimal, or with an exponent if the decimal form would need more than a dozen zeros.
 /// ```
 /// use growbot_core::number::Short;
 /// assert_eq!(format!("{} {} {}", Short(&0.774), Short(&1e7), Short(&-1e308)), "0.774 10000000 -1e308");

@@ -1,8 +1,7 @@
-//! A path: circular arcs, straight lines and helicoidal arcs, each named by what the tip does (the paper's actions
-//! `alpha, beta, S`).
+//! A path of circular arcs, straight lines and helicoidal arcs. Each segment is described by the motion of the tip (the
+//! paper's actions `alpha, beta, S`).
 //!
-//! A path is a slice of segments, `&[Segment]`, in the order in which they grow; [`Path`] is the result of a
-//! planner.
+//! A path is a slice of segments, `&[Segment]`, in the order in which they grow. [`Path`] is the result of a planner.
 
 use core::ops::Deref;
 
@@ -13,15 +12,15 @@ use crate::helicoid::Helicoid;
 use crate::kinematics::step;
 use crate::pose::{Frame, Pose};
 
-/// Max number of segments of a planned path: two planar paths have up to six.
+/// Max number of segments of a planned path. Two planar paths have up to six.
 pub const MAX_SEGMENTS: usize = 6;
 
-/// One piece of a path.
+/// A segment of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Segment {
     /// A circular arc. The radius is `length / bend`.
     Arc {
-        /// Angle of max deposition from the tip's x axis, `[0, 2 pi)`, radians; the tip bends away from it.
+        /// Angle of max deposition from the tip's x axis, `[0, 2 pi)`, radians. The tip bends away from it.
         alpha: f64,
         /// The angle of the arc (`beta`), radians, positive.
         bend: f64,
@@ -45,7 +44,7 @@ pub enum Segment {
 }
 
 impl Segment {
-    /// Length along the segment, mm.
+    /// Returns the length along the segment, mm.
     #[must_use]
     pub fn length(&self) -> f64 {
         match *self {
@@ -53,7 +52,8 @@ impl Segment {
         }
     }
 
-    /// The turn of the direction of growth along the segment, radians: the angle of an arc, 0 for a straight line.
+    /// Returns the rotation of the direction of growth along the segment, radians. It is the angle of an arc, and 0 for
+    /// a straight line.
     #[must_use]
     pub fn bend(&self) -> f64 {
         match *self {
@@ -63,13 +63,13 @@ impl Segment {
         }
     }
 
-    /// Curvature, 1/mm.
+    /// Returns the curvature, 1/mm.
     #[must_use]
     pub fn curvature(&self) -> f64 {
         self.bend() / self.length()
     }
 
-    /// `start_from_end` of the segment (Eq 4; a helicoidal arc is integrated).
+    /// Returns `start_from_end` of the segment (Eq 4). A helicoidal arc is integrated.
     #[must_use]
     pub fn step(&self) -> Frame {
         match *self {
@@ -83,7 +83,7 @@ impl Segment {
         }
     }
 
-    /// The first part of the segment, of this length, mm.
+    /// Returns the first part of the segment, of this length, mm.
     #[must_use]
     pub fn shortened(&self, to: f64) -> Self {
         match *self {
@@ -93,7 +93,7 @@ impl Segment {
         }
     }
 
-    /// The same segment grown from a tip that is turned by `roll` about its direction of growth (radians,
+    /// Returns the same segment grown from a tip that is turned by `roll` about its direction of growth (radians,
     /// counter-clockwise).
     #[must_use]
     pub fn rolled(&self, roll: f64) -> Self {
@@ -114,13 +114,13 @@ pub struct Leg {
     pub segments: usize,
 }
 
-/// Length of a path, mm. (The sum of no numbers is -0.)
+/// Returns the length of a path, mm. (The fold begins with 0, because the sum of no numbers is -0.)
 #[must_use]
 pub fn length(path: &[Segment]) -> f64 {
     path.iter().fold(0.0, |length, segment| length + segment.length())
 }
 
-/// `base_from_tip` at the end of a path (Eq 5).
+/// Returns `base_from_tip` at the end of a path (Eq 5).
 #[must_use]
 pub fn end(path: &[Segment], base_from_start: &Frame) -> Frame {
     path.iter().fold(*base_from_start, |base_from_tip, segment| base_from_tip * segment.step())
@@ -130,13 +130,13 @@ pub fn end(path: &[Segment], base_from_start: &Frame) -> Frame {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Path(Vec<Segment, MAX_SEGMENTS>);
 
-/// A path has no room for another segment.
+/// Error of a path that has no space for another segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("a planned path holds at most {MAX_SEGMENTS} segments: please report these poses")]
 pub struct PathFull;
 
 impl Path {
-    /// A path of no length.
+    /// Creates a path without segments.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
@@ -145,17 +145,17 @@ impl Path {
     /// Adds a segment at the end.
     ///
     /// # Errors
-    /// [`PathFull`] beyond [`MAX_SEGMENTS`].
+    /// Returns [`PathFull`] if the path has [`MAX_SEGMENTS`] segments already.
     pub fn push(&mut self, segment: Segment) -> Result<(), PathFull> {
         self.0.push(segment).map_err(|_| PathFull)
     }
 
-    /// The segments for which `keep` returns true.
+    /// Returns the segments for which `keep` returns true.
     #[must_use]
     pub fn filtered(&self, keep: impl Fn(&Segment) -> bool) -> Self {
         let mut path = Self::new();
         for segment in self.0.iter().filter(|segment| keep(segment)) {
-            // There is room for what the whole path had room for.
+            // The push cannot fail, because the whole path had space for all its segments.
             let _ = path.push(*segment);
         }
         path

@@ -1,4 +1,4 @@
-//! Plans: from two poses and a radius to a path that has been checked to end at its goal.
+//! Planning of a path between two poses, with a check that the path ends at its goal.
 
 use core::cmp::Ordering;
 
@@ -9,7 +9,7 @@ use crate::robot::Robot;
 use crate::shortest::{self, Candidate, Candidates, Problem};
 use crate::two_plane::two_plane;
 
-/// A way to find a path.
+/// Method of finding a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, postcard_schema::Schema)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -20,24 +20,24 @@ pub enum Planner {
     Shortest,
 }
 
-/// A path, and the candidates that it was chosen from.
+/// A planned path, and how many candidates it was selected from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chosen {
     /// The path.
     pub path: Path,
-    /// Number of paths found that arrive at the goal.
+    /// Number of paths found that reach the goal.
     pub candidates: usize,
     /// Length of the two-plane path to the same goal, mm.
     pub two_plane_length: f64,
 }
 
-/// Why there is no plan.
+/// Reason why a plan could not be made.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// The radius is below R_min.
     #[error("radius is {} mm, below R_min = {limit} mm of this robot: ask for at least that", Short(.radius))]
     RadiusTooSmall {
-        /// The radius asked for, mm.
+        /// Requested radius, mm.
         radius: f64,
         /// The robot's min radius, mm.
         limit: f64,
@@ -45,9 +45,9 @@ pub enum PlanError {
     /// The radius is not finite or above [`MAX_RADIUS`].
     #[error("radius is {} mm: give a number up to {limit} mm", Short(.radius))]
     RadiusTooLarge {
-        /// The radius asked for, mm.
+        /// Requested radius, mm.
         radius: f64,
-        /// Max value that is accepted, mm.
+        /// Max radius that is accepted, mm.
         limit: f64,
     },
     /// The path found does not end at the goal.
@@ -63,22 +63,23 @@ pub enum PlanError {
         /// Max distance that is accepted, mm.
         limit: f64,
     },
-    /// No path was found at all.
+    /// No path was found.
     #[error("no path was found: please report these poses")]
     NoPath,
-    /// The path has more segments than a path holds.
+    /// The path has more segments than a [`Path`] can hold.
     #[error(transparent)]
     TooManySegments(#[from] PathFull),
 }
 
 /// Max radius that is accepted, mm (1 km).
 pub const MAX_RADIUS: f64 = 1e6;
-/// Max error of a path at the goal, radii and radians, for goals within 100 radii; beyond, in proportion. That is a
-/// tenth of a nanometre for a radius of 100 mm.
+/// Max error of a path at the goal, radii and radians, for goals within 100 radii. At larger distances it grows in
+/// proportion. It is a tenth of a nanometre for a radius of 100 mm.
 const ARRIVED: f64 = 1e-9;
-/// Min length of a segment, radii. Shorter ones are rounding and are dropped where that does not move the end.
+/// Min length of a segment, radii. A shorter segment is only a rounding error, and is removed if that does not move the
+/// end.
 pub(crate) const MIN_SEGMENT: f64 = 1e-9;
-/// Max error at the goal of a path without its dropped segments, radii and radians: a tenth of [`ARRIVED`].
+/// Max error at the goal of a path without its removed segments, radii and radians: a tenth of [`ARRIVED`].
 const UNMOVED: f64 = 1e-10;
 
 /// The error of a tip at a goal.
@@ -90,14 +91,15 @@ pub struct Miss {
     pub angle: f64,
 }
 
-/// Whether a goal is so near (for arcs of this radius, mm) that a helicoidal arc may be the shortest path: those are
-/// searched from likely places only, so that a shorter one may exist. Of all other paths none is missed.
+/// Reports whether a goal is so close (for arcs of this radius, mm) that a helicoidal arc may be the shortest path. The
+/// search for helicoidal arcs starts only from likely places, so a shorter one may exist. The search for all other
+/// paths is complete.
 #[must_use]
 pub fn may_be_helicoidal(start: &Pose, goal: &Pose, radius: f64) -> bool {
     (goal.position() - start.position()).norm() < shortest::HELICOIDS_WITHIN * radius
 }
 
-/// The error of a tip at a goal.
+/// Returns the error of a tip at a goal.
 #[must_use]
 pub fn miss(base_from_tip: &Frame, goal: &Pose) -> Miss {
     Miss {
@@ -109,16 +111,17 @@ pub fn miss(base_from_tip: &Frame, goal: &Pose) -> Miss {
 /// Plans a path of this radius (mm) and checks, by chaining Eq 4, that it ends at the goal.
 ///
 /// # Errors
-/// A radius below R_min or above [`MAX_RADIUS`]; or a path that misses the goal, which has not been seen yet.
+/// Returns an error if the radius is below R_min or above [`MAX_RADIUS`], or if the path does not end at the goal. The
+/// latter has never been observed.
 pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Chosen, PlanError> {
     plan_with_keep_alive(robot, start, goal, radius, planner, &mut || ())
 }
 
-/// As [`plan`], for boards: `keep_alive` is called at least every few milliseconds on a microcontroller, so that it can
-/// feed its watchdog.
+/// Like [`plan`], but calls `keep_alive` at least every few milliseconds on a microcontroller, so that a board can feed
+/// its watchdog.
 ///
 /// # Errors
-/// As [`plan`].
+/// Returns the errors of [`plan`].
 pub fn plan_with_keep_alive(
     robot: &Robot,
     start: &Pose,
@@ -127,15 +130,15 @@ pub fn plan_with_keep_alive(
     planner: Planner,
     keep_alive: &mut dyn FnMut(),
 ) -> Result<Chosen, PlanError> {
-    // The first candidate is accepted, so there is always an answer.
+    // The first candidate is accepted, so there is always a result.
     search(robot, start, goal, radius, planner, |_| true, keep_alive).and_then(|chosen| chosen.ok_or(PlanError::NoPath))
 }
 
-/// Plans the shortest of the planner's candidates that `accept` accepts; `None` if it accepts none. Candidates are
-/// offered by length, with the two-plane path among them.
+/// Plans the shortest of the planner's candidates that `accept` accepts. `None` if it accepts none. `accept` gets the
+/// candidates in the order of their length, with the two-plane path among them.
 ///
 /// # Errors
-/// As [`plan`].
+/// Returns the errors of [`plan`].
 pub fn plan_where(
     robot: &Robot,
     start: &Pose,
@@ -163,7 +166,7 @@ fn search(
     }
 }
 
-/// Refuses a radius (mm) below R_min or above [`MAX_RADIUS`].
+/// Returns an error if the radius (mm) is below R_min or above [`MAX_RADIUS`].
 pub(crate) fn check_radius(robot: &Robot, radius: f64) -> Result<(), PlanError> {
     let limit = robot.min_radius();
     if radius < limit {
@@ -175,7 +178,7 @@ pub(crate) fn check_radius(robot: &Robot, radius: f64) -> Result<(), PlanError> 
     Ok(())
 }
 
-#[inline(never)] // Its room on the stack is not the caller's.
+#[inline(never)] // Keeps its stack frame out of the caller's.
 fn two_plane_only(
     start: &Pose,
     goal: &Pose,
@@ -200,7 +203,7 @@ fn shortest_of_all(
     let mut found = Candidates::new();
     shortest::candidates(&problem, two_plane_length / radius, &mut found, keep_alive);
     let count = found.len() + 1;
-    // The two-plane path takes its turn among the others.
+    // The two-plane path is tried at its place in the order of lengths.
     let shorter = found.partition_point(|candidate| candidate.length() * radius < two_plane_length);
     for index in 0..count {
         keep_alive();
@@ -209,7 +212,7 @@ fn shortest_of_all(
             Ordering::Less => arriving_candidate(found.get(index), start, goal, radius),
             Ordering::Greater => arriving_candidate(found.get(index - 1), start, goal, radius),
         };
-        // A candidate that does not arrive is left out.
+        // A candidate that does not reach the goal is skipped.
         if let Ok(path) = path
             && accept(&path)
         {
@@ -219,8 +222,8 @@ fn shortest_of_all(
     Ok(None)
 }
 
-/// Length of the two-plane path, mm.
-#[inline(never)] // Its room on the stack is not the caller's.
+/// Returns the length of the two-plane path, mm.
+#[inline(never)] // Keeps its stack frame out of the caller's.
 pub(crate) fn two_plane_length(start: &Pose, goal: &Pose, radius: f64) -> Result<f64, PlanError> {
     arriving_two_plane(start, goal, radius).map(|path| path::length(&path))
 }
@@ -240,7 +243,7 @@ fn arriving_candidate(
     arriving(candidate.ok_or(PlanError::NoPath)?.path(radius)?, start, goal, radius)
 }
 
-/// The path, without segments that are nothing but rounding, if it ends at the goal.
+/// Returns the path, without segments that are only rounding errors, if it ends at the goal.
 pub(crate) fn arriving(path: Path, start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PlanError> {
     let scale = ((goal.position() - start.position()).norm() / (100.0 * radius)).max(1.0);
     let within = |path: &Path, share: f64| {
@@ -259,20 +262,20 @@ pub(crate) fn arriving(path: Path, start: &Pose, goal: &Pose, radius: f64) -> Re
     }
 }
 
-/// The length, layers, time and filament of a path.
+/// Length, layers, time and filament that a path needs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Needs {
     /// Arc length, mm.
     pub length: f64,
     /// Number of layers, by exact slicing.
     pub layers: usize,
-    /// Time to lay them, s.
+    /// Time for the layers, s.
     pub duration: f64,
     /// Length of filament, mm.
     pub filament: f64,
 }
 
-/// The length, layers, time and filament that a path needs on this robot.
+/// Returns the length, layers, time and filament that a path needs on this robot.
 #[must_use]
 pub fn needs(path: &[Segment], robot: &Robot) -> Needs {
     let layers = crate::slicing::layers(path, robot, crate::slicing::Slicing::Exact).size_hint().0;
@@ -310,7 +313,7 @@ mod tests {
             .prop_map(|(x, y, z, heading, pitch)| Pose::from_degrees([x, y, z, heading, pitch]).unwrap())
     }
 
-    /// Directions that make planes degenerate, give or take a little.
+    /// Generates directions that make planes degenerate, exactly or approximately.
     fn special_angle() -> impl Strategy<Value = f64> {
         let exact = prop::sample::select(std::vec![-180.0, -90.0, 0.0, 45.0, 90.0, 180.0]);
         let off = prop_oneof![Just(0.0), -15.0..-5.0];
@@ -337,7 +340,7 @@ mod tests {
 
         #[test]
         fn random_poses_are_reached_the_shortest_way(start in pose(), goal in pose()) {
-            // Near ones take long, and are tried below.
+            // Close goals take long, so the tests below use fewer of them.
             if (goal.position() - start.position()).norm() > 400.0 {
                 assert_plans_by(Planner::Shortest, &start, &goal, 100.0);
             }

@@ -1,12 +1,11 @@
 //! Poses and frames.
 //!
-//! A [`Pose`] is a point and a direction, as users give it. The direction of a tip with
-//! heading `theta` and pitch `gamma` is `(cos gamma cos theta, cos gamma sin theta, sin gamma)`.
+//! A [`Pose`] is a point and a direction, in the form that users give. The direction of a tip with heading `theta` and
+//! pitch `gamma` is `(cos gamma cos theta, cos gamma sin theta, sin gamma)`.
 //!
-//! A [`Frame`] is the robot's: `base_from_tip`, whose z axis is the direction of growth and
-//! whose x and y axes span the deposition plane. With no roll given, a pose's frame is
-//! `Rz(heading) * Ry(90 deg - pitch)`. Growth never rolls the tip about its own z, so from there
-//! on the frame is carried along the body without twist.
+//! A [`Frame`] is the robot's form, `base_from_tip`. Its z axis is the direction of growth, and its x and y axes span
+//! the deposition plane. A pose has no roll, so its frame is `Rz(heading) * Ry(90 deg - pitch)`. Growth never rolls the
+//! tip about its own z, so from there on the frame is carried along the body without twist.
 
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 
@@ -14,7 +13,7 @@ use crate::angle::{degrees, radians, wrap_signed};
 use crate::number::Short;
 use crate::trigonometry;
 
-/// A rigid transform, named by what it converts: `base_from_tip * point_in_tip`.
+/// A rigid transform. Its name is the conversion that it makes: `base_from_tip * point_in_tip`.
 pub type Frame = IsometryMatrix3<f64>;
 
 /// The position of a tip and its direction of growth. Position in mm, angles in radians.
@@ -25,41 +24,41 @@ pub struct Pose {
     pitch: f64,
 }
 
-/// A position that a tip may be asked to reach, mm: as of a [`Pose`], without a direction.
+/// A goal position of a tip, mm. It is the position of a [`Pose`], without a direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Position(Vector3<f64>);
 
 impl Position {
-    /// A position, mm.
+    /// Creates a position, mm.
     ///
     /// # Errors
-    /// Anything not finite, a coordinate beyond [`Pose::MAX_COORDINATE`].
+    /// Returns an error if a coordinate is not finite or beyond [`Pose::MAX_COORDINATE`].
     pub fn new(position: Vector3<f64>) -> Result<Self, PoseError> {
         Pose::new(position, 0.0, 0.0).map(|pose| Self(pose.position))
     }
 
-    /// The coordinates, mm.
+    /// Returns the coordinates, mm.
     #[must_use]
     pub fn vector(&self) -> Vector3<f64> {
         self.0
     }
 }
 
-/// Why a pose was refused.
+/// Reason why a pose is not valid.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PoseError {
     /// A field is NaN or infinite.
     #[error("{field} is {}: give a finite number", Short(.value))]
     NotFinite {
-        /// The name of the field.
+        /// Name of the field.
         field: &'static str,
-        /// The field's value.
+        /// Value of the field.
         value: f64,
     },
-    /// A coordinate lies further out than [`Pose::MAX_COORDINATE`].
+    /// A coordinate is beyond [`Pose::MAX_COORDINATE`].
     #[error("{field} is {} mm: keep coordinates within {limit} mm of the origin", Short(.value))]
     TooFar {
-        /// The name of the coordinate.
+        /// Name of the coordinate.
         field: &'static str,
         /// The coordinate, mm.
         value: f64,
@@ -78,14 +77,15 @@ impl Pose {
     /// Max coordinate, mm (10 km). Beyond it an `f64` no longer resolves a micrometre reliably.
     pub const MAX_COORDINATE: f64 = 1e7;
 
-    /// How near to straight up or down a direction has no heading, radians: 0.0006 degrees. The steps of a vertical body
-    /// alone turn it by a fifth of that.
+    /// Max angle from straight up or down at which a direction counts as vertical and has no heading, radians: 0.0006
+    /// degrees. The steps of a vertical body alone turn its direction by a fifth of that.
     pub const VERTICAL: f64 = 1e-5;
 
-    /// A pose from mm and radians. The heading is wrapped to `(-pi, pi]`.
+    /// Creates a pose from mm and radians. The heading is wrapped to `(-pi, pi]`.
     ///
     /// # Errors
-    /// Anything not finite, a coordinate beyond [`Self::MAX_COORDINATE`], a pitch beyond `+-pi/2`.
+    /// Returns an error if a number is not finite, a coordinate is beyond [`Self::MAX_COORDINATE`], or the pitch is
+    /// beyond `+-pi/2`.
     pub fn new(position: Vector3<f64>, heading: f64, pitch: f64) -> Result<Self, PoseError> {
         let named = [("x", position.x), ("y", position.y), ("z", position.z), ("heading", heading), ("pitch", pitch)];
         for (field, value) in named {
@@ -104,7 +104,7 @@ impl Pose {
         Ok(Self { position, heading: wrap_signed(heading), pitch })
     }
 
-    /// A pose from five numbers as people write them: x, y, z in mm, heading and pitch in degrees.
+    /// Creates a pose from five numbers in the units that people use: x, y, z in mm, heading and pitch in degrees.
     ///
     /// ```
     /// use growbot_core::pose::Pose;
@@ -114,7 +114,7 @@ impl Pose {
     /// ```
     ///
     /// # Errors
-    /// As [`Pose::new`].
+    /// Returns the errors of [`Pose::new`].
     pub fn from_degrees([x, y, z, heading, pitch]: [f64; 5]) -> Result<Self, PoseError> {
         if pitch.is_finite() && pitch.abs() > 90.0 {
             return Err(PoseError::Pitch { value: pitch });
@@ -122,13 +122,14 @@ impl Pose {
         Self::new(Vector3::new(x, y, z), radians(heading), radians(pitch))
     }
 
-    /// The five numbers as people read them: x, y, z in mm, heading and pitch in degrees.
+    /// Returns the five numbers in the units that people use: x, y, z in mm, heading and pitch in degrees.
     #[must_use]
     pub fn to_degrees(&self) -> [f64; 5] {
         [self.position.x, self.position.y, self.position.z, degrees(self.heading), degrees(self.pitch)]
     }
 
-    /// The pose of a tip whose frame is known. Straight up or down, where a direction has no heading, it is 0.
+    /// Returns the pose of a tip with this frame. The heading is 0 if the tip points straight up or down, because such
+    /// a direction has no heading.
     #[must_use]
     pub fn from_frame(base_from_tip: &Frame) -> Self {
         let direction = tip_direction(base_from_tip);
@@ -139,43 +140,44 @@ impl Pose {
         }
     }
 
-    /// A pose of the same direction at another position.
+    /// Returns a pose of the same direction at another position.
     #[must_use]
     pub fn at(&self, position: &Position) -> Self {
         Self { position: position.0, ..*self }
     }
 
-    /// The position of the tip, mm.
+    /// Returns the position of the tip, mm.
     #[must_use]
     pub fn position(&self) -> Vector3<f64> {
         self.position
     }
 
-    /// Heading in `(-pi, pi]`, radians: the direction's angle in the x-y plane.
+    /// Returns the heading in `(-pi, pi]`, radians: the direction's angle in the x-y plane.
     #[must_use]
     pub fn heading(&self) -> f64 {
         self.heading
     }
 
-    /// Pitch in `[-pi/2, pi/2]`, radians: the direction's angle above the x-y plane.
+    /// Returns the pitch in `[-pi/2, pi/2]`, radians: the direction's angle above the x-y plane.
     #[must_use]
     pub fn pitch(&self) -> f64 {
         self.pitch
     }
 
-    /// Whether it points straight up or down, to [`Self::VERTICAL`]: then its heading says nothing of its direction.
+    /// Reports whether the pose points straight up or down, to [`Self::VERTICAL`]. Then its direction does not depend
+    /// on its heading.
     #[must_use]
     pub fn is_vertical(&self) -> bool {
         core::f64::consts::FRAC_PI_2 - self.pitch.abs() <= Self::VERTICAL
     }
 
-    /// The direction of growth, a unit vector.
+    /// Returns the direction of growth, a unit vector.
     #[must_use]
     pub fn direction(&self) -> Vector3<f64> {
         tip_direction(&self.frame())
     }
 
-    /// `base_from_tip` with no roll: `Rz(heading) * Ry(90 deg - pitch)`.
+    /// Returns `base_from_tip` with no roll: `Rz(heading) * Ry(90 deg - pitch)`.
     #[must_use]
     pub fn frame(&self) -> Frame {
         let (sin_heading, cos_heading) = trigonometry::sin_cos(self.heading);
@@ -190,18 +192,19 @@ impl Pose {
     }
 }
 
-/// The direction of growth of a tip: the z axis of its frame.
+/// Returns the direction of growth of a tip, which is the z axis of its frame.
 #[must_use]
 pub fn tip_direction(base_from_tip: &Frame) -> Vector3<f64> {
     column::<2>(base_from_tip.rotation.matrix())
 }
 
-/// A column of a matrix. (nalgebra's counts while it copies, which leaves a panic in the firmware.)
+/// Returns a column of a matrix. (The function of nalgebra counts while it copies, which leaves a panic in the
+/// firmware.)
 pub(crate) fn column<const INDEX: usize>(matrix: &Matrix3<f64>) -> Vector3<f64> {
     Vector3::from(matrix.data.0[INDEX])
 }
 
-/// The angle between two unit vectors, radians, exact near 0 and near pi.
+/// Returns the angle between two unit vectors, radians, exact near 0 and near pi.
 #[must_use]
 pub fn angle_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     libm::atan2(a.cross(b).norm(), a.dot(b))

@@ -1,14 +1,14 @@
 //! The shortest path to a position, with any direction of arrival, of curvature at most 1.
 //!
-//! The path is planar. By Pontryagin's principle (Sussmann 1995, as [`crate::shortest`] uses it) an arc turns about
-//! `m = m0 + p x x`, which is perpendicular to its tip. With the direction of arrival free, `m` vanishes at the end, so
-//! `m . p`, which is constant, is 0, and with it the torsion, `-(m . p) / |m|^2`. The plane is that of the start's
+//! The path is planar. By Pontryagin's principle (Sussmann 1995, used as in [`crate::shortest`]) an arc turns about `m
+//! = m0 + p x x`, which is perpendicular to its tip. If the direction of arrival is free, `m` vanishes at the end. So
+//! `m . p`, which is constant, is 0, and with it the torsion, `-(m . p) / |m|^2`. The plane contains the start's
 //! direction and the goal.
 //!
 //! In the plane it is the relaxed Dubins problem (Bui, Soueres, Boissonnat and Laumond 1994, "Shortest path synthesis
-//! for Dubins non-holonomic robot", ICRA). The path is an arc and a line; to a position inside a turning circle of the
-//! start it is two arcs, first away from the position and then towards it. Both sides, and both meetings of the two
-//! circles, are built; of those that end at the position the shortest is taken.
+//! for Dubins non-holonomic robot", ICRA). The path is an arc and a line. If the position is inside a turning circle of
+//! the start, the path is two arcs, first away from the position and then towards it. The code builds the paths on both
+//! sides, and with both meetings of the two circles. It returns the shortest of those that end at the position.
 //!
 //! Lengths are in units of the turning radius.
 
@@ -25,16 +25,16 @@ use crate::robot::Robot;
 use crate::shortest::Candidate;
 use crate::trigonometry;
 
-/// Max number of paths to a position: an arc and a line on two sides, two arcs in two orders with two meetings.
+/// Max number of paths to a position: an arc and a line on two sides, and two arcs in two orders with two meetings.
 pub const MAX_PATHS: usize = 6;
-/// An angle this close below a full turn may be a rounding error of none.
+/// Angle below a full turn within which an angle may be 0 with a rounding error, radians.
 const NEAR_FULL_TURN: f64 = 1e-5;
-/// Max error of a path at the position, radii, for positions within 100 radii; beyond, in proportion.
+/// Max error of a path at the position, radii, for positions within 100 radii. At larger distances it grows in
+/// proportion.
 const ARRIVED: f64 = 1e-12;
 
-/// All paths of an arc and a line, or of two arcs, from the origin and the x direction to a position in the plane,
-/// shortest first. There is always one.
-///
+/// Returns all paths of an arc and a line, or of two arcs, from the origin and the x direction to a position in the
+/// plane, shortest first. There is always one.
 /// ```
 /// use growbot_core::to_point::planar;
 /// assert_eq!(planar(10.0, 0.0)[0].length(), 10.0);
@@ -67,16 +67,16 @@ pub fn planar(x: f64, y: f64) -> Vec<PlanarPath, MAX_PATHS> {
     found
 }
 
-/// Whether the path ends at a position, which is given in the plane that is mirrored if `side` is -1.
+/// Reports whether the path ends at a position. The position is given in the plane that is mirrored if `side` is -1.
 fn arrives(path: &PlanarPath, x: f64, side: f64, y: f64) -> bool {
     let end = path.end();
     let scale = (0.01 * trigonometry::hypot(x, y)).max(1.0);
     trigonometry::hypot(end.x - x, end.y - side * y) <= ARRIVED * scale
 }
 
-/// Inserts a path by length, behind those of its length.
+/// Inserts a path in order of length, after those of the same length.
 fn keep(found: &mut Vec<PlanarPath, MAX_PATHS>, path: PlanarPath) {
-    // There is room for each.
+    // The list has space for each path.
     let _ = found.push(path);
     let mut index = found.len().saturating_sub(1);
     while index > 0 && found.get(index - 1).is_some_and(|before| before.length() > path.length()) {
@@ -85,55 +85,57 @@ fn keep(found: &mut Vec<PlanarPath, MAX_PATHS>, path: PlanarPath) {
     }
 }
 
-/// Left until the tip points to the position, then straight. To a position inside the circle there is no such path, and
-/// what is given does not arrive, unless rounding has put the position there.
+/// Returns the lengths of a left arc until the tip points to the position, and a straight line. If the position is
+/// inside the circle, such a path does not exist, and the result does not reach the position. It does if only rounding
+/// has moved the position inside.
 fn arc_and_line(x: f64, y: f64) -> [f64; 3] {
-    // Of the tangent from the position to the circle, whose centre is (0, 1).
+    // Length of the tangent from the position to the circle, whose centre is (0, 1).
     let line = root(x * x + y * (y - 2.0));
     let above = y - 1.0;
     let turn = wrap_positive(libm::atan2(x + above * line, x * line - above));
     [turn, line, 0.0]
 }
 
-/// Left, then right, where the second circle goes through the position; `meeting` says which of the two such circles.
-/// Where there is none, what is given does not arrive.
+/// Returns the lengths of a left arc and a right arc. The second circle goes through the position, and `meeting`
+/// selects one of the two such circles. If there is none, the result does not reach the position.
 fn two_arcs(x: f64, y: f64, meeting: f64) -> [f64; 3] {
-    // From the centre of the first circle. That of the second lies 2 from it, and 1 from the position.
+    // Vector from the centre of the first circle to the position. The centre of the second circle is at distance 2 from
+    // the first centre, and at distance 1 from the position.
     let (across, along) = (y - 1.0, x);
     let distance = trigonometry::hypot(across, along);
     let square = (distance - 1.0) * (3.0 - distance) * (distance + 1.0) * (distance + 3.0);
     let aside = meeting * libm::atan2(root(square), distance * distance + 3.0);
-    // After an arc of angle `first` the tip is at (sin, -cos) of it from the centre.
+    // After an arc of angle `first`, the tip is at (sin, -cos) of that angle from the centre.
     let first = wrap_positive(libm::atan2(along, -across) + aside);
     let (sin, cos) = trigonometry::sin_cos(first);
     let (from_x, from_y) = (-sin, cos);
     let (to_x, to_y) = (along - 2.0 * sin, across + 2.0 * cos);
-    // Clockwise from where the second arc begins to the position.
+    // The clockwise angle from the beginning of the second arc to the position.
     let second = wrap_positive(libm::atan2(from_y * to_x - from_x * to_y, from_x * to_x + from_y * to_y));
     [first, 0.0, second]
 }
 
-/// The square root; of what is below 0, perhaps by rounding, 0.
+/// Returns the square root, or 0 if the number is negative, which may result from rounding.
 fn root(square: f64) -> f64 {
     libm::sqrt(square.max(0.0))
 }
 
-/// A path to a position, and the pose in which it ends there.
+/// A path to a position, and the pose at its end.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ToPoint {
-    /// The position, with the direction of arrival that is the path's.
+    /// The position, with the direction in which the path arrives.
     pub goal: Pose,
-    /// The path, and what it was chosen from.
+    /// The path, and how many candidates it was selected from.
     pub chosen: Chosen,
 }
 
-/// Plans a path of this radius (mm) to a position that may be reached in any direction, and checks that it ends
-/// there. Of the paths there are, it is the shortest that `accept` accepts; `None` if it accepts none.
+/// Plans a path of this radius (mm) to a position that may be reached in any direction, and checks that it ends there.
+/// The result is the shortest path that `accept` accepts. `None` if it accepts none.
 ///
 /// With [`Planner::TwoPlane`] the direction is that of the shortest path, and the path is the two-plane path to it.
 ///
 /// # Errors
-/// As [`crate::plan::plan`].
+/// Returns the errors of [`crate::plan::plan`].
 pub fn plan_to_point(
     robot: &Robot,
     start: &Pose,
@@ -146,16 +148,16 @@ pub fn plan_to_point(
     let base_from_tip = start.frame();
     let goal = base_from_tip.rotation.inverse() * ((point.vector() - start.position()) / radius);
     let across = trigonometry::hypot(goal.x, goal.y);
-    // Where the position is straight ahead or behind, any plane will do.
+    // If the position is straight ahead or behind, any plane will do.
     let left = libm::atan2(goal.y, goal.x);
     let paths = planar(goal.z, across);
     for planar in &paths {
         let path = Candidate::Planar { path: *planar, left }.path(radius)?;
-        // Pieces that are nothing but rounding would turn the direction of arrival by as much.
+        // Segments that are only rounding errors would turn the direction of arrival by as much.
         let short = path.filtered(|segment| segment.length() >= MIN_SEGMENT * radius);
         for path in [short, path] {
             let goal = arrival(start, point, &path);
-            // A path that does not arrive is left out.
+            // A path that does not reach the position is skipped.
             let Ok(path) = arriving(path, start, &goal, radius) else { continue };
             if planner == Planner::TwoPlane {
                 let chosen = plan_where(robot, start, &goal, radius, planner, accept)?;
@@ -171,8 +173,8 @@ pub fn plan_to_point(
     Ok(None)
 }
 
-/// The pose at a position, with the direction in which a path arrives. A path that does not bend arrives as it starts,
-/// to the last digit.
+/// Returns the pose at a position, with the direction in which a path arrives. A path without a bend arrives exactly in
+/// the direction of the start.
 fn arrival(start: &Pose, point: &Position, path: &[Segment]) -> Pose {
     let bends = path.iter().any(|segment| segment.bend() > 0.0);
     let end = if bends { Pose::from_frame(&path::end(path, &start.frame())) } else { *start };
@@ -195,7 +197,7 @@ mod tests {
         planar(x, y)[0].length()
     }
 
-    /// The shortest path to a position, and its direction, by the shortest paths to it in many directions.
+    /// Returns the length of the shortest path to a position, from the shortest paths to it in many directions.
     fn by_search(x: f64, y: f64) -> f64 {
         let length = |heading: f64| dubins2::shortest(&PlanarPose { x, y, heading }).length();
         let mut best = (f64::INFINITY, 0.0);
@@ -257,7 +259,7 @@ mod tests {
         fn two_arcs_are_found(first in magnitude(), second in 0.0..TAU, order in 0..2_usize) {
             let laid = PlanarPath { path_type: ARCS[order], lengths: [first % TAU, 0.0, second] };
             let end = laid.end();
-            // Of a tiny first arc rounding takes a part, and the second makes up for it.
+            // Rounding changes a tiny first arc, and the second arc compensates for it.
             prop_assert!(length_to(end.x, end.y) <= laid.length() + 1e-7, "{laid:?}");
         }
 
@@ -285,7 +287,8 @@ mod tests {
         for (x, y, length) in [(0.0, 0.0, 0.0), (3.0, 0.0, 3.0), (1.0, 1.0, FRAC_PI_2), (-1.0, 2.0, PI + 1.0)] {
             assert!((length_to(x, y) - length).abs() < 1e-15, "{x}, {y}: {}", length_to(x, y));
         }
-        // The centre of the circle to the left: the centres of the two circles and the position make a triangle.
+        // The position is the centre of the circle to the left. The centres of the two circles and the position form a
+        // triangle.
         let path = planar(0.0, 1.0)[0];
         let aside = libm::acos(7.0 / 8.0);
         let last = TAU - libm::acos(0.25);

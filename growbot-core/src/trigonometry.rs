@@ -1,21 +1,21 @@
-//! Sine, cosine and functions that follow from them, in little code.
+//! Sine, cosine and related functions, in little code.
 //!
-//! `libm`'s reduce arguments of any size, in two thirds of their 5 kB of a microcontroller's flash; angles here are a
-//! few turns. The polynomials are those of FreeBSD's msun (`k_sin.c`, `k_cos.c`), as in `libm`, and so is the
-//! precision: an ulp.
+//! The functions of `libm` reduce arguments of any size. That takes two thirds of their 5 kB of a microcontroller's
+//! flash. The angles here are a few turns. The polynomials are those of FreeBSD's msun (`k_sin.c`, `k_cos.c`), as in
+//! `libm`. The precision is the same too: an ulp.
 
 use core::f64::consts::FRAC_2_PI;
 
 use crate::angle::wrap_positive;
 
-/// Beyond this, radians, the number of quarter turns times [`QUARTER`] is no longer exact, and the angle is wrapped
+/// Max angle for which the number of quarter turns times [`QUARTER`] is exact, radians. A larger angle is wrapped
 /// first.
 const MAX_ANGLE: f64 = 1e6;
-/// A quarter turn: its first 33 bits, and the rest.
+/// A quarter turn in two parts: the first 33 bits, and the remainder.
 const QUARTER: f64 = f64::from_bits(0x3ff9_21fb_5440_0000);
 const QUARTER_REST: f64 = f64::from_bits(0x3dd0_b461_1a62_6331);
 
-/// Of `(sin x - x) / x^3` in powers of `x^2`, for `x` within an eighth of a turn.
+/// Coefficients of `(sin x - x) / x^3` in powers of `x^2`, for `x` within an eighth of a turn.
 const SINE: [f64; 6] = [
     -1.666_666_666_666_663_2e-1,
     8.333_333_333_322_49e-3,
@@ -24,7 +24,7 @@ const SINE: [f64; 6] = [
     -2.505_076_025_340_686_3e-8,
     1.589_690_995_211_55e-10,
 ];
-/// Of `(cos x - 1 + x^2/2) / x^4`.
+/// Coefficients of `(cos x - 1 + x^2/2) / x^4` in powers of `x^2`.
 const COSINE: [f64; 6] = [
     4.166_666_666_666_66e-2,
     -1.388_888_888_887_411e-3,
@@ -33,8 +33,8 @@ const COSINE: [f64; 6] = [
     2.087_572_321_298_175e-9,
     -1.135_964_755_778_819_5e-11,
 ];
-/// Of `(x - atan x) / x^3` in powers of `x^4`, for `x` within an eighth of a turn's half; and, of the powers of `x^2`
-/// between these.
+/// Coefficients of `(x - atan x) / x^3` in powers of `x^4`, for `x` within half of an eighth of a turn. The second row
+/// is that of the powers of `x^2` between these.
 const ARC_TANGENT: [[f64; 6]; 2] = [
     [
         3.333_333_333_333_293e-1,
@@ -54,7 +54,7 @@ const ARC_TANGENT: [[f64; 6]; 2] = [
     ],
 ];
 
-/// An angle as a number of quarter turns and a remainder of at most an eighth of a turn: `left + rest`.
+/// An angle as a number of quarter turns and a remainder of at most an eighth of a turn, `left + rest`.
 struct Reduced {
     quarters: i32,
     left: f64,
@@ -70,7 +70,7 @@ impl Reduced {
         Self { quarters: quarters as i32, left, rest: (off - left) - rest }
     }
 
-    /// The sine of the angle plus a number of quarter turns.
+    /// Returns the sine of the angle plus a number of quarter turns.
     #[cfg_attr(target_os = "none", inline(never))]
     fn sine(&self, more: i32) -> f64 {
         let &Self { quarters, left, rest } = self;
@@ -92,33 +92,34 @@ fn series(coefficients: &[f64; 6], x: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient)
 }
 
-/// The sine of an angle, radians.
+/// Returns the sine of an angle, radians.
 #[must_use]
 pub fn sin(angle: f64) -> f64 {
     Reduced::new(angle).sine(0)
 }
 
-/// The cosine of an angle, radians.
+/// Returns the cosine of an angle, radians.
 #[must_use]
 pub fn cos(angle: f64) -> f64 {
     Reduced::new(angle).sine(1)
 }
 
-/// Sine and cosine of an angle, radians.
+/// Returns sine and cosine of an angle, radians.
 #[must_use]
 pub fn sin_cos(angle: f64) -> (f64, f64) {
     let reduced = Reduced::new(angle);
     (reduced.sine(0), reduced.sine(1))
 }
 
-/// [`sin_cos`] of an angle of at most an eighth of a turn, which needs no reducing.
+/// Returns [`sin_cos`] of an angle of at most an eighth of a turn, which needs no reduction.
 #[must_use]
 pub(crate) fn sin_cos_of_eighth(angle: f64) -> (f64, f64) {
     let reduced = Reduced { quarters: 0, left: angle, rest: 0.0 };
     (reduced.sine(0), reduced.sine(1))
 }
 
-/// The angle, radians, whose tangent this is, of at most a sixteenth of a turn: the tangent is at most 0.4375.
+/// Returns the angle, radians, with this tangent. The angle is at most a sixteenth of a turn, so the tangent is at most
+/// 0.4375.
 #[must_use]
 pub(crate) fn atan_of_sixteenth(tangent: f64) -> f64 {
     let square = tangent * tangent;
@@ -127,20 +128,20 @@ pub(crate) fn atan_of_sixteenth(tangent: f64) -> f64 {
     tangent - tangent * (square * series(even, fourth) + fourth * series(odd, fourth))
 }
 
-/// The tangent of an angle, radians.
+/// Returns the tangent of an angle, radians.
 #[must_use]
 pub fn tan(angle: f64) -> f64 {
     let (sin, cos) = sin_cos(angle);
     sin / cos
 }
 
-/// The angle, radians, whose cosine this is; NaN where there is none.
+/// Returns the angle, radians, with this cosine. NaN if there is none.
 #[must_use]
 pub fn acos(cosine: f64) -> f64 {
     libm::atan2(libm::sqrt((1.0 - cosine) * (1.0 + cosine)), cosine)
 }
 
-/// The length of `(x, y)`, where its square is neither too large nor too small for an `f64`.
+/// Returns the length of `(x, y)`. Its square must be neither too large nor too small for an `f64`.
 #[must_use]
 pub fn hypot(x: f64, y: f64) -> f64 {
     libm::sqrt(x * x + y * y)

@@ -1,16 +1,16 @@
 //! The paper's planner: two planar paths that meet on the line from start to goal.
 //!
 //! Del Dottore et al. 2019, Eqs 9 to 25, after Babaei and Mortazavi 2010. The line from start to goal, of direction
-//! `v_se`, lies in two planes: one holds the start's direction `v_s`, the other the goal's `v_e`. A waypoint on the
-//! line (Eqs 12 to 14) is reached in the first plane with direction `v_se`, and left in the second. Each half is a
-//! planar Dubins path.
+//! `v_se`, lies in two planes. One contains the start's direction `v_s`, the other the goal's `v_e`. The path reaches a
+//! waypoint on the line (Eqs 12 to 14) in the first plane with direction `v_se`, and leaves it in the second. Each half
+//! is a planar Dubins path.
 //!
-//! Corrected, or closed where the paper leaves a gap:
-//! - A direction parallel to the line spans no plane (Eqs 9, 10): then the other pose's plane serves, so that the path
-//!   stays planar; if that has none either, any plane that holds the line.
-//! - In the first plane `v_se` lies at *minus* the angle of Eq 23; here headings come from components, by `atan2`.
+//! This code corrects the paper, or closes its gaps, in four places:
+//! - A direction parallel to the line spans no plane (Eqs 9, 10). Then the other pose's plane is used, so that the path
+//!   stays planar. If that pose has no plane either, any plane that contains the line is used.
+//! - In the first plane `v_se` is at *minus* the angle of Eq 23. Here headings come from components, by `atan2`.
 //! - The point of deposition (Eq 25) comes from the bend direction in the tip's frame: `alpha = bend direction + pi`.
-//! - Where start and goal are one point there is no line: one plane that holds both directions serves.
+//! - If start and goal are one point, the line does not exist. Then one plane that contains both directions is used.
 
 use nalgebra::Vector3;
 
@@ -19,18 +19,19 @@ use crate::dubins2::{self, Direction, PlanarPose};
 use crate::path::{Path, PathFull, Segment};
 use crate::pose::{Frame, Pose, tip_direction};
 
-/// Max distance of start and goal (radii) that count as one point: a direction between them would be rounding. The
-/// test `degenerate_poses_are_reached` of [`crate::plan`] bounds it.
+/// Max distance of start and goal (radii) that count as one point, because the direction between them would be only
+/// rounding. The test `degenerate_poses_are_reached` of [`crate::plan`] bounds it.
 const ONE_POINT: f64 = 1e-12;
-/// Unit vectors whose cross product is shorter than this are parallel: the plane that they span would be rounding.
-/// The tests `goals_nearly_ahead_are_reached` and `degenerate_poses_are_reached` of [`crate::plan`] bound it.
+/// Max length of the cross product of unit vectors that count as parallel, because the plane that they span would be
+/// only rounding. The tests `goals_nearly_ahead_are_reached` and `degenerate_poses_are_reached` of [`crate::plan`]
+/// bound it.
 const PARALLEL: f64 = 1e-12;
 
-/// The two-plane path of a given radius (mm).
+/// Returns the two-plane path of a given radius (mm).
 ///
 /// # Errors
-/// Only if a path could not hold its at most six segments.
-#[inline(never)] // Its room on the stack is not the caller's.
+/// Returns an error only if a path could not hold its at most six segments.
+#[inline(never)] // Keeps its stack frame out of the caller's.
 pub fn two_plane(start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PathFull> {
     let (from, to) = (start.direction(), goal.direction());
     let offset = (goal.position() - start.position()) / radius;
@@ -52,8 +53,8 @@ pub fn two_plane(start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PathFul
     Ok(builder.path)
 }
 
-/// Distance of the waypoint from the start, along the line, radii (Eqs 13 and 14, with `epsilon` 0):
-/// where a circle that starts along `from` touches one that ends on the line.
+/// Returns the distance of the waypoint from the start, along the line, radii (Eqs 13 and 14, with `epsilon` 0). At the
+/// waypoint a circle that starts along `from` touches one that ends on the line.
 fn waypoint_distance(from: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
     let cos_rho = from.dot(along).clamp(-1.0, 1.0);
     let sin_rho = from.cross(along).norm();
@@ -61,22 +62,22 @@ fn waypoint_distance(from: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
     sin_rho + libm::sqrt((4.0 - height * height).max(0.0))
 }
 
-/// Unit normal of the plane of two unit vectors, none if they are parallel.
+/// Returns the unit normal of the plane of two unit vectors. `None` if they are parallel.
 fn normal(a: &Vector3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
     let cross = a.cross(b);
     let norm = cross.norm();
     (norm > PARALLEL).then(|| perpendicular(&(cross / norm), a))
 }
 
-/// `vector` without its part along `axis`, as a unit vector.
+/// Returns `vector` without its part along `axis`, as a unit vector.
 ///
-/// Where `a` and `b` are nearly parallel the rounding of their cross product is large beside the product itself;
-/// without this step the plane would miss `a` by that much.
+/// If `a` and `b` are nearly parallel, the rounding of their cross product is large relative to the product. Without
+/// this step the plane would miss `a` by that much.
 fn perpendicular(vector: &Vector3<f64>, axis: &Vector3<f64>) -> Vector3<f64> {
     (vector - axis * axis.dot(vector)).normalize()
 }
 
-/// Some unit vector perpendicular to a unit vector.
+/// Returns a unit vector perpendicular to a unit vector.
 fn any_normal(axis: &Vector3<f64>) -> Vector3<f64> {
     let min_axis = axis.iamin();
     let mut other = Vector3::zeros();
@@ -86,7 +87,7 @@ fn any_normal(axis: &Vector3<f64>) -> Vector3<f64> {
     perpendicular(&axis.cross(&other), axis)
 }
 
-/// Appends planar paths to a path in space, carrying the tip's frame along.
+/// Builder that appends planar paths to a path in space and carries the tip's frame along.
 struct Builder {
     path: Path,
     base_from_tip: Frame,
@@ -119,7 +120,7 @@ impl Builder {
         Ok(())
     }
 
-    /// The arc that turns the tip counter-clockwise about `axis` (Eq 25, by `atan2`).
+    /// Returns the arc that turns the tip counter-clockwise about `axis` (Eq 25, by `atan2`).
     fn arc(&self, axis: &Vector3<f64>, bend: f64) -> Segment {
         let towards = axis.cross(&tip_direction(&self.base_from_tip));
         let in_tip = self.base_from_tip.rotation.inverse() * towards;

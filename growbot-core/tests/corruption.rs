@@ -1,17 +1,18 @@
-//! Random bytes, and frames that were changed on their way: a receiver takes none that was not sent.
+//! Tests with random bytes, and with frames that were corrupted on the link: a receiver must not accept a frame that
+//! was not sent.
 
 use growbot_core::link::frame::{self, Header, LONGEST_BODY, LONGEST_FRAME, Receiver};
 use growbot_core::random::Random;
 
-/// So many pieces, unless GROWBOT_FRAMES says otherwise: 100,000,000 take some minutes in a release build.
+/// Number of pieces, unless GROWBOT_FRAMES gives another: 100,000,000 take some minutes in a release build.
 const PIECES: u64 = 300_000;
 
-/// A place below `end`.
+/// Returns a random integer below `end`.
 fn below(random: &mut Random, end: usize) -> usize {
     random.below(end as u64) as usize
 }
 
-/// Frames of all lengths.
+/// Returns frames of all lengths.
 fn frames(random: &mut Random) -> Vec<Vec<u8>> {
     let frame = |length: usize, random: &mut Random| {
         let body: Vec<u8> = (0..length).map(|_| random.bits() as u8).collect();
@@ -22,7 +23,7 @@ fn frames(random: &mut Random) -> Vec<Vec<u8>> {
     (0..=LONGEST_BODY).step_by(4).map(|length| frame(length, random)).collect()
 }
 
-/// A piece of a line on which something has gone wrong, its ending zero included.
+/// Writes a corrupted part of the stream to `piece`, with the zero that ends it.
 fn spoil(frames: &[Vec<u8>], random: &mut Random, piece: &mut Vec<u8>) {
     piece.clear();
     let one = &frames[below(random, frames.len())];
@@ -35,7 +36,7 @@ fn spoil(frames: &[Vec<u8>], random: &mut Random, piece: &mut Vec<u8>) {
             piece.extend_from_slice(&one[..below(random, one.len())]);
             piece.extend_from_slice(&other[below(random, other.len())..]);
         }
-        // Bytes lost or put in.
+        // Bytes lost or inserted.
         2 => {
             piece.extend_from_slice(one);
             let at = below(random, piece.len());
@@ -45,7 +46,7 @@ fn spoil(frames: &[Vec<u8>], random: &mut Random, piece: &mut Vec<u8>) {
                 piece.insert(at, random.bits() as u8);
             }
         }
-        // Bits turned over.
+        // Flipped bits.
         _ => {
             piece.extend_from_slice(one);
             for _ in 0..=below(random, 8) {
@@ -74,7 +75,7 @@ fn nothing_is_received_that_was_not_sent() {
             }
         }
     }
-    // What was changed and changed back, and tails with a whole frame in them.
+    // These were corrupted and then restored by chance, or are tails with a whole frame in them.
     assert!(whole < pieces / 20, "{whole} of {pieces} were whole");
     println!("{pieces} spoilt pieces, {whole} of them with a whole frame that was sent, none with another");
 }

@@ -1,4 +1,4 @@
-//! Descriptions of robots as boards get them: encoded, decoded, and changed on their way.
+//! Tests of descriptions of robots in the form that boards receive: encoded, decoded, and corrupted on the link.
 
 use std::collections::BTreeMap;
 
@@ -6,10 +6,10 @@ use growbot_core::hash::Hasher;
 use growbot_core::random::scramble;
 use growbot_core::robot::{ENCODING_VERSION, LONGEST_VERSIONED, Robot, RobotError};
 
-/// Changed descriptions that are tried.
+/// Number of corrupted descriptions that are tried.
 const CHANGED: u64 = 10_000;
 
-/// Every robot in `robots/` and in its examples.
+/// Returns all robots in `robots/` and in its examples.
 fn robots() -> Vec<Robot> {
     let directories =
         [concat!(env!("CARGO_MANIFEST_DIR"), "/../robots"), concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/examples")];
@@ -42,8 +42,8 @@ fn every_built_in_robot_comes_through() {
     }
 }
 
-/// The encoding of this version. Another one needs another [`ENCODING_VERSION`]: a board reads what it has kept since
-/// its last firmware.
+/// Checks that the encoding is that of this version. A change of the encoding needs another [`ENCODING_VERSION`],
+/// because a board reads the description that it stored with its previous firmware.
 #[test]
 fn the_encoding_is_that_of_its_version() {
     let robot = robots().into_iter().find(|robot| robot.name() == "growbot-a").unwrap();
@@ -66,11 +66,11 @@ fn what_is_cut_short_or_of_another_version_is_refused() {
     }
 }
 
-/// Numbers that are easily forgotten.
+/// Numbers that code often does not handle.
 const ODD: [f64; 10] =
     [0.0, -0.0, -1.0, 1e-300, 1e300, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MIN_POSITIVE, f64::MAX];
 
-/// The bytes with one to three changes.
+/// Makes one to three changes in the bytes.
 fn change(bytes: &mut Vec<u8>, mut random: impl FnMut() -> usize) {
     for _ in 0..=random() % 3 {
         let at = random() % bytes.len();

@@ -1,10 +1,11 @@
-//! How many helicoidal arcs are missed: arcs are laid by hand, and it is counted how often what is found to their ends
-//! is longer. This search is not complete, so that some are: most of those with an inflection, where the bend turns
-//! over in nearly one plane. Goals drawn at random are hardly ever at the end of such an arc (`tests/best_known.csv`).
+//! Counts the helicoidal arcs that the search misses: arcs are constructed, and the test counts how often the path that
+//! the search finds to their ends is longer. This search is not complete, so it misses some. Most of these have an
+//! inflection, where the bend reverses in nearly one plane. Goals drawn at random are hardly ever at the end of such an
+//! arc (`tests/best_known.csv`).
 //!
-//! An arc is laid by integration from its neck to both sides, which the search itself does not do. Optima are jittered:
-//! of a shortest path to a goal drawn at random the numbers are changed a little, and it is integrated from its start.
-//! `GROWBOT_LAID` is how many are laid in each regime, 2,000 without it.
+//! An arc is constructed by integration from its neck in both directions, which the search itself does not do. The
+//! regime of jittered optima takes the shortest path to a goal drawn at random, changes its numbers a little, and
+//! integrates it from its start. `GROWBOT_LAID` is the number of arcs constructed in each regime, 2,000 by default.
 //!
 //! ```sh
 //! GROWBOT_LAID=100000 cargo test --release -p growbot-core --test it laid_helicoids:: -- --nocapture
@@ -17,15 +18,15 @@ use growbot_core::random::Random;
 use growbot_core::shortest::{Candidate, Candidates, Problem, candidates};
 use nalgebra::{Rotation3, Vector3};
 
-/// A path may be longer than the laid one by this many radii.
+/// Max length by which a path may be longer than the constructed one, radii.
 const LONGER: f64 = 1e-6;
-/// Max distance from the goal at which a path ends, in radii and radians.
+/// Max distance of a path's end from the goal, in radii and radians.
 const ARRIVED: f64 = 1e-9;
-/// No shortest path is longer, radii; no helicoidal arc that is one is known to be longer than 7.3.
+/// Max length of a shortest path, radii. No helicoidal arc that is a shortest path is known to be longer than 7.3.
 const MAX_LENGTH: f64 = 7.3;
 
-/// Logarithms of `|m|` at the neck and of the component of `p` along `m`, and the lengths before and after the neck,
-/// radii.
+/// A constructed arc: logarithms of `|m|` at the neck and of the component of `p` along `m`, and the lengths before and
+/// after the neck, radii.
 #[derive(Debug, Clone, Copy)]
 struct Laid {
     narrowness: f64,
@@ -40,11 +41,11 @@ impl Laid {
         Goal { position, direction, length: self.before + self.after }
     }
 
-    /// Where it ends, and in which direction, seen from its start.
+    /// Returns position and direction of the end, as seen from the start.
     fn end(&self) -> (Vector3<f64>, Vector3<f64>) {
         let (min, twist) = (libm::exp(self.narrowness), libm::exp(self.twist));
         let curve = Helicoid { m0: Vector3::y() * min, p: Vector3::new(0.0, twist, 1.0 - min) };
-        // Half a turn about the direction of the bend maps what follows on the neck to what precedes it.
+        // Half a turn about the direction of the bend maps the part after the neck to the part before it.
         let half_turn = Rotation3::from_axis_angle(&Vector3::x_axis(), core::f64::consts::PI);
         let (after, before) = (curve.frame_after(self.after), curve.frame_after(self.before));
         let start = half_turn * before.translation.vector;
@@ -55,7 +56,7 @@ impl Laid {
     }
 }
 
-/// Where an arc ends, seen from its start, and its length, radii.
+/// Position and direction of the end of an arc, as seen from its start, and its length, radii.
 #[derive(Debug, Clone, Copy)]
 struct Goal {
     position: Vector3<f64>,
@@ -64,7 +65,7 @@ struct Goal {
 }
 
 impl Goal {
-    /// The shortest path that is found; it is checked to arrive.
+    /// Returns the shortest path that the search finds, and asserts that it reaches the goal.
     fn shortest(&self) -> Candidate {
         let mut found = Candidates::new();
         candidates(&Problem::new(&self.position, &self.direction), f64::INFINITY, &mut found, &mut || ());
@@ -103,7 +104,7 @@ fn jittered(random: &mut Random) -> Goal {
 struct Regime {
     name: &'static str,
     draw: fn(&mut Random) -> Goal,
-    /// Max share that may be missed.
+    /// Max fraction of the arcs that may be missed.
     missed: f64,
 }
 
@@ -147,7 +148,7 @@ const REGIMES: [Regime; 5] = [
 #[derive(Default)]
 struct Tally {
     laid: u32,
-    /// The laid arc was not the shortest path.
+    /// Number of constructed arcs that were not the shortest path.
     shorter: u32,
     missed: u32,
     max_excess: f64,

@@ -1,8 +1,9 @@
-//! No path of arc, line, arc is missed: paths are laid by hand, and what is found to their ends is no longer.
+//! Checks that the search misses no path of arc, line, arc: paths are constructed, and the path that the search finds
+//! to their ends must not be longer.
 //!
 //! The paths are drawn in regimes in which searches fail: tiny arcs, half turns, short lines, folds (where the path has
-//! a singular Jacobian, so that two paths meet), and far goals. `GROWBOT_LAID` is how many are laid in each, 20,000
-//! without it.
+//! a singular Jacobian, so that two paths meet), and far goals. `GROWBOT_LAID` is the number of paths constructed in
+//! each regime, 20,000 by default.
 //!
 //! ```sh
 //! GROWBOT_LAID=1000000 cargo test --release -p growbot-core --test it laid_paths:: -- --nocapture
@@ -17,12 +18,13 @@ use growbot_core::shortest::Problem;
 use growbot_core::shortest::csc::{Csc, paths};
 use nalgebra::{Matrix5, Vector3, Vector5};
 
-/// A path may be longer than the laid one by this share, and by this many radii: goals are reached to 1e-10.
+/// Max excess of a path's length over the constructed one, as a fraction and in radii. Goals are reached to 1e-10.
 const LONGER: (f64, f64) = (1e-6, 1e-9);
-/// Max distance from the goal at which a path ends, in radii and radians, within 100 radii; beyond, in proportion.
+/// Max distance of a path's end from the goal, in radii and radians, within 100 radii. At larger distances it grows in
+/// proportion.
 const ARRIVED: f64 = 1e-9;
 
-/// Angles in radians, lengths in radii.
+/// A constructed path. Angles are in radians, lengths in radii.
 #[derive(Debug, Clone, Copy)]
 struct Laid {
     first_towards: f64,
@@ -37,7 +39,7 @@ impl Laid {
         self.first + self.line + self.last
     }
 
-    /// Where it ends, and in which direction.
+    /// Returns position and direction of the end.
     fn end(&self) -> (Vector3<f64>, Vector3<f64>) {
         end_of(&Csc {
             first_towards: self.first_towards,
@@ -52,7 +54,7 @@ impl Laid {
         [&mut self.first_towards, &mut self.first, &mut self.line, &mut self.last_towards, &mut self.last]
     }
 
-    /// The determinant of the end's derivatives by the five numbers: 0 where two paths meet.
+    /// Returns the determinant of the end's derivatives with respect to the five numbers. It is 0 where two paths meet.
     fn determinant(&self) -> f64 {
         const STEP: f64 = 1e-6;
         let (_, direction) = self.end();
@@ -83,7 +85,7 @@ fn end_of(path: &Csc) -> (Vector3<f64>, Vector3<f64>) {
     (tip.translation.vector, tip_direction(&tip))
 }
 
-/// Draws numbers for a regime.
+/// Random generator of numbers for a regime.
 struct Draw(Random);
 
 impl Draw {
@@ -95,7 +97,7 @@ impl Draw {
         self.0.between(from, to)
     }
 
-    /// Evenly in the logarithm.
+    /// Returns a number whose logarithm is uniform.
     fn log(&mut self, from: f64, to: f64) -> f64 {
         libm::exp(self.0.between(libm::log(from), libm::log(to)))
     }
@@ -113,12 +115,12 @@ impl Draw {
         Laid { first_towards: self.turn(), first, line, last_towards: self.turn(), last }
     }
 
-    /// A path with a singular Jacobian whose line has a length between these.
+    /// Returns a path with a singular Jacobian whose line has a length between `from` and `to`.
     fn fold(&mut self, from: f64, to: f64) -> Laid {
         loop {
             let (first, last) = (self.turn(), self.turn());
             let laid = self.laid(first, from, last);
-            // Two columns are linear in the line, so the determinant is quadratic in it.
+            // Two columns are linear in the length of the line, so the determinant is quadratic in it.
             let half = 0.5 * (to - from);
             let at = |line: f64| Laid { line, ..laid }.determinant();
             let [low, middle, high] = [at(from), at(from + half), at(to)];
@@ -137,7 +139,7 @@ impl Draw {
         }
     }
 
-    /// A path where the lines through the start and the goal cross, or nearly cross.
+    /// Returns a path for which the lines through the start and the goal cross, or nearly cross.
     fn crossing(&mut self) -> Laid {
         loop {
             let (first, last) = (self.turn(), self.turn());
@@ -259,7 +261,7 @@ const REGIMES: [Regime; 23] = [
     all("lines through start and goal cross", Draw::crossing),
 ];
 
-/// What a regime came to.
+/// Result of a regime.
 #[derive(Default)]
 struct Tally {
     laid: u32,

@@ -1,16 +1,17 @@
-//! PROTOCOL.md says what the code does: its examples byte for byte, its table of messages, its types and its numbers.
+//! Checks that PROTOCOL.md agrees with the code: its examples byte for byte, its table of messages, its types and its
+//! numbers.
 //!
-//! What is read there, and must be there:
+//! PROTOCOL.md must contain these parts, which the tests read:
 //!
-//! - fenced blocks ` ```frame NAME `: lines `header`, `body`, `crc` and `wire`, each with bytes in hex, which go on in
-//!   lines that begin with a space; `#` begins a comment. Header, body and crc are the frame before COBS, wire is what
-//!   travels;
-//! - fenced blocks ` ```bytes NAME `: a line `wire` of bytes that are no frame, written as above;
-//! - fenced blocks ` ```type NAME `: a struct's fields or an enum's variants, one a line, comments as above;
+//! - fenced blocks ` ```frame NAME `: lines `header`, `body`, `crc` and `wire`, each with bytes in hex, which continue
+//!   in lines that begin with a space. `#` begins a comment. Header, body and crc are the frame before COBS, and wire
+//!   is the frame as sent;
+//! - fenced blocks ` ```bytes NAME `: a line `wire` of bytes that are not a frame, written as above;
+//! - fenced blocks ` ```type NAME `: a struct's fields or an enum's variants, one on each line, with comments as above;
 //! - rows ``| `0x01` | `Name` | direction | `Body` | ...`` for the messages, and ``| name | `value` | ...`` for the
 //!   constants.
 //!
-//! Where an example is wrong, the failure shows how it must read.
+//! If an example is wrong, the failure prints the correct text.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -36,14 +37,14 @@ use postcard_schema::schema::{DataModelType, DataModelVariant, NamedType};
 
 const PROTOCOL: &str = include_str!("../../PROTOCOL.md");
 
-/// Checks a CRC-32C of its own, bit by bit, against the one in the frames.
+/// Computes CRC-32C independently, bit by bit, to check the CRC in the frames.
 fn crc_32c(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(u32::MAX, |crc, byte| {
         (0..8).fold(crc ^ u32::from(*byte), |crc, _| (crc >> 1) ^ if crc & 1 == 1 { 0x82F6_3B78 } else { 0 })
     })
 }
 
-/// The fenced blocks whose info string is `KIND NAME`: name and lines, comments taken away.
+/// Returns name and lines of the fenced blocks whose info string is `KIND NAME`, without comments.
 fn blocks(kind: &str) -> Vec<(String, Vec<String>)> {
     let mut found: Vec<(String, Vec<String>)> = Vec::new();
     let mut inside = None;
@@ -100,7 +101,7 @@ impl Example {
         example
     }
 
-    /// What the code makes of a message.
+    /// Returns the example that the code makes of a message.
     fn of(header: &Header, message: &Message) -> Self {
         assert_eq!(header.kind, message.kind());
         let mut buffer = [0; LONGEST_BODY];
@@ -132,16 +133,16 @@ fn robot() -> Robot {
     Robot::new(toml::from_str(&std::fs::read_to_string(file).unwrap()).unwrap()).unwrap()
 }
 
-/// The job of the examples: two layers of an arc, whose tilt is no whole number of units.
+/// Returns the job of the examples: two layers of an arc, whose tilt is not a whole number of units.
 fn job() -> [Segment; 1] {
     [Segment::Arc { alpha: std::f64::consts::FRAC_PI_2, bend: 0.015, length: 1.5 }]
 }
 
 /// The session of the examples.
 const SESSION: u32 = 0x1a2b_3c4d;
-/// That of another host, which finds the board held.
+/// The session of another host, which finds that the board is owned.
 const OTHER_SESSION: u32 = 0x5e6f_7a8b;
-/// The session of what belongs to none.
+/// The session of frames that belong to no session.
 const NO_SESSION: u32 = 0;
 
 /// An example: its name in PROTOCOL.md, and the frame.
@@ -153,17 +154,17 @@ struct Said {
     message: Message,
 }
 
-/// A request, with its number and that of the latest event heard.
+/// Returns a request, with its sequence number and that of the latest event received.
 fn request(name: &'static str, seq: u16, heard: u16, message: Message) -> Said {
     Said { name, session: SESSION, seq, ack: heard, message }
 }
 
-/// An answer, with the number of its request.
+/// Returns a response, with the sequence number of its request.
 fn answer(name: &'static str, request: u16, message: Message) -> Said {
     Said { name, session: SESSION, seq: 0, ack: request, message }
 }
 
-/// An event, with its number.
+/// Returns an event, with its sequence number.
 fn event(name: &'static str, seq: u16, message: Message) -> Said {
     Said { name, session: SESSION, seq, ack: 0, message }
 }
@@ -172,7 +173,7 @@ fn host(name: &[u8]) -> HostName {
     HostName::from_slice(name).unwrap()
 }
 
-/// The conversation of the examples.
+/// Returns the conversation of the examples.
 fn conversation() -> Vec<Said> {
     let robot = robot();
     let job_id = summarize(&job(), &robot).plan_id;
@@ -217,7 +218,7 @@ fn conversation() -> Vec<Said> {
     let goal = Pose::from_degrees([0.0, 0.0, 1.5, 0.0, 90.0]).unwrap();
     let path = plan(&robot, &up, &goal, 100.0, Planner::TwoPlane).unwrap().path;
     let planned = summarize(&path, &robot);
-    // What robot A's step engine makes of the first layer: 3200 steps of the head, 6207 of the feed.
+    // The layer that robot A's step engine makes of the first layer: 3200 steps of the head, 6207 of the feed.
     let as_built =
         Layer { alpha: 1.570_351_470_414_044_2, height: 0.750_036_991_003_787_8, tilt: 0.007_501_530_553_559_996 };
     let hello = |name| Message::Hello(HostHello { schema: SCHEMA_HASH, host: host(name), take_over: false });
@@ -336,7 +337,7 @@ fn the_table_lists_every_message_and_no_other() {
     }
 }
 
-/// The second cells of rows that begin with these names must be these values.
+/// Asserts that the second cells of rows that begin with these names have these values.
 fn assert_rows(expected: &[(&str, String)]) {
     for (name, value) in expected {
         let rows: Vec<&str> = PROTOCOL.lines().filter(|line| line.starts_with(&format!("| {name} |"))).collect();
@@ -360,7 +361,7 @@ fn the_numbers_quoted_are_the_codes() {
     ]);
 }
 
-/// Bytes on the wire of a message in a request (`seq`) or an answer (`ack`).
+/// Returns the number of bytes on the link of a message in a request (`seq`) or a response (`ack`).
 fn wire_bytes(seq: u16, ack: u16, message: &Message) -> usize {
     Example::of(&Header { kind: message.kind(), session: SESSION, seq, ack }, message).wire.len()
 }
@@ -372,7 +373,7 @@ fn layers_fill_the_line_as_the_text_says() {
     let arc = [Segment::Arc { alpha: 1.0, bend: 3.0, length: f64::from(LAYERS) }];
     let layers: Vec<LayerBytes> = job_layers(&arc, &robot).take(LAYERS as usize).collect();
     assert_eq!(layers.len(), LAYERS as usize);
-    // The longest: its varint takes ten bytes.
+    // The longest identifier: its varint takes ten bytes.
     let plan_id = u64::MAX;
     let (mut there, mut back) = (0, 0);
     for (seq, (batch, first)) in (1..).zip(layers.chunks(MAX_LAYERS).zip((0..).step_by(MAX_LAYERS))) {
@@ -381,7 +382,7 @@ fn layers_fill_the_line_as_the_text_says() {
         let next = first + batch.len() as u32;
         back += wire_bytes(0, seq, &Message::Accepted(Accepted { plan_id, next, room: LAYERS - next }));
     }
-    // Start bit, eight bits, stop bit.
+    // Each byte has a start bit, eight data bits and a stop bit.
     let seconds = |bytes: usize| bytes as f64 * 10.0 / 115_200.0;
     let share = layers.concat().len() as f64 / there as f64;
     assert!(share >= 0.85 && seconds(there) < 8.0 && back < there, "{share}, {} s, {back} back", seconds(there));
@@ -402,12 +403,12 @@ fn a_plan_id_is_the_crc_of_robot_hash_and_layers() {
     bytes.extend(layers.concat());
     assert_eq!(summarize(&job(), &robot).plan_id, Hasher::of(&bytes));
 
-    // The rounding of the first layer is made good by the second, as the text says.
+    // The second layer compensates for the rounding of the first, as PROTOCOL.md states.
     let tilts: Vec<u32> = layers.iter().map(|bytes| layer_bytes::Fields::of(bytes).tilt).collect();
     assert_eq!(tilts, [32_212_255, 32_212_254]);
 }
 
-/// A type as PROTOCOL.md writes it where it is a part of another.
+/// Returns the name of a type as PROTOCOL.md writes it in another type.
 fn short(ty: &NamedType) -> String {
     match ty.ty {
         DataModelType::U8 => "u8".to_owned(),
@@ -427,7 +428,7 @@ fn short(ty: &NamedType) -> String {
     }
 }
 
-/// A type and all that it is made of, as PROTOCOL.md writes them out.
+/// Writes out a type and all types in it, in the form of PROTOCOL.md.
 fn write_out(ty: &NamedType, into: &mut BTreeMap<String, Vec<String>>) {
     let mut inner: Vec<&NamedType> = Vec::new();
     match ty.ty {
@@ -465,7 +466,7 @@ fn write_out(ty: &NamedType, into: &mut BTreeMap<String, Vec<String>>) {
 
 #[test]
 fn the_types_written_out_are_the_codes() {
-    // In the order of the table of messages.
+    // The types are in the order of the table of messages.
     let bodies = [
         HostHello::SCHEMA,
         Empty::SCHEMA,

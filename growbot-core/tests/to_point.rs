@@ -1,5 +1,6 @@
-//! The path to a position is the shortest of those to it in every direction, as an independent search finds them: the
-//! shortest-path planner, asked for many directions all over the sphere, and then for ever nearer ones round the best.
+//! Checks that the path to a position is the shortest of those to it in every direction, as an independent search finds
+//! them. The search runs the shortest-path planner for many directions all over the sphere, and then for ever closer
+//! directions round the best one.
 
 use std::f64::consts::PI;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -13,26 +14,28 @@ use growbot_core::robot::Robot;
 use growbot_core::to_point::plan_to_point;
 use nalgebra::Vector3;
 
-/// mm.
+/// Radius of the paths, mm.
 const RADIUS: f64 = 100.0;
-/// Positions tried, unless GROWBOT_POSITIONS says otherwise: 500 take two minutes.
+/// Number of positions tried, unless GROWBOT_POSITIONS gives another: 500 take two minutes.
 const POSITIONS: u32 = 80;
-/// How far they are, in radii.
+/// Range of the distances of the positions, radii.
 const NEAREST: f64 = 0.5;
 const FARTHEST: f64 = 20.0;
-/// Directions of the grid; for positions near the start, to which a plan takes milliseconds.
+/// Number of directions of the grid. For positions close to the start there are fewer, because a plan to these takes
+/// milliseconds.
 const DIRECTIONS: u32 = 200;
 const DIRECTIONS_NEAR: u32 = 60;
-/// Radii.
+/// Distance within which a position counts as close, radii.
 const NEAR: f64 = 3.9;
-/// How many directions of the grid are refined, and until how small a step, radians: where the direction is free its
-/// part of the length vanishes to first order, so the lengths of such steps differ by far less than [`AS_SHORT`].
+/// Number of directions of the grid that are refined, and the min step of the refinement, radians. At the best
+/// direction the derivative of the length with respect to the direction vanishes. So the lengths of such steps differ
+/// by far less than [`AS_SHORT`].
 const REFINED: usize = 3;
 const MIN_STEP: f64 = 1e-4;
-/// Radii.
+/// Max difference of lengths that count as equal, radii.
 const AS_SHORT: f64 = 1e-6;
 
-/// The length of the shortest path to a position in this direction, radii.
+/// Returns the length of the shortest path to a position in this direction, radii.
 fn to_direction(robot: &Robot, start: &Pose, position: Vector3<f64>, direction: &Vector3<f64>) -> f64 {
     let heading = libm::atan2(direction.y, direction.x);
     let pitch = libm::atan2(direction.z, libm::hypot(direction.x, direction.y));
@@ -40,7 +43,7 @@ fn to_direction(robot: &Robot, start: &Pose, position: Vector3<f64>, direction: 
     length(&plan(robot, start, &goal, RADIUS, Planner::Shortest).unwrap().path) / RADIUS
 }
 
-/// Directions spread evenly over the sphere, as the seeds of a sunflower.
+/// Returns directions that are evenly spread over the sphere, like the seeds of a sunflower.
 fn grid(count: u32) -> impl Iterator<Item = Vector3<f64>> {
     (0..count).map(move |index| {
         let up = 1.0 - (2.0 * f64::from(index) + 1.0) / f64::from(count);
@@ -50,7 +53,7 @@ fn grid(count: u32) -> impl Iterator<Item = Vector3<f64>> {
     })
 }
 
-/// Steps downhill over the sphere, in ever smaller steps.
+/// Returns the length after a descent over the sphere in ever smaller steps.
 fn refined(mut best: (f64, Vector3<f64>), length: &impl Fn(&Vector3<f64>) -> f64) -> f64 {
     let mut step = 0.3;
     while step > MIN_STEP {
@@ -112,6 +115,6 @@ fn no_direction_gives_a_shorter_path() {
     });
     let missed = missed.into_inner();
     println!("{positions} positions: the search misses {missed} by more than {AS_SHORT:e} radii");
-    // The search of directions would be no reference if it did not come near.
+    // The search of directions would not be a valid reference if it did not come close.
     assert!(missed * 20 <= positions, "{missed}");
 }

@@ -1,30 +1,30 @@
 //! Lower bounds for the length of each path type.
 //!
-//! The angles are in single precision, which a microcontroller may have in hardware where double precision is software,
-//! by a short arc tangent and without branches, so that a desktop does four path types at once. The margins are some
-//! times the errors; `tests.rs` holds every bound against the path type it is for.
+//! The angles are in single precision, because some microcontrollers compute single precision in hardware and double
+//! precision in software. The arc tangent is a short polynomial without branches, so that a desktop computes four path
+//! types at once. The margins are several times the errors. `tests.rs` checks every bound against its path type.
 
 use core::array;
 use core::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
 use super::path_types::Tangent;
 
-/// An angle this close below a full turn counts as 0, which it may be. An angle is wrong by the 0.004 of the arc
-/// tangent, a difference of two by twice that. The test `no_path_type_is_shorter_than_its_bound` bounds this and
-/// the margins below.
+/// An angle that is less than this below a full turn, radians, counts as 0, because its true value may be 0. The error
+/// of an angle is the 0.004 of the arc tangent, and that of a difference of two angles is twice as large. The test
+/// `no_path_type_is_shorter_than_its_bound` checks this margin and those below.
 const ANGLE_MARGIN: f32 = 0.01;
-/// Margin of a length for the errors of its angles, radii: twice what LRL needs, whose length has four times the
+/// Margin of a length for the errors of its angles, radii. It is twice what LRL needs, whose length has four times the
 /// 0.004 of the arc tangent.
 const LENGTH_MARGIN: f32 = 0.03;
-/// Margin of a length for each radius of a line: some times the rounding of single precision, 6e-8.
+/// Margin of a length for each radius of a line: several times the rounding of single precision, 6e-8.
 const RELATIVE_MARGIN: f32 = 1e-6;
-/// Circles nearer to each other than this (radii) may coincide. Then no bound is given.
+/// Circles whose centres are closer than this (radii) may coincide. In that case the lower bound is 0.
 const COINCIDING: f32 = 1e-4;
-/// A square below 0 by more than this is so by more than the rounding of single precision.
+/// Tolerance for a square below 0: larger than the rounding error of single precision.
 const EDGE: f32 = 1e-4;
 
-/// For each of [`super::PathType::ALL`], what its length cannot be below: infinite if there is no such path type.
-/// Beyond the range of single precision the bounds are not numbers, and rule nothing out.
+/// Returns a lower bound of the length of each of [`super::PathType::ALL`], infinite if that path type does not exist.
+/// Beyond the range of single precision the bounds are NaN and exclude no path type.
 #[inline(always)]
 pub(super) fn lower_bounds(tangents: &[Tangent; 4]) -> [f32; 6] {
     let tangents = tangents.each_ref();
@@ -45,7 +45,7 @@ pub(super) fn lower_bounds(tangents: &[Tangent; 4]) -> [f32; 6] {
     [lsl, rsr, lsr, rsl, lrl, rlr]
 }
 
-/// Of LRL, from the distance and the direction between the outer circles.
+/// Returns the lower bound of LRL, from the distance and the direction between the outer circles.
 #[cfg_attr(not(target_os = "none"), inline(always))]
 fn three_arcs(distance: f32, along: f32, heading: f32) -> f32 {
     let square = (4.0 - distance) * (4.0 + distance);
@@ -62,7 +62,7 @@ fn margin(line: f32) -> f32 {
     LENGTH_MARGIN + RELATIVE_MARGIN * line
 }
 
-/// What an angle adds to a bound.
+/// Returns the contribution of an angle to a bound.
 #[inline(always)]
 fn turn(angle: f32) -> f32 {
     if angle > TAU - ANGLE_MARGIN { 0.0 } else { angle }
@@ -74,15 +74,15 @@ fn wrap(angle: f32) -> f32 {
     angle + (PI - PI.copysign(angle))
 }
 
-/// The direction of a vector in [0, 2 pi], to 0.004 (the arc tangent is of Rajan et al. 2006).
+/// Returns the direction of a vector in [0, 2 pi], to 0.004 (the arc tangent is that of Rajan et al. 2006).
 #[cfg_attr(not(target_os = "none"), inline(always))]
 fn direction(x: f32, y: f32) -> f32 {
     let (along, across) = (x.abs(), y.abs());
     let (sum, difference) = (along + across, along - across);
-    // The less of the two by the greater.
+    // The smaller of the two divided by the larger.
     let ratio = (sum - difference.abs()) / (sum + difference.abs());
     let octant = ratio * ((FRAC_PI_4 + 0.273) - 0.273 * ratio);
-    // An octant counts from a multiple of pi/2, upwards or downwards.
+    // The angle in an octant counts from a multiple of pi/2, upwards or downwards.
     let (shallow, forwards, up) = (1.0_f32.copysign(difference), 1.0_f32.copysign(x), 1.0_f32.copysign(y));
     let from = PI - up * (FRAC_PI_2 + forwards * (FRAC_PI_4 + shallow * FRAC_PI_4));
     from + up * forwards * shallow * octant

@@ -1,21 +1,22 @@
 //! The shortest path in a plane between two poses, of curvature at most 1 (Dubins 1957).
 //!
-//! Lengths are in units of the turning radius; the start is at the origin with heading 0; left is counter-clockwise.
-//! A shortest path has one of six types, LSL, RSR, LSR, RSL, LRL, RLR, or a part of one (S, C, SC, CS, CC): a part is a
-//! path type with angles or lengths of 0.
+//! Lengths are in units of the turning radius. The start is at the origin with heading 0. Left is counter-clockwise. A
+//! shortest path has one of six types, LSL, RSR, LSR, RSL, LRL, RLR, or is a part of one (S, C, SC, CS, CC). A part is
+//! a path type with angles or lengths of 0.
 //!
 //! Each path type is built from the centres of its circles (Shkel and Lumelsky 2001 classify the same path types by
-//! their angles); path types that begin to the right are those that begin to the left, in the mirrored plane
+//! their angles). Path types that begin to the right are those that begin to the left, in the mirrored plane
 //! (`path_types.rs`).
 //!
-//! Two errors of classic implementations are handled explicitly: where rounding puts an arc a full turn too far, or two
-//! circles coincide and the line between their centres has no direction, the line is turned back. How far from the goal
-//! the path then ends follows from how far the line's end moves, so no path has to be integrated.
+//! The code handles two errors of classic implementations. Rounding may make an arc a full turn too long, or two
+//! circles may coincide, so that the line between their centres has no direction. In both cases the code turns the line
+//! back. The error at the goal then follows from how far the end of the line moves, so no path needs to be integrated.
 //!
-//! Most of six path types would be built in vain. An arc, a line and an arc, neither arc longer than pi, are the
-//! shortest path. Where there is no such path the search is a branch and bound: each path type first gets a lower bound
-//! of its length, in single precision and with a short polynomial for the arc tangent (`bounds.rs`), and only path
-//! types whose bound is below the best length found are built. What is not built is never what would be returned.
+//! Building all six path types would mostly be a waste. If a path consists of an arc, a line and an arc, and neither
+//! arc is longer than pi, it is the shortest path. If such a path does not exist, the search is a branch and bound.
+//! Each path type first gets a lower bound of its length, in single precision and with a short polynomial for the arc
+//! tangent (`bounds.rs`). Only path types whose bound is below the best length found are built. A path type that is not
+//! built is never the one that would be returned.
 
 mod bounds;
 mod path_types;
@@ -35,11 +36,11 @@ pub struct PlanarPose {
     pub x: f64,
     /// To the left of the start, radii.
     pub y: f64,
-    /// Counter-clockwise from the start's, radians.
+    /// Heading of the pose relative to the start's, counter-clockwise, radians.
     pub heading: f64,
 }
 
-/// Which way a piece of a planar path goes.
+/// Direction of a segment of a planar path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Direction {
     /// An arc, counter-clockwise.
@@ -73,7 +74,7 @@ impl PathType {
     /// All path types, in the order in which ties are decided.
     pub const ALL: [Self; 6] = [Self::Lsl, Self::Rsr, Self::Lsr, Self::Rsl, Self::Lrl, Self::Rlr];
 
-    /// The three pieces.
+    /// Returns the directions of the three segments.
     #[must_use]
     pub fn directions(self) -> [Direction; 3] {
         match self {
@@ -87,28 +88,28 @@ impl PathType {
     }
 }
 
-/// A path of one of the types. Pieces may have no length.
+/// A path of one of the types. Segments may have a length of 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanarPath {
     /// The path type.
     pub path_type: PathType,
-    /// Length of each piece, radii; for an arc that is its angle.
+    /// Length of each segment, radii. The length of an arc is its angle.
     pub lengths: [f64; 3],
 }
 
 impl PlanarPath {
-    /// Length of the whole path, radii.
+    /// Returns the length of the whole path, radii.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.lengths.iter().sum()
     }
 
-    /// The pieces that have a length, in order.
+    /// Returns the segments whose length is not 0, in order.
     pub fn pieces(&self) -> impl Iterator<Item = (Direction, f64)> + use<> {
         self.path_type.directions().into_iter().zip(self.lengths).filter(|(_, length)| *length > 0.0)
     }
 
-    /// Where the path ends: by forward integration.
+    /// Returns the end of the path, by forward integration.
     #[must_use]
     pub fn end(&self) -> PlanarPose {
         let mut at = PlanarPose { x: 0.0, y: 0.0, heading: 0.0 };
@@ -132,7 +133,7 @@ impl PlanarPath {
         at
     }
 
-    /// How far from the goal the path ends: the larger of distance (radii) and angle (radians).
+    /// Returns the error of the path's end at the goal: the larger of distance (radii) and angle (radians).
     #[must_use]
     pub fn miss(&self, goal: &PlanarPose) -> f64 {
         let end = self.end();
@@ -141,12 +142,12 @@ impl PlanarPath {
     }
 }
 
-/// Max difference in length (radii) of paths that count as equally long: the error by rounding, as [`path_types`]
-/// accepts it. The first of them in the order of [`PathType::ALL`] is returned, so that ties fall the same way
-/// everywhere.
+/// Max difference in length (radii) of paths that count as equally long: the rounding error that [`path_types`]
+/// accepts. The first of them in the order of [`PathType::ALL`] is returned, so that ties are decided in the same way
+/// on every machine.
 const TIE: f64 = 1e-12;
 
-/// The shortest path to a goal.
+/// Returns the shortest path to a goal.
 ///
 /// ```
 /// use growbot_core::dubins2::{PlanarPose, PathType, shortest};
@@ -167,8 +168,8 @@ pub fn shortest(goal: &PlanarPose) -> PlanarPath {
     }
 }
 
-/// The shortest path, built only from path types whose lower bound leaves that possible. Whatever the bounds, the
-/// result is the same.
+/// Returns the shortest path. Only path types whose lower bound is small enough are built. The result does not depend
+/// on the bounds.
 #[inline(always)]
 fn shortest_within(tangents: &[Tangent; 4], bounds: [f32; 6]) -> PlanarPath {
     let mut likeliest = PathType::Lsl;
@@ -178,7 +179,7 @@ fn shortest_within(tangents: &[Tangent; 4], bounds: [f32; 6]) -> PlanarPath {
             (likeliest, min_bound) = (path_type, bound);
         }
     }
-    // After the likeliest path type there is mostly no other left.
+    // After the likeliest path type, mostly no other path type remains.
     let first = PlanarPath { path_type: likeliest, lengths: lengths(tangents, likeliest) };
     let length = first.length();
     if bounds.into_iter().filter(|bound| is_longer(*bound, length)).count() == bounds.len() - 1 {
@@ -187,13 +188,14 @@ fn shortest_within(tangents: &[Tangent; 4], bounds: [f32; 6]) -> PlanarPath {
     shortest_of_several(tangents, bounds, first)
 }
 
-/// Whether a path type of that bound is certainly longer than the shortest. A bound that is not a number rules nothing
-/// out; the rounding to single precision is within the bounds' margins.
+/// Reports whether a path type of this bound is certainly longer than the shortest path. A bound that is NaN excludes
+/// nothing. The rounding to single precision is within the margins of the bounds.
 fn is_longer(bound: f32, shortest: f64) -> bool {
     bound > (shortest + TIE) as f32
 }
 
-/// [`shortest_within`], where more than one path type may be the shortest; one of them is built already.
+/// Like [`shortest_within`], for the case that more than one path type may be the shortest. `built` is the path that is
+/// built already.
 #[cold]
 fn shortest_of_several(tangents: &[Tangent; 4], bounds: [f32; 6], built: PlanarPath) -> PlanarPath {
     let mut found = [PlanarPath { path_type: PathType::Lsl, lengths: [f64::NAN; 3] }; 6];
@@ -206,7 +208,7 @@ fn shortest_of_several(tangents: &[Tangent; 4], bounds: [f32; 6], built: PlanarP
             shortest = if path.length() < shortest { path.length() } else { shortest };
         }
     }
-    // LSL always exists, so there is always a path, unless the goal is not in numbers.
+    // LSL always exists, so there is always a path, unless the goal contains NaN or infinity.
     let [first, ..] = found;
     found.into_iter().find(|path| path.length() <= shortest + TIE).unwrap_or(first)
 }

@@ -1,4 +1,4 @@
-//! Each family of goals for which path types degenerate, and that what is not compared is not shorter.
+//! Tests with each family of goals for which path types degenerate, and of the bounds that exclude path types.
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -8,10 +8,10 @@ use super::*;
 
 /// Max error of a path at the goal, radii and radians, for goals within some 60 radii.
 const ARRIVED: f64 = 1e-12;
-/// Max error beyond some 60 radii, as a share of the distance: the goal itself has fewer digits there.
+/// Max error beyond some 60 radii, as a fraction of the distance, because the goal itself has fewer digits there.
 const ARRIVED_AT_DISTANCE: f64 = 1e-12 / 64.0;
 
-/// A goal and the length of a path to it, which was laid out by hand.
+/// A goal, and the length of a path to it that was constructed by hand.
 #[derive(Debug, Clone, Copy)]
 struct Laid {
     goal: PlanarPose,
@@ -31,7 +31,7 @@ fn assert_arrives(goal: &PlanarPose) -> PlanarPath {
     path
 }
 
-/// Not off the goal, and not too long.
+/// Asserts that the path reaches the goal and is not longer than the constructed path.
 fn assert_as_short(laid: &Laid) {
     let path = assert_arrives(&laid.goal);
     assert!(path.length() <= laid.length + 1e-9, "{laid:?}: {path:?} is {} long", path.length());
@@ -41,17 +41,17 @@ fn any_path_type() -> impl Strategy<Value = PathType> + Clone {
     prop::sample::select(&PathType::ALL)
 }
 
-/// LSL or RSR.
+/// Generates LSL or RSR.
 fn outer() -> impl Strategy<Value = PathType> {
     prop::sample::select(&[PathType::Lsl, PathType::Rsr])
 }
 
-/// LSR or RSL.
+/// Generates LSR or RSL.
 fn inner() -> impl Strategy<Value = PathType> {
     prop::sample::select(&[PathType::Lsr, PathType::Rsl])
 }
 
-/// Ten to a power in a range.
+/// Generates ten to the power of a number in a range.
 fn magnitude(exponents: core::ops::Range<f64>) -> impl Strategy<Value = f64> {
     exponents.prop_map(|exponent| libm::pow(10.0, exponent))
 }
@@ -97,7 +97,7 @@ fn line_then_arc() -> impl Strategy<Value = Laid> {
     (outer(), 0.0..40.0, 0.0..TAU).prop_map(|(path_type, line, angle)| laid(path_type, [0.0, line, angle]))
 }
 
-/// To the last digit, or a rounding error aside.
+/// Generates goals straight ahead, exactly or up to a rounding error.
 fn line() -> impl Strategy<Value = Laid> {
     (0.0..40.0, -1e-13..1e-13, -1e-14..1e-14, any::<bool>()).prop_map(|(x, y, heading, exact)| {
         let goal = if exact { PlanarPose { x, y: 0.0, heading: 0.0 } } else { PlanarPose { x, y, heading } };
@@ -105,7 +105,7 @@ fn line() -> impl Strategy<Value = Laid> {
     })
 }
 
-/// The start, a rounding error aside, with any number of turns.
+/// Generates goals at the start, up to a rounding error, with any number of turns.
 fn coincident() -> impl Strategy<Value = Laid> {
     (-4e-13..4e-13, -4e-13..4e-13, -4e-13..4e-13, -3_i8..4).prop_map(|(x, y, off, turns)| Laid {
         goal: PlanarPose { x, y, heading: off + f64::from(turns) * TAU },
@@ -113,7 +113,7 @@ fn coincident() -> impl Strategy<Value = Laid> {
     })
 }
 
-/// The goal's direction is the start's, reversed.
+/// Generates goals whose direction is opposite to that of the start.
 fn antiparallel() -> impl Strategy<Value = Laid> {
     (any_path_type(), 0.0..TAU, 0.0..TAU).prop_map(|(path_type, first, middle)| {
         let last = match path_type {
@@ -132,7 +132,7 @@ fn tiny_step() -> impl Strategy<Value = Laid> {
     })
 }
 
-/// Every family, and each also by a rounding error or more off its edge.
+/// Generates goals of every family, each also moved off its edge by a rounding error or more.
 fn any_goal() -> impl Strategy<Value = PlanarPose> {
     let laid = prop_oneof![
         whole_path_type(),
@@ -156,7 +156,7 @@ fn any_goal() -> impl Strategy<Value = PlanarPose> {
     prop_oneof![2 => random_goal(), 2 => near_goal(), 1 => far_goal(), 5 => off]
 }
 
-/// With all path types built.
+/// Returns the shortest path with all path types built.
 fn shortest_of_all(goal: &PlanarPose) -> PlanarPath {
     shortest_within(&Goal::new(goal).tangents(), [0.0; 6])
 }
@@ -233,7 +233,7 @@ proptest! {
         let path = shortest(&goal);
         let of_all = shortest_of_all(&goal);
         prop_assert!(path.length() <= of_all.length() + 1e-12 + 1e-15 * of_all.length(), "{path:?} {of_all:?}");
-        // Farther off, arcs are lost in the rounding of the line.
+        // At larger distances the arcs are lost in the rounding of the line.
         if goal.x.abs() + goal.y.abs() < 1e3 {
             prop_assert_eq!(bits(&path), bits(&of_all));
         }
@@ -260,7 +260,7 @@ fn start_is_goal() {
 #[test]
 fn turning_round_on_the_spot_takes_three_arcs() {
     let path = assert_arrives(&PlanarPose { x: 0.0, y: 0.0, heading: PI });
-    // pi/3 + 5 pi/3 + pi/3: the classic turn about.
+    // pi/3 + 5 pi/3 + pi/3: the classic way to reverse the direction.
     assert!((path.length() - 7.0 * PI / 3.0).abs() < 1e-12, "{path:?}");
 }
 

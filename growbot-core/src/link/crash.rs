@@ -1,48 +1,50 @@
-//! A crash of a board's firmware, as the processor's registers and its stack were: [`CRASH_WORDS`] words of 32 bits.
+//! The record of a crash of a board's firmware, with the processor's registers and the stack: [`CRASH_WORDS`] words of
+//! 32 bits.
 //!
 //! | word | content |
 //! |---|---|
 //! | 0 | cause: 1 watchdog, 2 stack overflow, 3 processor fault; from bit 16 on the number of the exception |
-//! | 1 | the boot in which it came |
-//! | 2 | CRC-32C of the image that crashed; 0 where that was not sealed |
+//! | 1 | the boot in which the crash occurred |
+//! | 2 | CRC-32C of the image that crashed; 0 if the image was not sealed |
 //! | 3 | stack pointer at which the exception was taken |
-//! | 4 | EXC_RETURN: what the link register held in its handler |
+//! | 4 | EXC_RETURN: value of the link register in the exception handler |
 //! | 5 | CFSR, configurable fault status register |
 //! | 6 | HFSR, hard fault status register |
 //! | 7 | MMFAR, address of a memory management fault |
 //! | 8 | BFAR, address of a bus fault |
-//! | 9 to 16 | what the processor saved: R0, R1, R2, R3, R12, LR, PC, xPSR |
-//! | 17 to 31 | the stack beyond that; where the stack pointer is below it, what may be return addresses, from its lowest word on |
+//! | 9 to 16 | registers that the processor saved: R0, R1, R2, R3, R12, LR, PC, xPSR |
+//! | 17 to 31 | the stack above the saved registers, or possible return addresses if the stack pointer is below the stack |
 //!
-//! Words of a stack that is not there are 0. The names are those of the ARMv7-M Architecture Reference Manual.
+//! Words beyond the end of the stack are 0. Possible return addresses come from the stack, from its lowest word on. The
+//! names are those of the ARMv7-M Architecture Reference Manual.
 
 use super::state::ResetCause;
 
-/// Words of a crash.
+/// Number of words of a crash record.
 pub const CRASH_WORDS: usize = 32;
-/// A crash, as a board retains and sends it.
+/// A crash record in the form that a board retains and sends.
 pub type CrashWords = [u32; CRASH_WORDS];
-/// Words before those of the stack.
+/// Number of words before the saved registers.
 pub const HEAD_WORDS: usize = 9;
-/// Words that the processor saves when it takes an exception, without floating-point registers.
+/// Number of words that the processor saves when it takes an exception, without floating-point registers.
 pub const FRAME_WORDS: usize = 8;
-/// Words of the stack beyond those.
+/// Number of words of the stack above the saved registers.
 pub const STACK_WORDS: usize = CRASH_WORDS - HEAD_WORDS - FRAME_WORDS;
 
-/// CFSR: MMFAR holds the address.
+/// CFSR: MMFAR holds the address of the fault.
 const MMARVALID: u32 = 1 << 7;
-/// CFSR: BFAR holds the address.
+/// CFSR: BFAR holds the address of the fault.
 const BFARVALID: u32 = 1 << 15;
 /// CFSR: the registers could not be saved (MSTKERR, STKERR).
 const NOT_STACKED: u32 = 1 << 4 | 1 << 12;
-/// EXC_RETURN: clear where the floating-point registers have their place on the stack.
+/// EXC_RETURN: clear if the stack frame has space for the floating-point registers.
 const BASIC_FRAME: u32 = 1 << 4;
-/// Bytes that an exception takes of the stack, without the floating-point registers and with them.
+/// Bytes of the stack that an exception uses, without the floating-point registers and with them.
 const FRAME_BYTES: [u32; 2] = [32, 104];
-/// xPSR on the stack: a word was left out to align it.
+/// xPSR on the stack: the processor skipped a word to align the frame.
 const ALIGNED: u32 = 1 << 9;
 
-/// Bits of the CFSR, with their names and what they mean.
+/// Bits of the CFSR, with their names and meanings.
 const CFSR_BITS: [(u32, &str, &str); 17] = [
     (0, "IACCVIOL", "an instruction was fetched from where none may be"),
     (1, "DACCVIOL", "an access that is not allowed"),
@@ -63,15 +65,14 @@ const CFSR_BITS: [(u32, &str, &str); 17] = [
     (25, "DIVBYZERO", "a division by zero"),
 ];
 
-/// How many bytes lie between the stack pointer at which an exception was taken and the stack beyond what the processor
-/// saved.
+/// Returns the number of bytes that the processor saved on the stack when it took an exception.
 #[must_use]
 pub const fn frame_bytes(exc_return: u32) -> u32 {
     let [basic, extended] = FRAME_BYTES;
     if exc_return & BASIC_FRAME != 0 { basic } else { extended }
 }
 
-/// The number of a crash's cause, in its first word.
+/// Returns the number that stands for a crash's cause in its first word.
 #[must_use]
 pub const fn number_of(cause: ResetCause) -> u32 {
     match cause {
@@ -86,33 +87,33 @@ pub const fn number_of(cause: ResetCause) -> u32 {
 pub struct CrashRecord {
     /// The cause of the crash, and of the reset that followed.
     pub cause: ResetCause,
-    /// The boot in which it came ([`super::message::BoardHello::boot_id`]).
+    /// The boot in which the crash occurred ([`super::message::BoardHello::boot_id`]).
     pub boot_id: u32,
-    /// CRC-32C of the image that crashed; none where that was not sealed.
+    /// CRC-32C of the image that crashed. `None` if the image was not sealed.
     pub image: Option<u32>,
-    /// Number of the exception that was taken: 2 non-maskable, 3 hard fault, from 16 on interrupts.
+    /// Number of the exception: 2 is the non-maskable interrupt, 3 a hard fault, 16 and above an interrupt.
     pub exception: u32,
-    /// What the processor saved; none where it could not, as after an overflow of the stack.
+    /// Registers that the processor saved. `None` if it could not save them, for example after a stack overflow.
     pub frame: Option<CrashFrame>,
     /// Configurable fault status register.
     pub cfsr: u32,
     /// Hard fault status register.
     pub hfsr: u32,
-    /// The address of the failed access, where the processor knows it.
+    /// Address of the failed access. `None` if the processor does not know it.
     pub address: Option<u32>,
-    /// Stack pointer before the exception; where there is no frame, that at which it was taken.
+    /// Stack pointer before the exception. Without a frame, the stack pointer at which the exception was taken.
     pub sp: u32,
-    /// The stack from there on, as far as it is known; where the stack pointer is below it, its words that may be return
-    /// addresses.
+    /// Words of the stack from `sp` on, as far as they are known. If the stack pointer is below the stack, the words of
+    /// the stack that may be return addresses.
     pub stack: [u32; STACK_WORDS],
 }
 
-/// What the processor saved of its registers when it took an exception.
+/// Registers that the processor saved when it took an exception.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CrashFrame {
     /// R0 to R3, and R12.
     pub registers: [u32; 5],
-    /// Link register: where the function under way returns to.
+    /// Link register: return address of the interrupted function.
     pub lr: u32,
     /// Program counter.
     pub pc: u32,
@@ -151,7 +152,7 @@ impl From<&CrashWords> for CrashRecord {
 }
 
 impl CrashRecord {
-    /// The names and meanings of the CFSR's bits that are set.
+    /// Returns the names and meanings of the CFSR's bits that are set.
     pub fn reasons(&self) -> impl Iterator<Item = (&'static str, &'static str)> {
         let cfsr = self.cfsr;
         CFSR_BITS.into_iter().filter(move |(bit, ..)| cfsr >> bit & 1 != 0).map(|(_, name, meaning)| (name, meaning))
@@ -191,7 +192,7 @@ mod tests {
         let mut words = words();
         words[4] = 0xFFFF_FFE9;
         assert_eq!(CrashRecord::from(&words).sp, 0x1000_0868);
-        // A word that was left out.
+        // The processor skipped a word.
         words[16] |= ALIGNED;
         let record = CrashRecord::from(&words);
         assert_eq!((record.sp, record.stack[0], record.stack[13], record.stack[14]), (0x1000_086C, 0x1200, 0x1f00, 0));

@@ -1,4 +1,4 @@
-//! What stepper drivers say of themselves over a serial line.
+//! Problems that stepper drivers report over their UART.
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
@@ -16,7 +16,7 @@ impl Motor {
     /// Both motors.
     pub const ALL: [Self; 2] = [Self::Head, Self::Feed];
 
-    /// The motor's name, as programs print it.
+    /// Returns the motor's name, as programs print it.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -26,35 +26,35 @@ impl Motor {
     }
 }
 
-/// What is wrong with a stepper driver.
+/// Problem of a stepper driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum DriverProblem {
-    /// It does not answer.
+    /// The driver does not respond.
     Silent,
-    /// It answers, but does not take what is written to it.
+    /// The driver responds, but does not accept the settings that the board writes.
     NotConfigured,
-    /// It started anew while its motor was in use, and has lost its current and its microsteps.
+    /// The driver restarted while its motor was in use, and has lost its current and microstep settings.
     Reset,
-    /// Its charge pump has too little voltage.
+    /// The voltage of the driver's charge pump is too low.
     Undervoltage,
-    /// It is hot, and near to switching itself off.
+    /// The driver is hot, and close to its shutdown temperature.
     Hot,
-    /// It is too hot and has switched itself off.
+    /// The driver is too hot and has switched its motor off.
     OverTemperature,
     /// A wire of the motor touches ground.
     ShortToGround,
     /// A wire of the motor touches the supply or another wire.
     ShortToSupply,
-    /// It has switched itself off, and its flags no longer say why.
+    /// The driver has switched its motor off, and its flags no longer show the reason.
     ShutDown,
     /// A wire of the motor is not connected.
     OpenLoad,
-    /// The motor stands still though it is stepped.
+    /// The motor does not turn although it is stepped.
     Stall,
 }
 
 impl DriverProblem {
-    /// Every problem.
+    /// All problems.
     pub const ALL: [Self; 11] = [
         Self::Silent,
         Self::NotConfigured,
@@ -69,7 +69,7 @@ impl DriverProblem {
         Self::Stall,
     ];
 
-    /// The problem as a code.
+    /// Returns the code of the problem.
     #[must_use]
     pub const fn code(self) -> &'static str {
         match self {
@@ -87,7 +87,7 @@ impl DriverProblem {
         }
     }
 
-    /// What happened and what to look at.
+    /// Returns a description of the problem and its remedy.
     #[must_use]
     pub const fn explanation(self) -> &'static str {
         match self {
@@ -113,7 +113,7 @@ impl DriverProblem {
 pub struct DriverTrouble {
     /// The driver's motor.
     pub motor: Motor,
-    /// What is wrong.
+    /// The problem.
     pub problem: DriverProblem,
 }
 

@@ -1,27 +1,27 @@
-//! The emergency stop on the wire: eight bytes that are recognised at any place in the stream, ahead of all queues and
-//! in any session.
+//! The emergency stop on the link: eight bytes that the receiver recognises at any place in the stream, ahead of all
+//! queues and in any session.
 //!
-//! They begin and end with the zero that ends frames, and the bytes between are shorter than any frame. So no sequence
-//! of whole frames contains them. A receiver looks at each byte as it arrives, before any queue.
+//! The sequence begins and ends with the zero that ends frames, and the bytes between are shorter than any frame. So no
+//! sequence of whole frames contains it. A receiver checks each byte as it arrives, before any queue.
 
-/// The bytes, in the order of sending.
+/// The bytes of the emergency stop, in the order of sending.
 pub const EMERGENCY_STOP: [u8; 8] = [0x00, 0xE5, 0x70, 0x9E, 0xE5, 0x70, 0x9E, 0x00];
 
 /// Finds [`EMERGENCY_STOP`] in a stream of bytes.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Recogniser {
-    /// The latest eight bytes, the latest in the lowest place.
+    /// The latest eight bytes, with the newest in the lowest place.
     latest: u64,
 }
 
 impl Recogniser {
-    /// A recogniser at the beginning of a stream.
+    /// Creates a recogniser at the beginning of a stream.
     #[must_use]
     pub const fn new() -> Self {
         Self { latest: u64::MAX }
     }
 
-    /// Receives a byte and returns whether it completes the sequence.
+    /// Receives a byte and reports whether it completes the sequence.
     pub const fn push(&mut self, byte: u8) -> bool {
         self.latest = self.latest << 8 | byte as u64;
         self.latest == u64::from_be_bytes(EMERGENCY_STOP)
@@ -55,7 +55,7 @@ mod tests {
             let header = Header { kind: 4, session: 0x9E70_E500, seq: 0x70E5, ack: 0x009E };
             let mut bytes = std::vec![0];
             for mut body in bodies {
-                // The bytes of the stop as a body.
+                // The bytes of the emergency stop, as a body.
                 let at = body.len().saturating_sub(EMERGENCY_STOP.len()) / 2;
                 for (slot, byte) in body.iter_mut().skip(at).zip(EMERGENCY_STOP) {
                     *slot = byte;

@@ -1,12 +1,12 @@
-//! Frames: the bytes of a message on the line.
+//! Frames: the bytes of a message on the link.
 //!
 //! ```text
 //! COBS( version u8 | kind u8 | session u32 | seq u16 | ack u16 | body, up to 224 bytes | CRC-32C u32 ) 00
 //! ```
 //!
-//! Numbers are little-endian. A zero byte ends a frame and occurs nowhere inside it, so that a receiver is in
-//! step again at the next zero after any error. CRC-32C (Castagnoli) over everything before it keeps a Hamming distance
-//! of 6 at this length: any five flipped bits are detected.
+//! Numbers are little-endian. A zero byte ends a frame and occurs nowhere inside it, so that a receiver resynchronises
+//! at the next zero after any error. The CRC-32C (Castagnoli) covers all bytes before it. It has a Hamming distance of
+//! 6 at this length, so it detects any five flipped bits.
 
 use crc::{CRC_32_ISCSI, Crc};
 use heapless::Vec;
@@ -15,13 +15,13 @@ use crate::hash::CrcTable;
 
 static CRC: Crc<u32, CrcTable> = Crc::<u32, CrcTable>::new(&CRC_32_ISCSI);
 
-/// CRC-32C of some bytes.
+/// Returns the CRC-32C of some bytes.
 #[must_use]
 pub fn checksum(bytes: &[u8]) -> u32 {
     CRC.checksum(bytes)
 }
 
-/// Version of the frame and of its header.
+/// Version of the frame format and of its header.
 pub const VERSION: u8 = 2;
 /// Max length of a body, bytes.
 pub const LONGEST_BODY: usize = 224;
@@ -30,24 +30,25 @@ const HEADER: usize = 10;
 const CHECKSUM: usize = 4;
 /// Max length of a frame before COBS, bytes.
 const LONGEST_RAW: usize = HEADER + LONGEST_BODY + CHECKSUM;
-/// Max length of a frame on the wire, bytes: COBS adds one byte to up to 254, and a zero ends it.
+/// Max length of a frame on the link, bytes. COBS adds one byte to up to 254, and a zero ends the frame.
 pub const LONGEST_FRAME: usize = LONGEST_RAW + 2;
 
 /// The header of a frame, without the version.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Header {
-    /// The kind of message ([`super::message::Message::kind`]).
+    /// Kind of the message ([`super::message::Message::kind`]).
     pub kind: u8,
-    /// The session that the host opened with its `Hello`. An answer is of the session of its request.
+    /// The session that the host opened with its `Hello`. The session of a response is that of its request.
     pub session: u32,
-    /// Number of this request, or of this event, in its session: from 1 on, wrapping past 0. Answers have none, 0.
+    /// Sequence number of this request, or of this event, in its session. It counts from 1 and skips 0 when it wraps. A
+    /// response has no sequence number, so it is 0.
     pub seq: u16,
-    /// In an answer: number of its request. In what a host sends: number of the latest event that it has, all before it
-    /// included. 0 for none.
+    /// In a response, the sequence number of its request. In a frame from a host, the sequence number of the latest
+    /// event that the host has received, with all events before it. 0 if there is none.
     pub ack: u16,
 }
 
-/// The number after this one.
+/// Returns the sequence number after this one.
 #[must_use]
 pub const fn next(seq: u16) -> u16 {
     match seq.wrapping_add(1) {
@@ -56,13 +57,13 @@ pub const fn next(seq: u16) -> u16 {
     }
 }
 
-/// Whether a number comes after another one, the shorter way round.
+/// Reports whether a sequence number comes after another one, by the shorter distance round the range.
 #[must_use]
 pub const fn is_after(seq: u16, other: u16) -> bool {
     (seq.wrapping_sub(other) as i16) > 0
 }
 
-/// A frame that arrived whole.
+/// A frame that was received whole.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Frame {
     /// The header.
@@ -71,19 +72,19 @@ pub struct Frame {
     pub body: Vec<u8, LONGEST_BODY>,
 }
 
-/// A frame on the wire, with its ending zero.
+/// A frame as sent on the link, with the zero that ends it.
 pub type FrameBytes = Vec<u8, LONGEST_FRAME>;
 
-/// The error of bytes that are no frame.
+/// Error of bytes that are not a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
-    /// Not COBS, or too short, or the checksum does not match.
+    /// The bytes are not COBS, or too short, or the checksum does not match.
     #[error("garbled frame: noise on the wire, a wrong baud rate, or no growbot at the other end")]
     Garbled,
-    /// More bytes without a zero than a frame can have.
+    /// More bytes arrived without a zero than a frame can have.
     #[error("{LONGEST_FRAME} bytes without the end of a frame: a wrong baud rate, or no growbot at the other end")]
     TooLong,
-    /// A whole frame of another version.
+    /// The frame is whole, but of another version.
     #[error(
         "the other side speaks version {version} of the link, this one {VERSION}: flash or install the same release"
     )]
@@ -96,7 +97,7 @@ pub enum FrameError {
 /// Encodes a message as a frame.
 ///
 /// # Errors
-/// [`FrameError::TooLong`] for a body beyond [`LONGEST_BODY`].
+/// Returns [`FrameError::TooLong`] if the body is longer than [`LONGEST_BODY`].
 pub fn encode(header: &Header, body: &[u8]) -> Result<FrameBytes, FrameError> {
     let mut raw: Vec<u8, LONGEST_RAW> = Vec::new();
     let mut put = |bytes: &[u8]| raw.extend_from_slice(bytes).map_err(|_| FrameError::TooLong);
@@ -113,12 +114,12 @@ pub fn encode(header: &Header, body: &[u8]) -> Result<FrameBytes, FrameError> {
 
     let mut stuffed = [0; LONGEST_FRAME];
     let length = cobs::try_encode(&raw, &mut stuffed).map_err(|_| FrameError::TooLong)?;
-    // The byte after the stuffed ones is still 0: the end of the frame.
+    // The byte after the encoded ones is still 0 and ends the frame.
     let whole = stuffed.get(..=length).ok_or(FrameError::TooLong)?;
     FrameBytes::from_slice(whole).map_err(|_| FrameError::TooLong)
 }
 
-/// Decodes a frame. `bytes` are those between two zeros.
+/// Decodes a frame from the bytes between two zeros.
 fn decode(bytes: &[u8]) -> Result<Frame, FrameError> {
     let raw = unstuff(bytes).ok_or(FrameError::Garbled)?;
     let (content, checksum) = raw.split_last_chunk::<CHECKSUM>().ok_or(FrameError::Garbled)?;
@@ -141,8 +142,9 @@ fn decode(bytes: &[u8]) -> Result<Frame, FrameError> {
     })
 }
 
-/// Decodes COBS: each run of bytes begins with its length, itself included, and stands for a zero after it, unless it
-/// is the longest or the last. None for what is no COBS. (The crate's own decoder leaves panics in the firmware.)
+/// Decodes COBS. Each run of bytes begins with its length, which counts the length byte too. Each run stands for its
+/// bytes and a zero after them, unless it is of max length or the last. `None` if the bytes are not COBS. (The decoder
+/// of the `cobs` crate leaves panics in the firmware.)
 fn unstuff(bytes: &[u8]) -> Option<Vec<u8, LONGEST_RAW>> {
     let mut raw = Vec::new();
     let mut left = bytes;
@@ -161,12 +163,12 @@ fn unstuff(bytes: &[u8]) -> Option<Vec<u8, LONGEST_RAW>> {
 #[derive(Debug, Clone, Default)]
 pub struct Receiver {
     bytes: Vec<u8, LONGEST_FRAME>,
-    /// Too many bytes came without a zero. Bytes up to the next zero are ignored.
+    /// True if too many bytes arrived without a zero. Bytes up to the next zero are ignored.
     overrun: bool,
 }
 
 impl Receiver {
-    /// Receives a byte. Returns the frame that it ends, if any, or the error of those bytes.
+    /// Receives a byte. Returns the frame that the byte completes, if any, or the error of the bytes received.
     pub fn push(&mut self, byte: u8) -> Option<Result<Frame, FrameError>> {
         if byte != 0 {
             if self.bytes.push(byte).is_err() {
@@ -176,7 +178,7 @@ impl Receiver {
         }
         let overrun = core::mem::take(&mut self.overrun);
         if self.bytes.is_empty() {
-            return None; // zeros between frames are silence
+            return None; // zeros between frames have no meaning
         }
         let frame = if overrun { Err(FrameError::TooLong) } else { decode(&self.bytes) };
         self.bytes.clear();

@@ -3,39 +3,41 @@
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-/// What the board is doing.
+/// State of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum State {
-    /// The board does nothing; heater and steppers are off.
+    /// The board is inactive. Heater and steppers are off.
     Idle,
-    /// The nozzle warms up; nothing moves, since cold plastic may hold the nozzle.
+    /// The nozzle heats up. Nothing moves, because cold plastic may hold the nozzle.
     Heating,
-    /// The head looks for its index mark.
+    /// The head searches for its index mark.
     Homing,
-    /// Layers are being laid.
+    /// The board lays layers.
     Growing,
-    /// Between layers, the nozzle hot or at standby. The board waits for layers, or until it is to continue.
+    /// The board pauses between layers, with the nozzle hot or at standby. It waits for layers, or for a request to
+    /// continue.
     Paused,
-    /// Every layer of the job is laid; heater and steppers are off.
+    /// All layers of the job are laid. Heater and steppers are off.
     Done,
-    /// Stopped on request; heater and steppers are off.
+    /// A request stopped the job. Heater and steppers are off.
     Stopped,
-    /// A fault is latched; heater and steppers are off until it is cleared.
+    /// A fault is latched. Heater and steppers are off until it is cleared.
     Fault,
-    /// The board has just started and tests its sensors; everything is off.
+    /// The board has just started and tests its sensors. Everything is off.
     SelfTest,
     /// A long pause has switched the heater off. The board stores the job, and `Start` continues it.
     Parked,
-    /// The nozzle is driven round a temperature to find the gains of its regulation.
+    /// The board oscillates the nozzle round a temperature to find the gains of its controller.
     Tuning,
-    /// The emergency stop was pressed; heater and steppers are off until it is released and cleared.
+    /// The emergency stop was pressed. Heater and steppers are off until it is released and cleared.
     EmergencyStop,
-    /// The nozzle is hot and head and feed move as a host asks, without a job; off by itself after some minutes.
+    /// The nozzle is hot, and head and feed move as a host requests, without a job. The board leaves this state after
+    /// some minutes.
     Maintenance,
 }
 
 impl State {
-    /// Every state.
+    /// All states.
     pub const ALL: [Self; 13] = [
         Self::SelfTest,
         Self::Idle,
@@ -52,7 +54,7 @@ impl State {
         Self::EmergencyStop,
     ];
 
-    /// The state's name, as programs print it.
+    /// Returns the state's name, as programs print it.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -73,7 +75,7 @@ impl State {
     }
 }
 
-/// What went wrong. Any of them switches heater and steppers off.
+/// A fault of a board. Every fault switches heater and steppers off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Fault {
     /// The thermistor reads as if its wire were cut.
@@ -86,33 +88,33 @@ pub enum Fault {
     OverTemperature,
     /// The nozzle cooled below the min extrusion temperature while growing.
     UnderTemperature,
-    /// The nozzle was not hot in time.
+    /// The nozzle did not reach its temperature in time.
     HeatingTooSlow,
-    /// The head turned further than a turn without passing its index mark.
+    /// The head turned by more than a turn without passing its index mark.
     IndexNotFound,
-    /// A layer asks for steps faster than the step interrupt makes them.
+    /// A layer needs steps at a higher rate than the step interrupt makes them.
     StepRate,
-    /// The board's own hardware refused a command.
+    /// The board's own hardware did not carry out a command.
     Hardware,
-    /// The thermistor's reading stands still while the power varies.
+    /// The reading of the thermistor does not change although the power varies.
     ThermistorFrozen,
-    /// The reading fell faster than the nozzle can cool.
+    /// The reading of the thermistor fell faster than the nozzle can cool.
     ThermistorDetached,
-    /// The nozzle cools although it is heated as it should.
+    /// The nozzle cools although it is heated with the expected power.
     TemperatureDrop,
-    /// The nozzle gets hotter, or does not cool, although no power is asked for.
+    /// The nozzle gets hotter, or does not cool, although the heater is off.
     HeaterStuckOn,
-    /// The heater takes more energy than the nozzle can need.
+    /// The heater uses more energy than the nozzle can need.
     HeaterEnergy,
-    /// A turn of the head passed without the index mark.
+    /// The head made a full turn without its index mark.
     IndexMissing,
-    /// The index sensor sees its mark everywhere.
+    /// The index sensor detects its mark at every angle.
     IndexStuck,
-    /// The index mark came in another place: the head has lost or gained steps.
+    /// The index mark was detected at another angle than expected, because the head has lost or gained steps.
     HeadStepsLost,
-    /// There is no filament.
+    /// The filament has run out.
     FilamentOut,
-    /// Filament is fed and does not move.
+    /// The feed runs, but the filament does not move.
     FilamentJam,
     /// A stepper driver reports a fault.
     DriverFault,
@@ -120,32 +122,32 @@ pub enum Fault {
     SupplyLow,
     /// The supply's voltage is above the robot's max.
     SupplyHigh,
-    /// A layer, or the homing, was not done in time.
+    /// A layer, or the homing, did not end in time.
     MotionOverdue,
     /// The step interrupt has stopped.
     StepsStalled,
-    /// The board started anew, in the midst of its work, because its supply sagged.
+    /// The board restarted during its work because its supply dropped.
     BrownOut,
-    /// The board started anew, in the midst of its work, because its watchdog was not fed.
+    /// The board restarted during its work because its watchdog was not fed.
     WatchdogReset,
-    /// The board started anew, in the midst of its work, because its processor faulted.
+    /// The board restarted during its work because its processor faulted.
     ProcessorFault,
-    /// The board started anew, in the midst of its work, because its stack overflowed.
+    /// The board restarted during its work because its stack overflowed.
     StackOverflow,
-    /// The board started anew in the midst of its work, for want of power or by a reset from outside.
+    /// The board restarted during its work because of a loss of power or an external reset.
     PowerLost,
-    /// The nozzle gets hotter though the heater's second switch is open.
+    /// The nozzle gets hotter although the heater's second switch is open.
     HeaterSwitchWelded,
-    /// The firmware's image in the board's flash is not what was sealed.
+    /// The firmware's image in the board's flash differs from its seal.
     ImageCorrupt,
-    /// The crystal does not swing: the board's clock cannot be relied on.
+    /// The crystal does not oscillate, so the board's clock is not reliable.
     ClockFailed,
-    /// A debug probe has switched the processor's debugging on: it may halt with the heater on.
+    /// A debug probe has enabled debugging of the processor, so it could halt with the heater on.
     DebugProbe,
 }
 
 impl Fault {
-    /// Every fault.
+    /// All faults.
     pub const ALL: [Self; 33] = [
         Self::ThermistorOpen,
         Self::ThermistorShort,
@@ -182,7 +184,7 @@ impl Fault {
         Self::DebugProbe,
     ];
 
-    /// The fault as a code.
+    /// Returns the code of the fault.
     #[must_use]
     pub const fn code(self) -> &'static str {
         match self {
@@ -222,7 +224,7 @@ impl Fault {
         }
     }
 
-    /// What happened and what to look at.
+    /// Returns a description of the fault and its remedy.
     #[must_use]
     pub const fn explanation(self) -> &'static str {
         match self {
@@ -318,27 +320,27 @@ impl Fault {
     }
 }
 
-/// Why the board started.
+/// Cause of a board's start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum ResetCause {
-    /// The supply came up.
+    /// The supply was switched on.
     PowerOn,
-    /// The supply sagged.
+    /// The supply voltage dropped.
     BrownOut,
-    /// The watchdog was not fed: the firmware had stopped.
+    /// The watchdog was not fed because the firmware had stopped.
     Watchdog,
     /// The processor faulted.
     ProcessorFault,
-    /// The reset pin, a debug probe, or a reset that software asked for.
+    /// The reset pin, a debug probe, or a reset that software requested.
     External,
-    /// The firmware used more stack than there is.
+    /// The firmware used more stack than is available.
     StackOverflow,
     /// The crystal stopped.
     ClockFailed,
 }
 
 impl ResetCause {
-    /// The cause in words.
+    /// Returns the name of the cause, as programs print it.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -359,12 +361,12 @@ mod tests {
     use std::collections::BTreeSet;
     use std::vec::Vec;
 
-    /// The codes in the first column of a section's table in SAFETY.md, as the rows have them.
+    /// Returns the codes in the first column of the table in a section of SAFETY.md, in the order of the rows.
     fn first_column(section: &str) -> Vec<&'static str> {
         let safety = include_str!("../../../SAFETY.md");
         let (_, rest) = safety.split_once(section).unwrap_or_else(|| panic!("SAFETY.md has no section {section}"));
         let rows = rest.split("\n## ").next().unwrap_or_default().lines();
-        // The heading and the line below it come first.
+        // The first row is the heading. The line below it does not begin with `| `.
         let cells = rows.filter_map(|row| row.strip_prefix("| ")?.split('|').next()).skip(1);
         cells.flat_map(|cell| cell.split(',')).map(|code| code.trim().trim_matches('`')).collect()
     }
@@ -379,7 +381,7 @@ mod tests {
 
     #[test]
     fn safety_md_lists_every_state_by_its_name() {
-        // The table of events comes behind that of the states.
+        // The table of events follows that of the states.
         let listed: BTreeSet<_> =
             first_column("\n## States\n").into_iter().take_while(|name| *name != "event").collect();
         assert_eq!(listed, BTreeSet::from(State::ALL.map(State::name)));

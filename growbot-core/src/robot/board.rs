@@ -1,9 +1,9 @@
-//! Controller boards: which there are, their signals, and the pins at which these are.
+//! The kinds of controller boards, their signals, and the pins of these signals.
 //!
-//! | board | facts |
+//! | board | source |
 //! |---|---|
 //! | `stm32f405` | pins fixed by its firmware |
-//! | `pico` | RP2040 data sheet, 1.4.3 (functions of the pins); Pico data sheet, 2.1 (which pins are led out) |
+//! | `pico` | RP2040 data sheet, 1.4.3 (functions of the pins); Pico data sheet, 2.1 (pins on the board's edge) |
 //! | `skr-pico` | the terminals as printed on the BTT SKR Pico V1.0 |
 
 use core::fmt;
@@ -20,25 +20,25 @@ use super::{RobotDescription, Sensors};
 pub enum BoardKind {
     /// A board with an STM32F405, whose pins are fixed.
     Stm32f405,
-    /// A Raspberry Pi Pico with drivers and switches of one's own.
+    /// A Raspberry Pi Pico, to which the user connects drivers and switches.
     Pico,
     /// A BTT SKR Pico, with four TMC2209.
     SkrPico,
 }
 
-/// The controller board and its pins. Without it, the pins are those of the board that the firmware runs on.
+/// The controller board and its pins. Without this table, the pins are those of the board that runs the firmware.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Board {
-    /// The kind. A board of another kind refuses the description.
+    /// Kind of the board. A board of another kind refuses the description.
     pub kind: BoardKind,
-    /// Pins that differ from the kind's.
+    /// Pins that differ from those of the kind.
     #[serde(default)]
     pub pins: PinNumbers,
 }
 
-/// Numbers of GPIO pins, 0 to 29, for signals that are elsewhere than the board's kind has them.
+/// Numbers of GPIO pins, 0 to 29, for signals that are not at the default pin of the board's kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
@@ -55,33 +55,33 @@ pub struct PinNumbers {
     pub feed_direction: Option<u8>,
     /// EN of the feed's driver.
     pub feed_enable: Option<u8>,
-    /// Power of the heater, by PWM.
+    /// PWM output for the power of the heater.
     pub heater: Option<u8>,
-    /// The second switch in the heater's supply.
+    /// Second switch in the supply of the heater.
     pub heater_enable: Option<u8>,
-    /// The fan, by PWM.
+    /// PWM output for the fan.
     pub fan: Option<u8>,
-    /// The drivers' fault outputs, joined.
+    /// Fault outputs of the drivers, joined.
     pub driver_fault: Option<u8>,
-    /// The filament's switch.
+    /// Switch that detects filament.
     pub filament_presence: Option<u8>,
     /// The encoder that the filament turns.
     pub filament_motion: Option<u8>,
     /// The head's index sensor.
     pub index: Option<u8>,
-    /// The emergency-stop button.
+    /// Emergency-stop button.
     pub emergency_stop: Option<u8>,
     /// SDA of the orientation sensor.
     pub orientation_data: Option<u8>,
     /// SCL of the orientation sensor.
     pub orientation_clock: Option<u8>,
-    /// The thermistor's divider, 26 to 29.
+    /// Voltage divider of the thermistor, 26 to 29.
     pub thermistor: Option<u8>,
-    /// The supply's divider, 26 to 29.
+    /// Voltage divider of the supply, 26 to 29.
     pub supply: Option<u8>,
 }
 
-/// What a wire between the board and the tip carries.
+/// Signal on a wire between the board and the tip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Signal {
     /// STEP of the head's driver.
@@ -98,32 +98,32 @@ pub enum Signal {
     FeedEnable,
     /// Power of the heater.
     Heater,
-    /// The second switch in the heater's supply.
+    /// Second switch in the supply of the heater.
     HeaterEnable,
     /// The fan.
     Fan,
-    /// The drivers' fault outputs, joined.
+    /// Fault outputs of the drivers, joined.
     DriverFault,
-    /// The filament's switch.
+    /// Switch that detects filament.
     FilamentPresence,
     /// The encoder that the filament turns.
     FilamentMotion,
     /// The head's index sensor.
     Index,
-    /// The emergency-stop button.
+    /// Emergency-stop button.
     EmergencyStop,
     /// SDA of the orientation sensor.
     OrientationData,
     /// SCL of the orientation sensor.
     OrientationClock,
-    /// The thermistor's divider.
+    /// Voltage divider of the thermistor.
     Thermistor,
-    /// The supply's divider.
+    /// Voltage divider of the supply.
     Supply,
 }
 
 impl Signal {
-    /// All of them.
+    /// All signals.
     pub const ALL: [Self; 18] = [
         Self::HeadStep,
         Self::HeadDirection,
@@ -145,7 +145,7 @@ impl Signal {
         Self::Supply,
     ];
 
-    /// Its name, as in `[board.pins]`.
+    /// Returns the name of the signal in the table `[board.pins]`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -170,7 +170,8 @@ impl Signal {
         }
     }
 
-    /// Whether the robot has it. Signals that are not said to be a sensor's are needed by every robot.
+    /// Reports whether the robot uses the signal. Every robot needs the signals that do not belong to an optional
+    /// sensor.
     #[must_use]
     pub fn is_used(self, robot: &RobotDescription) -> bool {
         let Sensors { filament_presence, filament_motion, driver_fault, emergency_stop, supply, orientation } =
@@ -186,7 +187,7 @@ impl Signal {
         }
     }
 
-    /// Whether it is one of a stepper driver's.
+    /// Reports whether the signal belongs to a stepper driver.
     fn is_of_motors(self) -> bool {
         matches!(
             self,
@@ -211,7 +212,7 @@ impl fmt::Display for Signal {
 }
 
 impl PinNumbers {
-    /// The pin that is given for a signal.
+    /// Returns the pin that the table gives for a signal.
     #[must_use]
     pub fn of(&self, signal: Signal) -> Option<u8> {
         match signal {
@@ -238,7 +239,7 @@ impl PinNumbers {
 }
 
 impl BoardKind {
-    /// Its name, as in a robot file.
+    /// Returns the name of the kind in a robot file.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -248,7 +249,8 @@ impl BoardKind {
         }
     }
 
-    /// Where this kind has a signal: the GPIO pin, where it is one of the RP2040's. None where it has no place for it.
+    /// Returns the default GPIO pin of a signal. `None` if this kind has no pin for the signal, or if its pins are not
+    /// those of an RP2040.
     #[must_use]
     pub fn pin(self, signal: Signal) -> Option<u8> {
         match self {
@@ -258,7 +260,7 @@ impl BoardKind {
         }
     }
 
-    /// The terminal of a signal, as the board names it.
+    /// Returns the terminal of a signal, as the board labels it.
     #[must_use]
     pub fn terminal(self, signal: Signal) -> Option<&'static str> {
         match self {
@@ -268,7 +270,7 @@ impl BoardKind {
         }
     }
 
-    /// What the board itself has at a pin that is not led out, or not free.
+    /// Returns the board's own use of a pin that is not on a terminal or not free.
     pub(super) fn reserved(self, pin: u8) -> Option<&'static str> {
         match (self, pin) {
             (_, 0 | 1) => Some("the link's UART"),
@@ -282,8 +284,8 @@ impl BoardKind {
         }
     }
 
-    /// Whether a signal is at one pin of the board for good: all of them, or those of stepper drivers that are soldered
-    /// to it, each of which answers to an address of its own.
+    /// Reports whether a signal has a fixed pin. On some kinds of board all signals have one. On others those of
+    /// soldered stepper drivers have one, because each driver has its own address.
     pub(super) fn fixes(self, signal: Signal) -> bool {
         match self {
             Self::Stm32f405 => true,
@@ -292,7 +294,7 @@ impl BoardKind {
         }
     }
 
-    /// Whether its stepper drivers are TMC2209 that the firmware configures.
+    /// Reports whether the board's stepper drivers are TMC2209 that the firmware configures.
     #[must_use]
     pub fn has_drivers(self) -> bool {
         matches!(self, Self::SkrPico)
@@ -305,7 +307,7 @@ impl fmt::Display for BoardKind {
     }
 }
 
-/// The GPIO pins as printed on a Pico.
+/// Labels of the GPIO pins as printed on a Pico.
 const GP: [&str; 30] = [
     "GP0", "GP1", "GP2", "GP3", "GP4", "GP5", "GP6", "GP7", "GP8", "GP9", "GP10", "GP11", "GP12", "GP13", "GP14",
     "GP15", "GP16", "GP17", "GP18", "GP19", "GP20", "GP21", "GP22", "GP23", "GP24", "GP25", "GP26", "GP27", "GP28",
@@ -335,7 +337,8 @@ fn pico_pin(signal: Signal) -> u8 {
     }
 }
 
-/// Pin and terminal. The drivers say by their line what is wrong with them, and the supply is not measured.
+/// Returns pin and terminal of a signal. `None` for two signals: the drivers report faults over their UART, and the
+/// supply is not measured.
 fn skr_pico_place(signal: Signal) -> Option<(u8, &'static str)> {
     Some(match signal {
         Signal::HeadStep => (11, "XM"),

@@ -1,11 +1,11 @@
-//! The fields of a robot file. The units are in the names.
+//! The fields of a robot file. Names contain the units.
 
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
 use super::Board;
 
-/// A robot as written in its file, not yet checked (see [`super::Robot::new`]).
+/// A robot as described in its file, before the checks of [`super::Robot::new`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -13,13 +13,13 @@ pub struct RobotDescription {
     /// The robot's name: letters, digits and hyphens.
     #[cfg_attr(feature = "schema", schemars(with = "str", extend("pattern" = "^[a-z0-9-]+$", "maxLength" = 32)))]
     pub name: String<32>,
-    /// The radius that plans use unless another is asked for, mm.
+    /// Radius that plans use unless the user requests another, mm.
     pub planning_radius_mm: f64,
-    /// Whether this is a test bench that somebody watches. A test bench heats although a debug probe is attached; a
-    /// robot that grows must not.
+    /// True if this is a test bench under supervision. A test bench heats even if a debug probe is attached. A robot
+    /// that grows must not.
     #[serde(default)]
     pub test_bench: bool,
-    /// The controller board and its pins; by default any board, with its own pins.
+    /// The controller board and its pins. By default any board, with its own pins.
     #[serde(default)]
     pub board: Option<Board>,
     /// The sizes that bound the curvature.
@@ -28,13 +28,13 @@ pub struct RobotDescription {
     pub layer: LayerDescription,
     /// The printed wall.
     pub wall: Wall,
-    /// The wall's material; PLA by default.
+    /// The wall's material. Default: PLA.
     #[serde(default)]
     pub material: Material,
     /// The mass at the body's end.
     #[serde(default)]
     pub tip: Tip,
-    /// The drive of both steppers.
+    /// The motion of both steppers.
     pub motion: Motion,
     /// The head, which turns the nozzle round the deposition plane.
     pub head: Head,
@@ -46,7 +46,7 @@ pub struct RobotDescription {
     pub heater: Heater,
     /// The nozzle's temperature sensor.
     pub thermistor: Thermistor,
-    /// The fan that cools the print; none by default.
+    /// The fan that cools the print. Default: no fan.
     #[serde(default)]
     pub fan: Fan,
     /// The nozzle's temperature in a pause.
@@ -55,7 +55,7 @@ pub struct RobotDescription {
     /// The supply of heater and motors.
     #[serde(default)]
     pub supply: Supply,
-    /// The sensors beyond thermistor and index sensor; none by default.
+    /// The sensors beyond thermistor and index sensor. Default: none.
     #[serde(default)]
     pub sensors: Sensors,
 }
@@ -108,11 +108,11 @@ pub struct Material {
     pub density_g_per_cm3: f64,
     /// Young's modulus along the body, MPa.
     pub youngs_modulus_mpa: f64,
-    /// Bending stress at which the wall fails, MPa. In a printed wall the layers part.
+    /// Bending stress at which the wall fails, MPa. A printed wall fails between its layers.
     pub strength_mpa: f64,
 }
 
-/// The tip that the body carries at its end: head, feed, heater and the other parts inside the tube.
+/// The tip at the end of the body: head, feed, heater and the other parts inside the tube.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -121,42 +121,42 @@ pub struct Tip {
     pub mass_g: f64,
 }
 
-/// How the robot varies the material round a turn.
+/// Method of varying the material round a turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum FeedStrategy {
-    /// The head turns steadily and the feed is modulated.
+    /// The head turns at constant speed, and the feed is modulated.
     Feed,
-    /// The feed is steady and the head turns slower where more material is due.
+    /// The feed is constant, and the head turns more slowly where the layer needs more material.
     Speed,
 }
 
-/// Which way the head turns.
+/// Direction in which the head turns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Turning {
-    /// Always counter-clockwise: the wires to the head pass through a slip ring.
+    /// Always counter-clockwise. The wires to the head pass through a slip ring.
     #[default]
     Continuous,
     /// One layer counter-clockwise, the next one clockwise, so that wires never wind up.
     Alternate,
 }
 
-/// The drive of both steppers.
+/// The motion of both steppers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Motion {
-    /// Rate of the step interrupt, Hz. A step pulse is high for one tick and low for at least one. A board does at most
-    /// 100 kHz; a robot that needs more can only be simulated.
+    /// Rate of the step interrupt, Hz. A step pulse is high for one tick and low for at least one. A board reaches at
+    /// most 100 kHz. A robot that needs a higher rate can only be simulated.
     pub tick_hz: u32,
-    /// How the robot varies the material round a turn.
+    /// Method of varying the material round a turn.
     pub strategy: FeedStrategy,
-    /// Whether a low level enables the stepper drivers, which is usual.
+    /// True if a low level enables the stepper drivers. This is the usual wiring.
     pub enable_low: bool,
-    /// Which way the head turns from layer to layer.
+    /// Direction in which the head turns from layer to layer.
     #[serde(default)]
     pub turning: Turning,
 }
@@ -168,27 +168,28 @@ pub struct Motion {
 pub struct Head {
     /// Motor steps (microsteps included) for one turn of the head.
     pub steps_per_turn: u32,
-    /// Whether the direction pin is high for a counter-clockwise turn, seen against the direction of growth.
+    /// True if the direction pin is high for a counter-clockwise turn, seen against the direction of growth.
     pub direction_high_is_positive: bool,
     /// Speed of homing, turns a second.
     pub homing_turns_per_s: f64,
-    /// Angle of the head, from the tip's x axis, at the step at which the index sensor first sees the mark in a
+    /// Angle of the head, from the tip's x axis, at the step at which the index sensor first detects the mark in a
     /// positive turn, degrees. It is rounded to the nearest step.
     pub index_angle_deg: f64,
-    /// Whether the index pin is low while the sensor sees the mark, which is usual.
+    /// True if the index pin is low while the sensor detects the mark. This is the usual wiring.
     pub index_low_on_mark: bool,
     /// Width of the index mark, degrees.
     pub index_width_deg: f64,
-    /// Max distance of an edge of the mark from its place, degrees. Beyond it the head has lost or gained steps.
+    /// Max deviation of an edge of the mark from its expected angle, degrees. A larger deviation means that the head
+    /// has lost or gained steps.
     #[serde(default = "defaults::index_tolerance_deg")]
     pub index_tolerance_deg: f64,
     /// Max acceleration, turns/s^2.
     #[serde(default = "defaults::unlimited")]
     pub acceleration_turns_per_s2: f64,
-    /// Max change of speed at an instant, turns/s. Up to this speed the motor needs no ramp.
+    /// Max instantaneous change of speed, turns/s. Up to this speed the motor needs no ramp.
     #[serde(default = "defaults::unlimited")]
     pub speed_jump_turns_per_s: f64,
-    /// What its TMC2209 is configured with, on a board that has them.
+    /// Configuration of the head's TMC2209, on a board that has them.
     #[serde(default)]
     pub driver: Option<Driver>,
 }
@@ -200,52 +201,52 @@ pub struct Head {
 pub struct Feed {
     /// Motor steps (microsteps included) for a mm of filament.
     pub steps_per_mm: f64,
-    /// Whether the direction pin is high to push filament out.
+    /// True if the direction pin is high to push filament out.
     pub direction_high_is_forward: bool,
     /// Diameter of the filament, mm.
     pub filament_diameter_mm: f64,
     /// Max acceleration, mm/s^2 of filament.
     #[serde(default = "defaults::unlimited")]
     pub acceleration_mm_per_s2: f64,
-    /// Max change of speed at an instant, mm/s of filament. Up to this speed the motor needs no ramp.
+    /// Max instantaneous change of speed, mm/s of filament. Up to this speed the motor needs no ramp.
     #[serde(default = "defaults::unlimited")]
     pub speed_jump_mm_per_s: f64,
-    /// Length of filament pulled back where feeding pauses, and pushed forward again before it continues, mm.
+    /// Length of filament that is retracted when feeding pauses, and pushed forward again before it continues, mm.
     #[serde(default)]
     pub retract_mm: f64,
-    /// Speed at which filament is pulled back and pushed forward again, mm/s.
+    /// Speed at which filament is retracted and pushed forward again, mm/s.
     #[serde(default = "defaults::retract_mm_per_s")]
     pub retract_mm_per_s: f64,
-    /// What its TMC2209 is configured with, on a board that has them.
+    /// Configuration of the feed's TMC2209, on a board that has them.
     #[serde(default)]
     pub driver: Option<Driver>,
 }
 
-/// What a TMC2209 stepper driver is configured with.
+/// Configuration of a TMC2209 stepper driver.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Driver {
     /// Current of a motor's phase, A rms.
     pub current_a: f64,
-    /// How the current is chopped.
+    /// Chopper mode of the driver.
     #[serde(default)]
     pub mode: DriverMode,
-    /// Steps in a full step of the motor: a power of two up to 256. They are part of `steps_per_turn` and
-    /// `steps_per_mm`.
+    /// Microsteps in a full step of the motor: a power of two up to 256. `steps_per_turn` and `steps_per_mm` include
+    /// them.
     #[serde(default = "defaults::microsteps")]
     pub microsteps: u16,
-    /// The load at which the motor counts as stalled, from the driver's SGTHRS: 0 for never, 255 for very early. Only in
-    /// StealthChop; without it, stalls are not looked for.
+    /// Load at which the motor counts as stalled, from the driver's SGTHRS: 0 for never, 255 for very early. It is
+    /// allowed only in StealthChop. Without it, the board does not check for stalls.
     #[serde(default)]
     pub stall_threshold: Option<u8>,
-    /// The sense resistors on the board, ohm.
+    /// Resistance of the sense resistors on the board, ohm.
     #[serde(default = "defaults::sense_ohm")]
     pub sense_ohm: f64,
 }
 
 impl Driver {
-    /// A driver with a current, A rms, and everything else by default.
+    /// Creates a configuration with a current, A rms, and the defaults of all other fields.
     #[must_use]
     pub fn of_current(current_a: f64) -> Self {
         Self {
@@ -257,38 +258,38 @@ impl Driver {
         }
     }
 
-    /// The max current that the sense resistors allow, A rms (data sheet of the TMC2209, rev. 1.09, 9).
+    /// Returns the max current that the sense resistors allow, A rms (data sheet of the TMC2209, rev. 1.09, 9).
     #[must_use]
     pub fn max_current_a(&self) -> f64 {
         0.325 / (self.sense_ohm + 0.02) * core::f64::consts::FRAC_1_SQRT_2
     }
 }
 
-/// How a driver chops its motor's current.
+/// Chopper mode of a driver, which regulates the motor's current.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum DriverMode {
-    /// Quietly, by voltage; stalls can be told.
+    /// Regulation by voltage: quiet, and stalls can be detected.
     #[default]
     StealthChop,
-    /// By current, with more torque at speed.
+    /// Regulation by current: more torque at speed.
     SpreadCycle,
 }
 
-/// The filament that the robot has: a full spool.
+/// The filament of the robot: a full spool.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Filament {
     /// Length on the spool when growth begins, mm. A plan that needs more has the warning `filament-short`.
     pub spool_mm: f64,
-    /// Heat that the nozzle gives to the filament, J/(mm^3 K): density times specific heat. 0 neglects it.
+    /// Heat that the nozzle gives to the filament, J/(mm^3 K): density times specific heat. A value of 0 neglects it.
     #[serde(default)]
     pub heat_j_per_mm3_k: f64,
 }
 
-/// The nozzle's heater: its limits, the gains of its regulation, and the figures of its thermal model.
+/// The nozzle's heater: its limits, the gains of its controller, and the parameters of its thermal model.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -299,7 +300,7 @@ pub struct Heater {
     pub extrusion_min_c: f64,
     /// Max temperature of the nozzle, degrees Celsius. Above it the heater is switched off.
     pub max_c: f64,
-    /// Half width of the band round the target in which the nozzle counts as hot, degrees.
+    /// Half width of the band round the target in which the nozzle counts as hot, degrees Celsius.
     pub band_c: f64,
     /// Max time from cold to hot, s.
     pub heating_timeout_s: f64,
@@ -313,13 +314,13 @@ pub struct Heater {
     pub power_w: f64,
     /// Heat capacity of the nozzle, J/K.
     pub heat_capacity_j_per_k: f64,
-    /// Heat lost to the surroundings, W/K.
+    /// Heat loss to the surroundings, W/K.
     pub loss_w_per_k: f64,
 }
 
 /// The nozzle's temperature sensor: a thermistor (NTC) to ground below a pull-up resistor, read by a 12-bit ADC.
 ///
-/// Its equation is either Beta's (`r25_ohm` and `beta_k`) or that of Steinhart and Hart.
+/// The equation of the thermistor is either the Beta equation (`r25_ohm` and `beta_k`) or that of Steinhart and Hart.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -337,12 +338,12 @@ pub struct Thermistor {
     pub pull_up_ohm: f64,
 }
 
-/// The fan that cools what is printed.
+/// The fan that cools the print.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Fan {
-    /// Duty while growing, 0 to 1; 0 for no fan.
+    /// Duty while growing, 0 to 1. A value of 0 means that the robot has no fan.
     pub growing_duty: f64,
     /// Heat that the fan takes from the nozzle at full duty, W/K, in addition to [`Heater::loss_w_per_k`].
     pub loss_w_per_k: f64,
@@ -353,11 +354,11 @@ pub struct Fan {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Pause {
-    /// Standby temperature of the nozzle, degrees Celsius; [`Heater::target_c`] where that is lower.
+    /// Standby temperature of the nozzle, degrees Celsius. If [`Heater::target_c`] is lower, that is used.
     pub standby_c: f64,
     /// Time from the beginning of the pause to standby, s.
     pub standby_after_s: f64,
-    /// Time from the beginning of the pause until the robot parks with its heater off, s.
+    /// Time from the beginning of the pause until the board parks with its heater off, s.
     pub off_after_s: f64,
 }
 
@@ -366,32 +367,32 @@ pub struct Pause {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Supply {
-    /// The voltage at which the heater has [`Heater::power_w`], V.
+    /// Voltage at which the heater has [`Heater::power_w`], V.
     pub nominal_v: f64,
-    /// Min voltage, V. Below it everything is switched off.
+    /// Min voltage, V. Below it the board switches everything off.
     pub min_v: f64,
-    /// Max voltage, V. Above it everything is switched off.
+    /// Max voltage, V. Above it the board switches everything off.
     pub max_v: f64,
-    /// The voltage at the ADC's full scale, V.
+    /// Voltage at the ADC's full scale, V.
     pub full_scale_v: f64,
 }
 
-/// The sensors of a robot beyond thermistor and index sensor, and how they are wired.
+/// The sensors of a robot beyond thermistor and index sensor, with their wiring.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct Sensors {
-    /// A switch that closes on filament.
+    /// Switch that closes if there is filament.
     pub filament_presence: Option<Input>,
-    /// An encoder that the filament turns.
+    /// Encoder that the filament turns.
     pub filament_motion: Option<FilamentMotion>,
-    /// The fault outputs of the stepper drivers, joined.
+    /// Fault outputs of the stepper drivers, joined.
     pub driver_fault: Option<Input>,
-    /// An emergency-stop button.
+    /// Emergency-stop button.
     pub emergency_stop: Option<Input>,
-    /// Whether the supply's voltage is measured.
+    /// True if the board measures the supply's voltage.
     pub supply: bool,
-    /// Whether there is an orientation sensor.
+    /// True if the robot has an orientation sensor.
     pub orientation: bool,
 }
 
@@ -400,7 +401,7 @@ pub struct Sensors {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Input {
-    /// Whether a low level is the active one: filament present, a driver's fault, the button pressed.
+    /// True if the active level is low. Active means filament present, a driver's fault, or the button pressed.
     pub active_low: bool,
 }
 
@@ -411,7 +412,7 @@ pub struct Input {
 pub struct FilamentMotion {
     /// Length of filament from one rising edge to the next, mm.
     pub mm_per_pulse: f64,
-    /// Length of filament fed without an edge from which on it counts as jammed, mm.
+    /// Length of filament fed without an edge at which the filament counts as jammed, mm.
     pub jam_mm: f64,
 }
 
@@ -440,9 +441,9 @@ impl Default for Supply {
     }
 }
 
-/// Defaults of fields that a file leaves out.
+/// Defaults of fields that are absent from a file.
 mod defaults {
-    /// A limit that no robot reaches.
+    /// Returns a limit that no robot reaches.
     pub fn unlimited() -> f64 {
         1e9
     }

@@ -1,44 +1,44 @@
-//! What stepper drivers that the firmware configures can be told.
+//! The checks of the settings of stepper drivers that the firmware configures.
 
 use super::validate::Field;
 use super::{Driver, DriverMode, RobotDescription, RobotError};
 
-/// Why a driver's settings were refused: the field, its value, and what to do.
+/// Reason why a driver's settings are not valid: the field, its value, and the remedy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum DriverError {
-    /// A driver's settings for a board whose drivers have none.
+    /// Settings are given for a driver of a board that has no configurable drivers.
     #[error("{field} is given, and only skr-pico has drivers that are configured: set board.kind, or leave it out")]
     Unwanted {
-        /// The table, as written in a robot file.
+        /// Name of the table in a robot file.
         field: &'static str,
     },
-    /// A board with drivers that have to be configured, and no settings.
+    /// The board has drivers that need settings, but none are given.
     #[error(
         "{field} is missing, and the drivers of skr-pico do nothing without: give their current, as `current_a = 0.6`"
     )]
     Missing {
-        /// The table, as written in a robot file.
+        /// Name of the table in a robot file.
         field: &'static str,
     },
-    /// A driver makes no such steps.
+    /// The driver does not support this number of microsteps.
     #[error("{field} is {value}, and a TMC2209 makes 1, 2, 4, 8, 16, 32, 64, 128 or 256 of a full step")]
     Microsteps {
-        /// The field, as written in a robot file.
+        /// Name of the field in a robot file.
         field: &'static str,
-        /// The field's value.
+        /// Value of the field.
         value: u16,
     },
-    /// Stalls are looked for in a mode in which the driver does not see them.
+    /// A stall threshold is given for a mode in which the driver cannot detect stalls.
     #[error(
         "{field} is given, and a TMC2209 tells stalls in StealthChop only: leave it out, or set mode = \"stealthchop\""
     )]
     StallMode {
-        /// The field, as written in a robot file.
+        /// Name of the field in a robot file.
         field: &'static str,
     },
 }
 
-/// The names of a driver's fields in a robot file.
+/// Names of a driver's fields in a robot file.
 struct DriverFields {
     table: &'static str,
     current_a: &'static str,
@@ -62,7 +62,7 @@ const FEED_DRIVER: DriverFields = DriverFields {
     sense_ohm: "feed.driver.sense_ohm",
 };
 
-/// Checks the drivers' settings, which robots have whose board has such drivers.
+/// Checks the drivers' settings. They are required if the board has configurable drivers, and not allowed otherwise.
 pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
     let has_drivers = robot.board.is_some_and(|board| board.kind.has_drivers());
     for (driver, fields) in [(&robot.head.driver, HEAD_DRIVER), (&robot.feed.driver, FEED_DRIVER)] {

@@ -1,7 +1,7 @@
 //! A robot: its description as written, and the validated [`Robot`] that all other code uses.
 //!
 //! A [`RobotDescription`] has the fields of a robot file, in mm, degrees, seconds and degrees Celsius. [`Robot::new`]
-//! checks it once; no other code needs to check again whether a radius is positive or a limit makes sense.
+//! checks it once. No other code needs to check again whether a radius is positive or a limit makes sense.
 
 mod board;
 mod description;
@@ -35,8 +35,8 @@ pub struct Robot {
     hash: u64,
 }
 
-/// Max rate of the step interrupt on a board, Hz. The robot's board spends half of its processor on it at 112 kHz
-/// (`cargo step-cost`).
+/// Max rate of the step interrupt on a board, Hz. At 112 kHz the step interrupt uses half of the processor of the
+/// robot's board (`cargo step-cost`).
 pub const MAX_BOARD_TICK_HZ: u32 = 100_000;
 
 /// Max size of a description in postcard form, bytes.
@@ -46,8 +46,8 @@ impl Robot {
     /// Checks a description.
     ///
     /// # Errors
-    /// The first field that is not finite, out of its range, or inconsistent with another one, with its value and
-    /// limit.
+    /// Returns the first field that is not finite, out of its range, or inconsistent with another one, with its value
+    /// and limit.
     pub fn new(description: RobotDescription) -> Result<Self, RobotError> {
         validate::check(&description)?;
         let mut bytes = [0; LONGEST_ENCODED];
@@ -59,13 +59,13 @@ impl Robot {
     /// Checks that a board can drive this robot. [`Robot::new`] also accepts robots that only a simulation can drive.
     ///
     /// # Errors
-    /// [`RobotError::TooLarge`] where `motion.tick_hz` is above [`MAX_BOARD_TICK_HZ`].
+    /// Returns [`RobotError::TooLarge`] if `motion.tick_hz` is above [`MAX_BOARD_TICK_HZ`].
     pub fn check_for_board(&self) -> Result<(), RobotError> {
         validate::check_for_board(&self.description)
     }
 
-    /// A robot that [`Robot::new`] has checked before, with the hash from then. The firmware carries both from its
-    /// build.
+    /// Creates a robot that [`Robot::new`] has checked before, with the hash from that check. The build of the firmware
+    /// stores both in its image.
     #[must_use]
     pub fn checked_before(description: RobotDescription, hash: u64) -> Self {
         Self { description, hash }
@@ -74,7 +74,8 @@ impl Robot {
     /// Decodes the postcard form of [`Robot::encode`].
     ///
     /// # Errors
-    /// [`RobotError::Unreadable`] where the bytes are no description, up to their last one; else as [`Robot::new`].
+    /// Returns [`RobotError::Unreadable`] if the bytes are not a description, up to their last one. Otherwise returns
+    /// the errors of [`Robot::new`].
     pub fn decode(bytes: &[u8]) -> Result<Self, RobotError> {
         match postcard::take_from_bytes(bytes) {
             Ok((description, [])) => Self::new(description),
@@ -82,58 +83,58 @@ impl Robot {
         }
     }
 
-    /// Encodes the description in postcard form. A board carries these bytes, and [`Robot::hash`] is taken over them.
+    /// Encodes the description in postcard form. A board stores these bytes, and [`Robot::hash`] is their hash.
     ///
     /// # Errors
-    /// [`RobotError::TooLong`] where `buffer` (up to [`LONGEST_ENCODED`] bytes are needed) is too short.
+    /// Returns [`RobotError::TooLong`] if `buffer` is too short. Up to [`LONGEST_ENCODED`] bytes are needed.
     pub fn encode<'a>(&self, buffer: &'a mut [u8]) -> Result<&'a [u8], RobotError> {
         postcard::to_slice(&self.description, buffer).map(|bytes| &*bytes).map_err(|_| RobotError::TooLong)
     }
 
-    /// The description that was checked.
+    /// Returns the description that was checked.
     #[must_use]
     pub fn description(&self) -> &RobotDescription {
         &self.description
     }
 
-    /// The robot's name.
+    /// Returns the robot's name.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.description.name
     }
 
-    /// CRC-64 over the postcard form of the whole description. Equal hashes mean the same machine.
+    /// Returns the CRC-64 over the postcard form of the whole description. Equal hashes mean the same machine.
     #[must_use]
     pub fn hash(&self) -> u64 {
         self.hash
     }
 
-    /// `r_t`, from the centreline to where material is laid, mm.
+    /// Returns `r_t`, the distance from the centreline to where material is laid, mm.
     #[must_use]
     pub fn tip_radius(&self) -> f64 {
         self.description.geometry.tip_radius_mm
     }
 
-    /// Diameter of the printed tube over its wall, mm: the wall is a ring of mean radius `r_t`.
+    /// Returns the outer diameter of the printed tube, mm. The wall is a ring of mean radius `r_t`.
     #[must_use]
     pub fn outer_diameter(&self) -> f64 {
         2.0 * self.tip_radius() + self.description.wall.width_mm
     }
 
-    /// Max tilt of a layer, radians.
+    /// Returns the max tilt of a layer, radians.
     #[must_use]
     pub fn max_tilt(&self) -> f64 {
         radians(self.description.layer.tilt_max_deg)
     }
 
-    /// Min radius by the packaging limit (Eq 7), mm.
+    /// Returns the min radius by the packaging limit (Eq 7), mm.
     #[must_use]
     pub fn min_radius_by_packaging(&self) -> f64 {
         let geometry = &self.description.geometry;
         min_radius_by_packaging(geometry.tip_radius_mm, geometry.inner_radius_mm, geometry.inner_length_mm)
     }
 
-    /// Min radius by the limits of a layer, mm.
+    /// Returns the min radius by the limits of a layer, mm.
     #[must_use]
     pub fn min_radius_by_layers(&self) -> f64 {
         let layer = &self.description.layer;
@@ -141,13 +142,14 @@ impl Robot {
         min_radius_by_layers(self.tip_radius(), layer.height_mm, layer.height_min_mm, layer.height_max_mm, tilt_max)
     }
 
-    /// R_min, the min radius of the centreline, mm: the larger of the packaging limit and the limit by the layers.
+    /// Returns R_min, the min radius of the centreline, mm. It is the larger of the packaging limit and the limit by
+    /// the layers.
     #[must_use]
     pub fn min_radius(&self) -> f64 {
         self.min_radius_by_packaging().max(self.min_radius_by_layers())
     }
 
-    /// Max mean height of a layer on a bend of this curvature (1/mm), mm.
+    /// Returns the max mean height of a layer on a bend of this curvature (1/mm), mm.
     #[must_use]
     pub fn max_mean_height(&self, curvature: f64) -> f64 {
         let layer = &self.description.layer;
@@ -155,7 +157,7 @@ impl Robot {
         max_mean_height(self.tip_radius(), layer.height_mm, layer.height_max_mm, tilt_max, curvature)
     }
 
-    /// The motion of head and feed while this layer is laid at full speed.
+    /// Returns the motion of head and feed while this layer is laid at full speed.
     #[must_use]
     pub fn motion_of(&self, layer: &Layer) -> LayerMotion {
         LayerMotion::of(&self.description, layer)
@@ -164,19 +166,20 @@ impl Robot {
     /// Checks that the motors can follow the profile of this layer.
     ///
     /// # Errors
-    /// [`LayerError::Acceleration`] where they cannot.
+    /// Returns [`LayerError::Acceleration`] if they cannot.
     pub fn check_motion(&self, layer: &Layer) -> Result<(), LayerError> {
         self.motion_of(layer).check()
     }
 
-    /// Checks that this layer can be laid. It must not exceed the max height or tilt and must have material all round;
-    /// steps must not be faster than the step interrupt makes them, nor change faster than the motors can follow.
+    /// Checks that this layer can be laid. It must not exceed the max height or tilt, and it must have material all
+    /// round. Steps must not be faster than the step interrupt makes them, nor change faster than the motors can
+    /// follow.
     ///
-    /// `slack` is the share by which a layer may exceed a limit, to allow for rounding. A layer thinner than the min
-    /// height can be laid (a plan with one has a warning); a layer without material on its inner side cannot.
+    /// `slack` is the fraction by which a layer may exceed a limit, to allow for rounding. A layer thinner than the min
+    /// height can be laid (a plan with one has a warning). A layer without material on its inner side cannot be laid.
     ///
     /// # Errors
-    /// The limit that the layer breaks, with the value.
+    /// Returns the limit that the layer exceeds, with the value.
     pub fn check_layer(&self, layer: &Layer, slack: f64) -> Result<(), LayerError> {
         let limits = &self.description.layer;
         if !(layer.alpha.is_finite() && layer.height.is_finite() && layer.tilt.is_finite()) {
@@ -203,33 +206,34 @@ impl Robot {
         self.check_motion(layer)
     }
 
-    /// Cross-section of the printed wall, mm^2: a ring of mean radius `r_t`.
+    /// Returns the cross-section of the printed wall, mm^2. The wall is a ring of mean radius `r_t`.
     #[must_use]
     pub fn wall_area(&self) -> f64 {
         core::f64::consts::TAU * self.tip_radius() * self.description.wall.width_mm
     }
 
-    /// Second moment of area of the printed wall about a diameter, mm^4; about the tube's axis it is twice that.
+    /// Returns the second moment of area of the printed wall about a diameter, mm^4. About the tube's axis it is twice
+    /// that.
     #[must_use]
     pub fn wall_second_moment(&self) -> f64 {
         let (radius, width) = (self.tip_radius(), self.description.wall.width_mm);
         core::f64::consts::PI * radius * width * (radius * radius + 0.25 * width * width)
     }
 
-    /// Cross-section of the filament, mm^2.
+    /// Returns the cross-section of the filament, mm^2.
     #[must_use]
     pub fn filament_area(&self) -> f64 {
         let diameter = self.description.feed.filament_diameter_mm;
         core::f64::consts::FRAC_PI_4 * diameter * diameter
     }
 
-    /// Length of filament for a mm of body, mm/mm.
+    /// Returns the length of filament for a mm of body, mm/mm.
     #[must_use]
     pub fn filament_per_length(&self) -> f64 {
         self.wall_area() / self.filament_area()
     }
 
-    /// Feed steps for a mm of body, 1/mm.
+    /// Returns the number of feed steps for a mm of body, 1/mm.
     #[must_use]
     pub fn feed_steps_per_length(&self) -> f64 {
         self.filament_per_length() * self.description.feed.steps_per_mm

@@ -1,15 +1,15 @@
-//! Whether the pins of a board can be what a robot needs.
+//! The checks that the pins of a board can have the functions that a robot needs.
 
 use super::{Board, BoardKind, RobotDescription, Signal};
 
-/// GPIO pins of the RP2040.
+/// Number of GPIO pins of the RP2040.
 const RP2040_PINS: usize = 30;
-/// The first GPIO pin of the RP2040 with a channel of the converter.
+/// The first GPIO pin of the RP2040 with a channel of the analog-to-digital converter.
 pub const FIRST_ANALOG_PIN: u8 = 26;
-/// The PWM slice that makes the step interrupt's ticks: no pin of it can be the heater's or the fan's.
+/// The PWM slice that makes the ticks of the step interrupt. Heater and fan cannot use its pins.
 pub const STEP_SLICE: u8 = 7;
 
-/// Why a board's pins were refused: the signals, the pin, and what to do.
+/// Reason why a board's pins are not valid: the signals, the pin, and the remedy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PinError {
     /// A pin is given for a signal whose pin is fixed.
@@ -19,61 +19,61 @@ pub enum PinError {
     Fixed {
         /// The signal.
         signal: Signal,
-        /// The board's kind.
+        /// Kind of the board.
         kind: BoardKind,
     },
-    /// A signal that the robot has is nowhere on its board.
+    /// The board has no default pin for a signal that the robot uses, and the description gives none.
     #[error("{kind} has no place of its own for {signal}: give board.pins.{signal}, or leave its sensor out")]
     Missing {
         /// The signal.
         signal: Signal,
-        /// The board's kind.
+        /// Kind of the board.
         kind: BoardKind,
     },
-    /// There is no such pin.
+    /// The pin does not exist.
     #[error("board.pins.{signal} is {pin}, and GPIO pins are 0 to 29")]
     Unknown {
         /// The signal.
         signal: Signal,
-        /// The pin's number.
+        /// Number of the pin.
         pin: u8,
     },
-    /// A pin that the board uses itself.
+    /// The board uses the pin itself.
     #[error("board.pins.{signal} is {pin}, which is {what} on {kind}: take another pin")]
     Reserved {
         /// The signal.
         signal: Signal,
-        /// The pin's number.
+        /// Number of the pin.
         pin: u8,
-        /// The board's kind.
+        /// Kind of the board.
         kind: BoardKind,
-        /// What is there.
+        /// The board's own use of the pin.
         what: &'static str,
     },
-    /// Two signals are at one pin.
+    /// Two signals have the same pin.
     #[error("{first} and {second} are both at pin {pin}: give one of them another in board.pins")]
     Twice {
-        /// The pin's number.
+        /// Number of the pin.
         pin: u8,
-        /// A signal.
+        /// One of the signals.
         first: Signal,
-        /// Another.
+        /// The other signal.
         second: Signal,
     },
-    /// A pin without a channel of the converter.
+    /// The pin has no channel of the analog-to-digital converter.
     #[error("board.pins.{signal} is {pin}, and the converter measures at pins 26 to 29: take one of these")]
     NotAnalog {
         /// The signal.
         signal: Signal,
-        /// The pin's number.
+        /// Number of the pin.
         pin: u8,
     },
-    /// A pin whose PWM slice makes the ticks of the step interrupt.
+    /// The PWM slice of the pin makes the ticks of the step interrupt.
     #[error("board.pins.{signal} is {pin}, whose PWM slice is the step interrupt's: take another than 14 and 15")]
     OfStepSlice {
         /// The signal.
         signal: Signal,
-        /// The pin's number.
+        /// Number of the pin.
         pin: u8,
     },
     /// Heater and fan share a PWM slice.
@@ -82,21 +82,21 @@ pub enum PinError {
          as 0: take another for one of them"
     )]
     OfOneSlice {
-        /// The heater's pin.
+        /// Pin of the heater.
         heater: u8,
-        /// The fan's pin.
+        /// Pin of the fan.
         fan: u8,
     },
 }
 
 impl Board {
-    /// The GPIO pin of a signal: the one that is given, else the kind's.
+    /// Returns the GPIO pin of a signal: the pin that the description gives, or else the default pin of the kind.
     #[must_use]
     pub fn pin(&self, signal: Signal) -> Option<u8> {
         self.pins.of(signal).or(self.kind.pin(signal))
     }
 
-    /// Checks the pins of a robot's signals: each exists, can do what it is for, and is one signal's alone.
+    /// Checks the pins of a robot's signals. Each pin exists, can have its function, and belongs to one signal only.
     pub(super) fn check(&self, robot: &RobotDescription) -> Result<(), PinError> {
         let kind = self.kind;
         let mut owners: [Option<Signal>; RP2040_PINS] = [None; RP2040_PINS];
@@ -107,7 +107,7 @@ impl Board {
             if kind == BoardKind::Stm32f405 {
                 continue;
             }
-            // A pin that is given is checked, whether or not the robot has the sensor.
+            // A pin in the description is checked even if the robot does not have the sensor.
             if !signal.is_used(robot) && self.pins.of(signal).is_none() {
                 continue;
             }
@@ -129,7 +129,8 @@ impl Board {
         self.check_slices()
     }
 
-    /// Heater and fan each have a PWM slice of their own: pins 0 and 1 share one, so do 2 and 3, and 16 begins again.
+    /// Checks that heater and fan have different PWM slices. Pins 0 and 1 share a slice, and so do 2 and 3. From pin 16
+    /// on the slices repeat.
     fn check_slices(&self) -> Result<(), PinError> {
         let slice = |signal| self.pin(signal).map(pwm_slice);
         for signal in [Signal::Heater, Signal::Fan] {
@@ -146,7 +147,7 @@ impl Board {
     }
 }
 
-/// The PWM slice of a pin (RP2040 data sheet, table 525).
+/// Returns the PWM slice of a pin (RP2040 data sheet, table 525).
 #[must_use]
 pub fn pwm_slice(pin: u8) -> u8 {
     pin / 2 % 8

@@ -1,11 +1,11 @@
-//! The motion that a layer requires of the motors: the number of steps, of which the step interrupt makes at most one
-//! in two ticks, the speeds, and their changes.
+//! The motion that a layer requires of the motors: the number of steps, the speeds, and their changes. The step
+//! interrupt makes at most one step in two ticks.
 //!
-//! A motor can change its speed by its *jump* at an instant, and beyond that only by its acceleration: over any time
-//! `t` by `jump + acceleration t`. Three kinds of change share these limits. The profile of a layer, whose speed
-//! changes from sector to sector, may use [`PROFILE_ACCELERATION`] and [`PROFILE_JUMP`]. The ramps between rest and
-//! full speed use the rest of the acceleration, [`RAMP_ACCELERATION`]. The change from one layer to the next uses the
-//! rest of the jump, [`PASSING_JUMP`]. An axis that is never faster than its jump needs no ramp and has no such limit.
+//! A motor can change its speed by its *jump* instantly, and beyond that only by its acceleration: over any time `t` by
+//! `jump + acceleration t`. Three kinds of change share these limits. The profile of a layer, whose speed changes from
+//! sector to sector, may use [`PROFILE_ACCELERATION`] and [`PROFILE_JUMP`]. The ramps between rest and full speed use
+//! the rest of the acceleration, [`RAMP_ACCELERATION`]. The change from one layer to the next uses the rest of the
+//! jump, [`PASSING_JUMP`]. An axis that is never faster than its jump needs no ramp and has no such limit.
 
 use core::f64::consts::{FRAC_PI_4, TAU};
 
@@ -13,31 +13,32 @@ use super::{FeedStrategy, RobotDescription, Turning};
 use crate::layer::{Layer, LayerError, SECTORS};
 use crate::trigonometry;
 
-/// Share of an axis's acceleration that the profile within a layer may use.
+/// Fraction of an axis's acceleration that the profile within a layer may use.
 const PROFILE_ACCELERATION: f64 = 0.5;
-/// Share of an axis's jump that one edge between sectors may use. Two of them may lie at the edge between layers.
+/// Fraction of an axis's jump that one edge between sectors may use. The edge between layers may consist of two such
+/// edges.
 const PROFILE_JUMP: f64 = 0.25;
-/// Share of an axis's acceleration that ramps use.
+/// Fraction of an axis's acceleration that ramps use.
 const RAMP_ACCELERATION: f64 = 1.0 - PROFILE_ACCELERATION;
-/// Share of an axis's jump that is left where one layer follows the other.
+/// Fraction of an axis's jump that remains for the change from one layer to the next.
 const PASSING_JUMP: f64 = 1.0 - 2.0 * PROFILE_JUMP;
 /// Max time of a ramp from rest to full speed, s.
 pub(super) const MAX_RAMP_S: f64 = 10.0;
 
-/// The difference between the height of a layer's outer side and its mean height, as a share of the mean height: 0 for
-/// an even layer, 1 for a layer without material on its inner side.
+/// Returns the difference between the height of a layer's outer side and its mean height, as a fraction of the mean
+/// height. It is 0 for a layer without tilt, and 1 for a layer without material on its inner side.
 fn lean(robot: &RobotDescription, height: f64, tilt: f64) -> f64 {
     (robot.geometry.tip_radius_mm * tilt / height).min(1.0)
 }
 
-/// Length of filament in a layer of this mean height (mm), mm.
+/// Returns the length of filament in a layer of this mean height (mm), mm.
 fn filament(robot: &RobotDescription, height: f64) -> f64 {
     let diameter = robot.feed.filament_diameter_mm;
     let wall_area = TAU * robot.geometry.tip_radius_mm * robot.wall.width_mm;
     height * wall_area / (FRAC_PI_4 * diameter * diameter)
 }
 
-/// Bounds on the busiest sector of a layer: no sector has fewer ticks or more steps.
+/// Bounds on the busiest sector of a layer. No sector has fewer ticks or more steps.
 pub(super) struct BusiestSector {
     pub ticks: f64,
     pub head: f64,
@@ -45,22 +46,22 @@ pub(super) struct BusiestSector {
 }
 
 impl BusiestSector {
-    /// The bounds for a layer of this mean height (mm) and tilt (radians).
+    /// Returns the bounds for a layer of this mean height (mm) and tilt (radians).
     pub fn of(robot: &RobotDescription, height: f64, tilt: f64) -> Self {
         let sectors = SECTORS as f64;
         let lean = lean(robot, height, tilt);
         let ticks = robot.layer.period_s * f64::from(robot.motion.tick_hz) / sectors;
         let head = f64::from(robot.head.steps_per_turn) / sectors;
         let feed = filament(robot, height) * robot.feed.steps_per_mm / sectors;
-        // Rounding at both edges of a sector gives up to one step more and one tick less than the even share.
+        // Rounding at both edges of a sector gives up to one step more and one tick less than an equal part.
         match robot.motion.strategy {
-            // Even ticks; most of the material lies on the outer side.
+            // All sectors have the same number of ticks, and the outer side has most of the material.
             FeedStrategy::Feed => Self {
                 ticks: libm::floor(ticks),
                 head: libm::floor(head) + 1.0,
                 feed: libm::floor(feed * (1.0 + lean)) + 1.0,
             },
-            // The shortest sector lies on the inner side, with the same feed a tick as everywhere.
+            // The shortest sector is on the inner side, and its feed per tick is the same as everywhere.
             FeedStrategy::Speed => Self {
                 ticks: libm::floor(ticks * (1.0 - lean)),
                 head: libm::floor(head) + 1.0,
@@ -69,7 +70,7 @@ impl BusiestSector {
         }
     }
 
-    /// Whether the step interrupt can make the steps of this sector.
+    /// Reports whether the step interrupt can make the steps of this sector.
     pub fn can_be_carried(&self) -> bool {
         2.0 * self.head.max(self.feed) <= self.ticks
     }
@@ -81,38 +82,39 @@ impl BusiestSector {
 pub struct AxisMotion {
     /// Max speed, /s.
     pub speed: f64,
-    /// The speed at the tip's x axis, where a layer begins and ends, /s.
+    /// Speed at the tip's x axis, where a layer begins and ends, /s.
     pub speed_at_ends: f64,
-    /// Max change of speed from rest or to rest at an instant, /s.
+    /// Max instantaneous change of speed from rest or to rest, /s.
     pub jump: f64,
-    /// Max change of speed where one layer follows the other, /s.
+    /// Max change of speed from one layer to the next, /s.
     pub passing_jump: f64,
     /// Max acceleration of a ramp, /s^2.
     pub ramp: f64,
     /// Bound on the acceleration within the layer's profile, /s^2.
     pub(super) acceleration: f64,
-    /// The limit of [`Self::acceleration`], /s^2.
+    /// Limit of [`Self::acceleration`], /s^2.
     pub(super) acceleration_limit: f64,
 }
 
 /// The motion of head and feed while a layer is laid at full speed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LayerMotion {
-    /// The head, turns.
+    /// Motion of the head, turns.
     pub head: AxisMotion,
-    /// The feed, mm of filament.
+    /// Motion of the feed, mm of filament.
     pub feed: AxisMotion,
 }
 
 impl LayerMotion {
-    /// The motion that lays a layer with material on its inner side.
+    /// Returns the motion that lays a layer with material on its inner side.
     pub(super) fn of(robot: &RobotDescription, layer: &Layer) -> Self {
         let period = robot.layer.period_s;
         let lean = lean(robot, layer.height, layer.tilt);
         let at_ends = 1.0 + lean * trigonometry::cos(layer.alpha);
         let (head, feed) = (1.0 / period, filament(robot, layer.height) / period);
         let sector = period / SECTORS as f64;
-        // A head that turns the other way with the next layer may start so at once after it has stopped.
+        // If the head reverses its direction with the next layer, it may start instantly after it has stopped, so each
+        // change may use half of the jump.
         let at_once = match robot.motion.turning {
             Turning::Continuous => 1.0,
             Turning::Alternate => 0.5,
@@ -120,7 +122,7 @@ impl LayerMotion {
         let head_limits = (at_once, robot.head.speed_jump_turns_per_s, robot.head.acceleration_turns_per_s2);
         let feed_limits = (1.0, robot.feed.speed_jump_mm_per_s, robot.feed.acceleration_mm_per_s2);
         match robot.motion.strategy {
-            // The speed goes like the height: `v (1 + lean cos)`.
+            // The speed is proportional to the height: `v (1 + lean cos)`.
             FeedStrategy::Feed => Self {
                 head: AxisMotion::new(head_limits, [head, head], 0.0, sector),
                 feed: AxisMotion::new(
@@ -130,7 +132,8 @@ impl LayerMotion {
                     sector,
                 ),
             },
-            // The speed goes like the inverse of the height. Its change in time has that to the third power.
+            // The speed is proportional to the inverse of the height. Its rate of change has the height to the third
+            // power in the denominator.
             FeedStrategy::Speed => {
                 let inner = 1.0 - lean;
                 let acceleration = TAU * head * head * lean / (inner * inner * inner);
@@ -172,7 +175,7 @@ impl AxisMotion {
         }
     }
 
-    /// Whether the axis is never faster than its jump.
+    /// Reports whether the axis is never faster than its jump.
     #[must_use]
     pub fn needs_no_ramp(&self) -> bool {
         self.speed <= self.jump
@@ -189,7 +192,7 @@ mod tests {
     use crate::robot::Robot;
     use crate::testing::robot_a;
 
-    /// A quick robot A whose motors need ramps, for wide bends.
+    /// Returns a fast robot A whose motors need ramps, for wide bends.
     fn quick(strategy: FeedStrategy) -> RobotDescription {
         let mut description = robot_a().description().clone();
         description.planning_radius_mm = 150.0;
@@ -209,7 +212,7 @@ mod tests {
                 let motion = LayerMotion::of(&description, &layer);
                 let r = description.geometry.tip_radius_mm;
                 let filament = filament(&description, height);
-                // Time, turns and filament by angle, finely.
+                // Time, turns and filament by angle, in fine steps.
                 let at = |psi: f64| {
                     let share = layer.share_of_material(psi, r);
                     let time = match strategy {
@@ -249,7 +252,7 @@ mod tests {
             robot.check_layer(&steep, 0.0).unwrap();
             let motion = robot.motion_of(&steep);
             let profile = motion.head.acceleration.max(motion.feed.acceleration);
-            // Just enough for the planning radius, which is gentler.
+            // The limit is just sufficient for the planning radius, whose layers need less acceleration.
             match strategy {
                 FeedStrategy::Feed => description.feed.acceleration_mm_per_s2 = 1.98 * profile,
                 FeedStrategy::Speed => description.head.acceleration_turns_per_s2 = 1.98 * profile,

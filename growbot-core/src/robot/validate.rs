@@ -1,4 +1,4 @@
-//! The checks of a robot description, in the order in which a person would fix what they find.
+//! The checks of a robot description, in the order in which a person would correct the errors.
 
 use super::drivers;
 use super::step_rate::{AxisMotion, BusiestSector, LayerMotion, MAX_RAMP_S};
@@ -12,10 +12,10 @@ const MAX_SIZE: f64 = 1e4;
 /// Min size of a part of a robot, mm.
 const MIN_SIZE: f64 = 1e-3;
 
-/// The value of a limit that a file may leave out.
+/// Value of a limit that a file may omit.
 const UNLIMITED: f64 = 1e9;
 
-/// A field with its name and value, and the checks on it.
+/// A field with its name and value. Its methods check the value.
 pub(super) struct Field(pub &'static str, pub f64);
 
 impl Field {
@@ -38,7 +38,7 @@ impl Field {
     }
 }
 
-/// Checks everything; the first finding is the error.
+/// Checks the whole description. The first defect is the error.
 pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
     if robot.name.is_empty() || !robot.name.chars().all(plain) {
@@ -61,8 +61,9 @@ pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
 /// Checks what a board requires beyond [`check`].
 ///
 /// `motion.tick_hz` has two limits, because a description has two uses. A plan or a simulation may be of a robot that
-/// needs more ticks than any board makes, as the paper's robot C does; its limit of 1 MHz only keeps numbers
-/// reasonable. A board's step interrupt must leave the processor time for everything else, hence [`MAX_BOARD_TICK_HZ`].
+/// needs more ticks than any board makes, for example the paper's robot C. The limit of 1 MHz for those only keeps
+/// numbers reasonable. On a board the step interrupt must leave processor time for everything else, so the limit is
+/// [`MAX_BOARD_TICK_HZ`].
 pub(super) fn check_for_board(robot: &RobotDescription) -> Result<(), RobotError> {
     Field("motion.tick_hz", f64::from(robot.motion.tick_hz)).between(
         0.0,
@@ -119,7 +120,7 @@ fn check_layer(robot: &RobotDescription) -> Result<(), RobotError> {
         layer.height_mm * (1.0 - 1e-6),
         "the min height must be positive and below layer.height_mm",
     )?;
-    // 255 mm is what a layer's bytes on the link can say.
+    // 255 mm is the max height that a layer's bytes on the link can hold.
     Field("layer.height_max_mm", layer.height_max_mm).between(
         layer.height_mm,
         255.0,
@@ -154,7 +155,7 @@ fn check_radius(robot: &RobotDescription) -> Result<(), RobotError> {
 
 fn check_motors(robot: &RobotDescription) -> Result<(), RobotError> {
     let motion = &robot.motion;
-    // A board takes less: `check_for_board` says why.
+    // A board has a lower limit, see `check_for_board`.
     Field("motion.tick_hz", f64::from(motion.tick_hz)).between(
         100.0,
         1e6,
@@ -218,7 +219,7 @@ fn check_feed(motion: &Motion, feed: &Feed) -> Result<(), RobotError> {
     )?;
     Field("feed.retract_mm", feed.retract_mm).between(0.0, 100.0, "mm of filament; 0 for none")?;
     let mut min_jump = 1e-3;
-    // Maintenance uses it too, within what the step interrupt can do.
+    // Maintenance uses this speed too, within the limit of the step interrupt.
     Field("feed.retract_mm_per_s", feed.retract_mm_per_s).between(min_jump, 1e6, "mm of filament a second")?;
     if feed.retract_mm > 0.0 {
         Field("feed.retract_mm_per_s", feed.retract_mm_per_s).between(
@@ -325,7 +326,7 @@ fn check_board(robot: &RobotDescription) -> Result<(), RobotError> {
     drivers::check(robot)
 }
 
-/// The step interrupt must carry the busiest sector of the steepest layer.
+/// Checks that the step interrupt can make the steps of the busiest sector of the steepest layer.
 fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
     let layer = &robot.layer;
     let ticks = layer.period_s * f64::from(robot.motion.tick_hz);
@@ -344,7 +345,7 @@ fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
     Field("feed steps in the busiest sector", busiest.feed).between(0.0, max, advice)
 }
 
-/// The motors must follow the steepest layer of a plan at the planning radius, and get up to its speed.
+/// Checks that the motors can follow the steepest layer of a plan at the planning radius, and can reach its speed.
 fn check_accelerations(robot: &RobotDescription) -> Result<(), RobotError> {
     let height = robot.layer.height_mm;
     let steepest = Layer { alpha: 0.0, height, tilt: height / robot.planning_radius_mm };

@@ -1,14 +1,15 @@
 //! The shortest path in space between two poses, of curvature at most 1, with free roll.
 //!
-//! Sussmann 1995 ("Shortest 3-dimensional paths with a prescribed curvature bound", CDC): a shortest path is CSC (arc,
-//! line, arc, each arc in a plane of its own), CCC (in one plane), a part of these, or a helicoidal arc H. All CSC
-//! paths are found ([`csc`]), the planar ones by their six path types ([`crate::dubins2`]) where start and goal lie in
-//! one plane, and near the start, where alone they can win, helicoidal arcs ([`helicoids`]).
+//! Sussmann 1995 ("Shortest 3-dimensional paths with a prescribed curvature bound", CDC) shows that a shortest path has
+//! one of three forms. It is CSC (arc, line, arc, each arc in its own plane), CCC (in one plane) or a part of these, or
+//! it is a helicoidal arc H. The search finds all CSC paths ([`csc`]). If start and goal are in one plane, it finds the
+//! planar paths by their six path types ([`crate::dubins2`]). Close to the start, where helicoidal arcs ([`helicoids`])
+//! may be the shortest, it searches for these too.
 //!
 //! Lengths are in units of the radius. All vectors are in the frame of the tip at the start, which grows along z from
 //! the origin.
 //!
-//! Most constants of the search were chosen by trial: the search was run for the 2,120 goals of `tests/best_known.csv`,
+//! Most constants of the search were chosen by trial. The search was run for the 2,120 goals of `tests/best_known.csv`,
 //! with one constant changed. A *miss* is a path that is longer than the best known one by more than 1e-6 radii.
 
 use core::f64::consts::PI;
@@ -28,21 +29,21 @@ pub mod helicoids;
 use csc::{Csc, Overlapping};
 use helicoids::{HelicoidalArc, Piece};
 
-/// Max error of a path at the goal, radii and radians, for goals within 100 radii; beyond, in proportion. A tenth
-/// of what [`crate::plan`] accepts.
+/// Max error of a path at the goal, radii and radians, for goals within 100 radii. At larger distances it grows in
+/// proportion. It is a tenth of the error that [`crate::plan`] accepts.
 const ARRIVED: f64 = 1e-10;
-/// Max distance of the goal (radii) and of its direction (radians) from the plane of the start for a planar path:
-/// the error [`ARRIVED`].
+/// Max distance of the goal (radii) and of its direction (radians) from the plane of the start for a planar path. It
+/// equals [`ARRIVED`].
 const IN_PLANE: f64 = 1e-10;
-/// Vectors shorter than this span no plane: their direction would be off by more than 1e-7 by rounding.
+/// Length below which vectors span no plane, because rounding would change their direction by more than 1e-7.
 const NO_PLANE: f64 = 1e-9;
 /// Max distance of goals for which helicoidal arcs are searched, radii. The furthest of 753 such goals in
-/// `tests/best_known.csv` is at 3.51; trial: with 3.0 there are 31 misses.
+/// `tests/best_known.csv` is at 3.51. Trial: with 3.0 there are 31 misses.
 pub(crate) const HELICOIDS_WITHIN: f64 = 3.9;
 /// Max number of candidates.
 pub const MAX_CANDIDATES: usize = csc::MAX_PATHS + 2;
 
-/// The goal, seen from the tip at the start.
+/// The goal, as seen from the tip at the start.
 #[derive(Debug, Clone, Copy)]
 pub struct Problem {
     /// Position of the goal, radii.
@@ -56,8 +57,8 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// The problem from a tip at the origin that grows along z, to this goal (radii) with this direction (a unit
-    /// vector).
+    /// Creates the problem from a tip at the origin that grows along z, to this goal (radii) with this direction (a
+    /// unit vector).
     #[must_use]
     pub fn new(goal: &Vector3<f64>, direction: &Vector3<f64>) -> Self {
         let e1 = any_perpendicular(direction);
@@ -65,7 +66,7 @@ impl Problem {
         Self { goal: *goal, direction: *direction, across: [e1, e2], scale: (0.01 * goal.norm()).max(1.0) }
     }
 
-    /// The problem from pose to pose, with arcs of this radius (mm).
+    /// Creates the problem from pose to pose, with arcs of this radius (mm).
     #[must_use]
     pub fn between(start: &Pose, goal: &Pose, radius: f64) -> Self {
         let tip_from_base = start.frame().rotation.inverse();
@@ -74,7 +75,7 @@ impl Problem {
     }
 }
 
-/// Some unit vector perpendicular to a unit vector.
+/// Returns a unit vector perpendicular to a unit vector.
 fn any_perpendicular(axis: &Vector3<f64>) -> Vector3<f64> {
     let mut other = Vector3::zeros();
     if let Some(component) = other.get_mut(axis.iamin()) {
@@ -86,13 +87,13 @@ fn any_perpendicular(axis: &Vector3<f64>) -> Vector3<f64> {
 /// A path that leads to the goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Candidate {
-    /// Arc, line, arc.
+    /// A path of an arc, a straight line and an arc.
     Csc(Csc),
     /// A path in one plane.
     Planar {
         /// The path.
         path: PlanarPath,
-        /// The angle of the plane's left side in the deposition plane at the start, radians.
+        /// Angle of the plane's left side in the deposition plane at the start, radians.
         left: f64,
     },
     /// A helicoidal arc.
@@ -100,7 +101,7 @@ pub enum Candidate {
 }
 
 impl Candidate {
-    /// Length, radii.
+    /// Returns the length, radii.
     #[must_use]
     pub fn length(&self) -> f64 {
         match self {
@@ -110,10 +111,10 @@ impl Candidate {
         }
     }
 
-    /// The path with arcs of this radius, mm.
+    /// Returns the path with arcs of this radius, mm.
     ///
     /// # Errors
-    /// Never: no candidate has more than three pieces.
+    /// Never returns an error, because no candidate has too many segments for a path.
     pub fn path(&self, radius: f64) -> Result<Path, PathFull> {
         let mut path = Path::new();
         let arc =
@@ -150,15 +151,15 @@ pub type Candidates = Vec<Candidate, MAX_CANDIDATES>;
 
 /// Finds candidates that lead to the goal.
 ///
-/// A helicoidal arc is searched for below the length `longest` (radii), such as that of a known path. That search takes
-/// 20 times as long as the others, and is left out where `longest` is 0. `keep_alive` is called regularly, so that a
-/// board can feed its watchdog.
-#[inline(never)] // Its room on the stack is not the caller's.
+/// The search for a helicoidal arc considers only arcs shorter than `longest` (radii), for example the length of a
+/// known path. That search takes 20 times as long as the others, and is skipped if `longest` is 0. `keep_alive` is
+/// called regularly, so that a board can feed its watchdog.
+#[inline(never)] // Keeps its stack frame out of the caller's.
 pub fn candidates(problem: &Problem, longest: f64, found: &mut Candidates, keep_alive: &mut dyn FnMut()) {
     let mut overlapping = Vec::new();
     arcs_and_lines(problem, found, &mut overlapping, keep_alive);
     if let Some(planar) = planar(problem) {
-        // The search for CSC paths has usually found it already.
+        // The search for CSC paths has usually found this path already.
         if found.iter().all(|other| (other.length() - planar.length()).abs() > ARRIVED) {
             keep(found, planar);
         }
@@ -196,14 +197,15 @@ fn helicoidal_arc(
     }
 }
 
-/// Inserts a candidate by length. Of candidates of one length the one found first stays first.
+/// Inserts a candidate in order of length. Among candidates of equal length, the one found first stays first.
 #[inline(never)]
 fn keep(found: &mut Candidates, candidate: Candidate) {
     let length = candidate.length();
     insert_behind(found, candidate, |other| other.length() <= length);
 }
 
-/// Inserts an item into an ordered list behind all items that go before it. A full list drops its last item.
+/// Inserts an item into an ordered list, after all items for which `goes_before` returns true. A full list drops its
+/// last item.
 fn insert_behind<T, const N: usize>(list: &mut Vec<T, N>, item: T, goes_before: impl Fn(&T) -> bool) {
     if list.is_full() {
         if list.last().is_none_or(&goes_before) {
@@ -211,12 +213,13 @@ fn insert_behind<T, const N: usize>(list: &mut Vec<T, N>, item: T, goes_before: 
         }
         list.pop();
     }
-    // There is room now.
+    // The list has space now.
     let _ = list.push(item);
     move_last_behind(list, goes_before);
 }
 
-/// Moves the last item of a list up to its place behind all of the others, which are in order, that go before it.
+/// Moves the last item of a list forward, to its place after all other items for which `goes_before` returns true. The
+/// other items are in order.
 fn move_last_behind<T>(list: &mut [T], goes_before: impl Fn(&T) -> bool) {
     let mut left = list;
     while let Some((last, others)) = left.split_last_mut() {
@@ -228,7 +231,7 @@ fn move_last_behind<T>(list: &mut [T], goes_before: impl Fn(&T) -> bool) {
     }
 }
 
-/// The shortest path in the plane of start and goal, if they lie in one.
+/// Returns the shortest path in the plane of start and goal. `None` if they are not in one plane.
 fn planar(problem: &Problem) -> Option<Candidate> {
     let Problem { goal, direction, .. } = problem;
     let start = Vector3::z();
@@ -244,7 +247,8 @@ fn planar(problem: &Problem) -> Option<Candidate> {
     Some(Candidate::Planar { path, left: libm::atan2(left.y, left.x) })
 }
 
-/// The axes of a tip after an arc that bends towards this angle of its deposition plane, in the axes of the tip before.
+/// Returns the axes of a tip after an arc that bends in the direction of this angle of its deposition plane, in the
+/// axes of the tip before the arc.
 fn axes_after(towards: f64, angle: f64) -> Matrix3<f64> {
     crate::kinematics::step(towards + PI, angle, angle).rotation.into_inner()
 }
@@ -277,7 +281,8 @@ mod tests {
         0.0..TAU
     }
 
-    /// The shortest candidate to where a path laid out by hand ends; all candidates are checked to arrive.
+    /// Returns the length of the shortest candidate to the end of a constructed path, and asserts that all candidates
+    /// reach it.
     fn shortest_to_end_of(laid: &[Segment]) -> f64 {
         let (goal, direction) = ends_of(laid);
         let problem = Problem::new(&goal, &direction);
@@ -357,8 +362,8 @@ mod tests {
         }
     }
 
-    /// Three arcs in any planes are no shortest path, but a helicoidal arc beside them mostly is: some of these are not
-    /// found, as `tests/shortest_is_shortest.rs` tells in more detail.
+    /// Three arcs in any planes are not a shortest path, but there is mostly a helicoidal arc near them. The search
+    /// does not find some of these arcs, as `tests/shortest_is_shortest.rs` reports in more detail.
     #[test]
     fn most_near_goals_are_reached_no_longer_than_by_three_arcs() {
         const GOALS: u32 = 400;

@@ -8,25 +8,25 @@ use crate::pose::Frame;
 use crate::random::Random;
 use crate::trigonometry;
 
-/// The noise and the biases of each layer. All zero by default.
+/// The noise and the biases of each layer. All are zero by default.
 ///
-/// Noise is uniform to either side, of mean 0, and independent from layer to layer. The growth of a layer is disturbed
-/// with its tilt kept, as the paper does it.
+/// Noise is uniform in both directions, of mean 0, and independent from layer to layer. Noise of the growth changes a
+/// layer's height and not its tilt, as in the paper.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Disturbance {
-    /// Noise of the growth: at most this share of the layer's height.
+    /// Noise of the growth: max change of the height, as a fraction of the layer's height.
     pub growth_noise: f64,
-    /// Over-deposition, a share of the layer's height; negative for under-deposition.
+    /// Over-deposition, as a fraction of the layer's height. Negative for under-deposition.
     pub growth_bias: f64,
-    /// Noise of the tilt: a lean of at most this about each axis of the deposition plane, radians.
+    /// Noise of the tilt: max lean about each axis of the deposition plane, radians.
     pub tilt_noise: f64,
-    /// Excess of the tilt, a share of the layer's tilt.
+    /// Excess of the tilt, as a fraction of the layer's tilt.
     pub tilt_bias: f64,
-    /// Noise of the deposition angle: at most this, radians.
+    /// Noise of the deposition angle: max change, radians.
     pub alpha_noise: f64,
-    /// An offset of the deposition angle, radians.
+    /// Offset of the deposition angle, radians.
     pub alpha_bias: f64,
-    /// Noise of the twist about the tip's axis: at most this in a layer, radians.
+    /// Noise of the twist about the tip's axis: max twist in a layer, radians.
     pub twist_noise: f64,
     /// Twist about the tip's axis in each layer, radians, counter-clockwise.
     pub twist_bias: f64,
@@ -42,7 +42,7 @@ pub struct Laid {
 }
 
 impl Laid {
-    /// `tip_from_next_tip`: Eq 4, then the twist.
+    /// Returns `tip_from_next_tip`, which is Eq 4 followed by the twist.
     #[must_use]
     pub fn step(&self) -> Frame {
         let mut step = self.layer.step();
@@ -60,7 +60,7 @@ impl Laid {
     }
 }
 
-/// The source of error that a random number is drawn for. Each source has its own stream.
+/// Source of error for which a random number is drawn. Each source has its own stream.
 #[derive(Debug, Clone, Copy)]
 enum Draw {
     Growth = 1,
@@ -70,8 +70,9 @@ enum Draw {
 }
 
 impl Disturbance {
-    /// The layer of this index (from 0, along the body) as laid. The same seed gives the same errors to the layer of
-    /// the same index. Each source draws by itself: noise of one kind does not change that of another.
+    /// Returns the layer of this index as laid. The index counts from 0 along the body. The same seed gives the same
+    /// errors to the layer of the same index. Each source has its own random numbers, so noise of one kind does not
+    /// change that of another.
     #[must_use]
     pub fn lay(&self, seed: u64, index: u64, layer: &Layer) -> Laid {
         let draw = |what: Draw| Random::new(&[seed, what as u64, index]);

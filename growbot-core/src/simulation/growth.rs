@@ -24,33 +24,33 @@ pub struct Task<'a> {
 }
 
 impl Task<'_> {
-    /// The goal of the last leg.
+    /// Returns the goal of the last leg.
     #[must_use]
     pub fn goal(&self) -> Pose {
         self.legs.last().map_or(self.start, |leg| leg.goal)
     }
 }
 
-/// The result of a simulated growth.
+/// Result of a simulated growth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Grown {
-    /// The frame of the tip.
+    /// Frame of the tip.
     pub base_from_tip: Frame,
     /// Number of layers laid.
     pub layers: u64,
     /// Length of the body, mm.
     pub length: f64,
-    /// The loop's estimate of the tip; `None` in open loop.
+    /// The controller's estimate of the tip. `None` in open loop.
     pub estimate: Option<Estimate>,
 }
 
-/// A closed loop in which almost nothing grows does not end. It is given up after this many times the layers of its
-/// plan plus [`MIN_PATIENCE`].
+/// Limit of the layers of a closed loop, as a multiple of the layers of its plan. A closed loop in which almost nothing
+/// grows would not end, so it is stopped after this limit plus [`MIN_PATIENCE`].
 const PATIENCE: u64 = 20;
-/// Layers that a closed loop may lay in addition to [`PATIENCE`] times those of its plan.
+/// Number of layers that a closed loop may lay in addition to [`PATIENCE`] times those of its plan.
 const MIN_PATIENCE: u64 = 100;
 
-/// Grows in open loop: lays the layers as they are. `each` is called with every layer as laid.
+/// Grows in open loop, which lays the layers as given. `each` is called with every layer as laid.
 pub fn grow_open(
     start: &Pose,
     layers: impl IntoIterator<Item = Layer>,
@@ -69,9 +69,9 @@ pub fn grow_open(
     grown
 }
 
-/// Grows in closed loop: measures each layer and plans the rest again after it. `tip` is called with each layer as
-/// commanded and as laid, and with the tip's frame by growth alone; it returns the tip's true frame, which differs
-/// where the body sags.
+/// Grows in closed loop, which measures each layer and then plans the remaining path again. `tip` is called with each
+/// layer as commanded and as laid, and with the tip's frame by growth alone. It returns the tip's true frame, which is
+/// different if the body sags.
 pub fn grow_closed(
     task: &Task,
     disturbance: &Disturbance,
@@ -82,8 +82,8 @@ pub fn grow_closed(
     grow_closed_while(task, disturbance, sensors, seed, tip, |_, _| true)
 }
 
-/// As [`grow_closed`], as long as `goes_on` says so. It is asked with each correction, the first of them before the
-/// first layer, and with the layer as commanded that was laid before it. It may steer otherwise.
+/// Like [`grow_closed`], but stops when `goes_on` returns false. `goes_on` is called before the first layer and after
+/// each correction, with the layer just commanded. It may replace the tracker's path.
 pub fn grow_closed_while<'a>(
     task: &Task<'a>,
     disturbance: &Disturbance,

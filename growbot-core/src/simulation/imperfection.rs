@@ -1,12 +1,12 @@
 //! The errors of a simulated tip's layers and measurements.
 //!
-//! Growth is off because the filament slips in its drive, or is carried along: while a layer is laid, as much more or
-//! less of it moves for each step, and the encoder that it turns sees that, give or take its own noise. The layer is as
-//! much higher or lower, its tilt is kept. Tilt, deposition angle and twist are off as [`Disturbance`] says; only
-//! gravity shows them.
+//! The error of the growth arises because the filament slips in its drive, or is carried along. While a layer is laid,
+//! each step moves more or less filament than it should. The encoder that the filament turns measures this, with its
+//! own noise. The layer is higher or lower by the same fraction, and its tilt does not change. Tilt, deposition angle
+//! and twist have the errors of [`Disturbance`], which only gravity shows.
 //!
-//! The index of a layer is its place in the tip's body, so that the same seed gives the same errors on `sim` and on the
-//! emulated board, and those that `growbot simulate` gives.
+//! The index of a layer is its place in the tip's body. So the same seed gives the same errors on `sim`, on the
+//! emulated board and in `growbot simulate`.
 
 use nalgebra::Vector3;
 
@@ -15,12 +15,12 @@ use crate::layer::Layer;
 use crate::pose::Frame;
 use crate::tracking::SensorNoise;
 
-/// The errors of a simulated tip. None by default.
+/// The errors of a simulated tip. By default all errors are zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Imperfection {
     /// The errors of the layers.
     pub disturbance: Disturbance,
-    /// Noise of the filament's encoder, as odometry, and of gravity.
+    /// Noise of the filament's encoder, as odometry, and noise of gravity.
     pub noise: SensorNoise,
     /// The seed of all noise.
     pub seed: u64,
@@ -33,24 +33,25 @@ impl Default for Imperfection {
     }
 }
 
-/// A layer of unit height: results for it are shares.
+/// A layer of unit height, so that results for it are fractions.
 const UNIT: Layer = Layer { alpha: 0.0, height: 1.0, tilt: 0.0 };
 
 impl Imperfection {
-    /// The layer of this index as laid.
+    /// Returns the layer of this index as laid.
     #[must_use]
     pub fn lay(&self, index: u64, layer: &Layer) -> Laid {
         self.disturbance.lay(self.seed, index, layer)
     }
 
-    /// The filament that the encoder measures while the layer of this index is laid, as a share of the filament fed.
+    /// Returns the filament that the encoder measures while the layer of this index is laid, as a fraction of the
+    /// filament fed.
     #[must_use]
     pub fn seen_per_step(&self, index: u64) -> f64 {
         let laid = self.lay(index, &UNIT);
         self.sensors().measure(self.seed, index, &UNIT, &laid, &Frame::identity()).growth.unwrap_or(1.0)
     }
 
-    /// The direction upwards in the tip's frame, as measured after the layer of this index.
+    /// Returns the direction upwards in the tip's frame, as measured after the layer of this index.
     #[must_use]
     pub fn up(&self, index: u64, base_from_tip: &Frame) -> Vector3<f64> {
         let up = base_from_tip.rotation.inverse() * Vector3::z();

@@ -1,16 +1,17 @@
-//! How a body hangs under its own weight: a cantilever, to first order.
+//! The sag of a body under its own weight, as a cantilever to first order.
 //!
-//! The body is clamped where it starts. Every cross-section carries the moment of the weight of all that lies beyond
-//! it, the rings of the wall and the tip at the end, and turns by it: by `M h / (E I)` across a layer of height `h`. As
-//! all that lies beyond a section was laid after it, the section was laid without that moment and turns by all of it.
-//! The part of a moment along the tube's axis twists: for a ring `G J = E I / (1 + nu)`.
+//! The body is clamped at its start. Every cross-section bears the moment of the weight beyond it: the rings of the
+//! wall and the tip at the end. The moment turns the section, by `M h / (E I)` across a layer of height `h`. Everything
+//! beyond a section was laid after it. So the section was laid without that moment and turns by all of it. The part of
+//! a moment along the tube's axis twists: for a ring `G J = E I / (1 + nu)`.
 //!
-//! First order: moments are taken on the body as it was laid, before it hangs, and turns add up as vectors. That is
-//! good to some percent of a sag of a tenth of the length. The model neglects shear, which matters to tubes no longer
-//! than a few diameters, buckling of a thin wall, creep, and all supports of the body but its root.
+//! First order means that moments are taken on the body as laid, before it sags, and that turns add up as vectors. The
+//! error is some percent for a sag of a tenth of the length. The model neglects shear, which matters only to tubes that
+//! are no longer than a few diameters. It also neglects buckling of a thin wall, creep, and all supports of the body
+//! but its root.
 //!
-//! It also neglects how the tip's mass lies around the tip, and looks at the stress of the root only. A section
-//! further on may bear more if the body hangs to both sides of its root or turns aside in the level.
+//! The model treats the tip's mass as a point, and computes the stress of the root only. A section further from the
+//! root may bear more stress if the body extends to both sides of its root or turns sideways in the horizontal plane.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -21,71 +22,72 @@ use crate::robot::Robot;
 
 /// Standard gravity, m/s^2.
 const GRAVITY: f64 = 9.806_65;
-/// Poisson's ratio, assumed: plastics have 0.3 to 0.45. It is in twist only.
+/// Poisson's ratio, assumed. Plastics have 0.3 to 0.45. Only twist depends on it.
 const POISSON: f64 = 0.35;
 
-/// A body that grows and hangs, in a base whose z axis is up. A layer takes the same few operations however long the
-/// body is: the turns of all sections by a weight depend on where it is through sums over the sections alone.
+/// A body that grows and sags, in a base whose z axis is up. The number of operations for a layer does not depend on
+/// the length of the body. The turns of all sections by a weight depend on its position only through sums over the
+/// sections.
 #[derive(Debug, Clone)]
 pub struct Hanging {
-    /// Weight of the wall, N/mm of body; and that of the tip, N.
+    /// Weight of the wall, N/mm of body. `tip_weight` is the weight of the tip, N.
     ring_weight: f64,
     tip_weight: f64,
-    /// E I, N mm^2.
+    /// Bending stiffness E I, N mm^2.
     stiffness: f64,
-    /// Stress in the outer fibre of the wall for a moment, 1/mm^3.
+    /// Stress in the outer fibre of the wall for a unit moment, 1/mm^3.
     stress_per_moment: f64,
     root: Vector3<f64>,
     root_direction: Vector3<f64>,
     /// `base_from_tip` of the body without weight.
     straight: Frame,
     sections: Sections,
-    /// The sag of the tip by the weight of the rings alone.
+    /// Sag of the tip by the weight of the rings alone.
     by_rings: Sag,
-    /// The first moment of the rings' weight about the root, N mm.
+    /// First moment of the rings' weight about the root, N mm.
     rings_moment: Vector3<f64>,
     length: f64,
     max_stress: RootStress,
 }
 
-/// The max stress that the root has borne.
+/// Max stress that the root has borne, with its moment and the length of the body.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct RootStress {
-    /// The principal stress of bending and twist in the outer fibre of the wall, MPa.
+    /// Principal stress of bending and twist in the outer fibre of the wall, MPa.
     pub stress: f64,
-    /// The moment of both, N mm.
+    /// Moment of bending and twist, N mm.
     pub moment: f64,
-    /// The length of the body then, mm.
+    /// Length of the body at that time, mm.
     pub length: f64,
 }
 
-/// Sums over all sections, each with its flexibility `A`, rad/(N mm), at `m` from the root, mm.
+/// Sums over all sections. `A` is the flexibility of a section, rad/(N mm), and `m` its position from the root, mm.
 #[derive(Debug, Clone, Default)]
 struct Sections {
-    /// Of `A`.
+    /// Sum of `A`.
     flexibility: Matrix3<f64>,
-    /// Of `A Z m`, where `Z v` is the moment that a unit weight at `v` has about the root.
+    /// Sum of `A Z m`, where `Z v` is the moment that a unit weight at `v` has about the root.
     turned: Vector3<f64>,
-    /// Of `m x A`.
+    /// Sum of `m x A`.
     moved_flexibility: Matrix3<f64>,
-    /// Of `m x A Z m`.
+    /// Sum of `m x A Z m`.
     moved: Vector3<f64>,
 }
 
-/// Turns of sections added up: of each its turn, and its turn crossed with where it is.
+/// Sum of the turns of sections, and sum of the cross products of position and turn.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sag {
     turn: Vector3<f64>,
     crossed: Vector3<f64>,
 }
 
-/// The moment of a unit weight at this place, about the root.
+/// Returns the moment of a unit weight at this position, about the root.
 fn moment(at: &Vector3<f64>) -> Vector3<f64> {
     Vector3::new(-at.y, at.x, 0.0)
 }
 
 impl Sections {
-    /// A further section, of flexibility `length / stiffness` in bending, at this place.
+    /// Adds a section of flexibility `length / stiffness` in bending, at this position.
     fn add(&mut self, flexibility: f64, at: &Vector3<f64>, axis: &Vector3<f64>) {
         let flexibility = (Matrix3::identity() + axis * axis.transpose() * POISSON) * flexibility;
         let crossed = at.cross_matrix() * flexibility;
@@ -95,7 +97,7 @@ impl Sections {
         self.moved += crossed * moment(at);
     }
 
-    /// What a weight at this place, beyond all sections, does to them.
+    /// Returns the effect on all sections of a weight at this position, beyond all of them.
     fn under(&self, weight: f64, at: &Vector3<f64>) -> Sag {
         let moment = moment(at);
         Sag {
@@ -110,19 +112,19 @@ impl Sag {
         Self { turn: self.turn + other.turn, crossed: self.crossed + other.crossed }
     }
 
-    /// The displacement of a point beyond all sections, mm.
+    /// Returns the displacement of a point beyond all sections, mm.
     fn moves(&self, at: &Vector3<f64>) -> Vector3<f64> {
         self.turn.cross(at) - self.crossed
     }
 }
 
 impl Hanging {
-    /// A body of no length at this frame.
+    /// Creates a body of no length at this frame.
     #[must_use]
     pub fn new(robot: &Robot, base_from_start: &Frame) -> Self {
         let description = robot.description();
         let mut hanging = Self {
-            // kg/mm^3 and kg, m/s^2: N.
+            // Units: kg/mm^3 and kg, times m/s^2, give N.
             ring_weight: 1e-6 * description.material.density_g_per_cm3 * robot.wall_area() * GRAVITY,
             tip_weight: 1e-3 * description.tip.mass_g * GRAVITY,
             stiffness: description.material.youngs_modulus_mpa * robot.wall_second_moment(),
@@ -140,12 +142,12 @@ impl Hanging {
         hanging
     }
 
-    /// A further layer.
+    /// Adds a layer.
     pub fn lay(&mut self, laid: &Laid) {
         let (height, before) = (laid.layer.height, self.straight);
         self.straight = advance(&before, &laid.step());
         self.length += height;
-        // A ring lies about the middle of its chord, and turns there.
+        // The weight of a ring acts at the middle of its chord, and the ring turns there.
         let middle = 0.5 * (before.translation.vector + self.straight.translation.vector) - self.root;
         let weight = self.ring_weight * height;
         self.by_rings = self.by_rings.plus(&self.sections.under(weight, &middle));
@@ -154,7 +156,7 @@ impl Hanging {
         self.load_root();
     }
 
-    /// The frame of the tip under weight.
+    /// Returns the frame of the tip under weight.
     #[must_use]
     pub fn base_from_tip(&self) -> Frame {
         let (at, sag) = (self.reach(), self.sag());
@@ -162,19 +164,19 @@ impl Hanging {
         Frame::from_parts(moved.into(), Rotation3::new(sag.turn) * self.straight.rotation)
     }
 
-    /// The displacement of the tip by weight, mm.
+    /// Returns the displacement of the tip by weight, mm.
     #[must_use]
     pub fn deflection(&self) -> f64 {
         self.sag().moves(&self.reach()).norm()
     }
 
-    /// The max stress that the root has borne since growth began.
+    /// Returns the max stress that the root has borne since growth began.
     #[must_use]
     pub fn root_stress(&self) -> RootStress {
         self.max_stress
     }
 
-    /// The vector from the root to the tip, without weight, mm.
+    /// Returns the vector from the root to the tip, without weight, mm.
     fn reach(&self) -> Vector3<f64> {
         self.straight.translation.vector - self.root
     }
@@ -186,7 +188,7 @@ impl Hanging {
     fn load_root(&mut self) {
         let moment = moment(&(self.rings_moment + self.reach() * self.tip_weight));
         let (bending, all) = (moment.cross(&self.root_direction).norm(), moment.norm());
-        // The twist is the rest of all: Rankine's rule, for what breaks without yielding.
+        // The twist is the rest of the moment. The rule is Rankine's, for materials that break without yielding.
         let stress = 0.5 * (bending + all) * self.stress_per_moment;
         if stress > self.max_stress.stress {
             self.max_stress = RootStress { stress, moment: all, length: self.length };
@@ -213,7 +215,7 @@ mod tests {
         Robot::new(description).unwrap()
     }
 
-    /// A robot whose body, or whose tip, weighs next to nothing.
+    /// Returns a robot whose body weighs almost nothing, with a tip of this mass, g.
     fn light_body(tip_g: f64) -> Robot {
         robot(|robot| (robot.material.density_g_per_cm3, robot.tip.mass_g) = (1e-3, tip_g))
     }
@@ -238,7 +240,7 @@ mod tests {
         Pose::from_degrees([10.0, 20.0, 30.0, heading, pitch]).unwrap().frame()
     }
 
-    /// N/mm of body and N mm^2.
+    /// Returns the weight in N/mm of body, and the stiffness in N mm^2.
     fn weight_and_stiffness(robot: &Robot) -> (f64, f64) {
         let material = robot.description().material;
         let ring = core::f64::consts::TAU * 22.0 * 1.6;
@@ -301,7 +303,7 @@ mod tests {
         let by_tip =
             0.2 * GRAVITY * libm::pow(radius, 3.0) / stiffness * (pi / 4.0 + (1.0 + POISSON) * (0.75 * pi - 2.0));
         let weightless = hang(&light_body(0.0), &from(0.0, 0.0), tube(FRAC_PI_2, FRAC_PI_2));
-        // The root bears the weight at an arm of one radius ahead and one aside.
+        // The weight acts on the root with an arm of one radius ahead and one sideways.
         let stress = 0.2 * GRAVITY * radius * 0.5 * (1.0 + libm::sqrt(2.0)) * 22.8 / robot.wall_second_moment();
         assert!((hung.root_stress().stress / stress - 1.0).abs() < 1e-3);
         let sag = weightless.base_from_tip().translation.z - hung.base_from_tip().translation.z;
@@ -339,7 +341,7 @@ mod tests {
         }
     }
 
-    /// The same the plain way, over all sections.
+    /// Computes the frame of the tip directly, section by section.
     fn hang_section_by_section(robot: &Robot, start: &Frame, laid: &[Laid]) -> Frame {
         let hanging = Hanging::new(robot, start);
         let mut frames = std::vec![*start];

@@ -23,25 +23,25 @@ pub enum DirectionSensor {
 pub struct Sensors {
     /// The noise of the sensors, which the estimator knows.
     pub noise: SensorNoise,
-    /// Scale error of the odometry, a share. No estimator can tell it from growth.
+    /// Scale error of the odometry, as a fraction. No estimator can distinguish it from growth.
     pub odometry_scale: f64,
     /// The direction that a sensor measures.
     pub direction: DirectionSensor,
 }
 
-/// The streams of random numbers of a layer.
+/// Identifiers of the streams of random numbers of a layer's measurements.
 const ODOMETRY: u64 = 16;
 const DIRECTION: u64 = 17;
 
 impl Sensors {
-    /// What they measure.
+    /// Returns the kinds of measurement that these sensors make.
     #[must_use]
     pub fn seen(&self) -> Seen {
         let direction = self.direction == DirectionSensor::Tip;
         Seen { growth: true, direction, up: !direction }
     }
 
-    /// The measurements after the layer of this index.
+    /// Returns the measurements after the layer of this index.
     #[must_use]
     pub fn measure(&self, seed: u64, index: u64, commanded: &Layer, laid: &Laid, base_from_tip: &Frame) -> Measurement {
         let odometry = commanded.height * self.noise.odometry * Random::new(&[seed, ODOMETRY, index]).normal();

@@ -1,12 +1,13 @@
-//! Slicing of a helicoidal arc into layers that end where it ends.
+//! Slicing of a helicoidal arc into layers that end where the arc ends.
 //!
-//! Each layer is a short circular arc that bends towards where the curve goes along the layer. A chain of such arcs
-//! strays from the curve by the square of a layer's tilt, so the angles of deposition, the height of all layers and,
-//! where these do not help (a curve that stays in a plane), the tilts are corrected by the least (in squares) that
-//! brings the chain's end to the curve's: to the last digits, in a few rounds.
+//! Each layer is a short circular arc that bends in the direction in which the curve goes along the layer. The error of
+//! a chain of such arcs is of the order of the square of a layer's tilt. So the angles of deposition and the height of
+//! all layers are corrected, and the tilts too where these do not help (a curve that stays in a plane). The correction
+//! is the smallest, in the sense of least squares, that moves the chain's end to the curve's end. A few rounds make it
+//! exact to the last digits.
 //!
-//! A path cuts an arc at its necks into several segments, and some are shorter than a layer. So segments that follow on
-//! each other are corrected together.
+//! A path cuts an arc at its necks into several segments, and some are shorter than a layer. So successive segments are
+//! corrected together.
 
 use heapless::Vec;
 use nalgebra::{Matrix5, Vector3, Vector5};
@@ -20,23 +21,23 @@ use crate::pose::{Frame, column, tip_direction};
 
 /// Max error of a correction at the curve's end, radii and radians (`docs/decisions/0010-exact-slicing.md`).
 const ARRIVED: f64 = 1e-13;
-/// Max number of rounds of correction. A round gains a factor of about 1/tilt, so that some seven suffice for a
-/// tilt of 0.01; the others are for steps that are taken back.
+/// Max number of rounds of correction. A round reduces the error by a factor of about 1/tilt, so that some seven
+/// suffice for a tilt of 0.01. The other rounds are for steps that are reversed.
 const ROUNDS: usize = 30;
-/// Weight of a relative change of tilt against a radian of alpha, so that tilts change only where alpha cannot
+/// Weight of a relative change of tilt relative to a radian of alpha, so that tilts change only where alpha cannot
 /// help. Trial: with 1 and 0.01 the tests of [`crate::slicing`] pass too.
 const TILT_WEIGHT: f64 = 0.1;
-/// Damping of the normal equations, as a share of their trace, so that they can always be solved. It lies above the
-/// rounding of `f64`. Trial: with 1e-9 and 1e-17 the tests of [`crate::slicing`] pass too.
+/// Damping of the normal equations, as a fraction of their trace, so that they can always be solved. It is larger than
+/// the rounding of `f64`. Trial: with 1e-9 and 1e-17 the tests of [`crate::slicing`] pass too.
 const DAMPING: f64 = 1e-13;
 
 /// The correction of a chain of layers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Correction {
-    /// The force of `u = tilt (force x (end - x) + moment)`, for a layer at `x` that bends towards `n` about `b`: alpha
-    /// changes by `n . u`, and the tilt by its share `-TILT_WEIGHT^2 b . u`.
+    /// Force in `u = tilt (force x (end - x) + moment)`, for a layer at `x` that bends in the direction `n` about `b`.
+    /// Alpha changes by `n . u`, and the tilt by its fraction `-TILT_WEIGHT^2 b . u`.
     force: Vector3<f64>,
-    /// The moment of the same formula.
+    /// Moment in the same formula.
     moment: Vector3<f64>,
     /// Factor of all heights and tilts.
     scale: f64,
@@ -45,16 +46,15 @@ struct Correction {
 /// Layers of one segment.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Equal {
-    /// How far along the curve a layer leads, before correction, radii: also its tilt, radians.
+    /// Length of a layer along the curve, before correction, radii. It is also the tilt, radians.
     pub(super) tilt: f64,
     pub(super) count: u32,
 }
 
-/// How many segments are corrected together.
+/// Max number of segments that are corrected together.
 pub(super) const MAX_TOGETHER: usize = MAX_SEGMENTS;
 
-/// The layers of helicoidal segments, one after the other, in the frame of the tip that starts the first. Lengths in
-/// radii.
+/// The layers of successive helicoidal segments, in the frame of the tip that starts the first. Lengths are in radii.
 #[derive(Debug, Clone)]
 pub(super) struct HelicoidLayers<'a> {
     segments: &'a [Segment],
@@ -62,25 +62,25 @@ pub(super) struct HelicoidLayers<'a> {
     /// The end of the last segment.
     end: Frame,
     correction: Correction,
-    /// The place of the next layer.
+    /// Place of the next layer.
     at: Place,
 }
 
-/// A place on segments.
+/// A place on a sequence of segments.
 #[derive(Debug, Clone)]
 struct Place {
-    /// Index of the segment, and the number of its layers that are left.
+    /// Index of the segment. `left` is the number of its remaining layers.
     segment: usize,
     left: u32,
-    /// The frame at the segment's start.
+    /// Frame at the start of the segment.
     from: Frame,
     walk: Walk,
-    /// The frame at this place.
+    /// Frame at this place.
     here: Frame,
 }
 
 impl<'a> HelicoidLayers<'a> {
-    /// Layers that end where the curve does: for each segment so many.
+    /// Returns layers that end at the end of the curve. `layers` contains their number for each segment.
     pub(super) fn exact(
         segments: &'a [Segment],
         layers: Vec<Equal, MAX_TOGETHER>,
@@ -98,24 +98,24 @@ impl<'a> HelicoidLayers<'a> {
         layers
     }
 
-    /// Uncorrected layers.
+    /// Returns uncorrected layers.
     pub(super) fn steps(segments: &'a [Segment], layers: Vec<Equal, MAX_TOGETHER>) -> Self {
         let correction = Correction { force: Vector3::zeros(), moment: Vector3::zeros(), scale: 1.0 };
         let at = Place::first(segments, &layers);
         Self { segments, layers, end: Frame::identity(), correction, at }
     }
 
-    /// Number of layers.
+    /// Returns the number of layers.
     pub(super) fn count(&self) -> u64 {
         self.layers.iter().map(|layers| u64::from(layers.count)).sum()
     }
 
-    /// Number of segments.
+    /// Returns the number of segments.
     pub(super) fn segments(&self) -> usize {
         self.segments.len()
     }
 
-    /// The next layer, and the index of its segment. Beyond the last layer the curve continues.
+    /// Returns the next layer and the index of its segment. Beyond the last layer the curve continues.
     pub(super) fn next(&mut self, radius: f64) -> (usize, Layer) {
         let (bend, tilt, before) = self.advance();
         let arm = self.end.translation.vector - before.translation.vector;
@@ -128,7 +128,7 @@ impl<'a> HelicoidLayers<'a> {
         (self.at.segment, Layer { alpha: wrap_positive(alpha), height: height * radius, tilt })
     }
 
-    /// The layer of max tilt.
+    /// Returns the layer of max tilt.
     pub(super) fn steepest(&self, radius: f64, keep_alive: &mut dyn FnMut()) -> Layer {
         let mut layers = self.rewound();
         let all = (0..self.count()).map(|_| {
@@ -138,7 +138,7 @@ impl<'a> HelicoidLayers<'a> {
         all.fold(Layer::default(), |steepest, layer| if layer.tilt > steepest.tilt { layer } else { steepest })
     }
 
-    /// The roll of the chain's tip against the curve's tip at the end, radians.
+    /// Returns the roll of the chain's tip relative to the curve's tip at the end, radians.
     pub(super) fn roll(&self, keep_alive: &mut dyn FnMut()) -> f64 {
         let end_from_tip = self.end.rotation.inverse() * self.chain_end(keep_alive).rotation;
         let x = column::<0>(end_from_tip.matrix());
@@ -146,7 +146,7 @@ impl<'a> HelicoidLayers<'a> {
     }
 
     /// Advances along the curve by a layer. Returns the direction, perpendicular to the tip, in which the curve bends
-    /// along the layer, the tilt, and the frame before.
+    /// along the layer, the tilt, and the frame before the layer.
     fn advance(&mut self) -> (Vector3<f64>, f64, Frame) {
         let at = &mut self.at;
         if at.left == 0
@@ -171,7 +171,7 @@ impl<'a> HelicoidLayers<'a> {
         Self { at: Place::first(self.segments, &self.layers), ..self.clone() }
     }
 
-    /// The frame at the end of the chain of layers.
+    /// Returns the frame at the end of the chain of layers.
     fn chain_end(&self, keep_alive: &mut dyn FnMut()) -> Frame {
         let mut layers = self.rewound();
         (0..self.count()).fold(Frame::identity(), |start_from_tip, _| {
@@ -180,8 +180,8 @@ impl<'a> HelicoidLayers<'a> {
         })
     }
 
-    /// The error from the chain's end to the curve's end: position in the axes of the start, direction in those of the
-    /// end.
+    /// Returns the error of the chain's end relative to the curve's end: position in the axes of the start, direction
+    /// in those of the end.
     fn lack(&self, keep_alive: &mut dyn FnMut()) -> Vector5<f64> {
         let chain = self.chain_end(keep_alive);
         let offset = self.end.translation.vector - chain.translation.vector;
@@ -189,8 +189,8 @@ impl<'a> HelicoidLayers<'a> {
         Vector5::new(offset.x, offset.y, offset.z, -turn.x, -turn.y)
     }
 
-    /// Finds the correction: `lambda` of the least squares `sum J J^T lambda = lack`, where `J` says how the end moves
-    /// with one layer's alpha, and one more `J` how it moves with the scale of all layers.
+    /// Finds the correction: `lambda` of the least squares `sum J J^T lambda = lack`. `J` is the derivative of the end
+    /// with respect to the alpha of one layer. One more `J` is the derivative with respect to the scale of all layers.
     fn correct(&mut self, keep_alive: &mut dyn FnMut()) {
         let end_axes = self.end.rotation.matrix();
         let (end_x, end_y) = (column::<0>(end_axes), column::<1>(end_axes));
@@ -236,7 +236,7 @@ impl<'a> HelicoidLayers<'a> {
                 break;
             }
             let lambda = normal_equations.solve(&best_lack) * share;
-            // `J . lambda` for any layer, with what does not depend on the layer taken together.
+            // `J . lambda` for any layer. The terms that do not depend on the layer are computed once.
             let on_position = Vector3::new(lambda[0], lambda[1], lambda[2]);
             let on_direction = end_x * lambda[3] + end_y * lambda[4];
             self.correction = Correction {
@@ -250,7 +250,7 @@ impl<'a> HelicoidLayers<'a> {
 }
 
 impl Place {
-    /// The start of the first segment.
+    /// Returns the start of the first segment.
     fn first(segments: &[Segment], layers: &[Equal]) -> Self {
         let curve = match segments.first() {
             Some(Segment::Helicoid { curve, .. }) => *curve,

@@ -1,13 +1,13 @@
-//! Slicing: a path becomes layers.
+//! Slicing of a path into layers.
 //!
 //! *Exact* slicing divides a segment of length `S` and bend `beta` into `n` equal layers of height `S / n` and tilt
-//! `beta / n`, with the min `n` that keeps every layer within the robot's limits
-//! (`h <= min(nominal, R tilt_max, h_max / (1 + r_t / R))`, to 1e-9 of the limit): the sum of the layers is the path.
+//! `beta / n`. `n` is the min number that keeps every layer within the robot's limits (`h <= min(nominal, R tilt_max,
+//! h_max / (1 + r_t / R))`, to 1e-9 of the limit). The sum of the layers is the path.
 //!
 //! A helicoidal arc is sliced in the same way, and the angle of deposition changes from layer to layer (`helicoid.rs`).
 //!
-//! *Whole* slicing is the paper's: a segment is divided into steps of one height, and the last step is laid whole, so
-//! that the tip passes the end of the segment by up to a step. It is there to reproduce the paper's tables.
+//! *Whole* slicing is that of the paper. A segment is divided into steps of one height, and the last step is laid
+//! whole, so that the tip passes the end of the segment by up to a step. It serves to reproduce the paper's tables.
 
 use core::iter::FusedIterator;
 
@@ -22,10 +22,10 @@ mod helicoid;
 
 use helicoid::{Equal, HelicoidLayers, MAX_TOGETHER};
 
-/// How a path is sliced into layers.
+/// Method of slicing a path into layers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Slicing {
-    /// Equal layers that end exactly where the segment does.
+    /// Equal layers that end exactly at the end of the segment.
     Exact,
     /// Whole steps of this height (mm), rounded up, as in the paper.
     Whole {
@@ -34,8 +34,8 @@ pub enum Slicing {
     },
 }
 
-/// Share by which a layer may exceed a limit, so that rounding does not make `n + 1` layers of a segment of exactly
-/// `n`.
+/// Fraction by which a layer may exceed a limit, so that rounding does not divide a segment of exactly `n` layers into
+/// `n + 1`.
 pub const LIMIT_SLACK: f64 = 1e-9;
 
 /// Max number of times that a helicoidal arc is sliced again, into more layers, because one of them exceeds a limit.
@@ -58,30 +58,31 @@ pub struct Layers<'a> {
     slicing: Slicing,
     /// Index of the segment that is being sliced.
     segment: usize,
-    /// The rest of that segment: the number of layers, and the layers.
+    /// Number of the remaining layers of that segment. `cut` produces these layers.
     left: u64,
     cut: Cut<'a>,
-    /// The roll of the tip against the path, radians, which the layers of helicoidal arcs leave.
+    /// Roll of the tip relative to the path, radians, caused by the layers of helicoidal arcs.
     roll: f64,
-    /// The first helicoidal arcs, sliced beforehand. To fit their layers takes long, and every clone can use them.
+    /// The first helicoidal arcs, sliced beforehand. Fitting their layers takes long, and every clone can use the
+    /// result.
     fitted: Vec<Fitted<'a>, MAX_FITTED>,
 }
 
 /// A helicoidal arc that has been sliced.
 #[derive(Debug, Clone)]
 struct Fitted<'a> {
-    /// Index of its first segment.
+    /// Index of the first segment of the arc.
     segment: usize,
     count: u64,
     cut: Cut<'a>,
-    /// The roll of the tip after the arc, radians.
+    /// Roll of the tip after the arc, radians.
     roll: f64,
 }
 
-/// Max number of helicoidal arcs that are sliced beforehand: a path from pose to pose has one at most.
+/// Max number of helicoidal arcs that are sliced beforehand. A path from pose to pose has at most one.
 const MAX_FITTED: usize = 1;
 
-/// How the layers of one segment follow on each other, or of several helicoidal ones.
+/// The sequence of the layers of one segment, or of several helicoidal segments.
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to put the larger one on")]
 enum Cut<'a> {
@@ -92,7 +93,7 @@ enum Cut<'a> {
 }
 
 impl Cut<'_> {
-    /// The roll of the tip against the path after all layers, radians.
+    /// Returns the roll of the tip relative to the path after all layers, radians.
     fn roll(&self, keep_alive: &mut dyn FnMut()) -> f64 {
         match self {
             Self::Alike(_) => 0.0,
@@ -100,7 +101,7 @@ impl Cut<'_> {
         }
     }
 
-    /// Number of segments.
+    /// Returns the number of segments.
     fn segments(&self) -> usize {
         match self {
             Self::Alike(_) => 1,
@@ -109,8 +110,7 @@ impl Cut<'_> {
     }
 }
 
-/// The layers of a path on this robot, in the order of the path. Heights are in mm, angles in radians.
-///
+/// Returns the layers of a path on this robot, in the order of the path. Heights are in mm, angles in radians.
 /// ```
 /// use growbot_core::{layer, path::Segment, slicing::{Slicing, layers}};
 /// # let file = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a.toml"));
@@ -125,8 +125,8 @@ pub fn layers<'a>(path: &'a [Segment], robot: &'a Robot, slicing: Slicing) -> La
     layers_with_keep_alive(path, robot, slicing, &mut || ())
 }
 
-/// As [`layers()`], for boards. To fit the layers of a helicoidal arc takes seconds on a microcontroller; `keep_alive`
-/// is called for each layer, so that the board can feed its watchdog.
+/// Like [`layers()`], but calls `keep_alive` for each layer so that a board can feed its watchdog. Fitting the layers
+/// of a helicoidal arc takes seconds on a microcontroller.
 #[must_use]
 pub fn layers_with_keep_alive<'a>(
     path: &'a [Segment],
@@ -144,17 +144,18 @@ pub fn layers_with_keep_alive<'a>(
     layers
 }
 
-/// The min whole number that is not below a number. (`floor` is in the firmware's image anyway.)
+/// Returns the smallest integer that is not below a number. (`floor` is in the firmware's image anyway.)
 fn ceil(value: f64) -> f64 {
     -libm::floor(-value)
 }
 
-/// The min number of equal layers, none of them longer than the limit.
+/// Returns the min number of equal layers of which none is longer than the limit.
 fn min_count(length: f64, limit: f64) -> f64 {
     ceil(length / (limit * (1.0 + LIMIT_SLACK))).max(1.0)
 }
 
-/// Number of layers and the layers themselves: of the first segment, or of all helicoidal ones with which it begins.
+/// Returns the number of layers and the layers of the first segment. If the path begins with helicoidal segments,
+/// returns those of all of them.
 fn slice<'a>(segments: &'a [Segment], robot: &Robot, slicing: Slicing, keep_alive: &mut dyn FnMut()) -> (u64, Cut<'a>) {
     let Some(segment) = segments.first() else { return (0, Cut::Alike(Layer::default())) };
     let length = segment.length();
@@ -185,7 +186,8 @@ fn slice<'a>(segments: &'a [Segment], robot: &Robot, slicing: Slicing, keep_aliv
     }
 }
 
-/// The helicoidal segments of this radius with which segments begin, as many as are corrected together.
+/// Returns the helicoidal segments of this radius at the beginning of `segments`, up to the number that are corrected
+/// together.
 fn helicoids(segments: &[Segment], radius: f64) -> &[Segment] {
     let is_like = |segment: &&Segment| matches!(segment, Segment::Helicoid { radius: other, .. } if *other == radius);
     let count = segments.iter().take(MAX_TOGETHER).take_while(is_like).count();
@@ -205,7 +207,7 @@ fn slice_helicoids<'a>(
         for segment in segments {
             let min_count = min_count(segment.length(), limit);
             let count = min_count + f64::from(more) * (1.0 + libm::floor(min_count / 400.0));
-            // There is room for as many as are sliced together.
+            // The list has space for all segments that are sliced together.
             let _ = equal.push(Equal { tilt: segment.length() / radius / count, count: count as u32 });
         }
         let layers = HelicoidLayers::exact(segments, equal, keep_alive);
@@ -214,7 +216,7 @@ fn slice_helicoids<'a>(
         if fits || more == MORE_LAYERS {
             return (layers.count(), Cut::Helicoid(layers, radius));
         }
-        // Corrected, a layer passes a limit by a trace: with more of them all are lower.
+        // The correction makes a layer exceed a limit slightly. With more layers, all are lower.
         more += 1;
     }
 }
@@ -241,7 +243,7 @@ impl<'a> Layers<'a> {
         self.fitted.iter().find(|fitted| fitted.segment == segment)
     }
 
-    /// Number of layers and the layers from a segment on.
+    /// Returns the number of layers and the layers from a segment on.
     fn cut_from(&self, segment: usize, keep_alive: &mut dyn FnMut()) -> (u64, Cut<'a>) {
         slice(self.segments.get(segment..).unwrap_or_default(), self.robot, self.slicing, keep_alive)
     }
@@ -279,7 +281,7 @@ impl Iterator for Layers<'_> {
             Cut::Alike(layer) => (0, *layer),
             Cut::Helicoid(layers, radius) => layers.next(*radius),
         };
-        // In a layer without tilt, alpha means nothing.
+        // In a layer without tilt, alpha has no meaning.
         let alpha = if layer.tilt > 0.0 { wrap_positive(layer.alpha - self.roll) } else { layer.alpha };
         let sliced = SlicedLayer { segment: self.segment + index, layer: Layer { alpha, ..layer } };
         self.left -= 1;

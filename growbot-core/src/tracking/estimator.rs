@@ -1,9 +1,10 @@
 //! The estimate of the tip: dead reckoning from the layers as commanded, corrected by measurements.
 //!
-//! It is an extended Kalman filter (Kalman 1960). Its nine errors are those of the position (3), of the attitude (3),
-//! and of three systematic errors that it learns: tilt gain, offset of the deposition angle, twist. The error of the
-//! attitude is a small rotation in the base's frame (Sola 2017, section 7), so that it stays constant while the tip
-//! turns. The fourth systematic error, that of the growth, is learned by a filter of its own from the odometry.
+//! The estimator is an extended Kalman filter (Kalman 1960). Its nine errors are those of the position (3), of the
+//! attitude (3), and of three systematic errors that it learns: tilt gain, offset of the deposition angle, twist. The
+//! error of the attitude is a small rotation in the base's frame (Sola 2017, section 7), so that it stays constant
+//! while the tip turns. The fourth systematic error, that of the growth, is learned by a separate filter from the
+//! odometry.
 
 use nalgebra::{Rotation3, SMatrix, SVector, Vector3};
 
@@ -22,45 +23,47 @@ const TWIST: usize = 8;
 type Covariance = SMatrix<f64, ERRORS, ERRORS>;
 type Errors = SVector<f64, ERRORS>;
 
-/// Standard deviations that are assumed of any robot before the first measurement.
+/// Standard deviations that are assumed for any robot before the first measurement.
 mod assumed {
     use core::f64::consts::PI;
 
     const DEGREE: f64 = PI / 180.0;
-    /// Of the growth's bias, a share of the height; and of its change from layer to layer.
+    /// Standard deviation of the growth's bias, as a fraction of the height, and of its change from layer to layer.
     pub const GROWTH_BIAS: f64 = 0.1;
     pub const GROWTH_BIAS_DRIFT: f64 = 1e-4;
-    /// Of the growth of a single layer, a share of its height, until it is estimated; and the min of the estimate.
+    /// Standard deviation of the growth of a single layer, as a fraction of its height, before it is estimated, and the
+    /// min of the estimate.
     pub const GROWTH: f64 = 0.06;
     pub const GROWTH_MIN: f64 = 1e-3;
     /// Number of layers over which the growth's noise is estimated.
     pub const GROWTH_WINDOW: f64 = 100.0;
-    /// Of the tilt's bias, a share of the tilt.
+    /// Standard deviation of the tilt's bias, as a fraction of the tilt.
     pub const TILT_GAIN: f64 = 0.05;
-    /// Of the deposition angle's offset, radians.
+    /// Standard deviation of the deposition angle's offset, radians.
     pub const ALPHA: f64 = 2.0 * DEGREE;
-    /// Of the twist of every layer, radians.
+    /// Standard deviation of the twist of every layer, radians.
     pub const TWIST: f64 = 0.002 * DEGREE;
-    /// Max systematic errors that are learned: of growth and tilt a share, of angle and twist radians.
+    /// Max systematic errors that are learned. Growth and tilt are fractions, angle and twist are in radians.
     pub const MAX_SHARE: f64 = 0.5;
     pub const MAX_ALPHA: f64 = 30.0 * DEGREE;
     pub const MAX_TWIST: f64 = DEGREE;
-    /// Of the tilt of a single layer about each axis of the deposition plane, radians.
+    /// Standard deviation of the tilt of a single layer about each axis of the deposition plane, radians.
     pub const LEAN_NOISE: f64 = 0.003 * DEGREE;
-    /// Of the twist of a single layer, radians.
+    /// Standard deviation of the twist of a single layer, radians.
     pub const TWIST_NOISE: f64 = 0.001 * DEGREE;
-    /// Number of measured angles, two a layer, over which the surprise is a mean.
+    /// Number of measured angles, two for each layer, over which the surprise is averaged.
     pub const SURPRISE_WINDOW: f64 = 60.0;
-    /// And by how much it is above 1 by chance: in one of some 10,000 growths of a thousand layers more.
+    /// Max excess of the surprise over 1 that counts as chance. One in some 10,000 growths of a thousand layers exceeds
+    /// it by chance.
     pub const SURPRISE_BY_CHANCE: f64 = 0.7;
 }
 
-/// The systematic errors of the robot, the same in every layer, as far as they have been learned.
+/// The systematic errors of the robot, the same in every layer, as learned so far.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SystematicErrors {
-    /// Over-deposition, a share of the height; negative for under-deposition.
+    /// Over-deposition, as a fraction of the height. Negative for under-deposition.
     pub growth: f64,
-    /// Excess of the tilt, a share of the commanded tilt.
+    /// Excess of the tilt, as a fraction of the commanded tilt.
     pub tilt: f64,
     /// Offset of the deposition angle, radians.
     pub alpha: f64,
@@ -69,7 +72,7 @@ pub struct SystematicErrors {
 }
 
 impl SystematicErrors {
-    /// The errors within the max of what a robot can do, so that broken sensors cannot teach more.
+    /// Returns the errors, limited to the max that a robot can have, so that broken sensors cannot lead to larger ones.
     fn within_reason(&self) -> Self {
         Self {
             growth: self.growth.clamp(-assumed::MAX_SHARE, assumed::MAX_SHARE),
@@ -79,13 +82,13 @@ impl SystematicErrors {
         }
     }
 
-    /// The layer that results from a commanded one with this growth (mm), and the twist after it (radians).
+    /// Returns the layer that results from a commanded one with this growth (mm), and the twist after it (radians).
     fn of(&self, commanded: &Layer, growth: f64) -> (Layer, f64) {
         let tilt = commanded.tilt * (1.0 + self.tilt);
         (Layer { alpha: commanded.alpha + self.alpha, height: growth, tilt }, self.twist)
     }
 
-    /// `base_from_tip` after a commanded layer.
+    /// Returns `base_from_tip` after a commanded layer.
     pub fn lay(&self, base_from_tip: &Frame, commanded: &Layer) -> Frame {
         self.lay_grown(base_from_tip, commanded, commanded.height * (1.0 + self.growth))
     }
@@ -107,13 +110,13 @@ pub struct Estimator {
     base_from_tip: Frame,
     systematic: SystematicErrors,
     covariance: Covariance,
-    /// Variance of the growth's bias, a share squared.
+    /// Variance of the growth's bias, as a squared fraction.
     bias_variance: f64,
-    /// Variance of the growth of a single layer, a share squared.
+    /// Variance of the growth of a single layer, as a squared fraction.
     growth_variance: f64,
-    /// The layers since the latest measurement of the odometry.
+    /// Layers since the latest measurement of the odometry.
     unmeasured: Unmeasured,
-    /// Mean square of the latest innovations of directions, over what was expected.
+    /// Mean square of the latest innovations of directions, divided by its expected value.
     surprise: f64,
 }
 
@@ -126,7 +129,7 @@ struct Unmeasured {
     variance: f64,
 }
 
-/// The growth of a layer by the odometry.
+/// Growth of a layer, measured by the odometry.
 struct MeasuredGrowth {
     /// Growth of the layer, mm.
     growth: f64,
@@ -137,7 +140,7 @@ struct MeasuredGrowth {
 }
 
 impl Estimator {
-    /// An estimate that begins at a known `base_from_tip`.
+    /// Creates an estimate that begins at a known `base_from_tip`.
     pub fn new(base_from_tip: Frame, noise: SensorNoise) -> Self {
         let mut covariance = Covariance::zeros();
         covariance[(TILT_GAIN, TILT_GAIN)] = square(assumed::TILT_GAIN);
@@ -155,33 +158,35 @@ impl Estimator {
         }
     }
 
-    /// The estimated frame of the tip.
+    /// Returns the estimated frame of the tip.
     pub fn base_from_tip(&self) -> &Frame {
         &self.base_from_tip
     }
 
-    /// The systematic errors learned so far.
+    /// Returns the systematic errors learned so far.
     pub fn systematic(&self) -> &SystematicErrors {
         &self.systematic
     }
 
-    /// Standard deviation of the position, mm: the root of the sum over the axes.
+    /// Returns the standard deviation of the position, mm: the root of the sum over the axes.
     pub fn position_deviation(&self) -> f64 {
         libm::sqrt((0..3).map(|axis| self.covariance[(axis, axis)]).sum())
     }
 
-    /// Standard deviation of the direction of growth, radians: the root of the sum over the two axes across it.
+    /// Returns the standard deviation of the direction of growth, radians: the root of the sum over the two axes
+    /// perpendicular to it.
     pub fn direction_deviation(&self) -> f64 {
         let attitude = self.covariance.fixed_view::<3, 3>(3, 3);
         let direction = self.direction();
         libm::sqrt((attitude.trace() - direction.dot(&(attitude * direction))).max(0.0))
     }
 
-    /// By how much standard deviations are larger than the covariance says: 1 for a robot whose layers and sensors are
-    /// as assumed.
+    /// Returns the factor by which the standard deviations are larger than those of the covariance. It is 1 for a robot
+    /// whose layers and sensors are as assumed.
     ///
-    /// The variance of an innovation is that of the direction's error and that of the sensor. So what innovations have
-    /// more than expected, by more than chance, is the error's, and the covariance knows nothing of it.
+    /// The variance of an innovation is that of the direction's error and that of the sensor. So if innovations exceed
+    /// the expected ones by more than chance, the excess is due to the direction's error, which the covariance does not
+    /// include.
     pub fn doubt(&self) -> f64 {
         let unexpected = self.surprise - 1.0;
         if unexpected < assumed::SURPRISE_BY_CHANCE {
@@ -195,8 +200,8 @@ impl Estimator {
         self.base_from_tip.rotation * Vector3::z()
     }
 
-    /// Ingests a layer that has been laid: as commanded, and as measured. Returns the tip's growth since the call
-    /// before, mm.
+    /// Ingests a layer that has been laid, as commanded and as measured. Returns the tip's growth since the previous
+    /// call, mm.
     pub fn laid(&mut self, commanded: &Layer, measured: &Measurement) -> f64 {
         let MeasuredGrowth { growth, variance, correction } =
             self.odometry(commanded, measured.growth.filter(|grown| grown.is_finite()));
@@ -211,8 +216,8 @@ impl Estimator {
         growth + correction
     }
 
-    /// What will be known after a layer that is measured so: the covariance as it will be, and the tip as expected.
-    /// Nothing is learned.
+    /// Predicts the state after a layer with these kinds of measurement: the covariance as it will be, and the tip as
+    /// expected. The systematic errors do not change.
     pub fn expect(&mut self, commanded: &Layer, seen: Seen) {
         let height = commanded.height;
         let (variance, noise) = (square(height) * self.growth_variance, square(height * self.noise.odometry));
@@ -226,7 +231,8 @@ impl Estimator {
         }
     }
 
-    /// The growth of the layer by the odometry's measurement, or as expected without one.
+    /// Returns the growth of the layer by the odometry's measurement, or the expected growth if there is no
+    /// measurement.
     fn odometry(&mut self, commanded: &Layer, measured: Option<f64>) -> MeasuredGrowth {
         let height = commanded.height;
         let expected = height * (1.0 + self.systematic.growth);
@@ -246,13 +252,13 @@ impl Estimator {
         let share = all / (all + noise).max(f64::MIN_POSITIVE);
         let correction = share * innovation;
         let left = share * noise;
-        // The share of the layers before is in the position's variance since each of them.
+        // The fraction for earlier layers has been in the position's variance since each of them.
         let own = if all > 0.0 { variance / all } else { 1.0 };
         MeasuredGrowth { growth: expected + own * correction, variance: left, correction: (1.0 - own) * correction }
     }
 
-    /// Learns the growth's bias and noise from one layer. `innovation` is a share of the layer's height, `odometry` the
-    /// variance of the measurement, a share squared.
+    /// Learns the growth's bias and noise from one layer. `innovation` is a fraction of the layer's height, and
+    /// `odometry` is the variance of the measurement, a squared fraction.
     fn learn_growth(&mut self, innovation: f64, odometry: f64) {
         self.bias_variance += square(assumed::GROWTH_BIAS_DRIFT);
         let variance = self.bias_variance + self.growth_variance + odometry;
@@ -273,7 +279,8 @@ impl Estimator {
         let (layer, _) = self.systematic.of(commanded, growth);
         let moved = after.translation.vector - before.translation.vector;
         let (sine, cosine) = trigonometry::sin_cos(layer.alpha);
-        // The tilt turns the tip about the first axis, an offset of the deposition angle about the second.
+        // The tilt turns the tip about the first axis. An offset of the deposition angle turns it about the second
+        // axis.
         let turns = before.rotation * Vector3::new(sine, -cosine, 0.0) * commanded.tilt;
         let strays = before.rotation * Vector3::new(cosine, sine, 0.0) * layer.tilt;
         let twists = after.rotation * Vector3::z();
@@ -282,7 +289,7 @@ impl Estimator {
         change.fixed_view_mut::<3, 3>(0, 3).copy_from(&-moved.cross_matrix());
         for (error, turn) in [(TILT_GAIN, turns), (ALPHA, strays), (TWIST, twists)] {
             change.fixed_view_mut::<3, 1>(3, error).copy_from(&turn);
-            // On the way the tip has made half of the turn on average.
+            // While the tip moves, it has made half of the turn on average.
             change.fixed_view_mut::<3, 1>(0, error).copy_from(&(turn.cross(&moved) * 0.5));
         }
         self.covariance = change * self.covariance * change.transpose();
@@ -306,7 +313,7 @@ impl Estimator {
     /// Updates with the direction upwards, measured in the tip's frame.
     fn update_by_up(&mut self, up: &Vector3<f64>) {
         let seen = self.base_from_tip.rotation * up;
-        // An error w shows as z - w x z.
+        // An error w appears as z - w x z.
         self.update([(-Vector3::y(), seen.x), (Vector3::x(), seen.y)]);
     }
 
@@ -341,7 +348,7 @@ fn unit(vector: Vector3<f64>) -> Option<Vector3<f64>> {
     vector.iter().all(|part| part.is_finite()).then_some(vector)?.try_normalize(1e-9)
 }
 
-/// The rotation about a vector by its length, radians (Rodrigues' formula).
+/// Returns the rotation about a vector by its length, radians (Rodrigues' formula).
 pub fn rotation(by: &Vector3<f64>) -> Rotation3<f64> {
     let angle = by.norm();
     let Some(axis) = by.try_normalize(0.0) else { return Rotation3::identity() };
@@ -351,7 +358,7 @@ pub fn rotation(by: &Vector3<f64>) -> Rotation3<f64> {
     Rotation3::from_matrix_unchecked(matrix)
 }
 
-/// The rotation without the rounding errors that make it not orthonormal.
+/// Returns the rotation without the rounding errors that make it not orthonormal.
 fn orthonormal(rotation: &Rotation3<f64>) -> Rotation3<f64> {
     let matrix = rotation.matrix();
     let z = matrix.column(2).normalize();
@@ -373,7 +380,7 @@ mod tests {
         Pose::from_degrees([0.0, 0.0, 0.0, 20.0, 30.0]).unwrap().frame()
     }
 
-    /// A bend, a line and a bend to another side, twice over.
+    /// Returns the layers of a bend, a line and a bend in another direction, two times.
     fn layers() -> impl Iterator<Item = Layer> {
         (0..800).map(|index| match index / 100 % 4 {
             0 => Layer { alpha: 1.0, height: 0.77, tilt: 0.0077 },
@@ -382,7 +389,7 @@ mod tests {
         })
     }
 
-    /// The estimate and the truth after all layers.
+    /// Returns the estimate and the true frame after all layers.
     fn follow(disturbance: &Disturbance, direction: DirectionSensor, seed: u64) -> (Estimator, Frame) {
         let sensors = Sensors { noise: NOISE, odometry_scale: 0.0, direction };
         let (mut estimator, mut truth) = (Estimator::new(start(), NOISE), start());
@@ -461,7 +468,7 @@ mod tests {
         let (by_gravity, truth) = follow(&twisting, DirectionSensor::Gravity, 1);
         let (blind, seeing) = (by_gravity.direction_deviation(), by_tip.direction_deviation());
         assert!(blind > 1.5 * seeing, "{blind} {seeing}");
-        // What gravity does tell is the pitch.
+        // Gravity shows the pitch.
         let (pitch, true_pitch) = (by_gravity.direction().z, tip_direction(&truth).z);
         assert!((pitch - true_pitch).abs() < 0.005, "{pitch} {true_pitch}");
         // Without errors of the robot the heading is that of dead reckoning.

@@ -2,26 +2,26 @@
 
 use nalgebra::Vector3;
 
-/// The sensors' measurements after a layer. `None` where the robot does not have the sensor, or where it gave nothing.
+/// Measurements of the sensors after a layer. A field is `None` if the robot does not have the sensor, or if the sensor
+/// gave no reading.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Measurement {
     /// Growth of the tip since the latest layer with such a measurement, by odometry, mm.
     pub growth: Option<f64>,
-    /// The direction of growth in the base's frame; its length does not matter.
+    /// Direction of growth in the base's frame. Its length does not matter.
     pub direction: Option<Vector3<f64>>,
-    /// The direction upwards in the tip's frame, as a resting accelerometer shows it. It does not depend on the
-    /// heading.
+    /// Direction upwards in the tip's frame, as a resting accelerometer measures it. It does not depend on the heading.
     pub up: Option<Vector3<f64>>,
 }
 
-/// Which measurements there are after a layer.
+/// The kinds of measurement that exist after a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Seen {
-    /// The growth.
+    /// True if the growth is measured.
     pub growth: bool,
-    /// The direction of growth.
+    /// True if the direction of growth is measured.
     pub direction: bool,
-    /// The direction upwards.
+    /// True if the direction upwards is measured.
     pub up: bool,
 }
 
@@ -32,11 +32,12 @@ impl From<&Measurement> for Seen {
     }
 }
 
-/// The noise of measurements: zero-mean, normal, independent from layer to layer.
+/// Noise of measurements: zero-mean, normal, independent from layer to layer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorNoise {
-    /// Standard deviation of the odometry, a share of the layer's height.
+    /// Standard deviation of the odometry, as a fraction of the layer's height.
     pub odometry: f64,
-    /// Standard deviation of a direction, the tip's or gravity's, about each of the two axes across it, radians.
+    /// Standard deviation of a direction, the tip's or gravity's, about each of the two axes perpendicular to it,
+    /// radians.
     pub direction: f64,
 }

@@ -1,4 +1,4 @@
-//! The closed loop: an estimate of the tip from the measurements, and a reference trajectory from there to the goal.
+//! The closed loop: an estimate of the tip from the measurements, and a reference trajectory from the tip to the goal.
 //!
 //! After each layer the [`Tracker`] ingests the measurements and bends the rest of the path so that it still ends at
 //! the goal.

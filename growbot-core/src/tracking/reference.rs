@@ -1,9 +1,9 @@
-//! The reference trajectory: the rest of the path as pieces of constant curvature, bent so that they end at the goal.
+//! The reference trajectory: the rest of the path as segments of constant curvature, bent so that they end at the goal.
 //!
-//! The path after a layer differs little from the path before it, so the pieces are corrected and not searched for
-//! again. Of all corrections that lead to the goal with no curvature above the max, the one with the smallest deviation
-//! from the planned path is taken: least squares of curvature and length, by the Gauss-Newton method. A path is planned
-//! with a radius over R_min; its correction may use radii down to R_min.
+//! The path after a layer differs little from the path before it, so the segments are corrected and not searched for
+//! again. Many corrections lead to the goal with no curvature above the max. The code selects the one with the smallest
+//! deviation from the planned path: least squares of curvature and length, by the Gauss-Newton method. A path is
+//! planned with a radius larger than R_min. Its correction may use radii down to R_min.
 
 use heapless::Vec;
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
@@ -13,11 +13,11 @@ use crate::path::Segment;
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::trigonometry;
 
-/// Max number of pieces.
+/// Max number of segments.
 const MAX_PIECES: usize = 48;
-/// Approximate number of pieces into which a path is divided at first.
+/// Approximate number of segments into which a path is divided at first.
 const FIRST_PIECES: f64 = 40.0;
-/// Min number of pieces, as long as each is longer than a layer.
+/// Min number of segments, provided that each is longer than a layer.
 const MIN_PIECES: usize = 12;
 /// Max number of Gauss-Newton steps for one correction.
 const ROUNDS: usize = 5;
@@ -27,37 +27,37 @@ const HALVINGS: usize = 4;
 const NEWTON_STEPS: usize = 20;
 /// Number of constraints: three of the end's position, two of its direction.
 const CONSTRAINTS: usize = 5;
-/// A correction below this, in radii and radians, leaves an error of about its square.
+/// Size of a correction below which the remaining error is about its square, in radii and radians.
 const NEARLY: f64 = 1e-3;
-/// Standard deviations of position (radii) and direction (radians) by which an error at the goal is weighted, so that
-/// no curvature is spent on smaller errors.
+/// Standard deviations of position (radii) and direction (radians) that weight an error at the goal, so that smaller
+/// errors cause no curvature.
 const GOAL_DEVIATION: [f64; 2] = [2e-4, 1e-4];
-/// Standard deviations from the plan of a piece that is a radius long: of its curvature, in inverse radii, and of its
+/// Standard deviations from the plan of a segment that is a radius long: of its curvature, in inverse radii, and of its
 /// length, in radii.
 const PIECE_DEVIATION: [f64; 2] = [0.2, 0.2];
 
-/// The shape of a piece.
+/// The shape of a segment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Shape {
-    /// The direction to which the tip bends, in its own frame, times the curvature, 1/mm.
+    /// Direction in which the tip bends, in its own frame, times the curvature, 1/mm.
     curvature: Vector2<f64>,
     /// Length, mm.
     length: f64,
 }
 
-/// Variances of a piece's deviation from its plan.
+/// Variances of a segment's deviation from its plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Variances {
-    /// Of the curvature, 1/mm^2.
+    /// Variance of the curvature, 1/mm^2.
     curvature: f64,
-    /// Of the length, mm^2.
+    /// Variance of the length, mm^2.
     length: f64,
 }
 
-/// A piece of constant curvature.
+/// A segment of constant curvature.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Piece {
-    /// The direction to which the tip bends, in its own frame, times the curvature, 1/mm.
+    /// Direction in which the tip bends, in its own frame, times the curvature, 1/mm.
     curvature: Vector2<f64>,
     /// Length, mm.
     length: f64,
@@ -70,7 +70,7 @@ impl Piece {
         Self { curvature, length, planned: Shape { curvature, length } }
     }
 
-    /// The variances by which deviations of this piece are weighted. `radius` is the scale of lengths, mm.
+    /// Returns the variances that weight deviations of this segment. `radius` is the scale of lengths, mm.
     fn variances(&self, radius: f64) -> Variances {
         let length = (self.planned.length / radius).max(f64::MIN_POSITIVE);
         Variances {
@@ -79,7 +79,7 @@ impl Piece {
         }
     }
 
-    /// The piece without its first `length` mm.
+    /// Returns the segment without its first `length` mm.
     fn without(self, length: f64) -> Self {
         let share = ((self.length - length) / self.length).max(0.0);
         let planned = Shape { length: self.planned.length * share, ..self.planned };
@@ -102,17 +102,19 @@ pub struct Reference {
     pieces: Vec<Piece, MAX_PIECES>,
     /// Scale of lengths and curvatures, mm.
     radius: f64,
-    /// The dual variables of the latest correction: a pull on the end that bends the pieces as they are.
+    /// Dual variables of the latest correction. They are a pull on the end that bends the segments to their present
+    /// shapes.
     pull: Constraint,
 }
 
 impl Reference {
-    /// The reference trajectory of a path of up to [`MAX_SEGMENTS`](crate::path::MAX_SEGMENTS) segments. `radius` is
-    /// the scale of lengths, mm.
+    /// Creates the reference trajectory of a path of up to [`MAX_SEGMENTS`](crate::path::MAX_SEGMENTS) segments.
+    /// `radius` is the scale of lengths, mm.
     pub fn along(path: &[Segment], radius: f64) -> Self {
         let bend: f64 = path.iter().map(Segment::bend).sum();
         let length: f64 = path.iter().map(Segment::length).sum();
-        // The share of the pieces that a segment gets, by its share of the bends and of the length.
+        // The fraction of the reference segments that a segment of the path gets, by its fractions of the bends and of
+        // the length.
         let share = |segment: &Segment| {
             let of_bend = if bend > 0.0 { segment.bend() / bend } else { 0.0 };
             let of_length = if length > 0.0 { segment.length() / length } else { 0.0 };
@@ -123,14 +125,14 @@ impl Reference {
             let count = libm::ceil(FIRST_PIECES * share(segment)).max(1.0);
             for index in 0..count as usize {
                 let piece = piece_of(segment, index as f64 / count, (index + 1) as f64 / count);
-                // A path of a planner has at most 46 pieces.
+                // A path of a planner has at most 46 segments here.
                 let _ = pieces.push(piece);
             }
         }
         Self { pieces, radius, pull: Constraint::zeros() }
     }
 
-    /// Length, mm.
+    /// Returns the length, mm.
     pub fn length(&self) -> f64 {
         self.pieces.iter().map(|piece| piece.length).sum()
     }
@@ -147,7 +149,8 @@ impl Reference {
         }
     }
 
-    /// Turns the pieces for a tip that is turned by `roll` about its direction of growth (radians, counter-clockwise).
+    /// Turns the segments for a tip that is turned by `roll` about its direction of growth (radians,
+    /// counter-clockwise).
     pub fn roll(&mut self, roll: f64) {
         if roll == 0.0 {
             return;
@@ -160,7 +163,7 @@ impl Reference {
         }
     }
 
-    /// `base_from_tip` at the end of the reference trajectory that begins at this `base_from_tip`.
+    /// Returns `base_from_tip` at the end of the reference trajectory that begins at this `base_from_tip`.
     pub fn end(&self, base_from_tip: &Frame) -> Frame {
         self.pieces.iter().fold(*base_from_tip, |base_from_tip, piece| {
             let alpha = libm::atan2(-piece.curvature.y, -piece.curvature.x);
@@ -168,7 +171,7 @@ impl Reference {
         })
     }
 
-    /// The mean curvature over the first `stretch` mm, 1/mm.
+    /// Returns the mean curvature over the first `stretch` mm, 1/mm.
     pub fn curvature_over(&self, stretch: f64) -> Vector2<f64> {
         let (mut left, mut turned) = (stretch, Vector2::zeros());
         for piece in &self.pieces {
@@ -184,8 +187,8 @@ impl Reference {
     }
 
     /// Bends the reference trajectory so that it leads from the tip to the goal, with no curvature above
-    /// `max_curvature` (1/mm), and returns the error that remains. Where few pieces are left they are divided, down to
-    /// about `resolution` mm.
+    /// `max_curvature` (1/mm), and returns the remaining error. If few segments remain they are divided, down to about
+    /// `resolution` mm.
     pub fn correct(&mut self, base_from_tip: &Frame, goal: &Pose, max_curvature: f64, resolution: f64) -> Miss {
         self.refine(resolution);
         let mut linear = Linear::default();
@@ -201,7 +204,7 @@ impl Reference {
                 self.back_halfway(&before);
                 linear.set(self, base_from_tip, goal, max_curvature);
             }
-            // A goal that is out of reach stays so in further rounds.
+            // A goal that is out of reach remains so in further rounds.
             if linear.error.norm() < NEARLY * NEARLY || linear.weighted_error() > 0.99 * error {
                 break;
             }
@@ -209,7 +212,7 @@ impl Reference {
         linear.miss
     }
 
-    /// Takes half of the latest step back.
+    /// Reverses half of the latest step.
     fn back_halfway(&mut self, before: &Self) {
         for (piece, before) in self.pieces.iter_mut().zip(&before.pieces) {
             piece.curvature = (piece.curvature + before.curvature) * 0.5;
@@ -218,7 +221,7 @@ impl Reference {
         self.pull = (self.pull + before.pull) * 0.5;
     }
 
-    /// Divides the longest pieces while there are few.
+    /// Divides the longest segments while there are few.
     fn refine(&mut self, resolution: f64) {
         while self.pieces.len() < MIN_PIECES {
             let longest = self.pieces.iter().enumerate().max_by(|a, b| a.1.length.total_cmp(&b.1.length));
@@ -240,16 +243,16 @@ type Constraint = SVector<f64, CONSTRAINTS>;
 /// The end of a reference trajectory, linearised in the shapes of its pieces.
 #[derive(Default)]
 struct Linear {
-    /// The error from the end to the goal, in the end's frame: radii, and radians about its y and -x axes.
+    /// Error from the end to the goal, in the end's frame: radii, and radians about its y and -x axes.
     error: Constraint,
-    /// The error as linearised for pieces that are as planned.
+    /// Error as linearised for segments of planned shape.
     from_planned: Constraint,
-    /// The columns of the pieces, from the last piece to the first.
+    /// Columns of the segments, from the last segment to the first.
     columns: Vec<Columns, MAX_PIECES>,
     miss: Miss,
 }
 
-/// The derivatives of the end with respect to one piece, and the piece's limits.
+/// Derivatives of the end with respect to one segment, and the limits of the segment.
 struct Columns {
     /// Derivatives with respect to the curvature's x and y, 1/mm.
     by_curvature: [Constraint; 2],
@@ -261,13 +264,13 @@ struct Columns {
     variances: Variances,
     /// The shape as planned.
     planned: Shape,
-    /// Min length after one step, mm. The linearisation holds for small steps only.
+    /// Min length after one step, mm. The linearisation is valid for small steps only.
     min_length: f64,
     /// Max length after one step, mm.
     max_length: f64,
 }
 
-/// The value, slope and Hessian of the dual at a pull.
+/// Value, slope and Hessian of the dual at a pull.
 struct Dual {
     value: f64,
     slope: Constraint,
@@ -275,7 +278,7 @@ struct Dual {
 }
 
 impl Columns {
-    /// The shape that a pull gives the piece, and the curvature (1/mm) that it would have without the bound.
+    /// Returns the shape that a pull gives the segment, and the curvature (1/mm) that it would have without the bound.
     fn give_way(&self, pull: &Constraint) -> (Shape, Vector2<f64>) {
         let [x, y] = self.by_curvature.map(|column| column.dot(pull));
         let unbounded = self.planned.curvature + Vector2::new(x, y) * self.variances.curvature;
@@ -286,7 +289,7 @@ impl Columns {
         (Shape { curvature, length: length.clamp(self.min_length, self.max_length) }, unbounded)
     }
 
-    /// Adds the piece's part to the dual.
+    /// Adds the segment's part to the dual.
     fn add_to(&self, dual: &mut Dual, pull: &Constraint) {
         let (Shape { curvature, length }, unbounded) = self.give_way(pull);
         let [by_x, by_y] = &self.by_curvature;
@@ -297,7 +300,7 @@ impl Columns {
         dual.slope += moved;
         let tightness = unbounded.norm();
         if tightness > self.max_curvature {
-            // The curvature moves along the bound only, and the less the further the pull is beyond it.
+            // The curvature moves along the bound only. The further the pull is beyond the bound, the less it moves.
             let across = (by_y * unbounded.x - by_x * unbounded.y) / tightness;
             dual.hessian += across * across.transpose() * (self.variances.curvature * self.max_curvature / tightness);
         } else {
@@ -316,12 +319,12 @@ impl Linear {
             let moved = moved / reference.radius;
             Constraint::new(moved.x, moved.y, moved.z, turned.y, -turned.x)
         };
-        // A turn about a point moves the end, which lies in the origin of its own frame.
+        // A turn about a point moves the end, which is in the origin of its own frame.
         let turning = |axis: Vector3<f64>, end_from: &Frame| {
             let turned = end_from.rotation * axis;
             constraint(end_from.translation.vector.cross(&turned), turned)
         };
-        // From the end backwards, in the end's frame.
+        // The loop goes from the end backwards, in the end's frame.
         self.columns.clear();
         let mut from_planned = Constraint::zeros();
         let mut end_from_tip = Frame::identity();
@@ -351,24 +354,25 @@ impl Linear {
         let to_goal = base_from_end.inverse_transform_point(&goal.position().into()).coords;
         let direction = base_from_end.inverse_transform_vector(&goal.direction());
         let angle = angle_between(&Vector3::z(), &direction);
-        // For a goal behind the end the sine is too small: the angle is the error.
+        // For a goal behind the end the sine is too small, so the angle is the error.
         let about = Vector3::z().cross(&direction).try_normalize(1e-12).unwrap_or_else(Vector3::zeros);
         let error = constraint(to_goal, about * angle);
         (self.error, self.from_planned) = (error, from_planned + error);
         self.miss = Miss { distance: to_goal.norm(), angle };
     }
 
-    /// The error in units of [`GOAL_DEVIATION`].
+    /// Returns the error in units of [`GOAL_DEVIATION`].
     fn weighted_error(&self) -> f64 {
         self.error.component_div(&Constraint::from_fn(|row, _| GOAL_DEVIATION[row / 3])).norm()
     }
 
-    /// Makes one Gauss-Newton step: moves the pieces to the shapes that deviate least from the plan, keep the bounds
-    /// and lead to the goal in the linearised problem.
+    /// Makes one Gauss-Newton step. It moves the segments to the shapes that deviate least from the plan, respect the
+    /// bounds and lead to the goal in the linearised problem.
     ///
-    /// The least squares have five constraints and a bound for each piece. Their dual is convex and has five unknowns
-    /// and no bound: a pull on the end of the reference trajectory, to which each piece gives way on its own. Newton's
-    /// method with Armijo's step rule finds the pull (Nocedal and Wright 2006, chapters 3 and 17).
+    /// The least squares have five constraints and a bound for each segment. Their dual is convex, with five unknowns
+    /// and no bound. The unknowns are a pull on the end of the reference trajectory, to which each segment responds
+    /// independently. Newton's method with Armijo's step rule finds the pull (Nocedal and Wright 2006, chapters 3 and
+    /// 17).
     fn pull(&self, reference: &mut Reference) {
         let mut at = self.dual(&reference.pull);
         for _ in 0..NEWTON_STEPS {
@@ -390,7 +394,7 @@ impl Linear {
         }
     }
 
-    /// The dual at a pull.
+    /// Returns the dual at a pull.
     fn dual(&self, pull: &Constraint) -> Dual {
         let weight = Constraint::from_fn(|row, _| GOAL_DEVIATION[row / 3] * GOAL_DEVIATION[row / 3]);
         let weighted = weight.component_mul(pull);
@@ -406,7 +410,8 @@ impl Linear {
     }
 }
 
-/// The piece for a part of a segment. `from` and `to` are shares of the segment's length.
+/// Returns the reference segment for a part of a segment of the path. `from` and `to` are fractions of the segment's
+/// length.
 fn piece_of(segment: &Segment, from: f64, to: f64) -> Piece {
     let length = segment.length() * (to - from);
     let curvature = match *segment {
@@ -415,7 +420,7 @@ fn piece_of(segment: &Segment, from: f64, to: f64) -> Piece {
         Segment::Helicoid { curve, radius, length: whole } => {
             let start_from = |share: f64| curve.frame_after(share * whole / radius);
             let turned = start_from(from).rotation.inverse() * start_from(to).rotation;
-            // The turn is about (-y, x) of the direction to which the piece bends.
+            // The axis of the turn is (-y, x) of the direction in which the segment bends.
             let axis = turned.scaled_axis();
             Vector2::new(axis.y, -axis.x) / length
         }
@@ -423,7 +428,7 @@ fn piece_of(segment: &Segment, from: f64, to: f64) -> Piece {
     Piece::new(curvature, length)
 }
 
-/// The unit vector at this angle, radians.
+/// Returns the unit vector at this angle, radians.
 fn towards(angle: f64) -> Vector2<f64> {
     let (sine, cosine) = trigonometry::sin_cos(angle);
     Vector2::new(cosine, sine)
@@ -443,7 +448,7 @@ mod tests {
         Pose::new(position, libm::atan2(direction.y, direction.x), libm::asin(direction.z)).unwrap()
     }
 
-    /// Start, goal and path, at random; helicoidal arcs among the near ones.
+    /// Returns random starts, goals and paths, with helicoidal arcs among the close goals.
     fn problems() -> List<(Pose, Pose, List<Segment>)> {
         let robot = robot_a();
         (0..40)
@@ -484,7 +489,7 @@ mod tests {
             assert!(((end.translation.vector - goal.position()).norm() - miss.distance).abs() < 1e-9);
             missed += u32::from(miss.distance > 0.1 || miss.angle > 0.002);
         }
-        // Paths of three bends without a line leave no room for a correction.
+        // Paths of three bends without a line allow no correction.
         assert!(missed <= 4, "{missed} of 40");
     }
 

@@ -1,4 +1,4 @@
-//! The closed loop: it measures a layer, updates the estimate of the tip, and plans the rest from there.
+//! The closed loop: it measures a layer, updates the estimate of the tip, and plans the rest of the path from there.
 
 use core::f64::consts::PI;
 
@@ -13,40 +13,40 @@ use crate::path::{Leg, MAX_SEGMENTS, Segment, end};
 use crate::pose::{Frame, Pose};
 use crate::robot::Robot;
 
-/// The estimate of the tip by all measurements so far.
+/// Estimate of the tip from all measurements so far.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
     /// The estimated frame of the tip.
     pub base_from_tip: Frame,
     /// Standard deviation of the position, mm: the root of the sum over the axes.
     pub position_deviation: f64,
-    /// Standard deviation of the direction, radians: the root of the sum over the two axes across it.
+    /// Standard deviation of the direction, radians: the root of the sum over the two axes perpendicular to it.
     pub direction_deviation: f64,
-    /// The systematic errors of the robot's layers, as far as they have been learned.
+    /// Systematic errors of the robot's layers, as learned so far.
     pub systematic_errors: SystematicErrors,
 }
 
-/// Follows a growth and plans the rest of it again.
+/// Controller of a growth, which plans the rest of the path again after each layer.
 #[derive(Debug, Clone)]
 pub struct Tracker<'a> {
     robot: &'a Robot,
     estimator: Estimator,
     /// The reference trajectory to the next goal. It begins with the next layer that can be changed.
     reference: Reference,
-    /// The estimated frame of the tip at the beginning of the reference trajectory.
+    /// Estimated frame of the tip at the beginning of the reference trajectory.
     begins: Frame,
     stages: Stages<'a>,
     /// Number of layers laid.
     laid: u64,
     /// Number of layers that can no longer be changed. Their part of the reference trajectory has been removed.
     committed: u64,
-    /// The error at the end of the reference trajectory.
+    /// Error at the end of the reference trajectory.
     miss: Miss,
 }
 
 impl<'a> Tracker<'a> {
-    /// A tracker before the first layer. The path leads from the start through the goals of its legs; the tracker
-    /// steers for one goal after the other.
+    /// Creates a tracker before the first layer. The path leads from the start through the goals of its legs. The
+    /// tracker steers to one goal after the other.
     #[must_use]
     pub fn new(robot: &'a Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg], noise: SensorNoise) -> Self {
         let mut stages = Stages::new(robot, start, path, legs);
@@ -58,7 +58,7 @@ impl<'a> Tracker<'a> {
         tracker
     }
 
-    /// Ingests a layer that has been laid: as it was commanded, and as it was measured.
+    /// Ingests a layer that has been laid, as commanded and as measured.
     pub fn laid(&mut self, commanded: &Layer, measured: &Measurement) {
         let growth = self.estimator.laid(commanded, measured);
         self.laid += 1;
@@ -74,8 +74,8 @@ impl<'a> Tracker<'a> {
         self.reference.roll(self.estimator.systematic().twist);
     }
 
-    /// Plans the rest again. It begins where the tip will be after the layers `under_way`, which can no longer be
-    /// changed.
+    /// Plans the rest of the path again. It begins at the pose of the tip after the layers `under_way`, which can no
+    /// longer be changed.
     pub fn replan(&mut self, under_way: &[Layer]) {
         let systematic = *self.estimator.systematic();
         self.begins = *self.estimator.base_from_tip();
@@ -93,7 +93,7 @@ impl<'a> Tracker<'a> {
         self.miss = self.reference.correct(&self.begins, &self.stages.goal, self.max_curvature(), resolution);
     }
 
-    /// Steers along another path, which begins at this pose, where the reference trajectory begins.
+    /// Steers along another path, which begins at this pose, at the beginning of the reference trajectory.
     pub fn follow(&mut self, start: &Pose, path: &'a [Segment], legs: &'a [Leg]) {
         self.stages = Stages::new(self.robot, start, path, legs);
         let Some(reference) = self.stages.next(&self.begins) else { return };
@@ -102,20 +102,21 @@ impl<'a> Tracker<'a> {
         self.miss = self.reference.correct(&self.begins, &self.stages.goal, self.max_curvature(), resolution);
     }
 
-    /// The estimated frame of the tip where the reference trajectory begins: after the layers under way.
+    /// Returns the estimated frame of the tip at the beginning of the reference trajectory, which is after the layers
+    /// in progress.
     #[must_use]
     pub fn begins(&self) -> &Frame {
         &self.begins
     }
 
-    /// The goals of the legs that are not grown to their end.
+    /// Returns the goals of the legs that have not been grown to their end.
     pub fn goals_left(&self) -> impl Iterator<Item = Pose> {
         let Stages { legs, goal, ends_leg, .. } = &self.stages;
         ends_leg.then_some(*goal).into_iter().chain(legs.iter().map(|leg| leg.goal))
     }
 
-    /// Standard deviations of the position (mm, as in [`Estimate`]) after each of these layers, which are to be laid
-    /// next, as far as they can be told now: measured as this says.
+    /// Returns the forecast standard deviations of the position (mm, as in [`Estimate`]) after each of these layers,
+    /// which are the next to be laid. `seen` are the kinds of measurement after each layer.
     pub fn forecast(&self, layers: impl Iterator<Item = Layer>, seen: Seen) -> impl Iterator<Item = f64> {
         let mut estimator = self.estimator.clone();
         layers.map(move |layer| {
@@ -124,7 +125,7 @@ impl<'a> Tracker<'a> {
         })
     }
 
-    /// The layers to command from here to the last goal, as planned now.
+    /// Returns the layers to command from here to the last goal, as planned now.
     pub fn rest(&self) -> impl Iterator<Item = Layer> + use<'a> {
         let (robot, systematic, max_curvature) = (self.robot, *self.estimator.systematic(), self.max_curvature());
         let (mut reference, mut stages) = (self.reference.clone(), self.stages.clone());
@@ -142,14 +143,14 @@ impl<'a> Tracker<'a> {
         })
     }
 
-    /// The next layer to command; `None` at the end.
+    /// Returns the next layer to command. `None` at the end.
     #[must_use]
     pub fn next_layer(&self) -> Option<Layer> {
         let (layer, _) = first_layer(&self.reference, self.robot, self.estimator.systematic(), self.max_curvature())?;
         Some(layer)
     }
 
-    /// The estimate of the tip.
+    /// Returns the estimate of the tip.
     #[must_use]
     pub fn estimate(&self) -> Estimate {
         Estimate {
@@ -160,21 +161,21 @@ impl<'a> Tracker<'a> {
         }
     }
 
-    /// By how much standard deviations are larger than the estimate and the forecast say, since the measured directions
-    /// are not as expected: 1 for a robot as it is assumed.
+    /// Returns the factor by which to scale the standard deviations of estimate and forecast, from the normalised
+    /// innovations of the measured directions. It is 1 if layers and sensors behave as modelled.
     #[must_use]
     pub fn doubt(&self) -> f64 {
         self.estimator.doubt()
     }
 
-    /// The error at the next goal that the reference trajectory leaves.
+    /// Returns the error at the next goal that the reference trajectory leaves.
     #[must_use]
     pub fn miss(&self) -> Miss {
         self.miss
     }
 
-    /// Max curvature of the body as it results, 1/mm: by the packaging limit, and by the limits of a layer with the
-    /// systematic errors learned.
+    /// Returns the max curvature of the body as laid, 1/mm, by the packaging limit, and by the limits of a layer with
+    /// the systematic errors learned.
     fn max_curvature(&self) -> f64 {
         let SystematicErrors { growth, tilt, .. } = *self.estimator.systematic();
         let laid = (1.0 + tilt) / (self.robot.min_radius_by_layers() * (1.0 + growth));
@@ -182,19 +183,19 @@ impl<'a> Tracker<'a> {
     }
 }
 
-/// The poses that a path leads through, one after the other: the goals of its legs. A leg with more segments than a
+/// The successive poses that a path leads through, which are the goals of its legs. A leg with more segments than a
 /// reference trajectory can have is divided at planned poses.
 #[derive(Debug, Clone)]
 struct Stages<'a> {
     path: &'a [Segment],
     legs: &'a [Leg],
-    /// Number of segments that are left of the first leg.
+    /// Number of remaining segments of the first leg.
     left: usize,
-    /// The planned frame at the beginning of the rest of the path.
+    /// Planned frame at the beginning of the rest of the path.
     planned: Frame,
-    /// The pose to steer for.
+    /// The pose to which the tracker steers.
     goal: Pose,
-    /// Whether a leg ends there.
+    /// True if a leg ends at this pose.
     ends_leg: bool,
     /// Radius of the path's tightest bend, mm.
     radius: f64,
@@ -208,8 +209,8 @@ impl<'a> Stages<'a> {
         Self { path, legs, left, planned: start.frame(), goal: *start, ends_leg: false, radius }
     }
 
-    /// The reference trajectory of the next stage, for a tip that is about at its beginning; `None` after the last
-    /// stage.
+    /// Returns the reference trajectory of the next stage, for a tip that is approximately at its beginning. `None`
+    /// after the last stage.
     fn next(&mut self, base_from_tip: &Frame) -> Option<Reference> {
         let (leg, later) = self.legs.split_first()?;
         let count = self.left.min(MAX_SEGMENTS);
@@ -218,7 +219,7 @@ impl<'a> Stages<'a> {
         self.left -= count;
         self.ends_leg = self.left == 0;
         self.goal = if self.ends_leg { leg.goal } else { Pose::from_frame(&planned_end) };
-        // Bends are in the frame that the path carries along, from which the tip may be rolled.
+        // Bends are in the frame that the path carries along. The tip may be rolled relative to that frame.
         let planned_from_tip = self.planned.rotation.inverse() * base_from_tip.rotation;
         let matrix = planned_from_tip.matrix();
         let mut reference = Reference::along(segments, self.radius);
@@ -232,13 +233,13 @@ impl<'a> Stages<'a> {
     }
 }
 
-/// Whether the rest of a reference trajectory is too thin for a layer.
+/// Reports whether the rest of a reference trajectory is too thin for a layer.
 fn too_thin(reference: &Reference, robot: &Robot) -> bool {
     reference.length() < 0.5 * robot.description().layer.height_min_mm
 }
 
-/// The first layer of a reference trajectory, as commanded, and its expected growth, mm. `None` where the
-/// rest is too thin to be laid.
+/// Returns the first layer of a reference trajectory, as commanded, and its expected growth, mm. `None` if the rest is
+/// too thin to be laid.
 fn first_layer(
     reference: &Reference,
     robot: &Robot,
@@ -299,7 +300,7 @@ mod tests {
         }
     }
 
-    /// Grows with a number of layers that cannot be changed any more while one is measured.
+    /// Grows while a number of layers beyond the measured one can no longer be changed.
     fn grow_behind(under_way: usize, disturbance: &Disturbance, seed: u64) -> f64 {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
@@ -438,7 +439,7 @@ mod tests {
         let whole = [Leg { goal: from, segments: path.len() }];
         let disturbance = Disturbance { growth_noise: 0.1, twist_bias: 1e-4, ..Disturbance::default() };
         let sensors = Sensors { noise: NOISE, odometry_scale: 0.0, direction: DirectionSensor::Tip };
-        // Its legs known or not.
+        // The legs are given or not.
         for legs in [&legs[..], &whole] {
             let tracker = Tracker::new(&robot, &start, &path, legs, NOISE);
             let missed = miss(&grow(&start.frame(), tracker.rest()), &from);

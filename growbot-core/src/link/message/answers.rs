@@ -1,4 +1,4 @@
-//! The answers and events of a board.
+//! The responses and events of a board.
 
 use heapless::String;
 use postcard_schema::Schema;
@@ -12,12 +12,12 @@ use crate::link::drivers::DriverTrouble;
 use crate::link::state::{Fault, ResetCause, State};
 use crate::robot::{BoardKind, ENCODING_VERSION, RobotError};
 
-/// Why a request was refused. The board did nothing.
+/// Reason why the board refused a request. A refused request changes nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Refusal {
-    /// The message is of no known kind or does not decode.
+    /// The kind of the message is unknown, or its body does not decode.
     NotUnderstood,
-    /// The host's messages differ from the board's.
+    /// The schema of the host's messages differs from that of the board.
     OtherSchema {
         /// The board's [`SCHEMA_HASH`](super::SCHEMA_HASH).
         board: u64,
@@ -29,35 +29,35 @@ pub enum Refusal {
         /// Hash of the board's robot.
         board: u64,
     },
-    /// The board stores another plan.
+    /// The board stores a different plan.
     OtherPlan {
-        /// The id of the plan that it stores, 0 for none.
+        /// Identifier of the plan that the board stores, 0 if there is none.
         board: u64,
     },
-    /// The layers do not follow on those that the board has.
+    /// The layers do not continue those that the board has.
     OutOfOrder {
-        /// The index that the board expects.
+        /// Index of the layer that the board expects.
         expected: u32,
     },
-    /// No room for more layers now.
+    /// The board has no free memory for more layers now.
     Full,
-    /// A layer breaks a limit of the robot, or lies beyond the job's end.
+    /// A layer exceeds a limit of the robot, or its index is beyond the end of the job.
     BadLayer {
-        /// The index of that layer.
+        /// Index of that layer.
         index: u32,
     },
-    /// The board does not do this in its state.
+    /// The board does not accept the request in its present state.
     WrongState {
-        /// The state that the board is in.
+        /// Present state of the board.
         state: State,
     },
-    /// The cause of the fault is still there.
+    /// The cause of the fault still exists.
     FaultRemains {
         /// The fault.
         fault: Fault,
     },
-    /// There is no plan for these poses and this radius: a number is not finite or out of range, or the radius is below
-    /// R_min.
+    /// The board found no plan for these poses and this radius, because a number is not finite or out of range, or
+    /// because the radius is below R_min.
     NoPlan,
     /// The plan has more layers than the board can store.
     PlanTooLong {
@@ -66,98 +66,98 @@ pub enum Refusal {
         /// Number of layers that the board can store.
         capacity: u32,
     },
-    /// The temperature asked for is outside the limits of the robot's description.
+    /// The requested temperature is outside the limits of the robot's description.
     Temperature {
-        /// The min, hundredths of a degree Celsius.
+        /// Min temperature, hundredths of a degree Celsius.
         min: i32,
-        /// The max, hundredths of a degree Celsius.
+        /// Max temperature, hundredths of a degree Celsius.
         max: i32,
     },
     /// The emergency stop is still pressed.
     EmergencyStop,
-    /// Another host owns the board; [`BoardHello::owner`] names it.
+    /// Another host owns the board. [`BoardHello::owner`] is its name.
     Owned {
-        /// The time since the last frame of that host, ms.
+        /// Time since the last frame of that host, ms.
         silent_ms: u32,
     },
-    /// One of the layers to be replaced has been begun.
+    /// The board has begun one of the layers to be replaced.
     Begun {
-        /// The first layer that can still be replaced.
+        /// Index of the first layer that can still be replaced.
         first: u32,
     },
     /// The nozzle is too hot to erase the journal, which stops the processor for seconds.
     Hot {
-        /// The nozzle must be below this, hundredths of a degree Celsius.
+        /// Temperature below which the nozzle must cool, hundredths of a degree Celsius.
         below: i32,
     },
-    /// The journal cannot be written, and the board must not begin a job that it could not resume.
+    /// The journal cannot be written, so the board could not resume the job that it would begin.
     Journal,
-    /// A debug probe has switched the processor's debugging on. The processor may halt, so the board does not heat.
+    /// A debug probe has enabled debugging of the processor. The processor may halt, so the board does not heat.
     DebugProbe,
-    /// The nozzle is too cold to move anything.
+    /// The nozzle is too cold for any motion.
     Cold {
-        /// Its temperature, hundredths of a degree Celsius.
+        /// Temperature of the nozzle, hundredths of a degree Celsius.
         now: i32,
-        /// It must have this, hundredths of a degree Celsius.
+        /// Min temperature for motion, hundredths of a degree Celsius.
         min: i32,
     },
-    /// The move is too long.
+    /// The requested motion is too long.
     TooFar {
-        /// The max, um of filament or hundredths of a degree of the head.
+        /// Max motion, um of filament or hundredths of a degree of the head.
         max: u32,
     },
-    /// Head or feed still move.
+    /// Head or feed are still moving.
     Moving,
-    /// There is no filament.
+    /// The filament switch detects no filament.
     NoFilament,
     /// The board has no robot description, so it only communicates.
     NotConfigured,
-    /// The board knows a job that is not done, which would be lost with its robot.
+    /// The board stores a job that is not complete and would be lost with the old description.
     JobNotDone {
-        /// The job's id.
+        /// Identifier of the job.
         plan_id: u64,
     },
-    /// The robot description is not valid, and the board keeps the one that it has.
+    /// The robot description is not valid. The board keeps its present description.
     BadDescription {
-        /// What is wrong with it.
+        /// The defect of the description.
         why: BadDescription,
     },
-    /// The robot description could not be written to flash, and the board keeps the one that it has.
+    /// The robot description could not be written to flash. The board keeps its present description.
     DescriptionNotStored,
 }
 
-/// What is wrong with a robot description. A host that checks it with the same code can say which field.
+/// Defect of a robot description. A host can find the field by checking the description with the same code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum BadDescription {
-    /// It has another version of the encoding than the board reads.
+    /// The version of the encoding is not the one that the board reads.
     OtherVersion {
-        /// The version that the board reads.
+        /// Version of the encoding that the board reads.
         board: u8,
     },
-    /// The bytes are no description.
+    /// The bytes are not a description.
     Unreadable,
-    /// Its hash is not that of the request.
+    /// The hash of the description is not that of the request.
     OtherHash {
-        /// Its hash.
+        /// Hash of the description.
         found: u64,
     },
-    /// It is too long.
+    /// The description is too long.
     TooLong,
     /// A number is not finite, or out of its range or that of the board.
     Number,
-    /// The name is not one that a robot may have.
+    /// The name is not a valid name of a robot.
     Name,
     /// The thermistor has no equation, or two.
     Thermistor,
-    /// Pins that cannot be what they are to be.
+    /// A pin cannot have the function that the description gives it.
     Pins,
-    /// Settings that a stepper driver cannot have.
+    /// A stepper driver cannot have these settings.
     Drivers,
-    /// It is for another kind of board.
+    /// The description is for another kind of board.
     OtherBoard {
-        /// The kind that it is for.
+        /// Kind of board in the description.
         asked: BoardKind,
-        /// The kind that the board is.
+        /// Kind of the board.
         board: BoardKind,
     },
 }
@@ -182,38 +182,38 @@ impl From<RobotError> for BadDescription {
 pub struct BoardHello {
     /// The board's [`SCHEMA_HASH`](super::SCHEMA_HASH).
     pub schema: u64,
-    /// A number that differs at each start of the board.
+    /// Number that differs at each start of the board.
     pub boot_id: u32,
-    /// Why the board started.
+    /// Cause of the board's latest start.
     pub reset_cause: ResetCause,
     /// Version of the firmware: major, minor, patch.
     pub firmware: [u8; 3],
-    /// Name of the robot whose description the board has; empty without one.
+    /// Name of the robot in the board's description. Empty if the board has no description.
     pub robot_name: String<32>,
-    /// Hash of the robot description; 0 without one.
+    /// Hash of the robot description. 0 if the board has no description.
     pub robot: u64,
     /// Number of layers that the board can store.
     pub capacity: u32,
-    /// What the board is doing.
+    /// Status of the board.
     pub status: Status,
-    /// The name of the host that owns the board.
+    /// Name of the host that owns the board.
     pub owner: Option<HostName>,
 }
 
-/// What the board is doing.
+/// Status of the board.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Status {
-    /// The state.
+    /// State of the board.
     pub state: State,
-    /// The fault that is latched, if any.
+    /// Latched fault, if there is one.
     pub fault: Option<Fault>,
-    /// Temperature of the nozzle, hundredths of a degree Celsius; `None` without a reading.
+    /// Temperature of the nozzle, hundredths of a degree Celsius. `None` without a reading.
     pub temperature_centi_c: Option<i32>,
-    /// Target temperature of the nozzle, hundredths of a degree Celsius; `None` with the heater off.
+    /// Target temperature of the nozzle, hundredths of a degree Celsius. `None` if the heater is off.
     pub target_centi_c: Option<i32>,
-    /// Duty of the power stage, 0 to 65,535. In the proof test the second switch is open in that time.
+    /// Duty of the power stage, 0 to 65,535. During the proof test of the second switch, that switch is open.
     pub duty: u16,
-    /// The job's id, 0 for none.
+    /// Identifier of the job, 0 if there is none.
     pub plan_id: u64,
     /// Number of layers of the job.
     pub layers: u32,
@@ -221,75 +221,75 @@ pub struct Status {
     pub next: u32,
     /// Number of layers laid.
     pub laid: u32,
-    /// The progress of the layer that a stop, a fault, a reset or a loss of power has interrupted, if any. Its index is
-    /// `laid`.
+    /// Progress of the layer that a stop, a fault, a reset or a loss of power interrupted, if any. The index of that
+    /// layer is `laid`.
     pub interrupted: Option<InterruptedLayer>,
-    /// Why the board pauses, in `Paused` and `Parked`.
+    /// Reason why the board pauses. It is valid in `Paused` and `Parked`.
     pub pause_cause: PauseCause,
-    /// Whether the job can be resumed after a reset or a loss of power.
+    /// True if the job can be resumed after a reset or a loss of power.
     pub journal: bool,
     /// Time since the board started, ms.
     pub uptime_ms: u64,
 }
 
-/// How many of its 64 sectors an interrupted layer has. The number is known between two bounds.
+/// Number of the 64 sectors of an interrupted layer that were made, between two bounds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct InterruptedLayer {
-    /// Min number of sectors made; 0 where nothing is known.
+    /// Min number of sectors made. 0 if the progress is unknown.
     pub min: u8,
-    /// Max number of sectors made; 64 where nothing is known.
+    /// Max number of sectors made. 64 if the progress is unknown.
     pub max: u8,
 }
 
-/// Why a board pauses.
+/// Reason why a board pauses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
 pub enum PauseCause {
-    /// It has laid every layer that it has. Also the value while the board does not pause.
+    /// The board has laid every layer that it has. This is also the value while the board does not pause.
     #[default]
     LayersExhausted,
-    /// A host has requested it.
+    /// A host requested the pause.
     Requested,
-    /// Its host has fallen silent.
+    /// The host stopped sending.
     HostSilent,
-    /// There is no more filament: a spool must be loaded.
+    /// The filament has run out, and a spool must be loaded.
     FilamentOut,
 }
 
-/// A request was carried out.
+/// Response to a request that was carried out.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Accepted {
-    /// The job's id, 0 for none.
+    /// Identifier of the job, 0 if there is none.
     pub plan_id: u64,
     /// Index of the next layer that the board expects.
     pub next: u32,
-    /// Number of further layers that the board has room for.
+    /// Number of further layers that the board can store now.
     pub room: u32,
 }
 
-/// A part of a robot description has arrived.
+/// Response to a part of a robot description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Configured {
-    /// Hash of the description.
+    /// Hash of the description in the request.
     pub robot: u64,
-    /// Number of bytes of it that the board has.
+    /// Number of bytes of the description that the board has received.
     pub received: u16,
-    /// Whether it is valid and in flash. The board then restarts with it within a second.
+    /// True if the description is valid and in flash. If so, the board restarts with it within a second.
     pub stored: bool,
 }
 
-/// A request was refused.
+/// Response to a request that was refused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Refused {
-    /// The kind of the request.
+    /// Kind of the request.
     pub kind: u8,
-    /// Why it was refused.
+    /// Reason for the refusal.
     pub refusal: Refusal,
 }
 
-/// The summary of a plan that the board has made.
+/// Summary of a plan that the board has made.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Planned {
-    /// The job's id: the hash of the layers' bytes.
+    /// Identifier of the job: the hash of the layers' bytes.
     pub plan_id: u64,
     /// Hash of the layers in full precision.
     pub exact_hash: u64,
@@ -299,32 +299,32 @@ pub struct Planned {
     pub length: f64,
 }
 
-/// Layers that the board stores.
+/// Layers that the board stores, read by a host.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct StoredLayers {
-    /// Index of the first of them.
+    /// Index of the first layer.
     pub first: u32,
-    /// The layers; fewer than [`MAX_LAYERS`](super::MAX_LAYERS) at the end.
+    /// The layers. There are fewer than [`MAX_LAYERS`](super::MAX_LAYERS) at the end of the stored layers.
     pub layers: LayerBatch,
 }
 
-/// The event of a layer that is laid.
+/// Event: a layer is laid.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Laid {
-    /// The job's id.
+    /// Identifier of the job.
     pub plan_id: u64,
     /// Index of the layer.
     pub index: u32,
-    /// The layer as built, from the steps that were made. `None` for an interrupted layer that was let be, and after a
-    /// failure of the journal.
+    /// The layer as built, computed from the steps made. `None` if the layer was interrupted and skipped, or if the
+    /// journal could not be written.
     pub as_built: Option<LayerBytes>,
-    /// The sensors' readings when the layer was laid. The board retains them for its latest layers only, and not
-    /// through a reset.
+    /// Readings of the sensors when the layer was laid. The board retains them for its latest layers only, and loses
+    /// them at a reset.
     pub measured: Option<Measured>,
 }
 
-/// The sensors' readings when a layer was laid. `None` where the robot does not have the sensor, or where the sensor
-/// gave nothing.
+/// Readings of the sensors when a layer was laid. A field is `None` if the robot does not have the sensor, or if the
+/// sensor gave no reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
 pub struct Measured {
     /// Pulses of the filament's encoder since the board started ([`SensorReadings::filament_pulses`]).
@@ -333,16 +333,16 @@ pub struct Measured {
     pub gravity_milli_g: Option<[i16; 3]>,
 }
 
-/// The event of a new state.
+/// Event: the board is in a new state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct StateChanged {
     /// The new state.
     pub state: State,
-    /// The fault that is latched, if any.
+    /// Latched fault, if there is one.
     pub fault: Option<Fault>,
 }
 
-/// Gains of the heater's regulation.
+/// Gains of the heater's controller.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Gains {
     /// Proportional gain, duty (0 to 1) per degree.
@@ -353,80 +353,82 @@ pub struct Gains {
     pub kd: f64,
 }
 
-/// The event that ends a `Tune`: the gains that were found.
+/// Event: a `Tune` has ended and found the gains.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Tuned {
     /// The gains.
     pub gains: Gains,
-    /// Period of the nozzle's swings, s.
+    /// Period of the temperature's oscillation, s.
     pub period_s: f64,
-    /// Amplitude of the swings to either side, degrees Celsius.
+    /// Amplitude of the oscillation to either side, degrees Celsius.
     pub amplitude_c: f64,
 }
 
-/// The readings of the board's sensors. `None` where the robot does not have the sensor, or where the sensor gives
-/// nothing.
+/// Readings of the board's sensors. A field is `None` if the robot does not have the sensor, or if the sensor gives no
+/// reading.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, Schema)]
 pub struct SensorReadings {
-    /// The supply's voltage, mV.
+    /// Voltage of the supply, mV.
     pub supply_mv: Option<u32>,
-    /// Whether the head is on its index mark.
+    /// True if the head is at its index mark.
     pub on_index: bool,
-    /// Whether there is filament.
+    /// True if the filament switch detects filament.
     pub filament_present: Option<bool>,
-    /// Pulses of the filament's encoder since the board started: forward pulses less backward ones, modulo 2^32.
-    /// Filament that is pulled back and pushed forward again does not count; filament that has gone into the body does.
+    /// Pulses of the filament's encoder since the board started: forward pulses minus backward pulses, modulo 2^32.
+    /// Filament that is retracted and pushed forward again does not count, but filament that has gone into the body
+    /// does.
     pub filament_pulses: Option<u32>,
-    /// Whether a stepper driver reports a fault.
+    /// True if a stepper driver reports a fault.
     pub driver_fault: Option<bool>,
-    /// What a stepper driver says of itself over its serial line; `None` while all are well, and without such a line.
+    /// Problem that a stepper driver reports over its UART. `None` if all drivers are well, or if they have no UART.
     pub driver_trouble: Option<DriverTrouble>,
-    /// Whether the emergency stop is pressed.
+    /// True if the emergency stop is pressed.
     pub emergency_stop: Option<bool>,
-    /// Gravity in the tip's frame, thousandths of the earth's. It points upwards, as a resting accelerometer shows it.
+    /// Gravity in the tip's frame, thousandths of the earth's. The vector points upwards, as a resting accelerometer
+    /// measures it.
     pub gravity_milli_g: Option<[i16; 3]>,
 }
 
-/// The board's status when a fault came. The board retains it through resets, until the next fault.
+/// Status of the board at the time of a fault. The board retains it through resets, until the next fault.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
 pub struct FaultRecord {
-    /// What went wrong; `None` for the emergency stop.
+    /// The fault. `None` for the emergency stop.
     pub fault: Option<Fault>,
-    /// Whether the fault has been cleared since.
+    /// True if the fault has been cleared since.
     pub cleared: bool,
-    /// What the board was doing.
+    /// State of the board when the fault occurred.
     pub state: State,
-    /// When the fault came: the time since the board's start before it, ms.
+    /// Time from the start of the board to the fault, ms.
     pub uptime_ms: u64,
-    /// Temperature of the nozzle, hundredths of a degree Celsius; `None` without a reading.
+    /// Temperature of the nozzle, hundredths of a degree Celsius. `None` without a reading.
     pub temperature_centi_c: Option<i32>,
-    /// Target temperature of the nozzle, hundredths of a degree Celsius; `None` with the heater off.
+    /// Target temperature of the nozzle, hundredths of a degree Celsius. `None` if the heater is off.
     pub target_centi_c: Option<i32>,
-    /// Duty of the power stage, 0 to 65,535. In the proof test the second switch is open in that time.
+    /// Duty of the power stage, 0 to 65,535. During the proof test of the second switch, that switch is open.
     pub duty: u16,
-    /// The readings of the other sensors.
+    /// Readings of the other sensors.
     pub sensors: SensorReadings,
-    /// The job's id, 0 for none.
+    /// Identifier of the job, 0 if there is none.
     pub plan_id: u64,
     /// Number of layers laid.
     pub laid: u32,
-    /// Number of layers begun: one more than those laid where one was interrupted.
+    /// Number of layers begun. If a layer was interrupted, it is one more than the number of layers laid.
     pub begun: u32,
 }
 
-/// The latest fault.
+/// Response with the latest fault.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct LatestFault {
-    /// The record; `None` where the board knows of no fault.
+    /// Record of the fault. `None` if the board has no record of a fault.
     pub record: Option<FaultRecord>,
 }
 
 /// The result of the image's check at the board's start, and the latest crash.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct BootReport {
-    /// What the check of the image found at this start.
+    /// Result of the check of the firmware's image at this start.
     pub image: ImageCheck,
-    /// The latest crash. The retained memory stores it through resets, until the next crash or a loss of power. `None`
+    /// The latest crash. Retained memory stores it through resets, until the next crash or a loss of power. `None`
     /// without a crash. [`CrashRecord`](crate::link::crash::CrashRecord) decodes the words.
     pub crash: Option<CrashWords>,
 }
@@ -434,18 +436,18 @@ pub struct BootReport {
 /// The result of the check of the firmware's image when the board started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum ImageCheck {
-    /// The image was never sealed, so nothing could be checked.
+    /// The image was never sealed, so the board could not check it.
     NotSealed,
-    /// The image is what was sealed.
+    /// The image agrees with its seal.
     Sound {
-        /// The image's CRC-32C.
+        /// CRC-32C of the image.
         crc: u32,
     },
-    /// The image is not what was sealed. Nothing heats.
+    /// The image differs from its seal. The board does not heat.
     Corrupt {
-        /// The CRC-32C in the image's seal.
+        /// CRC-32C in the seal of the image.
         sealed: u32,
-        /// The CRC-32C of the image as found; the same where the seal itself makes no sense.
+        /// CRC-32C of the image as found. It equals `sealed` if the seal itself is not valid.
         found: u32,
     },
 }

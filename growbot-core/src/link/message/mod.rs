@@ -1,9 +1,9 @@
 //! The messages of the link, and the table of their kinds.
 //!
-//! A message is its kind (in the frame's header) and its body in postcard form. Both sides compare [`SCHEMA_HASH`],
-//! taken over every kind and every type below, before anything else, so that a board and a host with different messages
-//! refuse each other. The bodies of `Hello`, `Status` and `Refused` stay as they are for as long as
-//! [`super::frame::VERSION`] does, so that every host can ask a board for its identity.
+//! A message is its kind (in the frame's header) and its body in postcard form. Both sides first compare
+//! [`SCHEMA_HASH`], which covers every kind and every type below. So a board and a host with different messages refuse
+//! each other. The bodies of `Hello`, `Status` and `Refused` do not change while [`super::frame::VERSION`] stays the
+//! same, so that every host can request the identity of a board.
 
 mod answers;
 mod requests;
@@ -21,7 +21,7 @@ use crate::layer_bytes::LayerBytes;
 
 /// Max number of layers in one `Layers`, `Amend` or `StoredLayers`.
 pub const MAX_LAYERS: usize = 16;
-/// The layers of one message.
+/// Layers of one message.
 pub type LayerBatch = Vec<LayerBytes, MAX_LAYERS>;
 
 /// Max number of bytes of a robot description in one `Configure`.
@@ -31,16 +31,16 @@ pub const MAX_DESCRIPTION_PART: usize = 192;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Empty {}
 
-/// Why a message could not be encoded or decoded.
+/// Error of the encoding or decoding of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum MessageError {
-    /// No message has the kind.
+    /// No message has this kind.
     #[error("unknown kind of message {kind:#04x}")]
     UnknownKind {
         /// The kind in the frame's header.
         kind: u8,
     },
-    /// The body is not what its kind says, or too long.
+    /// The body does not match its kind, or is too long.
     #[error("the body of a message of kind {kind:#04x} does not decode")]
     Body {
         /// The kind in the frame's header.
@@ -48,7 +48,7 @@ pub enum MessageError {
     },
 }
 
-/// The first kind of the board's messages. The host's kinds are below.
+/// The first kind of the board's messages. The kinds of the host's messages are lower.
 const ANSWERS_FROM: u8 = 0x40;
 
 macro_rules! messages {
@@ -60,7 +60,7 @@ macro_rules! messages {
         }
 
         impl Message {
-            /// The message's kind in the frame's header.
+            /// Returns the kind of the message in the frame's header.
             #[must_use]
             pub fn kind(&self) -> u8 {
                 match self { $(Self::$name(_) => $kind,)* }
@@ -69,15 +69,16 @@ macro_rules! messages {
             /// Encodes the body.
             ///
             /// # Errors
-            /// If the body does not fit a frame. Every message of the table fits.
+            /// Returns an error if the body does not fit in a frame. Every message of the table fits.
             pub fn encode<'a>(&self, buffer: &'a mut [u8; LONGEST_BODY]) -> Result<&'a [u8], MessageError> {
                 self.encode_from::<0>(buffer)
             }
 
-            /// Encodes the body of an answer or event. A board uses this, so that its image has no code for requests.
+            /// Encodes the body of a response or event. A board uses this function, so that its image contains no code
+            /// for requests.
             ///
             /// # Errors
-            /// As [`Message::encode`], or for a request.
+            /// Returns the errors of [`Message::encode`], or an error if the message is a request.
             pub fn encode_answer<'a>(&self, buffer: &'a mut [u8; LONGEST_BODY]) -> Result<&'a [u8], MessageError> {
                 self.encode_from::<ANSWERS_FROM>(buffer)
             }
@@ -96,15 +97,16 @@ macro_rules! messages {
             /// Decodes a body, up to its last byte.
             ///
             /// # Errors
-            /// An unknown kind, or a body that is not of its kind.
+            /// Returns an error if the kind is unknown or the body does not match it.
             pub fn decode(kind: u8, body: &[u8]) -> Result<Self, MessageError> {
                 Self::decode_below::<{ u8::MAX }>(kind, body)
             }
 
-            /// Decodes the body of a request. A board uses this, so that its image has no code for answers.
+            /// Decodes the body of a request. A board uses this function, so that its image contains no code for
+            /// responses.
             ///
             /// # Errors
-            /// As [`Message::decode`]. The kinds of answers and events are unknown here.
+            /// Returns the errors of [`Message::decode`]. The kinds of responses and events are unknown here.
             pub fn decode_request(kind: u8, body: &[u8]) -> Result<Self, MessageError> {
                 Self::decode_below::<ANSWERS_FROM>(kind, body)
             }
@@ -119,7 +121,7 @@ macro_rules! messages {
                 }
             }
 
-            /// Every kind with its message's name, in the order of the table.
+            /// All kinds with the names of their messages, in the order of the table.
             pub const KINDS: &[(u8, &str)] = &[$(($kind, stringify!($name)),)*];
         }
 
@@ -135,7 +137,7 @@ macro_rules! messages {
     };
 }
 
-/// FNV-1a, as postcard-schema uses for single types; here it joins them.
+/// Continues an FNV-1a hash. postcard-schema uses this hash for single types, and here it combines them.
 const fn fnv1a(mut hash: u64, bytes: &[u8]) -> u64 {
     let mut i = 0;
     while i < bytes.len() {
@@ -147,71 +149,71 @@ const fn fnv1a(mut hash: u64, bytes: &[u8]) -> u64 {
 
 messages! {
     // Host to board.
-    /// Opens a session. Answered by `BoardHello`, or by `Refused` with the board's schema hash.
+    /// Opens a session. The response is `BoardHello`, or `Refused` with the board's schema hash.
     0x01 Hello(HostHello),
-    /// Asks for the board's status. Answered by `Status`, in any session.
+    /// Requests the board's status. The response is `Status`, in any session.
     0x02 AskStatus(Empty),
-    /// Begins a job. Answered by `Accepted` or `Refused`.
+    /// Begins a job. The response is `Accepted` or `Refused`.
     0x03 Begin(Begin),
-    /// Hands over layers of the job. Answered by `Accepted` or `Refused`.
+    /// Sends layers of the job. The response is `Accepted` or `Refused`.
     0x04 Layers(Layers),
-    /// Starts or continues the job. Answered by `Accepted` or `Refused`.
+    /// Starts or continues the job. The response is `Accepted` or `Refused`.
     0x05 Start(Start),
-    /// Stops at once, in any state. Answered by `Accepted`.
+    /// Stops immediately, in any state. The response is `Accepted`.
     0x06 Stop(Empty),
-    /// Leaves `Fault` or `EmergencyStop` if the cause is gone. Answered by `Accepted` or `Refused`.
+    /// Leaves `Fault` or `EmergencyStop` if the cause is gone. The response is `Accepted` or `Refused`.
     0x07 ClearFault(Empty),
-    /// Asks the board to plan. Answered by `Planned` or `Refused`.
+    /// Requests that the board plans. The response is `Planned` or `Refused`.
     0x08 Plan(PlanRequest),
-    /// Asks for layers that the board stores. Answered by `StoredLayers`.
+    /// Requests layers that the board stores. The response is `StoredLayers`.
     0x09 ReadLayers(ReadLayers),
-    /// Pauses after the layer under way; `Start` continues. Answered by `Accepted` or `Refused`.
+    /// Pauses after the present layer, until `Start` continues the job. The response is `Accepted` or `Refused`.
     0x0A Pause(Empty),
-    /// Finds the heater's gains. Answered by `Accepted` or `Refused`; the event `Tuned` ends it.
+    /// Finds the heater's gains. The response is `Accepted` or `Refused`, and the event `Tuned` ends the tuning.
     0x0B Tune(Tune),
-    /// Asks for the latest fault. Answered by `LatestFault`, in any session.
+    /// Requests the latest fault. The response is `LatestFault`, in any session.
     0x0C AskFault(Empty),
-    /// Asks for the sensors' readings. Answered by `SensorReadings`, in any session.
+    /// Requests the sensors' readings. The response is `SensorReadings`, in any session.
     0x0D AskSensors(Empty),
-    /// Acknowledges events. Not answered.
+    /// Acknowledges events. The board does not respond.
     0x0E Ack(Empty),
-    /// Resumes the job that the board knows. Answered by `Accepted` or `Refused`.
+    /// Resumes the job that the board stores. The response is `Accepted` or `Refused`.
     0x0F Resume(Resume),
-    /// Replaces layers of the job. Answered by `Accepted` or `Refused`.
+    /// Replaces layers of the job. The response is `Accepted` or `Refused`.
     0x10 Amend(Amend),
-    /// Cancels the job. Answered by `Accepted` or `Refused`.
+    /// Cancels the job. The response is `Accepted` or `Refused`.
     0x11 Cancel(Cancel),
-    /// Asks for the board's identity. Answered by `BoardHello`, in any session; opens none.
+    /// Requests the board's identity without opening a session. The response is `BoardHello`, in any session.
     0x12 AskBoard(Empty),
-    /// Closes the session, so that another host need not wait. Not answered.
+    /// Closes the session, so that another host need not wait. The board does not respond.
     0x13 Goodbye(Empty),
-    /// Asks how the board started. Answered by `BootReport`, in any session.
+    /// Requests a report of the board's start. The response is `BootReport`, in any session.
     0x14 AskBoot(Empty),
-    /// Maintenance: heats, feeds or turns without a job. Answered by `Accepted` or `Refused`.
+    /// Maintenance: heats, feeds or turns without a job. The response is `Accepted` or `Refused`.
     0x15 Maintain(Maintain),
-    /// Hands over a robot description. Answered by `Configured` or `Refused`.
+    /// Sends a part of a robot description. The response is `Configured` or `Refused`.
     0x16 Configure(Configure),
 
     // Board to host.
-    /// Answers `Hello` and `AskBoard`.
+    /// Responds to `Hello` and `AskBoard`.
     0x41 BoardHello(BoardHello),
-    /// Answers `AskStatus`.
+    /// Responds to `AskStatus`.
     0x42 Status(Status),
-    /// Answers a request that was carried out.
+    /// Responds to a request that was carried out.
     0x43 Accepted(Accepted),
-    /// Answers a request that was refused.
+    /// Responds to a request that was refused.
     0x44 Refused(Refused),
-    /// Answers `Plan`.
+    /// Responds to `Plan`.
     0x45 Planned(Planned),
-    /// Answers `ReadLayers`.
+    /// Responds to `ReadLayers`.
     0x46 StoredLayers(StoredLayers),
-    /// Answers `AskFault`.
+    /// Responds to `AskFault`.
     0x47 LatestFault(LatestFault),
-    /// Answers `AskSensors`.
+    /// Responds to `AskSensors`.
     0x48 SensorReadings(SensorReadings),
-    /// Answers `AskBoot`.
+    /// Responds to `AskBoot`.
     0x49 BootReport(BootReport),
-    /// Answers `Configure`.
+    /// Responds to `Configure`.
     0x4A Configured(Configured),
     /// Event: a layer is laid.
     0x50 Laid(Laid),
@@ -219,7 +221,7 @@ messages! {
     0x51 StateChanged(StateChanged),
     /// Event: the heater's gains are found.
     0x52 Tuned(Tuned),
-    /// Emergency stops by the link were obeyed. Sent in session 0; not an event.
+    /// Acknowledges an emergency stop that came over the link. Sent in session 0, outside the event sequence.
     0x53 StoppedAtOnce(Empty),
 }
 

@@ -8,64 +8,67 @@ use super::{LayerBatch, MAX_DESCRIPTION_PART};
 use crate::plan::Planner;
 use crate::pose::{Pose, PoseError};
 
-/// The name of a host: program, process, machine. It is UTF-8, which the board does not check.
+/// Name of a host: program, process, machine. It is UTF-8, which the board does not check.
 pub type HostName = Vec<u8, 32>;
 
-/// Opens a session. A board that another host owns is refused, unless that host has been silent or `take_over` is set.
+/// Opens a session. The board refuses if another host owns it, unless that host has stopped sending or `take_over` is
+/// set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct HostHello {
     /// The host's [`SCHEMA_HASH`](super::SCHEMA_HASH).
     pub schema: u64,
-    /// The host's name. The board tells it to another host that wants the board.
+    /// Name of the host. The board reports it to other hosts that request a session.
     pub host: HostName,
-    /// Whether to take the board over from a host that owns it.
+    /// True to take the board over from a host that owns it.
     pub take_over: bool,
 }
 
-/// Begins a job. The board forgets the job before. Repeating the request changes nothing.
+/// Begins a job. The board deletes the previous job. Repeating the request changes nothing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Begin {
-    /// The job's id: the hash of the plan's layers ([`crate::job::JobSummary`]).
+    /// Identifier of the job: the hash of the plan's layers ([`crate::job::JobSummary`]).
     pub plan_id: u64,
     /// Number of layers of the plan.
     pub layers: u32,
-    /// Hash of the robot that the plan is for.
+    /// Hash of the robot for which the plan was made.
     pub robot: u64,
 }
 
-/// Resumes the job that the board knows. After a loss of the line or of the host, the host follows the job again. After
-/// a stop, a fault or a reset, the host hands over again the layers that the board no longer stores, and then starts.
+/// Resumes the job that the board stores. After a loss of the link or of the host, the host receives the events of the
+/// job again. After a stop, a fault or a reset, the host first sends the layers that the board no longer stores, and
+/// then starts the job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Resume {
-    /// The job's id.
+    /// Identifier of the job.
     pub plan_id: u64,
-    /// The layer to resume at: the first that is not laid or, to let an interrupted layer be, the one after it. The
-    /// board ignores this while the job is under way.
+    /// Index of the layer at which the job resumes: the first that is not laid or, to skip an interrupted layer, the
+    /// one after it. The board ignores this field while the job is in progress.
     pub from: u32,
-    /// The host knows the layers below this index as built. The board sends events for the others.
+    /// Number of layers whose as-built data the host has, counted from the first layer. The board sends events for the
+    /// other layers.
     pub known: u32,
 }
 
-/// Hands over layers. The board ignores those that it already has.
+/// Sends layers. The board ignores layers that it already has.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Layers {
-    /// The job's id.
+    /// Identifier of the job.
     pub plan_id: u64,
-    /// Index of the first of them, counted from 0.
+    /// Index of the first of these layers, counted from 0.
     pub first: u32,
     /// The layers.
     pub layers: LayerBatch,
 }
 
-/// Replaces the layers from an index on, all at once. The board drops the layers that it stored from there on, and the
-/// job gets another id. More layers follow with [`Layers`], under the new id.
+/// Replaces all layers from an index on in one operation. The board deletes the stored layers from that index on, and
+/// the job gets a new identifier. More layers follow with [`Layers`], under the new identifier.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Amend {
-    /// The job's id so far.
+    /// Identifier of the job before the change.
     pub plan_id: u64,
-    /// The job's id from now on.
+    /// Identifier of the job after the change.
     pub amended: u64,
-    /// Index of the first layer that is replaced. It must not have been begun.
+    /// Index of the first layer that is replaced. The board must not have begun it.
     pub from: u32,
     /// Number of layers of the amended plan.
     pub layers: u32,
@@ -73,33 +76,33 @@ pub struct Amend {
     pub first_layers: LayerBatch,
 }
 
-/// What a board does when its host falls silent.
+/// Action of a board when its host stops sending.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
 pub enum Silence {
-    /// Pauses after the layer under way.
+    /// Pauses after the present layer.
     #[default]
     Pause,
-    /// Continues to the last layer that it has.
+    /// Continues to the last layer that the board has.
     Continue,
 }
 
 /// Starts the job that the board stores, or continues it after a pause.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Start {
-    /// The job's id.
+    /// Identifier of the job.
     pub plan_id: u64,
-    /// What the board does when the host falls silent.
+    /// Action of the board when the host stops sending.
     pub silence: Silence,
 }
 
-/// Cancels a job: the board switches heater and steppers off and forgets the job.
+/// Cancels a job. The board switches heater and steppers off and deletes the job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Cancel {
-    /// The job's id.
+    /// Identifier of the job.
     pub plan_id: u64,
 }
 
-/// A pose on the link.
+/// A pose in a message.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Schema)]
 pub struct PoseFields {
     /// Position x, y, z, mm.
@@ -124,7 +127,7 @@ impl TryFrom<PoseFields> for Pose {
     }
 }
 
-/// Asks the board to plan by itself and to store the layers as its job.
+/// Requests that the board plans by itself and stores the layers as its job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct PlanRequest {
     /// The start pose.
@@ -137,19 +140,19 @@ pub struct PlanRequest {
     pub planner: Planner,
 }
 
-/// Asks for maintenance.
+/// Requests a maintenance task.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Maintain {
-    /// What to do.
+    /// Task to perform.
     pub task: Task,
 }
 
-/// A task of maintenance. The board limits the time of each, and chooses the speed.
+/// A maintenance task. The board limits the time of each task, and chooses the speed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Task {
-    /// Heats the nozzle; in a pause back to the temperature of growth.
+    /// Heats the nozzle. In a pause, it heats the nozzle back to the growing temperature.
     Preheat {
-        /// The temperature, hundredths of a degree Celsius.
+        /// Target temperature, hundredths of a degree Celsius.
         target_centi_c: i32,
     },
     /// Switches heater and motors off.
@@ -158,21 +161,22 @@ pub enum Task {
     Home,
     /// Turns the head.
     Rotate {
-        /// By this angle, hundredths of a degree; up to a turn to either side.
+        /// Angle of the rotation, hundredths of a degree, up to a turn to either side.
         centi_deg: i32,
     },
     /// Moves filament: forwards to load or purge, backwards to unload.
     Feed {
-        /// By this length, um.
+        /// Length of the motion, um.
         um: i32,
     },
-    /// Lets head and feed move with the heater off, the nozzle hot or not, until `CoolDown` or `Preheat`: for a robot
-    /// that is commissioned, with nothing in its nozzle that could hold the head.
+    /// Allows head and feed to move with the heater off and the nozzle at any temperature, until `CoolDown` or
+    /// `Preheat`. It serves to commission a robot whose nozzle contains nothing that could hold the head.
     DryRun,
 }
 
-/// Hands over a part of a robot's description, which replaces the board's. The parts come in their order. After the last
-/// one the board checks the description as a robot file is checked, keeps it in flash, answers, and restarts with it.
+/// Sends a part of a robot description that replaces the board's. The parts follow each other in order. After the last
+/// part the board checks the description as it checks a robot file, and writes it to flash. Then it responds and
+/// restarts with the new description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Configure {
     /// Hash of the description ([`crate::robot::Robot::hash`]).
@@ -180,23 +184,24 @@ pub struct Configure {
     /// Number of bytes of the whole description, with the version of its encoding
     /// ([`crate::robot::Robot::encode_for_board`]).
     pub length: u16,
-    /// The first of these bytes, counted from 0.
+    /// Index of the first of these bytes in the description, counted from 0.
     pub offset: u16,
     /// The bytes.
     pub bytes: Vec<u8, MAX_DESCRIPTION_PART>,
 }
 
-/// Asks for layers that the board stores.
+/// Requests layers that the board stores.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct ReadLayers {
-    /// Index of the first layer asked for.
+    /// Index of the first requested layer.
     pub first: u32,
 }
 
-/// Finds the gains of the heater's regulation at a temperature, by driving the nozzle round it. The board only reports
-/// the gains, by the event `Tuned`: it regulates with those of the robot's description.
+/// Finds the gains of the heater's controller at a temperature, by oscillating the nozzle round it. The board only
+/// reports the gains, by the event `Tuned`. It continues to control the heater with the gains of the robot's
+/// description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Tune {
-    /// The temperature to tune at, hundredths of a degree Celsius.
+    /// Temperature of the tuning, hundredths of a degree Celsius.
     pub target_centi_c: i32,
 }

@@ -1,7 +1,8 @@
-//! Goals so far away that the polynomial is all rounding: there the line's direction is found by iteration.
+//! Goals so far away that the polynomial consists of rounding errors only. For these the line's direction is found by
+//! iteration.
 //!
-//! `p - tau (t0 + u) - sigma (u + t1)` is the line, `u` its direction, and `tau` and `sigma` follow from `u`: each
-//! round comes nearer by a factor of about the distance.
+//! `p - tau (t0 + u) - sigma (u + t1)` is the line, `u` its direction, and `tau` and `sigma` follow from `u`. Each
+//! round reduces the error by a factor of about the distance.
 
 use core::f64::consts::TAU;
 
@@ -9,15 +10,16 @@ use nalgebra::Vector3;
 
 use super::{Line, Search, any_perpendicular};
 
-/// Goals beyond this, radii, have four paths, and the direction of each line hardly depends on its arcs.
+/// Distance beyond which a goal counts as far, radii. Such a goal has four paths, and the direction of each line hardly
+/// depends on its arcs.
 pub(super) const FAR: f64 = 100.0;
-/// Paths that a far goal has.
+/// Number of paths of a far goal.
 const PATHS: usize = 4;
-/// Max rounds. Each comes nearer by a factor of about the distance.
+/// Max number of rounds. Each reduces the error by a factor of about the distance.
 const MAX_ROUNDS: u32 = 12;
 
 impl Search<'_> {
-    /// The paths of each of the four sign pairs, of goals beyond [`FAR`] of which fewer are known.
+    /// Finds the paths of each of the four sign pairs, for goals beyond [`FAR`] of which fewer paths are known.
     #[inline(never)]
     pub(super) fn far(&mut self) {
         if self.problem.goal.norm() < FAR || self.paths.len() >= PATHS {
@@ -31,7 +33,7 @@ impl Search<'_> {
 
     fn far_line(&self, first_long: bool, last_long: bool) -> Line {
         let (goal, direction, ahead) = (self.problem.goal, self.problem.direction, Vector3::z());
-        // The corners' distance: `tan` of half the angle, negative beyond half a turn.
+        // Distance of the corner from an end of its arc: `tan` of half the angle, negative beyond half a turn.
         let tangent = |from: &Vector3<f64>, to: &Vector3<f64>, long: bool| {
             let half = (to - from).norm() / (to + from).norm().max(f64::MIN_POSITIVE);
             if long { -half } else { half }

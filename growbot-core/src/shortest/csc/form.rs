@@ -1,15 +1,16 @@
-//! One polynomial whose roots are all paths of this kind.
+//! A polynomial whose roots are all paths of this kind.
 //!
-//! With `tau = tan(a/2)` and `sigma = tan(b/2)` of the two arcs, the corners where their tangents meet are `tau t0` and
-//! `p - sigma t1`, and the line between them has the length `l = s + tau + sigma`. That the start's arc is tangent to
-//! the goal's line is quadratic in `sigma`; that `l` is the same from both ends is cubic. Eliminating `sigma` leaves a
-//! polynomial of degree 14 in `tau`, of which the points at which the line turns straight back, `u = -t0` and `u =
-//! -t1`, take the factor `((1 + c) - (1 - c) tau^2)^2`: degree 10 is left. The book derives it
-//! (`book/src/maths/polynomial.md`), and a test in exact rationals.
+//! The two arcs have the angles `a` and `b`, with `tau = tan(a/2)` and `sigma = tan(b/2)`. Their tangents meet in the
+//! corners `tau t0` and `p - sigma t1`, and the line between the corners has the length `l = s + tau + sigma`. The
+//! start's arc is tangent to the goal's line: this equation is quadratic in `sigma`. The length `l` is the same from
+//! both ends: this equation is cubic. Eliminating `sigma` leaves a polynomial of degree 14 in `tau`. The points at
+//! which the line turns straight back, `u = -t0` and `u = -t1`, contribute the factor `((1 + c) - (1 - c) tau^2)^2`.
+//! Division by it leaves degree 10. The book derives the polynomial (`book/src/maths/polynomial.md`), and a test
+//! derives it in exact rationals.
 //!
-//! All terms have one of the invariants `k`, `chi` and `r`, which vanish for goals straight ahead, so that nothing is
-//! lost for goals nearly so. Each coefficient comes with the sum of the magnitudes of what was added up for it: this
-//! times the rounding unit bounds its error.
+//! All terms contain one of the invariants `k`, `chi` and `r`, which vanish for goals straight ahead, so that goals
+//! nearly straight ahead lose no digits. Each coefficient has the sum of the magnitudes of its summands. This sum times
+//! the rounding unit bounds its error.
 
 use nalgebra::Vector3;
 
@@ -18,15 +19,15 @@ pub(super) const DEGREE: usize = 10;
 /// Coefficients before the division by the factor of degree 4.
 const SIZE: usize = DEGREE + 5;
 
-/// A polynomial in `tau`, coefficients ascending.
+/// A polynomial in `tau`, coefficients in ascending order.
 pub(super) struct Form {
     /// The coefficients, in units of the largest magnitude.
     pub coefficients: [f64; DEGREE + 1],
-    /// The magnitudes of what was added up for each.
+    /// Sum of the magnitudes of each coefficient's summands.
     pub magnitudes: [f32; DEGREE + 1],
 }
 
-/// A coefficient, and the magnitudes of what was added up for it.
+/// A coefficient, and the sum of the magnitudes of its summands.
 #[derive(Clone, Copy)]
 struct Term {
     value: f64,
@@ -35,7 +36,7 @@ struct Term {
 
 const NOTHING: Term = Term { value: 0.0, magnitude: 0.0 };
 
-/// Coefficients ascending, as many as are not 0 for certain.
+/// Coefficients in ascending order, up to the last that may differ from 0.
 #[derive(Clone, Copy)]
 struct Polynomial {
     terms: [Term; SIZE],
@@ -45,7 +46,7 @@ struct Polynomial {
 impl Polynomial {
     const ZERO: Self = Self { terms: [NOTHING; SIZE], count: 0 };
 
-    /// Of sums of numbers, one for each coefficient.
+    /// Creates a polynomial from sums of numbers, one sum for each coefficient.
     #[inline(never)]
     fn of(sums: &[[f64; 2]]) -> Self {
         let mut new = Self::ZERO;
@@ -81,8 +82,8 @@ impl Polynomial {
 }
 
 impl Form {
-    /// The polynomial of a goal at `p` (radii) in the direction `d` (a unit vector), seen from a tip at the origin that
-    /// grows along z.
+    /// Returns the polynomial of a goal at `p` (radii) in the direction `d` (a unit vector), as seen from a tip at the
+    /// origin that grows along z.
     #[inline(never)]
     pub fn of(p: &Vector3<f64>, d: &Vector3<f64>) -> Self {
         let mut both = Polynomial::ZERO;
@@ -91,7 +92,7 @@ impl Form {
     }
 }
 
-/// The polynomial of degree 14.
+/// Computes the polynomial of degree 14.
 #[inline(never)]
 fn numerator(p: &Vector3<f64>, d: &Vector3<f64>, all: &mut Polynomial) {
     let (z, c) = (p.z, d.z);
@@ -144,11 +145,11 @@ fn numerator(p: &Vector3<f64>, d: &Vector3<f64>, all: &mut Polynomial) {
     all.add(1.0, &big_l, &part);
 }
 
-/// Divides twice by `(1 + c) - (1 - c) t^2`, from the end at which that is stable.
+/// Divides twice by `(1 + c) - (1 - c) t^2`, from the end at which the division is stable.
 #[inline(never)]
 fn divided(terms: &mut [Term; SIZE], c: f64) -> Form {
     if c < 0.0 {
-        // The divisor reversed is its own negative, with `|c|` for `c`; and its square is the same.
+        // The reversed divisor is the negative of the divisor with `|c|` for `c`, and its square is the same.
         terms.reverse();
     }
     let (inverse, small) = (1.0 / (1.0 + c.abs()), 1.0 - c.abs());
@@ -176,7 +177,7 @@ fn divided(terms: &mut [Term; SIZE], c: f64) -> Form {
 
 #[cfg(test)]
 mod tests {
-    //! The polynomial, derived once more as the book does, in exact rationals.
+    //! An independent derivation of the polynomial, as in the book, in exact rationals.
 
     use std::vec;
     use std::vec::Vec;
@@ -186,7 +187,7 @@ mod tests {
     use num_traits::ToPrimitive;
     use proptest::prelude::*;
 
-    /// Coefficients ascending.
+    /// A polynomial, coefficients in ascending order.
     type Exact = Vec<BigRational>;
 
     fn number(n: i64) -> BigRational {
@@ -217,7 +218,7 @@ mod tests {
         a.iter().map(|a| a * factor).collect()
     }
 
-    /// The determinant, by expansion along the first row.
+    /// Returns the determinant, by expansion along the first row.
     fn determinant(rows: &[Vec<Exact>]) -> Exact {
         let [first, rest @ ..] = rows else { return exact(&[1]) };
         let mut sum = Vec::new();
@@ -232,7 +233,7 @@ mod tests {
         sum
     }
 
-    /// The quotient; nothing is left.
+    /// Returns the quotient of a division without remainder.
     fn divided_by(a: &Exact, divisor: &Exact) -> Exact {
         let (mut rest, zero) = (a.clone(), number(0));
         let (last, degree) = (divisor.last().unwrap(), divisor.len() - 1);
@@ -248,7 +249,8 @@ mod tests {
         quotient
     }
 
-    /// The polynomial of degree 10 of a goal at `p` in the direction `d`: the two tangencies, without sigma.
+    /// Returns the polynomial of degree 10 of a goal at `p` in the direction `d`: the two equations of tangency with
+    /// sigma eliminated.
     fn derived(p: &[BigRational; 3], d: &[BigRational; 3]) -> Exact {
         let [x, y, z] = p;
         let [dx, dy, c] = d;
@@ -257,14 +259,14 @@ mod tests {
         let along = &chi + z * c;
         let (less, more) = (exact(&[1, 0, -1]), exact(&[1, 0, 1]));
         let (four_squares, squares) = (exact(&[0, 0, 4]), times(&less, &less));
-        // The coefficients of powers of sigma. First: 4 tau^2 (t0 . w)^2 = (1 - tau^2)^2 |w across t0|^2.
+        // The coefficients of powers of sigma. First equation: 4 tau^2 (t0 . w)^2 = (1 - tau^2)^2 |w across t0|^2.
         let straight: Exact = vec![z.clone(), -one.clone()];
         let first = [
             minus(&times(&four_squares, &times(&straight, &straight)), &scaled(&squares, &r)),
             minus(&scaled(&squares, &(number(2) * &chi)), &scaled(&times(&four_squares, &straight), &(number(2) * c))),
             minus(&scaled(&four_squares, &(c * c)), &scaled(&squares, &k)),
         ];
-        // Second: (1 + tau^2) (1 - sigma^2) t0 . w = (1 - tau^2) (1 + sigma^2) t1 . w.
+        // Second equation: (1 + tau^2) (1 - sigma^2) t0 . w = (1 - tau^2) (1 + sigma^2) t1 . w.
         let (from_start, from_goal) = (times(&more, &straight), times(&less, &vec![along, -c.clone()]));
         let second = [
             minus(&from_start, &from_goal),

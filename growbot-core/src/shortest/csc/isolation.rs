@@ -1,9 +1,10 @@
-//! The real roots of the polynomial, each alone: Bernstein form, halved until the signs decide.
+//! The real roots of the polynomial, each isolated: its Bernstein form is halved until the signs decide.
 //!
-//! A polynomial has at most as many roots in an interval as its Bernstein coefficients there change their sign, and at
-//! most as many extremes as their differences do. That is looked at in single precision first, which a microcontroller
-//! computes in hardware, with a bound of the rounding; where that does not decide, in double precision; and where
-//! rounding leaves a sign open even then, a root is assumed, and the paths there decide.
+//! The number of roots in an interval is at most the number of sign changes of the Bernstein coefficients there. The
+//! number of extremes is at most the number of sign changes of their differences. The signs are first examined in
+//! single precision, which a microcontroller computes in hardware, with a bound of the rounding. If that does not
+//! decide, they are examined in double precision. If rounding leaves a sign open even then, the code assumes a root,
+//! and the paths at that root decide.
 
 use core::cell::Cell;
 
@@ -14,18 +15,18 @@ use super::form::{DEGREE, Form};
 /// Coefficients of a polynomial, or its Bernstein coefficients.
 type Coefficients<T> = [T; DEGREE + 1];
 
-/// Rounding of a value, in shares of the magnitudes that were added up for it: nine roundings of half an ulp. Laid
-/// paths of all kinds are found with it (`tests/laid_paths.rs`).
+/// Rounding error of a value, as a fraction of the magnitudes of its summands: nine roundings of half an ulp. With it,
+/// laid paths of all kinds are found (`tests/laid_paths.rs`).
 const ROUNDING: f64 = 2e-15;
-/// Rounding of a halving in single precision, in shares of the largest coefficient: an ulp and a half.
+/// Rounding error of a halving in single precision, as a fraction of the largest coefficient: an ulp and a half.
 const ROUNDING_F32: f32 = 1.0e-7;
-/// Halvings in single precision: with more, rounding is larger than what is left.
+/// Max number of halvings in single precision. With more, the rounding error would be larger than the values.
 const DEPTH_F32: u32 = 7;
-/// Halvings in all: roots that are closer are as one.
+/// Max number of halvings. Closer roots count as one.
 const DEPTH: u32 = 24;
-/// A root is refined until a step is below this: Newton's method on the whole path does the rest.
+/// Step size at which the refinement of a root ends. Newton's method on the whole path does the rest.
 const REFINED: f64 = 3e-8;
-/// Max steps for a root or an extreme.
+/// Max number of steps for a root or an extreme.
 const MAX_STEPS: u32 = 60;
 /// `1 / C(10, k)`.
 const INVERSE_BINOMIALS: Coefficients<f64> = [
@@ -42,16 +43,16 @@ const INVERSE_BINOMIALS: Coefficients<f64> = [
     1.0,
 ];
 
-/// A root, or a place where rounding does not tell whether there are two, one or none.
+/// A root, or a place where rounding leaves open whether there are two roots, one or none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Root {
-    /// `|tau|`, or its inverse.
+    /// `|tau|`, or the inverse of `|tau|`.
     pub x: f64,
-    /// The sign changes here for certain.
+    /// True if the sign certainly changes here.
     pub certain: bool,
 }
 
-/// A polynomial in `x` on `[0, 1]`, one of the four parts of the range of `tau`.
+/// A polynomial in `x` on `[0, 1]`, which is one of the four parts of the range of `tau`.
 pub(super) struct Part {
     coefficients: Coefficients<f64>,
     magnitudes: Coefficients<f32>,
@@ -62,7 +63,7 @@ pub(super) struct Part {
 struct Interval {
     from: f64,
     to: f64,
-    /// Halvings that have led to it.
+    /// Number of halvings that have led to the interval.
     depth: u32,
 }
 
@@ -82,12 +83,12 @@ impl Interval {
 struct Rough {
     interval: Interval,
     bernstein: Coefficients<f32>,
-    /// By how much each may be wrong.
+    /// Bound of the error of each coefficient.
     noise: f32,
 }
 
 impl Rough {
-    /// Both halves, by de Casteljau.
+    /// Returns both halves, by de Casteljau's algorithm.
     #[inline(never)]
     fn halves(&self) -> [Self; 2] {
         let max = self.bernstein.iter().fold(0.0f32, |max, b| max.max(b.abs()));
@@ -108,7 +109,7 @@ impl Rough {
     }
 }
 
-/// What the signs tell of an interval.
+/// Result of the signs in an interval.
 enum Found {
     Nothing,
     /// One root, with different signs at the ends.
@@ -117,7 +118,7 @@ enum Found {
 }
 
 impl Part {
-    /// `x = |tau|`, or `x = 1 / |tau|`; `tau` positive or negative.
+    /// Creates the part with `x = |tau|`, or `x = 1 / |tau|` if `inverse`, for positive or negative `tau`.
     pub fn of(form: &Form, positive: bool, inverse: bool) -> Self {
         let Form { mut coefficients, mut magnitudes } = *form;
         if !positive {
@@ -132,7 +133,7 @@ impl Part {
         Self { coefficients, magnitudes }
     }
 
-    /// Calls `found` with each root in `[0, 1]`, from the lowest on.
+    /// Calls `found` with each root in `[0, 1]`, in ascending order.
     #[inline(never)]
     pub fn roots(&self, found: &mut dyn FnMut(Root)) {
         let mut waiting = Vec::<Rough, { DEPTH_F32 as usize + 2 }>::new();
@@ -143,7 +144,7 @@ impl Part {
                 Found::Nothing => {}
                 Found::One => found(self.root(*interval)),
                 Found::Open if interval.depth < DEPTH_F32 => {
-                    // One more waits at each depth.
+                    // At each depth, one more interval waits.
                     let [left, right] = rough.halves();
                     let _ = waiting.push(right);
                     let _ = waiting.push(left);
@@ -153,7 +154,7 @@ impl Part {
         }
     }
 
-    /// The whole part in single precision.
+    /// Returns the whole part in single precision.
     #[inline(never)]
     fn rough(&self) -> Rough {
         let interval = Interval { from: 0.0, to: 1.0, depth: 0 };
@@ -162,7 +163,7 @@ impl Part {
         Rough { interval, bernstein, noise: self.noise(1.0) as f32 + ROUNDING_F32 * max }
     }
 
-    /// The same in double precision.
+    /// Calls `found` with each root in an interval, in double precision.
     #[inline(never)]
     fn roots_within(&self, interval: Interval, found: &mut dyn FnMut(Root)) {
         let mut waiting = Vec::<Interval, { DEPTH as usize + 1 }>::new();
@@ -176,7 +177,7 @@ impl Part {
         }
     }
 
-    /// Bernstein coefficients in an interval.
+    /// Returns the Bernstein coefficients in an interval.
     #[inline(never)]
     fn bernstein(&self, interval: &Interval) -> Coefficients<f64> {
         let mut b = self.coefficients;
@@ -206,13 +207,13 @@ impl Part {
         b
     }
 
-    /// By how much rounding may be wrong at `x`.
+    /// Returns a bound of the rounding error at `x`.
     fn noise(&self, x: f64) -> f64 {
         let x = x as f32;
         ROUNDING * f64::from(self.magnitudes.iter().rev().fold(0.0f32, |sum, magnitude| sum * x + magnitude))
     }
 
-    /// Tells what is in an interval: whether it is to be halved.
+    /// Examines an interval and calls `found` with its roots. Reports whether the interval must be halved.
     #[inline(never)]
     fn look(&self, interval: &Interval, found: &mut dyn FnMut(Root)) -> bool {
         let bernstein = self.bernstein(interval);
@@ -247,7 +248,8 @@ impl Part {
         false
     }
 
-    /// The roots on both sides of the only extreme, if it lies beyond 0, and the extreme itself where that is open.
+    /// Finds the roots on both sides of the only extreme, if the extreme is beyond 0. Reports the extreme itself as a
+    /// root if rounding leaves that open.
     fn two_roots(&self, interval: &Interval, negative: bool, found: &mut dyn FnMut(Root)) {
         let x = self.extreme(*interval, negative);
         let [value, ..] = self.jet(x);
@@ -262,7 +264,7 @@ impl Part {
         }
     }
 
-    /// Value, slope and half the curvature.
+    /// Returns the value, the slope and half the second derivative.
     #[inline(never)]
     fn jet(&self, x: f64) -> [f64; 3] {
         self.coefficients.iter().rev().fold([0.0; 3], |[value, slope, bend], coefficient| {
@@ -270,9 +272,10 @@ impl Part {
         })
     }
 
-    /// The extreme between two places with slopes of different signs; earlier where the sign has changed for certain.
+    /// Returns the extreme between two places with slopes of different signs. Ends earlier, at a place where the sign
+    /// has certainly changed.
     fn extreme(&self, mut interval: Interval, negative: bool) -> f64 {
-        // Where the values at the ends are negative, the extreme that can lie beyond 0 is a maximum.
+        // If the values at the ends are negative, the extreme that can be beyond 0 is a maximum.
         let rising = negative;
         let mut x = interval.middle();
         for _ in 0..MAX_STEPS {
@@ -295,7 +298,7 @@ impl Part {
         x
     }
 
-    /// The root between two places of different signs.
+    /// Returns the root between two places of different signs.
     #[inline(never)]
     fn root(&self, mut interval: Interval) -> Root {
         let [at_from, at_to] = [interval.from, interval.to].map(|x| self.value(x));
@@ -325,7 +328,7 @@ impl Part {
         self.coefficients.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient)
     }
 
-    /// Value and slope.
+    /// Returns the value and the slope.
     #[inline(never)]
     fn tangent(&self, x: f64) -> (f64, f64) {
         let rising = self.coefficients.iter().rev();
@@ -333,7 +336,7 @@ impl Part {
     }
 }
 
-/// What the signs of Bernstein coefficients tell, each of which may be wrong by `noise`.
+/// Returns the result of the signs of Bernstein coefficients, each with an error of at most `noise`.
 fn signs<T: Copy + PartialOrd + core::ops::Neg<Output = T> + Default>(bernstein: &Coefficients<T>, noise: T) -> Found {
     let zero = T::default();
     if bernstein.iter().any(|b| -noise <= *b && *b <= noise) {
@@ -346,7 +349,7 @@ fn signs<T: Copy + PartialOrd + core::ops::Neg<Output = T> + Default>(bernstein:
     }
 }
 
-/// Sign changes of the differences.
+/// Counts the sign changes of the differences.
 fn turns(bernstein: &Coefficients<f64>) -> usize {
     changes(bernstein.iter().zip(bernstein.iter().skip(1)).map(|(b, next)| next < b))
 }

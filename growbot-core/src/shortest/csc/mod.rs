@@ -1,24 +1,24 @@
 //! Paths of an arc, a straight line and an arc, in any planes.
 //!
-//! Given the angle `a` of the first arc, with `tau = tan(a/2)`, the lines tangent to its two ends meet in the corner `A
-//! = tau t0`. The goal's direction and the corner span the plane of the last arc, so the line is one of four: a tangent
-//! from `A`, forwards or backwards, to one of the two circles that end in the goal. For each of these branches the one
+//! The first arc has the angle `a`, with `tau = tan(a/2)`. The lines tangent to its two ends meet in the corner `A =
+//! tau t0`. The goal's direction and the corner span the plane of the last arc. So the line is one of four: a tangent
+//! from `A`, forwards or backwards, to one of the two circles that end in the goal. Each of these four branches has the
 //! equation
 //!
 //! ```text
 //! h(a) = tau^2 (1 + f) - (1 - f) = 0,   f = t0 . u
 //! ```
 //!
-//! says that the line's direction `u` differs from `t0` by the angle `a`. `tau` is negative for arcs beyond half a
-//! turn. All roots of all four branches are roots of one polynomial in `tau` of degree 10:
+//! which requires that the line's direction `u` differs from `t0` by the angle `a`. `tau` is negative for arcs beyond
+//! half a turn. All roots of all four branches are roots of one polynomial in `tau` of degree 10:
 //!
 //! - `form.rs`: the polynomial, with bounds of its rounding;
-//! - `isolation.rs`: its real roots, each alone, and the places where rounding does not tell;
+//! - `isolation.rs`: its real roots, each isolated, and the places where rounding leaves a root open;
 //! - `tangents.rs`: the branches that fit at a root, and their paths;
 //! - `special.rs`: arcs of no length or of half a turn, where roots are double, and lines that cross, where the
-//!   polynomial says nothing of the line's plane;
-//! - `far.rs`: goals so far away that the polynomial is all rounding;
-//! - `polish.rs`: Newton's method, which brings each path exactly to the goal.
+//!   polynomial does not determine the line's plane;
+//! - `far.rs`: goals so far away that the polynomial consists of rounding errors only;
+//! - `polish.rs`: Newton's method, which moves the end of each path exactly to the goal.
 
 use core::f64::consts::TAU;
 
@@ -35,45 +35,45 @@ mod polish;
 mod special;
 mod tangents;
 
-/// An arc, a straight line, an arc.
+/// A path of an arc, a straight line and an arc.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Csc {
-    /// Direction in the tip's frame towards which the first arc bends, radians.
+    /// Direction in which the first arc bends, in the frame of the tip at the start, radians.
     pub first_towards: f64,
     /// Angle of the first arc, radians.
     pub first: f64,
-    /// Length of the line.
+    /// Length of the line, radii.
     pub straight: f64,
-    /// Direction in the tip's frame, there, towards which the last arc bends, radians.
+    /// Direction in which the last arc bends, in the frame of the tip at the end of the line, radians.
     pub last_towards: f64,
     /// Angle of the last arc, radians.
     pub last: f64,
 }
 
-/// Goals nearer than this (radii) may have overlapping paths beside which a helicoidal arc lies. Trial: with 2 and 3
-/// there are 22 and 14 misses of `tests/best_known.csv`, with 8 as many as now.
+/// Distance of the goal below which there may be overlapping paths with a helicoidal arc beside them, radii. Trial:
+/// with 2 and 3 there are 22 and 14 misses of `tests/best_known.csv`, and with 8 as many as with 3.9.
 const NEAR: f64 = 3.9;
-/// Max number of paths that are retained: there are up to seven.
+/// Max number of paths that are retained. There are up to seven.
 pub const MAX_PATHS: usize = 8;
-/// Max number of overlapping paths that are retained: there are up to seven roots.
+/// Max number of overlapping paths that are retained. There are up to seven roots.
 const MAX_OVERLAPPING: usize = 8;
 /// Max overlap of two arcs, radii. Trial: with 0.3 there are 12 misses, with 3 as many as with 1.
 const MAX_OVERLAP: f64 = 1.0;
 /// Max error at the goal of a path that Newton's method refines, radii. Trial: 0.001 and 0.2 give as many misses as
-/// now.
+/// 0.05.
 const NEARLY: f64 = 0.05;
 /// Max difference of each number for two paths to count as one. Trial: with 1e-4 there are 13 misses, with 1e-10 as
 /// many as with 1e-7.
 const SAME: f64 = 1e-7;
 
 impl Csc {
-    /// Length of the whole path.
+    /// Returns the length of the whole path, radii.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.first + self.straight + self.last
     }
 
-    /// Whether it counts as the same path as another one.
+    /// Reports whether this path counts as the same as another one.
     fn is(&self, other: &Self) -> bool {
         (other.length() - self.length()).abs() < SAME
             && (other.first - self.first).abs() < SAME
@@ -81,15 +81,15 @@ impl Csc {
     }
 }
 
-/// `cos(a)` of `tau = tan(a/2)`.
+/// Returns `cos(a)` for `tau = tan(a/2)`.
 fn cosine(tau: f64) -> f64 {
     (1.0 - tau * tau) / (1.0 + tau * tau)
 }
 
-/// Paths whose line has a negative length, so that the arcs overlap. A helicoidal arc is usually near such a path.
+/// Paths whose line has a negative length, so that the arcs overlap. A helicoidal arc is usually close to such a path.
 pub(super) type Overlapping = Vec<Csc, MAX_OVERLAPPING>;
 
-/// All paths of this kind, shortest first.
+/// Returns all paths of this kind, shortest first.
 #[must_use]
 pub fn paths(problem: &Problem) -> Vec<Csc, MAX_PATHS> {
     let (mut paths, mut overlapping) = (Vec::new(), Vec::new());
@@ -98,7 +98,7 @@ pub fn paths(problem: &Problem) -> Vec<Csc, MAX_PATHS> {
 }
 
 /// Finds all paths of this kind, shortest first, and the overlapping ones. `keep_alive` is called a few times.
-#[inline(never)] // Its room on the stack is not the caller's.
+#[inline(never)] // Keeps its stack frame out of the caller's.
 pub(super) fn search(
     problem: &Problem,
     paths: &mut Vec<Csc, MAX_PATHS>,
@@ -119,7 +119,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Keeps a path that ends at the goal, after Newton's method if necessary, in order of length.
+    /// Inserts a path in order of length if it ends at the goal, after Newton's method if necessary.
     #[inline(never)]
     fn keep(&mut self, path: Csc) {
         let Some(path) = self.problem.polished(path) else { return };
@@ -130,14 +130,14 @@ impl Search<'_> {
     }
 }
 
-/// The line of a path, and how the two arcs lead to it and from it.
+/// The line of a path, and the arcs before and after it.
 struct Line {
-    /// Direction.
+    /// Direction of the line.
     u: Vector3<f64>,
-    /// Of the first arc; negative if it is more than half a turn.
+    /// `tau` of the first arc. Negative if the arc is more than half a turn.
     tau: f64,
     straight: f64,
-    /// Where the last arc bends, a unit vector across `u`.
+    /// Direction in which the last arc bends, a unit vector perpendicular to `u`.
     towards: Vector3<f64>,
     /// Angle of the last arc.
     last: f64,
@@ -151,7 +151,8 @@ impl Line {
         // The first arc bends towards the line, or away from it if it is more than half a turn.
         let (x, y) = if tau < 0.0 { (-u.x, -u.y) } else { (u.x, u.y) };
         let first_towards = libm::atan2(y, x);
-        // The tip's axes after the arc, towards the bend and across it: those at the start, turned without twist.
+        // The tip's axes after the arc, in the direction of the bend and across it. They are the axes at the start,
+        // turned without twist.
         let size = trigonometry::hypot(x, y);
         let bend = if size > 0.0 { Vector3::new(x / size, y / size, 0.0) } else { Vector3::x() };
         let across = Vector3::new(-bend.y, bend.x, 0.0);
@@ -162,7 +163,7 @@ impl Line {
     }
 }
 
-/// The angle in the deposition plane of a tip with these axes.
+/// Returns the angle of a direction in the deposition plane of a tip with these axes.
 fn in_tip(axes: &Matrix3<f64>, towards: &Vector3<f64>) -> f64 {
     let local = axes.transpose() * towards;
     libm::atan2(local.y, local.x)

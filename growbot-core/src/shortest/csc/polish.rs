@@ -1,8 +1,9 @@
-//! Brings a path exactly to the goal: Newton's method on its five numbers, regular for arcs of 0 and of whole turns.
+//! Newton's method on the five numbers of a path, which moves its end exactly to the goal. It is regular for arcs of 0
+//! and of whole turns.
 //!
-//! An arc of angle `a` that bends towards `n` is a point in a plane with the polar coordinates `a` and `n`, so its
-//! direction means nothing where the angle is 0, or a whole turn. The unknowns are therefore `eta`, across `n` in that
-//! plane (scaled by `2 sin(a/2)` further out), and the change of `a`.
+//! An arc of angle `a` that bends in the direction `n` is a point in a plane with the polar coordinates `a` and `n`. So
+//! its direction is undetermined if the angle is 0 or a whole turn. The unknowns are therefore the change of `a`, and
+//! `eta`, the displacement across `n` in that plane (scaled by `2 sin(a/2)` at larger distances).
 
 use core::f64::consts::TAU;
 
@@ -13,25 +14,25 @@ use crate::linalg5::{Cholesky, solve};
 use crate::shortest::{ARRIVED, Problem};
 use crate::trigonometry;
 
-/// Max steps.
+/// Max number of steps.
 const MAX_ROUNDS: u32 = 24;
-/// A length may be below 0 by this much from rounding.
+/// Max amount by which rounding may make a length negative, radii.
 const ROUNDING: f64 = 1e-9;
-/// A line shorter than 0 by at most this is tried from the other side, once: near a fold two paths are close, and one
-/// of them may have a line that is long enough.
+/// Max negative length of a line whose sign is reversed once, radii. Near a fold two paths are close, and one of them
+/// may have a line that is long enough.
 const REFLECTED: f64 = 1e-4;
-/// Longer steps are the smallest that make up for what is missing, damped.
+/// Max size of a Newton step. Instead of a longer step, the smallest step that corrects the error is made, damped.
 const LONG_STEP: f64 = 0.3;
-/// Within this of 0 or of a whole turn, radians, an arc is a point in a plane.
+/// Angle from 0 or from a whole turn within which an arc is treated as a point in a plane, radians.
 const POLAR: f64 = 0.5;
 
-/// What may become of a line that came out a little too short.
+/// Treatment of a line whose length came out slightly negative.
 #[derive(Clone, Copy, PartialEq)]
 enum LineIs {
     Any,
-    /// Tried from the other side of 0.
+    /// The sign of the length was reversed once.
     Reflected,
-    /// Of no length: what that leaves of the way to the goal is within [`ARRIVED`], or there is no path.
+    /// The line has no length. Either the path still ends at the goal to within [`ARRIVED`], or it does not exist.
     LeftOut,
 }
 
@@ -45,8 +46,8 @@ struct Change {
 }
 
 impl Problem {
-    /// A path that ends at the goal to within [`ARRIVED`], after Newton's method if necessary. None if it does not
-    /// converge.
+    /// Returns a path that ends at the goal to within [`ARRIVED`], after Newton's method if necessary. `None` if the
+    /// method does not converge.
     pub(super) fn polished(&self, mut path: Csc) -> Option<Csc> {
         let mut line = LineIs::Any;
         for _ in 0..MAX_ROUNDS {
@@ -86,7 +87,7 @@ impl Problem {
         None
     }
 
-    /// A change of the five numbers that makes up for what is missing.
+    /// Returns the change of the five numbers that corrects the error at the goal.
     #[inline(never)]
     fn newton_step(&self, chain: &Chain, lack: &Vector5<f64>, line: LineIs) -> Option<Change> {
         let mut jacobian = self.jacobian(chain);
@@ -108,20 +109,22 @@ impl Problem {
         Some(Change { first_across, first, straight, last_across, last })
     }
 
-    /// An offset, and a change of direction in the two axes across the goal's direction.
+    /// Returns the vector of an offset and of a change of direction, the latter in the two axes perpendicular to the
+    /// goal's direction.
     pub(in crate::shortest) fn column(&self, offset: &Vector3<f64>, turned: &Vector3<f64>) -> Vector5<f64> {
         let [e1, e2] = &self.across;
         Vector5::new(offset.x, offset.y, offset.z, turned.dot(e1), turned.dot(e2))
     }
 
-    /// What is missing to the goal at the end of a path.
+    /// Returns the error at the goal of the end of a path.
     fn lack(&self, chain: &Chain) -> Vector5<f64> {
-        // For a direction opposite to the goal's the components across it would be small too.
+        // If the direction is opposite to the goal's, its components perpendicular to the goal's direction would be
+        // small too.
         let direction = if chain.direction.dot(&self.direction) > 0.0 { -chain.direction } else { self.across[0] };
         self.column(&(self.goal - chain.end), &direction)
     }
 
-    /// Derivatives of the end with respect to the five unknowns.
+    /// Returns the derivatives of the end with respect to the five unknowns.
     fn jacobian(&self, chain: &Chain) -> Matrix5<f64> {
         let Chain { axis, edge, first_half, u, corner, side, last_half, end, direction } = chain;
         let [last_half_sin, last_half_cos] = last_half;
@@ -135,7 +138,7 @@ impl Problem {
     }
 }
 
-/// A path with its five numbers changed; its length changes by the sum of the three.
+/// Returns a path with its five numbers changed. Its length changes by the sum of the three changes of length.
 fn changed(path: Csc, change: &Change) -> Csc {
     let length = path.length() + change.first + change.straight + change.last;
     let (first_towards, first) = arc_changed(path.first_towards, path.first, change.first_across, change.first);
@@ -157,23 +160,23 @@ fn arc_changed(towards: f64, angle: f64, across: f64, change: f64) -> (f64, f64)
 
 /// The joints of a path.
 struct Chain {
-    /// About which the first arc turns.
+    /// Axis about which the first arc turns.
     axis: Vector3<f64>,
-    /// About which the first arc turns for a change across: `z sin(a/2) - n cos(a/2)`.
+    /// Axis about which the first arc turns for a change across `n`: `z sin(a/2) - n cos(a/2)`.
     edge: Vector3<f64>,
     /// `sin(a/2)`.
     first_half: f64,
     /// Direction of the line.
     u: Vector3<f64>,
-    /// Where the first arc ends.
+    /// Position of the end of the first arc.
     corner: Vector3<f64>,
-    /// About which the last arc turns.
+    /// Axis about which the last arc turns.
     side: Vector3<f64>,
     /// `sin(b/2)` and `cos(b/2)`.
     last_half: [f64; 2],
-    /// Where the path ends...
+    /// Position of the end of the path.
     end: Vector3<f64>,
-    /// ...and in which direction.
+    /// Direction of the end of the path.
     direction: Vector3<f64>,
 }
 
@@ -190,7 +193,7 @@ impl Chain {
         let corner = ahead * sin + bend * versine;
         let edge = ahead * half_sin - bend * half_cos;
 
-        // The tip's x and y axes after the first arc: those at the start, turned about `axis`.
+        // The tip's x and y axes after the first arc are those at the start, turned about `axis`.
         let (sin_last, cos_last) = trigonometry::sin_cos(path.last_towards - path.first_towards);
         let across = bend * (1.0 - versine) - ahead * sin;
         let towards = across * cos_last + axis * sin_last;

@@ -1,4 +1,4 @@
-//! Special paths that the search for roots misses: arcs of no length or of half a turn, and lines that cross.
+//! Special paths that the search for roots does not find: arcs of no length or of half a turn, and lines that cross.
 
 use core::f64::consts::{PI, TAU};
 
@@ -9,7 +9,7 @@ use super::{Csc, NEARLY, Search, cosine, in_tip};
 use crate::shortest::{ARRIVED, Problem, any_perpendicular, axes_after};
 use crate::trigonometry;
 
-/// Max error at the goal, radii and radians, of a single arc that nearly leads there.
+/// Max error at the goal, radii and radians, of a single arc that nearly leads to the goal.
 const SHORT: f64 = 4e-3;
 /// Max cosine of half the angle between the planes of two half turns.
 const APART: f64 = 0.999_98;
@@ -17,8 +17,8 @@ const APART: f64 = 0.999_98;
 const LITTLE: f64 = 0.02;
 
 impl Search<'_> {
-    /// If the lines through start and goal cross, or nearly cross, the plane of the last arc is undetermined: the
-    /// corners of both arcs coincide, and the line leaves the plane on one side or the other.
+    /// Finds the paths for which the lines through start and goal cross, or nearly cross. Then the plane of the last
+    /// arc is undetermined. The corners of both arcs coincide, and the line leaves the plane on one side or the other.
     #[inline(never)]
     pub(super) fn crossing_lines(&mut self) {
         let Problem { goal, direction, .. } = *self.problem;
@@ -52,8 +52,8 @@ impl Search<'_> {
         }
     }
 
-    /// Lines along the start or the goal, forwards or backwards, where a root has no bracket: one arc has no length or
-    /// is half a turn, and its plane is free.
+    /// Finds lines along the start or the goal, forwards or backwards, at which a root has no bracket. There one arc
+    /// has no length or is half a turn, and its plane is free.
     #[inline(never)]
     pub(super) fn special_lines(&mut self) {
         self.one_arc();
@@ -62,13 +62,13 @@ impl Search<'_> {
         self.two_half_turns();
     }
 
-    /// One of the two arcs has no length.
+    /// Finds the paths of which one of the two arcs has no length.
     fn one_arc(&mut self) {
         let Problem { goal, direction, .. } = *self.problem;
         for arc in arcs_between(&Vector3::z(), &direction) {
             let rest = goal - arc.offset;
             let towards = || in_tip(&Matrix3::identity(), &arc.towards);
-            // Straight on from the start.
+            // A line straight ahead from the start.
             if trigonometry::hypot(rest.x, rest.y) < NEARLY {
                 self.keep(Csc {
                     first_towards: 0.0,
@@ -78,7 +78,7 @@ impl Search<'_> {
                     last: arc.angle(),
                 });
             }
-            // Straight into the goal.
+            // A line straight into the goal.
             let straight = rest.dot(&direction);
             if (rest - direction * straight).norm() < NEARLY {
                 self.keep(Csc { first_towards: towards(), first: arc.angle(), straight, last_towards: 0.0, last: 0.0 });
@@ -86,10 +86,11 @@ impl Search<'_> {
         }
     }
 
-    /// One arc nearly leads to the goal: the line is short, and the other arc is short too, or nearly a whole turn.
+    /// Finds the paths if one arc nearly leads to the goal. The line is short, and the other arc is short too, or
+    /// nearly a whole turn.
     ///
-    /// What the other arc turns in the plane of the long one the long one makes up for, to first order: so that much is
-    /// tried in steps, and Newton's method finds the rest.
+    /// If the other arc turns in the plane of the long arc, the long arc compensates for that turn, to first order. So
+    /// the code tries several angles of the other arc, and Newton's method finds the rest.
     #[inline(never)]
     fn almost_one_arc(&mut self) {
         let Problem { goal, direction, .. } = *self.problem;
@@ -115,12 +116,12 @@ impl Search<'_> {
         }
     }
 
-    /// One of the two arcs is half a turn.
+    /// Finds the paths of which one of the two arcs is half a turn.
     fn half_turns(&mut self) {
         let Problem { goal, direction, .. } = *self.problem;
         let start = Vector3::z();
         for arc in arcs_between(&-start, &direction) {
-            // Half a turn first. The rest of the path determines its plane.
+            // The first arc is half a turn. The rest of the path determines its plane.
             let rest = goal - arc.offset;
             for half in about_half_turns(Vector3::new(rest.x, rest.y, 0.0), -rest.z) {
                 let first_towards = libm::atan2(half.towards.y, half.towards.x);
@@ -129,7 +130,7 @@ impl Search<'_> {
             }
         }
         for arc in arcs_between(&start, &-direction) {
-            // Half a turn last.
+            // The last arc is half a turn.
             let rest = goal - arc.offset;
             let straight = -rest.dot(&direction);
             for half in about_half_turns(rest + direction * straight, straight) {
@@ -140,12 +141,13 @@ impl Search<'_> {
         }
     }
 
-    /// Both arcs are half turns. The angle between their planes depends on the distance across.
+    /// Finds the paths of which both arcs are half turns. The angle between their planes depends on the distance
+    /// across.
     fn two_half_turns(&mut self) {
         let Problem { goal, direction, .. } = *self.problem;
         let across = 0.25 * trigonometry::hypot(goal.x, goal.y);
         if across <= 1.0 + NEARLY && direction.z > 1.0 - NEARLY {
-            // From one plane Newton's method would not leave it.
+            // If both arcs began in one plane, Newton's method would not leave it.
             let half_angle = trigonometry::acos(across.min(APART));
             let middle = libm::atan2(goal.y, goal.x);
             for half_angle in [half_angle, -half_angle] {
@@ -164,14 +166,14 @@ impl Search<'_> {
     }
 }
 
-/// An arc of about half a turn: its angle, and where it bends.
+/// An arc of about half a turn: its angle, and the direction in which it bends.
 struct HalfTurn {
     angle: f64,
     towards: Vector3<f64>,
 }
 
-/// Arcs of about half a turn that lead across by as much as this before or behind a line of this length. A long line
-/// goes across too, in the same direction as the arc or in the other.
+/// Returns arcs of about half a turn that move the path by `across`, before or after a line of this length. A long line
+/// also contributes, in the direction of the arc or in the opposite one.
 fn about_half_turns(across: Vector3<f64>, straight: f64) -> impl Iterator<Item = HalfTurn> {
     let size = across.norm();
     [across, -across].into_iter().zip([size, -size]).filter_map(move |(towards, size)| {
@@ -184,7 +186,7 @@ fn about_half_turns(across: Vector3<f64>, straight: f64) -> impl Iterator<Item =
 
 /// An arc from one direction to another.
 struct ArcBetween {
-    /// Of the angle of the short way.
+    /// Sine of the smaller angle between the directions. `cos` is its cosine.
     sin: f64,
     cos: f64,
     is_long: bool,
@@ -199,7 +201,8 @@ impl ArcBetween {
     }
 }
 
-/// The two arcs from one direction to another: the short and the long way. Any plane is used if none is determined.
+/// Returns the two arcs from one direction to another: by the smaller angle and by the larger one. If the directions
+/// determine no plane, any plane is used.
 fn arcs_between(from: &Vector3<f64>, to: &Vector3<f64>) -> [ArcBetween; 2] {
     let cos = from.dot(to);
     let across = to - from * cos;

@@ -8,21 +8,23 @@ use super::form::Form;
 use super::isolation::{Part, Root};
 use super::{Line, MAX_OVERLAP, NEAR, NEARLY, Search, cosine};
 
-/// A branch counts as a path if its misfit is below this...
+/// Max residual of a branch that counts as a path at a certain root.
 const FITS: f64 = 1e-6;
-/// ...below this where rounding does not tell whether there is a root...
+/// Max residual at a place where rounding leaves open whether there is a root.
 const MAY_FIT: f64 = 1e-2;
-/// ...or if it is within this factor of the best branch.
+/// Factor of the best branch's residual within which a branch counts as a path in any case.
 const NEARLY_BEST: f64 = 4.0;
-/// A circle with the corner inside by rounding: its tangents' squared length may be this much below 0.
+/// Max amount by which rounding may make the squared length of a tangent negative, if the corner is close to its
+/// circle.
 const INSIDE: f64 = 1e-4;
 
 /// A tangent from the corner to the goal's circles.
 #[derive(Clone, Copy)]
 struct Branch {
-    /// The circle's centre lies towards `across` from the line along the goal's direction, else away from it.
+    /// True if the circle's centre is on the side of `across` from the line along the goal's direction. False if it is
+    /// on the opposite side.
     towards: bool,
-    /// The path follows the tangent forwards, else backwards.
+    /// True if the path follows the tangent forwards, false if backwards.
     forwards: bool,
 }
 
@@ -33,14 +35,14 @@ const BRANCHES: [Branch; 4] = [
     Branch { towards: false, forwards: false },
 ];
 
-/// A number or its negative. A multiplication by 1 or -1 would be slow on the microcontroller.
+/// Returns a number or its negative. A multiplication by 1 or -1 would be slow on the microcontroller.
 fn signed(positive: bool, number: f64) -> f64 {
     if positive { number } else { -number }
 }
 
-/// What the four branches at one corner have in common.
+/// Values that are common to the four branches at one corner.
 struct Corner {
-    /// Component along the goal's direction of the way from the corner to the goal.
+    /// Component along the goal's direction of the vector from the corner to the goal.
     along: f64,
     /// Distance of the corner from the line along the goal's direction.
     distance: f64,
@@ -48,11 +50,11 @@ struct Corner {
     across: Vector3<f64>,
 }
 
-/// One of the goal's circles, and what both tangents from the corner to it have in common.
+/// One of the goal's circles, with values that are common to both tangents from the corner to it.
 #[derive(Clone, Copy)]
 struct Circle {
     towards: bool,
-    /// The centre relative to the corner, in the axes (direction, across).
+    /// Position of the centre relative to the corner, in the axes (direction, across).
     x: f64,
     y: f64,
     /// Length of the tangents from the corner to the circle.
@@ -62,7 +64,7 @@ struct Circle {
 }
 
 impl Circle {
-    /// None if the corner lies within the circle: then there are no tangents.
+    /// Creates a circle. `None` if the corner is within the circle, because then there are no tangents.
     fn new(corner: &Corner, towards: bool) -> Option<Self> {
         let (x, y) = (corner.along, signed(towards, 1.0) - corner.distance);
         let squared = x * x + y * y - 1.0;
@@ -73,11 +75,11 @@ impl Circle {
         Some(Self { towards, x, y, length: libm::sqrt(squared), scale: 1.0 / (squared + 1.0) })
     }
 
-    /// The direction of a tangent, in (direction, across), and its signed length.
+    /// Returns the direction of a tangent, in (direction, across), and its signed length.
     fn line(&self, forwards: bool) -> (f64, f64, f64) {
         let &Self { towards, x, y, scale, .. } = self;
         let length = signed(forwards, self.length);
-        // The centre lies a radius to the side of the line: centre = length u + side left(u).
+        // The centre is a radius to the side of the line: centre = length u + side left(u).
         ((x * length + signed(towards, y)) * scale, (y * length - signed(towards, x)) * scale, length)
     }
 }
@@ -91,13 +93,13 @@ impl Search<'_> {
         Corner { along, distance, across: off / distance.max(f64::MIN_POSITIVE) }
     }
 
-    /// `h / (1 + tau^2)`, which keeps it finite and its roots where they are: `f - cos(a)`.
+    /// Returns `h / (1 + tau^2)`, which is `f - cos(a)`. The division keeps the value finite and the roots unchanged.
     fn misfit_at(&self, corner: &Corner, circle: &Circle, forwards: bool, cosine: f64) -> f64 {
         let (cos, sin, _) = circle.line(forwards);
         cos * self.problem.direction.z + sin * corner.across.z - cosine
     }
 
-    /// Keeps the paths of all roots.
+    /// Inserts the paths of all roots.
     #[inline(never)]
     pub(super) fn roots(&mut self, keep_alive: &mut dyn FnMut()) {
         let form = Form::of(&self.problem.goal, &self.problem.direction);
@@ -111,7 +113,7 @@ impl Search<'_> {
         }
     }
 
-    /// Keeps the paths of one root.
+    /// Inserts the paths of one root.
     fn tangents(&mut self, tau: f64, root: Root) {
         let (corner, cosine) = (self.corner(tau), cosine(tau));
         let circles = [true, false].map(|towards| Circle::new(&corner, towards));
@@ -130,7 +132,7 @@ impl Search<'_> {
         }
     }
 
-    /// Keeps the path of a root, if its line is not too short.
+    /// Inserts the path of a root, if its line is not too short.
     fn consider(&mut self, branch: Branch, tau: f64) {
         let corner = self.corner(tau);
         let Some(circle) = Circle::new(&corner, branch.towards) else { return };
@@ -141,7 +143,7 @@ impl Search<'_> {
         }
         let across = corner.across;
         let u = self.problem.direction * cos + across * sin;
-        // From the line's direction to the goal's, turning towards the circle's centre.
+        // The angle from the line's direction to the goal's, in the direction of the circle's centre.
         let turned = libm::atan2(signed(branch.towards, -sin), cos);
         let towards = across * cos - self.problem.direction * sin;
         let towards = if branch.towards { towards } else { -towards };
@@ -150,12 +152,12 @@ impl Search<'_> {
         let path = line.path();
         let is_overlapping = straight < 0.0 && self.problem.goal.norm() < NEAR;
         if is_overlapping && !self.overlapping.iter().any(|other| other.is(&path)) {
-            // The list has room for all: there are at most seven.
+            // The list cannot be full, because there are at most seven.
             let _ = self.overlapping.push(path);
         }
         if straight > -NEARLY {
             self.keep(path);
-            // An arc of nearly a whole turn may be one of nearly nothing but for rounding.
+            // Because of rounding, an arc of nearly a whole turn may in truth have an angle of nearly 0.
             if turned < 0.0 && turned > -NEARLY {
                 self.keep(Line { last: -turned, ..line }.path());
             }

@@ -1,4 +1,4 @@
-//! Helicoidal arcs in closed form: where the curve is at a point of its course, without integration along it.
+//! Helicoidal arcs in closed form: positions on the curve, without integration along it.
 //!
 //! With `rho = |m|` and the constants `P = |p|` and `b = m . p`, `|m| + p . x' = 1` gives
 //!
@@ -7,10 +7,11 @@
 //! ```
 //!
 //! where `nu` is the min of `rho`, at the neck, and `rho2` its max. The phase `psi` is 0 at the neck and pi at the max:
-//! `rho = nu + (rho2 - nu) sin^2(psi/2)`. Length, height along `p` and the angle about `p` are integrals over `psi`
-//! that are computed by Gauss' formula, with nodes that lie closer near a narrow neck: `psi = kappa sinh v`.
+//! `rho = nu + (rho2 - nu) sin^2(psi/2)`. Length, height along `p` and the angle about `p` are integrals over `psi`.
+//! They are computed by Gauss' formula, with nodes that are closer to each other near a narrow neck: `psi = kappa sinh
+//! v`.
 //!
-//! All points are in the axes of `p`: the third axis points along `p`, from which `m` is at the distance `sqrt(rho^2 -
+//! All points are in the axes of `p`. The third axis points along `p`, and the distance of `m` from it is `sqrt(rho^2 -
 //! b^2/P^2)`.
 
 use core::f64::consts::PI;
@@ -19,10 +20,10 @@ use nalgebra::Vector3;
 
 use crate::float::Float;
 
-/// How many nodes are computed side by side.
+/// Number of nodes that are computed side by side.
 const LANES: usize = 4;
 
-/// A float with the nodes of Gauss' formula that suit it.
+/// A float with nodes of Gauss' formula for its precision.
 pub(super) trait Nodes: Float {
     /// Nodes and weights on `[0, 1]`.
     const NODES: &'static [([Self; LANES], [Self; LANES])];
@@ -80,7 +81,7 @@ const MAX_KAPPA: f64 = 2.0;
 /// Max steps of Newton's method for the max of `|m|`.
 const MAX_STEPS: u32 = 40;
 
-/// A whole curve.
+/// A whole curve, in units of the radius.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Curve<T> {
     /// `nu`, the min of `|m|`.
@@ -95,7 +96,7 @@ pub(super) struct Curve<T> {
     along: T,
     /// `nu - b/P`, without cancellation.
     gap: T,
-    /// `kappa`: how close to the neck the nodes lie.
+    /// `kappa`, the scale of the nodes' distance near the neck.
     kappa: T,
 }
 
@@ -112,19 +113,19 @@ pub(super) struct CurvePoint<T> {
     pub height: T,
     /// Position across `p` and across the component of `m` there.
     pub across: T,
-    /// Direction: along the component of `m` across `p`, across both, and along `p`.
+    /// Direction, in the components along the component of `m` across `p`, across both, and along `p`.
     pub direction: [T; 3],
-    /// `m`, in the same axes; the middle one is 0.
+    /// `m`, in the same axes. Its middle component is 0.
     pub m: [T; 3],
     /// `|m|`.
     pub rho: T,
     /// `rho rho'`.
     turning: T,
-    /// By how much `w` has turned about the tip since the neck, radians.
+    /// Angle by which `w` has turned about the tip since the neck, radians.
     pub bend: T,
 }
 
-/// What the integrals are made of, at one phase.
+/// Factors of the integrands, at one phase.
 struct Integrand<T> {
     rho: T,
     /// `rho^2 - b^2/P^2`.
@@ -134,14 +135,13 @@ struct Integrand<T> {
 }
 
 impl<T: Nodes> Curve<T> {
-    /// The curve with these numbers at the neck: `|m|`, and the component of `p` along `m`, at least 0.
+    /// Creates the curve with these numbers at the neck: `|m|`, and the component of `p` along `m`, at least 0.
     #[inline(never)]
     pub fn new(min: T, twist: T) -> Self {
         let [zero, one, two] = [0.0, 1.0, 2.0].map(T::of);
         let square = twist * twist;
         let force = (square + (one - min) * (one - min)).root().max(T::of(1e-12));
-        // Newton's method from above for the only positive root of
-        // rho^3 - (2 - nu) rho^2 - tw^2 (rho + nu).
+        // Newton's method, from above, for the only positive root of rho^3 - (2 - nu) rho^2 - tw^2 (rho + nu).
         let mut max = one + force;
         for _ in 0..MAX_STEPS {
             let value = ((max - two + min) * max - square) * max - square * min;
@@ -172,17 +172,17 @@ impl<T: Nodes> Curve<T> {
         Self { min, swing, alpha, beta, force, along: min * twist / force, gap, kappa }
     }
 
-    /// The phase of the end of the neck, where the bend has turned nearly all that it turns: where `|m|` is `narrow`
-    /// times its min and `twisted` times the square of the component of `p` along `m` at the neck.
+    /// Returns the phase of the end of the neck, at which the bend has made nearly all of its turn. There `|m|` is the
+    /// sum of `narrow` times its min and `twisted` times the square of the component of `p` along `m` at the neck.
     pub fn end_of_neck(&self, narrow: T, twisted: T) -> T {
         let twist = self.along * self.force / self.min;
         let square = ((narrow - T::of(1.0)) * self.min + twisted * twist * twist) / self.swing;
-        // Half of the phase has this sine: where it is as small as it is here, the arcsine is a short series.
+        // The sine of half the phase. It is so small here that a short series computes the arcsine.
         let sine = square.root().min(T::of(0.5));
         T::of(2.0) * sine * (T::of(1.0) + sine * sine / T::of(6.0))
     }
 
-    /// At half of a phase of at most pi.
+    /// Returns the factors of the integrands at half of a phase of at most pi.
     fn integrand(&self, half: T) -> Integrand<T> {
         let sine = half.sine_of_quarter();
         let above = self.swing * sine * sine;
@@ -192,8 +192,8 @@ impl<T: Nodes> Curve<T> {
         Integrand { rho, off_axis, root }
     }
 
-    /// From the neck to a phase of at most pi: the integrals of `ds`, `(1 - rho) ds`, `(1 - rho) / (rho^2 - b^2/P^2)
-    /// ds` and `ds / rho^2`. Length, height, angle about `p` and angle of the bend are multiples of them.
+    /// Returns the integrals, from the neck to a phase of at most pi, of `ds`, `(1 - rho) ds`, `(1 - rho) / (rho^2 -
+    /// b^2/P^2) ds` and `ds / rho^2`. Length, height, angle about `p` and angle of the bend are multiples of them.
     #[inline(never)]
     fn integrals(&self, phase: T) -> [T; 4] {
         let [zero, half, one] = [0.0, 0.5, 1.0].map(T::of);
@@ -218,7 +218,7 @@ impl<T: Nodes> Curve<T> {
         total.map(|sum| sum * scale)
     }
 
-    /// Adds nodes of a panel, lane by lane, for processors that compute several at once.
+    /// Adds the nodes of a panel, lane by lane, for processors that compute several at once.
     fn add_nodes(
         &self,
         sums: &mut [[T; LANES]; 4],
@@ -238,7 +238,7 @@ impl<T: Nodes> Curve<T> {
         }
         for lane in 0..LANES {
             let Integrand { rho, off_axis, root } = self.integrand(halves[lane]);
-            // One division for all.
+            // One division serves all integrands.
             let share = share[lane] / (root * rho * off_axis);
             let by_angle = share * rho * rho;
             let by_length = by_angle * off_axis;
@@ -249,7 +249,7 @@ impl<T: Nodes> Curve<T> {
         }
     }
 
-    /// The points at two phases, negative before the neck.
+    /// Returns the points at two phases. Phases before the neck are negative.
     #[inline(never)]
     pub fn points(&self, phases: [T; 2]) -> [CurvePoint<T>; 2] {
         let pi = T::of(PI);
@@ -258,12 +258,13 @@ impl<T: Nodes> Curve<T> {
         phases.map(|phase| self.point(phase, &to_max))
     }
 
-    /// `p` at a point: along `w = m / |m|`, across it and the direction, and along the direction.
+    /// Returns `p` at a point, in the components along `w = m / |m|`, across `w` and the direction, and along the
+    /// direction.
     pub fn p(&self, point: &CurvePoint<T>) -> [T; 3] {
         [self.along * self.force / point.rho, point.turning / point.rho, T::of(1.0) - point.rho]
     }
 
-    /// The point at a phase, given the integrals to the max.
+    /// Returns the point at a phase, given the integrals to the max.
     fn point(&self, phase: T, to_max: &[T; 4]) -> CurvePoint<T> {
         let [zero, one, two] = [0.0, 1.0, 2.0].map(T::of);
         let pi = T::of(PI);
@@ -296,7 +297,7 @@ impl<T: Nodes> Curve<T> {
 }
 
 impl<T: Float> CurvePoint<T> {
-    /// Turns numbers along the component of `m` across `p`, across both and along `p` into the axes of the curve.
+    /// Converts components along the component of `m` across `p`, across both and along `p` to the axes of the curve.
     fn turned(angle: T, [along_m, across, along_p]: [T; 3]) -> Vector3<T> {
         let (sin, cos) = angle.sine_cosine();
         Vector3::new(cos * along_m - sin * across, sin * along_m + cos * across, along_p)
@@ -321,7 +322,7 @@ mod tests {
     use crate::helicoid::{Helicoid, Walk};
     use proptest::prelude::*;
 
-    /// Logarithms of the two numbers at the neck, and a phase.
+    /// Generates logarithms of the two numbers at the neck, and a phase.
     fn curve() -> impl Strategy<Value = (f64, f64, f64)> {
         (-9.0..1.2, -4.0..1.9, 0.02..8.0).prop_filter("the neck is the max", |(min, twist, _)| {
             let min = libm::exp(*min);
@@ -353,7 +354,7 @@ mod tests {
             prop_assert!(off < 1e-9, "{off:e} radii off");
             let off = (frame.rotation * Vector3::z() - direction).norm();
             prop_assert!(off < 1e-9, "{off:e} radians off");
-            // `m` has turned about the tip, too.
+            // `m` must have turned about the tip by the same angle.
             let axis = frame.rotation.inverse() * (neck_axes.tr_mul(&point.axis()) / point.rho);
             let turned = crate::angle::wrap_signed(libm::atan2(axis.y, axis.x) - 0.5 * PI - point.bend);
             prop_assert!(turned.abs() < 1e-7, "the bend is {turned:e} off");

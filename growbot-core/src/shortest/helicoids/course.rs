@@ -1,11 +1,11 @@
-//! Where an arc is: on its curve, or on circles between its necks.
+//! The course of an arc: on its curve near the necks, and on circles between them.
 //!
-//! Away from a narrow neck the curve is nearly a circle, and it is sensitive there: a tip that comes from afar passes
-//! the neck in a direction that depends on the last digits of how it set out. So the curve is followed only near such a
-//! neck, and from there on along the circles that touch it. What that costs in length is less than 1e-6 radii: the
-//! plane of the bend would turn by 0.003 radians more, and the excess is of second order.
+//! Away from a narrow neck the curve is nearly a circle, but it is sensitive there. A tip that comes from far away
+//! passes the neck in a direction that depends on the last digits of its start. So the arc follows the curve only near
+//! such a neck, and elsewhere the circles that touch the curve. The length increases by less than 1e-6 radii, because
+//! the plane of the bend would turn by only 0.003 radians more and the excess is of second order.
 //!
-//! Where `p` has a large component along `m`, the neck is long, but it is not sensitive, either: the bend turns over.
+//! If `p` has a large component along `m`, the neck is long, but the curve is not sensitive, because the bend reverses.
 
 use core::f64::consts::{PI, TAU};
 
@@ -14,9 +14,10 @@ use nalgebra::{Matrix3, Vector3};
 use super::closed_form::{Curve, CurvePoint, Nodes};
 use crate::float::Float;
 
-/// `|m|` at the end of a neck: this multiple of its min, and...
+/// `|m|` at the end of a neck is the sum of two terms: this multiple of its min, and the term of [`TWISTED`].
 const NARROW: f64 = 300.0;
-/// ...this multiple of the square of the component of `p` along `m`, at the neck.
+/// The other term of `|m|` at the end of a neck: this multiple of the square of the component of `p` along `m` at the
+/// neck.
 const TWISTED: f64 = 32.0;
 
 /// A point of an arc in the axes of its curve.
@@ -38,12 +39,12 @@ impl<T: Float> Point<T> {
         Self { position: point.position(), direction: point.direction(), axis: point.axis(), length, rate }
     }
 
-    /// The axis as a unit vector.
+    /// Returns the axis as a unit vector.
     pub(super) fn unit_axis(&self) -> Vector3<T> {
         self.axis / self.axis.norm_squared().root().max(T::of(1e-30))
     }
 
-    /// The point that follows after this length of a circle, which may be negative.
+    /// Returns the point after this length of a circle. The length may be negative.
     fn on_circle(&self, length: T, rate: T) -> Self {
         let (sin, cos) = length.sine_cosine();
         let half = (T::of(0.5) * length).sine_cosine().0;
@@ -57,13 +58,13 @@ impl<T: Float> Point<T> {
         }
     }
 
-    /// Axis, direction, and the direction across both.
+    /// Returns the axis, the direction, and the direction perpendicular to both.
     fn axes(&self) -> Matrix3<T> {
         let axis = self.unit_axis();
         Matrix3::from_columns(&[axis, self.direction, axis.cross(&self.direction)])
     }
 
-    /// Another point of the curve, moved together with `from` to where `self` is.
+    /// Returns another point of the curve, after the motion that moves `from` to `self`.
     fn moved(&self, from: &Self, other: &Self) -> Self {
         let turn = self.axes() * from.axes().transpose();
         Self {
@@ -76,16 +77,16 @@ impl<T: Float> Point<T> {
     }
 }
 
-/// The course of a curve with circles between its necks, in phases: at a neck they are those of the curve, and on the
-/// circles they are proportional to the length.
+/// The course of a curve with circles between its necks, by phase. At a neck the phases are those of the curve, and on
+/// the circles they are proportional to the length.
 #[derive(Debug, Clone)]
 pub(super) struct Course<'a, T: Float> {
     curve: &'a Curve<T>,
-    /// The phase at which the neck ends.
+    /// Phase at which the neck ends.
     near: T,
-    /// The ends of the neck.
+    /// Points at the ends of the neck.
     ends: [CurvePoint<T>; 2],
-    /// Length of the circle from this neck to the next, and to phase, radii.
+    /// Length of the circle from this neck to the next, radii. `rate` is its length for a unit of phase.
     between: T,
     rate: T,
 }
@@ -103,7 +104,7 @@ impl<'a, T: Nodes> Course<'a, T> {
         Point::of(&self.curve.points([phase; 2])[0])
     }
 
-    /// The point at a phase.
+    /// Returns the point at a phase.
     pub(super) fn point(&self, phase: T) -> Point<T> {
         let [before, after] = self.ends.each_ref().map(Point::of);
         let forward = phase >= T::of(0.0);
@@ -124,7 +125,7 @@ impl<'a, T: Nodes> Course<'a, T> {
         entry.moved(&enter, &leave).on_circle(side * beyond, one)
     }
 
-    /// The phase after about this length from the neck, negative before it.
+    /// Returns the phase at about this length from the neck. Before the neck, both are negative.
     pub(super) fn phase_after(&self, length: T) -> T {
         let side = if length < T::of(0.0) { T::of(-1.0) } else { T::of(1.0) };
         let neck = self.ends[1].length;
@@ -141,18 +142,18 @@ impl<'a, T: Nodes> Course<'a, T> {
     }
 }
 
-/// A stretch of an arc.
+/// A segment of an arc.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Stretch {
-    /// From this point of the curve on.
+    /// A part of the curve that begins at this point.
     Curve(CurvePoint<f64>),
     /// A circle.
     Circle,
 }
 
 impl Course<'_, f64> {
-    /// Calls back for all stretches from a phase to another: with the kind, with the angle by which the axis has turned
-    /// about the tip since the start, and with the length.
+    /// Calls `add` for all segments between two phases. The arguments are the kind of the segment, the angle by which
+    /// the axis has turned about the tip since the start, and the length.
     pub(super) fn stretches(&self, start: f64, end: f64, add: &mut dyn FnMut(Stretch, f64, f64)) {
         let [before, after] = &self.ends;
         let mut turned = 0.0;
@@ -166,7 +167,7 @@ impl Course<'_, f64> {
             }
             if from < leave.min(end) {
                 let to = leave.min(end);
-                // At its ends, the neck is exactly as the circles have it.
+                // At its ends, the neck agrees exactly with the circles.
                 let at = |phase: f64| match phase {
                     _ if phase <= enter => *before,
                     _ if phase >= leave => *after,

@@ -1,4 +1,4 @@
-//! How well an arc fits between start and goal, and how its end moves.
+//! The residual of an arc between start and goal, and its derivatives.
 
 use nalgebra::{Matrix3, Matrix6x5, Vector3, Vector6};
 
@@ -8,7 +8,7 @@ use super::seed::Seed;
 use crate::float::Float;
 use crate::shortest::Problem;
 
-/// Where an arc shall end, seen from its start.
+/// Desired end of an arc, as seen from its start.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Goal<T> {
     pub(super) position: Vector3<T>,
@@ -16,7 +16,7 @@ pub(super) struct Goal<T> {
 }
 
 impl<T: Float> Goal<T> {
-    /// The goal of a problem, and its mirror image.
+    /// Returns the goal of a problem, and its mirror image.
     pub(super) fn both(problem: &Problem) -> [Self; 2] {
         [1.0, -1.0].map(|side| {
             let turned = |v: &Vector3<f64>| Vector3::new(T::of(v.x), T::of(side * v.y), T::of(v.z));
@@ -25,8 +25,8 @@ impl<T: Float> Goal<T> {
     }
 }
 
-/// `curve_from_start`: the axes of a start that grows along the curve, with the roll that brings the goal nearest to
-/// the end.
+/// Returns `curve_from_start`, the axes of a start that grows along the curve, with the roll that minimises the
+/// distance of the goal from the end.
 pub(super) fn axes<T: Float>(goal: &Goal<T>, start: &Point<T>, end: &Point<T>) -> Matrix3<T> {
     let (zero, one) = (T::of(0.0), T::of(1.0));
     let z = start.direction;
@@ -38,7 +38,7 @@ pub(super) fn axes<T: Float>(goal: &Goal<T>, start: &Point<T>, end: &Point<T>) -
     let x = x / x.norm_squared().root();
     let unrolled = Matrix3::from_columns(&[x, z.cross(&x), z]);
     let (offset, direction) = (unrolled.tr_mul(&(end.position - start.position)), unrolled.tr_mul(&end.direction));
-    // The rotation of one pair of vectors in a plane that fits it best to another pair.
+    // The rotation in a plane that fits one pair of vectors best to another pair.
     let (goal, target) = (goal.position, goal.direction);
     let cos = goal.x * offset.x + goal.y * offset.y + target.x * direction.x + target.y * direction.y;
     let sin = goal.x * offset.y - goal.y * offset.x + target.x * direction.y - target.y * direction.x;
@@ -47,7 +47,7 @@ pub(super) fn axes<T: Float>(goal: &Goal<T>, start: &Point<T>, end: &Point<T>) -
     unrolled * Matrix3::new(cos, -sin, zero, sin, cos, zero, zero, zero, one)
 }
 
-/// An arc laid into the problem.
+/// An arc placed between the start and the goal of the problem.
 pub(super) struct Fit<T: Float> {
     pub(super) start: Point<T>,
     pub(super) end: Point<T>,
@@ -64,7 +64,7 @@ impl<T: Precision> Fit<T> {
         Self { start, end, axes, misfit: misfit(goal, &start, &end, &axes) }
     }
 
-    /// The square of the misfit.
+    /// Returns the square of the residual.
     pub(super) fn square(&self) -> T {
         self.misfit.norm_squared()
     }
@@ -73,7 +73,7 @@ impl<T: Precision> Fit<T> {
         self.end.length - self.start.length
     }
 
-    /// Derivatives of the misfit with respect to the five unknowns.
+    /// Returns the derivatives of the residual with respect to the five unknowns.
     #[inline(never)]
     pub(super) fn jacobian(&self, goal: &Goal<T>, seed: &Seed<T>) -> Matrix6x5<T> {
         let share = T::SHARE;
@@ -100,7 +100,7 @@ impl<T: Precision> Fit<T> {
 }
 
 impl Fit<f64> {
-    /// The angle of `m` in the deposition plane at the start, radians.
+    /// Returns the angle of `m` in the deposition plane at the start, radians.
     pub(super) fn towards(&self) -> f64 {
         let axis = self.axes.tr_mul(&self.start.axis);
         libm::atan2(axis.y, axis.x)
@@ -111,12 +111,12 @@ fn stacked<T: Float>(offset: &Vector3<T>, turned: &Vector3<T>) -> Vector6<T> {
     Vector6::new(offset.x, offset.y, offset.z, turned.x, turned.y, turned.z)
 }
 
-/// Offset of the arc's end from the goal, and difference of the directions.
+/// Returns the residual: the offset of the arc's end from the goal, and the difference of the directions.
 fn misfit<T: Float>(goal: &Goal<T>, start: &Point<T>, end: &Point<T>, axes: &Matrix3<T>) -> Vector6<T> {
     stacked(&(end.position - start.position - axes * goal.position), &(end.direction - axes * goal.direction))
 }
 
-/// The smallest rotation that turns one unit vector into another.
+/// Returns the smallest rotation that turns one unit vector into another.
 fn shortest_turn<T: Float>(from: &Vector3<T>, to: &Vector3<T>) -> Matrix3<T> {
     let v = from.cross(to);
     let (zero, one) = (T::of(0.0), T::of(1.0));

@@ -1,14 +1,15 @@
-//! Seeds with a narrow neck where two arcs overlap, which means that the line between them has a negative length.
+//! Seeds with a narrow neck for two arcs that overlap. Overlap means that the line between the arcs has a negative
+//! length.
 //!
-//! At such a neck the bend turns from the plane of the first arc to that of the last within a very short length; two
-//! arcs would need to turn it at once. With `r = |m| / nu`, near the neck
+//! At such a neck the bend turns from the plane of the first arc to that of the last within a very short length. Two
+//! arcs would need to make this turn instantly. With `r = |m| / nu`, near the neck
 //!
 //! ```text
 //! (r r')^2 nu = 2 r^2 (r - 1) + kappa^2 (r^2 - 1),   twist = kappa sqrt(nu)
 //! ```
 //!
-//! and by integration over `r` from 1 on, the bend turns by `psi(kappa)` in all and is longer than that of two arcs by
-//! `2 c(kappa) sqrt(nu)`, which is the overlap:
+//! By integration over `r` from 1 on, the bend turns by `psi(kappa)` in total. It is longer than the bend of two arcs
+//! by `2 c(kappa) sqrt(nu)`, which is the overlap:
 //!
 //! ```text
 //! psi = 2 int (kappa / r^2) / sqrt(2 (r - 1) + kappa^2 (1 - 1/r^2)) dr
@@ -20,17 +21,17 @@ use super::seed::Seed;
 use crate::angle::wrap_signed;
 use crate::trigonometry;
 
-/// Min and max of the angle between the planes, radians: beyond, the formulas lead to necks outside of the range.
+/// Min and max of the angle between the planes, radians. Beyond them, the formulas lead to necks outside of the range.
 const ANGLES: (f64, f64) = (0.02, 3.138);
 
-/// `kappa` and `c` of an angle between two planes, to 5 and 12 % (`the_formulas_agree_with_the_integrals`).
+/// Returns `kappa` and `c` for an angle between two planes, to 5 and 12 % (`the_formulas_agree_with_the_integrals`).
 fn kappa_and_c(angle: f64) -> (f64, f64) {
     let tangent = trigonometry::tan(0.5 * angle.clamp(ANGLES.0, ANGLES.1));
     let kappa = 0.9 * tangent * libm::exp(-0.42 * libm::log(1.0 + 0.229 * tangent));
     (kappa, kappa * kappa / libm::sqrt(kappa * kappa + 1.44))
 }
 
-/// The seed of a path whose arcs overlap.
+/// Returns the seed of a path whose arcs overlap.
 pub(super) fn seed(path: &Csc) -> Seed<f64> {
     let turned = wrap_signed(path.last_towards - path.first_towards);
     let (kappa, c) = kappa_and_c(turned.abs());
@@ -40,7 +41,7 @@ pub(super) fn seed(path: &Csc) -> Seed<f64> {
         narrowness: (2.0 * libm::log(width)).clamp(-27.0, 1.0),
         twist: libm::log(kappa * width).clamp(-14.0, 2.0),
         mirrored: turned > 0.0,
-        // Away from the neck the phase is the length.
+        // Away from the neck the phase equals the length.
         start: -(path.first - 0.5 * overlap).max(0.05),
         end: (path.last - 0.5 * overlap).max(0.05),
         with_circles: false,
@@ -52,7 +53,7 @@ mod tests {
     use super::*;
     use core::f64::consts::PI;
 
-    /// `psi` and `c`, by the midpoint rule over `u`, with `r = 1 + u^2` and `u = v^2 / (1 - v)`.
+    /// Computes `psi` and `c` by the midpoint rule over `u`, with `r = 1 + u^2` and `u = v^2 / (1 - v)`.
     fn integrals(kappa: f64) -> (f64, f64) {
         let steps = 400_000_u32;
         let (mut psi, mut c) = (0.0, kappa);

@@ -1,21 +1,21 @@
 //! Helicoidal arcs from one pose to another.
 //!
-//! `|m| + p . x'` is constant along such a curve and is scaled to 1, and `|m|` swings between a min and a max. The
+//! `|m| + p . x'` is constant along such a curve and is scaled to 1, and `|m|` oscillates between a min and a max. The
 //! points with the min are the *necks*. The curve is symmetric there: half a turn about the direction of the bend maps
-//! the part after a neck to the part before it. Two numbers at the neck, `|m|` and the component of `p` along `m`, give
-//! the whole curve, and two phases give where an arc of it begins and ends.
+//! the part after a neck to the part before it. Two numbers at the neck, `|m|` and the component of `p` along `m`,
+//! determine the whole curve. Two phases determine the beginning and the end of an arc of it.
 //!
-//! - `joint.rs`: seeds from paths of arc, line and arc whose line has a negative length: a helicoidal arc with a narrow
-//!   neck takes the place of the joint;
-//! - `table.rs`: seeds from a table of arcs, those that lie to each other nearly as start and goal do;
-//! - `closed_form.rs`: where a curve is at a phase;
-//! - `course.rs`: the same with circles between very narrow necks;
-//! - `seed.rs`: what the search varies; `fit.rs`: how well that fits between start and goal;
-//! - `refine.rs`: Newton's method from a seed to the goal, first in single precision, then in double;
-//! - `neck.rs`: the pieces of which an arc is grown.
+//! - `joint.rs`: seeds from paths of arc, line and arc whose line has a negative length. A helicoidal arc with a narrow
+//!   neck replaces the joint.
+//! - `table.rs`: seeds from a table of arcs whose ends have nearly the same relative pose as start and goal.
+//! - `closed_form.rs`: the point of a curve at a phase.
+//! - `course.rs`: the point of a curve with circles between very narrow necks.
+//! - `seed.rs`: the numbers that the search varies. `fit.rs`: the residual of an arc between start and goal.
+//! - `refine.rs`: Newton's method from a seed to the goal, first in single precision, then in double precision.
+//! - `neck.rs`: the segments of which an arc is grown.
 //!
-//! All seeds are refined roughly, and the arcs found are refined precisely, the shortest first, until one arrives. This
-//! search is not complete: docs/measurements.md tells how often it misses the shortest path.
+//! All seeds are refined roughly, and the arcs found are refined precisely, shortest first, until one reaches the goal.
+//! This search is not complete. docs/measurements.md reports how often it does not find the shortest path.
 
 use heapless::Vec;
 use nalgebra::Vector3;
@@ -42,22 +42,23 @@ use seed::Seed;
 const MAX_LENGTH: f64 = 8.4;
 /// Max difference between the rough and the precise length of an arc, radii.
 const ROUGH_LENGTH: f64 = 0.02;
-/// Max difference of the rough lengths (radii) for two arcs to count as one.
+/// Max difference of the rough lengths (radii) of two arcs that count as one.
 const SAME_LENGTH: f64 = 2e-3;
-/// Max difference of the logarithms of their narrowness.
+/// Max difference of the logarithms of the narrowness of two arcs that count as one.
 const SAME_NARROWNESS: f64 = 1.0;
-/// Max number of arcs that are refined roughly and remembered, the shortest of them.
+/// Max number of roughly refined arcs that are retained. They are the shortest.
 const MAX_ROUGH: usize = 12;
-/// Logarithm of the narrowness of the neck below which arcs are not refined roughly: single precision does not tell
-/// them from arcs that meet in a corner.
+/// Logarithm of the narrowness of the neck below which arcs are not refined roughly. In single precision they cannot be
+/// distinguished from arcs that meet in a corner.
 const TOO_NARROW: f64 = -13.0;
-/// Max misfit (radii and radians) of an arc that does not arrive in single precision but is refined in double.
+/// Max residual (radii and radians) of an arc that does not reach the goal in single precision but is refined in double
+/// precision.
 const NEARLY: f32 = 0.05;
 
-/// A piece of a helicoidal arc.
+/// A segment of a helicoidal arc.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Piece {
-    /// The curve, in the frame of the tip that starts the piece.
+    /// The curve, in the frame of the tip that starts the segment.
     pub curve: Helicoid,
     /// Length, radii.
     pub length: f64,
@@ -67,22 +68,23 @@ pub struct Piece {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HelicoidalArc {
     seed: Seed<f64>,
-    /// The angle of `m` in the deposition plane at the start (of the mirror image, if it is mirrored), radians.
+    /// Angle of `m` in the deposition plane at the start (of the mirror image, if the arc is mirrored), radians.
     towards: f64,
     length: f64,
 }
 
 impl HelicoidalArc {
-    /// Length, radii.
+    /// Returns the length, radii.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.length
     }
 }
 
-/// The shortest helicoidal arc to the goal that is found and is shorter than `longest`. `overlapping` are paths of arc,
-/// line and arc whose line has a negative length. `keep_alive` is called every few milliseconds on a microcontroller.
-#[inline(never)] // Its room on the stack is not the caller's.
+/// Returns the shortest helicoidal arc to the goal that is found and is shorter than `longest`. `overlapping` are paths
+/// of arc, line and arc whose line has a negative length. `keep_alive` is called every few milliseconds on a
+/// microcontroller.
+#[inline(never)] // Keeps its stack frame out of the caller's.
 pub(super) fn shortest(
     problem: &Problem,
     overlapping: &[Csc],
@@ -111,7 +113,7 @@ struct RoughArcs {
     /// The goal, and its mirror image.
     goals: [Goal<f32>; 2],
     longest: f64,
-    /// The arcs, by length.
+    /// The arcs, in order of length.
     arcs: Vec<RoughArc, MAX_ROUGH>,
 }
 
@@ -120,7 +122,7 @@ impl RoughArcs {
         Self { goals: Goal::both(problem), longest, arcs: Vec::new() }
     }
 
-    /// Refines the seed of a path whose arcs overlap, and keeps the arc.
+    /// Refines the seed of a path whose arcs overlap, and inserts the arc.
     #[inline(never)]
     fn add_joint(&mut self, path: &Csc, keep_alive: &mut dyn FnMut()) {
         let seed = joint::seed(path);
@@ -131,7 +133,7 @@ impl RoughArcs {
         }
     }
 
-    /// Refines a seed roughly, and keeps the arc.
+    /// Refines a seed roughly, and inserts the arc.
     #[inline(never)]
     fn add(&mut self, seed: &Seed<f32>, keep_alive: &mut dyn FnMut()) {
         let [goal, mirror_image] = &self.goals;
@@ -144,7 +146,7 @@ impl RoughArcs {
         self.keep(RoughArc { seed: rough.precise(), length: fit.length().into(), arrived });
     }
 
-    /// Keeps an arc that may be the shortest. A full list drops the longest.
+    /// Inserts an arc that may be the shortest. A full list drops the longest arc.
     fn keep(&mut self, arc: RoughArc) {
         let RoughArc { length, ref seed, .. } = arc;
         let is_same = |other: &RoughArc| {
@@ -158,7 +160,8 @@ impl RoughArcs {
         }
     }
 
-    /// Refines the arcs precisely, the shortest first, until those left are longer than the shortest that arrives.
+    /// Refines the arcs precisely, shortest first, until the remaining ones are longer than the shortest that reaches
+    /// the goal.
     #[inline(never)]
     fn shortest(&self, problem: &Problem, keep_alive: &mut dyn FnMut()) -> Option<HelicoidalArc> {
         let [goal, mirror_image] = &Goal::both(problem);
@@ -179,19 +182,19 @@ impl RoughArcs {
     }
 }
 
-/// How start and goal lie to each other, in numbers that the roll does not change, with start and goal in a canonical
-/// order, and the goal on a canonical side.
+/// Relative pose of start and goal, in numbers that the roll does not change. Start and goal are in a canonical order,
+/// and the goal is on a canonical side.
 #[derive(Debug, Clone, Copy)]
 struct Invariants {
     numbers: [f32; 5],
-    /// The goal lies to the other side.
+    /// True if the goal is on the opposite side.
     mirrored: bool,
-    /// Start and goal are exchanged.
+    /// True if start and goal are exchanged.
     reversed: bool,
 }
 
 impl Invariants {
-    /// The weights of the numbers were found by trial.
+    /// Returns the invariants of a problem. The weights of the numbers were found by trial.
     fn of(problem: &Problem) -> Self {
         let Problem { goal, direction, .. } = problem;
         let (along_start, along_goal) = (goal.z, goal.dot(direction));
@@ -206,7 +209,7 @@ impl Invariants {
         Self { numbers: numbers.map(|number| number as f32), mirrored: side < 0.0, reversed: along_start < along_goal }
     }
 
-    /// Square of the distance.
+    /// Returns the square of the distance.
     fn distance(&self, other: &[f32; 5]) -> f32 {
         self.numbers.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum()
     }

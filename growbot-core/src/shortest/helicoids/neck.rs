@@ -1,8 +1,9 @@
-//! The pieces of which a helicoidal arc is grown: it is cut at its necks.
+//! The segments of which a helicoidal arc is grown: the arc is cut at its necks.
 //!
-//! Growth into a narrow neck magnifies rounding errors: the plane of the bend turns there within a short length. So the
-//! arc is cut at its necks. Each piece begins with the `m` and `p` of the closed form, so that no piece magnifies the
-//! error of the one before. Very narrow necks lie between circles (`course.rs`), which are pieces without `p`.
+//! Growth into a narrow neck magnifies rounding errors, because the plane of the bend turns there within a short
+//! length. So the arc is cut at its necks. Each segment begins with the `m` and `p` of the closed form, so that no
+//! segment magnifies the error of the previous one. Very narrow necks lie between circles (`course.rs`), which are
+//! segments without `p`.
 
 use core::f64::consts::TAU;
 
@@ -16,22 +17,22 @@ use super::{HelicoidalArc, Piece};
 use crate::helicoid::Helicoid;
 use crate::trigonometry;
 
-/// Max number of pieces.
+/// Max number of segments.
 pub const MAX_PIECES: usize = crate::path::MAX_SEGMENTS;
-/// Max number of necks within an arc that may be the shortest: they are one turn of the phase apart.
+/// Max number of necks within an arc that may be the shortest. They are one turn of the phase apart.
 const MAX_NECKS: usize = 2;
 /// Logarithm of the narrowness below which a neck divides its arc.
 const NARROW: f64 = -3.0;
-/// Min length of a piece, radii: cuts nearer to the ends are left out.
+/// Min length of a segment, radii. Cuts that are closer to the ends are omitted.
 const MIN_PIECE: f64 = 1e-6;
 
 impl HelicoidalArc {
-    /// The pieces in order.
+    /// Returns the segments in order.
     #[must_use]
     #[inline(never)]
     pub fn pieces(&self) -> Vec<Piece, MAX_PIECES> {
         let mut pieces = Vec::new();
-        // There is room for all pieces of an arc that may be the shortest.
+        // The list has space for all segments of an arc that may be the shortest.
         let mut add = |curve, length| {
             let _ = pieces.push(Piece { curve, length });
         };
@@ -66,32 +67,32 @@ impl HelicoidalArc {
         add(end);
     }
 
-    /// A circle after the axis has turned about the tip since the start, by `turned`.
+    /// Returns a circle for a place at which the axis has turned by `turned` about the tip since the start.
     fn circle(&self, turned: f64) -> Helicoid {
         let (sin, cos) = trigonometry::sin_cos(self.towards + turned);
         let side = if self.seed.mirrored { -1.0 } else { 1.0 };
         Helicoid { m0: Vector3::new(side * cos, sin, 0.0), p: Vector3::zeros() }
     }
 
-    /// The curve from a point on, in the frame of the tip there. The axis `w` about which the tip turns has turned
-    /// about the tip itself since the start, by `turned`.
+    /// Returns the curve from a point on, in the frame of the tip there. `turned` is the angle by which the axis `w`,
+    /// about which the tip turns, has turned about the tip itself since the start.
     fn in_tip(&self, curve: &Curve<f64>, turned: f64, point: &CurvePoint<f64>) -> Helicoid {
         let (sin, cos) = trigonometry::sin_cos(self.towards + turned);
         let (w, beside) = (Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0));
         let [along_w, along_beside, ahead] = curve.p(point);
         let (mut m0, mut p) = (w * point.rho, w * along_w + beside * along_beside + Vector3::z() * ahead);
         if self.seed.mirrored {
-            // `p` is a vector like a direction, `m` one like an axis.
+            // `p` is a vector like a direction, and `m` is a vector like an axis, so they are mirrored differently.
             m0.x = -m0.x;
             p.y = -p.y;
         }
-        // The scale is free: the longer of the two becomes a unit vector.
+        // The scale is arbitrary, so the longer of the two becomes a unit vector.
         let scale = m0.norm().max(p.norm());
         Helicoid { m0: m0 / scale, p: p / scale }
     }
 }
 
-/// The phases of the necks within an arc at which it is cut, in order.
+/// Returns the phases of the necks at which an arc is cut, in order.
 fn necks(seed: &Seed<f64>) -> Vec<f64, MAX_NECKS> {
     let mut necks = Vec::new();
     for neck in [-TAU, 0.0, TAU] {

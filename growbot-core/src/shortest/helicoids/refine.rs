@@ -1,4 +1,4 @@
-//! Refinement of a seed by Newton's method, and by that of Levenberg and Marquardt where it fails.
+//! Refinement of a seed by Newton's method, or by the Levenberg-Marquardt method if Newton's method fails.
 //!
 //! The five unknowns are the logarithms of the two numbers at the neck, the lengths before and after the neck, and the
 //! roll.
@@ -14,24 +14,24 @@ use crate::linalg5::{self, Cholesky};
 /// Max number of dampings tried in one round.
 const MAX_DAMPINGS: usize = 2;
 const MAX_HALVINGS: usize = 3;
-/// How many times an arc is seen from another neck.
+/// Max number of times that an arc is converted to another neck.
 const MAX_VIEWS: u32 = 2;
 /// Max change of the logarithm of the narrowness of a very narrow neck in a step.
 const MAX_NARROWER: f64 = 0.5;
 
-/// How well an arc is refined in a precision.
+/// Parameters of the refinement of an arc in one precision.
 pub(super) trait Precision: Nodes {
     /// Max number of rounds.
     const ROUNDS: usize;
-    /// Max misfit after them, radii and radians.
+    /// Max residual after these rounds, radii and radians.
     const MISFIT: Self;
     /// Relative change of the numbers at the neck for the numerical derivative.
     const SHARE: Self;
-    /// The result is refined further, and circles are not worth while.
+    /// True if the result is refined further. In that case circles are not worth their time.
     const IS_ROUGH: bool;
     /// First damping.
     const DAMPING: Self;
-    /// Share to which three rounds must reduce the square of the misfit.
+    /// Fraction to which three rounds must reduce the square of the residual.
     const FALL: Self;
 }
 
@@ -53,7 +53,8 @@ impl Precision for f64 {
     const FALL: Self = 1.0;
 }
 
-/// Newton's step, which needs no squares: they lose half of the digits, and near a circle there are few.
+/// Returns Newton's step without forming squares, which would lose half of the digits. Near a circle there are few
+/// digits.
 #[inline(never)]
 fn newton<T: Float>(jacobian: &Matrix6x5<T>, misfit: &Vector6<T>, fit: &Fit<T>, goal: &Goal<T>) -> Option<Vector5<T>> {
     let target = fit.axes * goal.direction;
@@ -72,15 +73,15 @@ fn newton<T: Float>(jacobian: &Matrix6x5<T>, misfit: &Vector6<T>, fit: &Fit<T>, 
     linalg5::solve(&Matrix5::from_columns(&columns), &-five((*misfit).into()))
 }
 
-/// What became of a seed.
+/// Result of the refinement of a seed.
 pub(super) enum Refined<T: Float> {
     /// The arc leads to the goal.
     Arrived(Seed<T>, Fit<T>),
-    /// The method did not converge; here is how far it came.
+    /// The method did not converge. The arc is the last one reached.
     Not(Seed<T>, Fit<T>),
 }
 
-/// The arc near a seed that leads to the goal, seen from a neck.
+/// Refines a seed to the arc that leads to the goal, with the arc's phases counted from a neck.
 pub(super) fn refined_precisely(
     goal: &Goal<f64>,
     seed: &Seed<f64>,
@@ -97,7 +98,7 @@ pub(super) fn refined_precisely(
     None
 }
 
-/// The arc near a seed that leads to the goal.
+/// Refines a seed to the arc that leads to the goal.
 #[inline(never)]
 pub(super) fn refined<T: Precision>(goal: &Goal<T>, seed: &Seed<T>, keep_alive: &mut dyn FnMut()) -> Refined<T> {
     let mut seed = *seed;
@@ -136,8 +137,8 @@ pub(super) fn refined<T: Precision>(goal: &Goal<T>, seed: &Seed<T>, keep_alive: 
     Refined::Not(seed, fit)
 }
 
-/// A step of Newton's method, damped by Deuflhard's natural monotonicity test, and the share to which it has reduced
-/// the step that is left.
+/// Makes a step of Newton's method, damped by Deuflhard's natural monotonicity test. Also returns the fraction to which
+/// it has reduced the remaining step.
 #[inline(never)]
 fn newton_step<T: Precision>(
     goal: &Goal<T>,
@@ -148,7 +149,7 @@ fn newton_step<T: Precision>(
     let mut full = newton(jacobian, &fit.misfit, fit, goal)?;
     let size = seed.size(&full);
     if seed.with_circles {
-        // It follows last, when all others are right.
+        // The narrowness converges last, after all other unknowns.
         full[0] = full[0].max(T::of(-MAX_NARROWER)).min(T::of(MAX_NARROWER));
     }
     let mut share = T::of(1.0).min(T::of(1.0) / full.amax());
@@ -166,7 +167,7 @@ fn newton_step<T: Precision>(
     None
 }
 
-/// A step of the Levenberg-Marquardt method.
+/// Makes a step of the Levenberg-Marquardt method.
 #[inline(never)]
 fn damped_step<T: Precision>(
     goal: &Goal<T>,
@@ -205,7 +206,7 @@ mod tests {
     use nalgebra::Rotation3;
     use proptest::prelude::*;
 
-    /// The goal at the end of an arc.
+    /// Returns the goal at the end of an arc.
     fn goal_of(arc: &Seed<f64>) -> (Goal<f64>, f64) {
         let [start, end] = arc.ends(&arc.curve());
         let start_from_curve = Rotation3::rotation_between(&start.direction, &Vector3::z()).unwrap();

@@ -1,4 +1,4 @@
-//! An arc of a curve: what the search varies.
+//! An arc of a curve, with the numbers that the search varies.
 
 use core::f64::consts::PI;
 
@@ -9,9 +9,9 @@ use super::course::{Course, Point};
 use super::fit::Fit;
 use super::refine::Precision;
 
-/// Logarithms of narrowness and twist below which a curve gets circles...
+/// Logarithms of narrowness and twist below which a curve gets circles.
 const CIRCLES: (f64, f64) = (-11.0, -4.0);
-/// ...and how far a refinement may lead across them.
+/// Max distance beyond these limits to which a refinement may lead.
 const ACROSS: f64 = 2.0;
 /// Min of the logarithm of the narrowness.
 const NARROWEST: f64 = -30.0;
@@ -21,15 +21,15 @@ const NARROWEST: f64 = -30.0;
 pub(super) struct Seed<T> {
     /// Logarithm of `|m|` at the neck.
     pub(super) narrowness: T,
-    /// Logarithm of the absolute value of the component of `p` along `m` there.
+    /// Logarithm of the absolute value of the component of `p` along `m` at the neck.
     pub(super) twist: T,
-    /// The twist is negative: the curve is mirrored.
+    /// True if the twist is negative, so that the curve is mirrored.
     pub(super) mirrored: bool,
     /// Phase at which the arc begins.
     pub(super) start: T,
-    /// Where it ends.
+    /// Phase at which the arc ends.
     pub(super) end: T,
-    /// It is a chain of circles between very narrow necks (`course.rs`).
+    /// True if the arc is a chain of circles between very narrow necks (`course.rs`).
     pub(super) with_circles: bool,
 }
 
@@ -38,7 +38,7 @@ impl<T: Precision> Seed<T> {
         Curve::new(self.narrowness.exponential(), self.twist.exponential())
     }
 
-    /// The arc after a step: changes of both logarithms, and of the lengths before and after the neck.
+    /// Returns the arc after a step, which changes both logarithms and the lengths before and after the neck.
     pub(super) fn changed(&self, step: &Vector5<T>, fit: &Fit<T>) -> Self {
         Self {
             narrowness: self.narrowness + step[0],
@@ -49,13 +49,14 @@ impl<T: Precision> Seed<T> {
         }
     }
 
-    /// By how much the twist changes with the narrowness. Near a very narrow neck all depends on the twist as a
-    /// multiple of the square root of `|m|`, and hardly on `|m|` itself: the two would be nearly the same unknown.
+    /// Returns the change of the twist with the narrowness. Near a very narrow neck the arc depends on the twist as a
+    /// multiple of the square root of `|m|`, and hardly on `|m|` itself. Without this term the two would be nearly the
+    /// same unknown.
     pub(super) fn twist_by_narrowness(&self) -> T {
         T::of(if self.with_circles { 0.5 } else { 0.0 })
     }
 
-    /// The norm of a step, in which the narrowness of a very narrow neck counts as what it means for the lengths.
+    /// Returns the norm of a step. The narrowness of a very narrow neck counts by its effect on the lengths.
     pub(super) fn size(&self, step: &Vector5<T>) -> T {
         let mut step = *step;
         if self.with_circles {
@@ -64,7 +65,7 @@ impl<T: Precision> Seed<T> {
         step.norm_squared().root()
     }
 
-    /// The ends of the arc on its curve.
+    /// Returns the ends of the arc on its curve.
     pub(super) fn ends(&self, curve: &Curve<T>) -> [Point<T>; 2] {
         let phases = [self.start, self.end];
         if self.with_circles && !T::IS_ROUGH {
@@ -101,27 +102,27 @@ impl Seed<f32> {
 }
 
 impl Seed<f64> {
-    /// Whether the arc is seen from a neck: the method may come to see it from where `|m|` has its max, and the closed
-    /// form is not precise there.
+    /// Reports whether the phases of the arc are counted from a neck. The refinement may lead to phases that are
+    /// counted from the max of `|m|`, where the closed form is not precise.
     pub(super) fn is_seen_from_neck(&self) -> bool {
         self.curve().swing >= 0.0
     }
 
-    /// The same arc seen from a neck.
+    /// Returns the same arc with its phases counted from a neck.
     #[inline(never)]
     pub(super) fn seen_from_neck(&self) -> Self {
         let swing = self.curve().swing;
         if swing >= 0.0 {
             return *self;
         }
-        // `m . p` is the same everywhere, and the phase is half a turn on.
+        // `m . p` is constant along the curve, and the phase is shifted by half a turn.
         let min = libm::log(libm::exp(self.narrowness) + swing);
         let shift = if self.start + self.end < 0.0 { PI } else { -PI };
         let twist = self.twist + self.narrowness - min;
         Self { narrowness: min, twist, start: self.start + shift, end: self.end + shift, ..*self }
     }
 
-    /// The same with circles between the necks, if they are very narrow.
+    /// Returns the arc with circles between its necks, if they are very narrow.
     #[inline(never)]
     pub(super) fn with_circles(&self) -> Self {
         if self.narrowness >= CIRCLES.0 || self.twist >= CIRCLES.1 {
@@ -132,7 +133,7 @@ impl Seed<f64> {
         self.between_lengths(&curve, start, end)
     }
 
-    /// The arc of its curve with circles, from one length to another, seen from the neck.
+    /// Returns the arc of its curve with circles between two lengths, counted from the neck.
     fn between_lengths(&self, curve: &Curve<f64>, start: f64, end: f64) -> Self {
         let course = Course::new(curve);
         Self { start: course.phase_after(start), end: course.phase_after(end), with_circles: true, ..*self }

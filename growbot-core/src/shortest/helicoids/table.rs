@@ -1,7 +1,8 @@
-//! Seeds from a table of arcs, those that lie to each other most nearly as start and goal do.
+//! Seeds from a table of arcs. The chosen arcs are those whose ends have most nearly the same relative pose as start
+//! and goal.
 //!
-//! The table was made by drawing goals at random, beginning with an empty one: where the search missed an arc that was
-//! found from thousands of seeds, the arc joined the table.
+//! The table was made from goals drawn at random, beginning with an empty table. If the search did not find an arc that
+//! was found from thousands of seeds, the arc was added to the table.
 
 use heapless::Vec;
 
@@ -9,23 +10,24 @@ use super::Invariants;
 use super::seed::Seed;
 use crate::shortest::insert_behind;
 
-/// How many seeds are tried. Trial: with 8 of 24 arcs, 8 of 6,000 goals within 3.6 radii are missed, with 10 and 12,
-/// 4 and 3.
+/// Number of seeds that are tried. Trial: with 8 of 24 arcs, 8 of 6,000 goals within 3.6 radii are missed, with 10 and
+/// 12, 4 and 3.
 const NEAREST: usize = 10;
 
 /// An arc of the table.
 struct Entry {
     seed: Seed<f32>,
-    /// [`Invariants::numbers`].
+    /// The numbers of [`Invariants::numbers`].
     invariants: [f32; 5],
 }
 
-/// Logarithms of narrowness and twist, and the phases of start and end; whether it is mirrored; and the invariants.
+/// Creates an entry from the logarithms of narrowness and twist with the phases of start and end, from whether the arc
+/// is mirrored, and from the invariants.
 const fn arc([narrowness, twist, start, end]: [f32; 4], mirrored: bool, invariants: [f32; 5]) -> Entry {
     Entry { seed: Seed { narrowness, twist, mirrored, start, end, with_circles: false }, invariants }
 }
 
-/// The nearest arcs of the table, nearest first.
+/// Returns the nearest arcs of the table, nearest first.
 pub(super) fn nearest(asked: &Invariants) -> impl Iterator<Item = Seed<f32>> + use<> {
     let mut nearest = Vec::<(f32, &'static Entry), NEAREST>::new();
     for entry in ARCS.iter() {
