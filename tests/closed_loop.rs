@@ -9,9 +9,11 @@ use growbot_client::robot_file;
 use growbot_core::path::{Leg, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors, Task, grow_closed, grow_open};
+use growbot_core::simulation::{
+    DirectionSensor, Disturbance, GrowthTask, SimulatedSensors, grow_closed_loop, grow_open_loop,
+};
 use growbot_core::slicing::{LIMIT_SLACK, Slicing, layers};
 use growbot_core::tracking::SensorNoise;
 use growbot_sim::parallel;
@@ -29,29 +31,29 @@ const ODOMETRY: f64 = 0.01;
 const DIRECTION: f64 = 0.5;
 
 /// A pose at a place, pointing anywhere.
-fn pose(position: Vector3<f64>, random: &mut Random) -> Pose {
+fn pose(position: Vector3<f64>, random: &mut Rng) -> Pose {
     let direction = random.direction();
     Pose::new(position, libm::atan2(direction.y, direction.x), libm::asin(direction.z)).unwrap()
 }
 
 /// The open and the closed loop's arrival, of one seed.
 fn pair(robot: &Robot, distance: u32, disturbance: &Disturbance, seed: u64) -> [Arrival; 2] {
-    let mut random = Random::new(&[u64::from(distance), seed]);
+    let mut random = Rng::new(&[u64::from(distance), seed]);
     let radius = robot.description().planning_radius_mm;
     let start = pose(Vector3::zeros(), &mut random);
     let place = random.direction() * f64::from(distance) * radius;
     let goal = pose(place, &mut random);
     let path = plan(robot, &start, &goal, radius, Planner::Shortest).unwrap().path;
-    let sensors = Sensors {
+    let sensors = SimulatedSensors {
         noise: SensorNoise { odometry: ODOMETRY, direction: DIRECTION.to_radians() },
         odometry_scale: 0.0,
         direction: DirectionSensor::Tip,
     };
     let planned = layers(&path, robot, Slicing::Exact).map(|sliced| sliced.layer);
-    let open = grow_open(&start, planned, disturbance, seed, |_| {});
-    let legs = [Leg { goal, segments: path.len() }];
-    let task = Task { robot, start, path: &path, legs: &legs };
-    let closed = grow_closed(&task, disturbance, &sensors, seed, |layer, _, base_from_tip| {
+    let open = grow_open_loop(&start, planned, disturbance, seed, |_| {});
+    let legs = [Leg { goal, segment_count: path.len() }];
+    let task = GrowthTask { robot, start, path: &path, legs: &legs };
+    let closed = grow_closed_loop(&task, disturbance, &sensors, seed, |layer, _, base_from_tip| {
         if let Err(error) = robot.check_layer(layer, LIMIT_SLACK) {
             panic!("{}, {distance} R, seed {seed}: {error}", robot.name());
         }

@@ -4,9 +4,9 @@
 use growbot_client::client::{Client, ClientError};
 use growbot_client::robot_file;
 use growbot_core::link::message::{
-    BadDescription, Configure, MAX_DESCRIPTION_PART, Message, Refusal, ResetCause, State, Task,
+    Configure, DescriptionError, MAX_DESCRIPTION_PART, MaintenanceTask, Message, Refusal, ResetCause, State,
 };
-use growbot_core::robot::{LONGEST_VERSIONED, Robot};
+use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
 
@@ -42,30 +42,30 @@ fn the_image_checks_and_keeps_a_description_and_restarts_with_it() {
     let mut client = Client::new(Box::new(emulator), "the emulated board");
     client.hello_robot(&old).unwrap();
 
-    let mut buffer = [0; LONGEST_VERSIONED];
+    let mut buffer = [0; MAX_VERSIONED_LEN];
     let bytes = new.encode_for_board(&mut buffer).unwrap().to_vec();
     let mut negative = bytes.clone();
     // The planning radius follows on the name.
     let at = 2 + new.name().len();
     negative[at..at + 8].copy_from_slice(&(-1.0_f64).to_le_bytes());
     for (bad, why) in [
-        (&bytes[..bytes.len() - 1], BadDescription::Unreadable),
-        (&negative[..], BadDescription::Number),
+        (&bytes[..bytes.len() - 1], DescriptionError::Unreadable),
+        (&negative[..], DescriptionError::Number),
         (
-            &old.encode_for_board(&mut [0; LONGEST_VERSIONED]).unwrap().to_vec()[..],
-            BadDescription::OtherHash { found: old.hash() },
+            &old.encode_for_board(&mut [0; MAX_VERSIONED_LEN]).unwrap().to_vec()[..],
+            DescriptionError::HashMismatch { found: old.hash() },
         ),
     ] {
-        assert_eq!(refusal(hand_over(&mut client, &new, bad)), Refusal::BadDescription { why });
+        assert_eq!(refusal(hand_over(&mut client, &new, bad)), Refusal::InvalidDescription { why });
     }
-    assert_eq!(client.board().unwrap().robot, old.hash());
+    assert_eq!(client.board().unwrap().robot_hash, old.hash());
 
     let hello = client.configure(&new).unwrap();
-    assert_eq!((hello.robot, hello.robot_name.as_str()), (new.hash(), "growbot-b"));
+    assert_eq!((hello.robot_hash, hello.robot_name.as_str()), (new.hash(), "growbot-b"));
     assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::External, State::Idle));
 
-    client.maintain(Task::Preheat { target_centi_c: 20_000 }).unwrap();
+    client.maintain(MaintenanceTask::Preheat { target_centi_c: 20_000 }).unwrap();
     assert_eq!(refusal(client.configure(&old)), Refusal::WrongState { state: State::Maintenance });
     client.stop().unwrap();
-    assert_eq!(client.board().unwrap().robot, new.hash());
+    assert_eq!(client.board().unwrap().robot_hash, new.hash());
 }

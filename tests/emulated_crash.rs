@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use growbot_client::client::{Client, ClientError};
 use growbot_client::robot_file;
 use growbot_core::link::message::{
-    Begin, Empty, Fault, ImageCheck, Message, Refusal, ResetCause, Silence, Start, State, Status, Tune,
+    BeginJob, Empty, Fault, HostSilencePolicy, ImageCheck, Message, Refusal, ResetCause, Start, State, Status, Tune,
 };
 use growbot_firmware::emulated_tip as table;
 use growbot_host::crash::{Crash, Image};
@@ -40,7 +40,7 @@ fn a_crash_is_told_after_the_reset_by_function_and_line() {
     let image = Image::open(&path).unwrap();
     let (mut client, words) = board(&path);
     let report = client.boot().unwrap();
-    assert_eq!((report.image, report.crash), (ImageCheck::Sound { crc: image.crc().unwrap() }, None));
+    assert_eq!((report.image, report.crash), (ImageCheck::Valid { crc: image.crc().unwrap() }, None));
 
     let nowhere = Some(format!("{:08x}", table::NOWHERE));
     for (how, cause, function, reason, address) in [
@@ -128,11 +128,11 @@ fn an_image_that_is_damaged_is_told_and_never_heats() {
 
     let plan_id = 1;
     let requests = [
-        Message::Begin(Begin { plan_id, layers: 8, robot: hello.robot }),
-        Message::Start(Start { plan_id, silence: Silence::Continue }),
+        Message::Begin(BeginJob { plan_id, layers: 8, robot_hash: hello.robot_hash }),
+        Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }),
         Message::Tune(Tune { target_centi_c: 20_000 }),
         Message::ClearFault(Empty {}),
-        Message::Start(Start { plan_id, silence: Silence::Continue }),
+        Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }),
     ];
     for request in requests {
         let refused = client.request("in vain", &request).unwrap_err();

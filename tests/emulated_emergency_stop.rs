@@ -10,11 +10,11 @@ use growbot_client::client::Client;
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::Encoder;
+use growbot_core::layer_bytes::LayerEncoder;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
-use growbot_core::link::frame::{Header, Receiver, encode};
-use growbot_core::link::message::{Begin, Empty, Layers, Message, Resume, Silence, Start, State};
-use growbot_core::random::Random;
+use growbot_core::link::frame::{FrameDecoder, Header, encode};
+use growbot_core::link::message::{AppendLayers, BeginJob, Empty, HostSilencePolicy, Message, Resume, Start, State};
+use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
 use growbot_sim::port::emulator::Emulator;
@@ -42,15 +42,17 @@ fn robot() -> Robot {
 
 /// What a bad line makes of many frames, and half a frame at last.
 fn noise() -> Vec<u8> {
-    let mut random = Random::new(&[1]);
-    let mut bytes: Vec<u8> = (0..NOISE).map(|_| random.between(0.0, 256.0) as u8).collect();
+    let mut random = Rng::new(&[1]);
+    let mut bytes: Vec<u8> = (0..NOISE).map(|_| random.uniform_between(0.0, 256.0) as u8).collect();
     let whole = encode(&Header { kind: 4, session: 1, seq: 1, ack: 0 }, &[7; 200]).unwrap();
     bytes.extend(&whole[..whole.len() / 2]);
     bytes
 }
 
 fn start(client: &mut Client, words: &Words) {
-    client.request("to start", &Message::Start(Start { plan_id: PLAN, silence: Silence::Continue })).unwrap();
+    client
+        .request("to start", &Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }))
+        .unwrap();
     let mut limit = BoardLimit::new(words, LIMIT_S);
     loop {
         let _ = client.event(Duration::from_millis(50));
@@ -73,12 +75,14 @@ fn with_a_job() -> (Rc<RefCell<Emulator>>, Words, Client) {
     let words = Words::of(&mut emulator.borrow_mut());
     let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
     client.hello_robot(&robot).unwrap();
-    client.request("to begin", &Message::Begin(Begin { plan_id: PLAN, layers: 8, robot: robot.hash() })).unwrap();
+    client
+        .request("to begin", &Message::Begin(BeginJob { plan_id: PLAN, layers: 8, robot_hash: robot.hash() }))
+        .unwrap();
     // Warm only now: the board makes room in its journal with a cold nozzle only.
     emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(197.0));
-    let mut encoder = Encoder::default();
+    let mut encoder = LayerEncoder::default();
     let layers = (0..8).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
-    client.request("to store layers", &Message::Layers(Layers { plan_id: PLAN, first: 0, layers })).unwrap();
+    client.request("to store layers", &Message::Layers(AppendLayers { plan_id: PLAN, first: 0, layers })).unwrap();
     (emulator, words, client)
 }
 
@@ -145,19 +149,21 @@ fn behind_noise_and_half_a_frame_the_stop_switches_everything_off() {
         );
         client.request("to clear it", &Message::ClearFault(Empty {})).unwrap();
         // The layer that was cut is laid again.
-        let laid = status.laid;
-        client.request("to resume", &Message::Resume(Resume { plan_id: PLAN, from: laid, known: laid })).unwrap();
+        let laid = status.layers_laid;
+        client
+            .request("to resume", &Message::Resume(Resume { plan_id: PLAN, start_layer: laid, reported_layers: laid }))
+            .unwrap();
     }
 }
 
-/// Whether `StoppedAtOnce` comes.
+/// Whether `EmergencyStopAck` comes.
 fn says_that_it_has_stopped(port: &mut dyn Port) -> bool {
-    let (mut receiver, mut buffer, began) = (Receiver::default(), [0; 64], Instant::now());
+    let (mut receiver, mut buffer, began) = (FrameDecoder::default(), [0; 64], Instant::now());
     while began.elapsed() < PATIENCE {
         let count = port.receive(&mut buffer, Duration::from_millis(50)).unwrap();
         for byte in &buffer[..count] {
             if let Some(Ok(frame)) = receiver.push(*byte)
-                && let Ok(Message::StoppedAtOnce(_)) = Message::decode(frame.header.kind, &frame.body)
+                && let Ok(Message::EmergencyStopAck(_)) = Message::decode(frame.header.kind, &frame.body)
             {
                 return true;
             }

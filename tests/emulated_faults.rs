@@ -7,8 +7,8 @@ use std::time::Duration;
 use growbot_client::client::Client;
 use growbot_client::robot_file;
 use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::Encoder;
-use growbot_core::link::message::{Begin, Fault, Layers, Message, Silence, Start, State};
+use growbot_core::layer_bytes::LayerEncoder;
+use growbot_core::link::message::{AppendLayers, BeginJob, Fault, HostSilencePolicy, Message, Start, State};
 use growbot_core::robot::Robot;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
@@ -36,13 +36,15 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
     client.hello_robot(&robot).unwrap();
     let plan_id = 1;
-    client.request("to begin", &Message::Begin(Begin { plan_id, layers: 8, robot: robot.hash() })).unwrap();
+    client.request("to begin", &Message::Begin(BeginJob { plan_id, layers: 8, robot_hash: robot.hash() })).unwrap();
     // Warm only now: the board makes room in its journal with a cold nozzle only.
     emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(if during == State::Heating { 60.0 } else { 197.0 }));
-    let mut encoder = Encoder::default();
+    let mut encoder = LayerEncoder::default();
     let layers = (0..8).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
-    client.request("to store layers", &Message::Layers(Layers { plan_id, first: 0, layers })).unwrap();
-    client.request("to start", &Message::Start(Start { plan_id, silence: Silence::Continue })).unwrap();
+    client.request("to store layers", &Message::Layers(AppendLayers { plan_id, first: 0, layers })).unwrap();
+    client
+        .request("to start", &Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }))
+        .unwrap();
 
     let wait_for = |client: &mut Client, states: &[State]| {
         let mut limit = BoardLimit::new(&words, LIMIT_S);

@@ -4,12 +4,12 @@
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
 use growbot_client::growth::{Grown, Job, JobEvent, Manner, MeasuredBy, Orders, Outcome, WhenParked, grow_job};
-use growbot_core::link::message::Silence;
+use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Leg, Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::Disturbance;
-use growbot_core::simulation::Imperfection;
+use growbot_core::simulation::ErrorModel;
 use growbot_core::tracking::SensorNoise;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::truth::compare;
@@ -36,13 +36,13 @@ fn grow(robot: &Robot, with_feedback: bool) -> Grown {
     ];
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&end(&path, &start.frame()));
-    let legs = [Leg { goal, segments: path.len() }];
+    let legs = [Leg { goal, segment_count: path.len() }];
     let job = Job::new(robot, &start, &goal, &path);
     assert!(job.layers.len() >= 60);
     let mut emulator = Emulator::start(robot, Some(&firmware("an386"))).unwrap();
     let noise = SensorNoise { odometry: 0.01, direction: 0.005 };
     let disturbance = Disturbance { growth_bias: -0.1, growth_noise: 0.1, ..Disturbance::default() };
-    let imperfection = Imperfection { disturbance, noise, seed: 11 };
+    let imperfection = ErrorModel { disturbance, noise, seed: 11 };
     emulator.simulated_tip(|tip| {
         tip.disturb(&imperfection);
         // A nozzle that is warm at once saves the time of heating.
@@ -51,7 +51,7 @@ fn grow(robot: &Robot, with_feedback: bool) -> Grown {
     let feedback = with_feedback.then(|| Feedback::new(robot, &start, &path, &legs, noise));
     let mut simulation = emulator.simulation();
     let mut client = Client::new(Box::new(emulator), "a board under test");
-    let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Ends };
+    let manner = Manner { silence: HostSilencePolicy::Pause, feedback, parked: WhenParked::Ends };
     let grow = |on_event: &mut dyn FnMut(&JobEvent)| grow_job(&mut client, &job, manner, &Orders::default(), on_event);
     compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }

@@ -4,7 +4,7 @@ use growbot_client::client::Client;
 use growbot_client::growth::{Grown, Job, JobEvent, Orders, Outcome, grow_job};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
-use growbot_core::link::message::Silence;
+use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Segment, end, length};
 use growbot_core::pose::{Pose, angle_between};
 use growbot_core::robot::Robot;
@@ -20,8 +20,9 @@ fn grow_on(opened: (Box<dyn Port>, Box<dyn Simulation>), robot: &Robot, path: &[
     let job = Job::new(robot, &start, &goal, path);
     let (port, mut simulation) = opened;
     let mut client = Client::new(port, "a board under test");
-    let grow =
-        |on_event: &mut dyn FnMut(&JobEvent)| grow_job(&mut client, &job, Silence::Pause, &Orders::default(), on_event);
+    let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
+        grow_job(&mut client, &job, HostSilencePolicy::Pause, &Orders::default(), on_event)
+    };
     compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }
 

@@ -11,10 +11,10 @@ use growbot_client::growth::{
     Grown, Job, JobEvent, Manner, Order, Orders, Outcome, WhenParked, as_built_hash, grow_job,
 };
 use growbot_client::robot_file;
-use growbot_core::link::message::{PauseCause, Refusal, Silence, State, Task};
+use growbot_core::link::message::{HostSilencePolicy, MaintenanceTask, PauseCause, Refusal, State};
 use growbot_core::path::Segment;
 use growbot_core::pose::Pose;
-use growbot_core::robot::{Input, Robot};
+use growbot_core::robot::{DigitalInput, Robot};
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
@@ -29,7 +29,7 @@ fn robot() -> Robot {
     description.layer.period_s = 0.3;
     description.head.homing_turns_per_s = 1.0;
     description.heater.band_c = 5.0;
-    description.sensors.filament_presence = Some(Input { active_low: true });
+    description.sensors.filament_presence = Some(DigitalInput { active_low: true });
     Robot::new(description).unwrap()
 }
 
@@ -52,11 +52,11 @@ fn refusal(done: Result<(), ClientError>) -> Refusal {
 }
 
 /// Asks until the board no longer refuses because it is not hot yet, or still moves.
-fn once_possible(board: &Board, client: &mut Client, task: Task) {
+fn once_possible(board: &Board, client: &mut Client, task: MaintenanceTask) {
     let mut limit = BoardLimit::new(&Words::of(&mut board.borrow_mut()), LIMIT_S);
     loop {
         match client.maintain(task) {
-            Err(ClientError::Refused { refusal: Refusal::Cold { .. } | Refusal::Moving, .. }) => {}
+            Err(ClientError::Refused { refusal: Refusal::NozzleTooCold { .. } | Refusal::StillMoving, .. }) => {}
             done => return done.unwrap(),
         }
         limit.check(format_args!("{task:?}: {:?}", client.status()));
@@ -64,20 +64,23 @@ fn once_possible(board: &Board, client: &mut Client, task: Task) {
     }
 }
 
-fn feed(mm: i32) -> Task {
-    Task::Feed { um: mm * 1000 }
+fn feed(mm: i32) -> MaintenanceTask {
+    MaintenanceTask::Feed { um: mm * 1000 }
 }
 
 #[test]
 fn what_is_refused_cold_is_done_hot_and_seen_by_the_tip() {
     let robot = robot();
     let (board, mut client) = board(&robot);
-    for task in [feed(10), feed(-10), Task::Home, Task::Rotate { centi_deg: 9000 }] {
+    for task in [feed(10), feed(-10), MaintenanceTask::Home, MaintenanceTask::Rotate { centi_deg: 9000 }] {
         let refused = refusal(client.maintain(task));
-        assert!(matches!(refused, Refusal::WrongState { .. } | Refusal::Cold { .. }), "{task:?}: {refused:?}");
+        assert!(matches!(refused, Refusal::WrongState { .. } | Refusal::NozzleTooCold { .. }), "{task:?}: {refused:?}");
     }
-    assert!(matches!(refusal(client.maintain(Task::Preheat { target_centi_c: 90_000 })), Refusal::Temperature { .. }));
-    client.maintain(Task::Preheat { target_centi_c: 20_000 }).unwrap();
+    assert!(matches!(
+        refusal(client.maintain(MaintenanceTask::Preheat { target_centi_c: 90_000 })),
+        Refusal::TemperatureOutOfRange { .. }
+    ));
+    client.maintain(MaintenanceTask::Preheat { target_centi_c: 20_000 }).unwrap();
     let steps_per_mm = robot.description().feed.steps_per_mm;
     let at = |what: fn(&mut growbot_sim::tip::Tip) -> i64| {
         let mut position = 0;
@@ -87,19 +90,19 @@ fn what_is_refused_cold_is_done_hot_and_seen_by_the_tip() {
     let before = at(|tip| tip.feed_position());
     once_possible(&board, &mut client, feed(20));
     once_possible(&board, &mut client, feed(-5));
-    once_possible(&board, &mut client, Task::Home);
+    once_possible(&board, &mut client, MaintenanceTask::Home);
     let fed = at(|tip| tip.feed_position()) - before;
     assert_eq!(fed, (15.0 * steps_per_mm).round() as i64);
-    once_possible(&board, &mut client, Task::Rotate { centi_deg: 9000 });
+    once_possible(&board, &mut client, MaintenanceTask::Rotate { centi_deg: 9000 });
     assert!(matches!(
-        refusal(client.maintain(Task::Rotate { centi_deg: 36_001 })),
-        Refusal::TooFar { .. } | Refusal::Moving
+        refusal(client.maintain(MaintenanceTask::Rotate { centi_deg: 36_001 })),
+        Refusal::MoveTooLong { .. } | Refusal::StillMoving
     ));
     once_possible(&board, &mut client, feed(1));
     let turn = i64::from(robot.description().head.steps_per_turn);
     assert_eq!(at(|tip| tip.head_position()).rem_euclid(turn), turn / 4, "a quarter of a turn from where it homed");
-    assert!(matches!(refusal(client.maintain(feed(2_000_000))), Refusal::TooFar { .. } | Refusal::Moving));
-    client.maintain(Task::CoolDown).unwrap();
+    assert!(matches!(refusal(client.maintain(feed(2_000_000))), Refusal::MoveTooLong { .. } | Refusal::StillMoving));
+    client.maintain(MaintenanceTask::CoolDown).unwrap();
     assert_eq!(client.status().unwrap().state, State::Idle);
     assert!(!at(|tip| i64::from(tip.is_enabled(growbot_sim::tip::Motor::Feed))).is_positive(), "motors are let go");
 }
@@ -113,7 +116,7 @@ fn grow(robot: &Robot, mut on_event: impl FnMut(&Board, &JobEvent, &Orders)) -> 
     let goal = Pose::from_degrees([0.0, 0.0, length, 0.0, 90.0]).unwrap();
     let job = Job::new(robot, &start, &goal, &path);
     let orders = Orders::default();
-    let manner = Manner { silence: Silence::Pause, feedback: None, parked: WhenParked::Waits };
+    let manner = Manner { silence: HostSilencePolicy::Pause, feedback: None, parked: WhenParked::Waits };
     grow_job(&mut client, &job, manner, &orders, &mut |event| on_event(&board, event, &orders)).unwrap()
 }
 

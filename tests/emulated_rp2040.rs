@@ -12,11 +12,11 @@ use growbot_client::growth::{Grown, Job, JobEvent, Orders, Outcome, grow_job};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::job::summarize;
-use growbot_core::link::message::{Message, PlanRequest, Planned, Silence};
+use growbot_core::link::message::{HostSilencePolicy, Message, PlanRequest, Planned};
 use growbot_core::path::{Segment, end, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
-use growbot_core::robot::{Board, BoardKind, Driver, PinNumbers, Robot};
+use growbot_core::robot::{Board, BoardKind, DriverSettings, PinOverrides, Robot};
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::port::rp2040::{Line, Rp2040};
 use growbot_sim::port::sim::Sim;
@@ -35,10 +35,11 @@ const WARM_C: f64 = 190.0;
 /// The same robot with an SKR Pico, whose signals are at other pins than a Pico's.
 fn on_skr_pico() -> Robot {
     let mut description = robot().description().clone();
-    description.board = Some(Board { kind: BoardKind::SkrPico, pins: PinNumbers::default() });
+    description.board = Some(Board { kind: BoardKind::SkrPico, pins: PinOverrides::default() });
     // It does not measure its supply.
     description.sensors.supply = false;
-    (description.head.driver, description.feed.driver) = (Some(Driver::of_current(0.8)), Some(Driver::of_current(0.6)));
+    (description.head.driver, description.feed.driver) =
+        (Some(DriverSettings::with_current(0.8)), Some(DriverSettings::with_current(0.6)));
     Robot::new(description).unwrap()
 }
 
@@ -53,8 +54,9 @@ fn grow_as(robot: &Robot, port: Box<dyn Port>, mut simulation: Box<dyn Simulatio
     let goal = Pose::from_frame(&end(path, &start.frame()));
     let job = Job::new(robot, &start, &goal, path);
     let mut client = Client::new(port, "a board under test");
-    let grow =
-        |on_event: &mut dyn FnMut(&JobEvent)| grow_job(&mut client, &job, Silence::Pause, &Orders::default(), on_event);
+    let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
+        grow_job(&mut client, &job, HostSilencePolicy::Pause, &Orders::default(), on_event)
+    };
     compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }
 
@@ -151,7 +153,7 @@ fn a_board_that_is_configured_as_an_skr_pico_grows_at_its_pins() {
     client.hello().unwrap();
     let hello = client.configure(&robot).unwrap();
     drop(client);
-    assert_eq!((hello.robot_name.as_str(), hello.robot), (robot.name(), robot.hash()));
+    assert_eq!((hello.robot_name.as_str(), hello.robot_hash), (robot.name(), robot.hash()));
     board.borrow_mut().simulated_tip().warm_at_once(WARM_C);
     let tip = board.borrow().simulation();
     let grown = grow_as(&robot, Box::new(Rc::clone(&board)), tip, &path);

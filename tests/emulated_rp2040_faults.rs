@@ -17,8 +17,8 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::Encoder;
-use growbot_core::link::message::{Begin, Fault, Layers, Message, Silence, Start, State, Status};
+use growbot_core::layer_bytes::LayerEncoder;
+use growbot_core::link::message::{AppendLayers, BeginJob, Fault, HostSilencePolicy, Message, Start, State, Status};
 use growbot_core::robot::Robot;
 use growbot_sim::port::rp2040::Rp2040;
 use growbot_sim::port::sim::Sim;
@@ -123,14 +123,17 @@ struct Bench<B> {
 impl<B: Tested> Bench<B> {
     /// Begins a growth and starts it.
     fn begin(&mut self, nozzle_c: f64) -> Result<(), ClientError> {
-        let begin = Begin { plan_id: PLAN, layers: LAYERS, robot: robot().hash() };
+        let begin = BeginJob { plan_id: PLAN, layers: LAYERS, robot_hash: robot().hash() };
         self.client.request("to begin", &Message::Begin(begin))?;
         // Warm only now: the board makes room in its journal with a cold nozzle only.
         self.board.borrow_mut().tip().set_nozzle_c(nozzle_c);
-        let mut encoder = Encoder::default();
+        let mut encoder = LayerEncoder::default();
         let layers = (0..LAYERS).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
-        self.client.request("to store layers", &Message::Layers(Layers { plan_id: PLAN, first: 0, layers }))?;
-        self.client.request("to start", &Message::Start(Start { plan_id: PLAN, silence: Silence::Continue }))?;
+        self.client.request("to store layers", &Message::Layers(AppendLayers { plan_id: PLAN, first: 0, layers }))?;
+        self.client.request(
+            "to start",
+            &Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }),
+        )?;
         Ok(())
     }
 

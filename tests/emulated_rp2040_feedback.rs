@@ -10,11 +10,11 @@ use growbot_client::feedback::Feedback;
 use growbot_client::growth::{Job, JobEvent, Manner, MeasuredBy, Orders, Outcome, WhenParked, grow_job};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
-use growbot_core::link::message::{Silence, State};
+use growbot_core::link::message::{HostSilencePolicy, State};
 use growbot_core::path::{Leg, Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::{FilamentMotion, Robot};
-use growbot_core::simulation::{Disturbance, Imperfection};
+use growbot_core::simulation::{Disturbance, ErrorModel};
 use growbot_core::tracking::SensorNoise;
 use growbot_sim::port::rp2040::Rp2040;
 use growbot_sim::truth::compare;
@@ -68,7 +68,7 @@ fn corrected_layers_come_to_the_pico_in_time_and_it_arrives() {
     ];
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&end(&path, &start.frame()));
-    let legs = [Leg { goal, segments: path.len() }];
+    let legs = [Leg { goal, segment_count: path.len() }];
     let job = Job::new(&robot, &start, &goal, &path);
     let board = Rc::new(RefCell::new(Rp2040::start(&robot, Some(&pico_firmware("growbot-a2"))).unwrap()));
     let mut client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
@@ -77,11 +77,11 @@ fn corrected_layers_come_to_the_pico_in_time_and_it_arrives() {
     // It lays a tenth too little, give or take a tenth.
     let noise = SensorNoise { odometry: 0.01, direction: 0.005 };
     let disturbance = Disturbance { growth_bias: -0.1, growth_noise: 0.1, ..Disturbance::default() };
-    let imperfection = Imperfection { disturbance, noise, seed: 11 };
+    let imperfection = ErrorModel { disturbance, noise, seed: 11 };
     board.borrow_mut().simulated_tip().disturb(&imperfection);
     board.borrow_mut().simulated_tip().warm_at_once(190.0);
     let feedback = Some(Feedback::new(&robot, &start, &path, &legs, noise));
-    let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Ends };
+    let manner = Manner { silence: HostSilencePolicy::Pause, feedback, parked: WhenParked::Ends };
     let mut simulation = board.borrow().simulation();
     let mut seen = Seen::default();
     let grow = |on_event: &mut dyn FnMut(&JobEvent)| {

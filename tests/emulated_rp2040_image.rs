@@ -10,7 +10,7 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::link::message::{
-    Begin, Empty, Fault, ImageCheck, Message, Refusal, ResetCause, Silence, Start, State, Tune,
+    BeginJob, Empty, Fault, HostSilencePolicy, ImageCheck, Message, Refusal, ResetCause, Start, State, Tune,
 };
 use growbot_host::crash::{Crash, Image};
 use growbot_sim::image_seal::seal;
@@ -53,7 +53,7 @@ fn the_uf2_file_of_a_sealed_image_starts_and_a_crash_is_told_after_the_reset() {
     std::fs::write(&elf, &sealed).unwrap();
     let image = Image::open(&elf).unwrap();
     let report = client.boot().unwrap();
-    assert_eq!((report.image, report.crash), (ImageCheck::Sound { crc: image.crc().unwrap() }, None));
+    assert_eq!((report.image, report.crash), (ImageCheck::Valid { crc: image.crc().unwrap() }, None));
 
     let boot_id = client.board().unwrap().boot_id;
     board.borrow_mut().crash(rp2040::Crash::Faults).unwrap();
@@ -136,11 +136,11 @@ fn a_damaged_image_is_told_and_never_heats() {
 
     let plan_id = 1;
     for request in [
-        Message::Begin(Begin { plan_id, layers: 8, robot: hello.robot }),
-        Message::Start(Start { plan_id, silence: Silence::Continue }),
+        Message::Begin(BeginJob { plan_id, layers: 8, robot_hash: hello.robot_hash }),
+        Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }),
         Message::Tune(Tune { target_centi_c: 20_000 }),
         Message::ClearFault(Empty {}),
-        Message::Start(Start { plan_id, silence: Silence::Continue }),
+        Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }),
     ] {
         let refused = client.request("in vain", &request).unwrap_err();
         let ClientError::Refused { refusal, .. } = refused else { panic!("{request:?}: {refused:?}") };

@@ -13,7 +13,7 @@ use growbot_client::client::Client;
 use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, OnInterrupted, Orders, Outcome, grow_job, resume_job};
 use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::{Silence, State, Status};
+use growbot_core::link::message::{HostSilencePolicy, State, Status};
 use growbot_core::robot::Robot;
 use growbot_sim::port::rp2040::Rp2040;
 use growbot_tests::pico_firmware;
@@ -73,7 +73,7 @@ fn client(board: &Board) -> Client {
 fn cut_description(board: &Board, old: &Robot, new: &Robot, bytes: u32) -> bool {
     board.borrow_mut().restore_flash().unwrap();
     let mut before = client(board);
-    assert_eq!(before.hello().unwrap().robot, old.hash());
+    assert_eq!(before.hello().unwrap().robot_hash, old.hash());
     board.borrow_mut().lose_power_after(bytes).unwrap();
     before.configure(new).unwrap_err();
     assert!(board.borrow().has_lost_power(), "no power was lost after {bytes} bytes");
@@ -82,8 +82,8 @@ fn cut_description(board: &Board, old: &Robot, new: &Robot, bytes: u32) -> bool 
     let hello = client(board).hello().unwrap();
     let (state, fault) = (hello.status.state, hello.status.fault);
     assert_eq!((state, fault), (State::Idle, None), "after {bytes} bytes");
-    assert!([old.hash(), new.hash()].contains(&hello.robot), "after {bytes} bytes it is {}", hello.robot_name);
-    hello.robot == new.hash()
+    assert!([old.hash(), new.hash()].contains(&hello.robot_hash), "after {bytes} bytes it is {}", hello.robot_name);
+    hello.robot_hash == new.hash()
 }
 
 #[test]
@@ -132,7 +132,7 @@ const LAID: usize = 4;
 /// Grows until the power is lost, so many bytes of flash after a layer is told.
 fn grow(job: &Job, board: &Board, bytes: u32, known: &mut Vec<Option<LayerBytes>>) -> Result<Grown, GrowthError> {
     let mut client = client(board);
-    let grown = grow_job(&mut client, job, Silence::Pause, &Orders::default(), &mut |event| {
+    let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &Orders::default(), &mut |event| {
         if let JobEvent::Laid { as_built, .. } = event {
             known.push(*as_built);
             if known.len() == LAID {
@@ -150,7 +150,7 @@ fn resume(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> (Status, 
     let mut client = client(board);
     let found = client.hello().unwrap().status;
     let (again, orders) = (OnInterrupted::Again, Orders::default());
-    let grown = resume_job(&mut client, job, known, again, Silence::Pause, &orders, &mut |_| ()).unwrap();
+    let grown = resume_job(&mut client, job, known, again, HostSilencePolicy::Pause, &orders, &mut |_| ()).unwrap();
     (found, grown)
 }
 
@@ -181,7 +181,7 @@ fn power_lost_while_a_layer_is_noted_costs_the_open_layer_at_most() {
             let told = known.len();
             let (found, grown) = resume(&job, &board, known);
             assert_eq!(grown.outcome, Outcome::Done, "{bytes} bytes");
-            let laid = found.laid as usize;
+            let laid = found.layers_laid as usize;
             assert_eq!(laid, told + usize::from(bytes == PAGE), "{bytes} bytes: {told} layers told");
             let feed_steps = board.borrow_mut().simulated_tip().feed_steps();
             let more_feed_steps = feed_steps as i64 - undisturbed.feed_steps as i64;

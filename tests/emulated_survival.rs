@@ -21,8 +21,8 @@ use growbot_client::port::faulty::{FaultSpec, Faulty};
 use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::crash::CrashRecord;
-use growbot_core::link::message::{Empty, Fault, Message, ResetCause, Silence, State, Status};
-use growbot_core::random::Random;
+use growbot_core::link::message::{Empty, Fault, HostSilencePolicy, Message, ResetCause, State, Status};
+use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
 use growbot_sim::port::emulator::Emulator;
@@ -121,15 +121,15 @@ fn over_a_bad_line_the_image_lays_each_layer_once() {
 }
 
 fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &Undisturbed, seed: u64) -> Result<String, String> {
-    let mut random = Random::new(&[1, seed]);
-    let (drop, flip) = (random.between(0.0, 0.1), random.between(0.0, 1e-3));
+    let mut random = Rng::new(&[1, seed]);
+    let (drop, flip) = (random.uniform_between(0.0, 0.1), random.uniform_between(0.0, 1e-3));
     let few = drop / 10.0;
     let spec = FaultSpec { drop, flip, dup: few, reorder: few, truncate: few, seed, ..FaultSpec::default() };
     let wire = Rc::new(RefCell::new(Faulty::new(Rc::clone(board), spec)));
     let mut client = Client::new(Box::new(Rc::clone(&wire)), "the emulated board");
     let never = Orders::default();
     let laid_before = board.borrow().simulation().laid().map_err(|error| error.to_string())?.body.len();
-    let grown = grow_job(&mut client, job, Silence::Pause, &never, &mut |_| ());
+    let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &never, &mut |_| ());
     let what = format!("{:.1} % of frames lost, {flip:.1e} of bytes flipped", 100.0 * drop);
     let grown = grown.map_err(|error| format!("{what}: {error}"))?;
     // The tip has seen each layer as it was laid.
@@ -166,13 +166,13 @@ struct Point {
 impl Point {
     /// One of `count` points, spread over the growth's first three quarters.
     fn of(point: u64, count: u64) -> Self {
-        let mut random = Random::new(&[2, point]);
+        let mut random = Rng::new(&[2, point]);
         let crash = [Crash::Power, Crash::Board, Crash::Host][(point % 3) as usize];
-        let share = (point as f64 + random.unit()) / count as f64;
+        let share = (point as f64 + random.uniform()) / count as f64;
         Self {
             crash,
             told: 1 + (share * 0.75 * (3 + LAYERS) as f64) as u64,
-            later: Duration::from_secs_f64(random.between(0.0, PERIOD_S)),
+            later: Duration::from_secs_f64(random.uniform_between(0.0, PERIOD_S)),
         }
     }
 
@@ -197,7 +197,7 @@ impl Point {
         }
         let feed_steps: u64 = [Some(&first), second.as_ref()].into_iter().flatten().map(feed_steps).sum();
         let more_feed_steps = feed_steps as i64 - undisturbed.feed_steps as i64;
-        let told = format!("{what}: {laid} layers known, {} laid, cut {:?}", found.laid, found.interrupted);
+        let told = format!("{what}: {laid} layers known, {} laid, cut {:?}", found.layers_laid, found.interrupted);
         let recovered = Recovered { found, as_built: grown.as_built, more_feed_steps };
         crash::check(job, undisturbed, *crash, &recovered).map_err(|wrong| format!("{told}: {wrong}"))?;
         Ok(format!("{told}: resumed, {} layers, {more_feed_steps} feed steps laid again", recovered.as_built.len()))
@@ -215,7 +215,7 @@ impl Point {
         let mut client = Client::new(Box::new(line), "the emulated board");
         let (mut told, mut flash) = (0, None);
         let mut crashed = None;
-        let grown = grow_job(&mut client, job, Silence::Pause, &Orders::default(), &mut |event| {
+        let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &Orders::default(), &mut |event| {
             match event {
                 JobEvent::Laid { as_built, .. } => known.push(*as_built),
                 JobEvent::State(_) => {}
@@ -267,7 +267,14 @@ fn come_back(
         client.request("to clear the fault", &Message::ClearFault(Empty {})).map_err(GrowthError::Before)?;
     }
     let found = client.status().map_err(GrowthError::Before)?;
-    let grown =
-        resume_job(&mut client, job, known, OnInterrupted::Again, Silence::Pause, &Orders::default(), &mut |_| ())?;
+    let grown = resume_job(
+        &mut client,
+        job,
+        known,
+        OnInterrupted::Again,
+        HostSilencePolicy::Pause,
+        &Orders::default(),
+        &mut |_| (),
+    )?;
     Ok((found, grown))
 }

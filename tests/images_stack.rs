@@ -6,7 +6,7 @@ use std::time::Duration;
 use growbot_client::client::Client;
 use growbot_client::growth::{Job, Orders, Outcome, grow_job};
 use growbot_client::robot_file;
-use growbot_core::link::message::{Message, PlanRequest, ResetCause, Silence, State};
+use growbot_core::link::message::{HostSilencePolicy, Message, PlanRequest, ResetCause, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
@@ -62,7 +62,7 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
     let path = [Segment::Arc { alpha: 1.0, bend: 0.03, length: 3.0 }];
     let goal = Pose::from_frame(&end(&path, &start.frame()));
     let job = Job::new(&robot, &start, &goal, &path);
-    let grown = grow_job(&mut client, &job, Silence::Pause, &Orders::default(), &mut |_| ()).unwrap();
+    let grown = grow_job(&mut client, &job, HostSilencePolicy::Pause, &Orders::default(), &mut |_| ()).unwrap();
     assert_eq!(grown.outcome, Outcome::Done);
 
     // As long as a whole look through the stack takes, by the board's clock.

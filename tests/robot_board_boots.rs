@@ -11,7 +11,7 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::port::stream::Stream;
 use growbot_client::robot_file;
 use growbot_core::link::message::{
-    Begin, BootReport, Empty, Fault, ImageCheck, Message, Refusal, Silence, Start, State,
+    BeginJob, BootReport, Empty, Fault, HostSilencePolicy, ImageCheck, Message, Refusal, Start, State,
 };
 use growbot_sim::image_seal::seal;
 use growbot_tests::{firmware, netduinoplus2};
@@ -35,7 +35,7 @@ fn the_robots_board_says_hello_and_answers_requests() {
 
     // The image has been checked, and is sound. Nothing has crashed since the memory was without power.
     let report = client.boot().unwrap();
-    assert_eq!(report, BootReport { image: ImageCheck::Sound { crc: sealed.crc }, crash: None });
+    assert_eq!(report, BootReport { image: ImageCheck::Valid { crc: sealed.crc }, crash: None });
 
     // The clock runs.
     let deadline = Instant::now() + PATIENCE;
@@ -60,16 +60,17 @@ fn the_robots_board_says_hello_and_answers_requests() {
     assert_eq!((status.target_centi_c, status.duty), (None, 0));
 
     // Nothing is begun, started or cleared while that is so.
-    let begin = Begin { plan_id: 7, layers: 1, robot: robot.hash() };
+    let begin = BeginJob { plan_id: 7, layers: 1, robot_hash: robot.hash() };
     let refused = client.request("to begin", &Message::Begin(begin)).unwrap_err();
     let state = State::Fault;
     assert!(
         matches!(refused, ClientError::Refused { refusal: Refusal::WrongState { state: said }, .. } if said == state),
         "{refused}"
     );
-    let refused =
-        client.request("to start", &Message::Start(Start { plan_id: 7, silence: Silence::Pause })).unwrap_err();
-    assert!(matches!(refused, ClientError::Refused { refusal: Refusal::OtherPlan { board: 0 }, .. }), "{refused}");
+    let refused = client
+        .request("to start", &Message::Start(Start { plan_id: 7, on_host_silence: HostSilencePolicy::Pause }))
+        .unwrap_err();
+    assert!(matches!(refused, ClientError::Refused { refusal: Refusal::PlanMismatch { board: 0 }, .. }), "{refused}");
     let refused = client.request("to clear the fault", &Message::ClearFault(Empty {})).unwrap_err();
     assert!(matches!(refused, ClientError::Refused { refusal: Refusal::FaultRemains { .. }, .. }), "{refused}");
 }

@@ -13,7 +13,7 @@ use growbot_client::robot_file;
 use growbot_core::path::length;
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
 use growbot_tests::slow_shortest::table::{Row, Stratum, read};
 use growbot_tests::slow_shortest::{Effort, Problem, helicoid, shortest};
@@ -161,7 +161,7 @@ fn planned_paths_are_as_short_as_those_searched_now() {
     for (number, stratum) in strata.enumerate() {
         let began = Instant::now();
         let problem = stratum.case(SEED, number as u64);
-        let best = shortest(&problem, &effort, &mut Random::new(&[SEED, number as u64]));
+        let best = shortest(&problem, &effort, &mut Rng::new(&[SEED, number as u64]));
         let planned = planned_length(&robot, &problem.goal, &problem.tangent);
         println!(
             "{} {number} at {:.3} radii: planned {planned:.9}, best {} {:.9}, found by {} shots, {} lines and {} chains, in {:.1} s",

@@ -12,7 +12,7 @@ use std::thread;
 use std::time::Duration;
 
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
-use growbot_core::link::frame::LONGEST_FRAME;
+use growbot_core::link::frame::MAX_FRAME_LEN;
 use growbot_sim::port::qemu::{Line, Qemu};
 use growbot_tests::{build_image, firmware};
 
@@ -76,7 +76,7 @@ fn measure() -> Vec<Row> {
 
 /// Sends emergency stops behind noise, and the last byte of each by itself, until there are enough.
 fn send_stops(mut line: &TcpStream, enough: &AtomicBool) {
-    for length in (0..LONGEST_FRAME).cycle() {
+    for length in (0..MAX_FRAME_LEN).cycle() {
         if enough.load(Ordering::Relaxed) {
             return;
         }

@@ -1,7 +1,7 @@
 //! Distance between a tip and its goal (Eqs 26 to 28, with angles wrapped).
 
 use growbot_core::angle::{degrees, wrap_signed};
-use growbot_core::plan::miss;
+use growbot_core::plan::goal_error;
 use growbot_core::pose::{Frame, Pose, angle_between};
 
 /// Pose of a tip, and its errors from the goal.
@@ -27,7 +27,7 @@ impl Arrival {
     #[must_use]
     pub fn of(base_from_tip: &Frame, goal: &Pose, path_length: f64) -> Self {
         let final_pose = Pose::from_frame(base_from_tip);
-        let missed = miss(base_from_tip, goal);
+        let missed = goal_error(base_from_tip, goal);
         let has_headings = !final_pose.is_vertical() && !goal.is_vertical();
         let heading_error = || degrees(wrap_signed(final_pose.heading() - goal.heading()).abs());
         Self {

@@ -23,12 +23,12 @@
 
 use growbot_core::job::plan_id;
 use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
-use growbot_core::link::message::Measured;
+use growbot_core::layer_bytes::{LayerBytes, LayerEncoder, decode};
+use growbot_core::link::message::LayerReadings;
 use growbot_core::path::{Leg, Segment, length};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_core::tracking::{Estimate, Measurement, Seen, SensorNoise, Tracker};
+use growbot_core::tracking::{Estimate, MeasuredQuantities, Measurement, SensorNoise, Tracker};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -147,7 +147,7 @@ impl<'a> Feedback<'a> {
     pub fn among(mut self, around: &'a Surroundings<'a>) -> Self {
         let growth = self.mm_per_pulse.is_some();
         let up = self.robot.description().sensors.orientation;
-        self.keeper = Some(Keeper::new(around, Seen { growth, direction: false, up }));
+        self.keeper = Some(Keeper::new(around, MeasuredQuantities { growth, direction: false, up }));
         self
     }
 
@@ -177,13 +177,13 @@ impl<'a> Feedback<'a> {
 
     /// Records that the next layer has been laid. `layer` is the layer as commanded, or better as the steps were made.
     /// `measured` are the readings of the board's sensors.
-    pub fn laid(&mut self, layer: &LayerBytes, measured: Option<&Measured>) {
+    pub fn laid(&mut self, layer: &LayerBytes, measured: Option<&LayerReadings>) {
         let layer = decode(layer);
         let measured = measured.copied().unwrap_or_default();
         let growth = self.growth(&layer, measured.filament_pulses);
         self.laid += 1;
         let up = measured.gravity_milli_g.map(|[x, y, z]| Vector3::new(x, y, z).map(|part| f64::from(part) * MILLI_G));
-        self.tracker.laid(&layer, &Measurement { growth, direction: None, up });
+        self.tracker.record_layer(&layer, &Measurement { growth, direction: None, up });
         if let Some(keeper) = &mut self.keeper {
             keeper.laid(&layer, &self.tracker.estimate().systematic_errors);
         }
@@ -218,8 +218,12 @@ impl<'a> Feedback<'a> {
             Some(keeper) => keeper.keep_clear(&mut self.tracker, &under_way)?,
             None => None,
         };
-        let mut encoder = Encoder::default();
-        let layers = self.tracker.rest().map(|layer| encoder.encode_layable(&layer, self.robot.tip_radius())).collect();
+        let mut encoder = LayerEncoder::default();
+        let layers = self
+            .tracker
+            .remaining_layers()
+            .map(|layer| encoder.encode_clamped(&layer, self.robot.tip_radius()))
+            .collect();
         Ok(Correction { layers, detour })
     }
 
@@ -270,19 +274,19 @@ mod tests {
         fn new(layers: u32) -> Self {
             let path = [Segment::Straight { length: HEIGHT * f64::from(layers) }];
             let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
-            let legs = [Leg { goal: Pose::from_frame(&end(&path, &start.frame())), segments: 1 }];
+            let legs = [Leg { goal: Pose::from_frame(&end(&path, &start.frame())), segment_count: 1 }];
             Self { robot: crate::robot_file::load("growbot-a".as_ref()).unwrap(), start, path, legs }
         }
 
         /// Returns the feedback of the path and one of its layers.
         fn feedback(&self) -> (Feedback<'_>, LayerBytes) {
-            let layer = Encoder::default().encode(&Layer { alpha: 0.0, height: HEIGHT, tilt: 0.0 });
+            let layer = LayerEncoder::default().encode(&Layer { alpha: 0.0, height: HEIGHT, tilt: 0.0 });
             (Feedback::new(&self.robot, &self.start, &self.path, &self.legs, EXACT), layer)
         }
     }
 
-    fn counted(pulses: u32) -> Measured {
-        Measured { filament_pulses: Some(pulses), gravity_milli_g: Some([0, 0, 1000]) }
+    fn counted(pulses: u32) -> LayerReadings {
+        LayerReadings { filament_pulses: Some(pulses), gravity_milli_g: Some([0, 0, 1000]) }
     }
 
     fn height(feedback: &Feedback) -> f64 {

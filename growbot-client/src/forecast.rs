@@ -25,7 +25,7 @@ impl Forecast {
     /// unknown.
     #[must_use]
     pub fn finish_of(&self, now: OffsetDateTime, status: &Status) -> Option<OffsetDateTime> {
-        let left = status.layers.saturating_sub(status.laid);
+        let left = status.layer_count.saturating_sub(status.layers_laid);
         (status.state == State::Growing).then(|| self.finish(now, left.into())).flatten()
     }
 }

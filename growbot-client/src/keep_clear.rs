@@ -23,10 +23,10 @@ use growbot_core::path::{self, Leg, Segment};
 use growbot_core::plan::Planner;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
-use growbot_core::tracking::{Seen, SystematicErrors, Tracker};
-use growbot_scene::clear::{Need, Work, is_clear};
-use growbot_scene::file::LoadedScene;
-use growbot_scene::motion::{Curve, stretches};
+use growbot_core::tracking::{MeasuredQuantities, SystematicErrors, Tracker};
+use growbot_scene::centreline::{Curve, arc_segments};
+use growbot_scene::clearance::{DistanceQueries, RequiredClearance, is_clear};
+use growbot_scene::scene_file::LoadedScene;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -135,7 +135,7 @@ pub struct Keeper<'a> {
     /// The body so far, according to the estimate.
     body: Vec<Segment>,
     /// The quantities that are measured after each layer.
-    seen: Seen,
+    seen: MeasuredQuantities,
     /// 3 standard deviations along the remaining body, mm. The first one belongs to the layer of index `told_at`.
     deviations: Vec<f64>,
     told_at: usize,
@@ -148,7 +148,7 @@ pub struct Keeper<'a> {
 impl<'a> Keeper<'a> {
     /// Creates the keeper before the first layer. `seen` are the quantities that will be measured after each layer.
     #[must_use]
-    pub fn new(around: &'a Surroundings<'a>, seen: Seen) -> Self {
+    pub fn new(around: &'a Surroundings<'a>, seen: MeasuredQuantities) -> Self {
         Self { around, body: Vec::new(), seen, deviations: Vec::new(), told_at: 0, larger: 1.0, no_detour: None }
     }
 
@@ -204,11 +204,11 @@ impl<'a> Keeper<'a> {
     /// # Errors
     /// The first layer that does not.
     pub fn check(&mut self, tracker: &Tracker, under_way: &[Layer]) -> Result<(), TooNear> {
-        let layers: Vec<Layer> = under_way.iter().copied().chain(tracker.rest()).collect();
+        let layers: Vec<Layer> = under_way.iter().copied().chain(tracker.remaining_layers()).collect();
         if self.deviations.is_empty() || self.body.len() >= self.told_at + TOLD_FOR {
             self.tell(tracker, &layers);
         }
-        self.larger = tracker.doubt();
+        self.larger = tracker.sigma_scale();
         let estimate = tracker.estimate();
         let half_tube = 0.5 * self.around.robot.outer_diameter();
         let scene = &self.around.loaded.scene;
@@ -216,7 +216,7 @@ impl<'a> Keeper<'a> {
         let mut base_from_tip: Frame = estimate.base_from_tip;
         // Lengths along the remaining body: of the layers so far, and of the part that is proven to be clear.
         let (mut along, mut proven) = (0.0, 0.0);
-        let mut work = Work::default();
+        let mut work = DistanceQueries::default();
         for (index, layer) in layers.iter().enumerate() {
             let grown = segment(layer, &estimate.systematic_errors);
             let (from, length) = (base_from_tip, grown.length());
@@ -225,7 +225,7 @@ impl<'a> Keeper<'a> {
             if along <= proven {
                 continue;
             }
-            let stretch = stretches(&[grown], &from).and_then(|stretches| stretches.first().copied());
+            let stretch = arc_segments(&[grown], &from).and_then(|segments| segments.first().copied());
             let Some(stretch) = stretch else { continue };
             let middle = stretch.point(0.5 * length);
             let spare = scene.distance_within(&middle, most + FAR) - most;
@@ -234,7 +234,12 @@ impl<'a> Keeper<'a> {
                 continue;
             }
             let deviation = self.deviation(index);
-            if !is_clear(scene, &stretch, &Need { distance: half_tube + deviation, slack: SLACK }, &mut work) {
+            if !is_clear(
+                scene,
+                &stretch,
+                &RequiredClearance { distance: half_tube + deviation, tolerance: SLACK },
+                &mut work,
+            ) {
                 let points = [0.0, 0.5, 1.0].map(|share| stretch.point(share * length));
                 let nearer = |a: &Vector3<f64>, b: &Vector3<f64>| scene.distance(a).total_cmp(&scene.distance(b));
                 let nearest = points.into_iter().min_by(nearer).unwrap_or(middle);
@@ -246,7 +251,7 @@ impl<'a> Keeper<'a> {
 
     /// Recomputes the expected position uncertainty along the remaining body.
     fn tell(&mut self, tracker: &Tracker, layers: &[Layer]) {
-        let now = tracker.estimate().position_deviation;
+        let now = tracker.estimate().position_sd;
         let then = tracker.forecast(layers.iter().copied(), self.seen);
         // The deviation within a layer is the larger one of those at its ends.
         let mut before = now;
@@ -286,8 +291,8 @@ impl<'a> Keeper<'a> {
             return Err(format!("the body has taken {MAX_DETOURS} detours already, which is the most; plan it anew"));
         };
         let estimate = tracker.estimate();
-        let start = Pose::from_frame(tracker.begins());
-        let goals: Vec<Goal> = tracker.goals_left().map(Goal::from).collect();
+        let start = Pose::from_frame(tracker.reference_start());
+        let goals: Vec<Goal> = tracker.remaining_goals().map(Goal::from).collect();
         let laid_next = under_way.iter().map(|layer| segment(layer, &estimate.systematic_errors));
         let search = Search { radius: around.radius, planner: Planner::Shortest, clear_of_self: true };
         let most = self.most();
@@ -298,7 +303,7 @@ impl<'a> Keeper<'a> {
                 file: "",
                 loaded: around.loaded,
                 margin: share * most,
-                grown: Some((&grown, tracker.begins())),
+                grown: Some((&grown, tracker.reference_start())),
                 effort: EFFORT,
                 deadline: None,
                 first_only: false,
@@ -332,13 +337,13 @@ impl<'a> Keeper<'a> {
     ) -> Result<Tracker<'a>, TooNear> {
         // Check a copy first, so that the slot is used only by a path that is followed.
         let mut trial = tracker.clone();
-        trial.follow(&plan.start, &plan.path, &plan.legs);
+        trial.switch_path(&plan.start, &plan.path, &plan.legs);
         self.deviations.clear();
         self.check(&trial, under_way).inspect_err(|_| self.deviations.clear())?;
         let planned = || Planned { start: plan.start, path: plan.path.clone(), legs: plan.legs.clone() };
         let Planned { start, path, legs } = slot.get_or_init(planned);
         let mut followed = tracker.clone();
-        followed.follow(start, path, legs);
+        followed.switch_path(start, path, legs);
         Ok(followed)
     }
 }
@@ -359,14 +364,16 @@ mod tests {
     use super::*;
     use crate::pose_text::parse_pose;
     use crate::robot_file;
-    use growbot_core::plan::miss;
-    use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors, Task, grow_closed_while};
+    use growbot_core::plan::goal_error;
+    use growbot_core::simulation::{
+        DirectionSensor, Disturbance, GrowthTask, SimulatedSensors, grow_closed_loop_while,
+    };
     use growbot_core::tracking::SensorNoise;
     use growbot_scene::scene::Scene;
     use growbot_scene::shapes::Shape;
 
-    const SEEN: Seen = Seen { growth: true, direction: false, up: true };
-    const SENSORS: Sensors = Sensors {
+    const SEEN: MeasuredQuantities = MeasuredQuantities { growth: true, direction: false, up: true };
+    const SENSORS: SimulatedSensors = SimulatedSensors {
         noise: SensorNoise { odometry: 0.01, direction: 0.0087 },
         odometry_scale: 0.0,
         direction: DirectionSensor::Gravity,
@@ -398,7 +405,7 @@ mod tests {
         let robot = robot();
         let plan = plan(&robot);
         let tracker = tracker(&robot, &plan);
-        let known: Vec<f64> = tracker.forecast(tracker.rest(), SEEN).collect();
+        let known: Vec<f64> = tracker.forecast(tracker.remaining_layers(), SEEN).collect();
         for height in [50.0, 300.0, 550.0] {
             let deviation = 3.0 * known[(height / 0.774) as usize];
             let touching = 50.0 + 0.5 * robot.outer_diameter();
@@ -424,7 +431,7 @@ mod tests {
         let robot = robot();
         let plan = plan(&robot);
         let mut tracker = tracker(&robot, &plan);
-        let under_way: Vec<Layer> = tracker.rest().take(40).collect();
+        let under_way: Vec<Layer> = tracker.remaining_layers().take(40).collect();
         tracker.replan(&under_way);
         let loaded = balls(&[[60.0, 0.0, 15.0]]);
         let around = Surroundings::new(&robot, &loaded, 100.0);
@@ -439,14 +446,14 @@ mod tests {
         let plan = plan(&robot);
         let around = Surroundings::new(&robot, loaded, 100.0);
         let mut keeper = Keeper::new(&around, SEEN);
-        let task = Task { robot: &robot, start: plan.start, path: &plan.path, legs: &plan.legs };
+        let task = GrowthTask { robot: &robot, start: plan.start, path: &plan.path, legs: &plan.legs };
         let (mut detours, mut paused, mut least) = (Vec::new(), None, f64::INFINITY);
-        let tip = |_: &Layer, _: &growbot_core::simulation::Laid, base_from_tip: &Frame| {
+        let tip = |_: &Layer, _: &growbot_core::simulation::DisturbedLayer, base_from_tip: &Frame| {
             let distance = loaded.scene.distance(&base_from_tip.translation.vector);
             least = least.min(distance - 0.5 * robot.outer_diameter());
             *base_from_tip
         };
-        let grown = grow_closed_while(&task, disturbance, &SENSORS, seed, tip, |tracker, laid| {
+        let grown = grow_closed_loop_while(&task, disturbance, &SENSORS, seed, tip, |tracker, laid| {
             if let Some(layer) = laid {
                 keeper.laid(layer, &tracker.estimate().systematic_errors);
             }
@@ -467,7 +474,7 @@ mod tests {
         assert!(paused.is_none() && !detours.is_empty() && least > 0.0, "{detours:?} {paused:?} {least}");
         assert_eq!(detours[0].from, 0);
         assert!(detours[0].clearance_mm > detours[0].instead_of.deviation_mm, "{detours:?}");
-        let missed = miss(&end, &parse_pose("0,0,600,0,90").unwrap());
+        let missed = goal_error(&end, &parse_pose("0,0,600,0,90").unwrap());
         assert!(missed.distance < 3.0 && missed.angle < 0.03, "{missed:?}");
     }
 
@@ -487,7 +494,7 @@ mod tests {
         // A shaft with 3 mm round the tube. A robot whose layers lean at random soon leaves its line.
         let wall = |x: f64, y: f64| Shape::Box {
             centre: Vector3::new(x, y, 300.0),
-            half: Vector3::new(50.0, 50.0, 300.0),
+            half_extents: Vector3::new(50.0, 50.0, 300.0),
             rotation: nalgebra::Rotation3::identity(),
         };
         let walls = [(76.5, 0.0), (-76.5, 0.0), (0.0, 76.5), (0.0, -76.5)].map(|(x, y)| wall(x, y));

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use growbot_core::link::message::Task;
+use growbot_core::link::message::MaintenanceTask;
 use growbot_core::robot::Robot;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
@@ -91,13 +91,13 @@ impl Presets {
     ///
     /// # Errors
     /// A message with the fault of the command.
-    pub fn task(&self, word: &str, rest: &str, robot: &Robot) -> Option<Result<Task, String>> {
+    pub fn task(&self, word: &str, rest: &str, robot: &Robot) -> Option<Result<MaintenanceTask, String>> {
         let rest = rest.trim();
         let alone =
             |task| if rest.is_empty() { Ok(task) } else { Err(format!("`{word}` takes nothing: leave {rest:?} away")) };
         let parse_number = |text: &str| parse_number(text).filter(|number| number.is_finite());
         let number = || parse_number(rest).ok_or_else(|| format!("{rest:?} is no number: give one, as `{word} 10`"));
-        let feed = |mm: f64| Task::Feed { um: (mm * 1000.0).round() as i32 };
+        let feed = |mm: f64| MaintenanceTask::Feed { um: (mm * 1000.0).round() as i32 };
         let of_preset = |of: fn(&Preset) -> f64| match (rest, parse_number(rest)) {
             ("", _) => Ok(of(&Preset::default())),
             (_, Some(number)) if number >= 0.0 => Ok(number),
@@ -106,53 +106,53 @@ impl Presets {
         };
         Some(match word {
             "preheat" => self.temperature(rest, robot),
-            "cooldown" => alone(Task::CoolDown),
-            "home" => alone(Task::Home),
+            "cooldown" => alone(MaintenanceTask::CoolDown),
+            "home" => alone(MaintenanceTask::Home),
             "load" => of_preset(|preset| preset.load_mm).map(feed),
             "unload" => of_preset(|preset| preset.unload_mm).map(|mm| feed(-mm)),
             "purge" => of_preset(|preset| preset.purge_mm).map(feed),
-            "rotate" => number().map(|degrees| Task::Rotate { centi_deg: (degrees * 100.0).round() as i32 }),
+            "rotate" => number().map(|degrees| MaintenanceTask::Rotate { centi_deg: (degrees * 100.0).round() as i32 }),
             "jog" => number().map(feed),
             _ => return None,
         })
     }
 
-    fn temperature(&self, text: &str, robot: &Robot) -> Result<Task, String> {
+    fn temperature(&self, text: &str, robot: &Robot) -> Result<MaintenanceTask, String> {
         let growth = robot.description().heater.target_c;
         let celsius = match (text, parse_number(text).filter(|celsius| celsius.is_finite())) {
             ("", _) => growth,
             (_, Some(celsius)) => celsius,
             (name, None) => self.find(name)?.nozzle_c.unwrap_or(growth),
         };
-        Ok(Task::Preheat { target_centi_c: (celsius * 100.0).round() as i32 })
+        Ok(MaintenanceTask::Preheat { target_centi_c: (celsius * 100.0).round() as i32 })
     }
 }
 
 /// Returns the name of the request for a task.
 #[must_use]
-pub fn request_name(task: Task) -> &'static str {
+pub fn request_name(task: MaintenanceTask) -> &'static str {
     match task {
-        Task::Preheat { .. } => "to preheat",
-        Task::CoolDown => "to cool down",
-        Task::Home | Task::Rotate { .. } => "to turn the head",
-        Task::Feed { .. } => crate::client::FEEDING,
-        Task::DryRun => "to move without heat",
+        MaintenanceTask::Preheat { .. } => "to preheat",
+        MaintenanceTask::CoolDown => "to cool down",
+        MaintenanceTask::Home | MaintenanceTask::Rotate { .. } => "to turn the head",
+        MaintenanceTask::Feed { .. } => crate::client::FEEDING,
+        MaintenanceTask::DryRun => "to move without heat",
     }
 }
 
 /// Returns a message with the action of the board.
 #[must_use]
-pub fn in_words(task: Task) -> String {
+pub fn in_words(task: MaintenanceTask) -> String {
     match task {
-        Task::Preheat { target_centi_c } => format!(
+        MaintenanceTask::Preheat { target_centi_c } => format!(
             "heats to {} C; it goes off by itself when nobody gives commands for long",
             f64::from(target_centi_c) / 100.0
         ),
-        Task::CoolDown => "heater and steppers are off".to_owned(),
-        Task::DryRun => "moves head and feed with the heater off".to_owned(),
-        Task::Home => "turns the head to its index mark".to_owned(),
-        Task::Rotate { centi_deg } => format!("turns the head by {} degrees", f64::from(centi_deg) / 100.0),
-        Task::Feed { um } => {
+        MaintenanceTask::CoolDown => "heater and steppers are off".to_owned(),
+        MaintenanceTask::DryRun => "moves head and feed with the heater off".to_owned(),
+        MaintenanceTask::Home => "turns the head to its index mark".to_owned(),
+        MaintenanceTask::Rotate { centi_deg } => format!("turns the head by {} degrees", f64::from(centi_deg) / 100.0),
+        MaintenanceTask::Feed { um } => {
             let way = if um < 0 { "pulls" } else { "pushes" };
             format!("{way} {} mm of filament", f64::from(um.unsigned_abs()) / 1000.0)
         }
@@ -178,15 +178,15 @@ mod tests {
             let (word, rest) = line.split_once(' ').unwrap_or((line, ""));
             presets().task(word, rest, &robot()).unwrap()
         };
-        assert_eq!(task("preheat"), Ok(Task::Preheat { target_centi_c: 20_000 }));
-        assert_eq!(task("preheat 210.5"), Ok(Task::Preheat { target_centi_c: 21_050 }));
-        assert_eq!(task("preheat pla"), Ok(Task::Preheat { target_centi_c: 20_500 }));
-        assert_eq!(task("load pla"), Ok(Task::Feed { um: 90_000 }));
-        assert_eq!(task("unload"), Ok(Task::Feed { um: -80_000 }));
-        assert_eq!(task("purge 12.5"), Ok(Task::Feed { um: 12_500 }));
-        assert_eq!(task("jog -3"), Ok(Task::Feed { um: -3000 }));
-        assert_eq!(task("rotate -90"), Ok(Task::Rotate { centi_deg: -9000 }));
-        assert_eq!((task("home"), task("cooldown")), (Ok(Task::Home), Ok(Task::CoolDown)));
+        assert_eq!(task("preheat"), Ok(MaintenanceTask::Preheat { target_centi_c: 20_000 }));
+        assert_eq!(task("preheat 210.5"), Ok(MaintenanceTask::Preheat { target_centi_c: 21_050 }));
+        assert_eq!(task("preheat pla"), Ok(MaintenanceTask::Preheat { target_centi_c: 20_500 }));
+        assert_eq!(task("load pla"), Ok(MaintenanceTask::Feed { um: 90_000 }));
+        assert_eq!(task("unload"), Ok(MaintenanceTask::Feed { um: -80_000 }));
+        assert_eq!(task("purge 12.5"), Ok(MaintenanceTask::Feed { um: 12_500 }));
+        assert_eq!(task("jog -3"), Ok(MaintenanceTask::Feed { um: -3000 }));
+        assert_eq!(task("rotate -90"), Ok(MaintenanceTask::Rotate { centi_deg: -9000 }));
+        assert_eq!((task("home"), task("cooldown")), (Ok(MaintenanceTask::Home), Ok(MaintenanceTask::CoolDown)));
         for (line, part) in [
             ("preheat plaa", "did you mean pla?"),
             ("load -3", "takes 0 or more"),

@@ -6,10 +6,10 @@
 //! segments are turned by the difference. If no candidate is clear of the body, the shortest is taken, with a warning.
 
 use growbot_core::path::{self, Leg, Segment};
-use growbot_core::plan::{self as planning, Chosen, MAX_RADIUS, Needs, PlanError, Planner};
+use growbot_core::plan::{self as planning, MAX_RADIUS_MM, PlanError, PlannedPath, Planner, Requirements};
 use growbot_core::pose::{Frame, Pose, Position};
 use growbot_core::robot::Robot;
-use growbot_core::to_point::{self, ToPoint};
+use growbot_core::to_position::{self, PositionPlan};
 use nalgebra::Vector3;
 
 use crate::clearance::first_collision;
@@ -40,7 +40,7 @@ pub struct Plan {
     /// The path from start to goal.
     pub path: Vec<Segment>,
     /// Length, layers, time and filament.
-    pub needs: Needs,
+    pub needs: Requirements,
     /// Reasons against growing it.
     pub warnings: Vec<Warning>,
     /// The scene through which the path was planned. `None` in empty space.
@@ -210,10 +210,10 @@ impl Plan {
             let PlannedLeg { goal, path, choice } = plan_leg(&from, goal, &body, roll)?;
             let own: Vec<Segment> = path.iter().map(|segment| segment.rolled(roll)).collect();
             choices.push(choice);
-            legs.push(Leg { goal, segments: own.len() });
+            legs.push(Leg { goal, segment_count: own.len() });
             base_from_tip = path::end(&own, &base_from_tip);
             body.extend(own);
-            let miss = planning::miss(&base_from_tip, &goal);
+            let miss = planning::goal_error(&base_from_tip, &goal);
             let there = miss.distance <= AT_THE_POSE * search.radius && miss.angle <= AT_THE_POSE;
             from = if there { goal } else { Pose::from_frame(&base_from_tip) };
             roll = roll_from(&from, &base_from_tip);
@@ -232,7 +232,7 @@ impl Plan {
         ChosenLegs { legs, choices, free_directions }: ChosenLegs,
         path: Vec<Segment>,
     ) -> Self {
-        let needs = planning::needs(&path, robot);
+        let needs = planning::requirements(&path, robot);
         Self {
             robot: robot.name().to_owned(),
             robot_hash: robot.hash(),
@@ -261,7 +261,7 @@ impl Plan {
     pub fn by_leg(&self) -> impl Iterator<Item = (Option<Choice>, &[Segment])> {
         let mut rest = self.path.as_slice();
         self.legs.iter().zip(&self.choices).map(move |(leg, choice)| {
-            let (own, after) = rest.split_at_checked(leg.segments).unwrap_or((rest, &[]));
+            let (own, after) = rest.split_at_checked(leg.segment_count).unwrap_or((rest, &[]));
             rest = after;
             (*choice, own)
         })
@@ -329,8 +329,8 @@ pub(crate) struct PlannedLeg {
 
 impl PlannedLeg {
     /// Creates a leg from a chosen path, with the number of shorter candidates that were rejected.
-    pub(crate) fn chosen(goal: Pose, chosen: &Chosen, passed_over: usize) -> Self {
-        let &Chosen { ref path, candidates, two_plane_length } = chosen;
+    pub(crate) fn chosen(goal: Pose, chosen: &PlannedPath, passed_over: usize) -> Self {
+        let &PlannedPath { ref path, candidate_count: candidates, two_plane_length } = chosen;
         Self { goal, path: path.to_vec(), choice: Some(Choice { candidates, passed_over, two_plane_length }) }
     }
 }
@@ -344,7 +344,7 @@ fn plan_leg(
     body: &[Segment],
     roll: f64,
 ) -> Result<PlannedLeg, PlanError> {
-    if search.clear_of_self && search.radius <= MAX_RADIUS {
+    if search.clear_of_self && search.radius <= MAX_RADIUS_MM {
         let before = path::length(body);
         let mut whole = body.to_vec();
         let mut passed_over = 0;
@@ -370,12 +370,12 @@ pub(crate) fn plan_where(
     goal: &Goal,
     &Search { radius, planner, .. }: &Search,
     accept: impl FnMut(&[Segment]) -> bool,
-) -> Result<Option<(Pose, Chosen)>, PlanError> {
+) -> Result<Option<(Pose, PlannedPath)>, PlanError> {
     Ok(match goal {
         Goal::Pose(goal) => {
-            planning::plan_where(robot, from, goal, radius, planner, accept)?.map(|chosen| (*goal, chosen))
+            planning::plan_with_filter(robot, from, goal, radius, planner, accept)?.map(|chosen| (*goal, chosen))
         }
-        Goal::Position(position) => to_point::plan_to_point(robot, from, position, radius, planner, accept)?
-            .map(|ToPoint { goal, chosen }| (goal, chosen)),
+        Goal::Position(position) => to_position::plan_to_position(robot, from, position, radius, planner, accept)?
+            .map(|PositionPlan { goal, planned: chosen }| (goal, chosen)),
     })
 }

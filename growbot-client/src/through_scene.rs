@@ -4,18 +4,20 @@ use std::cell::Cell;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use growbot_core::compact_number::CompactNumber;
 use growbot_core::job::job_layers;
 use growbot_core::layer_bytes::decode;
-use growbot_core::number::Short;
 use growbot_core::path::{self, Segment};
 use growbot_core::plan::{PlanError, Planner};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
-use growbot_scene::body::{TOLERANCE, clearance, clearance_until, is_body_clear, point_at};
-use growbot_scene::clear::{Clearance, Need};
-use growbot_scene::file::{LoadedScene, SceneError, load};
-use growbot_scene::motion::{Tip, segments};
-use growbot_scene::planner::{self, Budget, Chain, Outcome, Problem, Resolution, Why};
+use growbot_scene::centreline::{TipPose, to_path_segments};
+use growbot_scene::clearance::{Clearance, RequiredClearance};
+use growbot_scene::path_clearance::{CLEARANCE_TOLERANCE_MM, clearance, clearance_until, is_path_clear, point_along};
+use growbot_scene::planner::{
+    self, InfeasibleReason, PlanningProblem, Resolution, SearchBudget, SearchOutcome, ViaPath,
+};
+use growbot_scene::scene_file::{LoadedScene, SceneError, load};
 
 use crate::clearance::first_collision;
 use crate::plan::{Goal, Plan, PlannedLeg, SceneClearance, Search, plan_where, roll_from};
@@ -69,7 +71,7 @@ pub enum NoPath {
     /// The start is too near to an obstacle.
     #[error(
         "the start is {}, and the centreline needs {} mm, which is half the tube and the margin: start elsewhere, or \
-         lower margin_mm", place(.distance), Short(.need)
+         lower margin_mm", place(.distance), CompactNumber(.need)
     )]
     Start {
         /// Distance of the start, mm.
@@ -80,7 +82,7 @@ pub enum NoPath {
     /// The goal is too near to an obstacle.
     #[error(
         "the goal is {}, and the centreline needs {} mm, which is half the tube and the margin: choose another goal, \
-         or lower margin_mm", place(.distance), Short(.need)
+         or lower margin_mm", place(.distance), CompactNumber(.need)
     )]
     Goal {
         /// Distance of the goal, mm.
@@ -91,7 +93,7 @@ pub enum NoPath {
     /// The goal is farther away than the maximum length of the body.
     #[error(
         "the goal is {} mm from where the leg to it starts, and of --length-max {} mm are left there: allow a longer \
-         body, or choose a nearer goal", Short(.distance), Short(.left)
+         body, or choose a nearer goal", CompactNumber(.distance), CompactNumber(.left)
     )]
     TooFar {
         /// Distance of the goal from the start of its leg, mm.
@@ -102,7 +104,7 @@ pub enum NoPath {
     /// No gap between start and goal is wide enough.
     #[error(
         "no body gets there, however it bends: every way between start and goal is narrower than the {} mm that \
-         the centreline needs on each side; open the scene, or lower margin_mm", Short(.need)
+         the centreline needs on each side; open the scene, or lower margin_mm", CompactNumber(.need)
     )]
     Separated {
         /// Required distance, mm.
@@ -111,7 +113,7 @@ pub enum NoPath {
     /// No path was found at this resolution.
     #[error(
         "there is no path at this resolution: arcs and lines of {} mm in {rolls} directions, cells of {} mm; give a \
-         smaller --radius, or another goal", Short(.step), Short(.cell)
+         smaller --radius, or another goal", CompactNumber(.step), CompactNumber(.cell)
     )]
     AtResolution {
         /// Length of an arc or line, mm.
@@ -137,9 +139,9 @@ pub enum NoPath {
 /// Returns a message with the distance of a point from the nearest obstacle, mm.
 fn place(distance: &f64) -> String {
     if *distance < 0.0 {
-        return format!("inside an obstacle, {} mm deep", Short(&-distance));
+        return format!("inside an obstacle, {} mm deep", CompactNumber(&-distance));
     }
-    format!("{} mm from an obstacle", Short(distance))
+    format!("{} mm from an obstacle", CompactNumber(distance))
 }
 
 impl NoPath {
@@ -149,16 +151,16 @@ impl NoPath {
         if *self == Self::NotFound { "not-found-in-time" } else { "none-at-resolution" }
     }
 
-    fn because(why: Why, need: f64, left: f64) -> Self {
+    fn because(why: InfeasibleReason, need: f64, left: f64) -> Self {
         match why {
-            Why::TooFar(distance) => Self::TooFar { distance, left },
-            Why::Start(distance) => Self::Start { distance, need },
-            Why::Goal(distance) => Self::Goal { distance, need },
-            Why::Separated => Self::Separated { need },
+            InfeasibleReason::GoalTooFar(distance) => Self::TooFar { distance, left },
+            InfeasibleReason::StartTooClose(distance) => Self::Start { distance, need },
+            InfeasibleReason::GoalTooClose(distance) => Self::Goal { distance, need },
+            InfeasibleReason::Separated => Self::Separated { need },
         }
     }
 
-    fn at(Resolution { step, rolls, position, .. }: Resolution) -> Self {
+    fn at(Resolution { step, bend_directions: rolls, position, .. }: Resolution) -> Self {
         Self::AtResolution { step, rolls, cell: position }
     }
 }
@@ -198,7 +200,7 @@ pub enum UnclearError {
     /// The body comes nearer than the scene allows.
     #[error(
         "the plan would {} {obstacle} in {file}, {at:.0} mm along the body, and margin_mm asks for {margin} mm: plan through the scene (`growbot plan --scene`), or lower margin_mm",
-        coming(*found), margin = Short(margin)
+        coming(*found), margin = CompactNumber(margin)
     )]
     NotClear {
         /// The scene's file.
@@ -245,7 +247,7 @@ pub fn plan(
     let (file, hash) = (through.file.to_owned(), through.loaded.hash);
     // If time runs out, use the clearance that every leg of the plan was proven to have.
     let proven = nearest_until(&plan, robot, through.loaded, through.deadline.map(|deadline| deadline + GRACE));
-    let clearance = proven.map_or(through.margin + TOLERANCE, |nearest| nearest.distance);
+    let clearance = proven.map_or(through.margin + CLEARANCE_TOLERANCE_MM, |nearest| nearest.distance);
     plan.scene = Some(SceneClearance { file, hash, clearance });
     Ok(plan)
 }
@@ -279,8 +281,8 @@ fn nearest_until(plan: &Plan, robot: &Robot, loaded: &LoadedScene, deadline: Opt
 }
 
 /// Converts the clearance of the path to that of the outside of the tube that is laid.
-fn of_outside(Clearance { distance, at }: Clearance, robot: &Robot) -> Clearance {
-    Clearance { distance: (distance - 0.5 * robot.outer_diameter() - LAID_APART).min(MAX_CLEARANCE), at }
+fn of_outside(Clearance { distance, arc_length: at }: Clearance, robot: &Robot) -> Clearance {
+    Clearance { distance: (distance - 0.5 * robot.outer_diameter() - LAID_APART).min(MAX_CLEARANCE), arc_length: at }
 }
 
 /// Returns a phrase for a body of this clearance (mm), which the name of an obstacle follows.
@@ -293,14 +295,14 @@ pub(crate) fn coming(clearance: f64) -> String {
 /// # Errors
 /// If it does not.
 pub fn clear_in(plan: &Plan, robot: &Robot, file: &str, loaded: &LoadedScene) -> Result<SceneClearance, UnclearError> {
-    let Clearance { distance: found, at } = nearest(plan, robot, loaded);
+    let Clearance { distance: found, arc_length: at } = nearest(plan, robot, loaded);
     // The proven clearance is a little below the true one.
-    if found + TOLERANCE >= loaded.margin {
+    if found + CLEARANCE_TOLERANCE_MM >= loaded.margin {
         return Ok(SceneClearance { file: file.to_owned(), hash: loaded.hash, clearance: found });
     }
     let obstacle = loaded
         .scene
-        .nearest(&point_at(&plan.path, &plan.start.frame(), at))
+        .nearest(&point_along(&plan.path, &plan.start.frame(), at))
         .map_or_else(String::new, |obstacle| obstacle.to_string());
     Err(UnclearError::NotClear { file: file.to_owned(), found, margin: loaded.margin, at, obstacle })
 }
@@ -328,7 +330,7 @@ pub fn verified(
     let found = outside(plan, robot, &loaded);
     let said = written.clearance_mm;
     // The claimed clearance was found by the same proof, to its tolerance. This rejects NaN too.
-    if said <= found + 2.0 * TOLERANCE && found >= loaded.margin {
+    if said <= found + 2.0 * CLEARANCE_TOLERANCE_MM && found >= loaded.margin {
         Ok((SceneClearance { file, hash: loaded.hash, clearance: said.min(found) }, loaded))
     } else {
         Err(UnclearError::Nearer { file, said, found })
@@ -350,9 +352,9 @@ struct LegSearch<'a> {
 impl LegSearch<'_> {
     /// Returns the distance that the centreline needs. The proof in the plan gives a little less than the true
     /// clearance.
-    fn need(&self) -> Need {
-        let distance = 0.5 * self.robot.outer_diameter() + self.through.margin + 2.0 * TOLERANCE;
-        Need { distance, slack: SLACK * distance }
+    fn need(&self) -> RequiredClearance {
+        let distance = 0.5 * self.robot.outer_diameter() + self.through.margin + 2.0 * CLEARANCE_TOLERANCE_MM;
+        RequiredClearance { distance, tolerance: SLACK * distance }
     }
 
     /// Returns the deadline of this leg. Each leg has an equal part of the remaining time.
@@ -376,7 +378,7 @@ impl LegSearch<'_> {
         let mut passed_over = 0;
         let is_clear = |path: &[Segment]| {
             let clear = path::length(path) <= left
-                && is_body_clear(scene, &laid(path, self.robot), &base_from_start, &need)
+                && is_path_clear(scene, &laid(path, self.robot), &base_from_start, &need)
                 && is_clear_of_self(path);
             passed_over += usize::from(!clear);
             clear
@@ -385,34 +387,35 @@ impl LegSearch<'_> {
             self.legs_left.set(self.legs_left.get().saturating_sub(1));
             return Ok(PlannedLeg::chosen(goal, &chosen, passed_over));
         }
-        let accept = |chain: &Chain| is_clear_of_self(&segments(&chain.stretches, &base_from_start));
-        let problem = Problem {
+        let accept = |chain: &ViaPath| is_clear_of_self(&to_path_segments(&chain.segments, &base_from_start));
+        let problem = PlanningProblem {
             scene,
-            start: Tip::from(from),
+            start: TipPose::from(from),
             goal: match goal {
-                Goal::Pose(pose) => planner::Goal::Pose(Tip::from(pose)),
+                Goal::Pose(pose) => planner::Goal::Pose(TipPose::from(pose)),
                 Goal::Position(position) => planner::Goal::Position { at: position.vector(), tolerance: 0.0 },
             },
             radius: self.search.radius,
-            need,
-            length_max: left,
+            required_clearance: need,
+            max_length: left,
             accept: &accept,
         };
         if self.search.planner == Planner::TwoPlane {
-            let why = planner::impossible(&problem).map(|why| NoPath::because(why, need.distance, left));
+            let why = planner::check_feasibility(&problem).map(|why| NoPath::because(why, need.distance, left));
             return Err(why.unwrap_or(NoPath::NotClear).into());
         }
         let work = self.through.effort.saturating_mul(WORK_PER_EFFORT);
-        let budget = Budget { work, deadline: self.deadline(), first_only: self.through.first_only };
+        let budget =
+            SearchBudget { max_queries: work, deadline: self.deadline(), stop_at_first: self.through.first_only };
         match planner::search(&problem, &budget, &mut |_| ()) {
-            Outcome::Found(chain) => {
-                let path = segments(&chain.stretches, &base_from_start);
+            SearchOutcome::Found(chain) => {
+                let path = to_path_segments(&chain.segments, &base_from_start);
                 let goal = arrival(goal, &path, &base_from_start);
                 Ok(PlannedLeg { goal, path, choice: None })
             }
-            Outcome::Impossible(why) => Err(NoPath::because(why, need.distance, left).into()),
-            Outcome::NoneAt(resolution) => Err(NoPath::at(resolution).into()),
-            Outcome::NotFound => Err(NoPath::NotFound.into()),
+            SearchOutcome::Infeasible(why) => Err(NoPath::because(why, need.distance, left).into()),
+            SearchOutcome::ExhaustedAt(resolution) => Err(NoPath::at(resolution).into()),
+            SearchOutcome::BudgetExhausted => Err(NoPath::NotFound.into()),
         }
     }
 }
@@ -577,7 +580,7 @@ mod tests {
             plan(&asked.robot, &start, &far, &asked.search, &through).unwrap().scene.unwrap().clearance
         };
         // A plan that had no time reports only the clearance that it was made for.
-        assert_eq!(within(0.0), loaded.margin + TOLERANCE);
+        assert_eq!(within(0.0), loaded.margin + CLEARANCE_TOLERANCE_MM);
         assert!(within(0.0) < within(600.0));
     }
 

@@ -3,7 +3,7 @@
 use growbot_core::angle::degrees;
 use growbot_core::layer::LayerError;
 use growbot_core::path::Segment;
-use growbot_core::plan::Needs;
+use growbot_core::plan::Requirements;
 use growbot_core::robot::Robot;
 use growbot_core::slicing::{LIMIT_SLACK, Slicing, layers};
 use serde::{Deserialize, Serialize};
@@ -44,7 +44,7 @@ const MAX_LAYERS: usize = 100_000;
 
 /// Returns all warnings for growing this path, with these needs, on this robot.
 #[must_use]
-pub fn warnings(path: &[Segment], needs: &Needs, robot: &Robot) -> Vec<Warning> {
+pub fn warnings(path: &[Segment], needs: &Requirements, robot: &Robot) -> Vec<Warning> {
     let mut left = MAX_LAYERS;
     let mut found: Vec<Warning> = self_collision(path, robot).into_iter().collect();
     found.extend(filament_short(needs, robot));
@@ -65,7 +65,7 @@ fn self_collision(path: &[Segment], robot: &Robot) -> Option<Warning> {
     Some(Warning { code: SELF_COLLISION.to_owned(), message, value, limit })
 }
 
-fn filament_short(needs: &Needs, robot: &Robot) -> Option<Warning> {
+fn filament_short(needs: &Requirements, robot: &Robot) -> Option<Warning> {
     let (value, limit) = (needs.filament, robot.description().filament.spool_mm);
     (value > limit).then(|| {
         let (takes, holds) = (value / 1000.0, limit / 1000.0);
@@ -137,12 +137,12 @@ fn readable(length: f64) -> String {
 mod tests {
     use super::*;
     use crate::robot_file;
-    use growbot_core::plan::needs;
+    use growbot_core::plan::requirements;
     use std::f64::consts::{PI, TAU};
 
     fn codes(path: &[Segment], robot: &str) -> Vec<String> {
         let robot = robot_file::load(robot.as_ref()).unwrap();
-        warnings(path, &needs(path, &robot), &robot).into_iter().map(|warning| warning.code).collect()
+        warnings(path, &requirements(path, &robot), &robot).into_iter().map(|warning| warning.code).collect()
     }
 
     fn arc(alpha: f64, bend: f64, radius: f64) -> Segment {
@@ -156,7 +156,7 @@ mod tests {
         assert!(codes(&[straight, arc(1.0, PI, 100.0), straight], "growbot-a").is_empty());
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let path = [straight, arc(1.0, TAU, 100.0), straight];
-        let warnings = warnings(&path, &needs(&path, &robot), &robot);
+        let warnings = warnings(&path, &requirements(&path, &robot), &robot);
         let found = &warnings[0];
         assert_eq!((found.value, found.limit), (0.0, 45.6));
         assert!(found.message.contains("after 8") && found.message.contains("45.6 mm wide"), "{}", found.message);
@@ -186,7 +186,7 @@ mod tests {
             Segment::Arc { alpha: 1.0, bend: 0.003, length: 0.3 },
             Segment::Straight { length: 0.3 },
         ];
-        let warnings = warnings(&path, &needs(&path, &robot), &robot);
+        let warnings = warnings(&path, &requirements(&path, &robot), &robot);
         assert!(warnings.iter().all(|warning| warning.code == "thin-layer" && warning.limit == 0.3));
         let [line, arc] = &warnings[..] else { panic!("{warnings:?}") };
         assert!(line.message.starts_with("segment 1 (straight") && line.value == 0.2, "{line:?}");

@@ -23,7 +23,7 @@ use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_core::shortest::{Candidates, Problem, candidates};
-use growbot_core::to_point::planar;
+use growbot_core::to_position::planar;
 use growbot_core::trigonometry::hypot;
 use growbot_core::two_plane::two_plane;
 use nalgebra::Vector3;
@@ -170,7 +170,7 @@ fn leg_to_pose(from: &Pose, to: &Pose, &Search { radius, planner, .. }: &Search)
         return by_two_planes;
     }
     let mut found = Candidates::new();
-    candidates(&Problem::between(from, to, radius), 0.0, &mut found, &mut || ());
+    candidates(&Problem::from_poses(from, to, radius), 0.0, &mut found, &mut || ());
     found.first().map_or(by_two_planes, |shortest| by_two_planes.min(shortest.length() * radius))
 }
 
@@ -230,7 +230,7 @@ mod tests {
     use super::*;
     use crate::robot_file;
     use growbot_core::pose::Position;
-    use growbot_core::random::Random;
+    use growbot_core::random::Rng;
     use std::time::Instant;
 
     const RADIUS: f64 = 100.0;
@@ -250,10 +250,10 @@ mod tests {
 
     /// Returns positions, each 2 to 10 radii from the previous one in a random direction.
     fn chain(seed: u64, count: usize) -> Vec<Goal> {
-        let mut random = Random::new(&[2026, seed]);
+        let mut random = Rng::new(&[2026, seed]);
         let mut at = Vector3::zeros();
         let mut next = || {
-            at += random.direction() * (RADIUS * random.between(2.0, 10.0));
+            at += random.direction() * (RADIUS * random.uniform_between(2.0, 10.0));
             Goal::Position(Position::new(at).unwrap())
         };
         (0..count).map(|_| next()).collect()
@@ -307,7 +307,7 @@ mod tests {
         for seed in 1000..1008 {
             let goals = chain(seed, 2);
             let (_, joint) = plans(&goals, Planner::Shortest);
-            let mut random = Random::new(&[seed]);
+            let mut random = Rng::new(&[seed]);
             for _ in 0..400 {
                 let via = Goal::Pose(directed(&goals[0], &random.direction()));
                 let other = Plan::through(&robot, &up(), &[via], &goals[1], &search).unwrap();

@@ -18,7 +18,7 @@ use growbot_core::layer_bytes::decode;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::{Frame, Pose};
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
 
@@ -66,9 +66,9 @@ fn apart(robot: &Robot, path: &[Segment], body: &[Segment]) -> f64 {
     most
 }
 
-fn goal(random: &mut Random) -> Pose {
-    let far = RADIUS * libm::exp(random.between(libm::log(0.3), libm::log(300.0)));
-    let (heading, up) = (random.between(-3.1, 3.1), random.between(-1.0, 1.0));
+fn goal(random: &mut Rng) -> Pose {
+    let far = RADIUS * libm::exp(random.uniform_between(libm::log(0.3), libm::log(300.0)));
+    let (heading, up) = (random.uniform_between(-3.1, 3.1), random.uniform_between(-1.0, 1.0));
     Pose::new(random.direction() * far, heading, libm::asin(up)).expect("a pose")
 }
 
@@ -77,7 +77,7 @@ fn layers_lie_on_the_path_that_was_proven_clear() {
     let count = std::env::var("GROWBOT_CENTRELINES").map_or(200, |text| text.parse().expect("a number"));
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).expect("the default robot");
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).expect("a pose");
-    let (mut random, mut made) = (Random::new(&[2026]), [0; 2]);
+    let (mut random, mut made) = (Rng::new(&[2026]), [0; 2]);
     let (mut most, mut helicoidal) = (0.0_f64, 0.0_f64);
     for _ in 0..count {
         let goal = goal(&mut random);

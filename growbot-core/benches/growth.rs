@@ -8,7 +8,7 @@ use growbot_core::layer::Layer;
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::{Disturbance, Hanging, grow_open};
+use growbot_core::simulation::{Disturbance, SaggingBody, grow_open_loop};
 use growbot_core::slicing::{Slicing, layers};
 
 fn growth(criterion: &mut Criterion) {
@@ -29,20 +29,22 @@ fn growth(criterion: &mut Criterion) {
         group.bench_function(name, |bencher| {
             bencher.iter(|| {
                 seed += 1;
-                grow_open(&start, black_box(&plain).iter().copied(), &disturbance, seed, |_| ())
+                grow_open_loop(&start, black_box(&plain).iter().copied(), &disturbance, seed, |_| ())
             });
         });
     }
     group.bench_function("sliced too", |bencher| {
         bencher.iter(|| {
             let sliced = layers(black_box(&path), &robot, Slicing::Exact).map(|sliced| sliced.layer);
-            grow_open(&start, sliced, &growth_only, 1, |_| ())
+            grow_open_loop(&start, sliced, &growth_only, 1, |_| ())
         });
     });
     group.bench_function("sag", |bencher| {
         bencher.iter(|| {
-            let mut hanging = Hanging::new(&robot, &start.frame());
-            let grown = grow_open(&start, black_box(&plain).iter().copied(), &growth_only, 1, |laid| hanging.lay(laid));
+            let mut hanging = SaggingBody::new(&robot, &start.frame());
+            let grown = grow_open_loop(&start, black_box(&plain).iter().copied(), &growth_only, 1, |laid| {
+                hanging.add_layer(laid)
+            });
             (grown, hanging)
         });
     });

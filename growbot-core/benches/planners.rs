@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use growbot_core::dubins2::{self, PathType, PlanarPath, PlanarPose};
-use growbot_core::plan::{Chosen, Planner, plan};
+use growbot_core::plan::{PlannedPath, Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
@@ -44,7 +44,7 @@ fn bench<G, P>(criterion: &mut Criterion, planner: &str, goals: &str, goal: impl
 }
 
 /// Plans a path to `goal` from the origin, where the tip points straight up.
-fn to(robot: &Robot, goal: &Pose, planner: Planner) -> Chosen {
+fn to(robot: &Robot, goal: &Pose, planner: Planner) -> PlannedPath {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     plan(robot, &start, goal, RADIUS, planner).unwrap()
 }

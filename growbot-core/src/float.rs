@@ -6,9 +6,9 @@ use crate::trigonometry;
 
 /// A float with functions that give the same bits on every machine. The functions of [`RealField`] may be those of the
 /// standard library, which differ between machines.
-pub trait Float: RealField + Copy {
+pub trait PortableFloat: RealField + Copy {
     /// Returns the nearest float.
-    fn of(number: f64) -> Self;
+    fn literal(number: f64) -> Self;
     /// Returns the square root.
     fn root(self) -> Self;
     /// Returns `e` to the power of this number.
@@ -53,8 +53,8 @@ const SINE: [f64; 9] = [
     -8.22063524662433e-18,
 ];
 
-impl Float for f64 {
-    fn of(number: f64) -> Self {
+impl PortableFloat for f64 {
+    fn literal(number: f64) -> Self {
         number
     }
 
@@ -102,8 +102,8 @@ fn nearest(number: f32) -> f32 {
     (number + SHIFT) - SHIFT
 }
 
-impl Float for f32 {
-    fn of(number: f64) -> Self {
+impl PortableFloat for f32 {
+    fn literal(number: f64) -> Self {
         number as f32
     }
 

@@ -24,18 +24,18 @@ impl Default for Hasher {
 impl Hasher {
     /// Returns the hash of some bytes.
     #[must_use]
-    pub fn of(bytes: &[u8]) -> u64 {
+    pub fn hash(bytes: &[u8]) -> u64 {
         CRC.checksum(bytes)
     }
 
     /// Adds bytes.
-    pub fn bytes(&mut self, bytes: &[u8]) {
+    pub fn write_bytes(&mut self, bytes: &[u8]) {
         self.0.update(bytes);
     }
 
     /// Adds a number, as its eight little-endian bytes.
-    pub fn f64(&mut self, value: f64) {
-        self.bytes(&value.to_le_bytes());
+    pub fn write_f64(&mut self, value: f64) {
+        self.write_bytes(&value.to_le_bytes());
     }
 
     /// Returns the hash of all bytes added.

@@ -68,7 +68,7 @@ impl Helicoid {
     #[must_use]
     #[inline(never)] // Keeps its stack frame out of the caller's.
     pub fn frame_after(&self, length: f64) -> Frame {
-        let mut walk = Walk::new(self);
+        let mut walk = HelicoidIntegrator::new(self);
         walk.advance(length);
         walk.frame()
     }
@@ -126,12 +126,12 @@ impl Helicoid {
 
 /// A tip that moves along a helicoidal arc.
 #[derive(Debug, Clone)]
-pub struct Walk {
+pub struct HelicoidIntegrator {
     curve: Helicoid,
     state: State,
 }
 
-impl Walk {
+impl HelicoidIntegrator {
     /// Creates a tip at the start of the curve.
     #[must_use]
     pub fn new(curve: &Helicoid) -> Self {
@@ -207,7 +207,7 @@ mod tests {
     /// Integrates in many small steps.
     fn by_small_steps(curve: &Helicoid, length: f64, steps: u32) -> State {
         let step = length / f64::from(steps);
-        let mut state = Walk::new(curve).state;
+        let mut state = HelicoidIntegrator::new(curve).state;
         for _ in 0..steps {
             state = curve.short_step(&state, step);
         }
@@ -219,7 +219,7 @@ mod tests {
 
         #[test]
         fn the_integration_agrees_with_one_in_small_steps(curve in helicoid(), length in 0.0..8.0) {
-            let mut walk = Walk::new(&curve);
+            let mut walk = HelicoidIntegrator::new(&curve);
             walk.advance(length);
             let apart = (walk.state - by_small_steps(&curve, length, 100_000)).amax();
             prop_assert!(apart < 1e-9, "{curve:?} over {length}: {apart:e} apart");
@@ -227,7 +227,7 @@ mod tests {
 
         #[test]
         fn growth_in_pieces_is_growth(curve in helicoid(), length in 0.0..8.0) {
-            let mut walk = Walk::new(&curve);
+            let mut walk = HelicoidIntegrator::new(&curve);
             for _ in 0..1000 {
                 walk.advance(length / 1000.0);
             }

@@ -1,16 +1,16 @@
 //! A job: the layers of a path in the form that the board receives, and the hashes that identify them.
 
 use crate::hash::Hasher;
-use crate::layer_bytes::{Encoder, LayerBytes};
+use crate::layer_bytes::{LayerBytes, LayerEncoder};
 use crate::path::Segment;
 use crate::robot::Robot;
-use crate::slicing::{Layers, Slicing, layers_with_keep_alive};
+use crate::slicing::{SlicedLayers, Slicing, layers_with_keep_alive};
 
 /// Iterator over the layers of a path as bytes, in order.
 #[derive(Debug, Clone)]
 pub struct JobLayers<'a> {
-    layers: Layers<'a>,
-    encoder: Encoder,
+    layers: SlicedLayers<'a>,
+    encoder: LayerEncoder,
     robot: &'a Robot,
 }
 
@@ -30,7 +30,7 @@ pub fn job_layers_with_keep_alive<'a>(
 ) -> JobLayers<'a> {
     JobLayers {
         layers: layers_with_keep_alive(path, robot, Slicing::Exact, keep_alive),
-        encoder: Encoder::default(),
+        encoder: LayerEncoder::default(),
         robot,
     }
 }
@@ -39,7 +39,7 @@ impl Iterator for JobLayers<'_> {
     type Item = LayerBytes;
 
     fn next(&mut self) -> Option<LayerBytes> {
-        self.layers.next().map(|sliced| self.encoder.encode_layable(&sliced.layer, self.robot.tip_radius()))
+        self.layers.next().map(|sliced| self.encoder.encode_clamped(&sliced.layer, self.robot.tip_radius()))
     }
 
     fn size_hint(&self) -> (usize, Option<usize>) {
@@ -69,15 +69,15 @@ impl JobLayers<'_> {
     /// Like [`JobLayers::summary`], but calls `keep_alive` for each layer so that a board can feed its watchdog.
     #[must_use]
     pub fn summary_with_keep_alive(&self, keep_alive: &mut dyn FnMut()) -> JobSummary {
-        let (mut name, mut exact) = (JobName::new(self.robot), Hasher::default());
+        let (mut name, mut exact) = (PlanIdHasher::new(self.robot), Hasher::default());
         let mut encoder = self.encoder.clone();
         let mut count = 0;
         for sliced in self.layers.clone() {
             keep_alive();
-            name.layer(&encoder.encode_layable(&sliced.layer, self.robot.tip_radius()));
-            exact.f64(sliced.layer.alpha);
-            exact.f64(sliced.layer.height);
-            exact.f64(sliced.layer.tilt);
+            name.layer(&encoder.encode_clamped(&sliced.layer, self.robot.tip_radius()));
+            exact.write_f64(sliced.layer.alpha);
+            exact.write_f64(sliced.layer.height);
+            exact.write_f64(sliced.layer.tilt);
             count += 1;
         }
         JobSummary { plan_id: name.finish(), exact_hash: exact.finish(), layers: count }
@@ -85,17 +85,17 @@ impl JobLayers<'_> {
 }
 
 /// The identifier of a job while it is computed: the hash of the robot's hash and of all layers' bytes.
-struct JobName(Hasher);
+struct PlanIdHasher(Hasher);
 
-impl JobName {
+impl PlanIdHasher {
     fn new(robot: &Robot) -> Self {
         let mut hasher = Hasher::default();
-        hasher.bytes(&robot.hash().to_le_bytes());
+        hasher.write_bytes(&robot.hash().to_le_bytes());
         Self(hasher)
     }
 
     fn layer(&mut self, layer: &LayerBytes) {
-        self.0.bytes(layer);
+        self.0.write_bytes(layer);
     }
 
     /// Returns the identifier. It is never 0, because 0 stands for the absence of a job.
@@ -107,7 +107,7 @@ impl JobName {
 /// Returns the identifier of a job of these layers: [`JobSummary::plan_id`].
 #[must_use]
 pub fn plan_id(robot: &Robot, layers: &[LayerBytes]) -> u64 {
-    let mut name = JobName::new(robot);
+    let mut name = PlanIdHasher::new(robot);
     layers.iter().for_each(|layer| name.layer(layer));
     name.finish()
 }

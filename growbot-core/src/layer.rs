@@ -92,7 +92,7 @@ impl Layer {
     /// Returns the fraction of the layer's material that lies between angle 0 and `psi` (0 to `2 pi`), 0 to 1: `(h psi
     /// + r_t phi (sin(psi - alpha) + sin alpha)) / (2 pi h)`.
     #[must_use]
-    pub fn share_of_material(&self, psi: f64, tip_radius: f64) -> f64 {
+    pub fn material_fraction(&self, psi: f64, tip_radius: f64) -> f64 {
         let lean = tip_radius * self.tilt * (trigonometry::sin(psi - self.alpha) + trigonometry::sin(self.alpha));
         (psi + lean / self.height) / core::f64::consts::TAU
     }
@@ -118,14 +118,14 @@ mod tests {
     #[test]
     fn the_share_of_material_is_the_integral_of_the_height() {
         let (layer, tip_radius) = (Layer { alpha: 2.0, height: 0.77, tilt: 0.0077 }, 22.0);
-        assert_eq!(layer.share_of_material(0.0, tip_radius), 0.0);
-        assert!((layer.share_of_material(TAU, tip_radius) - 1.0).abs() < 1e-15);
+        assert_eq!(layer.material_fraction(0.0, tip_radius), 0.0);
+        assert!((layer.material_fraction(TAU, tip_radius) - 1.0).abs() < 1e-15);
         let (mut sum, n) = (0.0, 20_000);
         for i in 0..n {
             let psi = TAU * (f64::from(i) + 0.5) / f64::from(n);
             sum += layer.height_at(psi, tip_radius) / (layer.height * f64::from(n));
             let upto = TAU * f64::from(i + 1) / f64::from(n);
-            assert!((layer.share_of_material(upto, tip_radius) - sum).abs() < 1e-8);
+            assert!((layer.material_fraction(upto, tip_radius) - sum).abs() < 1e-8);
         }
     }
 }

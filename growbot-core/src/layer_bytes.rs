@@ -14,15 +14,15 @@ use crate::slicing::LIMIT_SLACK;
 pub type LayerBytes = [u8; 12];
 
 /// Units of height in a mm.
-pub const HEIGHT_UNITS: f64 = 16_777_216.0;
+pub const HEIGHT_UNITS_PER_MM: f64 = 16_777_216.0;
 /// Units of tilt in a radian.
-pub const TILT_UNITS: f64 = 4_294_967_296.0;
+pub const TILT_UNITS_PER_RAD: f64 = 4_294_967_296.0;
 /// Units of alpha in a turn.
 const ALPHA_UNITS: f64 = 4_294_967_296.0;
 
 /// Encodes successive layers, and carries the rounding error of each to the next.
 #[derive(Debug, Clone, Default)]
-pub struct Encoder {
+pub struct LayerEncoder {
     /// Accumulated rounding error of the height, units.
     height_owed: f64,
     /// Accumulated rounding error of the tilt, units.
@@ -34,7 +34,7 @@ fn units(value: f64) -> u32 {
     libm::rint(value) as u32
 }
 
-impl Encoder {
+impl LayerEncoder {
     /// Returns the next layer as bytes.
     pub fn encode(&mut self, layer: &Layer) -> LayerBytes {
         self.encode_rounded(layer, units, units)
@@ -42,29 +42,29 @@ impl Encoder {
 
     /// Returns the next layer as bytes, in a form that a board can lay. Rounding a layer of a few units does not
     /// produce a layer without height or without material on its inner side. That change too is carried forward.
-    pub fn encode_layable(&mut self, layer: &Layer, tip_radius: f64) -> LayerBytes {
+    pub fn encode_clamped(&mut self, layer: &Layer, tip_radius: f64) -> LayerBytes {
         let height = |exact: f64| units(exact).max(1);
         let mut encoder = self.clone();
-        let min_height = Fields::of(&encoder.encode_rounded(layer, height, units)).height;
-        let max_tilt = (f64::from(min_height) / HEIGHT_UNITS / tip_radius * TILT_UNITS - 1.0).max(0.0);
+        let min_height = RawLayer::from_bytes(&encoder.encode_rounded(layer, height, units)).height;
+        let max_tilt = (f64::from(min_height) / HEIGHT_UNITS_PER_MM / tip_radius * TILT_UNITS_PER_RAD - 1.0).max(0.0);
         self.encode_rounded(layer, height, |exact| units(exact.min(max_tilt)))
     }
 
     fn encode_rounded(&mut self, layer: &Layer, height: impl Fn(f64) -> u32, tilt: impl Fn(f64) -> u32) -> LayerBytes {
-        let exact_height = layer.height * HEIGHT_UNITS + self.height_owed;
-        let exact_tilt = layer.tilt * TILT_UNITS + self.tilt_owed;
+        let exact_height = layer.height * HEIGHT_UNITS_PER_MM + self.height_owed;
+        let exact_tilt = layer.tilt * TILT_UNITS_PER_RAD + self.tilt_owed;
         let (height, tilt) = (height(exact_height), tilt(exact_tilt));
         self.height_owed = exact_height - f64::from(height);
         self.tilt_owed = exact_tilt - f64::from(tilt);
         // The wrapping cast from u64 turns a full turn into 0.
         let alpha = libm::rint(wrap_positive(layer.alpha) / core::f64::consts::TAU * ALPHA_UNITS) as u64 as u32;
-        Fields { alpha, height, tilt }.to_bytes()
+        RawLayer { alpha, height, tilt }.to_bytes()
     }
 }
 
 /// The three numbers of a layer, in their units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Fields {
+pub struct RawLayer {
     /// Alpha, 2^-32 turns.
     pub alpha: u32,
     /// Mean height, 2^-24 mm.
@@ -73,10 +73,10 @@ pub struct Fields {
     pub tilt: u32,
 }
 
-impl Fields {
+impl RawLayer {
     /// Decodes the 12 bytes.
     #[must_use]
-    pub fn of(bytes: &LayerBytes) -> Self {
+    pub fn from_bytes(bytes: &LayerBytes) -> Self {
         let [a0, a1, a2, a3, h0, h1, h2, h3, t0, t1, t2, t3] = *bytes;
         Self {
             alpha: u32::from_le_bytes([a0, a1, a2, a3]),
@@ -95,11 +95,11 @@ impl Fields {
 
     /// Returns the layer of these numbers, in mm and radians.
     #[must_use]
-    pub fn layer(&self) -> Layer {
+    pub fn to_layer(&self) -> Layer {
         Layer {
             alpha: f64::from(self.alpha) / ALPHA_UNITS * core::f64::consts::TAU,
-            height: f64::from(self.height) / HEIGHT_UNITS,
-            tilt: f64::from(self.tilt) / TILT_UNITS,
+            height: f64::from(self.height) / HEIGHT_UNITS_PER_MM,
+            tilt: f64::from(self.tilt) / TILT_UNITS_PER_RAD,
         }
     }
 }
@@ -107,7 +107,7 @@ impl Fields {
 /// Decodes a layer from 12 bytes, to mm and radians.
 #[must_use]
 pub fn decode(bytes: &LayerBytes) -> Layer {
-    Fields::of(bytes).layer()
+    RawLayer::from_bytes(bytes).to_layer()
 }
 
 /// Decodes a received layer and checks it against the robot's limits, with a tolerance of one unit of rounding.
@@ -116,8 +116,8 @@ pub fn decode(bytes: &LayerBytes) -> Layer {
 /// Returns the limit that the layer exceeds.
 pub fn decode_checked(bytes: &LayerBytes, robot: &Robot) -> Result<Layer, LayerError> {
     let layer = decode(bytes);
-    let height_unit = 1.0 / (HEIGHT_UNITS * robot.description().layer.height_max_mm);
-    let tilt_unit = 1.0 / (TILT_UNITS * robot.max_tilt());
+    let height_unit = 1.0 / (HEIGHT_UNITS_PER_MM * robot.description().layer.height_max_mm);
+    let tilt_unit = 1.0 / (TILT_UNITS_PER_RAD * robot.max_tilt());
     robot.check_layer(&layer, LIMIT_SLACK + height_unit + tilt_unit)?;
     Ok(layer)
 }
@@ -130,7 +130,7 @@ mod tests {
     #[test]
     fn rounding_is_carried_and_never_adds_up() {
         let layer = Layer { alpha: 1.234_567, height: 0.774 / 3.0, tilt: 0.007_74 / 7.0 };
-        let mut encoder = Encoder::default();
+        let mut encoder = LayerEncoder::default();
         let (mut height, mut tilt) = (0.0, 0.0);
         for i in 1..=100_000 {
             let again = decode(&encoder.encode(&layer));
@@ -149,7 +149,7 @@ mod tests {
         let robot = robot_a();
         let curvature = 1.0 / 98.2;
         let height = robot.max_mean_height(curvature) * (1.0 + LIMIT_SLACK);
-        let mut encoder = Encoder::default();
+        let mut encoder = LayerEncoder::default();
         for _ in 0..1000 {
             let bytes = encoder.encode(&Layer { alpha: 6.25, height, tilt: height * curvature });
             decode_checked(&bytes, &robot).unwrap();
@@ -161,10 +161,10 @@ mod tests {
         let robot = robot_a();
         for height in [1e-12, 3e-8, 6e-8, 1e-7, 2.5e-7, 1e-6] {
             for radius in [98.2, 33.0, 23.0, 1e6] {
-                let mut encoder = Encoder::default();
+                let mut encoder = LayerEncoder::default();
                 for _ in 0..10 {
                     let layer = Layer { alpha: 1.0, height, tilt: height / radius };
-                    decode_checked(&encoder.encode_layable(&layer, robot.tip_radius()), &robot).unwrap();
+                    decode_checked(&encoder.encode_clamped(&layer, robot.tip_radius()), &robot).unwrap();
                 }
             }
         }
@@ -182,6 +182,6 @@ mod tests {
     #[test]
     fn a_full_turn_is_encoded_as_none() {
         let layer = Layer { alpha: core::f64::consts::TAU * (1.0 - 1e-16), height: 0.5, tilt: 0.001 };
-        assert_eq!(Fields::of(&Encoder::default().encode(&layer)).alpha, 0);
+        assert_eq!(RawLayer::from_bytes(&LayerEncoder::default().encode(&layer)).alpha, 0);
     }
 }

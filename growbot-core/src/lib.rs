@@ -66,6 +66,7 @@
 extern crate std;
 
 pub mod angle;
+pub mod compact_number;
 pub mod curvature;
 pub mod dubins2;
 mod float;
@@ -77,7 +78,6 @@ pub mod layer;
 pub mod layer_bytes;
 mod linalg5;
 pub mod link;
-pub mod number;
 pub mod path;
 pub mod plan;
 pub mod pose;
@@ -88,7 +88,7 @@ pub mod simulation;
 pub mod slicing;
 #[cfg(test)]
 mod testing;
-pub mod to_point;
+pub mod to_position;
 pub mod tracking;
 pub mod trigonometry;
 pub mod two_plane;

@@ -9,12 +9,12 @@ use core::mem;
 
 use nalgebra::{Matrix5, Vector5};
 
-use crate::float::Float;
+use crate::float::PortableFloat;
 
 /// Solves `matrix x = right` by Gaussian elimination with partial pivoting. `None` if the matrix is singular.
 #[inline(never)]
-pub fn solve<T: Float>(matrix: &Matrix5<T>, right: &Vector5<T>) -> Option<Vector5<T>> {
-    let (zero, one) = (T::of(0.0), T::of(1.0));
+pub fn solve<T: PortableFloat>(matrix: &Matrix5<T>, right: &Vector5<T>) -> Option<Vector5<T>> {
+    let (zero, one) = (T::literal(0.0), T::literal(1.0));
     // Each row is an equation, with its right side as the last number.
     let mut rows = [[zero; 6]; 5];
     for (column, numbers) in matrix.data.0.iter().chain(&right.data.0).enumerate() {
@@ -62,7 +62,7 @@ pub fn solve<T: Float>(matrix: &Matrix5<T>, right: &Vector5<T>) -> Option<Vector
 #[derive(Debug, Clone)]
 pub struct Cholesky<T>([[T; 5]; 5]);
 
-impl<T: Float> Cholesky<T> {
+impl<T: PortableFloat> Cholesky<T> {
     /// Factorizes a matrix. Only its lower triangle is read. `None` if it is not positive definite.
     #[inline(never)]
     pub fn new(matrix: &Matrix5<T>) -> Option<Self> {
@@ -71,7 +71,7 @@ impl<T: Float> Cholesky<T> {
         for index in 0..5 {
             let (column, others) = left.split_first_mut()?;
             let square = column[index];
-            if square.partial_cmp(&T::of(0.0)) != Some(Ordering::Greater) {
+            if square.partial_cmp(&T::literal(0.0)) != Some(Ordering::Greater) {
                 return None;
             }
             let root = square.root();
@@ -104,7 +104,7 @@ impl<T: Float> Cholesky<T> {
             left = below;
         }
         for (index, column) in (0..5).zip(&self.0).rev() {
-            let below = solution.iter().zip(column).skip(index + 1).fold(T::of(0.0), |sum, (a, b)| sum + *a * *b);
+            let below = solution.iter().zip(column).skip(index + 1).fold(T::literal(0.0), |sum, (a, b)| sum + *a * *b);
             solution[index] = (solution[index] - below) / column[index];
         }
         solution.into()

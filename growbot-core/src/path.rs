@@ -111,7 +111,7 @@ pub struct Leg {
     /// The pose at the end of the leg.
     pub goal: Pose,
     /// Number of the path's segments that belong to the leg.
-    pub segments: usize,
+    pub segment_count: usize,
 }
 
 /// Returns the length of a path, mm. (The fold begins with 0, because the sum of no numbers is -0.)

@@ -2,7 +2,7 @@
 
 use core::cmp::Ordering;
 
-use crate::number::Short;
+use crate::compact_number::CompactNumber;
 use crate::path::{self, Path, PathFull, Segment};
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::robot::Robot;
@@ -22,11 +22,11 @@ pub enum Planner {
 
 /// A planned path, and how many candidates it was selected from.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Chosen {
+pub struct PlannedPath {
     /// The path.
     pub path: Path,
     /// Number of paths found that reach the goal.
-    pub candidates: usize,
+    pub candidate_count: usize,
     /// Length of the two-plane path to the same goal, mm.
     pub two_plane_length: f64,
 }
@@ -35,7 +35,7 @@ pub struct Chosen {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// The radius is below R_min.
-    #[error("radius is {} mm, below R_min = {limit} mm of this robot: ask for at least that", Short(.radius))]
+    #[error("radius is {} mm, below R_min = {limit} mm of this robot: ask for at least that", CompactNumber(.radius))]
     RadiusTooSmall {
         /// Requested radius, mm.
         radius: f64,
@@ -43,7 +43,7 @@ pub enum PlanError {
         limit: f64,
     },
     /// The radius is not finite or above [`MAX_RADIUS`].
-    #[error("radius is {} mm: give a number up to {limit} mm", Short(.radius))]
+    #[error("radius is {} mm: give a number up to {limit} mm", CompactNumber(.radius))]
     RadiusTooLarge {
         /// Requested radius, mm.
         radius: f64,
@@ -55,7 +55,7 @@ pub enum PlanError {
         "the path found ends {distance} mm and {angle} rad from the goal, more than {limit} mm: please report these \
          poses"
     )]
-    Missed {
+    GoalNotReached {
         /// Distance from the goal, mm.
         distance: f64,
         /// Angle between the directions, radians.
@@ -72,10 +72,10 @@ pub enum PlanError {
 }
 
 /// Max radius that is accepted, mm (1 km).
-pub const MAX_RADIUS: f64 = 1e6;
+pub const MAX_RADIUS_MM: f64 = 1e6;
 /// Max error of a path at the goal, radii and radians, for goals within 100 radii. At larger distances it grows in
 /// proportion. It is a tenth of a nanometre for a radius of 100 mm.
-const ARRIVED: f64 = 1e-9;
+const GOAL_TOLERANCE: f64 = 1e-9;
 /// Min length of a segment, radii. A shorter segment is only a rounding error, and is removed if that does not move the
 /// end.
 pub(crate) const MIN_SEGMENT: f64 = 1e-9;
@@ -84,7 +84,7 @@ const UNMOVED: f64 = 1e-10;
 
 /// The error of a tip at a goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Miss {
+pub struct GoalError {
     /// Distance, mm.
     pub distance: f64,
     /// Angle between the directions of growth, radians.
@@ -95,14 +95,14 @@ pub struct Miss {
 /// search for helicoidal arcs starts only from likely places, so a shorter one may exist. The search for all other
 /// paths is complete.
 #[must_use]
-pub fn may_be_helicoidal(start: &Pose, goal: &Pose, radius: f64) -> bool {
+pub fn is_within_helicoid_range(start: &Pose, goal: &Pose, radius: f64) -> bool {
     (goal.position() - start.position()).norm() < shortest::HELICOIDS_WITHIN * radius
 }
 
 /// Returns the error of a tip at a goal.
 #[must_use]
-pub fn miss(base_from_tip: &Frame, goal: &Pose) -> Miss {
-    Miss {
+pub fn goal_error(base_from_tip: &Frame, goal: &Pose) -> GoalError {
+    GoalError {
         distance: (base_from_tip.translation.vector - goal.position()).norm(),
         angle: angle_between(&tip_direction(base_from_tip), &goal.direction()),
     }
@@ -113,7 +113,7 @@ pub fn miss(base_from_tip: &Frame, goal: &Pose) -> Miss {
 /// # Errors
 /// Returns an error if the radius is below R_min or above [`MAX_RADIUS`], or if the path does not end at the goal. The
 /// latter has never been observed.
-pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Chosen, PlanError> {
+pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<PlannedPath, PlanError> {
     plan_with_keep_alive(robot, start, goal, radius, planner, &mut || ())
 }
 
@@ -129,7 +129,7 @@ pub fn plan_with_keep_alive(
     radius: f64,
     planner: Planner,
     keep_alive: &mut dyn FnMut(),
-) -> Result<Chosen, PlanError> {
+) -> Result<PlannedPath, PlanError> {
     // The first candidate is accepted, so there is always a result.
     search(robot, start, goal, radius, planner, |_| true, keep_alive).and_then(|chosen| chosen.ok_or(PlanError::NoPath))
 }
@@ -139,14 +139,14 @@ pub fn plan_with_keep_alive(
 ///
 /// # Errors
 /// Returns the errors of [`plan`].
-pub fn plan_where(
+pub fn plan_with_filter(
     robot: &Robot,
     start: &Pose,
     goal: &Pose,
     radius: f64,
     planner: Planner,
     accept: impl FnMut(&[Segment]) -> bool,
-) -> Result<Option<Chosen>, PlanError> {
+) -> Result<Option<PlannedPath>, PlanError> {
     search(robot, start, goal, radius, planner, accept, &mut || ())
 }
 
@@ -158,7 +158,7 @@ fn search(
     planner: Planner,
     accept: impl FnMut(&[Segment]) -> bool,
     keep_alive: &mut dyn FnMut(),
-) -> Result<Option<Chosen>, PlanError> {
+) -> Result<Option<PlannedPath>, PlanError> {
     check_radius(robot, radius)?;
     match planner {
         Planner::TwoPlane => two_plane_only(start, goal, radius, accept),
@@ -172,8 +172,8 @@ pub(crate) fn check_radius(robot: &Robot, radius: f64) -> Result<(), PlanError> 
     if radius < limit {
         return Err(PlanError::RadiusTooSmall { radius, limit });
     }
-    if radius.is_nan() || radius > MAX_RADIUS {
-        return Err(PlanError::RadiusTooLarge { radius, limit: MAX_RADIUS });
+    if radius.is_nan() || radius > MAX_RADIUS_MM {
+        return Err(PlanError::RadiusTooLarge { radius, limit: MAX_RADIUS_MM });
     }
     Ok(())
 }
@@ -184,10 +184,10 @@ fn two_plane_only(
     goal: &Pose,
     radius: f64,
     mut accept: impl FnMut(&[Segment]) -> bool,
-) -> Result<Option<Chosen>, PlanError> {
-    let path = arriving_two_plane(start, goal, radius)?;
+) -> Result<Option<PlannedPath>, PlanError> {
+    let path = checked_two_plane(start, goal, radius)?;
     let two_plane_length = path::length(&path);
-    Ok(accept(&path).then_some(Chosen { path, candidates: 1, two_plane_length }))
+    Ok(accept(&path).then_some(PlannedPath { path, candidate_count: 1, two_plane_length }))
 }
 
 #[inline(never)]
@@ -197,9 +197,9 @@ fn shortest_of_all(
     radius: f64,
     mut accept: impl FnMut(&[Segment]) -> bool,
     keep_alive: &mut dyn FnMut(),
-) -> Result<Option<Chosen>, PlanError> {
+) -> Result<Option<PlannedPath>, PlanError> {
     let two_plane_length = two_plane_length(start, goal, radius)?;
-    let problem = Problem::between(start, goal, radius);
+    let problem = Problem::from_poses(start, goal, radius);
     let mut found = Candidates::new();
     shortest::candidates(&problem, two_plane_length / radius, &mut found, keep_alive);
     let count = found.len() + 1;
@@ -208,15 +208,15 @@ fn shortest_of_all(
     for index in 0..count {
         keep_alive();
         let path = match index.cmp(&shorter) {
-            Ordering::Equal => arriving_two_plane(start, goal, radius),
-            Ordering::Less => arriving_candidate(found.get(index), start, goal, radius),
-            Ordering::Greater => arriving_candidate(found.get(index - 1), start, goal, radius),
+            Ordering::Equal => checked_two_plane(start, goal, radius),
+            Ordering::Less => checked_candidate(found.get(index), start, goal, radius),
+            Ordering::Greater => checked_candidate(found.get(index - 1), start, goal, radius),
         };
         // A candidate that does not reach the goal is skipped.
         if let Ok(path) = path
             && accept(&path)
         {
-            return Ok(Some(Chosen { path, candidates: count, two_plane_length }));
+            return Ok(Some(PlannedPath { path, candidate_count: count, two_plane_length }));
         }
     }
     Ok(None)
@@ -225,46 +225,41 @@ fn shortest_of_all(
 /// Returns the length of the two-plane path, mm.
 #[inline(never)] // Keeps its stack frame out of the caller's.
 pub(crate) fn two_plane_length(start: &Pose, goal: &Pose, radius: f64) -> Result<f64, PlanError> {
-    arriving_two_plane(start, goal, radius).map(|path| path::length(&path))
+    checked_two_plane(start, goal, radius).map(|path| path::length(&path))
 }
 
 #[inline(never)]
-fn arriving_two_plane(start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PlanError> {
-    arriving(two_plane(start, goal, radius)?, start, goal, radius)
+fn checked_two_plane(start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PlanError> {
+    trim_and_check(two_plane(start, goal, radius)?, start, goal, radius)
 }
 
 #[inline(never)]
-fn arriving_candidate(
-    candidate: Option<&Candidate>,
-    start: &Pose,
-    goal: &Pose,
-    radius: f64,
-) -> Result<Path, PlanError> {
-    arriving(candidate.ok_or(PlanError::NoPath)?.path(radius)?, start, goal, radius)
+fn checked_candidate(candidate: Option<&Candidate>, start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PlanError> {
+    trim_and_check(candidate.ok_or(PlanError::NoPath)?.path(radius)?, start, goal, radius)
 }
 
 /// Returns the path, without segments that are only rounding errors, if it ends at the goal.
-pub(crate) fn arriving(path: Path, start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PlanError> {
+pub(crate) fn trim_and_check(path: Path, start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PlanError> {
     let scale = ((goal.position() - start.position()).norm() / (100.0 * radius)).max(1.0);
     let within = |path: &Path, share: f64| {
-        let miss = miss(&path::end(path, &start.frame()), goal);
-        (miss.distance <= share * scale * radius && miss.angle <= share * scale, miss)
+        let error = goal_error(&path::end(path, &start.frame()), goal);
+        (error.distance <= share * scale * radius && error.angle <= share * scale, error)
     };
     let short = path.filtered(|segment| segment.length() >= MIN_SEGMENT * radius);
     if short.len() < path.len() && within(&short, UNMOVED).0 {
         return Ok(short);
     }
-    match within(&path, ARRIVED) {
+    match within(&path, GOAL_TOLERANCE) {
         (true, _) => Ok(path),
-        (false, Miss { distance, angle }) => {
-            Err(PlanError::Missed { distance, angle, limit: ARRIVED * scale * radius })
+        (false, GoalError { distance, angle }) => {
+            Err(PlanError::GoalNotReached { distance, angle, limit: GOAL_TOLERANCE * scale * radius })
         }
     }
 }
 
 /// Length, layers, time and filament that a path needs.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Needs {
+pub struct Requirements {
     /// Arc length, mm.
     pub length: f64,
     /// Number of layers, by exact slicing.
@@ -277,10 +272,10 @@ pub struct Needs {
 
 /// Returns the length, layers, time and filament that a path needs on this robot.
 #[must_use]
-pub fn needs(path: &[Segment], robot: &Robot) -> Needs {
+pub fn requirements(path: &[Segment], robot: &Robot) -> Requirements {
     let layers = crate::slicing::layers(path, robot, crate::slicing::Slicing::Exact).size_hint().0;
     let length = path::length(path);
-    Needs {
+    Requirements {
         length,
         layers,
         duration: layers as f64 * robot.description().layer.period_s,
@@ -300,11 +295,11 @@ mod tests {
     }
 
     fn assert_plans_by(planner: Planner, start: &Pose, goal: &Pose, radius: f64) -> Path {
-        let Chosen { path, two_plane_length, .. } = plan(&robot_a(), start, goal, radius, planner)
+        let PlannedPath { path, two_plane_length, .. } = plan(&robot_a(), start, goal, radius, planner)
             .unwrap_or_else(|error| panic!("{start:?} to {goal:?}: {error}"));
         assert!(path::length(&path) <= two_plane_length * (1.0 + 1e-12));
-        let miss = miss(&path::end(&path, &start.frame()), goal);
-        assert!(miss.distance < 1e-6 && miss.angle < 1e-8, "{start:?} to {goal:?}: {miss:?}");
+        let error = goal_error(&path::end(&path, &start.frame()), goal);
+        assert!(error.distance < 1e-6 && error.angle < 1e-8, "{start:?} to {goal:?}: {error:?}");
         path
     }
 

@@ -10,7 +10,7 @@
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 
 use crate::angle::{degrees, radians, wrap_signed};
-use crate::number::Short;
+use crate::compact_number::CompactNumber;
 use crate::trigonometry;
 
 /// A rigid transform. Its name is the conversion that it makes: `base_from_tip * point_in_tip`.
@@ -48,7 +48,7 @@ impl Position {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PoseError {
     /// A field is NaN or infinite.
-    #[error("{field} is {}: give a finite number", Short(.value))]
+    #[error("{field} is {}: give a finite number", CompactNumber(.value))]
     NotFinite {
         /// Name of the field.
         field: &'static str,
@@ -56,7 +56,7 @@ pub enum PoseError {
         value: f64,
     },
     /// A coordinate is beyond [`Pose::MAX_COORDINATE`].
-    #[error("{field} is {} mm: keep coordinates within {limit} mm of the origin", Short(.value))]
+    #[error("{field} is {} mm: keep coordinates within {limit} mm of the origin", CompactNumber(.value))]
     TooFar {
         /// Name of the coordinate.
         field: &'static str,
@@ -66,7 +66,7 @@ pub enum PoseError {
         limit: f64,
     },
     /// The pitch lies beyond straight up or straight down.
-    #[error("pitch is {} deg: it must lie between -90 (straight down) and 90 (straight up)", Short(.value))]
+    #[error("pitch is {} deg: it must lie between -90 (straight down) and 90 (straight up)", CompactNumber(.value))]
     Pitch {
         /// The pitch, degrees.
         value: f64,
@@ -75,11 +75,11 @@ pub enum PoseError {
 
 impl Pose {
     /// Max coordinate, mm (10 km). Beyond it an `f64` no longer resolves a micrometre reliably.
-    pub const MAX_COORDINATE: f64 = 1e7;
+    pub const MAX_COORDINATE_MM: f64 = 1e7;
 
     /// Max angle from straight up or down at which a direction counts as vertical and has no heading, radians: 0.0006
     /// degrees. The steps of a vertical body alone turn its direction by a fifth of that.
-    pub const VERTICAL: f64 = 1e-5;
+    pub const VERTICAL_TOLERANCE_RAD: f64 = 1e-5;
 
     /// Creates a pose from mm and radians. The heading is wrapped to `(-pi, pi]`.
     ///
@@ -94,8 +94,8 @@ impl Pose {
             }
         }
         for (field, value) in &named[..3] {
-            if value.abs() > Self::MAX_COORDINATE {
-                return Err(PoseError::TooFar { field, value: *value, limit: Self::MAX_COORDINATE });
+            if value.abs() > Self::MAX_COORDINATE_MM {
+                return Err(PoseError::TooFar { field, value: *value, limit: Self::MAX_COORDINATE_MM });
             }
         }
         if pitch.abs() > core::f64::consts::FRAC_PI_2 {
@@ -168,7 +168,7 @@ impl Pose {
     /// on its heading.
     #[must_use]
     pub fn is_vertical(&self) -> bool {
-        core::f64::consts::FRAC_PI_2 - self.pitch.abs() <= Self::VERTICAL
+        core::f64::consts::FRAC_PI_2 - self.pitch.abs() <= Self::VERTICAL_TOLERANCE_RAD
     }
 
     /// Returns the direction of growth, a unit vector.

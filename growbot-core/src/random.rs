@@ -13,7 +13,7 @@ const INCREMENT: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// Returns the output of a stream in this state, 64 random bits.
 #[must_use]
-pub const fn scramble(state: u64) -> u64 {
+pub const fn splitmix64(state: u64) -> u64 {
     let mut z = state.wrapping_add(INCREMENT);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -22,48 +22,48 @@ pub const fn scramble(state: u64) -> u64 {
 
 /// A stream of random numbers.
 #[derive(Debug, Clone)]
-pub struct Random(u64);
+pub struct Rng(u64);
 
-impl Random {
+impl Rng {
     /// Creates the stream of a list of numbers. Streams of different lists are unrelated.
     #[must_use]
     pub fn new(names: &[u64]) -> Self {
         names.iter().fold(Self(0), |mut stream, name| {
             stream.0 ^= name.wrapping_mul(0xd1b5_4a32_d192_ed03);
-            Self(stream.bits())
+            Self(stream.next_u64())
         })
     }
 
     /// Returns 64 random bits.
-    pub fn bits(&mut self) -> u64 {
-        let bits = scramble(self.0);
+    pub fn next_u64(&mut self) -> u64 {
+        let bits = splitmix64(self.0);
         self.0 = self.0.wrapping_add(INCREMENT);
         bits
     }
 
     /// Returns an integer from 0 to `end`, exclusive.
     pub fn below(&mut self, end: u64) -> u64 {
-        self.bits() % end
+        self.next_u64() % end
     }
 
     /// Returns a uniform random number in [0, 1).
-    pub fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+    pub fn uniform(&mut self) -> f64 {
+        (self.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
     /// Returns a uniform random number in [min, max).
-    pub fn between(&mut self, min: f64, max: f64) -> f64 {
-        min + (max - min) * self.unit()
+    pub fn uniform_between(&mut self, min: f64, max: f64) -> f64 {
+        min + (max - min) * self.uniform()
     }
 
     /// Returns a uniform random number in [-1, 1).
-    pub fn even(&mut self) -> f64 {
-        2.0 * self.unit() - 1.0
+    pub fn uniform_symmetric(&mut self) -> f64 {
+        2.0 * self.uniform() - 1.0
     }
 
     /// Returns a normally distributed random number of mean 0 and standard deviation 1 (Box and Muller 1958).
     pub fn normal(&mut self) -> f64 {
-        libm::sqrt(-2.0 * libm::log(1.0 - self.unit())) * libm::cos(TAU * self.unit())
+        libm::sqrt(-2.0 * libm::log(1.0 - self.uniform())) * libm::cos(TAU * self.uniform())
     }
 
     /// Returns a vector whose three coordinates are each [`Self::normal`].

@@ -1,35 +1,35 @@
 //! Tests with random bytes, and with frames that were corrupted on the link: a receiver must not accept a frame that
 //! was not sent.
 
-use growbot_core::link::frame::{self, Header, LONGEST_BODY, LONGEST_FRAME, Receiver};
-use growbot_core::random::Random;
+use growbot_core::link::frame::{self, FrameDecoder, Header, MAX_BODY_LEN, MAX_FRAME_LEN};
+use growbot_core::random::Rng;
 
 /// Number of pieces, unless GROWBOT_FRAMES gives another: 100,000,000 take some minutes in a release build.
 const PIECES: u64 = 300_000;
 
 /// Returns a random integer below `end`.
-fn below(random: &mut Random, end: usize) -> usize {
+fn below(random: &mut Rng, end: usize) -> usize {
     random.below(end as u64) as usize
 }
 
 /// Returns frames of all lengths.
-fn frames(random: &mut Random) -> Vec<Vec<u8>> {
-    let frame = |length: usize, random: &mut Random| {
-        let body: Vec<u8> = (0..length).map(|_| random.bits() as u8).collect();
-        let [kind, seq, ack] = [(); 3].map(|()| random.bits() as u16);
-        let header = Header { kind: kind as u8, session: random.bits() as u32, seq, ack };
+fn frames(random: &mut Rng) -> Vec<Vec<u8>> {
+    let frame = |length: usize, random: &mut Rng| {
+        let body: Vec<u8> = (0..length).map(|_| random.next_u64() as u8).collect();
+        let [kind, seq, ack] = [(); 3].map(|()| random.next_u64() as u16);
+        let header = Header { kind: kind as u8, session: random.next_u64() as u32, seq, ack };
         frame::encode(&header, &body).unwrap().to_vec()
     };
-    (0..=LONGEST_BODY).step_by(4).map(|length| frame(length, random)).collect()
+    (0..=MAX_BODY_LEN).step_by(4).map(|length| frame(length, random)).collect()
 }
 
 /// Writes a corrupted part of the stream to `piece`, with the zero that ends it.
-fn spoil(frames: &[Vec<u8>], random: &mut Random, piece: &mut Vec<u8>) {
+fn spoil(frames: &[Vec<u8>], random: &mut Rng, piece: &mut Vec<u8>) {
     piece.clear();
     let one = &frames[below(random, frames.len())];
     match below(random, 5) {
         // Noise.
-        0 => piece.extend((0..below(random, LONGEST_FRAME)).map(|_| random.bits() as u8)),
+        0 => piece.extend((0..below(random, MAX_FRAME_LEN)).map(|_| random.next_u64() as u8)),
         // The head of one frame and the tail of another.
         1 => {
             let other = &frames[below(random, frames.len())];
@@ -43,7 +43,7 @@ fn spoil(frames: &[Vec<u8>], random: &mut Random, piece: &mut Vec<u8>) {
             if below(random, 2) == 0 {
                 piece.drain(at..(at + 1 + below(random, 4)).min(one.len()));
             } else {
-                piece.insert(at, random.bits() as u8);
+                piece.insert(at, random.next_u64() as u8);
             }
         }
         // Flipped bits.
@@ -61,10 +61,10 @@ fn spoil(frames: &[Vec<u8>], random: &mut Random, piece: &mut Vec<u8>) {
 #[test]
 fn nothing_is_received_that_was_not_sent() {
     let pieces = std::env::var("GROWBOT_FRAMES").map_or(PIECES, |text| text.parse().expect("a number of frames"));
-    let mut random = Random::new(&[1]);
+    let mut random = Rng::new(&[1]);
     let frames = frames(&mut random);
     let sent = |bytes: &[u8]| frames.iter().any(|frame| frame == bytes);
-    let (mut receiver, mut piece, mut whole) = (Receiver::default(), Vec::new(), 0_u64);
+    let (mut receiver, mut piece, mut whole) = (FrameDecoder::default(), Vec::new(), 0_u64);
     for _ in 0..pieces {
         spoil(&frames, &mut random, &mut piece);
         for byte in &piece {

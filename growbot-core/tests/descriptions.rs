@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use growbot_core::hash::Hasher;
-use growbot_core::random::scramble;
-use growbot_core::robot::{ENCODING_VERSION, LONGEST_VERSIONED, Robot, RobotError};
+use growbot_core::random::splitmix64;
+use growbot_core::robot::{ENCODING_VERSION, MAX_VERSIONED_LEN, Robot, RobotError};
 
 /// Number of corrupted descriptions that are tried.
 const CHANGED: u64 = 10_000;
@@ -21,7 +21,7 @@ fn robots() -> Vec<Robot> {
 }
 
 fn encoded(robot: &Robot) -> Vec<u8> {
-    robot.encode_for_board(&mut [0; LONGEST_VERSIONED]).unwrap().to_vec()
+    robot.encode_for_board(&mut [0; MAX_VERSIONED_LEN]).unwrap().to_vec()
 }
 
 #[test]
@@ -31,9 +31,9 @@ fn every_built_in_robot_comes_through() {
     assert!(robots.iter().any(|robot| robot.description().board.is_some()), "one names its board");
     for robot in robots.iter().filter(|robot| robot.check_for_board().is_ok()) {
         let bytes = encoded(robot);
-        assert!(bytes.len() < LONGEST_VERSIONED, "{}: {} bytes", robot.name(), bytes.len());
+        assert!(bytes.len() < MAX_VERSIONED_LEN, "{}: {} bytes", robot.name(), bytes.len());
         assert_eq!(Robot::decode_for_board(&bytes).as_ref(), Ok(robot), "{}", robot.name());
-        assert_eq!(robot.hash(), Hasher::of(&bytes[1..]), "{}", robot.name());
+        assert_eq!(robot.hash(), Hasher::hash(&bytes[1..]), "{}", robot.name());
     }
     let to_simulate = robots.iter().filter(|robot| robot.check_for_board().is_err());
     for robot in to_simulate {
@@ -48,7 +48,7 @@ fn every_built_in_robot_comes_through() {
 fn the_encoding_is_that_of_its_version() {
     let robot = robots().into_iter().find(|robot| robot.name() == "growbot-a").unwrap();
     let bytes = encoded(&robot);
-    assert_eq!((ENCODING_VERSION, bytes.len(), Hasher::of(&bytes)), (2, 461, 0x78d2_6cdc_c785_5249));
+    assert_eq!((ENCODING_VERSION, bytes.len(), Hasher::hash(&bytes)), (2, 461, 0x78d2_6cdc_c785_5249));
 }
 
 #[test]
@@ -62,7 +62,7 @@ fn what_is_cut_short_or_of_another_version_is_refused() {
     assert_eq!(Robot::decode_for_board(&longer), Err(RobotError::Unreadable));
     for version in (0..=u8::MAX).filter(|version| *version != ENCODING_VERSION) {
         let other: Vec<u8> = [version].into_iter().chain(bytes[1..].iter().copied()).collect();
-        assert_eq!(Robot::decode_for_board(&other), Err(RobotError::OtherVersion { version }));
+        assert_eq!(Robot::decode_for_board(&other), Err(RobotError::VersionMismatch { version }));
     }
 }
 
@@ -102,7 +102,7 @@ fn a_changed_description_is_refused_or_valid() {
         let mut count = seed << 8;
         let mut random = || {
             count += 1;
-            scramble(count) as usize >> 8
+            splitmix64(count) as usize >> 8
         };
         let mut bytes = encoded(&robots[random() % robots.len()]);
         change(&mut bytes, random);
@@ -113,7 +113,7 @@ fn a_changed_description_is_refused_or_valid() {
                 assert!(robot.min_radius() > 0.0 && robot.feed_steps_per_length() > 0.0, "seed {seed}");
                 "valid"
             }
-            Err(RobotError::OtherVersion { .. }) => "other version",
+            Err(RobotError::VersionMismatch { .. }) => "other version",
             Err(RobotError::Unreadable) => "unreadable",
             Err(error) => {
                 assert!(error.to_string().len() > 20, "seed {seed}: {error}");

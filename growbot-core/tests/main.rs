@@ -1,8 +1,8 @@
 //! Tests of the public interface of growbot-core.
 
+mod constructed_csc_paths;
+mod constructed_helicoids;
 mod corruption;
 mod descriptions;
-mod laid_helicoids;
-mod laid_paths;
 mod protocol_examples;
-mod to_point;
+mod to_position;

@@ -19,14 +19,14 @@ use std::fmt::Write;
 use growbot_core::hash::Hasher;
 use growbot_core::job::{job_layers, summarize};
 use growbot_core::layer::{Layer, SECTORS};
-use growbot_core::layer_bytes::{self, Encoder, LayerBytes};
+use growbot_core::layer_bytes::{self, LayerBytes, LayerEncoder};
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
-use growbot_core::link::frame::{self, Frame, Header, LONGEST_BODY, LONGEST_FRAME, Receiver, VERSION};
+use growbot_core::link::frame::{self, FRAME_VERSION, Frame, FrameDecoder, Header, MAX_BODY_LEN, MAX_FRAME_LEN};
 use growbot_core::link::message::{
-    Accepted, Amend, Begin, BoardHello, BootReport, Cancel, Configure, Configured, Empty, HostHello, HostName,
-    InterruptedLayer, Laid, LatestFault, Layers, MAX_LAYERS, Maintain, Measured, Message, PauseCause, PlanRequest,
-    Planned, ReadLayers, Refusal, Refused, ResetCause, Resume, SCHEMA_HASH, SensorReadings, Silence, Start, State,
-    StateChanged, Status, StoredLayers, Tune, Tuned,
+    Accepted, Amend, AppendLayers, BeginJob, BoardInfo, BootReport, Cancel, Configure, Configured, Empty, Hello,
+    HostName, HostSilencePolicy, InterruptedLayer, LatestFault, LayerLaid, LayerReadings, MAX_LAYERS_PER_MESSAGE,
+    Maintain, Message, PauseCause, PlanRequest, Planned, ReadLayers, Refusal, Refused, ResetCause, Resume, SCHEMA_HASH,
+    SensorReadings, Start, State, StateChanged, Status, StoredLayers, Tune, Tuned,
 };
 use growbot_core::path::Segment;
 use growbot_core::plan::{Planner, plan};
@@ -104,7 +104,7 @@ impl Example {
     /// Returns the example that the code makes of a message.
     fn of(header: &Header, message: &Message) -> Self {
         assert_eq!(header.kind, message.kind());
-        let mut buffer = [0; LONGEST_BODY];
+        let mut buffer = [0; MAX_BODY_LEN];
         let body = message.encode(&mut buffer).unwrap();
         let wire = frame::encode(header, body).unwrap().to_vec();
         let mut raw = wire[..wire.len() - 1].to_vec();
@@ -146,7 +146,7 @@ const OTHER_SESSION: u32 = 0x5e6f_7a8b;
 const NO_SESSION: u32 = 0;
 
 /// An example: its name in PROTOCOL.md, and the frame.
-struct Said {
+struct ExampleFrame {
     name: &'static str,
     session: u32,
     seq: u16,
@@ -155,18 +155,18 @@ struct Said {
 }
 
 /// Returns a request, with its sequence number and that of the latest event received.
-fn request(name: &'static str, seq: u16, heard: u16, message: Message) -> Said {
-    Said { name, session: SESSION, seq, ack: heard, message }
+fn request(name: &'static str, seq: u16, heard: u16, message: Message) -> ExampleFrame {
+    ExampleFrame { name, session: SESSION, seq, ack: heard, message }
 }
 
 /// Returns a response, with the sequence number of its request.
-fn answer(name: &'static str, request: u16, message: Message) -> Said {
-    Said { name, session: SESSION, seq: 0, ack: request, message }
+fn answer(name: &'static str, request: u16, message: Message) -> ExampleFrame {
+    ExampleFrame { name, session: SESSION, seq: 0, ack: request, message }
 }
 
 /// Returns an event, with its sequence number.
-fn event(name: &'static str, seq: u16, message: Message) -> Said {
-    Said { name, session: SESSION, seq, ack: 0, message }
+fn event(name: &'static str, seq: u16, message: Message) -> ExampleFrame {
+    ExampleFrame { name, session: SESSION, seq, ack: 0, message }
 }
 
 fn host(name: &[u8]) -> HostName {
@@ -174,7 +174,7 @@ fn host(name: &[u8]) -> HostName {
 }
 
 /// Returns the conversation of the examples.
-fn conversation() -> Vec<Said> {
+fn conversation() -> Vec<ExampleFrame> {
     let robot = robot();
     let job_id = summarize(&job(), &robot).plan_id;
     let layers = job_layers(&job(), &robot).collect();
@@ -185,12 +185,12 @@ fn conversation() -> Vec<Said> {
         target_centi_c: None,
         duty: 0,
         plan_id: 0,
-        layers: 0,
-        next: 0,
-        laid: 0,
+        layer_count: 0,
+        next_layer: 0,
+        layers_laid: 0,
         interrupted: None,
         pause_cause: PauseCause::LayersExhausted,
-        journal: true,
+        is_resumable: true,
         uptime_ms: 1500,
     };
     let growing = Status {
@@ -199,9 +199,9 @@ fn conversation() -> Vec<Said> {
         target_centi_c: Some(20_000),
         duty: 33_000,
         plan_id: job_id,
-        layers: 2,
-        next: 2,
-        laid: 1,
+        layer_count: 2,
+        next_layer: 2,
+        layers_laid: 1,
         uptime_ms: 120_000,
         ..idle.clone()
     };
@@ -221,21 +221,21 @@ fn conversation() -> Vec<Said> {
     // The layer that robot A's step engine makes of the first layer: 3200 steps of the head, 6207 of the feed.
     let as_built =
         Layer { alpha: 1.570_351_470_414_044_2, height: 0.750_036_991_003_787_8, tilt: 0.007_501_530_553_559_996 };
-    let hello = |name| Message::Hello(HostHello { schema: SCHEMA_HASH, host: host(name), take_over: false });
-    let board_hello = BoardHello {
-        schema: SCHEMA_HASH,
+    let hello = |name| Message::Hello(Hello { schema: SCHEMA_HASH, host: host(name), take_over: false });
+    let board_hello = BoardInfo {
+        schema_hash: SCHEMA_HASH,
         boot_id: 0x986b_155d,
         reset_cause: ResetCause::PowerOn,
         firmware: [0, 1, 0],
         robot_name: "growbot-a".try_into().unwrap(),
-        robot: robot.hash(),
-        capacity: 4096,
+        robot_hash: robot.hash(),
+        layer_capacity: 4096,
         status: idle,
         owner: Some(host(b"grow 4711 on bench")),
     };
-    let measured = Measured { filament_pulses: Some(55), gravity_milli_g: Some([-7, 0, 1000]) };
-    let as_built = Some(Encoder::default().encode(&as_built));
-    let laid = Laid { plan_id: job_id, index: 0, as_built, measured: Some(measured) };
+    let measured = LayerReadings { filament_pulses: Some(55), gravity_milli_g: Some([-7, 0, 1000]) };
+    let as_built = Some(LayerEncoder::default().encode(&as_built));
+    let laid = LayerLaid { plan_id: job_id, index: 0, as_built, readings: Some(measured) };
     let plan_request =
         PlanRequest { start: (&up).into(), goal: (&goal).into(), radius: 100.0, planner: Planner::TwoPlane };
     let planned = Planned {
@@ -245,31 +245,37 @@ fn conversation() -> Vec<Said> {
         length: growbot_core::path::length(&path),
     };
     let refused = |kind, refusal| Message::Refused(Refused { kind, refusal });
-    let other = |name, seq, ack, message| Said { name, session: OTHER_SESSION, seq, ack, message };
+    let other = |name, seq, ack, message| ExampleFrame { name, session: OTHER_SESSION, seq, ack, message };
     vec![
         request("Hello", 1, 0, hello(b"grow 4711 on bench")),
         answer("BoardHello", 1, Message::BoardHello(board_hello)),
-        request("Begin", 2, 0, Message::Begin(Begin { plan_id: job_id, layers: 2, robot: robot.hash() })),
-        answer("Accepted", 2, Message::Accepted(Accepted { plan_id: job_id, next: 0, room: 4096 })),
-        request("Layers", 3, 0, Message::Layers(Layers { plan_id: job_id, first: 0, layers })),
-        request("Start", 4, 0, Message::Start(Start { plan_id: job_id, silence: Silence::Pause })),
+        request("Begin", 2, 0, Message::Begin(BeginJob { plan_id: job_id, layers: 2, robot_hash: robot.hash() })),
+        answer("Accepted", 2, Message::Accepted(Accepted { plan_id: job_id, next: 0, free_layers: 4096 })),
+        request("Layers", 3, 0, Message::Layers(AppendLayers { plan_id: job_id, first: 0, layers })),
+        request("Start", 4, 0, Message::Start(Start { plan_id: job_id, on_host_silence: HostSilencePolicy::Pause })),
         event("StateChanged", 1, Message::StateChanged(StateChanged { state: State::Heating, fault: None })),
         request("Ack", 0, 1, Message::Ack(Empty {})),
         event("Laid", 4, Message::Laid(laid)),
-        request("AskStatus", 5, 4, Message::AskStatus(Empty {})),
+        request("GetStatus", 5, 4, Message::GetStatus(Empty {})),
         answer("Status", 5, Message::Status(growing)),
         request("Plan", 6, 4, Message::Plan(plan_request)),
         answer("Refused", 6, refused(0x08, Refusal::WrongState { state: State::Growing })),
         other("Hello of another host", 1, 0, hello(b"status 4712 on desk")),
-        other("Refused, owned", 0, 1, refused(0x01, Refusal::Owned { silent_ms: 340 })),
-        Said { name: "StoppedAtOnce", session: NO_SESSION, seq: 0, ack: 0, message: Message::StoppedAtOnce(Empty {}) },
+        other("Refused, owned", 0, 1, refused(0x01, Refusal::OwnedByOtherHost { silent_ms: 340 })),
+        ExampleFrame {
+            name: "EmergencyStopAck",
+            session: NO_SESSION,
+            seq: 0,
+            ack: 0,
+            message: Message::EmergencyStopAck(Empty {}),
+        },
         request("ClearFault", 7, 5, Message::ClearFault(Empty {})),
         answer("Status of an interrupted layer", 8, Message::Status(interrupted)),
-        request("Resume", 9, 6, Message::Resume(Resume { plan_id: job_id, from: 1, known: 1 })),
+        request("Resume", 9, 6, Message::Resume(Resume { plan_id: job_id, start_layer: 1, reported_layers: 1 })),
         answer(
             "Accepted, layers still stored",
             9,
-            Message::Accepted(Accepted { plan_id: job_id, next: 2, room: 4095 }),
+            Message::Accepted(Accepted { plan_id: job_id, next: 2, free_layers: 4095 }),
         ),
         answer("Planned", 11, Message::Planned(planned)),
         request("Goodbye", 12, 12, Message::Goodbye(Empty {})),
@@ -284,7 +290,7 @@ fn the_examples_are_what_the_code_sends_and_reads() {
     assert_eq!(written, conversation.iter().map(|said| said.name).collect::<Vec<_>>());
 
     let mut wrong = String::new();
-    for ((name, lines), Said { session, seq, ack, message, .. }) in blocks.iter().zip(&conversation) {
+    for ((name, lines), ExampleFrame { session, seq, ack, message, .. }) in blocks.iter().zip(&conversation) {
         let header = Header { kind: message.kind(), session: *session, seq: *seq, ack: *ack };
         let written = Example::parse(name, lines);
         let expected = Example::of(&header, message);
@@ -292,7 +298,7 @@ fn the_examples_are_what_the_code_sends_and_reads() {
             write!(wrong, "```frame {name}\n{}```\n\n", expected.text()).unwrap();
             continue;
         }
-        let mut receiver = Receiver::default();
+        let mut receiver = FrameDecoder::default();
         let frames: Vec<_> = written.wire.iter().filter_map(|byte| receiver.push(*byte)).collect();
         let [Ok(Frame { header: arrived, body })] = &frames[..] else { panic!("{name}: {frames:?}") };
         assert_eq!(*arrived, header, "{name}");
@@ -349,14 +355,14 @@ fn assert_rows(expected: &[(&str, String)]) {
 #[test]
 fn the_numbers_quoted_are_the_codes() {
     assert_rows(&[
-        ("Link version", VERSION.to_string()),
+        ("Link version", FRAME_VERSION.to_string()),
         ("Schema hash", format!("{SCHEMA_HASH:016x}")),
-        ("Longest body", LONGEST_BODY.to_string()),
-        ("Longest frame", LONGEST_FRAME.to_string()),
-        ("Layers in one message", MAX_LAYERS.to_string()),
+        ("Longest body", MAX_BODY_LEN.to_string()),
+        ("Longest frame", MAX_FRAME_LEN.to_string()),
+        ("Layers in one message", MAX_LAYERS_PER_MESSAGE.to_string()),
         ("Sectors of a layer", SECTORS.to_string()),
         ("CRC-32C check value", format!("{:08x}", crc_32c(b"123456789"))),
-        ("CRC-64/XZ check value", format!("{:016x}", Hasher::of(b"123456789"))),
+        ("CRC-64/XZ check value", format!("{:016x}", Hasher::hash(b"123456789"))),
         ("Robot hash of growbot-a", format!("{:016x}", robot().hash())),
     ]);
 }
@@ -376,11 +382,13 @@ fn layers_fill_the_line_as_the_text_says() {
     // The longest identifier: its varint takes ten bytes.
     let plan_id = u64::MAX;
     let (mut there, mut back) = (0, 0);
-    for (seq, (batch, first)) in (1..).zip(layers.chunks(MAX_LAYERS).zip((0..).step_by(MAX_LAYERS))) {
+    for (seq, (batch, first)) in
+        (1..).zip(layers.chunks(MAX_LAYERS_PER_MESSAGE).zip((0..).step_by(MAX_LAYERS_PER_MESSAGE)))
+    {
         let layers = batch.iter().copied().collect();
-        there += wire_bytes(seq, 0, &Message::Layers(Layers { plan_id, first, layers }));
+        there += wire_bytes(seq, 0, &Message::Layers(AppendLayers { plan_id, first, layers }));
         let next = first + batch.len() as u32;
-        back += wire_bytes(0, seq, &Message::Accepted(Accepted { plan_id, next, room: LAYERS - next }));
+        back += wire_bytes(0, seq, &Message::Accepted(Accepted { plan_id, next, free_layers: LAYERS - next }));
     }
     // Each byte has a start bit, eight data bits and a stop bit.
     let seconds = |bytes: usize| bytes as f64 * 10.0 / 115_200.0;
@@ -401,10 +409,10 @@ fn a_plan_id_is_the_crc_of_robot_hash_and_layers() {
     let layers: Vec<LayerBytes> = job_layers(&job(), &robot).collect();
     let mut bytes = robot.hash().to_le_bytes().to_vec();
     bytes.extend(layers.concat());
-    assert_eq!(summarize(&job(), &robot).plan_id, Hasher::of(&bytes));
+    assert_eq!(summarize(&job(), &robot).plan_id, Hasher::hash(&bytes));
 
     // The second layer compensates for the rounding of the first, as PROTOCOL.md states.
-    let tilts: Vec<u32> = layers.iter().map(|bytes| layer_bytes::Fields::of(bytes).tilt).collect();
+    let tilts: Vec<u32> = layers.iter().map(|bytes| layer_bytes::RawLayer::from_bytes(bytes).tilt).collect();
     assert_eq!(tilts, [32_212_255, 32_212_254]);
 }
 
@@ -468,10 +476,10 @@ fn write_out(ty: &NamedType, into: &mut BTreeMap<String, Vec<String>>) {
 fn the_types_written_out_are_the_codes() {
     // The types are in the order of the table of messages.
     let bodies = [
-        HostHello::SCHEMA,
+        Hello::SCHEMA,
         Empty::SCHEMA,
-        Begin::SCHEMA,
-        Layers::SCHEMA,
+        BeginJob::SCHEMA,
+        AppendLayers::SCHEMA,
         Start::SCHEMA,
         Empty::SCHEMA,
         Empty::SCHEMA,
@@ -490,7 +498,7 @@ fn the_types_written_out_are_the_codes() {
         Empty::SCHEMA,
         Maintain::SCHEMA,
         Configure::SCHEMA,
-        BoardHello::SCHEMA,
+        BoardInfo::SCHEMA,
         Status::SCHEMA,
         Accepted::SCHEMA,
         Refused::SCHEMA,
@@ -500,7 +508,7 @@ fn the_types_written_out_are_the_codes() {
         SensorReadings::SCHEMA,
         BootReport::SCHEMA,
         Configured::SCHEMA,
-        Laid::SCHEMA,
+        LayerLaid::SCHEMA,
         StateChanged::SCHEMA,
         Tuned::SCHEMA,
         Empty::SCHEMA,

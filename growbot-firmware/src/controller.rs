@@ -220,7 +220,7 @@ impl<B: Board> Controller<B> {
         }
         if calls != self.calls {
             self.calls = calls;
-            self.link.broadcast(&Message::StoppedAtOnce(Empty {}));
+            self.link.broadcast(&Message::EmergencyStopAck(Empty {}));
         }
     }
 
@@ -258,12 +258,12 @@ impl<B: Board> Controller<B> {
             target_centi_c: self.heater.target().map(centi),
             duty: self.duty(),
             plan_id: self.job.plan_id,
-            layers: self.job.layers,
-            next: self.store().next_index(),
-            laid: self.job.laid,
+            layer_count: self.job.layers,
+            next_layer: self.store().next_index(),
+            layers_laid: self.job.laid,
             interrupted: self.job.interrupted,
             pause_cause: self.pause_cause(),
-            journal: !self.job.unwritten,
+            is_resumable: !self.job.unwritten,
             uptime_ms: self.now / 1000,
         }
     }

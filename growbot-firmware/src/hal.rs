@@ -8,7 +8,7 @@ use core::ops::DerefMut;
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 use embedded_storage::nor_flash::MultiwriteNorFlash;
-use growbot_core::link::message::DriverTrouble;
+use growbot_core::link::message::DriverReport;
 use growbot_core::robot::BoardKind;
 
 use crate::descriptions::Descriptions;
@@ -60,7 +60,7 @@ pub trait Drivers {
     /// Returns whether all drivers are configured. Until then no motor may be energised.
     fn are_configured(&self) -> bool;
     /// Returns a driver's problem. `None` if all drivers are healthy.
-    fn trouble(&self) -> Option<DriverTrouble>;
+    fn trouble(&self) -> Option<DriverReport>;
 }
 
 /// Drivers without a serial line. Their current and microsteps are set in hardware.
@@ -73,7 +73,7 @@ impl Drivers for NoDrivers {
         true
     }
 
-    fn trouble(&self) -> Option<DriverTrouble> {
+    fn trouble(&self) -> Option<DriverReport> {
         None
     }
 }
@@ -90,7 +90,7 @@ impl<D: Drivers> Drivers for Option<D> {
         self.as_ref().is_none_or(Drivers::are_configured)
     }
 
-    fn trouble(&self) -> Option<DriverTrouble> {
+    fn trouble(&self) -> Option<DriverReport> {
         self.as_ref()?.trouble()
     }
 }

@@ -71,10 +71,10 @@ pub fn crc_of(seal: &Seal, byte: impl Fn(u32) -> Option<u8>) -> Option<u32> {
 pub fn check(seal: &Seal, byte: impl Fn(u32) -> Option<u8>) -> ImageCheck {
     let [mark, sealed, ..] = *seal;
     if *seal == EMPTY {
-        return ImageCheck::NotSealed;
+        return ImageCheck::Unsealed;
     }
     match crc_of(seal, byte) {
-        Some(found) if mark == SEALED && found == sealed => ImageCheck::Sound { crc: sealed },
+        Some(found) if mark == SEALED && found == sealed => ImageCheck::Valid { crc: sealed },
         found => ImageCheck::Corrupt { sealed, found: found.unwrap_or(sealed) },
     }
 }
@@ -103,8 +103,8 @@ mod tests {
     #[test]
     fn a_sealed_image_is_sound_and_one_that_was_never_sealed_says_so() {
         let (seal, bytes) = sealed();
-        assert_eq!(checked(&seal, &bytes), ImageCheck::Sound { crc: seal[1] });
-        assert_eq!(checked(&EMPTY, &bytes), ImageCheck::NotSealed);
+        assert_eq!(checked(&seal, &bytes), ImageCheck::Valid { crc: seal[1] });
+        assert_eq!(checked(&EMPTY, &bytes), ImageCheck::Unsealed);
     }
 
     #[test]

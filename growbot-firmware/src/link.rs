@@ -4,15 +4,15 @@
 //! response as the first time and is not carried out again. The board repeats an event until the host acknowledges it.
 
 use growbot_core::link::frame::{
-    self, Frame, FrameError, Header, LONGEST_BODY, LONGEST_FRAME, Receiver, is_after, next,
+    self, Frame, FrameDecoder, FrameError, Header, MAX_BODY_LEN, MAX_FRAME_LEN, is_seq_after, next_seq,
 };
-use growbot_core::link::message::{HostName, Laid, Message, StateChanged, Tuned};
+use growbot_core::link::message::{HostName, LayerLaid, Message, StateChanged, Tuned};
 use heapless::Deque;
 
 /// Capacity of the queue of bytes to send. Some frames fit into it.
 const OUTBOX: usize = 1024;
 /// Bytes of that queue that events leave free, so that a request can always get its response.
-const RESERVED_FOR_ANSWERS: usize = LONGEST_FRAME;
+const RESERVED_FOR_ANSWERS: usize = MAX_FRAME_LEN;
 /// Capacity of the queue of events that are not acknowledged.
 const EVENTS: usize = 16;
 /// Kind of a frame that only acknowledges events.
@@ -32,7 +32,7 @@ const MAX_RESEND_US: u64 = 3_200_000;
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
     /// A layer is laid.
-    Laid(Laid),
+    Laid(LayerLaid),
     /// The state has changed.
     State(StateChanged),
     /// The heater's gains are found.
@@ -96,7 +96,7 @@ pub enum Arrival {
 /// The board's end of the link.
 #[derive(Debug, Default)]
 pub struct Link {
-    receiver: Receiver,
+    receiver: FrameDecoder,
     outbox: Deque<u8, OUTBOX>,
     session: Option<Session>,
     closed: Deque<u32, CLOSED>,
@@ -171,16 +171,16 @@ impl Link {
             return Arrival::Outside;
         };
         session.received = now;
-        while session.sent > 0 && header.ack != 0 && !is_after(session.first_event, header.ack) {
+        while session.sent > 0 && header.ack != 0 && !is_seq_after(session.first_event, header.ack) {
             self.events.pop_front();
-            session.first_event = next(session.first_event);
+            session.first_event = next_seq(session.first_event);
             session.sent -= 1;
             session.resend = Resend::after(RESEND_US, now);
         }
         if header.kind == ACK || header.seq == 0 {
             return Arrival::Settled;
         }
-        if is_after(header.seq, session.request) {
+        if is_seq_after(header.seq, session.request) {
             session.request = header.seq;
             session.answer = None;
             return Arrival::New;
@@ -233,13 +233,13 @@ impl Link {
             session.resend = Resend::after((2 * pause).min(MAX_RESEND_US), now);
         }
         while let Some(session) = &mut self.session
-            && self.outbox.len() + LONGEST_FRAME + RESERVED_FOR_ANSWERS <= OUTBOX
+            && self.outbox.len() + MAX_FRAME_LEN + RESERVED_FOR_ANSWERS <= OUTBOX
             && let Some(event) = self.events.iter().nth(session.sent)
         {
             if session.sent == 0 && now >= session.resend.due {
                 session.resend = Resend::after(session.resend.pause, now);
             }
-            let seq = (0..session.sent).fold(session.first_event, |seq, _| next(seq));
+            let seq = (0..session.sent).fold(session.first_event, |seq, _| next_seq(seq));
             let (id, message) = (session.id, event.clone().message());
             session.sent += 1;
             self.send(id, seq, 0, &message);
@@ -252,8 +252,8 @@ impl Link {
     }
 
     fn send(&mut self, session: u32, seq: u16, ack: u16, message: &Message) {
-        let mut buffer = [0; LONGEST_BODY];
-        let Ok(body) = message.encode_answer(&mut buffer) else { return };
+        let mut buffer = [0; MAX_BODY_LEN];
+        let Ok(body) = message.encode_response(&mut buffer) else { return };
         let header = Header { kind: message.kind(), session, seq, ack };
         let Ok(bytes) = frame::encode(&header, body) else { return };
         if self.outbox.len() + bytes.len() <= OUTBOX {

@@ -18,7 +18,7 @@ use growbot_client::robot_file;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::{Header, encode};
 use growbot_core::link::message::State;
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_sim::port::sim::Sim;
 use rustix::fs::{FlockOperation, fcntl_lock};
 use serialport::{SerialPort, TTYPort};
@@ -42,7 +42,7 @@ fn assert_power_to_be_cut(ran: &Ran, parts: &[&str]) {
 /// which end as many pieces of frames; and to the board nothing until it is usable.
 struct Noisy {
     sim: Rc<RefCell<Sim>>,
-    random: Random,
+    random: Rng,
     usable_at: Duration,
     /// Stops sent, and those of them that were carried.
     sent: Rc<Cell<(u32, u32)>>,
@@ -74,7 +74,7 @@ impl Port for Noisy {
             buffer[..length].copy_from_slice(&whole[..length]);
             return Ok(length);
         }
-        noise.for_each(|byte| *byte = self.random.between(-256.0, 256.0) as u8);
+        noise.for_each(|byte| *byte = self.random.uniform_between(-256.0, 256.0) as u8);
         Ok(count)
     }
 
@@ -90,12 +90,8 @@ fn stop_behind_noise(usable_after: Duration) -> (Result<(), ClientError>, State,
     sim.borrow_mut().pass(Duration::from_secs(5));
     let began = sim.borrow().now();
     let sent = Rc::default();
-    let line = Noisy {
-        sim: Rc::clone(&sim),
-        random: Random::new(&[3]),
-        usable_at: began + usable_after,
-        sent: Rc::clone(&sent),
-    };
+    let line =
+        Noisy { sim: Rc::clone(&sim), random: Rng::new(&[3]), usable_at: began + usable_after, sent: Rc::clone(&sent) };
     let done = Client::new(Box::new(line), "noise").emergency_stop();
     let board = sim.borrow();
     (done, board.state(), sent.get(), (board.now() - began).as_secs_f64())

@@ -18,12 +18,12 @@ use growbot_client::plan::{Plan, Search};
 use growbot_client::port::{Port, PortError};
 use growbot_client::robot_file;
 use growbot_client::run_log::{RunLog, RunRecord};
-use growbot_core::link::message::{Empty, Message, ResetCause, Silence, State};
+use growbot_core::link::message::{Empty, HostSilencePolicy, Message, ResetCause, State};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::Disturbance;
-use growbot_core::simulation::Imperfection;
+use growbot_core::simulation::ErrorModel;
 use growbot_core::tracking::SensorNoise;
 use growbot_sim::port::sim::Sim;
 use serde_json::Value;
@@ -169,7 +169,7 @@ impl Try {
         let plan = Plan::through(&robot, &start, &[], &goal, &search).unwrap();
         let mut sim = Sim::new(robot.clone());
         let disturbance = Disturbance { growth_bias: -0.08, growth_noise: 0.1, ..Disturbance::default() };
-        sim.simulated_tip().disturb(&Imperfection { disturbance, noise: NOISE, seed: 3 });
+        sim.simulated_tip().disturb(&ErrorModel { disturbance, noise: NOISE, seed: 3 });
         let folder = tempfile::tempdir().unwrap();
         Self { robot, plan, folder, sim: Rc::new(RefCell::new(sim)) }
     }
@@ -186,7 +186,8 @@ impl Try {
         let cut = Rc::new(Cell::new(false));
         let mut client = Client::new(Box::new(Line(Rc::clone(&self.sim), Rc::clone(&cut))), "sim");
         let orders = Orders::default();
-        let manner = Manner { silence: Silence::Continue, feedback: Some(feedback), parked: WhenParked::Ends };
+        let manner =
+            Manner { silence: HostSilencePolicy::Continue, feedback: Some(feedback), parked: WhenParked::Ends };
         let grown = grow_job(&mut client, &job, manner, &orders, &mut |event| {
             log.record(event).unwrap();
             if matches!(event, JobEvent::Laid { index: 60, .. }) {
@@ -212,7 +213,7 @@ impl Try {
         let feedback = record.feedback(&job, &plan, None);
         assert!(feedback.is_some());
         let (orders, known) = (Orders::default(), record.as_built.clone());
-        let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Ends };
+        let manner = Manner { silence: HostSilencePolicy::Pause, feedback, parked: WhenParked::Ends };
         resume_job(&mut client, &job, known, OnInterrupted::Again, manner, &orders, &mut |_| {}).unwrap()
     }
 

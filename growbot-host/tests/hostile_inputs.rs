@@ -13,7 +13,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_sim::parallel;
 use hostile::boards::{self, Manner};
 use hostile::mutation::mutated;
@@ -106,7 +106,7 @@ fn kinds(directory: &Path) -> Vec<Kind> {
 
 /// Tries one file: the exit code, and what is wrong with what came of it.
 fn try_file(kind: &Kind, seed: u64, index: u64) -> (Option<i32>, Vec<String>) {
-    let mut random = Random::new(&[seed, index]);
+    let mut random = Rng::new(&[seed, index]);
     let text = mutated(&kind.text, &mut random);
     let command = kind.commands[random.below(kind.commands.len() as u64) as usize];
     let directory = tempfile::tempdir().unwrap();
@@ -180,7 +180,7 @@ const TO_BOARDS: [&str; 9] = [
 /// A command at a board: its exit code, and what is wrong with it. It has this run log.
 fn try_board(log: &Path, seed: u64, index: u64) -> (Option<i32>, Vec<String>) {
     let script = "status\nplan 0,0,6,0,90\nstart\nwait 600\nlayers\nstatus\nquit\n";
-    let mut random = Random::new(&[seed, index]);
+    let mut random = Rng::new(&[seed, index]);
     let manner = Manner::ALL[index as usize % Manner::ALL.len()];
     // A robot that lies can be grown on, and then it lies most.
     let command = TO_BOARDS[random.below(TO_BOARDS.len() as u64) as usize];

@@ -9,7 +9,7 @@ use crate::running;
 use std::fs;
 use std::path::Path;
 
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use running::{PROGRAM, command, in_lines};
 
 const SCENE: &str = "format = \"growbot-scene/1\"\nmargin_mm = 5.0\n[[box]]\ncenter_mm = [100.0, 0.0, 200.0]\n\
@@ -37,7 +37,7 @@ fn stl() -> Vec<u8> {
 }
 
 /// Changes some bytes or numbers, cuts, doubles or drops a stretch.
-fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
+fn mutate(bytes: &mut Vec<u8>, random: &mut Rng) {
     for _ in 0..=random.below(4) {
         let at = random.below(bytes.len() as u64 + 1) as usize;
         let length = (random.below(40) as usize).min(bytes.len() - at);
@@ -48,7 +48,7 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
                 let stretch = bytes[at..at + length].to_vec();
                 bytes.splice(at..at, stretch);
             }
-            3 => bytes[at..at + length].fill(random.bits() as u8),
+            3 => bytes[at..at + length].fill(random.next_u64() as u8),
             4 => drop(bytes.splice(at..at, *b" 99999999999 ")),
             5 => drop(bytes.splice(at..at, *b"\x1b[2J")),
             _ if at < bytes.len() => bytes[at] ^= 1 << random.below(8),
@@ -90,7 +90,7 @@ fn changed_files_are_read_or_refused_with_one_message() {
     fs::write(at("scan.ply"), SCAN).unwrap();
     fs::write(at("whole.toml"), SCENE).unwrap();
     assert_eq!(plan(directory.path(), "whole.toml"), 0);
-    let mut random = Random::new(&[17]);
+    let mut random = Rng::new(&[17]);
     let mut codes = [0; 3];
     for number in 0..count {
         let (name, original) = &originals[number % originals.len()];

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use growbot_client::growth::as_built_hash;
 use growbot_client::run_log::RunRecord;
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use lab::{GOAL, LAYERS, Lab, http, wait_for};
 use running::command;
 use serde_json::{Value, json};
@@ -41,7 +41,7 @@ fn a_service_that_is_killed_finds_its_robot_and_lays_each_layer_once() {
         as_built_hash(&record.as_built)
     };
     let hash = built(&undisturbed);
-    let mut random = Random::new(&[19, 1]);
+    let mut random = Rng::new(&[19, 1]);
     let (mut done, mut growths) = (0, 0);
     while done < kills {
         growths += 1;
@@ -54,9 +54,9 @@ fn a_service_that_is_killed_finds_its_robot_and_lays_each_layer_once() {
         });
         let id = job["id"].as_str().unwrap().to_owned();
         for _ in 0..4 {
-            sleep(Duration::from_millis((400.0 * (0.5 + 0.5 * random.even())) as u64));
+            sleep(Duration::from_millis((400.0 * (0.5 + 0.5 * random.uniform_symmetric())) as u64));
             lab.kill();
-            sleep(Duration::from_millis((60.0 * (0.5 + 0.5 * random.even())) as u64));
+            sleep(Duration::from_millis((60.0 * (0.5 + 0.5 * random.uniform_symmetric())) as u64));
             lab.start();
             done += 1;
         }

@@ -7,7 +7,7 @@ use crate::lab;
 
 use std::io::{Read, Write};
 
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use lab::{GOAL, Lab, http};
 use serde_json::json;
 
@@ -19,13 +19,13 @@ struct Attack {
 
 /// Draws attacks.
 struct Attacker<'a> {
-    random: Random,
+    random: Rng,
     lab: &'a Lab,
 }
 
 impl Attacker<'_> {
     fn below(&mut self, most: usize) -> usize {
-        (self.random.even().abs() * most as f64) as usize % most
+        (self.random.uniform_symmetric().abs() * most as f64) as usize % most
     }
 
     fn of<T: Copy>(&mut self, choice: &[T]) -> T {
@@ -249,7 +249,7 @@ fn wrong_requests_are_refused_and_nothing_is_done() {
         (["state", "board", "fault", "job", "target_c", "laid", "layers"].map(of), lab.ask("GET", "/jobs", "").1)
     };
     let before = how_it_is();
-    let mut attacker = Attacker { random: Random::new(&[19, 2]), lab: &lab };
+    let mut attacker = Attacker { random: Rng::new(&[19, 2]), lab: &lab };
     let mut answered = std::collections::BTreeMap::new();
     let mut memory_kb = 0;
     for number in 0..count {

@@ -12,15 +12,17 @@ use std::fs;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use growbot_scene::clear::Need;
-use growbot_scene::families::{Body, Drawn, FAMILIES, Family, Known, POINT_RADIUS, brute_force_least, draw};
-use growbot_scene::planner::{Budget, Goal, Outcome, Problem, search};
+use growbot_scene::clearance::RequiredClearance;
+use growbot_scene::planner::{Goal, PlanningProblem, SearchBudget, SearchOutcome, search};
+use growbot_scene::random_scenes::{
+    FAMILIES, Family, GroundTruth, POINT_RADIUS, RandomScene, TubeLimits, brute_force_clearance, random_scene,
+};
 use growbot_scene::shapes::Shape;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 
 /// The body of growbot-a with a margin of 5 mm.
-const BODY: Body = Body { radius: 100.0, need: 28.55 };
+const BODY: TubeLimits = TubeLimits { radius: 100.0, clearance: 28.55 };
 
 #[derive(Default)]
 struct Counts {
@@ -63,37 +65,37 @@ fn main() {
 }
 
 fn one(family: Family, number: u64, seconds: u64, counts: &mut Counts) -> Value {
-    let drawn = draw(family, number, &BODY);
+    let drawn = random_scene(family, number, &BODY);
     // If nothing is known there may be no path, so a second is enough.
-    let seconds = if drawn.known == Known::Nothing { 1 } else { seconds };
+    let seconds = if drawn.known == GroundTruth::Unknown { 1 } else { seconds };
     let (outcome, time) = plan(&drawn, number, seconds);
-    let is_found = matches!(outcome, Outcome::Found(_));
+    let is_found = matches!(outcome, SearchOutcome::Found(_));
     match drawn.known {
-        Known::Planted(_) => {
+        GroundTruth::Path(_) => {
             counts.planted += 1;
             counts.found += usize::from(is_found);
             counts.within_1_s += usize::from(is_found && time.as_secs_f64() <= 1.0);
             counts.times.push(time);
         }
-        Known::Sealed => {
+        GroundTruth::NoPath => {
             counts.sealed += 1;
-            counts.refused += usize::from(matches!(outcome, Outcome::Impossible(_)));
+            counts.refused += usize::from(matches!(outcome, SearchOutcome::Infeasible(_)));
         }
-        Known::Nothing => {
+        GroundTruth::Unknown => {
             counts.others += 1;
             counts.others_found += usize::from(is_found);
         }
     }
-    if let Outcome::Found(chain) = &outcome {
-        counts.contacts += usize::from(brute_force_least(&drawn, &chain.stretches, 0.5) < BODY.need);
+    if let SearchOutcome::Found(chain) = &outcome {
+        counts.contacts += usize::from(brute_force_clearance(&drawn, &chain.segments, 0.5) < BODY.clearance);
     }
     written(&drawn, number, &outcome, time)
 }
 
 /// Returns the JSON of a scene and its result: arcs and lines, lengths in mm.
-fn written(drawn: &Drawn, number: u64, outcome: &Outcome, time: Duration) -> Value {
+fn written(drawn: &RandomScene, number: u64, outcome: &SearchOutcome, time: Duration) -> Value {
     let path = match outcome {
-        Outcome::Found(chain) => chain.stretches.iter().map(|stretch| {
+        SearchOutcome::Found(chain) => chain.segments.iter().map(|stretch| {
             json!({
                 "position": stretch.from.position.as_slice(), "direction": stretch.from.direction.as_slice(),
                 "towards": stretch.towards.as_slice(), "curvature": stretch.curvature, "length": stretch.length,
@@ -107,9 +109,9 @@ fn written(drawn: &Drawn, number: u64, outcome: &Outcome, time: Duration) -> Val
 }
 
 /// Returns the JSON of a scene without a path.
-fn header(drawn: &Drawn, number: u64, time: Duration) -> Value {
+fn header(drawn: &RandomScene, number: u64, time: Duration) -> Value {
     let shapes = drawn.shapes.iter().map(|shape| match shape {
-        Shape::Box { centre, half, rotation } => json!({
+        Shape::Box { centre, half_extents: half, rotation } => json!({
             "kind": "box", "centre": centre.as_slice(), "half": half.as_slice(),
             "rotation_by_columns": rotation.matrix().as_slice(),
         }),
@@ -122,12 +124,12 @@ fn header(drawn: &Drawn, number: u64, time: Duration) -> Value {
     json!({
         "family": format!("{:?}", drawn.family),
         "known": match drawn.known {
-            Known::Planted(_) => "planted",
-            Known::Sealed => "sealed",
-            Known::Nothing => "nothing",
+            GroundTruth::Path(_) => "planted",
+            GroundTruth::NoPath => "sealed",
+            GroundTruth::Unknown => "nothing",
         },
         "seconds": time.as_secs_f64(),
-        "need": BODY.need,
+        "need": BODY.clearance,
         "radius": BODY.radius,
         "start": [drawn.start.position.as_slice(), drawn.start.direction.as_slice()],
         "goal": [drawn.goal.position.as_slice(), drawn.goal.direction.as_slice()],
@@ -141,21 +143,22 @@ fn header(drawn: &Drawn, number: u64, time: Duration) -> Value {
 }
 
 /// Returns the first path and the time that it took. Every other goal has a direction.
-fn plan(drawn: &Drawn, number: u64, seconds: u64) -> (Outcome, Duration) {
+fn plan(drawn: &RandomScene, number: u64, seconds: u64) -> (SearchOutcome, Duration) {
     let scene = drawn.scene();
     let free = Goal::Position { at: drawn.goal.position, tolerance: 0.0 };
-    let problem = Problem {
+    let problem = PlanningProblem {
         scene: &scene,
         start: drawn.start,
         goal: if number.is_multiple_of(2) { free } else { Goal::Pose(drawn.goal) },
         radius: BODY.radius,
-        need: Need { distance: BODY.need, slack: 1e-3 * BODY.need },
-        length_max: 1e5,
+        required_clearance: RequiredClearance { distance: BODY.clearance, tolerance: 1e-3 * BODY.clearance },
+        max_length: 1e5,
         accept: &|_| true,
     };
     let begin = Instant::now();
     let deadline = Some(begin + Duration::from_secs(seconds));
     let first_only = std::env::args().nth(4).is_none_or(|argument| argument != "best");
-    let outcome = search(&problem, &Budget { work: u64::MAX, deadline, first_only }, &mut |_| ());
+    let outcome =
+        search(&problem, &SearchBudget { max_queries: u64::MAX, deadline, stop_at_first: first_only }, &mut |_| ());
     (outcome, begin.elapsed())
 }

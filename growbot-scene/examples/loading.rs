@@ -10,8 +10,8 @@ use std::fs;
 use std::path::Path;
 use std::time::Instant;
 
-use growbot_core::random::Random;
-use growbot_scene::file::load;
+use growbot_core::random::Rng;
+use growbot_scene::scene_file::load;
 use nalgebra::Vector3;
 
 /// The two sides of the square of corners of the ball's mesh: 2 x 708 x 707 triangles.
@@ -36,7 +36,7 @@ fn measure(scene: &Path, name: &str) -> Result<(), Box<dyn Error>> {
     let begin = Instant::now();
     let loaded = load(scene)?;
     let ready = begin.elapsed();
-    let mut random = Random::new(&[3]);
+    let mut random = Rng::new(&[3]);
     let begin = Instant::now();
     let sum: f64 = (0..100_000).map(|_| loaded.scene.distance_within(&(random.direction() * 1100.0), 1e9)).sum();
     let each = begin.elapsed() / 100_000;
@@ -83,7 +83,7 @@ fn cloud(as_text: bool) -> Vec<u8> {
          end_header\n"
     )
     .into_bytes();
-    let mut random = Random::new(&[4]);
+    let mut random = Rng::new(&[4]);
     for _ in 0..POINTS {
         let point = random.direction() * 1000.0;
         if as_text {

@@ -17,16 +17,16 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use growbot_scene::clear::{Need, least};
-use growbot_scene::motion::{Tip, angle};
-use growbot_scene::planner::{Budget, Chain, Goal, Outcome, Problem, search};
+use growbot_scene::centreline::{TipPose, angle_between};
+use growbot_scene::clearance::{RequiredClearance, min_clearance};
+use growbot_scene::planner::{Goal, PlanningProblem, SearchBudget, SearchOutcome, ViaPath, search};
 use growbot_scene::read;
 use growbot_scene::scene::{Cloud, Scene};
 use nalgebra::Vector3;
 use serde::Deserialize;
 
 #[derive(Deserialize)]
-struct Problems {
+struct ProblemSetJson {
     point_radius_mm: f64,
     tube_diameter_mm: f64,
     radius_mm: f64,
@@ -35,11 +35,11 @@ struct Problems {
     goal_tolerance_mm: f64,
     #[serde(default = "half_turn")]
     turn_max_deg: f64,
-    problems: BTreeMap<String, Asked>,
+    problems: BTreeMap<String, QueryJson>,
 }
 
 #[derive(Deserialize)]
-struct Asked {
+struct QueryJson {
     start_mm: [f64; 3],
     start_direction: [f64; 3],
     goal_mm: [f64; 3],
@@ -73,12 +73,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (mut solved, mut decided, mut of) = (0, 0, 0);
     let mut firsts = Vec::new();
     for directory in &options.directories {
-        let written: Problems = serde_json::from_slice(&fs::read(directory.join("problems.json"))?)?;
+        let written: ProblemSetJson = serde_json::from_slice(&fs::read(directory.join("problems.json"))?)?;
         let points = read::geometry(&directory.join("scene.ply"))?.geometry.points;
         for (name, asked) in &written.problems {
             let answer = answer(&written, asked, &points, &options);
             let place = directory.file_name().unwrap_or_default().to_string_lossy();
-            let rival = rival(directory, &place, name).map_or(String::new(), |length| format!("; RCS* {length}"));
+            let rival =
+                published_length(directory, &place, name).map_or(String::new(), |length| format!("; RCS* {length}"));
             println!("{place} {name}: {}{rival}", answer.text);
             of += 1;
             solved += u32::from(answer.first.is_some());
@@ -99,32 +100,33 @@ struct Answer {
     decided: bool,
 }
 
-fn answer(written: &Problems, asked: &Asked, points: &[Vector3<f64>], options: &Options) -> Answer {
+fn answer(written: &ProblemSetJson, asked: &QueryJson, points: &[Vector3<f64>], options: &Options) -> Answer {
     let start = Vector3::from(asked.start_mm);
     let kept = points.iter().copied().filter(|point| (point - start).norm() >= options.start_free).collect();
     let scene = Scene::new(vec![], vec![], vec![Cloud::new(kept, written.point_radius_mm)], vec![]);
     let tube = 0.5 * written.tube_diameter_mm;
-    let problem = Problem {
+    let problem = PlanningProblem {
         scene: &scene,
-        start: Tip { position: start, direction: Vector3::from(asked.start_direction).normalize() },
+        start: TipPose { position: start, direction: Vector3::from(asked.start_direction).normalize() },
         goal: Goal::Position { at: asked.goal_mm.into(), tolerance: written.goal_tolerance_mm },
         radius: written.radius_mm,
-        need: Need { distance: tube, slack: 1e-3 * tube },
-        length_max: written.length_max_mm,
+        required_clearance: RequiredClearance { distance: tube, tolerance: 1e-3 * tube },
+        max_length: written.length_max_mm,
         accept: &|_| true,
     };
     let begin = Instant::now();
     let deadline = Some(begin + Duration::from_secs_f64(options.seconds));
     let mut first = None;
-    let mut note = |chain: &Chain| first = first.or(Some((begin.elapsed(), chain.length)));
-    let outcome = search(&problem, &Budget { work: u64::MAX, deadline, first_only: false }, &mut note);
-    let decided = outcome != Outcome::NotFound;
+    let mut note = |chain: &ViaPath| first = first.or(Some((begin.elapsed(), chain.length)));
+    let outcome = search(&problem, &SearchBudget { max_queries: u64::MAX, deadline, stop_at_first: false }, &mut note);
+    let decided = outcome != SearchOutcome::BudgetExhausted;
     let text = match (&outcome, first) {
-        (Outcome::Found(chain), Some((time, length))) => {
-            let clearance = least(&scene, &chain.stretches, 1e-4).distance - tube;
-            let turns = chain.stretches.iter().flat_map(|stretch| [stretch.from, stretch.end()]);
-            let turn =
-                turns.map(|tip| angle(&tip.direction, &problem.start.direction).to_degrees()).fold(0.0, f64::max);
+        (SearchOutcome::Found(chain), Some((time, length))) => {
+            let clearance = min_clearance(&scene, &chain.segments, 1e-4).distance - tube;
+            let turns = chain.segments.iter().flat_map(|stretch| [stretch.from, stretch.end()]);
+            let turn = turns
+                .map(|tip| angle_between(&tip.direction, &problem.start.direction).to_degrees())
+                .fold(0.0, f64::max);
             let beyond = if turn > written.turn_max_deg { ", beyond the max turn" } else { "" };
             format!(
                 "first {length:.4} mm after {time:?}, then {:.4} mm, {clearance:.4} mm clear, turns {turn:.0} deg{beyond}",
@@ -137,7 +139,7 @@ fn answer(written: &Problems, asked: &Asked, points: &[Vector3<f64>], options: &
 }
 
 /// Returns the last length of RCS* for this problem.
-fn rival(directory: &Path, place: &str, name: &str) -> Option<String> {
+fn published_length(directory: &Path, place: &str, name: &str) -> Option<String> {
     let table = fs::read_to_string(directory.parent()?.join("published-planners.csv")).ok()?;
     let row = table.lines().find(|row| row.starts_with(&format!("{place},{name},rcs_star,")))?;
     row.rsplit(',').next().filter(|length| !length.is_empty()).map(ToOwned::to_owned)

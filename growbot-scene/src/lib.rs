@@ -37,16 +37,16 @@
 //! ```
 #![forbid(unsafe_code)]
 
-pub mod body;
-pub mod clear;
-pub mod examples;
-pub mod families;
-pub mod file;
-pub mod motion;
-pub mod narrowest;
+pub mod bvh;
+pub mod centreline;
+pub mod clearance;
+pub mod closest_approach;
+pub mod demo_scenes;
+pub mod obstacle_selection;
+pub mod path_clearance;
 pub mod planner;
+pub mod random_scenes;
 pub mod read;
 pub mod scene;
+pub mod scene_file;
 pub mod shapes;
-pub mod shown;
-pub mod tree;

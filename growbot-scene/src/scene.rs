@@ -2,11 +2,11 @@
 
 use std::fmt;
 
-use growbot_core::number::Short;
+use growbot_core::compact_number::CompactNumber;
 use nalgebra::Vector3;
 
+use crate::bvh::{Bounds, Bvh, bounds_of, signed_root};
 use crate::shapes::{HalfSpace, Shape, Triangle};
-use crate::tree::{Bounds, Tree, bounds_of, signed_root};
 
 /// An obstacle in messages.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,7 +23,9 @@ pub enum Obstacle {
 
 impl fmt::Display for Obstacle {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let at = |point: &Vector3<f64>| format!("{}, {}, {}", Short(&point.x), Short(&point.y), Short(&point.z));
+        let at = |point: &Vector3<f64>| {
+            format!("{}, {}, {}", CompactNumber(&point.x), CompactNumber(&point.y), CompactNumber(&point.z))
+        };
         match self {
             Self::Shape(Shape::Box { centre, .. }) => write!(f, "the box at {}", at(centre)),
             Self::Shape(Shape::Ball { centre, .. }) => write!(f, "the ball at {}", at(centre)),
@@ -38,7 +40,7 @@ impl fmt::Display for Obstacle {
 /// A cloud of points, each of which is a ball of the same radius.
 #[derive(Debug, Clone)]
 pub struct Cloud {
-    points: Tree<Vector3<f64>>,
+    points: Bvh<Vector3<f64>>,
     radius: f64,
 }
 
@@ -58,14 +60,14 @@ impl Cloud {
     /// Creates a cloud of balls of this radius (mm) at these points.
     #[must_use]
     pub fn new(points: Vec<Vector3<f64>>, radius: f64) -> Self {
-        Self { points: Tree::new(points), radius }
+        Self { points: Bvh::new(points), radius }
     }
 }
 
 /// A mesh of triangles.
 #[derive(Debug, Clone)]
 pub struct Mesh {
-    triangles: Tree<Triangle>,
+    triangles: Bvh<Triangle>,
     /// True if the enclosed volume is an obstacle too.
     solid: bool,
 }
@@ -80,14 +82,14 @@ impl Mesh {
     /// Creates a mesh of these triangles. If it is `solid`, it must be closed.
     #[must_use]
     pub fn new(triangles: Vec<Triangle>, solid: bool) -> Self {
-        Self { triangles: Tree::new(triangles), solid }
+        Self { triangles: Bvh::new(triangles), solid }
     }
 
     /// Reports whether the mesh encloses a point.
     fn holds(&self, point: &Vector3<f64>) -> bool {
         let mut winding = 0;
         self.triangles.along_x(point.y, point.z, |triangles| {
-            winding += triangles.iter().map(|triangle| triangle.passing(point)).sum::<i32>();
+            winding += triangles.iter().map(|triangle| triangle.ray_crossing(point)).sum::<i32>();
         });
         winding != 0
     }
@@ -96,7 +98,7 @@ impl Mesh {
 /// Obstacles. Lengths in mm.
 #[derive(Debug, Clone, Default)]
 pub struct Scene {
-    shapes: Option<Tree<Shape>>,
+    shapes: Option<Bvh<Shape>>,
     half_spaces: Vec<HalfSpace>,
     clouds: Vec<Cloud>,
     meshes: Vec<Mesh>,
@@ -106,7 +108,7 @@ impl Scene {
     /// Creates a scene of these obstacles.
     #[must_use]
     pub fn new(shapes: Vec<Shape>, half_spaces: Vec<HalfSpace>, clouds: Vec<Cloud>, meshes: Vec<Mesh>) -> Self {
-        let shapes = (!shapes.is_empty()).then(|| Tree::new(shapes));
+        let shapes = (!shapes.is_empty()).then(|| Bvh::new(shapes));
         Self { shapes, half_spaces, clouds, meshes }
     }
 
@@ -115,12 +117,12 @@ impl Scene {
     #[must_use]
     pub fn distance(&self, point: &Vector3<f64>) -> f64 {
         let distance = self.distance_within(point, f64::INFINITY);
-        if self.holds(point) { -distance.abs() } else { distance }
+        if self.contains(point) { -distance.abs() } else { distance }
     }
 
     /// Reports whether a point is inside a solid mesh.
     #[must_use]
-    pub fn holds(&self, point: &Vector3<f64>) -> bool {
+    pub fn contains(&self, point: &Vector3<f64>) -> bool {
         self.meshes.iter().any(|mesh| mesh.solid && mesh.holds(point))
     }
 
@@ -137,17 +139,17 @@ impl Scene {
         // If nothing is nearer, `best` stays exactly the same.
         if let Some(shapes) = &self.shapes {
             let within = best * best.abs();
-            let nearest = shapes.nearest(point, within);
+            let nearest = shapes.min_signed_square(point, within);
             best = if nearest < within { signed_root(nearest) } else { best };
         }
         for mesh in &self.meshes {
             let within = best.max(0.0) * best.max(0.0);
-            let nearest = mesh.triangles.nearest(point, within);
+            let nearest = mesh.triangles.min_signed_square(point, within);
             best = if nearest < within { nearest.sqrt() } else { best };
         }
         for cloud in &self.clouds {
             let reach = (best + cloud.radius).max(0.0);
-            let nearest = cloud.points.nearest(point, reach * reach);
+            let nearest = cloud.points.min_signed_square(point, reach * reach);
             best = if nearest < reach * reach { nearest.sqrt() - cloud.radius } else { best };
         }
         best
@@ -156,15 +158,15 @@ impl Scene {
     /// Returns the obstacle whose surface is nearest to a point. `None` without obstacles.
     #[must_use]
     pub fn nearest(&self, point: &Vector3<f64>) -> Option<Obstacle> {
-        let shapes = self.shapes.iter().flat_map(Tree::items);
+        let shapes = self.shapes.iter().flat_map(Bvh::items);
         let shapes = shapes.map(|shape| (shape.distance(point), Obstacle::Shape(*shape)));
         let half_spaces = self.half_spaces.iter();
         let half_spaces = half_spaces.map(|plane| (plane.distance(point), Obstacle::HalfSpace(*plane)));
-        let meshes = (1..)
-            .zip(&self.meshes)
-            .map(|(number, mesh)| (mesh.triangles.nearest(point, f64::INFINITY).sqrt(), Obstacle::Mesh(number)));
+        let meshes = (1..).zip(&self.meshes).map(|(number, mesh)| {
+            (mesh.triangles.min_signed_square(point, f64::INFINITY).sqrt(), Obstacle::Mesh(number))
+        });
         let clouds = (1..).zip(&self.clouds).map(|(number, cloud)| {
-            (cloud.points.nearest(point, f64::INFINITY).sqrt() - cloud.radius, Obstacle::Cloud(number))
+            (cloud.points.min_signed_square(point, f64::INFINITY).sqrt() - cloud.radius, Obstacle::Cloud(number))
         });
         let all = shapes.chain(half_spaces).chain(meshes).chain(clouds);
         all.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, obstacle)| obstacle)
@@ -173,7 +175,7 @@ impl Scene {
     /// Returns the boxes, balls and capsules.
     #[must_use]
     pub fn shapes(&self) -> &[Shape] {
-        self.shapes.as_ref().map_or(&[], Tree::items)
+        self.shapes.as_ref().map_or(&[], Bvh::items)
     }
 
     /// Returns the half spaces.
@@ -199,7 +201,7 @@ impl Scene {
     pub fn bounds(&self) -> Bounds {
         let mut bounds = self.shapes.as_ref().map_or(Bounds::EMPTY, |shapes| bounds_of(shapes.items()));
         for cloud in &self.clouds {
-            bounds = bounds.with(&bounds_of(cloud.points.items()).grown(cloud.radius));
+            bounds = bounds.with(&bounds_of(cloud.points.items()).inflated(cloud.radius));
         }
         self.meshes.iter().fold(bounds, |bounds, mesh| bounds.with(&bounds_of(mesh.triangles.items())))
     }

@@ -5,7 +5,7 @@
 
 use nalgebra::{Rotation3, Vector3};
 
-use crate::tree::{Bounds, Item, signed_square};
+use crate::bvh::{Bounds, Item, signed_square};
 
 /// A simple shape. Lengths in mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,7 +15,7 @@ pub enum Shape {
         /// Centre of the box.
         centre: Vector3<f64>,
         /// Half the lengths of its sides.
-        half: Vector3<f64>,
+        half_extents: Vector3<f64>,
         /// Rotation `base_from_box`.
         rotation: Rotation3<f64>,
     },
@@ -42,7 +42,7 @@ impl Shape {
     #[must_use]
     pub fn distance(&self, point: &Vector3<f64>) -> f64 {
         match self {
-            Self::Box { centre, half, rotation } => {
+            Self::Box { centre, half_extents: half, rotation } => {
                 let beyond = rotation.inverse_transform_vector(&(point - centre)).abs() - half;
                 let inside = beyond.max();
                 if inside <= 0.0 { inside } else { beyond.sup(&Vector3::zeros()).norm() }
@@ -56,14 +56,14 @@ impl Shape {
 impl Item for Shape {
     fn bounds(&self) -> Bounds {
         match self {
-            Self::Box { centre, half, rotation } => {
+            Self::Box { centre, half_extents: half, rotation } => {
                 let reach = rotation.matrix().abs() * half;
                 // Allows for rounding of the rotation.
                 let reach = reach * (1.0 + 1e-12);
                 Bounds { min: centre - reach, max: centre + reach }
             }
-            Self::Ball { centre, radius } => Bounds::of(&[*centre]).grown(*radius),
-            Self::Capsule { from, to, radius } => Bounds::of(&[*from, *to]).grown(*radius),
+            Self::Ball { centre, radius } => Bounds::of(&[*centre]).inflated(*radius),
+            Self::Capsule { from, to, radius } => Bounds::of(&[*from, *to]).inflated(*radius),
         }
     }
 
@@ -150,7 +150,7 @@ impl Triangle {
     /// A line passes through only one of several triangles with a common edge, because the arithmetic of the edge is
     /// the same for all of them.
     #[must_use]
-    pub fn passing(&self, point: &Vector3<f64>) -> i32 {
+    pub fn ray_crossing(&self, point: &Vector3<f64>) -> i32 {
         let [a, b, c] = &self.0;
         let winding = turned(a, b, point) + turned(b, c, point) + turned(c, a, point);
         if winding == 0 {

@@ -2,15 +2,15 @@
 
 use growbot_core::path::Segment;
 use growbot_core::pose::Pose;
-use growbot_scene::body::{clearance, is_body_clear};
-use growbot_scene::clear::Need;
+use growbot_scene::clearance::RequiredClearance;
+use growbot_scene::path_clearance::{clearance, is_path_clear};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use growbot_core::random::Random;
-use growbot_scene::file::{SceneError, load, parse};
+use growbot_core::random::Rng;
 use growbot_scene::read::{ReadError, geometry};
+use growbot_scene::scene_file::{SceneError, load, parse};
 use nalgebra::Vector3;
 use tempfile::TempDir;
 
@@ -235,7 +235,7 @@ fn a_mesh_with_a_face_inside_out_is_no_solid() {
     // If all faces are inside out, they enclose the same volume.
     let (_directory, path) =
         written("outside.obj", "v 0 0 0\nv 100 0 0\nv 0 100 0\nv 0 0 100\nf 2 3 1\nf 4 2 1\nf 4 3 2\nf 3 4 1\n");
-    assert!(load(&path).unwrap().scene.holds(&Vector3::new(10.0, 10.0, 10.0)));
+    assert!(load(&path).unwrap().scene.contains(&Vector3::new(10.0, 10.0, 10.0)));
 }
 
 #[test]
@@ -301,16 +301,16 @@ fn no_body_that_begins_inside_of_a_solid_is_clear() {
     fs::write(path.with_file_name("cube.stl"), stl_binary()).unwrap();
     let scene = load(&path).unwrap().scene;
     let path = [Segment::Straight { length: 500.0 }];
-    let need = Need { distance: 28.0, slack: 0.1 };
+    let need = RequiredClearance { distance: 28.0, tolerance: 0.1 };
     let from = |x: f64| Pose::from_degrees([x, 0.0, 0.0, 0.0, 90.0]).unwrap().frame();
     // The cube extends from 10 m to 20 m.
-    assert!(is_body_clear(&scene, &path, &from(0.0), &need) && clearance(&scene, &path, &from(0.0)).distance > 9999.0);
-    assert!(!is_body_clear(&scene, &path, &from(15_000.0), &need));
+    assert!(is_path_clear(&scene, &path, &from(0.0), &need) && clearance(&scene, &path, &from(0.0)).distance > 9999.0);
+    assert!(!is_path_clear(&scene, &path, &from(15_000.0), &need));
     assert!(clearance(&scene, &path, &from(15_000.0)).distance < -4999.0);
 }
 
 /// Changes some bytes, or cuts, duplicates or drops a range of them.
-fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
+fn mutate(bytes: &mut Vec<u8>, random: &mut Rng) {
     for _ in 0..=random.below(4) {
         let at = random.below(bytes.len() as u64 + 1) as usize;
         let length = (random.below(40) as usize).min(bytes.len() - at);
@@ -321,7 +321,7 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
                 let stretch = bytes[at..at + length].to_vec();
                 bytes.splice(at..at, stretch);
             }
-            3 => bytes[at..at + length].fill(random.bits() as u8),
+            3 => bytes[at..at + length].fill(random.next_u64() as u8),
             4 => drop(bytes.splice(at..at, *b" 99999999999 ")),
             _ if at < bytes.len() => bytes[at] ^= 1 << random.below(8),
             _ => {}
@@ -343,7 +343,7 @@ fn a_thousand_changed_files_are_read_or_refused_with_one_message() {
         ("scan.pcd", pcd(true)),
     ];
     let directory = directory();
-    let mut random = Random::new(&[5]);
+    let mut random = Rng::new(&[5]);
     let (mut read, mut refused) = (0, 0);
     for number in 0..1_000 {
         let (name, original) = &originals[number % originals.len()];

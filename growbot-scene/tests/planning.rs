@@ -1,29 +1,31 @@
 //! Paths through random scenes: found if one was planted, refused if the goal is sealed, and clear at every point.
 
-use growbot_scene::clear::Need;
-use growbot_scene::families::{Body, Drawn, FAMILIES, Known, brute_force_least, draw};
-use growbot_scene::motion::{Tip, angle};
-use growbot_scene::planner::{Budget, Goal, Outcome, Problem, search};
+use growbot_scene::centreline::{TipPose, angle_between};
+use growbot_scene::clearance::RequiredClearance;
+use growbot_scene::planner::{Goal, PlanningProblem, SearchBudget, SearchOutcome, search};
+use growbot_scene::random_scenes::{
+    FAMILIES, GroundTruth, RandomScene, TubeLimits, brute_force_clearance, random_scene,
+};
 use growbot_scene::scene::Scene;
 use nalgebra::Vector3;
 
 /// The body of growbot-a with a margin of 5 mm.
-const BODY: Body = Body { radius: 100.0, need: 28.55 };
+const BODY: TubeLimits = TubeLimits { radius: 100.0, clearance: 28.55 };
 
 /// Returns the number of scenes of each family. GROWBOT_SCENES sets it for a long trial.
 fn scenes() -> u64 {
     std::env::var("GROWBOT_SCENES").ok().and_then(|count| count.parse().ok()).unwrap_or(10)
 }
 
-fn plan(drawn: &Drawn, goal: Goal, budget: &Budget) -> Outcome {
+fn plan(drawn: &RandomScene, goal: Goal, budget: &SearchBudget) -> SearchOutcome {
     let scene = drawn.scene();
-    let problem = Problem {
+    let problem = PlanningProblem {
         scene: &scene,
         start: drawn.start,
         goal,
         radius: BODY.radius,
-        need: Need { distance: BODY.need, slack: 1e-3 * BODY.need },
-        length_max: 1e5,
+        required_clearance: RequiredClearance { distance: BODY.clearance, tolerance: 1e-3 * BODY.clearance },
+        max_length: 1e5,
         accept: &|_| true,
     };
     search(&problem, budget, &mut |_| ())
@@ -33,22 +35,23 @@ fn plan(drawn: &Drawn, goal: Goal, budget: &Budget) -> Outcome {
 fn planted_paths_are_found_and_sealed_goals_are_not() {
     for family in FAMILIES {
         for number in 0..scenes() {
-            let drawn = draw(family, number, &BODY);
+            let drawn = random_scene(family, number, &BODY);
             let free = Goal::Position { at: drawn.goal.position, tolerance: 0.0 };
             // If nothing is known there may be no path, so a short search is enough.
-            let work = if drawn.known == Known::Nothing { 100_000 } else { 3_000_000 };
-            let budget = Budget { work, deadline: None, first_only: true };
+            let work = if drawn.known == GroundTruth::Unknown { 100_000 } else { 3_000_000 };
+            let budget = SearchBudget { max_queries: work, deadline: None, stop_at_first: true };
             for goal in [free, Goal::Pose(drawn.goal)] {
                 let outcome = plan(&drawn, goal, &budget);
                 match (&drawn.known, &outcome) {
-                    (Known::Planted(_), Outcome::Found(_)) | (Known::Sealed, Outcome::Impossible(_)) => {}
-                    (Known::Nothing, _) => {}
+                    (GroundTruth::Path(_), SearchOutcome::Found(_))
+                    | (GroundTruth::NoPath, SearchOutcome::Infeasible(_)) => {}
+                    (GroundTruth::Unknown, _) => {}
                     (known, outcome) => panic!("{family:?} {number}: {known:?}, {outcome:?}"),
                 }
-                if let Outcome::Found(chain) = outcome {
-                    let nearest = brute_force_least(&drawn, &chain.stretches, 1.0);
-                    assert!(nearest >= BODY.need, "{family:?} {number}: {nearest} mm");
-                    assert_joined(&drawn, &chain.stretches, goal);
+                if let SearchOutcome::Found(chain) = outcome {
+                    let nearest = brute_force_clearance(&drawn, &chain.segments, 1.0);
+                    assert!(nearest >= BODY.clearance, "{family:?} {number}: {nearest} mm");
+                    assert_joined(&drawn, &chain.segments, goal);
                 }
             }
         }
@@ -56,7 +59,7 @@ fn planted_paths_are_found_and_sealed_goals_are_not() {
 }
 
 /// Asserts that each stretch begins at the end of the previous one, and that the last ends at the goal.
-fn assert_joined(drawn: &Drawn, stretches: &[growbot_scene::motion::Stretch], goal: Goal) {
+fn assert_joined(drawn: &RandomScene, stretches: &[growbot_scene::centreline::ArcSegment], goal: Goal) {
     let mut tip = drawn.start;
     for stretch in stretches {
         assert!(stretch.curvature <= (1.0 + 1e-9) / BODY.radius);
@@ -64,19 +67,19 @@ fn assert_joined(drawn: &Drawn, stretches: &[growbot_scene::motion::Stretch], go
         tip = stretch.end();
     }
     let direction = if let Goal::Pose(goal) = goal { goal.direction } else { tip.direction };
-    assert_near(&tip, &Tip { position: goal.position(), direction }, 1e-6);
+    assert_near(&tip, &TipPose { position: goal.position(), direction }, 1e-6);
 }
 
-fn assert_near(a: &Tip, b: &Tip, within: f64) {
+fn assert_near(a: &TipPose, b: &TipPose, within: f64) {
     assert!((a.position - b.position).norm() < within, "{a:?}, {b:?}");
-    assert!(angle(&a.direction, &b.direction) < within, "{a:?}, {b:?}");
+    assert!(angle_between(&a.direction, &b.direction) < within, "{a:?}, {b:?}");
 }
 
 #[test]
 fn results_are_the_same_in_every_run_and_thread() {
     let all = || {
-        let budget = Budget { work: 100_000, deadline: None, first_only: false };
-        let drawn = FAMILIES.map(|family| draw(family, 1, &BODY));
+        let budget = SearchBudget { max_queries: 100_000, deadline: None, stop_at_first: false };
+        let drawn = FAMILIES.map(|family| random_scene(family, 1, &BODY));
         drawn.map(|drawn| plan(&drawn, Goal::Pose(drawn.goal), &budget))
     };
     let here = all();
@@ -89,11 +92,11 @@ fn results_are_the_same_in_every_run_and_thread() {
 #[test]
 fn more_effort_never_gives_a_longer_path() {
     for family in FAMILIES {
-        let drawn = draw(family, 2, &BODY);
+        let drawn = random_scene(family, 2, &BODY);
         let mut before = f64::INFINITY;
         for work in [30_000, 100_000, 300_000] {
-            let budget = Budget { work, deadline: None, first_only: false };
-            let Outcome::Found(chain) = plan(&drawn, Goal::Pose(drawn.goal), &budget) else { continue };
+            let budget = SearchBudget { max_queries: work, deadline: None, stop_at_first: false };
+            let SearchOutcome::Found(chain) = plan(&drawn, Goal::Pose(drawn.goal), &budget) else { continue };
             // One position less on the way is worth a ten-thousandth of the distance.
             let price = 1e-4 * (drawn.goal.position - drawn.start.position).norm();
             let cost = chain.length + price * chain.via.len() as f64;
@@ -106,19 +109,19 @@ fn more_effort_never_gives_a_longer_path() {
 
 #[test]
 fn an_empty_scene_has_the_shortest_path() {
-    let drawn = draw(FAMILIES[0], 0, &BODY);
+    let drawn = random_scene(FAMILIES[0], 0, &BODY);
     let at = Vector3::new(0.0, 0.0, 500.0);
     let scene = Scene::default();
-    let problem = Problem {
+    let problem = PlanningProblem {
         scene: &scene,
         start: drawn.start,
         goal: Goal::Position { at, tolerance: 2.0 },
         radius: 100.0,
-        need: Need { distance: 20.0, slack: 0.02 },
-        length_max: 1e4,
+        required_clearance: RequiredClearance { distance: 20.0, tolerance: 0.02 },
+        max_length: 1e4,
         accept: &|_| true,
     };
-    let budget = Budget { work: 1000, deadline: None, first_only: false };
-    let Outcome::Found(chain) = search(&problem, &budget, &mut |_| ()) else { panic!() };
+    let budget = SearchBudget { max_queries: 1000, deadline: None, stop_at_first: false };
+    let SearchOutcome::Found(chain) = search(&problem, &budget, &mut |_| ()) else { panic!() };
     assert!((chain.length - 498.0).abs() < 1e-9);
 }

@@ -9,10 +9,10 @@ use growbot_client::client::Client;
 use growbot_client::growth::{Grown, Job, Orders, Outcome, grow_job};
 use growbot_client::port::{Port, PortError};
 use growbot_client::robot_file;
-use growbot_core::link::message::{Silence, State};
+use growbot_core::link::message::{HostSilencePolicy, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_sim::port::sim::Sim;
 
 /// A simulated robot whose clock runs faster than its host's by a factor, on a line that delays answers.
@@ -21,7 +21,7 @@ struct Skewed {
     rate: f64,
     /// Answers are delayed by up to so much, s, of the host's time.
     jitter: f64,
-    random: Random,
+    random: Rng,
 }
 
 impl Skewed {
@@ -34,7 +34,7 @@ impl Skewed {
 impl Port for Skewed {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         self.sim.send(bytes)?;
-        let delay = Duration::from_secs_f64(self.random.between(0.0, self.jitter));
+        let delay = Duration::from_secs_f64(self.random.uniform_between(0.0, self.jitter));
         self.sim.borrow_mut().pass(self.on_board(delay));
         Ok(())
     }
@@ -56,9 +56,9 @@ fn grow(rate: f64, jitter: f64) -> (Grown, State, f64) {
     let goal = Pose::from_frame(&end(&path, &start.frame()));
     let job = Job::new(&robot, &start, &goal, &path);
     let sim = Rc::new(RefCell::new(Sim::new(robot.clone())));
-    let line = Skewed { sim: Rc::clone(&sim), rate, jitter, random: Random::new(&[1]) };
+    let line = Skewed { sim: Rc::clone(&sim), rate, jitter, random: Rng::new(&[1]) };
     let mut client = Client::new(Box::new(line), "a board of its own time");
-    let grown = grow_job(&mut client, &job, Silence::Pause, &Orders::default(), &mut |_| {}).unwrap();
+    let grown = grow_job(&mut client, &job, HostSilencePolicy::Pause, &Orders::default(), &mut |_| {}).unwrap();
     let (state, seconds) = (sim.borrow().state(), sim.borrow().now_s() / rate);
     (grown, state, seconds)
 }

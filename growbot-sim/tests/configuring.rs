@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::robot_file;
-use growbot_core::link::message::{Begin, Cancel, Message, Refusal, ResetCause, State};
-use growbot_core::robot::{LONGEST_VERSIONED, Robot};
+use growbot_core::link::message::{BeginJob, Cancel, Message, Refusal, ResetCause, State};
+use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
 use growbot_firmware::descriptions::Descriptions;
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::flash::SECTOR_BYTES;
@@ -30,9 +30,9 @@ fn the_board_restarts_as_every_robot_that_a_board_can_drive() {
         }
         let hello = client.configure(&next).unwrap();
         configured += 1;
-        assert_eq!((hello.robot, hello.robot_name.as_str(), hello.status.state), (next.hash(), name, State::Idle));
+        assert_eq!((hello.robot_hash, hello.robot_name.as_str(), hello.status.state), (next.hash(), name, State::Idle));
         assert_eq!(Descriptions::open(flash.clone()).newest().robot(), Some(next.clone()));
-        let begin = Begin { plan_id: 1, layers: 1, robot: next.hash() };
+        let begin = BeginJob { plan_id: 1, layers: 1, robot_hash: next.hash() };
         client.request("to begin", &Message::Begin(begin)).unwrap();
         let refused = client.configure(&next).unwrap_err();
         assert!(
@@ -63,7 +63,7 @@ const EVERY: usize = 256;
 #[test]
 fn a_power_cut_anywhere_leaves_the_old_robot_or_the_new_one() {
     let [first, old, new] = ["growbot-c", "growbot-a", "growbot-b"].map(robot);
-    let written = 16 + LONGEST_VERSIONED.next_multiple_of(4);
+    let written = 16 + MAX_VERSIONED_LEN.next_multiple_of(4);
     let cuts = (1..SECTOR_BYTES).step_by(EVERY).chain(SECTOR_BYTES..=SECTOR_BYTES + written);
     let mut olds = 0;
     for cut in cuts.clone() {
@@ -99,7 +99,7 @@ fn a_power_cut_while_it_is_configured_over_the_link_is_survived() {
         assert!(matches!(refused, ClientError::Refused { .. }), "cut at byte {cut}: {refused}");
         // The power goes with the next tick.
         client.pass(Duration::from_millis(100)).unwrap();
-        assert_eq!(client.hello().unwrap().robot, old.hash(), "cut at byte {cut}");
-        assert_eq!(client.configure(&new).unwrap().robot, new.hash(), "cut at byte {cut}");
+        assert_eq!(client.hello().unwrap().robot_hash, old.hash(), "cut at byte {cut}");
+        assert_eq!(client.configure(&new).unwrap().robot_hash, new.hash(), "cut at byte {cut}");
     }
 }

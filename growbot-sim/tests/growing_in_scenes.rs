@@ -18,11 +18,11 @@ use growbot_client::through_scene::{self, LENGTH_MAX, Through};
 use growbot_core::plan::Planner;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
-use growbot_core::simulation::{DirectionSensor, Sensors};
+use growbot_core::simulation::{DirectionSensor, SimulatedSensors};
 use growbot_core::slicing::Slicing;
-use growbot_scene::families::{self, Body, FAMILIES};
-use growbot_scene::file::LoadedScene;
-use growbot_scene::motion::{Tip, any_across};
+use growbot_scene::centreline::{TipPose, any_perpendicular};
+use growbot_scene::random_scenes::{self, FAMILIES, TubeLimits};
+use growbot_scene::scene_file::LoadedScene;
 use growbot_sim::simulation::Simulation;
 use growbot_sim::simulation::campaign::{Campaign, ManyAmong};
 use nalgebra::{Matrix3, Rotation3, Translation3};
@@ -73,7 +73,8 @@ fn table(robot: &Robot, scenes: u64, growths: u64, biased: bool) -> Both {
         simulation.scene = Some(&loaded);
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let open = among(&simulation, growths, threads);
-        simulation.sensors = Some(Sensors { noise: ASSUMED, odometry_scale: 0.0, direction: DirectionSensor::Gravity });
+        simulation.sensors =
+            Some(SimulatedSensors { noise: ASSUMED, odometry_scale: 0.0, direction: DirectionSensor::Gravity });
         let closed = among(&simulation, growths, threads);
         let clear = plan.scene.as_ref().map_or(0.0, |scene| scene.clearance);
         println!(
@@ -109,8 +110,8 @@ fn scene(robot: &Robot, index: u64) -> (String, LoadedScene, Plan) {
     let (family, number) = (FAMILIES[(index % count) as usize], index / count);
     // Of ten numbers, the first five have a planted path.
     let number = number / 5 * 10 + number % 5;
-    let body = Body { radius: RADIUS, need: 0.5 * robot.outer_diameter() + MARGIN + 0.1 };
-    let drawn = families::draw(family, number, &body);
+    let body = TubeLimits { radius: RADIUS, clearance: 0.5 * robot.outer_diameter() + MARGIN + 0.1 };
+    let drawn = random_scenes::random_scene(family, number, &body);
     let loaded = LoadedScene { scene: drawn.scene(), margin: MARGIN, hash: 0 };
     let (start, goal) = (pose(&drawn.start), pose(&drawn.goal));
     let search = Search { radius: RADIUS, planner: Planner::Shortest, clear_of_self: true };
@@ -130,8 +131,8 @@ fn scene(robot: &Robot, index: u64) -> (String, LoadedScene, Plan) {
     (name, loaded, plan)
 }
 
-fn pose(tip: &Tip) -> Pose {
-    let x = any_across(&tip.direction);
+fn pose(tip: &TipPose) -> Pose {
+    let x = any_perpendicular(&tip.direction);
     let axes = Matrix3::from_columns(&[x, tip.direction.cross(&x), tip.direction]);
     Pose::from_frame(&Frame::from_parts(Translation3::from(tip.position), Rotation3::from_matrix_unchecked(axes)))
 }

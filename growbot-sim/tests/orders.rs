@@ -8,8 +8,8 @@ use growbot_client::client::Client;
 use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, Manner, Order, Orders, Outcome, WhenParked, grow_job};
 use growbot_client::port::{Port, PortError};
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
-use growbot_core::link::frame::Receiver;
-use growbot_core::link::message::{Message, PauseCause, Silence, State};
+use growbot_core::link::frame::FrameDecoder;
+use growbot_core::link::message::{HostSilencePolicy, Message, PauseCause, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -31,7 +31,7 @@ fn try_to_grow(
     order: impl FnMut(&JobEvent, &Orders),
     line: impl FnOnce(Sim) -> Box<dyn Port>,
 ) -> (Result<Grown, GrowthError>, Vec<JobEvent>) {
-    try_to_grow_in(Silence::Pause.into(), order, line)
+    try_to_grow_in(HostSilencePolicy::Pause.into(), order, line)
 }
 
 /// The same, in this manner.
@@ -77,7 +77,7 @@ fn a_growth_holds_and_goes_on_as_ordered_and_each_layer_is_laid_once() {
 #[test]
 fn a_parked_growth_waits_where_somebody_can_continue_it_and_ends_elsewhere() {
     let park = |parked| {
-        let manner = Manner { silence: Silence::Pause, feedback: None, parked };
+        let manner = Manner { silence: HostSilencePolicy::Pause, feedback: None, parked };
         let (grown, told) = try_to_grow_in(
             manner,
             |event, orders| match event {
@@ -218,7 +218,7 @@ fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
 /// A line on which the requests to start are counted.
 struct Overheard {
     sim: Sim,
-    receiver: Receiver,
+    receiver: FrameDecoder,
     starts: Rc<Cell<u32>>,
     /// From the first of them on, nothing comes back.
     goes_deaf: bool,
@@ -245,7 +245,7 @@ impl Port for Overheard {
 
 impl Overheard {
     fn new(sim: Sim, starts: &Rc<Cell<u32>>, goes_deaf: bool) -> Self {
-        Self { sim, receiver: Receiver::default(), starts: Rc::clone(starts), goes_deaf }
+        Self { sim, receiver: FrameDecoder::default(), starts: Rc::clone(starts), goes_deaf }
     }
 }
 
@@ -295,7 +295,7 @@ fn an_order_in_any_state_leaves_the_body_whole() {
 fn a_growth_out_of_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
     let board = Rc::new(RefCell::new(None::<Rc<RefCell<Sim>>>));
     let (sim_of, mut steps) = (Rc::clone(&board), vec![Order::Continue, Order::Purge, Order::Load, Order::Preheat]);
-    let manner = Manner { silence: Silence::Pause, feedback: None, parked: WhenParked::Ends };
+    let manner = Manner { silence: HostSilencePolicy::Pause, feedback: None, parked: WhenParked::Ends };
     let mut refused = Vec::new();
     let (grown, told) = try_to_grow_in(
         manner,

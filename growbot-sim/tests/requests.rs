@@ -8,9 +8,9 @@ use growbot_client::client::{Client, ClientError, Stopped};
 use growbot_client::port::{Port, PortError};
 use growbot_client::robot_file;
 use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::{Encoder, LayerBytes};
+use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
-use growbot_core::link::message::{Begin, Message, Refusal, State};
+use growbot_core::link::message::{BeginJob, Message, Refusal, State};
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::TipFault;
 
@@ -38,16 +38,16 @@ fn on_a_clean_line_most_of_what_is_sent_is_layers() {
     let sent = Rc::new(Cell::new(0));
     let mut client = Client::new(Box::new(Counting(Sim::new(robot.clone()), Rc::clone(&sent))), "sim");
     client.hello_robot(&robot).unwrap();
-    let mut encoder = Encoder::default();
+    let mut encoder = LayerEncoder::default();
     let layers: Vec<LayerBytes> = (0..4096)
         .map(|index| encoder.encode(&Layer { alpha: f64::from(index) * 0.01, height: 0.7, tilt: 0.006 }))
         .collect();
     let plan_id = u64::MAX;
-    let begin = Begin { plan_id, layers: 4096, robot: robot.hash() };
+    let begin = BeginJob { plan_id, layers: 4096, robot_hash: robot.hash() };
     let Message::Accepted(accepted) = client.request("to begin", &Message::Begin(begin)).unwrap() else { panic!() };
     let before = sent.get();
     let accepted = client.hand_over(plan_id, &layers, accepted).unwrap();
-    assert_eq!((accepted.next, accepted.room), (4096, 0));
+    assert_eq!((accepted.next, accepted.free_layers), (4096, 0));
     let bytes = sent.get() - before;
     let share = (layers.len() * 12) as f64 / bytes as f64;
     let seconds = bytes as f64 * 10.0 / 115_200.0;

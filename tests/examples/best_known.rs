@@ -11,7 +11,7 @@
 
 use std::time::Instant;
 
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_tests::slow_shortest::table::{COLUMNS, Row, Stratum};
 use growbot_tests::slow_shortest::{Best, Effort, helicoid, shortest};
 
@@ -82,7 +82,7 @@ impl Tally {
         let mut best: Option<Best> = None;
         let mut min_chain = f64::INFINITY;
         for (pass, improved) in (0..).zip(&mut self.improved) {
-            let mut random = Random::new(&[seed, stratum as u64, number, pass + 1]);
+            let mut random = Rng::new(&[seed, stratum as u64, number, pass + 1]);
             let found = shortest(&problem, &effort(stratum), &mut random);
             print_pass(&format!("{} {number} pass {pass} at {:.3}", stratum.name(), problem.goal.norm()), &found);
             min_chain = min_chain.min(found.helicoids.min_chain);

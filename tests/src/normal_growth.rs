@@ -9,7 +9,7 @@ use growbot_core::link::message::{Fault, State};
 
 use crate::fault_campaign::growth::{Plant, copy, robot};
 use crate::fault_campaign::rig::Rig;
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 
 /// Between two looks at the nozzle, s.
 const LOOK: f64 = 0.1;
@@ -84,7 +84,7 @@ pub fn run(plant: Plant, hours: f64) -> Seen {
 /// One growth: layers of many heights, handed over in portions, so that it holds in between: hot, at standby, or
 /// parked.
 fn grow(plant: Plant, seed: u64) -> Seen {
-    let mut random = Random::new(&[seed, 2]);
+    let mut random = Rng::new(&[seed, 2]);
     let variation = copy(plant, &mut random, seed);
     let mut rig = Rig::new(&robot(plant), variation);
     let mut seen = Seen::default();
@@ -94,7 +94,7 @@ fn grow(plant: Plant, seed: u64) -> Seen {
         rig.begin(LAYERS)?;
         let mut left = LAYERS;
         while left > 0 {
-            let portion = (1.0 + random.between(0.0, 40.0)) as u32;
+            let portion = (1.0 + random.uniform_between(0.0, 40.0)) as u32;
             let portion = portion.min(left);
             rig.hand_over_varied(portion, &mut random)?;
             left -= portion;
@@ -104,21 +104,21 @@ fn grow(plant: Plant, seed: u64) -> Seen {
                 break;
             }
             // Mostly short; one pause in eight is long enough for standby, and one in sixteen for parking.
-            let pause = match random.between(0.0, 16.0) {
+            let pause = match random.uniform_between(0.0, 16.0) {
                 ..1.0 => 300.0..400.0,
                 1.0..2.0 => 60.0..200.0,
                 _ => 0.0..20.0,
             };
             let Range { start, end } = pause;
-            watch(&mut rig, seed, random.between(start, end), &mut seen, alarm);
+            watch(&mut rig, seed, random.uniform_between(start, end), &mut seen, alarm);
             // The supply of a workshop goes up and down.
-            rig.sim.borrow_mut().simulated_tip().set_supply_v(random.between(10.8, 13.2));
+            rig.sim.borrow_mut().simulated_tip().set_supply_v(random.uniform_between(10.8, 13.2));
         }
         Ok(())
     };
     let ended = all();
     seen.seconds = rig.seconds();
-    seen.layers = rig.status().map_or(0, |status| status.laid);
+    seen.layers = rig.status().map_or(0, |status| status.layers_laid);
     if rig.state() != State::Done || ended.is_err() {
         seen.false_alarms.push((seed, rig.sim.borrow().fault()));
     }

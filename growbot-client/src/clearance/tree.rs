@@ -1,6 +1,6 @@
 //! A body as a tree of stretches, each with a ball or chord that bounds it.
 
-use growbot_core::helicoid::{Helicoid, Walk};
+use growbot_core::helicoid::{Helicoid, HelicoidIntegrator};
 use growbot_core::path::Segment;
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
@@ -159,7 +159,7 @@ impl Body {
 fn divide(curve: &Helicoid, radius: f64, length: f64, push: &mut impl FnMut(Segment)) {
     let count = libm::ceil(length / radius / HELICOID_PIECE).max(1.0);
     let short = length / count;
-    let mut walk = Walk::new(curve);
+    let mut walk = HelicoidIntegrator::new(curve);
     for _ in 0..count as usize {
         // This is the rest of the same curve: m at this point and p, in the frame of this tip.
         let start_from_tip = walk.frame();

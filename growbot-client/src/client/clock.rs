@@ -187,17 +187,17 @@ impl ClockWatch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use growbot_core::random::Random;
+    use growbot_core::random::Rng;
     use serde_json::json;
 
     /// Returns the time, s, after which a clock of this rate is found wrong, over a line that delays by up to `jitter`,
     /// s. `None` if it is not found within `seconds`.
     fn found(rate: f64, jitter: f64, seconds: f64, every: f64) -> Option<f64> {
-        let mut random = Random::new(&[7]);
+        let mut random = Rng::new(&[7]);
         let mut watch = ClockWatch::default();
         let mut now = 1000.0;
         while now < 1000.0 + seconds {
-            let [there, back] = [(); 2].map(|()| random.between(0.0, jitter));
+            let [there, back] = [(); 2].map(|()| random.uniform_between(0.0, jitter));
             let board_ms = ((now + there) * rate * 1000.0) as u64;
             let [sent, received] = [now, now + there + back].map(Duration::from_secs_f64);
             watch.take(&Reading { board_ms, sent, received });

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use growbot_core::link::message::{BoardHello, Configure, Configured, MAX_DESCRIPTION_PART, Message, Refusal};
-use growbot_core::robot::{LONGEST_VERSIONED, Robot};
+use growbot_core::link::message::{BoardInfo, Configure, Configured, MAX_DESCRIPTION_PART, Message, Refusal};
+use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
 
 use super::error::CONFIGURING;
 use super::{Client, ClientError};
@@ -19,9 +19,9 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError::Description`], a refusal, or [`ClientError::NotRestarted`].
-    pub fn configure(&mut self, robot: &Robot) -> Result<BoardHello, ClientError> {
+    pub fn configure(&mut self, robot: &Robot) -> Result<BoardInfo, ClientError> {
         let before = self.board()?.boot_id;
-        let mut buffer = [0; LONGEST_VERSIONED];
+        let mut buffer = [0; MAX_VERSIONED_LEN];
         robot.check_for_board().map_err(ClientError::Description)?;
         let description = robot.encode_for_board(&mut buffer).map_err(ClientError::Description)?;
         let mut stored = false;
@@ -46,11 +46,11 @@ impl Client {
     }
 
     /// Waits until the board has restarted as this robot.
-    fn await_restart(&mut self, robot: &Robot, before: u32) -> Result<BoardHello, ClientError> {
+    fn await_restart(&mut self, robot: &Robot, before: u32) -> Result<BoardInfo, ClientError> {
         for _ in 0..LOOKS_AT_RESTART {
             self.pass(LOOK_AT_RESTART)?;
             let now = self.board()?;
-            if now.boot_id != before && now.robot == robot.hash() {
+            if now.boot_id != before && now.robot_hash == robot.hash() {
                 return self.hello();
             }
         }
@@ -66,7 +66,7 @@ impl Client {
 mod tests {
     use std::collections::VecDeque;
 
-    use growbot_core::link::frame::{self, Frame, Header, Receiver};
+    use growbot_core::link::frame::{self, Frame, FrameDecoder, Header};
     use growbot_core::link::message::{PauseCause, Refused, ResetCause, SCHEMA_HASH, State, Status};
 
     use super::*;
@@ -76,14 +76,14 @@ mod tests {
     /// A board that another host takes after this many parts of a description.
     struct TakenAt {
         part: u16,
-        receiver: Receiver,
+        receiver: FrameDecoder,
         answers: VecDeque<u8>,
     }
 
     impl TakenAt {
         fn answer(&self, frame: &Frame) -> Message {
             match Message::decode(frame.header.kind, &frame.body).unwrap() {
-                Message::AskBoard(_) => Message::BoardHello(board()),
+                Message::GetBoardInfo(_) => Message::BoardHello(board()),
                 Message::Configure(part)
                     if usize::from(part.offset) < usize::from(self.part) * MAX_DESCRIPTION_PART =>
                 {
@@ -101,7 +101,7 @@ mod tests {
                 let Some(frame) = self.receiver.push(*byte) else { continue };
                 let frame = frame.unwrap();
                 let answer = self.answer(&frame);
-                let mut buffer = [0; frame::LONGEST_BODY];
+                let mut buffer = [0; frame::MAX_BODY_LEN];
                 let header = Header { kind: answer.kind(), seq: 0, ack: frame.header.seq, ..frame.header };
                 self.answers.extend(frame::encode(&header, answer.encode(&mut buffer).unwrap()).unwrap());
             }
@@ -115,7 +115,7 @@ mod tests {
         }
     }
 
-    fn board() -> BoardHello {
+    fn board() -> BoardInfo {
         let status = Status {
             state: State::Idle,
             fault: None,
@@ -123,22 +123,22 @@ mod tests {
             target_centi_c: None,
             duty: 0,
             plan_id: 0,
-            layers: 0,
-            next: 0,
-            laid: 0,
+            layer_count: 0,
+            next_layer: 0,
+            layers_laid: 0,
             interrupted: None,
             pause_cause: PauseCause::default(),
-            journal: false,
+            is_resumable: false,
             uptime_ms: 0,
         };
-        BoardHello {
-            schema: SCHEMA_HASH,
+        BoardInfo {
+            schema_hash: SCHEMA_HASH,
             boot_id: 1,
             reset_cause: ResetCause::PowerOn,
             firmware: [0; 3],
             robot_name: Default::default(),
-            robot: 0,
-            capacity: 0,
+            robot_hash: 0,
+            layer_capacity: 0,
             status,
             owner: None,
         }
@@ -147,11 +147,11 @@ mod tests {
     #[test]
     fn only_the_answer_to_the_last_part_may_be_lost_in_the_restart() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-        let mut buffer = [0; LONGEST_VERSIONED];
+        let mut buffer = [0; MAX_VERSIONED_LEN];
         let parts = robot.encode_for_board(&mut buffer).unwrap().len().div_ceil(MAX_DESCRIPTION_PART) as u16;
         assert!(parts > 2, "{parts}");
         for part in 0..parts {
-            let port = TakenAt { part, receiver: Receiver::default(), answers: VecDeque::new() };
+            let port = TakenAt { part, receiver: FrameDecoder::default(), answers: VecDeque::new() };
             let error = Client::new(Box::new(port), "taken").configure(&robot).unwrap_err();
             let is_refused = matches!(error, ClientError::Refused { refusal: Refusal::NoSession, .. });
             let may_have_restarted = matches!(error, ClientError::NotRestarted { .. });

@@ -82,7 +82,7 @@ impl Client {
 /// the same line, the event for that program may be the only one that arrives here.
 fn says_stopped(frame: &Frame) -> bool {
     let state = match Message::decode(frame.header.kind, &frame.body) {
-        Ok(Message::StoppedAtOnce(_)) => return true,
+        Ok(Message::EmergencyStopAck(_)) => return true,
         Ok(Message::StateChanged(change)) => change.state,
         Ok(Message::Status(status)) => status.state,
         Ok(Message::BoardHello(hello)) => hello.status.state,

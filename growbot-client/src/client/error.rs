@@ -1,7 +1,7 @@
 //! Errors of requests to a board, and their messages.
 
 use growbot_core::link::frame::FrameError;
-use growbot_core::link::message::{BadDescription, Fault, Refusal};
+use growbot_core::link::message::{DescriptionError, Fault, Refusal};
 use growbot_core::robot::{ENCODING_VERSION, RobotError};
 
 use super::patience::SILENCE;
@@ -130,81 +130,91 @@ pub const FEEDING: &str = "to move filament";
 pub const CONFIGURING: &str = "the robot description";
 
 /// Returns a message for a rejected description.
-fn explain_description(why: BadDescription) -> String {
+fn explain_description(why: DescriptionError) -> String {
     match why {
-        BadDescription::OtherVersion { board } => format!(
+        DescriptionError::VersionMismatch { board } => format!(
             "it reads descriptions of version {board}, and this one has version {ENCODING_VERSION}: flash the firmware \
              of this release"
         ),
-        BadDescription::Unreadable => "what arrived is no description: flash the firmware of this release".to_string(),
-        BadDescription::OtherHash { found } => format!("what arrived is another description ({found:016x}): try again"),
-        BadDescription::TooLong => "the description is too long: shorten the name".to_string(),
-        BadDescription::Number => "a number is out of its range: flash the firmware of this release".to_string(),
-        BadDescription::Name => "the name is not one that a robot may have: rename the robot".to_string(),
-        BadDescription::Pins => "its pins do not suit: flash the firmware of this release".to_string(),
-        BadDescription::Drivers => "its drivers' settings do not suit: flash the firmware of this release".to_string(),
-        BadDescription::OtherBoard { asked, board } => format!(
+        DescriptionError::Unreadable => {
+            "what arrived is no description: flash the firmware of this release".to_string()
+        }
+        DescriptionError::HashMismatch { found } => {
+            format!("what arrived is another description ({found:016x}): try again")
+        }
+        DescriptionError::TooLong => "the description is too long: shorten the name".to_string(),
+        DescriptionError::Number => "a number is out of its range: flash the firmware of this release".to_string(),
+        DescriptionError::Name => "the name is not one that a robot may have: rename the robot".to_string(),
+        DescriptionError::Pins => "its pins do not suit: flash the firmware of this release".to_string(),
+        DescriptionError::Drivers => {
+            "its drivers' settings do not suit: flash the firmware of this release".to_string()
+        }
+        DescriptionError::BoardMismatch { asked, board } => format!(
             "the description is for {asked}, and the firmware is for {board}: set board.kind, or flash the firmware \
              for {asked}"
         ),
-        BadDescription::Thermistor => "the thermistor has no equation, or two: give one".to_string(),
+        DescriptionError::Thermistor => "the thermistor has no equation, or two: give one".to_string(),
     }
 }
 
 /// Returns a message for a refusal.
 fn explain(request: &str, refusal: &Refusal) -> String {
     match *refusal {
-        Refusal::NotUnderstood => "it does not understand the request".to_string(),
-        Refusal::OtherSchema { board } => format!("its messages have schema {board:016x}"),
+        Refusal::UnknownRequest => "it does not understand the request".to_string(),
+        Refusal::SchemaMismatch { board } => format!("its messages have schema {board:016x}"),
         Refusal::NoSession => "another host has taken over, or the board has restarted".to_string(),
-        Refusal::OtherRobot { board } => format!("it is another robot ({board:016x})"),
-        Refusal::OtherPlan { board: 0 } => "it stores no plan: hand one over first".to_string(),
-        Refusal::OtherPlan { board } => format!("it stores another plan ({board:016x})"),
+        Refusal::RobotMismatch { board } => format!("it is another robot ({board:016x})"),
+        Refusal::PlanMismatch { board: 0 } => "it stores no plan: hand one over first".to_string(),
+        Refusal::PlanMismatch { board } => format!("it stores another plan ({board:016x})"),
         Refusal::OutOfOrder { expected } if request == CONFIGURING => {
             format!("it expects byte {expected} of the description next: try again")
         }
         Refusal::OutOfOrder { expected } => format!("it expects layer {expected} next"),
-        Refusal::Full => "it has no room for more layers now".to_string(),
-        Refusal::BadLayer { index } => format!("layer {index} is beyond the robot's limits or the plan's end"),
+        Refusal::LayerStoreFull => "it has no room for more layers now".to_string(),
+        Refusal::LayerOutOfLimits { index } => format!("layer {index} is beyond the robot's limits or the plan's end"),
         Refusal::WrongState { state } => format!("not while it is in state {}", state.name()),
         Refusal::FaultRemains { fault } => format!("{} is still there: {}", fault.code(), fault.explanation()),
-        Refusal::NoPlan => "there is no plan for these poses and this radius".to_string(),
+        Refusal::PlanningFailed => "there is no plan for these poses and this radius".to_string(),
         Refusal::PlanTooLong { layers, capacity } => {
             format!("the plan has {layers} layers, it can take {capacity}")
         }
-        Refusal::Temperature { min, max } => format!(
+        Refusal::TemperatureOutOfRange { min, max } => format!(
             "the temperature must lie between {} and {} C, the limits of its description",
             f64::from(min) / 100.0,
             f64::from(max) / 100.0
         ),
         Refusal::EmergencyStop => "the emergency stop is pressed: release it first".to_string(),
-        Refusal::Owned { silent_ms } => format!("another host owns it, last received {silent_ms} ms ago"),
-        Refusal::Begun { first } => format!("those layers have been begun; the first that can be replaced is {first}"),
-        Refusal::Hot { below } if request == CONFIGURING => format!(
+        Refusal::OwnedByOtherHost { silent_ms } => format!("another host owns it, last received {silent_ms} ms ago"),
+        Refusal::LayerAlreadyBegun { first } => {
+            format!("those layers have been begun; the first that can be replaced is {first}")
+        }
+        Refusal::NozzleTooHot { below } if request == CONFIGURING => format!(
             "it writes to its flash only with the nozzle below {} C, or after 20 minutes at rest: wait until it has \
              cooled",
             f64::from(below) / 100.0
         ),
-        Refusal::Hot { below } => format!(
+        Refusal::NozzleTooHot { below } => format!(
             "it must make room in its journal, which it does only with the nozzle below {} C: wait until it has cooled",
             f64::from(below) / 100.0
         ),
-        Refusal::Journal => "its journal cannot be written, and it must not begin what it could not resume".to_string(),
-        Refusal::Cold { now, min } => format!(
+        Refusal::JournalNotWritable => {
+            "its journal cannot be written, and it must not begin what it could not resume".to_string()
+        }
+        Refusal::NozzleTooCold { now, min } => format!(
             "the nozzle is at {:.1} C and must have {} C before anything moves: preheat, and wait until it is hot",
             f64::from(now) / 100.0,
             f64::from(min) / 100.0
         ),
-        Refusal::TooFar { max } if request == FEEDING => {
+        Refusal::MoveTooLong { max } if request == FEEDING => {
             format!("it moves {} mm of filament at a time at most: ask for less, and again", f64::from(max) / 1000.0)
         }
-        Refusal::TooFar { max } => {
+        Refusal::MoveTooLong { max } => {
             format!(
                 "it turns the head by {} degrees at a time at most: ask for less, and again",
                 f64::from(max) / 100.0
             )
         }
-        Refusal::Moving => "head or feed still move: ask again once they stand".to_string(),
+        Refusal::StillMoving => "head or feed still move: ask again once they stand".to_string(),
         Refusal::NoFilament => {
             "there is no filament at its switch, or too much of it was pulled back: push it in up to the feed, `load` \
              and `purge`"
@@ -217,7 +227,7 @@ fn explain(request: &str, refusal: &Refusal) -> String {
             "it has a body that is not done (plan {plan_id:016x}), which would be lost: grow it to its end, or give \
              it up with `growbot cancel`"
         ),
-        Refusal::BadDescription { why } => format!("{}; it keeps the one that it has", explain_description(why)),
+        Refusal::InvalidDescription { why } => format!("{}; it keeps the one that it has", explain_description(why)),
         Refusal::DescriptionNotStored => {
             "its flash does not take the description; it keeps the one that it has: try again, and if it fails again \
              replace the board"

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use growbot_core::link::frame::{self, Frame, FrameError, Header, LONGEST_BODY, next};
+use growbot_core::link::frame::{self, Frame, FrameError, Header, MAX_BODY_LEN, next_seq};
 use growbot_core::link::message::{Empty, Message, MessageError, Refused};
 
 use super::patience::{FIRST_REPEAT, MAX_TRIES, REPEAT_OF_PLAN, SILENCE_OF_PLAN, SLOWEST_REPEAT, Wait};
@@ -20,7 +20,7 @@ impl Client {
     pub fn request(&mut self, what: &'static str, request: &Message) -> Result<Message, ClientError> {
         let plans = matches!(request, Message::Plan(_));
         let mut repeat = if plans { REPEAT_OF_PLAN } else { FIRST_REPEAT };
-        self.seq = next(self.seq);
+        self.seq = next_seq(self.seq);
         let seq = self.seq;
         let mut wait = Wait::default();
         for attempt in 0..MAX_TRIES {
@@ -39,7 +39,7 @@ impl Client {
 
     /// Sends a frame with the number of the latest event.
     pub(super) fn post(&mut self, seq: u16, message: &Message) -> Result<(), ClientError> {
-        let mut buffer = [0; LONGEST_BODY];
+        let mut buffer = [0; MAX_BODY_LEN];
         let too_long = ClientError::Unexpected { request: "a message", kind: message.kind() };
         let Ok(body) = message.encode(&mut buffer) else { return Err(too_long) };
         let header = Header { kind: message.kind(), session: self.session, seq, ack: self.received };
@@ -130,7 +130,7 @@ impl Client {
     pub(super) fn ingest_event(&mut self, frame: &Frame) {
         let Header { session, seq, ack, .. } = frame.header;
         // This host or another has stopped the board at once.
-        if let (0, 0, 0, Ok(stopped @ Message::StoppedAtOnce(_))) =
+        if let (0, 0, 0, Ok(stopped @ Message::EmergencyStopAck(_))) =
             (session, seq, ack, Message::decode(frame.header.kind, &frame.body))
         {
             if !self.events.contains(&stopped) {
@@ -143,7 +143,7 @@ impl Client {
             return;
         }
         self.acknowledged = false;
-        if seq == next(self.received)
+        if seq == next_seq(self.received)
             && let Ok(message) = Message::decode(frame.header.kind, &frame.body)
         {
             self.received = seq;
@@ -156,7 +156,7 @@ impl Client {
     pub(super) fn next_frame(&mut self, timeout: Duration) -> Result<Option<Result<Frame, FrameError>>, ClientError> {
         let mut taken = 0;
         // Bytes that keep arriving without forming a frame must not block this loop for ever.
-        while taken < 2 * frame::LONGEST_FRAME {
+        while taken < 2 * frame::MAX_FRAME_LEN {
             if self.arrived.is_empty() {
                 if !self.acknowledged {
                     self.post(0, &Message::Ack(Empty {}))?;

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::frame::next;
-use growbot_core::link::message::{Accepted, LayerBatch, Layers, MAX_LAYERS, Message, Refusal};
+use growbot_core::link::frame::next_seq;
+use growbot_core::link::message::{Accepted, AppendLayers, LayerBatch, MAX_LAYERS_PER_MESSAGE, Message, Refusal};
 
 use super::exchange::answer;
 use super::patience::{MAX_TRIES, SLOWEST_REPEAT, Wait};
@@ -31,7 +31,7 @@ impl Client {
         let mut wait = Wait::default();
         loop {
             while let Some(layers) = handover.next_message() {
-                self.seq = next(self.seq);
+                self.seq = next_seq(self.seq);
                 handover.flying.push_back(self.seq);
                 self.post(self.seq, &Message::Layers(layers))?;
             }
@@ -59,7 +59,7 @@ impl Client {
                     self.repeated += handover.out_of_order(expected);
                 }
                 // The space that these layers had when they were sent is used up.
-                Err(ClientError::Refused { refusal: Refusal::Full, .. }) => return Ok(handover.accepted),
+                Err(ClientError::Refused { refusal: Refusal::LayerStoreFull, .. }) => return Ok(handover.accepted),
                 Err(error) => return Err(error),
                 Ok(other) => return Err(ClientError::Unexpected { request: what, kind: other.kind() }),
             }
@@ -94,15 +94,15 @@ impl<'a> Handover<'a> {
             accepted,
             flying: VecDeque::new(),
             sent: next,
-            batch: MAX_LAYERS,
+            batch: MAX_LAYERS_PER_MESSAGE,
             fruitless: 0,
             furthest: next,
         }
     }
 
     /// Returns the next layers to send. `None` while enough messages are unanswered, or if the board has no free space.
-    fn next_message(&mut self) -> Option<Layers> {
-        let end = (self.layers.len() as u32).min(self.accepted.next.saturating_add(self.accepted.room));
+    fn next_message(&mut self) -> Option<AppendLayers> {
+        let end = (self.layers.len() as u32).min(self.accepted.next.saturating_add(self.accepted.free_layers));
         if self.flying.len() >= WINDOW || self.sent >= end {
             return None;
         }
@@ -110,7 +110,7 @@ impl<'a> Handover<'a> {
         let layers: LayerBatch = rest.iter().take(self.batch).copied().collect();
         let first = self.sent;
         self.sent += layers.len() as u32;
-        Some(Layers { plan_id: self.plan_id, first, layers })
+        Some(AppendLayers { plan_id: self.plan_id, first, layers })
     }
 
     /// Prepares to send everything again in shorter messages, because no response arrived. Returns the number of

@@ -17,7 +17,7 @@ mod session;
 
 use std::collections::VecDeque;
 
-use growbot_core::link::frame::{Receiver, next};
+use growbot_core::link::frame::{FrameDecoder, next_seq};
 use growbot_core::link::message::{Empty, Message};
 
 pub use self::clock::ClockDrift;
@@ -32,7 +32,7 @@ use crate::port::Port;
 pub struct Client {
     port: Box<dyn Port>,
     name: String,
-    receiver: Receiver,
+    receiver: FrameDecoder,
     arrived: VecDeque<u8>,
     session: u32,
     /// True if the board has accepted the session.
@@ -58,7 +58,7 @@ impl Client {
         Self {
             port,
             name: name.to_string(),
-            receiver: Receiver::default(),
+            receiver: FrameDecoder::default(),
             arrived: VecDeque::new(),
             session: new_session(),
             open: false,
@@ -105,7 +105,7 @@ impl Client {
 impl Drop for Client {
     fn drop(&mut self) {
         if self.open {
-            self.seq = next(self.seq);
+            self.seq = next_seq(self.seq);
             // If this message is lost, the board notices after some seconds.
             let _ = self.post(self.seq, &Message::Goodbye(Empty {}));
         }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use growbot_core::link::message::{
-    BootReport, Empty, FaultRecord, LatestFault, Maintain, Message, Refusal, SensorReadings, Status, Task,
+    BootReport, Empty, FaultRecord, LatestFault, Maintain, MaintenanceTask, Message, Refusal, SensorReadings, Status,
 };
 
 use super::clock::{ClockDrift, ClockWatch, Reading};
@@ -46,7 +46,7 @@ impl Client {
     pub fn status(&mut self) -> Result<Status, ClientError> {
         let what = "for its status";
         let sent = self.port.now();
-        match self.request(what, &Message::AskStatus(Empty {}))? {
+        match self.request(what, &Message::GetStatus(Empty {}))? {
             Message::Status(status) => {
                 if self.port.compares_clocks() {
                     self.clocks.take(&Reading { board_ms: status.uptime_ms, sent, received: self.port.now() });
@@ -113,7 +113,7 @@ impl Client {
     ///
     /// # Errors
     /// Like [`Client::request`].
-    pub fn maintain(&mut self, task: Task) -> Result<(), ClientError> {
+    pub fn maintain(&mut self, task: MaintenanceTask) -> Result<(), ClientError> {
         self.request(request_name(task), &Message::Maintain(Maintain { task })).map(drop)
     }
 
@@ -123,7 +123,7 @@ impl Client {
     /// Like [`Client::request`].
     pub fn sensors(&mut self) -> Result<SensorReadings, ClientError> {
         let what = "for its sensors";
-        match self.request(what, &Message::AskSensors(Empty {}))? {
+        match self.request(what, &Message::GetSensorReadings(Empty {}))? {
             Message::SensorReadings(readings) => Ok(readings),
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }
@@ -135,7 +135,7 @@ impl Client {
     /// Like [`Client::request`].
     pub fn latest_fault(&mut self) -> Result<Option<FaultRecord>, ClientError> {
         let what = "for its latest fault";
-        match self.request(what, &Message::AskFault(Empty {}))? {
+        match self.request(what, &Message::GetLatestFault(Empty {}))? {
             Message::LatestFault(LatestFault { record }) => Ok(record),
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }
@@ -147,7 +147,7 @@ impl Client {
     /// Like [`Client::request`].
     pub fn boot(&mut self) -> Result<BootReport, ClientError> {
         let what = "how it came up";
-        match self.request(what, &Message::AskBoot(Empty {}))? {
+        match self.request(what, &Message::GetBootReport(Empty {}))? {
             Message::BootReport(report) => Ok(report),
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }

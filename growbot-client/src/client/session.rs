@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use growbot_core::link::message::{BoardHello, Empty, HostHello, HostName, Message, Refusal, SCHEMA_HASH, State};
+use growbot_core::link::message::{BoardInfo, Empty, Hello, HostName, Message, Refusal, SCHEMA_HASH, State};
 use growbot_core::robot::Robot;
 
 use super::{Client, ClientError};
@@ -29,18 +29,18 @@ impl Client {
     /// without `Goodbye`.
     /// # Errors
     /// A board that is silent, garbled, of another version, or owned by another host.
-    pub fn hello(&mut self) -> Result<BoardHello, ClientError> {
+    pub fn hello(&mut self) -> Result<BoardInfo, ClientError> {
         let mut silent_before = 0;
         for _ in 0..OWNED_LOOKS {
             match self.open_session(self.takes_over) {
-                Err(ClientError::Refused { refusal: Refusal::Owned { .. }, .. })
+                Err(ClientError::Refused { refusal: Refusal::OwnedByOtherHost { .. }, .. })
                     if self.board()?.owner == Some(host_name()) =>
                 {
                     // The owner is this program, whose earlier connection was lost.
                     return self.open_session(true);
                 }
                 // While the owner stays silent, it may be gone.
-                Err(ClientError::Refused { refusal: Refusal::Owned { silent_ms }, .. })
+                Err(ClientError::Refused { refusal: Refusal::OwnedByOtherHost { silent_ms }, .. })
                     if silent_ms >= silent_before =>
                 {
                     silent_before = silent_ms;
@@ -52,20 +52,20 @@ impl Client {
         self.open_session(false).or_else(|error| self.name_owner(error))
     }
 
-    fn open_session(&mut self, take_over: bool) -> Result<BoardHello, ClientError> {
+    fn open_session(&mut self, take_over: bool) -> Result<BoardInfo, ClientError> {
         if self.open {
             // Use another session number, because the board may have restarted or dropped this session.
             self.session = new_session();
             (self.seq, self.received, self.acknowledged, self.open) = (0, 0, true, false);
             self.events.clear();
         }
-        let request = Message::Hello(HostHello { schema: SCHEMA_HASH, host: host_name(), take_over });
+        let request = Message::Hello(Hello { schema: SCHEMA_HASH, host: host_name(), take_over });
         match self.request("hello", &request) {
             Ok(Message::BoardHello(hello)) => {
                 self.open = true;
                 self.after_self_test(same_schema(hello)?)
             }
-            Err(ClientError::Refused { refusal: Refusal::OtherSchema { board }, .. }) => {
+            Err(ClientError::Refused { refusal: Refusal::SchemaMismatch { board }, .. }) => {
                 Err(ClientError::Schema { board, host: SCHEMA_HASH })
             }
             Ok(other) => Err(ClientError::Unexpected { request: "hello", kind: other.kind() }),
@@ -74,8 +74,10 @@ impl Client {
     }
 
     /// Replaces the refusal of an owned board by an error with the owner's name.
-    fn name_owner(&mut self, error: ClientError) -> Result<BoardHello, ClientError> {
-        let ClientError::Refused { refusal: Refusal::Owned { silent_ms }, .. } = error else { return Err(error) };
+    fn name_owner(&mut self, error: ClientError) -> Result<BoardInfo, ClientError> {
+        let ClientError::Refused { refusal: Refusal::OwnedByOtherHost { silent_ms }, .. } = error else {
+            return Err(error);
+        };
         let owner = self.board()?.owner.unwrap_or_default();
         Err(ClientError::Held {
             port: self.name.clone(),
@@ -88,16 +90,16 @@ impl Client {
     ///
     /// # Errors
     /// A board that is silent, garbled or of another version.
-    pub fn board(&mut self) -> Result<BoardHello, ClientError> {
+    pub fn board(&mut self) -> Result<BoardInfo, ClientError> {
         let what = "the question who it is";
-        match self.request(what, &Message::AskBoard(Empty {})) {
+        match self.request(what, &Message::GetBoardInfo(Empty {})) {
             Ok(Message::BoardHello(hello)) => self.after_self_test(same_schema(hello)?),
             Ok(other) => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
-            Err(ClientError::Refused { refusal: Refusal::OtherSchema { board }, .. }) => {
+            Err(ClientError::Refused { refusal: Refusal::SchemaMismatch { board }, .. }) => {
                 Err(ClientError::Schema { board, host: SCHEMA_HASH })
             }
             // The board has another release, which does not know this request.
-            Err(ClientError::Refused { refusal: Refusal::NotUnderstood, .. }) => {
+            Err(ClientError::Refused { refusal: Refusal::UnknownRequest, .. }) => {
                 Err(ClientError::Unexpected { request: what, kind: REFUSED })
             }
             Err(error) => Err(error),
@@ -105,13 +107,13 @@ impl Client {
     }
 
     /// Waits until a board that has just started has finished its self-test. Until then it accepts no job.
-    fn after_self_test(&mut self, mut hello: BoardHello) -> Result<BoardHello, ClientError> {
+    fn after_self_test(&mut self, mut hello: BoardInfo) -> Result<BoardInfo, ClientError> {
         let mut standing = 0;
         for _ in 0..MAX_LOOKS_AT_SELF_TEST {
             let before = hello.status.uptime_ms;
             // A board that is not configured has nothing to test.
             if hello.status.state != State::SelfTest
-                || hello.robot == 0
+                || hello.robot_hash == 0
                 || before > SELF_TEST_MS
                 || standing > MAX_LOOKS_AT_A_CLOCK
             {
@@ -127,13 +129,13 @@ impl Client {
     /// Checks that the board belongs to this robot.
     /// # Errors
     /// [`ClientError::OtherRobot`] if it does not, or if the board is not configured.
-    pub fn belongs_to(hello: &BoardHello, robot: &Robot) -> Result<(), ClientError> {
-        if hello.robot == robot.hash() {
+    pub fn belongs_to(hello: &BoardInfo, robot: &Robot) -> Result<(), ClientError> {
+        if hello.robot_hash == robot.hash() {
             return Ok(());
         }
         Err(ClientError::OtherRobot {
             board_name: hello.robot_name.to_string(),
-            board: hello.robot,
+            board: hello.robot_hash,
             host_name: robot.name().to_string(),
             host: robot.hash(),
         })
@@ -143,9 +145,9 @@ impl Client {
     ///
     /// # Errors
     /// Like [`Client::hello`], or if the board belongs to another robot.
-    pub fn hello_robot(&mut self, robot: &Robot) -> Result<BoardHello, ClientError> {
+    pub fn hello_robot(&mut self, robot: &Robot) -> Result<BoardInfo, ClientError> {
         let hello = self.hello()?;
-        if hello.robot == 0 {
+        if hello.robot_hash == 0 {
             return Err(ClientError::NotConfigured { port: self.name.clone() });
         }
         Self::belongs_to(&hello, robot)?;
@@ -153,11 +155,11 @@ impl Client {
     }
 }
 
-fn same_schema(hello: BoardHello) -> Result<BoardHello, ClientError> {
-    if hello.schema == SCHEMA_HASH {
+fn same_schema(hello: BoardInfo) -> Result<BoardInfo, ClientError> {
+    if hello.schema_hash == SCHEMA_HASH {
         Ok(hello)
     } else {
-        Err(ClientError::Schema { board: hello.schema, host: SCHEMA_HASH })
+        Err(ClientError::Schema { board: hello.schema_hash, host: SCHEMA_HASH })
     }
 }
 

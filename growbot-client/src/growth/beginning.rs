@@ -1,7 +1,7 @@
 //! Beginning of a growth: with a new job, or with one that the board knows.
 
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::{Begin, BoardHello, Message, Resume, State, Status};
+use growbot_core::link::message::{BeginJob, BoardInfo, Message, Resume, State, Status};
 use growbot_core::robot::Robot;
 
 use super::{Growth, GrowthError, Job, JobEvent, Manner, OnInterrupted, is_crash, report_crash};
@@ -17,7 +17,7 @@ impl<'a> Growth<'a> {
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Self, GrowthError> {
         let hello = meet(client, job.robot, on_event)?;
-        let Status { plan_id, laid, layers, state, interrupted, .. } = hello.status;
+        let Status { plan_id, layers_laid: laid, layer_count: layers, state, interrupted, .. } = hello.status;
         if plan_id != 0 && (laid > 0 || interrupted.is_some()) && laid < layers && state != State::Stopped {
             return Err(GrowthError::Unfinished { plan_id, laid, layers });
         }
@@ -28,8 +28,11 @@ impl<'a> Growth<'a> {
     }
 
     fn hand_over_all(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
-        let begin =
-            Begin { plan_id: self.job.plan_id, layers: self.job.layers.len() as u32, robot: self.job.robot.hash() };
+        let begin = BeginJob {
+            plan_id: self.job.plan_id,
+            layers: self.job.layers.len() as u32,
+            robot_hash: self.job.robot.hash(),
+        };
         self.ask("to begin a job", &Message::Begin(begin))?;
         self.hand_over(on_event)
     }
@@ -72,12 +75,12 @@ impl<'a> Growth<'a> {
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<(), ClientError> {
         let skip = status.interrupted.is_some() && interrupted == OnInterrupted::LetBe;
-        self.built.laid = status.laid;
+        self.built.laid = status.layers_laid;
         // Layers are reported again from the first unknown one on.
-        let known = self.built.as_built.len().min(status.laid as usize);
+        let known = self.built.as_built.len().min(status.layers_laid as usize);
         self.built.as_built.truncate(known);
-        let from = status.laid.saturating_add(u32::from(skip));
-        let resume = Resume { plan_id: self.job.plan_id, from, known: known as u32 };
+        let from = status.layers_laid.saturating_add(u32::from(skip));
+        let resume = Resume { plan_id: self.job.plan_id, start_layer: from, reported_layers: known as u32 };
         self.ask("to resume", &Message::Resume(resume))?;
         self.built.laid = from;
         self.count_from_here(on_event)?;
@@ -89,7 +92,7 @@ impl<'a> Growth<'a> {
 }
 
 /// Opens a session with the board of a robot, and reports its identity and any crash as events.
-fn meet(client: &mut Client, robot: &Robot, on_event: &mut dyn FnMut(&JobEvent)) -> Result<BoardHello, GrowthError> {
+fn meet(client: &mut Client, robot: &Robot, on_event: &mut dyn FnMut(&JobEvent)) -> Result<BoardInfo, GrowthError> {
     let hello = client.hello_robot(robot).map_err(GrowthError::Before)?;
     on_event(&JobEvent::Board(hello.clone()));
     if is_crash(hello.reset_cause) {

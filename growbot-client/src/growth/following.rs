@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use growbot_core::link::message::{Empty, Fault, Laid, Message, PauseCause, Refusal, State, Status};
+use growbot_core::link::message::{Empty, Fault, LayerLaid, Message, PauseCause, Refusal, State, Status};
 
 use super::handover::IN_ENGINE;
 use super::{
@@ -106,7 +106,7 @@ impl Growth<'_> {
             on_event(&JobEvent::NotAmended(None));
         }
         if hello.boot_id != self.board.boot_id || hello.status.plan_id != self.job.plan_id {
-            self.built.laid = hello.status.laid;
+            self.built.laid = hello.status.layers_laid;
             self.built.interrupted = hello.status.interrupted;
             self.board.ended_ms = hello.status.uptime_ms;
             return Ok(Outcome::Interrupted);
@@ -159,7 +159,7 @@ impl Growth<'_> {
                     questions.ask = true;
                 }
                 // Another host may have stopped the board. The status shows what remains of the body.
-                Some(Message::StoppedAtOnce(_)) => questions.ask = true,
+                Some(Message::EmergencyStopAck(_)) => questions.ask = true,
                 Some(_) | None => {}
             }
         }
@@ -189,8 +189,8 @@ impl Growth<'_> {
     }
 
     /// Processes the report of a layer: amends the job and sends more layers.
-    fn layer_laid(&mut self, laid: &Laid, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
-        let Laid { index, as_built, measured, .. } = *laid;
+    fn layer_laid(&mut self, laid: &LayerLaid, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
+        let LayerLaid { index, as_built, readings: measured, .. } = *laid;
         if index as usize == self.built.as_built.len() {
             self.ingest_layer(laid);
             on_event(&JobEvent::Laid { index, as_built, measured });
@@ -238,10 +238,10 @@ impl Growth<'_> {
     }
 
     /// Records the next layer after those that are known.
-    fn ingest_layer(&mut self, laid: &Laid) {
+    fn ingest_layer(&mut self, laid: &LayerLaid) {
         let commanded = self.job.layers.get(self.built.as_built.len());
         if let (Some(feedback), Some(layer)) = (&mut self.feedback, laid.as_built.as_ref().or(commanded)) {
-            feedback.laid(layer, laid.measured.as_ref());
+            feedback.laid(layer, laid.readings.as_ref());
         }
         self.built.as_built.push(laid.as_built);
     }
@@ -260,13 +260,13 @@ impl Growth<'_> {
         if let Some(outcome) = self.outcome(status).or(lost) {
             self.board.ended_ms = status.uptime_ms;
             if status.plan_id == self.job.plan_id {
-                (self.built.laid, self.built.interrupted) = (status.laid, status.interrupted);
+                (self.built.laid, self.built.interrupted) = (status.layers_laid, status.interrupted);
             }
             return Ok(Some(outcome));
         }
-        self.sent.accepted.next = status.next;
-        self.built.laid = status.laid;
-        self.sent.make_room(status.laid);
+        self.sent.accepted.next = status.next_layer;
+        self.built.laid = status.layers_laid;
+        self.sent.make_room(status.layers_laid);
         self.refill(on_event)?;
         // It paused because this host was silent for too long.
         if status.state == State::Paused && status.pause_cause == PauseCause::HostSilent {
@@ -284,11 +284,11 @@ fn is_temporary(refusal: &Refusal) -> bool {
     matches!(
         refusal,
         Refusal::WrongState { .. }
-            | Refusal::Cold { .. }
-            | Refusal::Moving
+            | Refusal::NozzleTooCold { .. }
+            | Refusal::StillMoving
             | Refusal::NoFilament
-            | Refusal::Temperature { .. }
-            | Refusal::TooFar { .. }
+            | Refusal::TemperatureOutOfRange { .. }
+            | Refusal::MoveTooLong { .. }
     )
 }
 

@@ -88,7 +88,7 @@ pub fn as_built_or_commanded(
 pub fn as_built_hash(layers: &[Option<LayerBytes>]) -> u64 {
     let mut hasher = Hasher::default();
     for layer in layers {
-        hasher.bytes(&layer.unwrap_or_default());
+        hasher.write_bytes(&layer.unwrap_or_default());
     }
     hasher.finish()
 }

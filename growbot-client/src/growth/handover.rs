@@ -8,7 +8,7 @@
 //! latest amendment, the plan id of the board's job decides. The encoder counts what an interrupted layer leaves,
 //! unless the board's power was lost.
 
-use growbot_core::link::message::{Accepted, Amend, Empty, MAX_LAYERS, Message, Refusal};
+use growbot_core::link::message::{Accepted, Amend, Empty, MAX_LAYERS_PER_MESSAGE, Message, Refusal};
 
 use super::{Amendment, Growth, Job, JobEvent, PendingAmendment, Sent};
 use crate::client::ClientError;
@@ -36,14 +36,14 @@ impl Sent {
             amend_at: 0,
             pausing: false,
             handed_over: job.layers.len() as u32,
-            accepted: Accepted { plan_id: 0, next: 0, room: 0 },
+            accepted: Accepted { plan_id: 0, next: 0, free_layers: 0 },
             capacity,
         }
     }
 
     /// Updates the board's free space for this number of laid layers.
     pub(super) fn make_room(&mut self, laid: u32) {
-        self.accepted.room = self.capacity.saturating_sub(self.accepted.next.saturating_sub(laid));
+        self.accepted.free_layers = self.capacity.saturating_sub(self.accepted.next.saturating_sub(laid));
     }
 
     /// Reports whether an event with this plan id belongs to this job.
@@ -110,8 +110,14 @@ impl Growth<'_> {
             }
             let horizon = rest.iter().take(HORIZON as usize).copied().collect();
             on_event(&JobEvent::Amending(Amendment { plan_id, from, total, layers: horizon }));
-            let first_layers = rest.iter().take(MAX_LAYERS).copied().collect();
-            let amend = Amend { plan_id: self.job.plan_id, amended: plan_id, from, layers: total, first_layers };
+            let first_layers = rest.iter().take(MAX_LAYERS_PER_MESSAGE).copied().collect();
+            let amend = Amend {
+                plan_id: self.job.plan_id,
+                new_plan_id: plan_id,
+                first_replaced: from,
+                layers: total,
+                first_layers,
+            };
             let handed_over = total.min(from.saturating_add(HORIZON));
             self.sent.pending = Some(PendingAmendment { plan_id, layers: amended, handed_over });
             match self.client.request("to amend the job", &Message::Amend(amend)) {
@@ -124,13 +130,15 @@ impl Growth<'_> {
                 Err(ClientError::Refused { refusal, request }) if refusal != Refusal::NoSession => {
                     self.sent.pending = None;
                     let why = match refusal {
-                        Refusal::Begun { .. } | Refusal::OutOfOrder { .. } | Refusal::WrongState { .. } => None,
+                        Refusal::LayerAlreadyBegun { .. } | Refusal::OutOfOrder { .. } | Refusal::WrongState { .. } => {
+                            None
+                        }
                         refusal => Some(ClientError::Refused { request, refusal }.to_string()),
                     };
                     on_event(&JobEvent::NotAmended(why));
                     match refusal {
                         // The board has begun a layer meanwhile.
-                        Refusal::Begun { first } => from = first,
+                        Refusal::LayerAlreadyBegun { first } => from = first,
                         Refusal::OutOfOrder { expected } => self.sent.accepted.next = expected,
                         _ => return Ok(()),
                     }
@@ -172,7 +180,7 @@ impl Growth<'_> {
     pub(super) fn refill(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let due = self.due() as u32;
         let left = due.saturating_sub(self.sent.accepted.next);
-        if left == 0 || self.sent.accepted.room < left.min(HORIZON) {
+        if left == 0 || self.sent.accepted.free_layers < left.min(HORIZON) {
             return Ok(());
         }
         self.hand_over(on_event)

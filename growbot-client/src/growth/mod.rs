@@ -12,8 +12,8 @@ use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::crash::CrashWords;
 use growbot_core::link::message::{
-    Accepted, BoardHello, BootReport, Fault, InterruptedLayer, Measured, Message, ResetCause, Silence, Start, State,
-    Status,
+    Accepted, BoardInfo, BootReport, Fault, HostSilencePolicy, InterruptedLayer, LayerReadings, Message, ResetCause,
+    Start, State, Status,
 };
 use growbot_core::path::{Segment, length};
 use growbot_core::pose::Pose;
@@ -100,7 +100,7 @@ pub enum JobEvent {
     /// The board changed to this state.
     State(State),
     /// The board reported its identity.
-    Board(BoardHello),
+    Board(BoardInfo),
     /// The board has restarted because its firmware crashed.
     Crash(CrashWords),
     /// The board's status, which is requested when no events arrive.
@@ -112,7 +112,7 @@ pub enum JobEvent {
         /// The layer as built, if known.
         as_built: Option<LayerBytes>,
         /// Measurements after the layer.
-        measured: Option<Measured>,
+        measured: Option<LayerReadings>,
     },
     /// Layers of a simulated tip as they came out. A layer is reported once it no longer changes, the last ones at the
     /// end.
@@ -206,7 +206,7 @@ impl GrowthError {
     pub fn nothing_to_resume(plan_id: u64, status: &Status) -> Self {
         let stored = match status.plan_id {
             0 => "no job".to_string(),
-            id => format!("plan {id:016x}, {} of {} layers laid", status.laid, status.layers),
+            id => format!("plan {id:016x}, {} of {} layers laid", status.layers_laid, status.layer_count),
         };
         Self::NothingToResume { plan_id, stored }
     }
@@ -234,7 +234,7 @@ pub enum OnInterrupted {
 /// Options of a growth.
 pub struct Manner<'a> {
     /// Reaction of the board when this host falls silent.
-    pub silence: Silence,
+    pub silence: HostSilencePolicy,
     /// If given, the remaining layers are planned again after each layer. For a job that is resumed, it must include
     /// the known layers.
     pub feedback: Option<Feedback<'a>>,
@@ -252,9 +252,9 @@ pub enum WhenParked {
     Waits,
 }
 
-impl From<Silence> for Manner<'_> {
+impl From<HostSilencePolicy> for Manner<'_> {
     /// Creates options without feedback. A board that parks ends the growth.
-    fn from(silence: Silence) -> Self {
+    fn from(silence: HostSilencePolicy) -> Self {
         Self { silence, feedback: None, parked: WhenParked::Ends }
     }
 }
@@ -298,7 +298,7 @@ struct Growth<'a> {
     client: &'a mut Client,
     /// The job after its latest amendment.
     job: Job<'a>,
-    silence: Silence,
+    silence: HostSilencePolicy,
     feedback: Option<Feedback<'a>>,
     parked: WhenParked,
     sent: Sent,
@@ -381,14 +381,14 @@ fn is_crash(cause: ResetCause) -> bool {
 }
 
 impl<'a> Growth<'a> {
-    fn new(client: &'a mut Client, job: &Job<'a>, manner: Manner<'a>, hello: &BoardHello) -> Self {
+    fn new(client: &'a mut Client, job: &Job<'a>, manner: Manner<'a>, hello: &BoardInfo) -> Self {
         Self {
             client,
             job: job.clone(),
             silence: manner.silence,
             feedback: manner.feedback,
             parked: manner.parked,
-            sent: Sent::new(job, hello.capacity),
+            sent: Sent::new(job, hello.layer_capacity),
             built: Built::default(),
             board: BoardClock { boot_id: hello.boot_id, began_ms: None, ended_ms: 0 },
         }
@@ -416,6 +416,6 @@ impl<'a> Growth<'a> {
     }
 
     fn start(&mut self) -> Result<(), ClientError> {
-        self.ask("to start", &Message::Start(Start { plan_id: self.job.plan_id, silence: self.silence }))
+        self.ask("to start", &Message::Start(Start { plan_id: self.job.plan_id, on_host_silence: self.silence }))
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use growbot_core::link::message::Task;
+use growbot_core::link::message::MaintenanceTask;
 use growbot_core::robot::Robot;
 use serde::{Deserialize, Serialize};
 
@@ -62,13 +62,13 @@ impl Order {
     }
 
     /// Returns the maintenance task of the order, if it has one, with the lengths of the default preset.
-    pub(super) fn task(self, robot: &Robot) -> Option<Task> {
+    pub(super) fn task(self, robot: &Robot) -> Option<MaintenanceTask> {
         let Preset { load_mm, unload_mm, purge_mm, .. } = Preset::default();
-        let feed = |mm: f64| Task::Feed { um: (mm * 1000.0).round() as i32 };
+        let feed = |mm: f64| MaintenanceTask::Feed { um: (mm * 1000.0).round() as i32 };
         match self {
             Self::Preheat => {
                 let target_centi_c = (robot.description().heater.target_c * 100.0).round() as i32;
-                Some(Task::Preheat { target_centi_c })
+                Some(MaintenanceTask::Preheat { target_centi_c })
             }
             Self::Unload => Some(feed(-unload_mm)),
             Self::Load => Some(feed(load_mm)),

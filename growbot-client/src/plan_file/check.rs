@@ -8,7 +8,7 @@
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::helicoid::Helicoid;
 use growbot_core::path::{Leg, Segment, end, length};
-use growbot_core::plan::{MAX_RADIUS, Miss, miss};
+use growbot_core::plan::{GoalError, MAX_RADIUS_MM, goal_error};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
@@ -21,7 +21,7 @@ use crate::pose_text::pose_of_numbers;
 use crate::warning::{THIN_LAYER, Warning};
 
 /// Maximum length of a segment, mm: from one corner of the space of poses to the other and back.
-const LONGEST_SEGMENT: f64 = 8.0 * Pose::MAX_COORDINATE;
+const LONGEST_SEGMENT: f64 = 8.0 * Pose::MAX_COORDINATE_MM;
 /// Maximum total length of all helicoidal arcs, in radii. No planner returns more, and the integration would only take
 /// time.
 const MAX_TURNS: f64 = 1e4;
@@ -50,7 +50,7 @@ impl PlanFile {
     /// The first fault.
     pub fn check(&self, robot: &Robot) -> Result<Plan, PlanFault> {
         self.check_robot(robot)?;
-        range("radius_mm", self.radius_mm, robot.min_radius(), MAX_RADIUS)?;
+        range("radius_mm", self.radius_mm, robot.min_radius(), MAX_RADIUS_MM)?;
         let start = pose("start", &self.start)?;
         let goal = pose("goal", &self.goal.pose())?;
         let path = self.path(robot, &start)?;
@@ -141,7 +141,7 @@ impl PlanFile {
             check_arrival(which, &base_from_tip, &from, &to, self.radius_mm)?;
             check_path_type(&leg.path_type, own)?;
             check_total("length_mm of a leg", leg.length_mm, length(own), 0.0)?;
-            legs.push(Leg { goal: to, segments: leg.segments });
+            legs.push(Leg { goal: to, segment_count: leg.segments });
             choices.push(leg.choice()?);
             from = to;
         }
@@ -282,12 +282,12 @@ fn check_arrival(
 ) -> Result<(), PlanFault> {
     let distance = (goal.position() - start.position()).norm();
     let scale = (distance / (100.0 * radius)).max(1.0);
-    let limit = Miss { distance: ARRIVED_DISTANCE.max(1e-8 * scale * radius), angle: ARRIVED_ANGLE * scale };
-    let miss = miss(base_from_tip, goal);
-    if miss.distance <= limit.distance && miss.angle <= limit.angle {
+    let limit = GoalError { distance: ARRIVED_DISTANCE.max(1e-8 * scale * radius), angle: ARRIVED_ANGLE * scale };
+    let error = goal_error(base_from_tip, goal);
+    if error.distance <= limit.distance && error.angle <= limit.angle {
         return Ok(());
     }
-    Err(PlanFault::Missed { which, miss, limit })
+    Err(PlanFault::Missed { which, miss: error, limit })
 }
 
 #[cfg(test)]

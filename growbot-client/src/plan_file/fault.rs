@@ -1,7 +1,7 @@
 //! Faults of a plan file.
 
-use growbot_core::number::Short;
-use growbot_core::plan::Miss;
+use growbot_core::compact_number::CompactNumber;
+use growbot_core::plan::GoalError;
 use growbot_core::pose::PoseError;
 
 /// Maximum number of segments. A body with more could not be grown in a lifetime.
@@ -57,7 +57,7 @@ pub enum PlanFault {
     /// The robot cannot make this bend.
     #[error(
         "segment {segment} has a radius of {} mm, below R_min = {limit} mm of this robot: plan again with a larger \
-         --radius", Short(.radius)
+         --radius", CompactNumber(.radius)
     )]
     TooTight {
         /// Index of the segment, from 0.
@@ -89,7 +89,7 @@ pub enum PlanFault {
     /// A total does not match the sum of the segments.
     #[error(
         "{what} is {}, and the segments give {}: the plan was changed by hand; plan again",
-        Short(.value), Short(.expected)
+        CompactNumber(.value), CompactNumber(.expected)
     )]
     Total {
         /// Name of the total.
@@ -127,8 +127,8 @@ pub enum PlanFault {
         /// Name of the goal or waypoint.
         which: String,
         /// Error of the end.
-        miss: Miss,
+        miss: GoalError,
         /// Maximum error.
-        limit: Miss,
+        limit: GoalError,
     },
 }

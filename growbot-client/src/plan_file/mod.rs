@@ -10,7 +10,7 @@ mod written;
 use std::path::Path as FilePath;
 
 use growbot_core::robot::Robot;
-use growbot_scene::file::LoadedScene;
+use growbot_scene::scene_file::LoadedScene;
 use serde::Deserialize;
 
 pub use self::check::pose;

@@ -3,7 +3,7 @@
 use std::iter;
 
 use growbot_core::path::{Segment, length};
-use growbot_core::plan::{Planner, may_be_helicoidal};
+use growbot_core::plan::{Planner, is_within_helicoid_range};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::{Robot, RobotDescription};
 use serde::{Deserialize, Serialize};
@@ -122,7 +122,7 @@ fn searched(plan: &Plan) -> (Vec<Searched>, Vec<Searched>) {
     }
     let goals = plan.legs.iter().map(|leg| leg.goal);
     let starts = iter::once(plan.start).chain(goals.clone());
-    let is_near = starts.zip(goals).any(|(start, goal)| may_be_helicoidal(&start, &goal, plan.radius));
+    let is_near = starts.zip(goals).any(|(start, goal)| is_within_helicoid_range(&start, &goal, plan.radius));
     (vec![Searched::Csc, Searched::Planar], if is_near { vec![Searched::H] } else { Vec::new() })
 }
 

@@ -8,7 +8,7 @@ use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::crash::CrashRecord;
-use growbot_core::link::message::{BoardHello, Fault, Measured, Status};
+use growbot_core::link::message::{BoardInfo, Fault, LayerReadings, Status};
 use growbot_core::pose::{Frame, Pose};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -127,17 +127,17 @@ pub struct Board {
     pub interrupted: Option<InterruptedLayer>,
 }
 
-impl From<&BoardHello> for Board {
-    fn from(hello: &BoardHello) -> Self {
+impl From<&BoardInfo> for Board {
+    fn from(hello: &BoardInfo) -> Self {
         let status = &hello.status;
         Self {
             firmware: hello.firmware,
-            schema: hello.schema,
+            schema: hello.schema_hash,
             boot_id: hello.boot_id,
             reset_cause: hello.reset_cause.name().to_owned(),
             state: status.state.name().to_owned(),
-            laid: status.laid,
-            interrupted: status.interrupted.map(|layer| InterruptedLayer::new(status.laid as usize, layer)),
+            laid: status.layers_laid,
+            interrupted: status.interrupted.map(|layer| InterruptedLayer::new(status.layers_laid as usize, layer)),
         }
     }
 }
@@ -177,7 +177,7 @@ impl From<&Status> for BoardStatus {
             fault: status.fault.map(|fault| Fault::code(fault).to_owned()),
             temperature_c: status.temperature_centi_c.map(celsius),
             target_c: status.target_centi_c.map(celsius),
-            laid: Some(status.laid),
+            laid: Some(status.layers_laid),
             uptime_ms: Some(status.uptime_ms),
             finish_utc: None,
         }
@@ -215,7 +215,7 @@ pub struct LaidLayer {
 }
 
 impl LaidLayer {
-    fn new(index: u32, as_built: Option<LayerBytes>, measured: Option<Measured>) -> Self {
+    fn new(index: u32, as_built: Option<LayerBytes>, measured: Option<LayerReadings>) -> Self {
         let numbers = |bytes: &LayerBytes| {
             let Layer { alpha, height, tilt } = decode(bytes);
             WrittenLayer { alpha_deg: degrees(alpha), height_mm: height, tilt_deg: degrees(tilt) }
@@ -224,7 +224,7 @@ impl LaidLayer {
             layer: index,
             as_built,
             numbers: as_built.as_ref().map(numbers),
-            measured: measured.map(|Measured { filament_pulses, gravity_milli_g }| WrittenMeasured {
+            measured: measured.map(|LayerReadings { filament_pulses, gravity_milli_g }| WrittenMeasured {
                 filament_pulses,
                 gravity_milli_g,
             }),
@@ -244,7 +244,7 @@ pub struct WrittenMeasured {
     pub gravity_milli_g: Option<[i16; 3]>,
 }
 
-impl From<WrittenMeasured> for Measured {
+impl From<WrittenMeasured> for LayerReadings {
     fn from(written: WrittenMeasured) -> Self {
         let WrittenMeasured { filament_pulses, gravity_milli_g } = written;
         Self { filament_pulses, gravity_milli_g }

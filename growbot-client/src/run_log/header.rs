@@ -2,7 +2,7 @@
 
 use growbot_core::angle::degrees;
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::simulation::Imperfection;
+use growbot_core::simulation::ErrorModel;
 use growbot_core::tracking::SensorNoise;
 use serde::{Deserialize, Serialize};
 
@@ -172,9 +172,9 @@ pub enum Unit {
     Deg,
 }
 
-impl From<&Imperfection> for Disturbances {
-    fn from(imperfection: &Imperfection) -> Self {
-        let Imperfection { disturbance, noise, seed } = imperfection;
+impl From<&ErrorModel> for Disturbances {
+    fn from(imperfection: &ErrorModel) -> Self {
+        let ErrorModel { disturbance, noise, seed } = imperfection;
         let uniform = |max, unit| Distribution::Uniform { mean: 0.0, max, unit };
         let normal = |standard_deviation, unit| Distribution::Normal { mean: 0.0, standard_deviation, unit };
         let constant = |value, unit| Distribution::Constant { value, unit };

@@ -27,7 +27,7 @@ use std::num::NonZero;
 use std::path::{Path, PathBuf};
 
 use growbot_core::pose::Frame;
-use growbot_core::simulation::Imperfection;
+use growbot_core::simulation::ErrorModel;
 use growbot_core::tracking::SensorNoise;
 use time::OffsetDateTime;
 use time::format_description::well_known::Iso8601;
@@ -110,7 +110,7 @@ pub struct Origin<'a> {
     /// The port, as it was given.
     pub port: &'a str,
     /// Disturbances of a simulated tip. `None` for a robot.
-    pub imperfection: Option<&'a Imperfection>,
+    pub imperfection: Option<&'a ErrorModel>,
 }
 
 impl<'a> From<&'a str> for Origin<'a> {

@@ -6,11 +6,11 @@ use std::path::Path;
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, decode};
-use growbot_core::link::message::Measured;
+use growbot_core::link::message::LayerReadings;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::tracking::SensorNoise;
-use growbot_scene::file::LoadedScene;
+use growbot_scene::scene_file::LoadedScene;
 use serde_json::Value;
 
 use super::FORMAT;
@@ -103,7 +103,7 @@ pub struct RunRecord {
     /// Layers as built, from the first on. `None` for a layer of which nothing is known.
     pub as_built: Vec<Option<LayerBytes>>,
     /// Measurements after each layer.
-    pub measured: Vec<Option<Measured>>,
+    pub measured: Vec<Option<LayerReadings>>,
     /// Starts of the count of the filament.
     pub(super) counts: Vec<CountBefore>,
     /// Number of amendments that the board has accepted.
@@ -429,7 +429,7 @@ impl RunRecord {
     /// Records a laid layer. Layers before it whose lines are missing were laid too.
     fn laid(&mut self, laid: &LaidLayer) {
         let (index, next) = (laid.layer as usize, self.as_built.len());
-        let measured = laid.measured.map(Measured::from);
+        let measured = laid.measured.map(LayerReadings::from);
         if let Ok(at) = self.lost.binary_search(&index) {
             // It is reported again after a resumption.
             self.lost.remove(at);

@@ -3,7 +3,7 @@ use std::rc::Rc;
 
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::Measured;
+use growbot_core::link::message::LayerReadings;
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::simulation::Disturbance;
@@ -61,8 +61,11 @@ fn amendments_are_read_back_and_those_that_the_board_did_not_take_are_none() {
     let mut record = RunRecord::read(&log(&lines), "log").unwrap();
     assert_eq!((record.plan_id, record.total, record.layers.len()), (9, 9, 4));
     assert_eq!(record.layers[1..], [other(1), other(2), other(5)]);
-    assert_eq!(record.measured[0], Some(Measured { filament_pulses: Some(60), gravity_milli_g: Some([0, -3, 999]) }));
-    assert_eq!(record.measured[1], Some(Measured::default()));
+    assert_eq!(
+        record.measured[0],
+        Some(LayerReadings { filament_pulses: Some(60), gravity_milli_g: Some([0, -3, 999]) })
+    );
+    assert_eq!(record.measured[1], Some(LayerReadings::default()));
     let count = Count { boot_id: 5, laid: 0, filament_pulses: Some(3) };
     assert_eq!(record.counts, [CountBefore { layer: 0, count }]);
     // The board has or has not accepted the latest amendment.
@@ -156,7 +159,7 @@ fn a_disk_that_is_full_for_a_while_costs_no_line_wherever_it_tears_one() {
 fn all_lines_of_an_event_wait_for_a_disk_that_is_full() {
     let layer = Layer { alpha: 1.0, height: 0.7, tilt: 0.006 };
     let simulated = JobEvent::Simulated { from: 0, layers: vec![layer; 3] };
-    let imperfection = Imperfection::default();
+    let imperfection = ErrorModel::default();
     let header = log_from(Origin { port: "sim", imperfection: Some(&imperfection) }, &[]);
     for room in [0, 10, 300] {
         let disk = Disk::with_room(room);
@@ -248,7 +251,7 @@ fn the_header_tells_of_the_command_the_time_and_the_disturbances_and_every_event
     let plan = Plan::make(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
     let job = Job::of_plan(&robot, &plan);
     let disturbance = Disturbance { growth_noise: 0.1, tilt_bias: 0.05, ..Disturbance::default() };
-    let imperfection = Imperfection { disturbance, seed: 7, ..Imperfection::default() };
+    let imperfection = ErrorModel { disturbance, seed: 7, ..ErrorModel::default() };
     let origin = Origin { port: "sim", imperfection: Some(&imperfection) };
     let mut log = RunLog::begin(&path, &plan, &job, None, origin).unwrap();
     log.record(&laid(0)).unwrap();
@@ -278,7 +281,7 @@ fn the_header_tells_of_the_command_the_time_and_the_disturbances_and_every_event
 
 #[test]
 fn whose_tip_it_was_is_what_the_header_says_and_nothing_else() {
-    let imperfection = Imperfection::default();
+    let imperfection = ErrorModel::default();
     let simulated = Origin { port: "sim", imperfection: Some(&imperfection) };
     let told = |layer: u32| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
     let lies = |layer: u32| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": 0.7, "tilt_deg": 0.0 });
@@ -302,7 +305,7 @@ fn whose_tip_it_was_is_what_the_header_says_and_nothing_else() {
 
 #[test]
 fn the_layer_under_way_makes_up_for_none_that_the_log_does_not_place() {
-    let imperfection = Imperfection::default();
+    let imperfection = ErrorModel::default();
     let told = |layer: u32| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
     let lies = |layer: u32| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": 0.7, "tilt_deg": 0.0 });
     for (places, missing) in [(&[0, 1, 2][..], 0), (&[0, 2], 1), (&[1], 1), (&[2], 2), (&[0, 1], 0), (&[], 2)] {
@@ -365,7 +368,7 @@ fn every_event_is_read_back_as_it_was_written() {
     let header = RunRecord::read(&log(&[]), "run").unwrap();
     let mut tip = header.start_frame();
     let words = [0x1001; growbot_core::link::crash::CRASH_WORDS];
-    let measured = Measured { filament_pulses: Some(7), gravity_milli_g: None };
+    let measured = LayerReadings { filament_pulses: Some(7), gravity_milli_g: None };
     let amendment = crate::growth::Amendment { plan_id: 7, from: 1, total: 9, layers: vec![[5; 12]; 2] };
     let happened = [
         JobEvent::Crash(words),

@@ -135,7 +135,7 @@ impl PlanarPath {
 
     /// Returns the error of the path's end at the goal: the larger of distance (radii) and angle (radians).
     #[must_use]
-    pub fn miss(&self, goal: &PlanarPose) -> f64 {
+    pub fn goal_error(&self, goal: &PlanarPose) -> f64 {
         let end = self.end();
         let turned = wrap_positive(end.heading - goal.heading);
         trigonometry::hypot(end.x - goal.x, end.y - goal.y).max(turned.min(TAU - turned))

@@ -25,7 +25,7 @@ fn laid(path_type: PathType, lengths: [f64; 3]) -> Laid {
 
 fn assert_arrives(goal: &PlanarPose) -> PlanarPath {
     let path = shortest(goal);
-    let miss = path.miss(goal);
+    let miss = path.goal_error(goal);
     let tolerance = ARRIVED.max(ARRIVED_AT_DISTANCE * libm::hypot(goal.x, goal.y));
     assert!(miss <= tolerance, "{goal:?}: {path:?} misses by {miss}");
     path

@@ -74,7 +74,7 @@ pub const fn frame_bytes(exc_return: u32) -> u32 {
 
 /// Returns the number that stands for a crash's cause in its first word.
 #[must_use]
-pub const fn number_of(cause: ResetCause) -> u32 {
+pub const fn cause_code(cause: ResetCause) -> u32 {
     match cause {
         ResetCause::Watchdog => 1,
         ResetCause::StackOverflow => 2,
@@ -180,7 +180,7 @@ mod tests {
         assert!(record.reasons().eq([("UNDEFINSTR", "an undefined instruction")]));
         for (number, cause) in [(1, ResetCause::Watchdog), (2, ResetCause::StackOverflow)] {
             let mut words = words();
-            words[0] = number_of(cause);
+            words[0] = cause_code(cause);
             words[2] = 0;
             let record = CrashRecord::from(&words);
             assert_eq!((words[0], record.cause, record.image, record.exception), (number, cause, None, 0));

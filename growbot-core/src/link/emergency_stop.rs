@@ -9,12 +9,12 @@ pub const EMERGENCY_STOP: [u8; 8] = [0x00, 0xE5, 0x70, 0x9E, 0xE5, 0x70, 0x9E, 0
 
 /// Finds [`EMERGENCY_STOP`] in a stream of bytes.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Recogniser {
+pub struct EmergencyStopDetector {
     /// The latest eight bytes, with the newest in the lowest place.
     latest: u64,
 }
 
-impl Recogniser {
+impl EmergencyStopDetector {
     /// Creates a recogniser at the beginning of a stream.
     #[must_use]
     pub const fn new() -> Self {
@@ -31,11 +31,11 @@ impl Recogniser {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::link::frame::{Header, LONGEST_BODY, encode};
+    use crate::link::frame::{Header, MAX_BODY_LEN, encode};
     use proptest::prelude::*;
 
     fn found(bytes: &[u8]) -> usize {
-        let mut recogniser = Recogniser::new();
+        let mut recogniser = EmergencyStopDetector::new();
         bytes.iter().filter(|byte| recogniser.push(**byte)).count()
     }
 
@@ -51,7 +51,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_frames_hold_it(bodies in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..=LONGEST_BODY), 1..4)) {
+        fn no_frames_hold_it(bodies in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..=MAX_BODY_LEN), 1..4)) {
             let header = Header { kind: 4, session: 0x9E70_E500, seq: 0x70E5, ack: 0x009E };
             let mut bytes = std::vec![0];
             for mut body in bodies {

@@ -17,21 +17,21 @@ static CRC: Crc<u32, CrcTable> = Crc::<u32, CrcTable>::new(&CRC_32_ISCSI);
 
 /// Returns the CRC-32C of some bytes.
 #[must_use]
-pub fn checksum(bytes: &[u8]) -> u32 {
+pub fn crc32c(bytes: &[u8]) -> u32 {
     CRC.checksum(bytes)
 }
 
 /// Version of the frame format and of its header.
-pub const VERSION: u8 = 2;
+pub const FRAME_VERSION: u8 = 2;
 /// Max length of a body, bytes.
-pub const LONGEST_BODY: usize = 224;
+pub const MAX_BODY_LEN: usize = 224;
 /// Length of the header, bytes: version, kind, session, sequence number, acknowledgement.
-const HEADER: usize = 10;
-const CHECKSUM: usize = 4;
+const HEADER_LEN: usize = 10;
+const CHECKSUM_LEN: usize = 4;
 /// Max length of a frame before COBS, bytes.
-const LONGEST_RAW: usize = HEADER + LONGEST_BODY + CHECKSUM;
+const MAX_RAW_LEN: usize = HEADER_LEN + MAX_BODY_LEN + CHECKSUM_LEN;
 /// Max length of a frame on the link, bytes. COBS adds one byte to up to 254, and a zero ends the frame.
-pub const LONGEST_FRAME: usize = LONGEST_RAW + 2;
+pub const MAX_FRAME_LEN: usize = MAX_RAW_LEN + 2;
 
 /// The header of a frame, without the version.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,7 +50,7 @@ pub struct Header {
 
 /// Returns the sequence number after this one.
 #[must_use]
-pub const fn next(seq: u16) -> u16 {
+pub const fn next_seq(seq: u16) -> u16 {
     match seq.wrapping_add(1) {
         0 => 1,
         seq => seq,
@@ -59,7 +59,7 @@ pub const fn next(seq: u16) -> u16 {
 
 /// Reports whether a sequence number comes after another one, by the shorter distance round the range.
 #[must_use]
-pub const fn is_after(seq: u16, other: u16) -> bool {
+pub const fn is_seq_after(seq: u16, other: u16) -> bool {
     (seq.wrapping_sub(other) as i16) > 0
 }
 
@@ -69,11 +69,11 @@ pub struct Frame {
     /// The header.
     pub header: Header,
     /// The message in postcard form.
-    pub body: Vec<u8, LONGEST_BODY>,
+    pub body: Vec<u8, MAX_BODY_LEN>,
 }
 
 /// A frame as sent on the link, with the zero that ends it.
-pub type FrameBytes = Vec<u8, LONGEST_FRAME>;
+pub type FrameBytes = Vec<u8, MAX_FRAME_LEN>;
 
 /// Error of bytes that are not a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -82,11 +82,11 @@ pub enum FrameError {
     #[error("garbled frame: noise on the wire, a wrong baud rate, or no growbot at the other end")]
     Garbled,
     /// More bytes arrived without a zero than a frame can have.
-    #[error("{LONGEST_FRAME} bytes without the end of a frame: a wrong baud rate, or no growbot at the other end")]
+    #[error("{MAX_FRAME_LEN} bytes without the end of a frame: a wrong baud rate, or no growbot at the other end")]
     TooLong,
     /// The frame is whole, but of another version.
     #[error(
-        "the other side speaks version {version} of the link, this one {VERSION}: flash or install the same release"
+        "the other side speaks version {version} of the link, this one {FRAME_VERSION}: flash or install the same release"
     )]
     Version {
         /// The version of the frame.
@@ -97,22 +97,22 @@ pub enum FrameError {
 /// Encodes a message as a frame.
 ///
 /// # Errors
-/// Returns [`FrameError::TooLong`] if the body is longer than [`LONGEST_BODY`].
+/// Returns [`FrameError::TooLong`] if the body is longer than [`MAX_BODY_LEN`].
 pub fn encode(header: &Header, body: &[u8]) -> Result<FrameBytes, FrameError> {
-    let mut raw: Vec<u8, LONGEST_RAW> = Vec::new();
+    let mut raw: Vec<u8, MAX_RAW_LEN> = Vec::new();
     let mut put = |bytes: &[u8]| raw.extend_from_slice(bytes).map_err(|_| FrameError::TooLong);
-    put(&[VERSION, header.kind])?;
+    put(&[FRAME_VERSION, header.kind])?;
     put(&header.session.to_le_bytes())?;
     put(&header.seq.to_le_bytes())?;
     put(&header.ack.to_le_bytes())?;
-    if body.len() > LONGEST_BODY {
+    if body.len() > MAX_BODY_LEN {
         return Err(FrameError::TooLong);
     }
     put(body)?;
-    let checksum = checksum(&raw);
+    let checksum = crc32c(&raw);
     raw.extend_from_slice(&checksum.to_le_bytes()).map_err(|_| FrameError::TooLong)?;
 
-    let mut stuffed = [0; LONGEST_FRAME];
+    let mut stuffed = [0; MAX_FRAME_LEN];
     let length = cobs::try_encode(&raw, &mut stuffed).map_err(|_| FrameError::TooLong)?;
     // The byte after the encoded ones is still 0 and ends the frame.
     let whole = stuffed.get(..=length).ok_or(FrameError::TooLong)?;
@@ -122,13 +122,13 @@ pub fn encode(header: &Header, body: &[u8]) -> Result<FrameBytes, FrameError> {
 /// Decodes a frame from the bytes between two zeros.
 fn decode(bytes: &[u8]) -> Result<Frame, FrameError> {
     let raw = unstuff(bytes).ok_or(FrameError::Garbled)?;
-    let (content, checksum) = raw.split_last_chunk::<CHECKSUM>().ok_or(FrameError::Garbled)?;
-    if self::checksum(content) != u32::from_le_bytes(*checksum) {
+    let (content, checksum) = raw.split_last_chunk::<CHECKSUM_LEN>().ok_or(FrameError::Garbled)?;
+    if crc32c(content) != u32::from_le_bytes(*checksum) {
         return Err(FrameError::Garbled);
     }
-    let (header, body) = content.split_first_chunk::<HEADER>().ok_or(FrameError::Garbled)?;
+    let (header, body) = content.split_first_chunk::<HEADER_LEN>().ok_or(FrameError::Garbled)?;
     let [version, kind, s0, s1, s2, s3, q0, q1, a0, a1] = *header;
-    if version != VERSION {
+    if version != FRAME_VERSION {
         return Err(FrameError::Version { version });
     }
     Ok(Frame {
@@ -145,7 +145,7 @@ fn decode(bytes: &[u8]) -> Result<Frame, FrameError> {
 /// Decodes COBS. Each run of bytes begins with its length, which counts the length byte too. Each run stands for its
 /// bytes and a zero after them, unless it is of max length or the last. `None` if the bytes are not COBS. (The decoder
 /// of the `cobs` crate leaves panics in the firmware.)
-fn unstuff(bytes: &[u8]) -> Option<Vec<u8, LONGEST_RAW>> {
+fn unstuff(bytes: &[u8]) -> Option<Vec<u8, MAX_RAW_LEN>> {
     let mut raw = Vec::new();
     let mut left = bytes;
     while let Some((length, after)) = left.split_first() {
@@ -161,13 +161,13 @@ fn unstuff(bytes: &[u8]) -> Option<Vec<u8, LONGEST_RAW>> {
 
 /// Finds frames in a stream of bytes.
 #[derive(Debug, Clone, Default)]
-pub struct Receiver {
-    bytes: Vec<u8, LONGEST_FRAME>,
+pub struct FrameDecoder {
+    bytes: Vec<u8, MAX_FRAME_LEN>,
     /// True if too many bytes arrived without a zero. Bytes up to the next zero are ignored.
     overrun: bool,
 }
 
-impl Receiver {
+impl FrameDecoder {
     /// Receives a byte. Returns the frame that the byte completes, if any, or the error of the bytes received.
     pub fn push(&mut self, byte: u8) -> Option<Result<Frame, FrameError>> {
         if byte != 0 {
@@ -193,7 +193,7 @@ mod tests {
     use std::vec::Vec as StdVec;
 
     fn receive(bytes: &[u8]) -> StdVec<Result<Frame, FrameError>> {
-        let mut receiver = Receiver::default();
+        let mut receiver = FrameDecoder::default();
         bytes.iter().filter_map(|byte| receiver.push(*byte)).collect()
     }
 
@@ -208,14 +208,14 @@ mod tests {
 
     #[test]
     fn numbers_go_on_past_their_end_and_never_through_0() {
-        assert_eq!((next(0), next(7), next(u16::MAX)), (1, 8, 1));
-        assert!(is_after(8, 7) && !is_after(7, 8) && !is_after(7, 7));
-        assert!(is_after(next(u16::MAX), u16::MAX) && !is_after(u16::MAX, 1));
+        assert_eq!((next_seq(0), next_seq(7), next_seq(u16::MAX)), (1, 8, 1));
+        assert!(is_seq_after(8, 7) && !is_seq_after(7, 8) && !is_seq_after(7, 7));
+        assert!(is_seq_after(next_seq(u16::MAX), u16::MAX) && !is_seq_after(u16::MAX, 1));
     }
 
     proptest! {
         #[test]
-        fn what_was_sent_arrives(header in header(), body in prop::collection::vec(any::<u8>(), 0..=LONGEST_BODY)) {
+        fn what_was_sent_arrives(header in header(), body in prop::collection::vec(any::<u8>(), 0..=MAX_BODY_LEN)) {
             let bytes = encode(&header, &body).unwrap();
             let frames = receive(&bytes);
             prop_assert_eq!(frames.len(), 1);
@@ -225,7 +225,7 @@ mod tests {
         }
 
         #[test]
-        fn a_flipped_bit_is_seen(body in prop::collection::vec(any::<u8>(), 0..=LONGEST_BODY), at in any::<prop::sample::Index>(), bit in 0_u8..8) {
+        fn a_flipped_bit_is_seen(body in prop::collection::vec(any::<u8>(), 0..=MAX_BODY_LEN), at in any::<prop::sample::Index>(), bit in 0_u8..8) {
             let header = Header { kind: 1, session: 2, seq: 3, ack: 4 };
             let mut bytes = encode(&header, &body).unwrap();
             let index = at.index(bytes.len());
@@ -252,8 +252,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_the_crate_stuffs_is_unstuffed(raw in prop::collection::vec(prop_oneof![Just(0_u8), any::<u8>()], 1..=LONGEST_RAW)) {
-            let mut stuffed = [0; LONGEST_FRAME];
+        fn what_the_crate_stuffs_is_unstuffed(raw in prop::collection::vec(prop_oneof![Just(0_u8), any::<u8>()], 1..=MAX_RAW_LEN)) {
+            let mut stuffed = [0; MAX_FRAME_LEN];
             let length = cobs::try_encode(&raw, &mut stuffed).unwrap();
             prop_assert_eq!(&unstuff(&stuffed[..length]).unwrap()[..], &raw[..]);
         }
@@ -262,16 +262,16 @@ mod tests {
     #[test]
     fn a_body_too_long_is_refused() {
         let header = Header { kind: 1, session: 2, seq: 3, ack: 4 };
-        assert_eq!(encode(&header, &[1; LONGEST_BODY + 1]), Err(FrameError::TooLong));
-        assert_eq!(encode(&header, &[1; LONGEST_BODY]).unwrap().len(), LONGEST_FRAME);
+        assert_eq!(encode(&header, &[1; MAX_BODY_LEN + 1]), Err(FrameError::TooLong));
+        assert_eq!(encode(&header, &[1; MAX_BODY_LEN]).unwrap().len(), MAX_FRAME_LEN);
     }
 
     #[test]
     fn another_version_is_told_apart_from_noise() {
-        let mut raw = std::vec![VERSION + 1, 1, 0, 0, 0, 0, 0, 0, 0, 0];
-        raw.extend_from_slice(&checksum(&raw).to_le_bytes());
-        let mut stuffed = [0; LONGEST_FRAME];
+        let mut raw = std::vec![FRAME_VERSION + 1, 1, 0, 0, 0, 0, 0, 0, 0, 0];
+        raw.extend_from_slice(&crc32c(&raw).to_le_bytes());
+        let mut stuffed = [0; MAX_FRAME_LEN];
         let length = cobs::try_encode(&raw, &mut stuffed).unwrap();
-        assert_eq!(receive(&stuffed[..=length]), [Err(FrameError::Version { version: VERSION + 1 })]);
+        assert_eq!(receive(&stuffed[..=length]), [Err(FrameError::Version { version: FRAME_VERSION + 1 })]);
     }
 }

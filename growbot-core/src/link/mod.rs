@@ -1,7 +1,7 @@
 //! The link between host and board: frames of bytes, and the messages in them. PROTOCOL.md is the specification.
 
 pub mod crash;
-mod drivers;
+mod driver_report;
 pub mod emergency_stop;
 pub mod frame;
 pub mod message;

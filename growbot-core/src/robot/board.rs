@@ -35,14 +35,14 @@ pub struct Board {
     pub kind: BoardKind,
     /// Pins that differ from those of the kind.
     #[serde(default)]
-    pub pins: PinNumbers,
+    pub pins: PinOverrides,
 }
 
 /// Numbers of GPIO pins, 0 to 29, for signals that are not at the default pin of the board's kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
-pub struct PinNumbers {
+pub struct PinOverrides {
     /// STEP of the head's driver.
     pub head_step: Option<u8>,
     /// DIR of the head's driver.
@@ -188,7 +188,7 @@ impl Signal {
     }
 
     /// Reports whether the signal belongs to a stepper driver.
-    fn is_of_motors(self) -> bool {
+    fn is_motor_signal(self) -> bool {
         matches!(
             self,
             Self::HeadStep
@@ -211,10 +211,10 @@ impl fmt::Display for Signal {
     }
 }
 
-impl PinNumbers {
+impl PinOverrides {
     /// Returns the pin that the table gives for a signal.
     #[must_use]
-    pub fn of(&self, signal: Signal) -> Option<u8> {
+    pub fn get(&self, signal: Signal) -> Option<u8> {
         match signal {
             Signal::HeadStep => self.head_step,
             Signal::HeadDirection => self.head_direction,
@@ -286,17 +286,17 @@ impl BoardKind {
 
     /// Reports whether a signal has a fixed pin. On some kinds of board all signals have one. On others those of
     /// soldered stepper drivers have one, because each driver has its own address.
-    pub(super) fn fixes(self, signal: Signal) -> bool {
+    pub(super) fn has_fixed_pin(self, signal: Signal) -> bool {
         match self {
             Self::Stm32f405 => true,
             Self::Pico => false,
-            Self::SkrPico => signal.is_of_motors(),
+            Self::SkrPico => signal.is_motor_signal(),
         }
     }
 
     /// Reports whether the board's stepper drivers are TMC2209 that the firmware configures.
     #[must_use]
-    pub fn has_drivers(self) -> bool {
+    pub fn has_onboard_drivers(self) -> bool {
         matches!(self, Self::SkrPico)
     }
 }

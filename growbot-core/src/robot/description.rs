@@ -136,7 +136,7 @@ pub enum FeedStrategy {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
-pub enum Turning {
+pub enum HeadRotation {
     /// Always counter-clockwise. The wires to the head pass through a slip ring.
     #[default]
     Continuous,
@@ -158,7 +158,7 @@ pub struct Motion {
     pub enable_low: bool,
     /// Direction in which the head turns from layer to layer.
     #[serde(default)]
-    pub turning: Turning,
+    pub turning: HeadRotation,
 }
 
 /// The head, which turns the nozzle round the deposition plane.
@@ -191,7 +191,7 @@ pub struct Head {
     pub speed_jump_turns_per_s: f64,
     /// Configuration of the head's TMC2209, on a board that has them.
     #[serde(default)]
-    pub driver: Option<Driver>,
+    pub driver: Option<DriverSettings>,
 }
 
 /// The feed, which pushes filament.
@@ -219,19 +219,19 @@ pub struct Feed {
     pub retract_mm_per_s: f64,
     /// Configuration of the feed's TMC2209, on a board that has them.
     #[serde(default)]
-    pub driver: Option<Driver>,
+    pub driver: Option<DriverSettings>,
 }
 
 /// Configuration of a TMC2209 stepper driver.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct Driver {
+pub struct DriverSettings {
     /// Current of a motor's phase, A rms.
     pub current_a: f64,
     /// Chopper mode of the driver.
     #[serde(default)]
-    pub mode: DriverMode,
+    pub mode: ChopperMode,
     /// Microsteps in a full step of the motor: a power of two up to 256. `steps_per_turn` and `steps_per_mm` include
     /// them.
     #[serde(default = "defaults::microsteps")]
@@ -245,13 +245,13 @@ pub struct Driver {
     pub sense_ohm: f64,
 }
 
-impl Driver {
+impl DriverSettings {
     /// Creates a configuration with a current, A rms, and the defaults of all other fields.
     #[must_use]
-    pub fn of_current(current_a: f64) -> Self {
+    pub fn with_current(current_a: f64) -> Self {
         Self {
             current_a,
-            mode: DriverMode::default(),
+            mode: ChopperMode::default(),
             microsteps: defaults::microsteps(),
             stall_threshold: None,
             sense_ohm: defaults::sense_ohm(),
@@ -269,7 +269,7 @@ impl Driver {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
-pub enum DriverMode {
+pub enum ChopperMode {
     /// Regulation by voltage: quiet, and stalls can be detected.
     #[default]
     StealthChop,
@@ -383,13 +383,13 @@ pub struct Supply {
 #[serde(deny_unknown_fields, default)]
 pub struct Sensors {
     /// Switch that closes if there is filament.
-    pub filament_presence: Option<Input>,
+    pub filament_presence: Option<DigitalInput>,
     /// Encoder that the filament turns.
     pub filament_motion: Option<FilamentMotion>,
     /// Fault outputs of the stepper drivers, joined.
-    pub driver_fault: Option<Input>,
+    pub driver_fault: Option<DigitalInput>,
     /// Emergency-stop button.
-    pub emergency_stop: Option<Input>,
+    pub emergency_stop: Option<DigitalInput>,
     /// True if the board measures the supply's voltage.
     pub supply: bool,
     /// True if the robot has an orientation sensor.
@@ -400,7 +400,7 @@ pub struct Sensors {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct Input {
+pub struct DigitalInput {
     /// True if the active level is low. Active means filament present, a driver's fault, or the button pressed.
     pub active_low: bool,
 }

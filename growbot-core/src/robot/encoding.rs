@@ -1,14 +1,14 @@
 //! The form in which boards receive and store a robot's description: a byte with its version, then the description in
 //! postcard form.
 
-use super::{LONGEST_ENCODED, Robot, RobotError};
+use super::{MAX_ENCODED_LEN, Robot, RobotError};
 
 /// Version of the encoding. It changes whenever a field of [`super::RobotDescription`] is added, removed, moved or
 /// given another meaning.
 pub const ENCODING_VERSION: u8 = 2;
 
 /// Max size of a description with its version, bytes.
-pub const LONGEST_VERSIONED: usize = 1 + LONGEST_ENCODED;
+pub const MAX_VERSIONED_LEN: usize = 1 + MAX_ENCODED_LEN;
 
 impl Robot {
     /// Decodes a description with its version. The checks are those of a robot file, and that a board can drive the
@@ -24,7 +24,7 @@ impl Robot {
                 robot.check_for_board()?;
                 Ok(robot)
             }
-            Some((&version, _)) => Err(RobotError::OtherVersion { version }),
+            Some((&version, _)) => Err(RobotError::VersionMismatch { version }),
             None => Err(RobotError::Unreadable),
         }
     }

@@ -1,15 +1,15 @@
 //! The error of a robot description that is not valid.
 
 use super::ENCODING_VERSION;
-use super::drivers::DriverError;
+use super::driver_settings::DriverError;
 use super::pins::PinError;
-use crate::number::Short;
+use crate::compact_number::CompactNumber;
 
 /// Reason why a robot description is not valid: the field, its value, the limit, and the remedy.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum RobotError {
     /// A number is NaN or infinite.
-    #[error("{field} is {}: give a finite number", Short(.value))]
+    #[error("{field} is {}: give a finite number", CompactNumber(.value))]
     NotFinite {
         /// Name of the field in a robot file.
         field: &'static str,
@@ -17,7 +17,7 @@ pub enum RobotError {
         value: f64,
     },
     /// A number is too small.
-    #[error("{field} is {}, below {}: {advice}", Short(.value), Short(.limit))]
+    #[error("{field} is {}, below {}: {advice}", CompactNumber(.value), CompactNumber(.limit))]
     TooSmall {
         /// Name of the field in a robot file.
         field: &'static str,
@@ -29,7 +29,7 @@ pub enum RobotError {
         advice: &'static str,
     },
     /// A number is too large.
-    #[error("{field} is {}, above {}: {advice}", Short(.value), Short(.limit))]
+    #[error("{field} is {}, above {}: {advice}", CompactNumber(.value), CompactNumber(.limit))]
     TooLarge {
         /// Name of the field in a robot file.
         field: &'static str,
@@ -62,7 +62,7 @@ pub enum RobotError {
         "the description has version {version} of its encoding, this release reads {ENCODING_VERSION}: use firmware \
          and desktop of the same release"
     )]
-    OtherVersion {
+    VersionMismatch {
         /// Version of the encoding of the description.
         version: u8,
     },

@@ -5,20 +5,21 @@
 
 mod board;
 mod description;
-mod drivers;
+mod driver_settings;
 mod encoding;
 mod error;
 mod pins;
 mod step_rate;
 mod validate;
 
-pub use board::{Board, BoardKind, PinNumbers, Signal};
+pub use board::{Board, BoardKind, PinOverrides, Signal};
 pub use description::{
-    Driver, DriverMode, Fan, Feed, FeedStrategy, Filament, FilamentMotion, Geometry, Head, Heater, Input,
-    LayerDescription, Material, Motion, Pause, RobotDescription, Sensors, Supply, Thermistor, Tip, Turning, Wall,
+    ChopperMode, DigitalInput, DriverSettings, Fan, Feed, FeedStrategy, Filament, FilamentMotion, Geometry, Head,
+    HeadRotation, Heater, LayerDescription, Material, Motion, Pause, RobotDescription, Sensors, Supply, Thermistor,
+    Tip, Wall,
 };
-pub use drivers::DriverError;
-pub use encoding::{ENCODING_VERSION, LONGEST_VERSIONED};
+pub use driver_settings::DriverError;
+pub use encoding::{ENCODING_VERSION, MAX_VERSIONED_LEN};
 pub use error::RobotError;
 pub use pins::{FIRST_ANALOG_PIN, PinError, STEP_SLICE, pwm_slice};
 pub use step_rate::{AxisMotion, LayerMotion};
@@ -40,7 +41,7 @@ pub struct Robot {
 pub const MAX_BOARD_TICK_HZ: u32 = 100_000;
 
 /// Max size of a description in postcard form, bytes.
-pub const LONGEST_ENCODED: usize = 768;
+pub const MAX_ENCODED_LEN: usize = 768;
 
 impl Robot {
     /// Checks a description.
@@ -50,9 +51,9 @@ impl Robot {
     /// and limit.
     pub fn new(description: RobotDescription) -> Result<Self, RobotError> {
         validate::check(&description)?;
-        let mut bytes = [0; LONGEST_ENCODED];
+        let mut bytes = [0; MAX_ENCODED_LEN];
         let encoded = postcard::to_slice(&description, &mut bytes).map_err(|_| RobotError::TooLong)?;
-        let hash = Hasher::of(encoded);
+        let hash = Hasher::hash(encoded);
         Ok(Self { description, hash })
     }
 
@@ -67,7 +68,7 @@ impl Robot {
     /// Creates a robot that [`Robot::new`] has checked before, with the hash from that check. The build of the firmware
     /// stores both in its image.
     #[must_use]
-    pub fn checked_before(description: RobotDescription, hash: u64) -> Self {
+    pub fn from_checked(description: RobotDescription, hash: u64) -> Self {
         Self { description, hash }
     }
 
@@ -159,7 +160,7 @@ impl Robot {
 
     /// Returns the motion of head and feed while this layer is laid at full speed.
     #[must_use]
-    pub fn motion_of(&self, layer: &Layer) -> LayerMotion {
+    pub fn layer_motion(&self, layer: &Layer) -> LayerMotion {
         LayerMotion::of(&self.description, layer)
     }
 
@@ -168,7 +169,7 @@ impl Robot {
     /// # Errors
     /// Returns [`LayerError::Acceleration`] if they cannot.
     pub fn check_motion(&self, layer: &Layer) -> Result<(), LayerError> {
-        self.motion_of(layer).check()
+        self.layer_motion(layer).check()
     }
 
     /// Checks that this layer can be laid. It must not exceed the max height or tilt, and it must have material all
@@ -200,7 +201,7 @@ impl Robot {
         if inner <= 0.0 {
             return Err(LayerError::NoMaterial { height: inner });
         }
-        if !step_rate::BusiestSector::of(&self.description, layer.height, layer.tilt).can_be_carried() {
+        if !step_rate::BusiestSector::of(&self.description, layer.height, layer.tilt).is_feasible() {
             return Err(LayerError::StepRate);
         }
         self.check_motion(layer)

@@ -52,7 +52,7 @@ pub enum PinError {
     },
     /// Two signals have the same pin.
     #[error("{first} and {second} are both at pin {pin}: give one of them another in board.pins")]
-    Twice {
+    Conflict {
         /// Number of the pin.
         pin: u8,
         /// One of the signals.
@@ -70,7 +70,7 @@ pub enum PinError {
     },
     /// The PWM slice of the pin makes the ticks of the step interrupt.
     #[error("board.pins.{signal} is {pin}, whose PWM slice is the step interrupt's: take another than 14 and 15")]
-    OfStepSlice {
+    UsesStepSlice {
         /// The signal.
         signal: Signal,
         /// Number of the pin.
@@ -81,7 +81,7 @@ pub enum PinError {
         "heater at pin {heater} and fan at pin {fan} share a PWM slice, as pins 0 and 1 do, 2 and 3, and so on, and 16 \
          as 0: take another for one of them"
     )]
-    OfOneSlice {
+    SharedSlice {
         /// Pin of the heater.
         heater: u8,
         /// Pin of the fan.
@@ -93,7 +93,7 @@ impl Board {
     /// Returns the GPIO pin of a signal: the pin that the description gives, or else the default pin of the kind.
     #[must_use]
     pub fn pin(&self, signal: Signal) -> Option<u8> {
-        self.pins.of(signal).or(self.kind.pin(signal))
+        self.pins.get(signal).or(self.kind.pin(signal))
     }
 
     /// Checks the pins of a robot's signals. Each pin exists, can have its function, and belongs to one signal only.
@@ -101,14 +101,14 @@ impl Board {
         let kind = self.kind;
         let mut owners: [Option<Signal>; RP2040_PINS] = [None; RP2040_PINS];
         for signal in Signal::ALL {
-            if kind.fixes(signal) && self.pins.of(signal).is_some() {
+            if kind.has_fixed_pin(signal) && self.pins.get(signal).is_some() {
                 return Err(PinError::Fixed { signal, kind });
             }
             if kind == BoardKind::Stm32f405 {
                 continue;
             }
             // A pin in the description is checked even if the robot does not have the sensor.
-            if !signal.is_used(robot) && self.pins.of(signal).is_none() {
+            if !signal.is_used(robot) && self.pins.get(signal).is_none() {
                 continue;
             }
             let Some(pin) = self.pin(signal) else { return Err(PinError::Missing { signal, kind }) };
@@ -119,7 +119,7 @@ impl Board {
                 return Err(PinError::Reserved { signal, pin, kind, what });
             }
             if let Some(other) = *owner {
-                return Err(PinError::Twice { pin, first: other, second: signal });
+                return Err(PinError::Conflict { pin, first: other, second: signal });
             }
             *owner = Some(signal);
             if signal.is_analog() && pin < FIRST_ANALOG_PIN {
@@ -135,12 +135,12 @@ impl Board {
         let slice = |signal| self.pin(signal).map(pwm_slice);
         for signal in [Signal::Heater, Signal::Fan] {
             if let (Some(pin), Some(STEP_SLICE)) = (self.pin(signal), slice(signal)) {
-                return Err(PinError::OfStepSlice { signal, pin });
+                return Err(PinError::UsesStepSlice { signal, pin });
             }
         }
         match (self.pin(Signal::Heater), self.pin(Signal::Fan)) {
             (Some(heater), Some(fan)) if pwm_slice(heater) == pwm_slice(fan) => {
-                Err(PinError::OfOneSlice { heater, fan })
+                Err(PinError::SharedSlice { heater, fan })
             }
             _ => Ok(()),
         }
@@ -156,48 +156,48 @@ pub fn pwm_slice(pin: u8) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot::{Driver, PinNumbers, Robot, RobotError};
+    use crate::robot::{DriverSettings, PinOverrides, Robot, RobotError};
     use crate::testing::description_a;
 
-    fn with(kind: BoardKind, pins: PinNumbers) -> Result<Robot, RobotError> {
+    fn with(kind: BoardKind, pins: PinOverrides) -> Result<Robot, RobotError> {
         let mut robot = description_a();
-        if kind.has_drivers() {
+        if kind.has_onboard_drivers() {
             (robot.sensors.supply, robot.sensors.driver_fault) = (false, None);
-            robot.head.driver = Some(Driver::of_current(0.8));
+            robot.head.driver = Some(DriverSettings::with_current(0.8));
             robot.feed.driver = robot.head.driver;
         }
         robot.board = Some(Board { kind, pins });
         Robot::new(robot)
     }
 
-    fn refused(kind: BoardKind, pins: PinNumbers) -> std::string::String {
+    fn refused(kind: BoardKind, pins: PinOverrides) -> std::string::String {
         std::format!("{}", with(kind, pins).unwrap_err())
     }
 
     #[test]
     fn every_kind_has_the_signals_of_a_robot_without_conflicts() {
         for kind in [BoardKind::Stm32f405, BoardKind::Pico, BoardKind::SkrPico] {
-            with(kind, PinNumbers::default()).unwrap();
+            with(kind, PinOverrides::default()).unwrap();
         }
     }
 
     #[test]
     fn what_a_pin_cannot_be_is_refused_with_the_reason() {
-        let none = PinNumbers::default();
+        let none = PinOverrides::default();
         for (kind, pins, why) in [
-            (BoardKind::Stm32f405, PinNumbers { fan: Some(3), ..none }, "fixed"),
-            (BoardKind::SkrPico, PinNumbers { head_step: Some(6), ..none }, "fixed"),
-            (BoardKind::SkrPico, PinNumbers { feed_enable: Some(7), ..none }, "fixed"),
-            (BoardKind::Pico, PinNumbers { fan: Some(30), ..none }, "0 to 29"),
-            (BoardKind::Pico, PinNumbers { fan: Some(25), ..none }, "the board's lamp"),
-            (BoardKind::Pico, PinNumbers { index: Some(1), ..none }, "the link's UART"),
-            (BoardKind::SkrPico, PinNumbers { driver_fault: Some(7), ..none }, "held off"),
-            (BoardKind::SkrPico, PinNumbers { index: Some(9), ..none }, "the line to the stepper drivers"),
-            (BoardKind::Pico, PinNumbers { index: Some(15), ..none }, "index and emergency_stop"),
-            (BoardKind::Pico, PinNumbers { thermistor: Some(18), ..none }, "26 to 29"),
-            (BoardKind::Pico, PinNumbers { fan: Some(23), ..none }, "the board's converter"),
-            (BoardKind::Pico, PinNumbers { fan: Some(15), emergency_stop: Some(20), ..none }, "step interrupt"),
-            (BoardKind::SkrPico, PinNumbers { fan: Some(22), orientation_clock: Some(17), ..none }, "share"),
+            (BoardKind::Stm32f405, PinOverrides { fan: Some(3), ..none }, "fixed"),
+            (BoardKind::SkrPico, PinOverrides { head_step: Some(6), ..none }, "fixed"),
+            (BoardKind::SkrPico, PinOverrides { feed_enable: Some(7), ..none }, "fixed"),
+            (BoardKind::Pico, PinOverrides { fan: Some(30), ..none }, "0 to 29"),
+            (BoardKind::Pico, PinOverrides { fan: Some(25), ..none }, "the board's lamp"),
+            (BoardKind::Pico, PinOverrides { index: Some(1), ..none }, "the link's UART"),
+            (BoardKind::SkrPico, PinOverrides { driver_fault: Some(7), ..none }, "held off"),
+            (BoardKind::SkrPico, PinOverrides { index: Some(9), ..none }, "the line to the stepper drivers"),
+            (BoardKind::Pico, PinOverrides { index: Some(15), ..none }, "index and emergency_stop"),
+            (BoardKind::Pico, PinOverrides { thermistor: Some(18), ..none }, "26 to 29"),
+            (BoardKind::Pico, PinOverrides { fan: Some(23), ..none }, "the board's converter"),
+            (BoardKind::Pico, PinOverrides { fan: Some(15), emergency_stop: Some(20), ..none }, "step interrupt"),
+            (BoardKind::SkrPico, PinOverrides { fan: Some(22), orientation_clock: Some(17), ..none }, "share"),
         ] {
             let said = refused(kind, pins);
             assert!(said.contains(why), "{said}");
@@ -206,12 +206,14 @@ mod tests {
 
     #[test]
     fn signals_that_a_board_has_no_place_for_need_a_pin() {
-        let mut robot = with(BoardKind::SkrPico, PinNumbers::default()).unwrap().description().clone();
+        let mut robot = with(BoardKind::SkrPico, PinOverrides::default()).unwrap().description().clone();
         robot.sensors.supply = true;
         let said = std::format!("{}", Robot::new(robot.clone()).unwrap_err());
         assert!(said.contains("supply") && said.contains("skr-pico"), "{said}");
-        robot.board =
-            Some(Board { kind: BoardKind::SkrPico, pins: PinNumbers { supply: Some(26), ..PinNumbers::default() } });
+        robot.board = Some(Board {
+            kind: BoardKind::SkrPico,
+            pins: PinOverrides { supply: Some(26), ..PinOverrides::default() },
+        });
         Robot::new(robot).unwrap();
     }
 }

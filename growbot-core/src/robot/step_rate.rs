@@ -9,7 +9,7 @@
 
 use core::f64::consts::{FRAC_PI_4, TAU};
 
-use super::{FeedStrategy, RobotDescription, Turning};
+use super::{FeedStrategy, HeadRotation, RobotDescription};
 use crate::layer::{Layer, LayerError, SECTORS};
 use crate::trigonometry;
 
@@ -71,7 +71,7 @@ impl BusiestSector {
     }
 
     /// Reports whether the step interrupt can make the steps of this sector.
-    pub fn can_be_carried(&self) -> bool {
+    pub fn is_feasible(&self) -> bool {
         2.0 * self.head.max(self.feed) <= self.ticks
     }
 }
@@ -87,9 +87,9 @@ pub struct AxisMotion {
     /// Max instantaneous change of speed from rest or to rest, /s.
     pub jump: f64,
     /// Max change of speed from one layer to the next, /s.
-    pub passing_jump: f64,
+    pub layer_change_jump: f64,
     /// Max acceleration of a ramp, /s^2.
-    pub ramp: f64,
+    pub ramp_acceleration: f64,
     /// Bound on the acceleration within the layer's profile, /s^2.
     pub(super) acceleration: f64,
     /// Limit of [`Self::acceleration`], /s^2.
@@ -116,8 +116,8 @@ impl LayerMotion {
         // If the head reverses its direction with the next layer, it may start instantly after it has stopped, so each
         // change may use half of the jump.
         let at_once = match robot.motion.turning {
-            Turning::Continuous => 1.0,
-            Turning::Alternate => 0.5,
+            HeadRotation::Continuous => 1.0,
+            HeadRotation::Alternate => 0.5,
         };
         let head_limits = (at_once, robot.head.speed_jump_turns_per_s, robot.head.acceleration_turns_per_s2);
         let feed_limits = (1.0, robot.feed.speed_jump_mm_per_s, robot.feed.acceleration_mm_per_s2);
@@ -168,8 +168,8 @@ impl AxisMotion {
             speed,
             speed_at_ends,
             jump: at_once * jump,
-            passing_jump: PASSING_JUMP * jump,
-            ramp: RAMP_ACCELERATION * acceleration,
+            layer_change_jump: PASSING_JUMP * jump,
+            ramp_acceleration: RAMP_ACCELERATION * acceleration,
             acceleration: profile,
             acceleration_limit: (PROFILE_ACCELERATION * acceleration).min(PROFILE_JUMP * jump / shortest_sector),
         }
@@ -177,12 +177,12 @@ impl AxisMotion {
 
     /// Reports whether the axis is never faster than its jump.
     #[must_use]
-    pub fn needs_no_ramp(&self) -> bool {
+    pub fn is_within_jump(&self) -> bool {
         self.speed <= self.jump
     }
 
     pub(super) fn follows_its_profile(&self) -> bool {
-        self.needs_no_ramp() || self.acceleration <= self.acceleration_limit
+        self.is_within_jump() || self.acceleration <= self.acceleration_limit
     }
 }
 
@@ -214,7 +214,7 @@ mod tests {
                 let filament = filament(&description, height);
                 // Time, turns and filament by angle, in fine steps.
                 let at = |psi: f64| {
-                    let share = layer.share_of_material(psi, r);
+                    let share = layer.material_fraction(psi, r);
                     let time = match strategy {
                         FeedStrategy::Feed => psi / TAU,
                         FeedStrategy::Speed => share,
@@ -250,7 +250,7 @@ mod tests {
             let steep = Layer { alpha: 0.0, height: 0.774, tilt: 0.0077 };
             let robot = Robot::new(description.clone()).unwrap();
             robot.check_layer(&steep, 0.0).unwrap();
-            let motion = robot.motion_of(&steep);
+            let motion = robot.layer_motion(&steep);
             let profile = motion.head.acceleration.max(motion.feed.acceleration);
             // The limit is just sufficient for the planning radius, whose layers need less acceleration.
             match strategy {

@@ -1,6 +1,6 @@
 //! The checks of a robot description, in the order in which a person would correct the errors.
 
-use super::drivers;
+use super::driver_settings;
 use super::step_rate::{AxisMotion, BusiestSector, LayerMotion, MAX_RAMP_S};
 use super::{Feed, Head, MAX_BOARD_TICK_HZ, Material, Motion, RobotDescription, RobotError};
 use crate::angle::radians;
@@ -323,7 +323,7 @@ fn check_board(robot: &RobotDescription) -> Result<(), RobotError> {
     if let Some(board) = &robot.board {
         board.check(robot).map_err(RobotError::Pins)?;
     }
-    drivers::check(robot)
+    driver_settings::check(robot)
 }
 
 /// Checks that the step interrupt can make the steps of the busiest sector of the steepest layer.
@@ -351,7 +351,7 @@ fn check_accelerations(robot: &RobotDescription) -> Result<(), RobotError> {
     let steepest = Layer { alpha: 0.0, height, tilt: height / robot.planning_radius_mm };
     let LayerMotion { head, feed } = LayerMotion::of(robot, &steepest);
     let check = |motion: &AxisMotion, acceleration: Field, profile: &'static str| {
-        if motion.needs_no_ramp() {
+        if motion.is_within_jump() {
             return Ok(());
         }
         let min = 2.0 * motion.speed / MAX_RAMP_S;

@@ -27,7 +27,7 @@ pub mod csc;
 pub mod helicoids;
 
 use csc::{Csc, Overlapping};
-use helicoids::{HelicoidalArc, Piece};
+use helicoids::{HelicoidPiece, HelicoidalArc};
 
 /// Max error of a path at the goal, radii and radians, for goals within 100 radii. At larger distances it grows in
 /// proportion. It is a tenth of the error that [`crate::plan`] accepts.
@@ -68,7 +68,7 @@ impl Problem {
 
     /// Creates the problem from pose to pose, with arcs of this radius (mm).
     #[must_use]
-    pub fn between(start: &Pose, goal: &Pose, radius: f64) -> Self {
+    pub fn from_poses(start: &Pose, goal: &Pose, radius: f64) -> Self {
         let tip_from_base = start.frame().rotation.inverse();
         let offset = (goal.position() - start.position()) / radius;
         Self::new(&(tip_from_base * offset), &(tip_from_base * goal.direction()))
@@ -122,7 +122,13 @@ impl Candidate {
         let straight = |length: f64| Segment::Straight { length: length * radius };
         let mut push = |segment: Segment| if segment.length() > 0.0 { path.push(segment) } else { Ok(()) };
         match *self {
-            Self::Csc(Csc { first_towards, first, straight: line, last_towards, last }) => {
+            Self::Csc(Csc {
+                first_bend_direction: first_towards,
+                first_angle: first,
+                straight: line,
+                last_bend_direction: last_towards,
+                last_angle: last,
+            }) => {
                 push(arc(first_towards, first))?;
                 push(straight(line))?;
                 push(arc(last_towards, last))?;
@@ -137,7 +143,7 @@ impl Candidate {
                 }
             }
             Self::Helicoid(arc) => {
-                for Piece { curve, length } in &arc.pieces() {
+                for HelicoidPiece { curve, length } in &arc.pieces() {
                     push(Segment::Helicoid { curve: *curve, radius, length: length * radius })?;
                 }
             }

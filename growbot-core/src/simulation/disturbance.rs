@@ -5,7 +5,7 @@ use nalgebra::Rotation3;
 use crate::angle::wrap_positive;
 use crate::layer::Layer;
 use crate::pose::Frame;
-use crate::random::Random;
+use crate::random::Rng;
 use crate::trigonometry;
 
 /// The noise and the biases of each layer. All are zero by default.
@@ -34,14 +34,14 @@ pub struct Disturbance {
 
 /// A layer as laid.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Laid {
+pub struct DisturbedLayer {
     /// The layer.
     pub layer: Layer,
     /// Twist of the tip about its axis after the layer, radians, counter-clockwise.
     pub twist: f64,
 }
 
-impl Laid {
+impl DisturbedLayer {
     /// Returns `tip_from_next_tip`, which is Eq 4 followed by the twist.
     #[must_use]
     pub fn step(&self) -> Frame {
@@ -62,7 +62,7 @@ impl Laid {
 
 /// Source of error for which a random number is drawn. Each source has its own stream.
 #[derive(Debug, Clone, Copy)]
-enum Draw {
+enum NoiseSource {
     Growth = 1,
     Tilt,
     Alpha,
@@ -74,20 +74,20 @@ impl Disturbance {
     /// errors to the layer of the same index. Each source has its own random numbers, so noise of one kind does not
     /// change that of another.
     #[must_use]
-    pub fn lay(&self, seed: u64, index: u64, layer: &Layer) -> Laid {
-        let draw = |what: Draw| Random::new(&[seed, what as u64, index]);
-        let noise = |what: Draw, max: f64| if max == 0.0 { 0.0 } else { max * draw(what).even() };
-        let height = layer.height * (1.0 + self.growth_bias + noise(Draw::Growth, self.growth_noise));
+    pub fn lay(&self, seed: u64, index: u64, layer: &Layer) -> DisturbedLayer {
+        let draw = |what: NoiseSource| Rng::new(&[seed, what as u64, index]);
+        let noise = |what: NoiseSource, max: f64| if max == 0.0 { 0.0 } else { max * draw(what).uniform_symmetric() };
+        let height = layer.height * (1.0 + self.growth_bias + noise(NoiseSource::Growth, self.growth_noise));
         let mut tilt = layer.tilt * (1.0 + self.tilt_bias);
-        let mut alpha = layer.alpha + self.alpha_bias + noise(Draw::Alpha, self.alpha_noise);
+        let mut alpha = layer.alpha + self.alpha_bias + noise(NoiseSource::Alpha, self.alpha_noise);
         if self.tilt_noise != 0.0 {
-            let mut random = draw(Draw::Tilt);
-            let x = tilt * trigonometry::cos(alpha) + self.tilt_noise * random.even();
-            let y = tilt * trigonometry::sin(alpha) + self.tilt_noise * random.even();
+            let mut random = draw(NoiseSource::Tilt);
+            let x = tilt * trigonometry::cos(alpha) + self.tilt_noise * random.uniform_symmetric();
+            let y = tilt * trigonometry::sin(alpha) + self.tilt_noise * random.uniform_symmetric();
             (tilt, alpha) = (trigonometry::hypot(x, y), libm::atan2(y, x));
         }
         let layer = Layer { alpha: wrap_positive(alpha), height, tilt };
-        Laid { layer, twist: self.twist_bias + noise(Draw::Twist, self.twist_noise) }
+        DisturbedLayer { layer, twist: self.twist_bias + noise(NoiseSource::Twist, self.twist_noise) }
     }
 }
 
@@ -100,7 +100,7 @@ mod tests {
     #[test]
     fn nothing_is_disturbed_without_a_disturbance() {
         let laid = Disturbance::default().lay(7, 3, &LAYER);
-        assert_eq!(laid, Laid { layer: LAYER, twist: 0.0 });
+        assert_eq!(laid, DisturbedLayer { layer: LAYER, twist: 0.0 });
         assert_eq!(laid.step(), LAYER.step());
     }
 

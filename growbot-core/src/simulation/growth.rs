@@ -1,18 +1,18 @@
 //! A growth in open and in closed loop.
 
-use super::disturbance::{Disturbance, Laid};
-use super::sensors::Sensors;
+use super::disturbance::{Disturbance, DisturbedLayer};
+use super::sensors::SimulatedSensors;
 use crate::kinematics::advance;
 use crate::layer::Layer;
 use crate::path::{Leg, Segment};
-use crate::plan::needs;
+use crate::plan::requirements;
 use crate::pose::{Frame, Pose};
 use crate::robot::Robot;
 use crate::tracking::{Estimate, Tracker};
 
 /// A growth to simulate: a path from a start through the goals of its legs.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Task<'a> {
+pub struct GrowthTask<'a> {
     /// The robot.
     pub robot: &'a Robot,
     /// The start pose of the body.
@@ -23,7 +23,7 @@ pub struct Task<'a> {
     pub legs: &'a [Leg],
 }
 
-impl Task<'_> {
+impl GrowthTask<'_> {
     /// Returns the goal of the last leg.
     #[must_use]
     pub fn goal(&self) -> Pose {
@@ -33,7 +33,7 @@ impl Task<'_> {
 
 /// Result of a simulated growth.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Grown {
+pub struct GrownBody {
     /// Frame of the tip.
     pub base_from_tip: Frame,
     /// Number of layers laid.
@@ -46,19 +46,19 @@ pub struct Grown {
 
 /// Limit of the layers of a closed loop, as a multiple of the layers of its plan. A closed loop in which almost nothing
 /// grows would not end, so it is stopped after this limit plus [`MIN_PATIENCE`].
-const PATIENCE: u64 = 20;
+const MAX_LAYERS_FACTOR: u64 = 20;
 /// Number of layers that a closed loop may lay in addition to [`PATIENCE`] times those of its plan.
 const MIN_PATIENCE: u64 = 100;
 
 /// Grows in open loop, which lays the layers as given. `each` is called with every layer as laid.
-pub fn grow_open(
+pub fn grow_open_loop(
     start: &Pose,
     layers: impl IntoIterator<Item = Layer>,
     disturbance: &Disturbance,
     seed: u64,
-    mut each: impl FnMut(&Laid),
-) -> Grown {
-    let mut grown = Grown { base_from_tip: start.frame(), layers: 0, length: 0.0, estimate: None };
+    mut each: impl FnMut(&DisturbedLayer),
+) -> GrownBody {
+    let mut grown = GrownBody { base_from_tip: start.frame(), layers: 0, length: 0.0, estimate: None };
     for layer in layers {
         let laid = disturbance.lay(seed, grown.layers, &layer);
         grown.base_from_tip = advance(&grown.base_from_tip, &laid.step());
@@ -72,30 +72,30 @@ pub fn grow_open(
 /// Grows in closed loop, which measures each layer and then plans the remaining path again. `tip` is called with each
 /// layer as commanded and as laid, and with the tip's frame by growth alone. It returns the tip's true frame, which is
 /// different if the body sags.
-pub fn grow_closed(
-    task: &Task,
+pub fn grow_closed_loop(
+    task: &GrowthTask,
     disturbance: &Disturbance,
-    sensors: &Sensors,
+    sensors: &SimulatedSensors,
     seed: u64,
-    tip: impl FnMut(&Layer, &Laid, &Frame) -> Frame,
-) -> Grown {
-    grow_closed_while(task, disturbance, sensors, seed, tip, |_, _| true)
+    tip: impl FnMut(&Layer, &DisturbedLayer, &Frame) -> Frame,
+) -> GrownBody {
+    grow_closed_loop_while(task, disturbance, sensors, seed, tip, |_, _| true)
 }
 
 /// Like [`grow_closed`], but stops when `goes_on` returns false. `goes_on` is called before the first layer and after
 /// each correction, with the layer just commanded. It may replace the tracker's path.
-pub fn grow_closed_while<'a>(
-    task: &Task<'a>,
+pub fn grow_closed_loop_while<'a>(
+    task: &GrowthTask<'a>,
     disturbance: &Disturbance,
-    sensors: &Sensors,
+    sensors: &SimulatedSensors,
     seed: u64,
-    mut tip: impl FnMut(&Layer, &Laid, &Frame) -> Frame,
+    mut tip: impl FnMut(&Layer, &DisturbedLayer, &Frame) -> Frame,
     mut goes_on: impl FnMut(&mut Tracker<'a>, Option<&Layer>) -> bool,
-) -> Grown {
-    let Task { robot, start, path, legs } = *task;
+) -> GrownBody {
+    let GrowthTask { robot, start, path, legs } = *task;
     let mut tracker = Tracker::new(robot, &start, path, legs, sensors.noise);
-    let mut grown = Grown { base_from_tip: start.frame(), layers: 0, length: 0.0, estimate: None };
-    let max_layers = PATIENCE * needs(path, robot).layers as u64 + MIN_PATIENCE;
+    let mut grown = GrownBody { base_from_tip: start.frame(), layers: 0, length: 0.0, estimate: None };
+    let max_layers = MAX_LAYERS_FACTOR * requirements(path, robot).layers as u64 + MIN_PATIENCE;
     let mut by_growth = start.frame();
     let mut goes = goes_on(&mut tracker, None);
     while let Some(layer) = tracker.next_layer().filter(|_| goes && grown.layers < max_layers) {
@@ -105,7 +105,7 @@ pub fn grow_closed_while<'a>(
         let measured = sensors.measure(seed, grown.layers, &layer, &laid, &grown.base_from_tip);
         grown.layers += 1;
         grown.length += laid.layer.height;
-        tracker.laid(&layer, &measured);
+        tracker.record_layer(&layer, &measured);
         tracker.replan(&[]);
         goes = goes_on(&mut tracker, Some(&layer));
     }

@@ -1,13 +1,13 @@
 //! Growth without a robot: layers with errors, in open and in closed loop, and bodies that sag.
 
 mod disturbance;
+mod error_model;
 mod growth;
-mod imperfection;
 mod sag;
 mod sensors;
 
-pub use disturbance::{Disturbance, Laid};
-pub use growth::{Grown, Task, grow_closed, grow_closed_while, grow_open};
-pub use imperfection::Imperfection;
-pub use sag::{Hanging, RootStress};
-pub use sensors::{DirectionSensor, Sensors};
+pub use disturbance::{Disturbance, DisturbedLayer};
+pub use error_model::ErrorModel;
+pub use growth::{GrownBody, GrowthTask, grow_closed_loop, grow_closed_loop_while, grow_open_loop};
+pub use sag::{RootStress, SaggingBody};
+pub use sensors::{DirectionSensor, SimulatedSensors};

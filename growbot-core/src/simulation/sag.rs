@@ -15,13 +15,13 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::Laid;
+use super::DisturbedLayer;
 use crate::kinematics::advance;
 use crate::pose::{Frame, tip_direction};
 use crate::robot::Robot;
 
 /// Standard gravity, m/s^2.
-const GRAVITY: f64 = 9.806_65;
+const STANDARD_GRAVITY_M_PER_S2: f64 = 9.806_65;
 /// Poisson's ratio, assumed. Plastics have 0.3 to 0.45. Only twist depends on it.
 const POISSON: f64 = 0.35;
 
@@ -29,7 +29,7 @@ const POISSON: f64 = 0.35;
 /// the length of the body. The turns of all sections by a weight depend on its position only through sums over the
 /// sections.
 #[derive(Debug, Clone)]
-pub struct Hanging {
+pub struct SaggingBody {
     /// Weight of the wall, N/mm of body. `tip_weight` is the weight of the tip, N.
     ring_weight: f64,
     tip_weight: f64,
@@ -40,7 +40,7 @@ pub struct Hanging {
     root: Vector3<f64>,
     root_direction: Vector3<f64>,
     /// `base_from_tip` of the body without weight.
-    straight: Frame,
+    base_from_unloaded_tip: Frame,
     sections: Sections,
     /// Sag of the tip by the weight of the rings alone.
     by_rings: Sag,
@@ -113,25 +113,25 @@ impl Sag {
     }
 
     /// Returns the displacement of a point beyond all sections, mm.
-    fn moves(&self, at: &Vector3<f64>) -> Vector3<f64> {
+    fn displacement(&self, at: &Vector3<f64>) -> Vector3<f64> {
         self.turn.cross(at) - self.crossed
     }
 }
 
-impl Hanging {
+impl SaggingBody {
     /// Creates a body of no length at this frame.
     #[must_use]
     pub fn new(robot: &Robot, base_from_start: &Frame) -> Self {
         let description = robot.description();
         let mut hanging = Self {
             // Units: kg/mm^3 and kg, times m/s^2, give N.
-            ring_weight: 1e-6 * description.material.density_g_per_cm3 * robot.wall_area() * GRAVITY,
-            tip_weight: 1e-3 * description.tip.mass_g * GRAVITY,
+            ring_weight: 1e-6 * description.material.density_g_per_cm3 * robot.wall_area() * STANDARD_GRAVITY_M_PER_S2,
+            tip_weight: 1e-3 * description.tip.mass_g * STANDARD_GRAVITY_M_PER_S2,
             stiffness: description.material.youngs_modulus_mpa * robot.wall_second_moment(),
             stress_per_moment: 0.5 * robot.outer_diameter() / robot.wall_second_moment(),
             root: base_from_start.translation.vector,
             root_direction: tip_direction(base_from_start),
-            straight: *base_from_start,
+            base_from_unloaded_tip: *base_from_start,
             sections: Sections::default(),
             by_rings: Sag::default(),
             rings_moment: Vector3::zeros(),
@@ -143,12 +143,12 @@ impl Hanging {
     }
 
     /// Adds a layer.
-    pub fn lay(&mut self, laid: &Laid) {
-        let (height, before) = (laid.layer.height, self.straight);
-        self.straight = advance(&before, &laid.step());
+    pub fn add_layer(&mut self, laid: &DisturbedLayer) {
+        let (height, before) = (laid.layer.height, self.base_from_unloaded_tip);
+        self.base_from_unloaded_tip = advance(&before, &laid.step());
         self.length += height;
         // The weight of a ring acts at the middle of its chord, and the ring turns there.
-        let middle = 0.5 * (before.translation.vector + self.straight.translation.vector) - self.root;
+        let middle = 0.5 * (before.translation.vector + self.base_from_unloaded_tip.translation.vector) - self.root;
         let weight = self.ring_weight * height;
         self.by_rings = self.by_rings.plus(&self.sections.under(weight, &middle));
         self.rings_moment += middle * weight;
@@ -160,14 +160,14 @@ impl Hanging {
     #[must_use]
     pub fn base_from_tip(&self) -> Frame {
         let (at, sag) = (self.reach(), self.sag());
-        let moved = self.straight.translation.vector + sag.moves(&at);
-        Frame::from_parts(moved.into(), Rotation3::new(sag.turn) * self.straight.rotation)
+        let moved = self.base_from_unloaded_tip.translation.vector + sag.displacement(&at);
+        Frame::from_parts(moved.into(), Rotation3::new(sag.turn) * self.base_from_unloaded_tip.rotation)
     }
 
     /// Returns the displacement of the tip by weight, mm.
     #[must_use]
     pub fn deflection(&self) -> f64 {
-        self.sag().moves(&self.reach()).norm()
+        self.sag().displacement(&self.reach()).norm()
     }
 
     /// Returns the max stress that the root has borne since growth began.
@@ -178,7 +178,7 @@ impl Hanging {
 
     /// Returns the vector from the root to the tip, without weight, mm.
     fn reach(&self) -> Vector3<f64> {
-        self.straight.translation.vector - self.root
+        self.base_from_unloaded_tip.translation.vector - self.root
     }
 
     fn sag(&self) -> Sag {
@@ -224,14 +224,14 @@ mod tests {
         robot(|robot| robot.tip.mass_g = 0.0)
     }
 
-    fn tube(tilt: f64, alpha: f64) -> impl Iterator<Item = Laid> + Clone {
+    fn tube(tilt: f64, alpha: f64) -> impl Iterator<Item = DisturbedLayer> + Clone {
         let layer = Layer { alpha, height: LENGTH / COUNT as f64, tilt: tilt / COUNT as f64 };
-        core::iter::repeat_n(Laid { layer, twist: 0.0 }, COUNT)
+        core::iter::repeat_n(DisturbedLayer { layer, twist: 0.0 }, COUNT)
     }
 
-    fn hang(robot: &Robot, start: &Frame, laid: impl Iterator<Item = Laid>) -> Hanging {
-        laid.fold(Hanging::new(robot, start), |mut hanging, layer| {
-            hanging.lay(&layer);
+    fn hang(robot: &Robot, start: &Frame, laid: impl Iterator<Item = DisturbedLayer>) -> SaggingBody {
+        laid.fold(SaggingBody::new(robot, start), |mut hanging, layer| {
+            hanging.add_layer(&layer);
             hanging
         })
     }
@@ -246,7 +246,10 @@ mod tests {
         let ring = core::f64::consts::TAU * 22.0 * 1.6;
         let second_moment = 0.25 * core::f64::consts::PI * (libm::pow(22.8, 4.0) - libm::pow(21.2, 4.0));
         assert!((robot.wall_second_moment() / second_moment - 1.0).abs() < 1e-12);
-        (1e-6 * material.density_g_per_cm3 * ring * GRAVITY, material.youngs_modulus_mpa * second_moment)
+        (
+            1e-6 * material.density_g_per_cm3 * ring * STANDARD_GRAVITY_M_PER_S2,
+            material.youngs_modulus_mpa * second_moment,
+        )
     }
 
     #[test]
@@ -274,7 +277,7 @@ mod tests {
     fn a_horizontal_tube_bends_by_its_tip_as_a_cantilever() {
         let robot = light_body(200.0);
         let (weight, stiffness) = weight_and_stiffness(&robot);
-        let force = 0.2 * GRAVITY;
+        let force = 0.2 * STANDARD_GRAVITY_M_PER_S2;
         let hung = hang(&robot, &from(30.0, 0.0), tube(0.0, 0.0));
         let sag =
             force * libm::pow(LENGTH, 3.0) / (3.0 * stiffness) + weight * libm::pow(LENGTH, 4.0) / (8.0 * stiffness);
@@ -300,11 +303,12 @@ mod tests {
         let hung = hang(&robot, &from(0.0, 0.0), tube(FRAC_PI_2, FRAC_PI_2));
         let radius = LENGTH / FRAC_PI_2;
         let pi = core::f64::consts::PI;
-        let by_tip =
-            0.2 * GRAVITY * libm::pow(radius, 3.0) / stiffness * (pi / 4.0 + (1.0 + POISSON) * (0.75 * pi - 2.0));
+        let by_tip = 0.2 * STANDARD_GRAVITY_M_PER_S2 * libm::pow(radius, 3.0) / stiffness
+            * (pi / 4.0 + (1.0 + POISSON) * (0.75 * pi - 2.0));
         let weightless = hang(&light_body(0.0), &from(0.0, 0.0), tube(FRAC_PI_2, FRAC_PI_2));
         // The weight acts on the root with an arm of one radius ahead and one sideways.
-        let stress = 0.2 * GRAVITY * radius * 0.5 * (1.0 + libm::sqrt(2.0)) * 22.8 / robot.wall_second_moment();
+        let stress = 0.2 * STANDARD_GRAVITY_M_PER_S2 * radius * 0.5 * (1.0 + libm::sqrt(2.0)) * 22.8
+            / robot.wall_second_moment();
         assert!((hung.root_stress().stress / stress - 1.0).abs() < 1e-3);
         let sag = weightless.base_from_tip().translation.z - hung.base_from_tip().translation.z;
         assert!((sag / by_tip - 1.0).abs() < 1e-3, "{sag} {by_tip}");
@@ -342,8 +346,8 @@ mod tests {
     }
 
     /// Computes the frame of the tip directly, section by section.
-    fn hang_section_by_section(robot: &Robot, start: &Frame, laid: &[Laid]) -> Frame {
-        let hanging = Hanging::new(robot, start);
+    fn hang_section_by_section(robot: &Robot, start: &Frame, laid: &[DisturbedLayer]) -> Frame {
+        let hanging = SaggingBody::new(robot, start);
         let mut frames = std::vec![*start];
         for layer in laid {
             frames.push(frames.last().unwrap() * layer.step());
@@ -373,7 +377,7 @@ mod tests {
             let wild = super::super::Disturbance {
                 growth_noise: 0.5, tilt_noise: 0.05, alpha_noise: 1.0, twist_noise: 0.3, ..Default::default()
             };
-            let laid: std::vec::Vec<Laid> = (0..count as u64).map(|index| wild.lay(seed, index, &layer)).collect();
+            let laid: std::vec::Vec<DisturbedLayer> = (0..count as u64).map(|index| wild.lay(seed, index, &layer)).collect();
             let start = from(50.0, pitch);
             let hung = hang(&robot, &start, laid.iter().copied()).base_from_tip();
             let plain = hang_section_by_section(&robot, &start, &laid);

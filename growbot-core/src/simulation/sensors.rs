@@ -2,11 +2,11 @@
 
 use nalgebra::Vector3;
 
-use super::disturbance::Laid;
+use super::disturbance::DisturbedLayer;
 use crate::layer::Layer;
 use crate::pose::Frame;
-use crate::random::Random;
-use crate::tracking::{Measurement, Seen, SensorNoise};
+use crate::random::Rng;
+use crate::tracking::{MeasuredQuantities, Measurement, SensorNoise};
 
 /// The direction that a sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -20,7 +20,7 @@ pub enum DirectionSensor {
 
 /// The sensors of a simulated tip.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sensors {
+pub struct SimulatedSensors {
     /// The noise of the sensors, which the estimator knows.
     pub noise: SensorNoise,
     /// Scale error of the odometry, as a fraction. No estimator can distinguish it from growth.
@@ -33,19 +33,26 @@ pub struct Sensors {
 const ODOMETRY: u64 = 16;
 const DIRECTION: u64 = 17;
 
-impl Sensors {
+impl SimulatedSensors {
     /// Returns the kinds of measurement that these sensors make.
     #[must_use]
-    pub fn seen(&self) -> Seen {
+    pub fn measured_quantities(&self) -> MeasuredQuantities {
         let direction = self.direction == DirectionSensor::Tip;
-        Seen { growth: true, direction, up: !direction }
+        MeasuredQuantities { growth: true, direction, up: !direction }
     }
 
     /// Returns the measurements after the layer of this index.
     #[must_use]
-    pub fn measure(&self, seed: u64, index: u64, commanded: &Layer, laid: &Laid, base_from_tip: &Frame) -> Measurement {
-        let odometry = commanded.height * self.noise.odometry * Random::new(&[seed, ODOMETRY, index]).normal();
-        let mut random = Random::new(&[seed, DIRECTION, index]);
+    pub fn measure(
+        &self,
+        seed: u64,
+        index: u64,
+        commanded: &Layer,
+        laid: &DisturbedLayer,
+        base_from_tip: &Frame,
+    ) -> Measurement {
+        let odometry = commanded.height * self.noise.odometry * Rng::new(&[seed, ODOMETRY, index]).normal();
+        let mut random = Rng::new(&[seed, DIRECTION, index]);
         let (about_x, about_y) = (self.noise.direction * random.normal(), self.noise.direction * random.normal());
         let mut measured = Measurement {
             growth: Some(laid.layer.height * (1.0 + self.odometry_scale) + odometry),

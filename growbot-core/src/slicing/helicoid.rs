@@ -13,14 +13,14 @@ use heapless::Vec;
 use nalgebra::{Matrix5, Vector3, Vector5};
 
 use crate::angle::wrap_positive;
-use crate::helicoid::{Helicoid, Walk};
+use crate::helicoid::{Helicoid, HelicoidIntegrator};
 use crate::layer::Layer;
 use crate::linalg5::Cholesky;
 use crate::path::{MAX_SEGMENTS, Segment};
 use crate::pose::{Frame, column, tip_direction};
 
 /// Max error of a correction at the curve's end, radii and radians (`docs/decisions/0010-exact-slicing.md`).
-const ARRIVED: f64 = 1e-13;
+const CORRECTION_TOLERANCE: f64 = 1e-13;
 /// Max number of rounds of correction. A round reduces the error by a factor of about 1/tilt, so that some seven
 /// suffice for a tilt of 0.01. The other rounds are for steps that are reversed.
 const ROUNDS: usize = 30;
@@ -45,7 +45,7 @@ struct Correction {
 
 /// Layers of one segment.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Equal {
+pub(super) struct EqualLayers {
     /// Length of a layer along the curve, before correction, radii. It is also the tilt, radians.
     pub(super) tilt: f64,
     pub(super) count: u32,
@@ -58,23 +58,23 @@ pub(super) const MAX_TOGETHER: usize = MAX_SEGMENTS;
 #[derive(Debug, Clone)]
 pub(super) struct HelicoidLayers<'a> {
     segments: &'a [Segment],
-    layers: Vec<Equal, MAX_TOGETHER>,
+    layers: Vec<EqualLayers, MAX_TOGETHER>,
     /// The end of the last segment.
     end: Frame,
     correction: Correction,
     /// Place of the next layer.
-    at: Place,
+    at: Cursor,
 }
 
 /// A place on a sequence of segments.
 #[derive(Debug, Clone)]
-struct Place {
+struct Cursor {
     /// Index of the segment. `left` is the number of its remaining layers.
     segment: usize,
     left: u32,
     /// Frame at the start of the segment.
     from: Frame,
-    walk: Walk,
+    walk: HelicoidIntegrator,
     /// Frame at this place.
     here: Frame,
 }
@@ -83,7 +83,7 @@ impl<'a> HelicoidLayers<'a> {
     /// Returns layers that end at the end of the curve. `layers` contains their number for each segment.
     pub(super) fn exact(
         segments: &'a [Segment],
-        layers: Vec<Equal, MAX_TOGETHER>,
+        layers: Vec<EqualLayers, MAX_TOGETHER>,
         keep_alive: &mut dyn FnMut(),
     ) -> Self {
         let mut layers = Self::steps(segments, layers);
@@ -99,9 +99,9 @@ impl<'a> HelicoidLayers<'a> {
     }
 
     /// Returns uncorrected layers.
-    pub(super) fn steps(segments: &'a [Segment], layers: Vec<Equal, MAX_TOGETHER>) -> Self {
+    pub(super) fn steps(segments: &'a [Segment], layers: Vec<EqualLayers, MAX_TOGETHER>) -> Self {
         let correction = Correction { force: Vector3::zeros(), moment: Vector3::zeros(), scale: 1.0 };
-        let at = Place::first(segments, &layers);
+        let at = Cursor::first(segments, &layers);
         Self { segments, layers, end: Frame::identity(), correction, at }
     }
 
@@ -154,7 +154,7 @@ impl<'a> HelicoidLayers<'a> {
         {
             at.segment += 1;
             at.left = self.layers.get(at.segment).map_or(0, |layers| layers.count);
-            at.walk = Walk::new(curve);
+            at.walk = HelicoidIntegrator::new(curve);
             at.from = at.here;
         }
         at.left = at.left.saturating_sub(1);
@@ -168,7 +168,7 @@ impl<'a> HelicoidLayers<'a> {
     }
 
     fn rewound(&self) -> Self {
-        Self { at: Place::first(self.segments, &self.layers), ..self.clone() }
+        Self { at: Cursor::first(self.segments, &self.layers), ..self.clone() }
     }
 
     /// Returns the frame at the end of the chain of layers.
@@ -182,7 +182,7 @@ impl<'a> HelicoidLayers<'a> {
 
     /// Returns the error of the chain's end relative to the curve's end: position in the axes of the start, direction
     /// in those of the end.
-    fn lack(&self, keep_alive: &mut dyn FnMut()) -> Vector5<f64> {
+    fn residual(&self, keep_alive: &mut dyn FnMut()) -> Vector5<f64> {
         let chain = self.chain_end(keep_alive);
         let offset = self.end.translation.vector - chain.translation.vector;
         let turn = self.end.rotation.inverse() * tip_direction(&chain);
@@ -224,7 +224,7 @@ impl<'a> HelicoidLayers<'a> {
         let (mut best, mut min_miss, mut best_lack) = (self.correction, f64::INFINITY, Vector5::zeros());
         let mut share = 1.0;
         for _ in 0..ROUNDS {
-            let lack = self.lack(keep_alive);
+            let lack = self.residual(keep_alive);
             let miss = lack.norm();
             if miss < min_miss {
                 (best, min_miss, best_lack) = (self.correction, miss, lack);
@@ -232,7 +232,7 @@ impl<'a> HelicoidLayers<'a> {
             } else {
                 share *= 0.25;
             }
-            if min_miss <= ARRIVED || miss.is_nan() {
+            if min_miss <= CORRECTION_TOLERANCE || miss.is_nan() {
                 break;
             }
             let lambda = normal_equations.solve(&best_lack) * share;
@@ -249,14 +249,20 @@ impl<'a> HelicoidLayers<'a> {
     }
 }
 
-impl Place {
+impl Cursor {
     /// Returns the start of the first segment.
-    fn first(segments: &[Segment], layers: &[Equal]) -> Self {
+    fn first(segments: &[Segment], layers: &[EqualLayers]) -> Self {
         let curve = match segments.first() {
             Some(Segment::Helicoid { curve, .. }) => *curve,
             _ => Helicoid { m0: Vector3::x(), p: Vector3::zeros() },
         };
         let left = layers.first().map_or(0, |layers| layers.count);
-        Self { segment: 0, left, from: Frame::identity(), walk: Walk::new(&curve), here: Frame::identity() }
+        Self {
+            segment: 0,
+            left,
+            from: Frame::identity(),
+            walk: HelicoidIntegrator::new(&curve),
+            here: Frame::identity(),
+        }
     }
 }

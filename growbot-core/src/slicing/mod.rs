@@ -20,7 +20,7 @@ use crate::robot::Robot;
 
 mod helicoid;
 
-use helicoid::{Equal, HelicoidLayers, MAX_TOGETHER};
+use helicoid::{EqualLayers, HelicoidLayers, MAX_TOGETHER};
 
 /// Method of slicing a path into layers.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,7 +52,7 @@ pub struct SlicedLayer {
 
 /// The layers of a path, in order.
 #[derive(Debug, Clone)]
-pub struct Layers<'a> {
+pub struct SlicedLayers<'a> {
     segments: &'a [Segment],
     robot: &'a Robot,
     slicing: Slicing,
@@ -60,21 +60,21 @@ pub struct Layers<'a> {
     segment: usize,
     /// Number of the remaining layers of that segment. `cut` produces these layers.
     left: u64,
-    cut: Cut<'a>,
+    cut: Slices<'a>,
     /// Roll of the tip relative to the path, radians, caused by the layers of helicoidal arcs.
     roll: f64,
     /// The first helicoidal arcs, sliced beforehand. Fitting their layers takes long, and every clone can use the
     /// result.
-    fitted: Vec<Fitted<'a>, MAX_FITTED>,
+    fitted: Vec<PreslicedArc<'a>, MAX_FITTED>,
 }
 
 /// A helicoidal arc that has been sliced.
 #[derive(Debug, Clone)]
-struct Fitted<'a> {
+struct PreslicedArc<'a> {
     /// Index of the first segment of the arc.
     segment: usize,
     count: u64,
-    cut: Cut<'a>,
+    cut: Slices<'a>,
     /// Roll of the tip after the arc, radians.
     roll: f64,
 }
@@ -85,18 +85,18 @@ const MAX_FITTED: usize = 1;
 /// The sequence of the layers of one segment, or of several helicoidal segments.
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to put the larger one on")]
-enum Cut<'a> {
+enum Slices<'a> {
     /// Equal layers.
-    Alike(Layer),
+    Uniform(Layer),
     /// The layers of a helicoidal arc of this radius, mm.
     Helicoid(HelicoidLayers<'a>, f64),
 }
 
-impl Cut<'_> {
+impl Slices<'_> {
     /// Returns the roll of the tip relative to the path after all layers, radians.
     fn roll(&self, keep_alive: &mut dyn FnMut()) -> f64 {
         match self {
-            Self::Alike(_) => 0.0,
+            Self::Uniform(_) => 0.0,
             Self::Helicoid(layers, _) => layers.roll(keep_alive),
         }
     }
@@ -104,7 +104,7 @@ impl Cut<'_> {
     /// Returns the number of segments.
     fn segments(&self) -> usize {
         match self {
-            Self::Alike(_) => 1,
+            Self::Uniform(_) => 1,
             Self::Helicoid(layers, _) => layers.segments(),
         }
     }
@@ -121,7 +121,7 @@ impl Cut<'_> {
 /// assert!((heights - 50.0).abs() < 1e-12);
 /// ```
 #[must_use]
-pub fn layers<'a>(path: &'a [Segment], robot: &'a Robot, slicing: Slicing) -> Layers<'a> {
+pub fn layers<'a>(path: &'a [Segment], robot: &'a Robot, slicing: Slicing) -> SlicedLayers<'a> {
     layers_with_keep_alive(path, robot, slicing, &mut || ())
 }
 
@@ -133,12 +133,12 @@ pub fn layers_with_keep_alive<'a>(
     robot: &'a Robot,
     slicing: Slicing,
     keep_alive: &mut dyn FnMut(),
-) -> Layers<'a> {
-    let none = Cut::Alike(Layer::default());
+) -> SlicedLayers<'a> {
+    let none = Slices::Uniform(Layer::default());
     let mut layers =
-        Layers { segments: path, robot, slicing, segment: 0, left: 0, cut: none, roll: 0.0, fitted: Vec::new() };
+        SlicedLayers { segments: path, robot, slicing, segment: 0, left: 0, cut: none, roll: 0.0, fitted: Vec::new() };
     if slicing == Slicing::Exact {
-        layers.fit(keep_alive);
+        layers.preslice(keep_alive);
     }
     layers.slice_from(0);
     layers
@@ -156,8 +156,13 @@ fn min_count(length: f64, limit: f64) -> f64 {
 
 /// Returns the number of layers and the layers of the first segment. If the path begins with helicoidal segments,
 /// returns those of all of them.
-fn slice<'a>(segments: &'a [Segment], robot: &Robot, slicing: Slicing, keep_alive: &mut dyn FnMut()) -> (u64, Cut<'a>) {
-    let Some(segment) = segments.first() else { return (0, Cut::Alike(Layer::default())) };
+fn slice<'a>(
+    segments: &'a [Segment],
+    robot: &Robot,
+    slicing: Slicing,
+    keep_alive: &mut dyn FnMut(),
+) -> (u64, Slices<'a>) {
+    let Some(segment) = segments.first() else { return (0, Slices::Uniform(Layer::default())) };
     let length = segment.length();
     let limit = robot.max_mean_height(segment.curvature());
     let count = match slicing {
@@ -168,7 +173,7 @@ fn slice<'a>(segments: &'a [Segment], robot: &Robot, slicing: Slicing, keep_aliv
         Slicing::Exact => length / count,
         Slicing::Whole { step } => step,
     };
-    let alike = |alpha, tilt| Cut::Alike(Layer { alpha, height, tilt });
+    let alike = |alpha, tilt| Slices::Uniform(Layer { alpha, height, tilt });
     match (*segment, slicing) {
         (Segment::Arc { alpha, bend, .. }, Slicing::Exact) => (count as u64, alike(alpha, bend / count)),
         (Segment::Arc { alpha, .. }, Slicing::Whole { .. }) => {
@@ -180,8 +185,11 @@ fn slice<'a>(segments: &'a [Segment], robot: &Robot, slicing: Slicing, keep_aliv
         }
         (Segment::Helicoid { radius, .. }, Slicing::Whole { .. }) => {
             let mut layers = Vec::new();
-            let _ = layers.push(Equal { tilt: height / radius, count: count as u32 });
-            (count as u64, Cut::Helicoid(HelicoidLayers::steps(segments.get(..1).unwrap_or_default(), layers), radius))
+            let _ = layers.push(EqualLayers { tilt: height / radius, count: count as u32 });
+            (
+                count as u64,
+                Slices::Helicoid(HelicoidLayers::steps(segments.get(..1).unwrap_or_default(), layers), radius),
+            )
         }
     }
 }
@@ -199,7 +207,7 @@ fn slice_helicoids<'a>(
     robot: &Robot,
     radius: f64,
     keep_alive: &mut dyn FnMut(),
-) -> (u64, Cut<'a>) {
+) -> (u64, Slices<'a>) {
     let limit = robot.max_mean_height(1.0 / radius);
     let mut more = 0;
     loop {
@@ -208,30 +216,30 @@ fn slice_helicoids<'a>(
             let min_count = min_count(segment.length(), limit);
             let count = min_count + f64::from(more) * (1.0 + libm::floor(min_count / 400.0));
             // The list has space for all segments that are sliced together.
-            let _ = equal.push(Equal { tilt: segment.length() / radius / count, count: count as u32 });
+            let _ = equal.push(EqualLayers { tilt: segment.length() / radius / count, count: count as u32 });
         }
         let layers = HelicoidLayers::exact(segments, equal, keep_alive);
         let steepest = layers.steepest(radius, keep_alive);
         let fits = steepest.height <= limit * (1.0 + LIMIT_SLACK) && robot.check_layer(&steepest, LIMIT_SLACK).is_ok();
         if fits || more == MORE_LAYERS {
-            return (layers.count(), Cut::Helicoid(layers, radius));
+            return (layers.count(), Slices::Helicoid(layers, radius));
         }
         // The correction makes a layer exceed a limit slightly. With more layers, all are lower.
         more += 1;
     }
 }
 
-impl<'a> Layers<'a> {
+impl<'a> SlicedLayers<'a> {
     /// Slices the first helicoidal arcs.
-    fn fit(&mut self, keep_alive: &mut dyn FnMut()) {
+    fn preslice(&mut self, keep_alive: &mut dyn FnMut()) {
         let mut roll = 0.0;
         let mut segment = 0;
         while segment < self.segments.len() {
             let (count, cut) = self.cut_from(segment, keep_alive);
             let segments = cut.segments();
-            if let Cut::Helicoid(..) = cut {
+            if let Slices::Helicoid(..) = cut {
                 roll += cut.roll(keep_alive);
-                if self.fitted.push(Fitted { segment, count, cut, roll }).is_err() {
+                if self.fitted.push(PreslicedArc { segment, count, cut, roll }).is_err() {
                     return;
                 }
             }
@@ -239,12 +247,12 @@ impl<'a> Layers<'a> {
         }
     }
 
-    fn fitted(&self, segment: usize) -> Option<&Fitted<'a>> {
+    fn fitted(&self, segment: usize) -> Option<&PreslicedArc<'a>> {
         self.fitted.iter().find(|fitted| fitted.segment == segment)
     }
 
     /// Returns the number of layers and the layers from a segment on.
-    fn cut_from(&self, segment: usize, keep_alive: &mut dyn FnMut()) -> (u64, Cut<'a>) {
+    fn cut_from(&self, segment: usize, keep_alive: &mut dyn FnMut()) -> (u64, Slices<'a>) {
         slice(self.segments.get(segment..).unwrap_or_default(), self.robot, self.slicing, keep_alive)
     }
 
@@ -252,7 +260,7 @@ impl<'a> Layers<'a> {
     fn slice_from(&mut self, segment: usize) {
         self.segment = segment;
         (self.left, self.cut) = match self.fitted(segment) {
-            Some(Fitted { count, cut, .. }) => (*count, cut.clone()),
+            Some(PreslicedArc { count, cut, .. }) => (*count, cut.clone()),
             None => self.cut_from(segment, &mut || ()),
         };
     }
@@ -270,7 +278,7 @@ impl<'a> Layers<'a> {
     }
 }
 
-impl Iterator for Layers<'_> {
+impl Iterator for SlicedLayers<'_> {
     type Item = SlicedLayer;
 
     fn next(&mut self) -> Option<SlicedLayer> {
@@ -278,8 +286,8 @@ impl Iterator for Layers<'_> {
             return None;
         }
         let (index, layer) = match &mut self.cut {
-            Cut::Alike(layer) => (0, *layer),
-            Cut::Helicoid(layers, radius) => layers.next(*radius),
+            Slices::Uniform(layer) => (0, *layer),
+            Slices::Helicoid(layers, radius) => layers.next(*radius),
         };
         // In a layer without tilt, alpha has no meaning.
         let alpha = if layer.tilt > 0.0 { wrap_positive(layer.alpha - self.roll) } else { layer.alpha };
@@ -309,7 +317,7 @@ impl Iterator for Layers<'_> {
     }
 }
 
-impl FusedIterator for Layers<'_> {}
+impl FusedIterator for SlicedLayers<'_> {}
 
 #[cfg(test)]
 mod tests {

@@ -8,7 +8,7 @@
 
 use nalgebra::{Rotation3, SMatrix, SVector, Vector3};
 
-use super::measurement::{Measurement, Seen, SensorNoise};
+use super::measurement::{MeasuredQuantities, Measurement, SensorNoise};
 use crate::kinematics::step;
 use crate::layer::Layer;
 use crate::pose::Frame;
@@ -24,7 +24,7 @@ type Covariance = SMatrix<f64, ERRORS, ERRORS>;
 type Errors = SVector<f64, ERRORS>;
 
 /// Standard deviations that are assumed for any robot before the first measurement.
-mod assumed {
+mod prior {
     use core::f64::consts::PI;
 
     const DEGREE: f64 = PI / 180.0;
@@ -52,10 +52,10 @@ mod assumed {
     /// Standard deviation of the twist of a single layer, radians.
     pub const TWIST_NOISE: f64 = 0.001 * DEGREE;
     /// Number of measured angles, two for each layer, over which the surprise is averaged.
-    pub const SURPRISE_WINDOW: f64 = 60.0;
+    pub const NIS_WINDOW: f64 = 60.0;
     /// Max excess of the surprise over 1 that counts as chance. One in some 10,000 growths of a thousand layers exceeds
     /// it by chance.
-    pub const SURPRISE_BY_CHANCE: f64 = 0.7;
+    pub const NIS_EXCESS_BY_CHANCE: f64 = 0.7;
 }
 
 /// The systematic errors of the robot, the same in every layer, as learned so far.
@@ -73,12 +73,12 @@ pub struct SystematicErrors {
 
 impl SystematicErrors {
     /// Returns the errors, limited to the max that a robot can have, so that broken sensors cannot lead to larger ones.
-    fn within_reason(&self) -> Self {
+    fn clamped(&self) -> Self {
         Self {
-            growth: self.growth.clamp(-assumed::MAX_SHARE, assumed::MAX_SHARE),
-            tilt: self.tilt.clamp(-assumed::MAX_SHARE, assumed::MAX_SHARE),
-            alpha: self.alpha.clamp(-assumed::MAX_ALPHA, assumed::MAX_ALPHA),
-            twist: self.twist.clamp(-assumed::MAX_TWIST, assumed::MAX_TWIST),
+            growth: self.growth.clamp(-prior::MAX_SHARE, prior::MAX_SHARE),
+            tilt: self.tilt.clamp(-prior::MAX_SHARE, prior::MAX_SHARE),
+            alpha: self.alpha.clamp(-prior::MAX_ALPHA, prior::MAX_ALPHA),
+            twist: self.twist.clamp(-prior::MAX_TWIST, prior::MAX_TWIST),
         }
     }
 
@@ -117,7 +117,7 @@ pub struct Estimator {
     /// Layers since the latest measurement of the odometry.
     unmeasured: Unmeasured,
     /// Mean square of the latest innovations of directions, divided by its expected value.
-    surprise: f64,
+    mean_nis: f64,
 }
 
 /// The expected growth of layers that the odometry has not measured yet.
@@ -143,18 +143,18 @@ impl Estimator {
     /// Creates an estimate that begins at a known `base_from_tip`.
     pub fn new(base_from_tip: Frame, noise: SensorNoise) -> Self {
         let mut covariance = Covariance::zeros();
-        covariance[(TILT_GAIN, TILT_GAIN)] = square(assumed::TILT_GAIN);
-        covariance[(ALPHA, ALPHA)] = square(assumed::ALPHA);
-        covariance[(TWIST, TWIST)] = square(assumed::TWIST);
+        covariance[(TILT_GAIN, TILT_GAIN)] = square(prior::TILT_GAIN);
+        covariance[(ALPHA, ALPHA)] = square(prior::ALPHA);
+        covariance[(TWIST, TWIST)] = square(prior::TWIST);
         Self {
             noise,
             base_from_tip,
             systematic: SystematicErrors::default(),
             covariance,
-            bias_variance: square(assumed::GROWTH_BIAS),
-            growth_variance: square(assumed::GROWTH),
+            bias_variance: square(prior::GROWTH_BIAS),
+            growth_variance: square(prior::GROWTH),
             unmeasured: Unmeasured::default(),
-            surprise: 1.0,
+            mean_nis: 1.0,
         }
     }
 
@@ -187,9 +187,9 @@ impl Estimator {
     /// The variance of an innovation is that of the direction's error and that of the sensor. So if innovations exceed
     /// the expected ones by more than chance, the excess is due to the direction's error, which the covariance does not
     /// include.
-    pub fn doubt(&self) -> f64 {
-        let unexpected = self.surprise - 1.0;
-        if unexpected < assumed::SURPRISE_BY_CHANCE {
+    pub fn sigma_scale(&self) -> f64 {
+        let unexpected = self.mean_nis - 1.0;
+        if unexpected < prior::NIS_EXCESS_BY_CHANCE {
             return 1.0;
         }
         let variance = (0.5 * square(self.direction_deviation())).max(f64::MIN_POSITIVE);
@@ -202,7 +202,7 @@ impl Estimator {
 
     /// Ingests a layer that has been laid, as commanded and as measured. Returns the tip's growth since the previous
     /// call, mm.
-    pub fn laid(&mut self, commanded: &Layer, measured: &Measurement) -> f64 {
+    pub fn update(&mut self, commanded: &Layer, measured: &Measurement) -> f64 {
         let MeasuredGrowth { growth, variance, correction } =
             self.odometry(commanded, measured.growth.filter(|grown| grown.is_finite()));
         self.predict(commanded, growth, variance);
@@ -218,7 +218,7 @@ impl Estimator {
 
     /// Predicts the state after a layer with these kinds of measurement: the covariance as it will be, and the tip as
     /// expected. The systematic errors do not change.
-    pub fn expect(&mut self, commanded: &Layer, seen: Seen) {
+    pub fn forecast_layer(&mut self, commanded: &Layer, seen: MeasuredQuantities) {
         let height = commanded.height;
         let (variance, noise) = (square(height) * self.growth_variance, square(height * self.noise.odometry));
         let left = if seen.growth { variance * noise / (variance + noise).max(f64::MIN_POSITIVE) } else { variance };
@@ -260,16 +260,16 @@ impl Estimator {
     /// Learns the growth's bias and noise from one layer. `innovation` is a fraction of the layer's height, and
     /// `odometry` is the variance of the measurement, a squared fraction.
     fn learn_growth(&mut self, innovation: f64, odometry: f64) {
-        self.bias_variance += square(assumed::GROWTH_BIAS_DRIFT);
+        self.bias_variance += square(prior::GROWTH_BIAS_DRIFT);
         let variance = self.bias_variance + self.growth_variance + odometry;
         let gain = self.bias_variance / variance;
         self.systematic.growth += gain * innovation;
-        self.systematic = self.systematic.within_reason();
+        self.systematic = self.systematic.clamped();
         self.bias_variance *= 1.0 - gain;
         // An outlier counts as three standard deviations at most.
         let noise = (square(innovation) - odometry - self.bias_variance).min(9.0 * self.growth_variance);
-        let found = self.growth_variance + (noise - self.growth_variance) / assumed::GROWTH_WINDOW;
-        self.growth_variance = found.max(square(assumed::GROWTH_MIN));
+        let found = self.growth_variance + (noise - self.growth_variance) / prior::GROWTH_WINDOW;
+        self.growth_variance = found.max(square(prior::GROWTH_MIN));
     }
 
     /// Predicts the tip after a layer of this growth (mm) and variance (mm^2).
@@ -296,7 +296,7 @@ impl Estimator {
         let along = moved.try_normalize(0.0).unwrap_or_else(|| self.direction());
         let mut position = self.covariance.fixed_view_mut::<3, 3>(0, 0);
         position += along * along.transpose() * growth_variance;
-        let (lean, twist) = (square(assumed::LEAN_NOISE), square(assumed::TWIST_NOISE));
+        let (lean, twist) = (square(prior::LEAN_NOISE), square(prior::TWIST_NOISE));
         let mut attitude = self.covariance.fixed_view_mut::<3, 3>(3, 3);
         attitude += SMatrix::<f64, 3, 3>::identity() * lean + twists * twists.transpose() * (twist - lean);
         self.base_from_tip = after;
@@ -307,25 +307,25 @@ impl Estimator {
         let rotation = self.base_from_tip.rotation;
         let (x, y) = (rotation * Vector3::x(), rotation * Vector3::y());
         // An error w turns the direction d by w x d: along x by w.y, along y by -w.x.
-        self.update([(y, x.dot(direction)), (-x, y.dot(direction))]);
+        self.update_attitude([(y, x.dot(direction)), (-x, y.dot(direction))]);
     }
 
     /// Updates with the direction upwards, measured in the tip's frame.
     fn update_by_up(&mut self, up: &Vector3<f64>) {
         let seen = self.base_from_tip.rotation * up;
         // An error w appears as z - w x z.
-        self.update([(-Vector3::y(), seen.x), (Vector3::x(), seen.y)]);
+        self.update_attitude([(-Vector3::y(), seen.x), (Vector3::x(), seen.y)]);
     }
 
     /// Updates with two measurements of the attitude's error, each an axis and the component along it (radians).
-    fn update(&mut self, measured: [(Vector3<f64>, f64); 2]) {
+    fn update_attitude(&mut self, measured: [(Vector3<f64>, f64); 2]) {
         let mut found = Errors::zeros();
         for (axis, value) in measured {
             let toward = self.covariance.fixed_view::<ERRORS, 3>(0, 3) * axis;
             let variance = axis.dot(&toward.fixed_rows::<3>(3)) + square(self.noise.direction);
             if variance > 0.0 {
                 let innovation = value - axis.dot(&found.fixed_rows::<3>(3));
-                self.surprise += (square(innovation) / variance - self.surprise) / assumed::SURPRISE_WINDOW;
+                self.mean_nis += (square(innovation) / variance - self.mean_nis) / prior::NIS_WINDOW;
                 found += toward * (innovation / variance);
                 self.covariance -= toward * toward.transpose() / variance;
             }
@@ -336,7 +336,7 @@ impl Estimator {
         self.systematic.tilt += found[TILT_GAIN];
         self.systematic.alpha += found[ALPHA];
         self.systematic.twist += found[TWIST];
-        self.systematic = self.systematic.within_reason();
+        self.systematic = self.systematic.clamped();
     }
 }
 
@@ -372,7 +372,7 @@ mod tests {
     use super::*;
     use crate::angle::{degrees, radians};
     use crate::pose::{Pose, angle_between, tip_direction};
-    use crate::simulation::{DirectionSensor, Disturbance, Sensors};
+    use crate::simulation::{DirectionSensor, Disturbance, SimulatedSensors};
 
     const NOISE: SensorNoise = SensorNoise { odometry: 0.01, direction: 0.0087 };
 
@@ -391,12 +391,12 @@ mod tests {
 
     /// Returns the estimate and the true frame after all layers.
     fn follow(disturbance: &Disturbance, direction: DirectionSensor, seed: u64) -> (Estimator, Frame) {
-        let sensors = Sensors { noise: NOISE, odometry_scale: 0.0, direction };
+        let sensors = SimulatedSensors { noise: NOISE, odometry_scale: 0.0, direction };
         let (mut estimator, mut truth) = (Estimator::new(start(), NOISE), start());
         for (index, layer) in (0..).zip(layers()) {
             let laid = disturbance.lay(seed, index, &layer);
             truth *= laid.step();
-            estimator.laid(&layer, &sensors.measure(seed, index, &layer, &laid, &truth));
+            estimator.update(&layer, &sensors.measure(seed, index, &layer, &laid, &truth));
         }
         (estimator, truth)
     }
@@ -446,7 +446,7 @@ mod tests {
             let doubted = (0..20).map(|seed| follow(&disturbance, DirectionSensor::Tip, seed));
             let (mut error, mut told, mut max) = (0.0, 0.0, 0.0_f64);
             for (estimator, truth) in doubted {
-                let doubt = estimator.doubt();
+                let doubt = estimator.sigma_scale();
                 error += square(off(&estimator, &truth).1);
                 told += square(doubt * estimator.direction_deviation());
                 max = max.max(doubt);
@@ -482,7 +482,7 @@ mod tests {
         let mut estimator = Estimator::new(start(), NOISE);
         for index in 1..=100 {
             let growth = (index % 5 == 0).then_some(5.0 * 0.8);
-            estimator.laid(&layer, &Measurement { growth, ..Measurement::default() });
+            estimator.update(&layer, &Measurement { growth, ..Measurement::default() });
         }
         let grown = (estimator.base_from_tip().translation.vector - start().translation.vector).norm();
         assert!((grown - 80.0).abs() < 0.3, "{grown}");
@@ -498,8 +498,8 @@ mod tests {
         };
         let (mut told_nonsense, mut told_nothing) = (Estimator::new(start(), NOISE), Estimator::new(start(), NOISE));
         for _ in 0..10 {
-            told_nonsense.laid(&layer, &nothing);
-            told_nothing.laid(&layer, &Measurement::default());
+            told_nonsense.update(&layer, &nothing);
+            told_nothing.update(&layer, &Measurement::default());
         }
         assert_eq!(told_nonsense, told_nothing);
     }

@@ -16,7 +16,7 @@ pub struct Measurement {
 
 /// The kinds of measurement that exist after a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Seen {
+pub struct MeasuredQuantities {
     /// True if the growth is measured.
     pub growth: bool,
     /// True if the direction of growth is measured.
@@ -25,7 +25,7 @@ pub struct Seen {
     pub up: bool,
 }
 
-impl From<&Measurement> for Seen {
+impl From<&Measurement> for MeasuredQuantities {
     fn from(measured: &Measurement) -> Self {
         let Measurement { growth, direction, up } = measured;
         Self { growth: growth.is_some(), direction: direction.is_some(), up: up.is_some() }

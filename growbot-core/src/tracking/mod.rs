@@ -9,6 +9,6 @@ mod reference;
 mod tracker;
 
 pub use estimator::SystematicErrors;
-pub use measurement::{Measurement, Seen, SensorNoise};
-pub use reference::Miss;
+pub use measurement::{MeasuredQuantities, Measurement, SensorNoise};
+pub use reference::GoalError;
 pub use tracker::{Estimate, Tracker};

@@ -89,7 +89,7 @@ impl Piece {
 
 /// The error at the end of a reference trajectory.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Miss {
+pub struct GoalError {
     /// Distance from the goal, mm.
     pub distance: f64,
     /// Angle between the directions of growth, radians.
@@ -98,19 +98,19 @@ pub struct Miss {
 
 /// The rest of a path as a reference trajectory.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Reference {
+pub struct ReferenceTrajectory {
     pieces: Vec<Piece, MAX_PIECES>,
     /// Scale of lengths and curvatures, mm.
     radius: f64,
     /// Dual variables of the latest correction. They are a pull on the end that bends the segments to their present
     /// shapes.
-    pull: Constraint,
+    multipliers: Constraint,
 }
 
-impl Reference {
+impl ReferenceTrajectory {
     /// Creates the reference trajectory of a path of up to [`MAX_SEGMENTS`](crate::path::MAX_SEGMENTS) segments.
     /// `radius` is the scale of lengths, mm.
-    pub fn along(path: &[Segment], radius: f64) -> Self {
+    pub fn from_path(path: &[Segment], radius: f64) -> Self {
         let bend: f64 = path.iter().map(Segment::bend).sum();
         let length: f64 = path.iter().map(Segment::length).sum();
         // The fraction of the reference segments that a segment of the path gets, by its fractions of the bends and of
@@ -129,7 +129,7 @@ impl Reference {
                 let _ = pieces.push(piece);
             }
         }
-        Self { pieces, radius, pull: Constraint::zeros() }
+        Self { pieces, radius, multipliers: Constraint::zeros() }
     }
 
     /// Returns the length, mm.
@@ -189,7 +189,7 @@ impl Reference {
     /// Bends the reference trajectory so that it leads from the tip to the goal, with no curvature above
     /// `max_curvature` (1/mm), and returns the remaining error. If few segments remain they are divided, down to about
     /// `resolution` mm.
-    pub fn correct(&mut self, base_from_tip: &Frame, goal: &Pose, max_curvature: f64, resolution: f64) -> Miss {
+    pub fn correct(&mut self, base_from_tip: &Frame, goal: &Pose, max_curvature: f64, resolution: f64) -> GoalError {
         self.refine(resolution);
         let mut linear = Linear::default();
         linear.set(self, base_from_tip, goal, max_curvature);
@@ -218,7 +218,7 @@ impl Reference {
             piece.curvature = (piece.curvature + before.curvature) * 0.5;
             piece.length = 0.5 * (piece.length + before.length);
         }
-        self.pull = (self.pull + before.pull) * 0.5;
+        self.multipliers = (self.multipliers + before.multipliers) * 0.5;
     }
 
     /// Divides the longest segments while there are few.
@@ -249,7 +249,7 @@ struct Linear {
     from_planned: Constraint,
     /// Columns of the segments, from the last segment to the first.
     columns: Vec<Columns, MAX_PIECES>,
-    miss: Miss,
+    miss: GoalError,
 }
 
 /// Derivatives of the end with respect to one segment, and the limits of the segment.
@@ -314,7 +314,7 @@ impl Columns {
 
 impl Linear {
     /// Linearises the end of `reference`.
-    fn set(&mut self, reference: &Reference, base_from_tip: &Frame, goal: &Pose, max_curvature: f64) {
+    fn set(&mut self, reference: &ReferenceTrajectory, base_from_tip: &Frame, goal: &Pose, max_curvature: f64) {
         let constraint = |moved: Vector3<f64>, turned: Vector3<f64>| {
             let moved = moved / reference.radius;
             Constraint::new(moved.x, moved.y, moved.z, turned.y, -turned.x)
@@ -358,7 +358,7 @@ impl Linear {
         let about = Vector3::z().cross(&direction).try_normalize(1e-12).unwrap_or_else(Vector3::zeros);
         let error = constraint(to_goal, about * angle);
         (self.error, self.from_planned) = (error, from_planned + error);
-        self.miss = Miss { distance: to_goal.norm(), angle };
+        self.miss = GoalError { distance: to_goal.norm(), angle };
     }
 
     /// Returns the error in units of [`GOAL_DEVIATION`].
@@ -373,24 +373,24 @@ impl Linear {
     /// and no bound. The unknowns are a pull on the end of the reference trajectory, to which each segment responds
     /// independently. Newton's method with Armijo's step rule finds the pull (Nocedal and Wright 2006, chapters 3 and
     /// 17).
-    fn pull(&self, reference: &mut Reference) {
-        let mut at = self.dual(&reference.pull);
+    fn pull(&self, reference: &mut ReferenceTrajectory) {
+        let mut at = self.dual(&reference.multipliers);
         for _ in 0..NEWTON_STEPS {
             let Some(step) = at.hessian.cholesky().map(|cholesky| cholesky.solve(&at.slope)) else { break };
             let decrease = step.dot(&at.slope);
-            let (mut share, mut next) = (1.0, self.dual(&(reference.pull - step)));
+            let (mut share, mut next) = (1.0, self.dual(&(reference.multipliers - step)));
             while next.value > at.value - 1e-4 * share * decrease && share > 1e-3 {
                 share *= 0.5;
-                next = self.dual(&(reference.pull - step * share));
+                next = self.dual(&(reference.multipliers - step * share));
             }
-            reference.pull -= step * share;
+            reference.multipliers -= step * share;
             at = next;
             if at.slope.norm() < NEARLY * NEARLY {
                 break;
             }
         }
         for (piece, columns) in reference.pieces.iter_mut().rev().zip(&self.columns) {
-            (Shape { curvature: piece.curvature, length: piece.length }, _) = columns.give_way(&reference.pull);
+            (Shape { curvature: piece.curvature, length: piece.length }, _) = columns.give_way(&reference.multipliers);
         }
     }
 
@@ -439,11 +439,11 @@ mod tests {
     use super::*;
     use crate::path::end;
     use crate::plan::{Planner, plan};
-    use crate::random::Random;
+    use crate::random::Rng;
     use crate::testing::robot_a;
     use std::vec::Vec as List;
 
-    fn pose(random: &mut Random, distance: f64) -> Pose {
+    fn pose(random: &mut Rng, distance: f64) -> Pose {
         let (position, direction) = (random.direction() * distance, random.direction());
         Pose::new(position, libm::atan2(direction.y, direction.x), libm::asin(direction.z)).unwrap()
     }
@@ -453,8 +453,8 @@ mod tests {
         let robot = robot_a();
         (0..40)
             .map(|seed| {
-                let mut random = Random::new(&[seed]);
-                let distance = if seed < 10 { 150.0 } else { random.between(400.0, 1500.0) };
+                let mut random = Rng::new(&[seed]);
+                let distance = if seed < 10 { 150.0 } else { random.uniform_between(400.0, 1500.0) };
                 let (start, goal) = (pose(&mut random, 0.0), pose(&mut random, distance));
                 let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
                 (start, goal, path.to_vec())
@@ -465,7 +465,7 @@ mod tests {
     #[test]
     fn a_reference_is_the_path() {
         for (start, _, path) in problems() {
-            let reference = Reference::along(&path, 100.0);
+            let reference = ReferenceTrajectory::from_path(&path, 100.0);
             let planned = end(&path, &start.frame());
             let helicoid = path.iter().any(|segment| matches!(segment, Segment::Helicoid { .. }));
             let off = (reference.end(&start.frame()).translation.vector - planned.translation.vector).norm();
@@ -478,11 +478,11 @@ mod tests {
         let max_curvature = 1.0 / 98.2;
         let mut missed = 0;
         for (seed, (start, goal, path)) in (0..).zip(problems()) {
-            let mut random = Random::new(&[seed, 1]);
+            let mut random = Rng::new(&[seed, 1]);
             let mut off = start.frame();
             off.translation.vector += random.normal_vector();
             off.rotation = super::super::estimator::rotation(&(random.normal_vector() * 0.01)) * off.rotation;
-            let mut reference = Reference::along(&path, 100.0);
+            let mut reference = ReferenceTrajectory::from_path(&path, 100.0);
             let miss = reference.correct(&off, &goal, max_curvature, 0.774);
             assert!(reference.pieces.iter().all(|piece| piece.curvature.norm() <= max_curvature * (1.0 + 1e-12)));
             let end = reference.end(&off);
@@ -498,7 +498,7 @@ mod tests {
         let path = [Segment::Straight { length: 10.0 }];
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let goal = Pose::from_degrees([5.0, 0.0, 10.0, 0.0, 90.0]).unwrap();
-        let mut reference = Reference::along(&path, 100.0);
+        let mut reference = ReferenceTrajectory::from_path(&path, 100.0);
         let miss = reference.correct(&start.frame(), &goal, 0.01, 0.774);
         assert!((4.0..5.0).contains(&miss.distance) && miss.angle < 0.05, "{miss:?}");
         assert!((5.0..20.0).contains(&reference.length()));
@@ -507,7 +507,7 @@ mod tests {
     #[test]
     fn advancing_removes_length_from_the_beginning() {
         let path = [Segment::Straight { length: 10.0 }, Segment::Arc { alpha: 0.0, bend: 0.5, length: 50.0 }];
-        let mut reference = Reference::along(&path, 100.0);
+        let mut reference = ReferenceTrajectory::from_path(&path, 100.0);
         reference.advance(30.0);
         assert!((reference.length() - 30.0).abs() < 1e-12);
         assert!((reference.curvature_over(5.0).norm() - 0.01).abs() < 1e-15);

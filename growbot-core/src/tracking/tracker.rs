@@ -5,8 +5,8 @@ use core::f64::consts::PI;
 use nalgebra::Vector2;
 
 use super::estimator::{Estimator, SystematicErrors};
-use super::measurement::{Measurement, Seen, SensorNoise};
-use super::reference::{Miss, Reference};
+use super::measurement::{MeasuredQuantities, Measurement, SensorNoise};
+use super::reference::{GoalError, ReferenceTrajectory};
 use crate::angle::wrap_positive;
 use crate::layer::Layer;
 use crate::path::{Leg, MAX_SEGMENTS, Segment, end};
@@ -19,9 +19,9 @@ pub struct Estimate {
     /// The estimated frame of the tip.
     pub base_from_tip: Frame,
     /// Standard deviation of the position, mm: the root of the sum over the axes.
-    pub position_deviation: f64,
+    pub position_sd: f64,
     /// Standard deviation of the direction, radians: the root of the sum over the two axes perpendicular to it.
-    pub direction_deviation: f64,
+    pub direction_sd: f64,
     /// Systematic errors of the robot's layers, as learned so far.
     pub systematic_errors: SystematicErrors,
 }
@@ -32,7 +32,7 @@ pub struct Tracker<'a> {
     robot: &'a Robot,
     estimator: Estimator,
     /// The reference trajectory to the next goal. It begins with the next layer that can be changed.
-    reference: Reference,
+    reference: ReferenceTrajectory,
     /// Estimated frame of the tip at the beginning of the reference trajectory.
     begins: Frame,
     stages: Stages<'a>,
@@ -41,7 +41,7 @@ pub struct Tracker<'a> {
     /// Number of layers that can no longer be changed. Their part of the reference trajectory has been removed.
     committed: u64,
     /// Error at the end of the reference trajectory.
-    miss: Miss,
+    miss: GoalError,
 }
 
 impl<'a> Tracker<'a> {
@@ -50,17 +50,18 @@ impl<'a> Tracker<'a> {
     #[must_use]
     pub fn new(robot: &'a Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg], noise: SensorNoise) -> Self {
         let mut stages = Stages::new(robot, start, path, legs);
-        let reference = stages.next(&start.frame()).unwrap_or_else(|| Reference::along(&[], stages.radius));
+        let reference =
+            stages.next(&start.frame()).unwrap_or_else(|| ReferenceTrajectory::from_path(&[], stages.radius));
         let (estimator, begins) = (Estimator::new(start.frame(), noise), start.frame());
         let mut tracker =
-            Self { robot, estimator, reference, begins, stages, laid: 0, committed: 0, miss: Miss::default() };
+            Self { robot, estimator, reference, begins, stages, laid: 0, committed: 0, miss: GoalError::default() };
         tracker.replan(&[]);
         tracker
     }
 
     /// Ingests a layer that has been laid, as commanded and as measured.
-    pub fn laid(&mut self, commanded: &Layer, measured: &Measurement) {
-        let growth = self.estimator.laid(commanded, measured);
+    pub fn record_layer(&mut self, commanded: &Layer, measured: &Measurement) {
+        let growth = self.estimator.update(commanded, measured);
         self.laid += 1;
         if self.committed < self.laid {
             self.commit(growth);
@@ -94,7 +95,7 @@ impl<'a> Tracker<'a> {
     }
 
     /// Steers along another path, which begins at this pose, at the beginning of the reference trajectory.
-    pub fn follow(&mut self, start: &Pose, path: &'a [Segment], legs: &'a [Leg]) {
+    pub fn switch_path(&mut self, start: &Pose, path: &'a [Segment], legs: &'a [Leg]) {
         self.stages = Stages::new(self.robot, start, path, legs);
         let Some(reference) = self.stages.next(&self.begins) else { return };
         self.reference = reference;
@@ -105,28 +106,28 @@ impl<'a> Tracker<'a> {
     /// Returns the estimated frame of the tip at the beginning of the reference trajectory, which is after the layers
     /// in progress.
     #[must_use]
-    pub fn begins(&self) -> &Frame {
+    pub fn reference_start(&self) -> &Frame {
         &self.begins
     }
 
     /// Returns the goals of the legs that have not been grown to their end.
-    pub fn goals_left(&self) -> impl Iterator<Item = Pose> {
+    pub fn remaining_goals(&self) -> impl Iterator<Item = Pose> {
         let Stages { legs, goal, ends_leg, .. } = &self.stages;
         ends_leg.then_some(*goal).into_iter().chain(legs.iter().map(|leg| leg.goal))
     }
 
     /// Returns the forecast standard deviations of the position (mm, as in [`Estimate`]) after each of these layers,
     /// which are the next to be laid. `seen` are the kinds of measurement after each layer.
-    pub fn forecast(&self, layers: impl Iterator<Item = Layer>, seen: Seen) -> impl Iterator<Item = f64> {
+    pub fn forecast(&self, layers: impl Iterator<Item = Layer>, seen: MeasuredQuantities) -> impl Iterator<Item = f64> {
         let mut estimator = self.estimator.clone();
         layers.map(move |layer| {
-            estimator.expect(&layer, seen);
+            estimator.forecast_layer(&layer, seen);
             estimator.position_deviation()
         })
     }
 
     /// Returns the layers to command from here to the last goal, as planned now.
-    pub fn rest(&self) -> impl Iterator<Item = Layer> + use<'a> {
+    pub fn remaining_layers(&self) -> impl Iterator<Item = Layer> + use<'a> {
         let (robot, systematic, max_curvature) = (self.robot, *self.estimator.systematic(), self.max_curvature());
         let (mut reference, mut stages) = (self.reference.clone(), self.stages.clone());
         let mut ends = reference.end(&self.begins);
@@ -155,8 +156,8 @@ impl<'a> Tracker<'a> {
     pub fn estimate(&self) -> Estimate {
         Estimate {
             base_from_tip: *self.estimator.base_from_tip(),
-            position_deviation: self.estimator.position_deviation(),
-            direction_deviation: self.estimator.direction_deviation(),
+            position_sd: self.estimator.position_deviation(),
+            direction_sd: self.estimator.direction_deviation(),
             systematic_errors: *self.estimator.systematic(),
         }
     }
@@ -164,13 +165,13 @@ impl<'a> Tracker<'a> {
     /// Returns the factor by which to scale the standard deviations of estimate and forecast, from the normalised
     /// innovations of the measured directions. It is 1 if layers and sensors behave as modelled.
     #[must_use]
-    pub fn doubt(&self) -> f64 {
-        self.estimator.doubt()
+    pub fn sigma_scale(&self) -> f64 {
+        self.estimator.sigma_scale()
     }
 
     /// Returns the error at the next goal that the reference trajectory leaves.
     #[must_use]
-    pub fn miss(&self) -> Miss {
+    pub fn goal_error(&self) -> GoalError {
         self.miss
     }
 
@@ -205,13 +206,13 @@ impl<'a> Stages<'a> {
     fn new(robot: &Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg]) -> Self {
         let curvature = path.iter().map(Segment::curvature).fold(0.0, f64::max);
         let radius = if curvature > 0.0 { 1.0 / curvature } else { robot.min_radius() };
-        let left = legs.first().map_or(0, |leg| leg.segments);
+        let left = legs.first().map_or(0, |leg| leg.segment_count);
         Self { path, legs, left, planned: start.frame(), goal: *start, ends_leg: false, radius }
     }
 
     /// Returns the reference trajectory of the next stage, for a tip that is approximately at its beginning. `None`
     /// after the last stage.
-    fn next(&mut self, base_from_tip: &Frame) -> Option<Reference> {
+    fn next(&mut self, base_from_tip: &Frame) -> Option<ReferenceTrajectory> {
         let (leg, later) = self.legs.split_first()?;
         let count = self.left.min(MAX_SEGMENTS);
         let (segments, rest) = self.path.split_at_checked(count).unwrap_or((self.path, &[]));
@@ -222,26 +223,26 @@ impl<'a> Stages<'a> {
         // Bends are in the frame that the path carries along. The tip may be rolled relative to that frame.
         let planned_from_tip = self.planned.rotation.inverse() * base_from_tip.rotation;
         let matrix = planned_from_tip.matrix();
-        let mut reference = Reference::along(segments, self.radius);
+        let mut reference = ReferenceTrajectory::from_path(segments, self.radius);
         reference.roll(libm::atan2(matrix[(1, 0)], matrix[(0, 0)]));
         (self.path, self.planned) = (rest, planned_end);
         if self.left == 0 {
             self.legs = later;
-            self.left = later.first().map_or(0, |leg| leg.segments);
+            self.left = later.first().map_or(0, |leg| leg.segment_count);
         }
         Some(reference)
     }
 }
 
 /// Reports whether the rest of a reference trajectory is too thin for a layer.
-fn too_thin(reference: &Reference, robot: &Robot) -> bool {
+fn too_thin(reference: &ReferenceTrajectory, robot: &Robot) -> bool {
     reference.length() < 0.5 * robot.description().layer.height_min_mm
 }
 
 /// Returns the first layer of a reference trajectory, as commanded, and its expected growth, mm. `None` if the rest is
 /// too thin to be laid.
 fn first_layer(
-    reference: &Reference,
+    reference: &ReferenceTrajectory,
     robot: &Robot,
     systematic: &SystematicErrors,
     max_curvature: f64,
@@ -272,9 +273,9 @@ fn first_layer(
 mod tests {
     use super::*;
     use crate::layer::grow;
-    use crate::plan::{Planner, miss, plan};
-    use crate::random::Random;
-    use crate::simulation::{DirectionSensor, Disturbance, Sensors, Task, grow_closed};
+    use crate::plan::{Planner, goal_error, plan};
+    use crate::random::Rng;
+    use crate::simulation::{DirectionSensor, Disturbance, GrowthTask, SimulatedSensors, grow_closed_loop};
     use crate::slicing::LIMIT_SLACK;
     use crate::testing::robot_a;
     use std::collections::VecDeque;
@@ -291,11 +292,11 @@ mod tests {
     fn the_rest_leads_to_the_goal_in_layers_that_can_be_laid() {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
-        let legs = [Leg { goal, segments: path.len() }];
+        let legs = [Leg { goal, segment_count: path.len() }];
         let tracker = Tracker::new(&robot, &start, &path, &legs, NOISE);
-        let missed = miss(&grow(&start.frame(), tracker.rest()), &goal);
+        let missed = goal_error(&grow(&start.frame(), tracker.remaining_layers()), &goal);
         assert!(missed.distance < 0.05 && missed.angle < 1e-4, "{missed:?}");
-        for layer in tracker.rest() {
+        for layer in tracker.remaining_layers() {
             robot.check_layer(&layer, LIMIT_SLACK).unwrap();
         }
     }
@@ -304,11 +305,11 @@ mod tests {
     fn grow_behind(under_way: usize, disturbance: &Disturbance, seed: u64) -> f64 {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
-        let legs = [Leg { goal, segments: path.len() }];
-        let sensors = Sensors { noise: NOISE, odometry_scale: 0.0, direction: DirectionSensor::Tip };
+        let legs = [Leg { goal, segment_count: path.len() }];
+        let sensors = SimulatedSensors { noise: NOISE, odometry_scale: 0.0, direction: DirectionSensor::Tip };
         let mut tracker = Tracker::new(&robot, &start, &path, &legs, NOISE);
         let (mut truth, mut index) = (start.frame(), 0);
-        let mut queue: VecDeque<Layer> = tracker.rest().take(under_way).collect();
+        let mut queue: VecDeque<Layer> = tracker.remaining_layers().take(under_way).collect();
         tracker.replan(queue.make_contiguous());
         loop {
             queue.extend(tracker.next_layer());
@@ -316,7 +317,7 @@ mod tests {
             robot.check_layer(&layer, LIMIT_SLACK).unwrap();
             let laid = disturbance.lay(seed, index, &layer);
             truth *= laid.step();
-            tracker.laid(&layer, &sensors.measure(seed, index, &layer, &laid, &truth));
+            tracker.record_layer(&layer, &sensors.measure(seed, index, &layer, &laid, &truth));
             tracker.replan(queue.make_contiguous());
             index += 1;
         }
@@ -336,25 +337,25 @@ mod tests {
     fn what_will_be_known_is_told_before_it_is() {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
-        let legs = [Leg { goal, segments: path.len() }];
+        let legs = [Leg { goal, segment_count: path.len() }];
         let disturbance = Disturbance { growth_noise: 0.1, ..Disturbance::default() };
         for direction in [DirectionSensor::Tip, DirectionSensor::Gravity] {
-            let sensors = Sensors { noise: NOISE, odometry_scale: 0.0, direction };
+            let sensors = SimulatedSensors { noise: NOISE, odometry_scale: 0.0, direction };
             let mut tracker = Tracker::new(&robot, &start, &path, &legs, NOISE);
             let (mut truth, mut index, mut told) = (start.frame(), 0, Vec::new());
             while let Some(layer) = tracker.next_layer() {
                 if index == 100 {
                     let tip = direction == DirectionSensor::Tip;
-                    let seen = Seen { growth: true, direction: tip, up: !tip };
-                    told = tracker.forecast(tracker.rest(), seen).collect();
+                    let seen = MeasuredQuantities { growth: true, direction: tip, up: !tip };
+                    told = tracker.forecast(tracker.remaining_layers(), seen).collect();
                 }
                 let laid = disturbance.lay(5, index, &layer);
                 truth *= laid.step();
-                tracker.laid(&layer, &sensors.measure(5, index, &layer, &laid, &truth));
+                tracker.record_layer(&layer, &sensors.measure(5, index, &layer, &laid, &truth));
                 tracker.replan(&[]);
                 index += 1;
             }
-            let (told, known) = (*told.last().unwrap(), tracker.estimate().position_deviation);
+            let (told, known) = (*told.last().unwrap(), tracker.estimate().position_sd);
             assert!((told / known - 1.0).abs() < 0.1, "{told} {known}");
         }
     }
@@ -363,11 +364,11 @@ mod tests {
     fn another_path_is_followed_from_where_the_tip_is() {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
-        let legs = [Leg { goal, segments: path.len() }];
-        let sensors = Sensors { noise: NOISE, odometry_scale: 0.0, direction: DirectionSensor::Tip };
+        let legs = [Leg { goal, segment_count: path.len() }];
+        let sensors = SimulatedSensors { noise: NOISE, odometry_scale: 0.0, direction: DirectionSensor::Tip };
         let disturbance = Disturbance { growth_noise: 0.1, twist_bias: 1e-4, ..Disturbance::default() };
         let mut tracker = Tracker::new(&robot, &start, &path, &legs, NOISE);
-        assert_eq!(tracker.goals_left().collect::<Vec<_>>(), [goal]);
+        assert_eq!(tracker.remaining_goals().collect::<Vec<_>>(), [goal]);
         let (mut truth, mut index) = (start.frame(), 0);
         let other = Pose::from_degrees([100.0, 350.0, 500.0, 60.0, 0.0]).unwrap();
         let (mut from, mut longer, mut new_legs) = (start, Vec::new(), Vec::new());
@@ -375,23 +376,23 @@ mod tests {
             while let Some(layer) = tracker.next_layer() {
                 let laid = disturbance.lay(5, index, &layer);
                 truth *= laid.step();
-                tracker.laid(&layer, &sensors.measure(5, index, &layer, &laid, &truth));
+                tracker.record_layer(&layer, &sensors.measure(5, index, &layer, &laid, &truth));
                 tracker.replan(&[]);
                 index += 1;
                 if index == 200 {
-                    from = Pose::from_frame(tracker.begins());
+                    from = Pose::from_frame(tracker.reference_start());
                     longer = plan(&robot, &from, &other, 100.0, Planner::Shortest).unwrap().path.to_vec();
-                    new_legs = std::vec![Leg { goal: other, segments: longer.len() }];
+                    new_legs = std::vec![Leg { goal: other, segment_count: longer.len() }];
                     break;
                 }
             }
             if index == 200 {
-                tracker.follow(&from, longer.leak(), new_legs.leak());
+                tracker.switch_path(&from, longer.leak(), new_legs.leak());
                 (longer, new_legs) = (Vec::new(), Vec::new());
-                assert_eq!(tracker.goals_left().collect::<Vec<_>>(), [other]);
+                assert_eq!(tracker.remaining_goals().collect::<Vec<_>>(), [other]);
             }
         }
-        let missed = miss(&truth, &other);
+        let missed = goal_error(&truth, &other);
         assert!(missed.distance < 2.0 && missed.angle < 0.02, "{missed:?}");
     }
 
@@ -399,16 +400,16 @@ mod tests {
     fn no_layer_breaks_a_limit_whatever_is_measured() {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
-        let legs = [Leg { goal, segments: path.len() }];
+        let legs = [Leg { goal, segment_count: path.len() }];
         for seed in 0..20 {
-            let mut random = Random::new(&[seed]);
+            let mut random = Rng::new(&[seed]);
             let mut tracker = Tracker::new(&robot, &start, &path, &legs, NOISE);
             for _ in 0..300 {
                 let Some(layer) = tracker.next_layer() else { break };
                 robot.check_layer(&layer, LIMIT_SLACK).unwrap();
-                let growth = Some(random.between(-5.0, 5.0));
+                let growth = Some(random.uniform_between(-5.0, 5.0));
                 let (direction, up) = (Some(random.normal_vector()), Some(random.normal_vector()));
-                tracker.laid(&layer, &Measurement { growth, direction, up });
+                tracker.record_layer(&layer, &Measurement { growth, direction, up });
                 tracker.replan(&[]);
             }
         }
@@ -431,22 +432,22 @@ mod tests {
             let roll = libm::atan2(matrix[(1, 0)], matrix[(0, 0)]);
             let own: Vec<Segment> = own.iter().map(|segment| segment.rolled(roll)).collect();
             base_from_tip = end(&own, &base_from_tip);
-            legs.push(Leg { goal, segments: own.len() });
+            legs.push(Leg { goal, segment_count: own.len() });
             path.extend(own);
             from = goal;
         }
         assert!(path.len() > 20);
-        let whole = [Leg { goal: from, segments: path.len() }];
+        let whole = [Leg { goal: from, segment_count: path.len() }];
         let disturbance = Disturbance { growth_noise: 0.1, twist_bias: 1e-4, ..Disturbance::default() };
-        let sensors = Sensors { noise: NOISE, odometry_scale: 0.0, direction: DirectionSensor::Tip };
+        let sensors = SimulatedSensors { noise: NOISE, odometry_scale: 0.0, direction: DirectionSensor::Tip };
         // The legs are given or not.
         for legs in [&legs[..], &whole] {
             let tracker = Tracker::new(&robot, &start, &path, legs, NOISE);
-            let missed = miss(&grow(&start.frame(), tracker.rest()), &from);
+            let missed = goal_error(&grow(&start.frame(), tracker.remaining_layers()), &from);
             assert!(missed.distance < 1.0 && missed.angle < 0.01, "{missed:?}");
-            let task = Task { robot: &robot, start, path: &path, legs };
+            let task = GrowthTask { robot: &robot, start, path: &path, legs };
             let mut nearest = std::vec![f64::INFINITY; legs.len()];
-            let grown = grow_closed(&task, &disturbance, &sensors, 1, |layer, _, base_from_tip| {
+            let grown = grow_closed_loop(&task, &disturbance, &sensors, 1, |layer, _, base_from_tip| {
                 robot.check_layer(layer, LIMIT_SLACK).unwrap();
                 for (nearest, leg) in nearest.iter_mut().zip(legs) {
                     *nearest = nearest.min((base_from_tip.translation.vector - leg.goal.position()).norm());

@@ -189,7 +189,7 @@ fn decode_for_board(bytes: &[u8]) -> Result<Robot, RobotError> {
 /// the tip's memory, and otherwise the robot that the firmware was built for.
 #[inline(never)] // Its stack frame is needed only during the start-up.
 fn find_machine(descriptions: &mut Descriptions<PartOfFlash>) -> Result<Machine, RobotError> {
-    let mut bytes = [0; growbot_core::robot::LONGEST_ENCODED];
+    let mut bytes = [0; growbot_core::robot::MAX_ENCODED_LEN];
     let length = tip::copy_machine_description(&mut bytes);
     match (bytes.get(..length), descriptions.newest()) {
         (Some(given), Stored::Nothing) if !given.is_empty() => {

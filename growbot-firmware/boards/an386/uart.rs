@@ -2,7 +2,7 @@
 //!
 //! Interrupts empty and fill both queues, so that `main` never waits for the UART.
 
-use growbot_core::link::emergency_stop::Recogniser;
+use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_firmware::byte_queue::ByteQueue;
 
 use crate::HANDOVER;
@@ -49,7 +49,7 @@ impl Uart {
     pub fn start(clock_hz: u32) -> Self {
         // The emulator ignores the rate, but requires a divider of at least 16.
         BAUD_DIVIDER.write((clock_hz / 115_200).max(16));
-        WATCH.give(Recogniser::new());
+        WATCH.give(EmergencyStopDetector::new());
         CONTROL.write(CONTROL_ALL);
         Uart { received: &RECEIVED, to_send: &TO_SEND }
     }
@@ -61,7 +61,7 @@ impl Uart {
 }
 
 /// Recogniser of an emergency stop in the received bytes.
-static WATCH: InterruptOwned<Recogniser> = InterruptOwned::empty();
+static WATCH: InterruptOwned<EmergencyStopDetector> = InterruptOwned::empty();
 
 /// Processes the received bytes. An emergency stop is carried out here, ahead of all queued bytes.
 pub fn on_receive() {

@@ -4,7 +4,7 @@
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 
-use growbot_core::link::crash::{CrashWords, number_of};
+use growbot_core::link::crash::{CrashWords, cause_code};
 use growbot_core::link::message::ResetCause;
 use growbot_firmware::safety::crash::{Places, RETAINED_WORDS, from_words, words};
 
@@ -75,7 +75,7 @@ pub fn retain(cause: ResetCause, boot_id: u32, moment: &Moment) {
     // SAFETY: every Cortex-M has this register, and it may be read at any time.
     let icsr = unsafe { ICSR.read_volatile() };
     let [cfsr, hfsr, mmfar, bfar] = fault_registers();
-    let what = number_of(cause) | (icsr & 0x1FF) << 16;
+    let what = cause_code(cause) | (icsr & 0x1FF) << 16;
     let sp = moment.stack_pointer as u32;
     let head = [what, boot_id, seal::stated(), sp, moment.exc_return, cfsr, hfsr, mmfar, bfar];
     let places = Places {

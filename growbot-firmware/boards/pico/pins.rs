@@ -7,7 +7,7 @@ use core::convert::Infallible;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
-use growbot_core::robot::{Board, BoardKind, Input, PinNumbers, RobotDescription, Signal};
+use growbot_core::robot::{Board, BoardKind, DigitalInput, PinOverrides, RobotDescription, Signal};
 use growbot_firmware::hal::Outputs;
 use growbot_firmware::polarity::Polarized;
 use rp2040_pac as pac;
@@ -235,8 +235,8 @@ impl Pins {
         roles.give(Some(LINK_TX), PAD, FUNCTION_UART);
         // Without an adapter the line idles, instead of picking up bytes.
         roles.give(Some(LINK_RX), PAD | PULL_UP, FUNCTION_UART);
-        let board = robot.board.unwrap_or(Board { kind: BoardKind::Pico, pins: PinNumbers::default() });
-        if configured && board.kind.has_drivers() {
+        let board = robot.board.unwrap_or(Board { kind: BoardKind::Pico, pins: PinOverrides::default() });
+        if configured && board.kind.has_onboard_drivers() {
             roles.give(Some(DRIVERS_TX), PAD, FUNCTION_UART);
             roles.give(Some(DRIVERS_RX), PAD | PULL_UP, FUNCTION_UART);
             for enable in UNUSED_ENABLES {
@@ -256,7 +256,7 @@ impl Pins {
         }
         let sensors = &robot.sensors;
         // The inputs of sensors that the robot does not have are never read, so that any level is valid.
-        let active_low = |input: Option<Input>| input.is_some_and(|input| input.active_low);
+        let active_low = |input: Option<DigitalInput>| input.is_some_and(|input| input.active_low);
         let output = |signal, high| roles.output(pin(signal), high);
         let input = |signal| roles.input(pin(signal));
         Pins {

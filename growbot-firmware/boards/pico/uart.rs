@@ -1,6 +1,6 @@
 //! The UART of the link, UART0 at 115200 baud: a byte queue in each direction.
 
-use growbot_core::link::emergency_stop::Recogniser;
+use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_firmware::byte_queue::ByteQueue;
 use rp2040_pac as pac;
 use rp2040_pac::interrupt;
@@ -29,11 +29,11 @@ const RECEIVE_INTERRUPT: u32 = 1 << 4;
 const TRANSMIT_INTERRUPT: u32 = 1 << 5;
 
 /// Recogniser of an emergency stop in the received bytes.
-static WATCH: InterruptOwned<Recogniser> = InterruptOwned::empty();
+static WATCH: InterruptOwned<EmergencyStopDetector> = InterruptOwned::empty();
 
 /// Initialises the UART. Bytes are transferred once the interrupts are enabled.
 pub fn start(uart: &pac::UART0) {
-    WATCH.give(Recogniser::new());
+    WATCH.give(EmergencyStopDetector::new());
     // With sixteenfold oversampling, the divider in 64ths is 4 times clock over rate, rounded.
     let divider = (4 * PROCESSOR_HZ + BAUD / 2) / BAUD;
     // SAFETY: values within the registers' ranges.

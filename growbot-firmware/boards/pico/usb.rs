@@ -3,7 +3,7 @@
 //! The interrupt runs in memory, like the UART's, so that an emergency stop is carried out while the flash is written
 //! to. Its priority is that of the UART's interrupt, because either may receive a stop.
 
-use growbot_core::link::emergency_stop::Recogniser;
+use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_firmware::usb_serial::{BYTES, Content, NOTIFICATIONS, PACKET, Reply, Setup, UsbSerial};
 use rp2040_pac as pac;
 use rp2040_pac::interrupt;
@@ -73,7 +73,7 @@ struct Buffer {
 
 struct Device {
     serial: UsbSerial,
-    watch: Recogniser,
+    watch: EmergencyStopDetector,
     control: Control,
     reply: Buffer,
     request: Buffer,
@@ -148,7 +148,7 @@ impl Device {
     const fn new() -> Self {
         Self {
             serial: UsbSerial::new(),
-            watch: Recogniser::new(),
+            watch: EmergencyStopDetector::new(),
             control: Control::Idle,
             reply: Buffer::new(0, false, CONTROL_BUFFER),
             request: Buffer::new(0, true, CONTROL_BUFFER),

@@ -117,7 +117,7 @@ impl Pins {
         let feed_backwards = !robot.feed.direction_high_is_forward;
         let sensors = &robot.sensors;
         // The inputs of sensors that the robot does not have are never read, so that any level is valid.
-        let active_low = |input: Option<growbot_core::robot::Input>| input.is_some_and(|input| input.active_low);
+        let active_low = |input: Option<growbot_core::robot::DigitalInput>| input.is_some_and(|input| input.active_low);
         let (a, b, c) = (a.split(rcc), b.split(rcc), c.split(rcc));
         Pins {
             head_step: c.pc6.into_push_pull_output_in_state(PinState::Low),

@@ -1,6 +1,6 @@
 //! The UART of the link, USART2 at 115200 baud: a byte queue in each direction.
 
-use growbot_core::link::emergency_stop::Recogniser;
+use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_firmware::byte_queue::ByteQueue;
 use growbot_firmware::stepping::Handover;
 use stm32f4xx_hal::pac;
@@ -23,7 +23,7 @@ const BAUD: u32 = 115_200;
 pub struct Uart {
     usart: pac::USART2,
     /// Recogniser of an emergency stop in the received bytes.
-    watch: Recogniser,
+    watch: EmergencyStopDetector,
     lost: u32,
     _pins: (LinkTx, LinkRx),
 }
@@ -38,7 +38,7 @@ impl Uart {
         // SAFETY: any 16-bit divider is valid. At 42 MHz it is 365, 0.1 % off the rate.
         usart.brr().write(|w| unsafe { w.bits((divider & 0xFFFF) as u16) });
         usart.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit().rxneie().set_bit());
-        Uart { usart, watch: Recogniser::new(), lost: 0, _pins: pins }
+        Uart { usart, watch: EmergencyStopDetector::new(), lost: 0, _pins: pins }
     }
 
     /// Handles the USART's interrupt, which the main loop also pends once it has queued bytes. An emergency stop is

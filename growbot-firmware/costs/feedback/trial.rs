@@ -3,9 +3,9 @@
 use growbot_core::hash::Hasher;
 use growbot_core::path::{Leg, Segment, end};
 use growbot_core::pose::{Frame, Pose};
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors, Task, grow_closed};
+use growbot_core::simulation::{DirectionSensor, Disturbance, GrowthTask, SimulatedSensors, grow_closed_loop};
 use growbot_core::tracking::SensorNoise;
 
 /// Number of growths, each with its own seed.
@@ -23,8 +23,8 @@ const DEGREE: f64 = core::f64::consts::PI / 180.0;
 
 /// Grows an arc, a line and an arc. In every other growth only gravity shows the direction of the tip.
 pub fn grow(robot: &Robot, seed: u64) -> Option<Trial> {
-    let mut random = Random::new(&[seed]);
-    let mut arc = || Segment::Arc { alpha: random.between(0.0, 6.0), bend: 0.3, length: 30.0 };
+    let mut random = Rng::new(&[seed]);
+    let mut arc = || Segment::Arc { alpha: random.uniform_between(0.0, 6.0), bend: 0.3, length: 30.0 };
     let path = [arc(), Segment::Straight { length: 10.0 }, arc()];
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 30.0, 40.0]).ok()?;
     let goal = Pose::from_frame(&end(&path, &start.frame()));
@@ -38,22 +38,22 @@ pub fn grow(robot: &Robot, seed: u64) -> Option<Trial> {
         twist_noise: 0.01 * DEGREE,
         twist_bias: 0.005 * DEGREE,
     };
-    let sensors = Sensors {
+    let sensors = SimulatedSensors {
         noise: SensorNoise { odometry: 0.01, direction: 0.5 * DEGREE },
         odometry_scale: 0.0,
         direction: if seed.is_multiple_of(2) { DirectionSensor::Tip } else { DirectionSensor::Gravity },
     };
     let mut hasher = Hasher::default();
-    let legs = [Leg { goal, segments: path.len() }];
-    let task = Task { robot, start, path: &path, legs: &legs };
-    let grown = grow_closed(&task, &disturbance, &sensors, seed, |layer, _, base_from_tip| {
+    let legs = [Leg { goal, segment_count: path.len() }];
+    let task = GrowthTask { robot, start, path: &path, legs: &legs };
+    let grown = grow_closed_loop(&task, &disturbance, &sensors, seed, |layer, _, base_from_tip| {
         for number in [layer.alpha, layer.height, layer.tilt] {
-            hasher.f64(number);
+            hasher.write_f64(number);
         }
         *base_from_tip
     });
     let mut frame = |frame: &Frame| {
-        frame.translation.vector.iter().chain(frame.rotation.matrix()).for_each(|&number| hasher.f64(number));
+        frame.translation.vector.iter().chain(frame.rotation.matrix()).for_each(|&number| hasher.write_f64(number));
     };
     frame(&grown.base_from_tip);
     frame(&grown.estimate?.base_from_tip);

@@ -74,7 +74,7 @@ fn run<G, P>(
 #[inline(never)] // If it were inlined, its stack frame would count once for each use.
 fn plan_to(robot: &Robot, goal: &Option<Pose>, planner: Planner) -> Option<usize> {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).ok()?;
-    plan(robot, &start, goal.as_ref()?, RADIUS, planner).ok().map(|chosen| black_box(chosen).candidates)
+    plan(robot, &start, goal.as_ref()?, RADIUS, planner).ok().map(|chosen| black_box(chosen).candidate_count)
 }
 
 /// Returns a goal, evenly spread over distance, direction and heading.

@@ -34,8 +34,8 @@ use core::panic::PanicInfo;
 
 use cortex_m_rt::entry;
 use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::Encoder;
-use growbot_core::robot::{FeedStrategy, Robot, RobotDescription, Turning};
+use growbot_core::layer_bytes::LayerEncoder;
+use growbot_core::robot::{FeedStrategy, HeadRotation, Robot, RobotDescription};
 use growbot_firmware::machine;
 use growbot_firmware::stepping::{AxisMove, EngineSettings, Handover, Homing, Material, Order, Report, Turn};
 
@@ -124,7 +124,7 @@ fn needs_ramps(description: &mut RobotDescription) {
     description.planning_radius_mm = 150.0;
     description.layer.period_s = 3.0;
     description.motion.tick_hz = 20_000;
-    description.motion.turning = Turning::Alternate;
+    description.motion.turning = HeadRotation::Alternate;
     description.head.speed_jump_turns_per_s = 0.1;
     description.feed.steps_per_mm = 25.0;
 }
@@ -218,8 +218,8 @@ impl Bench {
 
     /// Lays turns without a stop between them.
     fn lay(&mut self, robot: &Robot) -> Option<()> {
-        let alternate = robot.description().motion.turning == Turning::Alternate;
-        let (mut material, mut encoder) = (Material::default(), Encoder::default());
+        let alternate = robot.description().motion.turning == HeadRotation::Alternate;
+        let (mut material, mut encoder) = (Material::default(), LayerEncoder::default());
         let mut turn_of = |index: u32| {
             let lean = f64::from(index % 3) * 0.0025;
             let layer = Layer { alpha: 0.9 * f64::from(index), height: 0.77 - 0.1 * f64::from(index % 2), tilt: lean };

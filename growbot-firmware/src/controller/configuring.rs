@@ -2,8 +2,8 @@
 //! stores it in flash. It takes effect after a restart of the board, so that no part of the firmware keeps using the
 //! old one.
 
-use growbot_core::link::message::{BadDescription, Configure, Configured, Message, Refusal, State};
-use growbot_core::robot::{BoardKind, LONGEST_VERSIONED, Robot};
+use growbot_core::link::message::{Configure, Configured, DescriptionError, Message, Refusal, State};
+use growbot_core::robot::{BoardKind, MAX_VERSIONED_LEN, Robot};
 use heapless::Vec;
 
 use super::job::COLD_C;
@@ -26,7 +26,7 @@ pub(super) struct Configuring {
     robot: u64,
     /// Length of the description, as the host states it, bytes.
     length: u16,
-    bytes: Vec<u8, LONGEST_VERSIONED>,
+    bytes: Vec<u8, MAX_VERSIONED_LEN>,
     /// Time at which the board restarts with the new description, us. `None` until the description is stored.
     restart_at: Option<u64>,
 }
@@ -45,8 +45,8 @@ impl Configuring {
 
     /// Adds a part of the description. Returns `true` if the description is now complete.
     fn add(&mut self, part: &Configure) -> Result<bool, Refusal> {
-        if usize::from(part.length) > LONGEST_VERSIONED {
-            return Err(Refusal::BadDescription { why: BadDescription::TooLong });
+        if usize::from(part.length) > MAX_VERSIONED_LEN {
+            return Err(Refusal::InvalidDescription { why: DescriptionError::TooLong });
         }
         if (part.robot, part.length) != (self.robot, self.length) || part.offset == 0 {
             *self = Self { robot: part.robot, length: part.length, ..Self::default() };
@@ -57,27 +57,27 @@ impl Configuring {
             return Err(Refusal::OutOfOrder { expected: received as u32 });
         }
         if end > usize::from(part.length) || part.bytes.is_empty() {
-            return Err(Refusal::NotUnderstood);
+            return Err(Refusal::UnknownRequest);
         }
         // The bytes that are already stored came with a request whose response was lost.
         let news = part.bytes.get(received - offset..).unwrap_or_default();
-        self.bytes.extend_from_slice(news).map_err(|_| Refusal::NotUnderstood)?;
+        self.bytes.extend_from_slice(news).map_err(|_| Refusal::UnknownRequest)?;
         Ok(self.bytes.len() == usize::from(self.length))
     }
 
     /// Decodes the robot from the complete description.
-    fn robot(&self) -> Result<Robot, BadDescription> {
+    fn robot(&self) -> Result<Robot, DescriptionError> {
         let robot = Robot::decode_for_board(&self.bytes)?;
-        if robot.hash() == self.robot { Ok(robot) } else { Err(BadDescription::OtherHash { found: robot.hash() }) }
+        if robot.hash() == self.robot { Ok(robot) } else { Err(DescriptionError::HashMismatch { found: robot.hash() }) }
     }
 }
 
 /// Returns the robot if its description is for one of these kinds of board, or for any kind. If `kinds` is empty, every
 /// description is accepted.
-pub(super) fn suits_kinds(kinds: &[BoardKind], robot: Robot) -> Result<Robot, BadDescription> {
+pub(super) fn suits_kinds(kinds: &[BoardKind], robot: Robot) -> Result<Robot, DescriptionError> {
     let asked = robot.description().board.map(|board| board.kind);
     match (asked, kinds.first()) {
-        (Some(asked), Some(&board)) if !kinds.contains(&asked) => Err(BadDescription::OtherBoard { asked, board }),
+        (Some(asked), Some(&board)) if !kinds.contains(&asked) => Err(DescriptionError::BoardMismatch { asked, board }),
         _ => Ok(robot),
     }
 }
@@ -102,8 +102,9 @@ impl<B: Board> Controller<B> {
         if self.configuring.add(part)? {
             let robot = self.configuring.robot();
             self.configuring.bytes.clear();
-            let robot =
-                robot.and_then(|robot| suits_kinds(B::KINDS, robot)).map_err(|why| Refusal::BadDescription { why })?;
+            let robot = robot
+                .and_then(|robot| suits_kinds(B::KINDS, robot))
+                .map_err(|why| Refusal::InvalidDescription { why })?;
             self.parts.watchdog.feed();
             let stored = self.parts.descriptions.store(&robot);
             self.parts.watchdog.feed();
@@ -126,6 +127,10 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::JobNotDone { plan_id: self.job.plan_id });
         }
         let is_cold = self.heater.temperature(self.now).is_some_and(|temperature| temperature < COLD_C);
-        if is_cold || self.in_state_us() >= COOLED_US { Ok(()) } else { Err(Refusal::Hot { below: centi(COLD_C) }) }
+        if is_cold || self.in_state_us() >= COOLED_US {
+            Ok(())
+        } else {
+            Err(Refusal::NozzleTooHot { below: centi(COLD_C) })
+        }
     }
 }

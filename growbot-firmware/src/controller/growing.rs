@@ -1,9 +1,9 @@
 //! The moves for the step engine: homing, layers, and the filament that is pulled back for a pause and pushed forward
 //! again after it.
 
-use growbot_core::layer_bytes::{self, Encoder, Fields, LayerBytes};
+use growbot_core::layer_bytes::{self, LayerBytes, LayerEncoder, RawLayer};
 use growbot_core::link::message::{Fault, PauseCause, State};
-use growbot_core::robot::Turning;
+use growbot_core::robot::HeadRotation;
 
 use super::Controller;
 use crate::hal::{Board, Drivers};
@@ -181,7 +181,7 @@ impl<B: Board> Controller<B> {
     /// Counts a layer as laid: first in the journal, then for the host.
     pub(super) fn count(&mut self, turn: &TurnReport, handover: &Handover) {
         let measured = self.measure(handover);
-        self.commit(Encoder::default().encode(&as_built(&turn.feed, &self.robot)), measured);
+        self.commit(LayerEncoder::default().encode(&as_built(&turn.feed, &self.robot)), measured);
         self.sectors = 0;
         self.retain();
         if self.job.laid == self.job.layers {
@@ -256,7 +256,7 @@ impl<B: Board> Controller<B> {
         if self.leads() {
             return;
         }
-        let backwards = self.robot.description().motion.turning == Turning::Alternate && self.motion.backwards;
+        let backwards = self.robot.description().motion.turning == HeadRotation::Alternate && self.motion.backwards;
         match self.job.material.lay(&bytes, &self.robot, backwards) {
             Ok(turn) => {
                 let period_s = self.robot.description().layer.period_s;
@@ -268,7 +268,7 @@ impl<B: Board> Controller<B> {
                 // The queue is not full, because no more than two turns are outstanding.
                 let _ = self.job.carries.push_back(journal::Laid {
                     as_built: LayerBytes::default(),
-                    height_units: Fields::of(&bytes).height,
+                    height_units: RawLayer::from_bytes(&bytes).height,
                     lean_owed: self.job.material.carry().lean_owed,
                 });
                 self.retain();

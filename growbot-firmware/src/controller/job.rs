@@ -7,7 +7,8 @@
 use growbot_core::layer::SECTORS;
 use growbot_core::layer_bytes::{LayerBytes, decode_checked};
 use growbot_core::link::message::{
-    Amend, Begin, Cancel, InterruptedLayer, Laid, Layers, Measured, Message, Refusal, Resume, Silence, Start, State,
+    Amend, AppendLayers, BeginJob, Cancel, HostSilencePolicy, InterruptedLayer, LayerLaid, LayerReadings, Message,
+    Refusal, Resume, Start, State,
 };
 use heapless::Deque;
 
@@ -45,7 +46,7 @@ pub(super) struct Job {
     /// Progress of the interrupted layer. `None` if no layer was interrupted.
     pub interrupted: Option<InterruptedLayer>,
     /// Reaction to a silent host.
-    pub silence: Silence,
+    pub silence: HostSilencePolicy,
     /// The journal has failed, so that the job cannot be resumed.
     pub unwritten: bool,
     /// Carry from the layers that are laid to the next layers.
@@ -62,7 +63,7 @@ pub(super) struct Job {
 #[derive(Debug, Clone)]
 struct MeasuredLayer {
     index: u32,
-    measured: Measured,
+    measured: LayerReadings,
 }
 
 impl Job {
@@ -75,7 +76,7 @@ impl Job {
     }
 
     /// Stores the measurements after a layer.
-    fn store_measured(&mut self, index: u32, measured: Measured) {
+    fn store_measured(&mut self, index: u32, measured: LayerReadings) {
         if self.measured.is_full() {
             self.measured.pop_front();
         }
@@ -84,18 +85,18 @@ impl Job {
     }
 
     /// Returns the measurements after a layer. `None` if they are no longer stored.
-    fn measured(&self, index: u32) -> Option<Measured> {
+    fn measured(&self, index: u32) -> Option<LayerReadings> {
         self.measured.iter().find(|layer| layer.index == index).map(|layer| layer.measured)
     }
 }
 
 impl<B: Board> Controller<B> {
-    pub(super) fn begin(&mut self, begin: &Begin) -> Result<Message, Refusal> {
-        if begin.robot != self.robot.hash() {
-            return Err(Refusal::OtherRobot { board: self.robot.hash() });
+    pub(super) fn begin(&mut self, begin: &BeginJob) -> Result<Message, Refusal> {
+        if begin.robot_hash != self.robot.hash() {
+            return Err(Refusal::RobotMismatch { board: self.robot.hash() });
         }
         if begin.plan_id == 0 {
-            return Err(Refusal::NotUnderstood);
+            return Err(Refusal::UnknownRequest);
         }
         self.check_event(Event::Begin)?;
         let repeated = (begin.plan_id, begin.layers) == (self.job.plan_id, self.job.layers);
@@ -122,7 +123,7 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::PlanTooLong { layers, capacity });
         }
         self.make_room(layers)?;
-        self.parts.journal.begin(plan_id, self.robot.hash(), layers).map_err(|_| Refusal::Journal)?;
+        self.parts.journal.begin(plan_id, self.robot.hash(), layers).map_err(|_| Refusal::JournalNotWritable)?;
         self.store_mut().restart(0);
         self.job = Job { plan_id, layers, ..Job::default() };
         Ok(())
@@ -133,12 +134,12 @@ impl<B: Board> Controller<B> {
     fn make_room(&mut self, layers: u32) -> Result<(), Refusal> {
         while self.parts.journal.needs_erasing(layers) {
             if self.heater.temperature(self.now).is_none_or(|temperature| temperature >= COLD_C) {
-                return Err(Refusal::Hot { below: centi(COLD_C) });
+                return Err(Refusal::NozzleTooHot { below: centi(COLD_C) });
             }
             self.parts.watchdog.feed();
             // A new job is about to start, so the record of the previous one may be lost.
             self.parts.journal.forget();
-            self.parts.journal.erase_step(layers).map_err(|_| Refusal::Journal)?;
+            self.parts.journal.erase_step(layers).map_err(|_| Refusal::JournalNotWritable)?;
         }
         self.parts.watchdog.feed();
         Ok(())
@@ -146,7 +147,7 @@ impl<B: Board> Controller<B> {
 
     pub(super) fn this_plan(&self, plan_id: u64) -> Result<(), Refusal> {
         if plan_id == 0 || plan_id != self.job.plan_id {
-            return Err(Refusal::OtherPlan { board: self.job.plan_id });
+            return Err(Refusal::PlanMismatch { board: self.job.plan_id });
         }
         Ok(())
     }
@@ -156,16 +157,16 @@ impl<B: Board> Controller<B> {
         self.this_plan(resume.plan_id)?;
         let laid = self.job.laid;
         if matches!(self.state, State::Idle | State::Stopped) {
-            if resume.from == laid.saturating_add(1) && self.job.interrupted.is_some() {
+            if resume.start_layer == laid.saturating_add(1) && self.job.interrupted.is_some() {
                 self.skip_interrupted()?;
-            } else if resume.from != laid {
+            } else if resume.start_layer != laid {
                 return Err(Refusal::OutOfOrder { expected: laid });
             }
             self.job.forget_given();
             // The layer is laid again, on top of its finished part.
             self.job.interrupted = None;
         }
-        self.job.reported = resume.known.min(self.job.laid);
+        self.job.reported = resume.reported_layers.min(self.job.laid);
         self.happens(Event::Resume);
         Ok(self.accepted())
     }
@@ -174,7 +175,7 @@ impl<B: Board> Controller<B> {
     fn in_journal(&mut self, written: Result<(), JournalError>) -> Result<(), Refusal> {
         written.map_err(|_| {
             self.job.unwritten = true;
-            Refusal::Journal
+            Refusal::JournalNotWritable
         })
     }
 
@@ -195,7 +196,7 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    pub(super) fn store_layers(&mut self, batch: &Layers) -> Result<Message, Refusal> {
+    pub(super) fn store_layers(&mut self, batch: &AppendLayers) -> Result<Message, Refusal> {
         self.this_plan(batch.plan_id)?;
         self.check_event(Event::Layers)?;
         let expected = self.store().next_index();
@@ -206,7 +207,7 @@ impl<B: Board> Controller<B> {
         let new = batch.layers.get(already_stored..).unwrap_or_default();
         self.check_layers(expected, new, self.job.layers)?;
         if new.len() > self.store().room() as usize {
-            return Err(Refusal::Full);
+            return Err(Refusal::LayerStoreFull);
         }
         for bytes in new {
             self.store_layer(*bytes)?;
@@ -220,7 +221,7 @@ impl<B: Board> Controller<B> {
             self.check_layer(index, bytes)?;
         }
         if batch.len() > end.saturating_sub(first) as usize {
-            return Err(Refusal::BadLayer { index: end });
+            return Err(Refusal::LayerOutOfLimits { index: end });
         }
         Ok(())
     }
@@ -228,29 +229,29 @@ impl<B: Board> Controller<B> {
     /// Refuses a layer that the robot cannot lay. The limits of the robot are part of the board's configuration, so
     /// that no layer from a host can exceed them.
     pub(super) fn check_layer(&self, index: u32, bytes: &LayerBytes) -> Result<(), Refusal> {
-        decode_checked(bytes, &self.robot).map(|_| ()).map_err(|_| Refusal::BadLayer { index })
+        decode_checked(bytes, &self.robot).map(|_| ()).map_err(|_| Refusal::LayerOutOfLimits { index })
     }
 
     /// Stores a layer.
     pub(super) fn store_layer(&mut self, bytes: LayerBytes) -> Result<(), Refusal> {
-        if self.store_mut().push(bytes) { Ok(()) } else { Err(Refusal::Full) }
+        if self.store_mut().push(bytes) { Ok(()) } else { Err(Refusal::LayerStoreFull) }
     }
 
     /// Replaces the layers from an index on: all or none.
     pub(super) fn amend(&mut self, amend: &Amend) -> Result<Message, Refusal> {
         self.check_event(Event::Amend)?;
-        if amend.amended == 0 {
-            return Err(Refusal::NotUnderstood);
+        if amend.new_plan_id == 0 {
+            return Err(Refusal::UnknownRequest);
         }
-        if amend.amended == self.job.plan_id {
+        if amend.new_plan_id == self.job.plan_id {
             return Ok(self.accepted());
         }
         self.this_plan(amend.plan_id)?;
-        if amend.from < self.job.given {
-            return Err(Refusal::Begun { first: self.job.given });
+        if amend.first_replaced < self.job.given {
+            return Err(Refusal::LayerAlreadyBegun { first: self.job.given });
         }
         let expected = self.store().next_index();
-        if amend.from > expected {
+        if amend.first_replaced > expected {
             return Err(Refusal::OutOfOrder { expected });
         }
         let capacity = self.parts.journal.capacity();
@@ -258,21 +259,21 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::PlanTooLong { layers: amend.layers, capacity });
         }
         // At least one layer must remain, because otherwise nothing would end the job.
-        if amend.layers <= self.job.laid || amend.layers < amend.from {
-            return Err(Refusal::BadLayer { index: amend.layers });
+        if amend.layers <= self.job.laid || amend.layers < amend.first_replaced {
+            return Err(Refusal::LayerOutOfLimits { index: amend.layers });
         }
-        self.check_layers(amend.from, &amend.first_layers, amend.layers)?;
-        let room = self.store().room() + (expected - amend.from);
+        self.check_layers(amend.first_replaced, &amend.first_layers, amend.layers)?;
+        let room = self.store().room() + (expected - amend.first_replaced);
         if amend.first_layers.len() > room as usize {
-            return Err(Refusal::Full);
+            return Err(Refusal::LayerStoreFull);
         }
-        let written = self.parts.journal.amended(amend.from, amend.amended, amend.layers);
+        let written = self.parts.journal.amended(amend.first_replaced, amend.new_plan_id, amend.layers);
         self.in_journal(written)?;
-        self.store_mut().truncate(amend.from);
+        self.store_mut().truncate(amend.first_replaced);
         for bytes in &amend.first_layers {
             self.store_layer(*bytes)?;
         }
-        (self.job.plan_id, self.job.layers) = (amend.amended, amend.layers);
+        (self.job.plan_id, self.job.layers) = (amend.new_plan_id, amend.layers);
         Ok(self.accepted())
     }
 
@@ -292,10 +293,10 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::NoFilament);
         }
         if self.motion.maintains_something() {
-            return Err(Refusal::Moving);
+            return Err(Refusal::StillMoving);
         }
         self.set_pause(None);
-        self.job.silence = start.silence;
+        self.job.silence = start.on_host_silence;
         match self.state {
             State::Idle if self.job.laid == self.job.layers => {
                 self.end_job();
@@ -388,7 +389,7 @@ impl<B: Board> Controller<B> {
     }
 
     /// Records that a layer is laid, in the journal first.
-    pub(super) fn commit(&mut self, as_built: LayerBytes, measured: Measured) {
+    pub(super) fn commit(&mut self, as_built: LayerBytes, measured: LayerReadings) {
         let index = self.job.laid;
         self.job.laid += 1;
         self.job.store_measured(index, measured);
@@ -407,7 +408,12 @@ impl<B: Board> Controller<B> {
             let index = self.job.reported;
             let as_built = self.parts.journal.laid(index).filter(|laid| !laid.interrupted).map(|laid| laid.as_built);
             let measured = self.job.measured(index);
-            self.link.push_event(link::Event::Laid(Laid { plan_id: self.job.plan_id, index, as_built, measured }));
+            self.link.push_event(link::Event::Laid(LayerLaid {
+                plan_id: self.job.plan_id,
+                index,
+                as_built,
+                readings: measured,
+            }));
             self.job.reported += 1;
         }
     }

@@ -2,7 +2,7 @@
 //! speeds. All actions are limited in time: each move has a max duration, and the heater switches off if no request for
 //! maintenance arrives for ten minutes.
 
-use growbot_core::link::message::{Fault, Message, Refusal, State, Task};
+use growbot_core::link::message::{Fault, MaintenanceTask, Message, Refusal, State};
 
 use super::growing::Maintained;
 use super::requests::MIN_TUNING_C;
@@ -22,26 +22,26 @@ const TURN_CENTI_DEG: u32 = 36_000;
 
 impl<B: Board> Controller<B> {
     /// Carries out a task.
-    pub(super) fn maintain(&mut self, task: Task, handover: &Handover) -> Result<Message, Refusal> {
+    pub(super) fn maintain(&mut self, task: MaintenanceTask, handover: &Handover) -> Result<Message, Refusal> {
         match task {
-            Task::Preheat { target_centi_c } => self.preheat(f64::from(target_centi_c) / 100.0)?,
-            Task::CoolDown => {
+            MaintenanceTask::Preheat { target_centi_c } => self.preheat(f64::from(target_centi_c) / 100.0)?,
+            MaintenanceTask::CoolDown => {
                 self.check_event(Event::CoolDown)?;
                 if self.state == State::Maintenance {
                     self.switch_off(handover);
                 }
                 self.happens(Event::CoolDown);
             }
-            Task::Home => {
+            MaintenanceTask::Home => {
                 self.may_maintain(Event::MoveHead, handover)?;
                 let homing = self.homing();
                 let seconds = self.homing_s(&homing);
                 handover.give(Order::Home(homing));
                 self.motion.maintains(Maintained::Head, seconds, self.now);
             }
-            Task::Rotate { centi_deg } => self.rotate(centi_deg, handover)?,
-            Task::Feed { um } => self.feed_by(um, handover)?,
-            Task::DryRun => self.dry_run()?,
+            MaintenanceTask::Rotate { centi_deg } => self.rotate(centi_deg, handover)?,
+            MaintenanceTask::Feed { um } => self.feed_by(um, handover)?,
+            MaintenanceTask::DryRun => self.dry_run()?,
         }
         // The operator is present.
         if matches!(self.state, State::Maintenance | State::Paused) {
@@ -54,17 +54,17 @@ impl<B: Board> Controller<B> {
         self.check_event(Event::Preheat)?;
         let max = self.robot.description().heater.max_c - MARGIN_C;
         if !(MIN_TUNING_C..=max).contains(&target_c) {
-            return Err(Refusal::Temperature { min: centi(MIN_TUNING_C), max: centi(max) });
+            return Err(Refusal::TemperatureOutOfRange { min: centi(MIN_TUNING_C), max: centi(max) });
         }
         if self.may_be_halted() {
             return Err(Refusal::DebugProbe);
         }
         if self.motion.is_under_way() {
-            return Err(Refusal::Moving);
+            return Err(Refusal::StillMoving);
         }
         let growth_c = self.robot.description().heater.target_c;
         if self.state == State::Paused && target_c != growth_c {
-            return Err(Refusal::Temperature { min: centi(growth_c), max: centi(growth_c) });
+            return Err(Refusal::TemperatureOutOfRange { min: centi(growth_c), max: centi(growth_c) });
         }
         match self.state {
             // The pause starts again, and with it the time at the temperature of growth.
@@ -97,7 +97,7 @@ impl<B: Board> Controller<B> {
     fn rotate(&mut self, centi_deg: i32, handover: &Handover) -> Result<(), Refusal> {
         self.may_maintain(Event::MoveHead, handover)?;
         if centi_deg.unsigned_abs() > TURN_CENTI_DEG {
-            return Err(Refusal::TooFar { max: TURN_CENTI_DEG });
+            return Err(Refusal::MoveTooLong { max: TURN_CENTI_DEG });
         }
         let head = &self.robot.description().head;
         let turns = f64::from(centi_deg.unsigned_abs()) / f64::from(TURN_CENTI_DEG);
@@ -118,7 +118,7 @@ impl<B: Board> Controller<B> {
         }
         let (mm, mm_per_s) = (f64::from(um.unsigned_abs()) / 1000.0, self.feed_mm_per_s(backwards));
         if mm > mm_per_s * MAX_MOVE_S {
-            return Err(Refusal::TooFar { max: (mm_per_s * MAX_MOVE_S * 1000.0) as u32 });
+            return Err(Refusal::MoveTooLong { max: (mm_per_s * MAX_MOVE_S * 1000.0) as u32 });
         }
         let steps_per_mm = self.robot.description().feed.steps_per_mm;
         let (order, seconds) = self.axis_move(mm * steps_per_mm, mm_per_s * steps_per_mm, backwards, true);
@@ -165,10 +165,13 @@ impl<B: Board> Controller<B> {
         let steady = self.heater.is_steady(self.now);
         if (now_c < min_c || !steady) && !self.is_dry_run() {
             let target_c = self.heater.target().unwrap_or(min_c);
-            return Err(Refusal::Cold { now: centi(now_c), min: centi(if now_c < min_c { min_c } else { target_c }) });
+            return Err(Refusal::NozzleTooCold {
+                now: centi(now_c),
+                min: centi(if now_c < min_c { min_c } else { target_c }),
+            });
         }
         if self.motion.is_under_way() || !handover.accepts_orders() {
-            return Err(Refusal::Moving);
+            return Err(Refusal::StillMoving);
         }
         if !self.parts.drivers.are_configured() {
             return Err(Refusal::FaultRemains { fault: Fault::DriverFault });

@@ -6,8 +6,8 @@
 use growbot_core::job::job_layers_with_keep_alive;
 use growbot_core::link::frame::{Frame, Header};
 use growbot_core::link::message::{
-    Accepted, BoardHello, BootReport, Fault, HostHello, LatestFault, LayerBatch, MAX_LAYERS, Message, PauseCause,
-    PlanRequest, Planned, Refusal, Refused, SCHEMA_HASH, State, StoredLayers, Tune,
+    Accepted, BoardInfo, BootReport, Fault, Hello, LatestFault, LayerBatch, MAX_LAYERS_PER_MESSAGE, Message,
+    PauseCause, PlanRequest, Planned, Refusal, Refused, SCHEMA_HASH, State, StoredLayers, Tune,
 };
 use growbot_core::plan::plan_with_keep_alive;
 use growbot_core::pose::Pose;
@@ -41,7 +41,7 @@ impl<B: Board> Controller<B> {
             Ok(Message::Ack(_)) => return,
             Ok(Message::Goodbye(_)) if arrival == Arrival::New => return self.link.close(),
             Ok(message) => self.carry_out(message, &header, arrival, handover),
-            Err(_) => Err(Refusal::NotUnderstood),
+            Err(_) => Err(Refusal::UnknownRequest),
         };
         let answer = answer.unwrap_or_else(|refusal| Message::Refused(Refused { kind: header.kind, refusal }));
         self.link.answer(&header, answer);
@@ -57,14 +57,16 @@ impl<B: Board> Controller<B> {
         // These requests need no session.
         match request {
             Message::Hello(hello) => return self.hello(hello, header),
-            Message::AskBoard(_) => return Ok(self.board_hello()),
-            Message::AskStatus(_) => return Ok(Message::Status(self.status())),
-            Message::AskFault(_) => return Ok(Message::LatestFault(LatestFault { record: self.retained.record })),
-            Message::AskBoot(_) => {
+            Message::GetBoardInfo(_) => return Ok(self.board_hello()),
+            Message::GetStatus(_) => return Ok(Message::Status(self.status())),
+            Message::GetLatestFault(_) => {
+                return Ok(Message::LatestFault(LatestFault { record: self.retained.record }));
+            }
+            Message::GetBootReport(_) => {
                 let Identity { image, crash, .. } = self.identity;
                 return Ok(Message::BootReport(BootReport { image, crash }));
             }
-            Message::AskSensors(_) => return Ok(Message::SensorReadings(self.readings)),
+            Message::GetSensorReadings(_) => return Ok(Message::SensorReadings(self.readings)),
             _ => {}
         }
         if arrival != Arrival::New {
@@ -90,13 +92,13 @@ impl<B: Board> Controller<B> {
             Message::ClearFault(_) => self.clear_fault(handover),
             Message::Plan(request) => self.plan_by_itself(&request),
             Message::ReadLayers(read) => Ok(self.read_layers(read.first)),
-            _ => Err(Refusal::NotUnderstood),
+            _ => Err(Refusal::UnknownRequest),
         }
     }
 
-    fn hello(&mut self, hello: HostHello, header: &Header) -> Result<Message, Refusal> {
+    fn hello(&mut self, hello: Hello, header: &Header) -> Result<Message, Refusal> {
         if hello.schema != SCHEMA_HASH {
-            return Err(Refusal::OtherSchema { board: SCHEMA_HASH });
+            return Err(Refusal::SchemaMismatch { board: SCHEMA_HASH });
         }
         // A closed session stays closed. This frame is a delayed one.
         if header.session == 0 || self.link.is_closed(header.session) {
@@ -104,7 +106,7 @@ impl<B: Board> Controller<B> {
         }
         if !self.link.is_open(header.session) {
             if let Some((_, silent)) = self.link.owner(self.now).filter(|_| !hello.take_over) {
-                return Err(Refusal::Owned { silent_ms: (silent / 1000) as u32 });
+                return Err(Refusal::OwnedByOtherHost { silent_ms: (silent / 1000) as u32 });
             }
             self.link.open(header, hello.host, self.now);
             self.job.reported = self.job.laid;
@@ -114,14 +116,14 @@ impl<B: Board> Controller<B> {
 
     fn board_hello(&self) -> Message {
         let configured = self.identity.configured;
-        Message::BoardHello(BoardHello {
-            schema: SCHEMA_HASH,
+        Message::BoardHello(BoardInfo {
+            schema_hash: SCHEMA_HASH,
             boot_id: self.identity.boot_id,
             reset_cause: self.identity.reset_cause,
             firmware: FIRMWARE,
             robot_name: if configured { self.robot.description().name.clone() } else { String::new() },
-            robot: if configured { self.robot.hash() } else { 0 },
-            capacity: CAPACITY as u32,
+            robot_hash: if configured { self.robot.hash() } else { 0 },
+            layer_capacity: CAPACITY as u32,
             status: self.status(),
             owner: self.link.owner(self.now).map(|(host, _)| host.clone()),
         })
@@ -129,7 +131,7 @@ impl<B: Board> Controller<B> {
 
     pub(super) fn accepted(&self) -> Message {
         let store = self.store();
-        Message::Accepted(Accepted { plan_id: self.job.plan_id, next: store.next_index(), room: store.room() })
+        Message::Accepted(Accepted { plan_id: self.job.plan_id, next: store.next_index(), free_layers: store.room() })
     }
 
     fn stop(&mut self, handover: &Handover) -> Message {
@@ -159,7 +161,7 @@ impl<B: Board> Controller<B> {
         let target = f64::from(tune.target_centi_c) / 100.0;
         let max = self.robot.description().heater.max_c - TUNING_MARGIN_C;
         if !(MIN_TUNING_C..=max).contains(&target) {
-            return Err(Refusal::Temperature { min: centi(MIN_TUNING_C), max: centi(max) });
+            return Err(Refusal::TemperatureOutOfRange { min: centi(MIN_TUNING_C), max: centi(max) });
         }
         if self.may_be_halted() {
             return Err(Refusal::DebugProbe);
@@ -214,15 +216,15 @@ impl<B: Board> Controller<B> {
     /// Plans on the board with the same code as the host, so that the layers are the same, bit for bit.
     fn plan_by_itself(&mut self, request: &PlanRequest) -> Result<Message, Refusal> {
         self.check_event(Event::Plan)?;
-        let start = Pose::try_from(request.start).map_err(|_| Refusal::NoPlan)?;
-        let goal = Pose::try_from(request.goal).map_err(|_| Refusal::NoPlan)?;
+        let start = Pose::try_from(request.start).map_err(|_| Refusal::PlanningFailed)?;
+        let goal = Pose::try_from(request.goal).map_err(|_| Refusal::PlanningFailed)?;
         // A near goal takes some ten seconds, or up to a minute. The heater is off, so only the watchdog needs the
         // controller in this time. The keep-alive callback feeds it.
         let robot = self.robot.clone();
         let watchdog = &mut self.parts.watchdog;
         let path =
             plan_with_keep_alive(&robot, &start, &goal, request.radius, request.planner, &mut || watchdog.feed())
-                .map_err(|_| Refusal::NoPlan)?
+                .map_err(|_| Refusal::PlanningFailed)?
                 .path;
         let layers = job_layers_with_keep_alive(&path, &robot, &mut || watchdog.feed());
         let count = layers.size_hint().0;
@@ -251,7 +253,7 @@ impl<B: Board> Controller<B> {
     }
 
     fn read_layers(&self, first: u32) -> Message {
-        let end = first.saturating_add(MAX_LAYERS as u32);
+        let end = first.saturating_add(MAX_LAYERS_PER_MESSAGE as u32);
         let mut layers = LayerBatch::new();
         for layer in (first..end).map_while(|index| self.store().get(index)) {
             // The vector is not full, because the range has at most the length of a batch.

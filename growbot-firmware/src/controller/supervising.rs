@@ -3,7 +3,7 @@
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 use growbot_core::link::message::{
-    DriverProblem, Fault, FaultRecord, Measured, PauseCause, ResetCause, SensorReadings, Silence, State,
+    DriverProblem, Fault, FaultRecord, HostSilencePolicy, LayerReadings, PauseCause, ResetCause, SensorReadings, State,
 };
 
 use super::{Controller, TickWatch, centi};
@@ -91,9 +91,9 @@ impl<B: Board> Controller<B> {
     }
 
     /// Measures the length of filament fed and the direction of gravity at the tip.
-    pub(super) fn measure(&mut self, handover: &Handover) -> Measured {
+    pub(super) fn measure(&mut self, handover: &Handover) -> LayerReadings {
         let sensors = &self.robot.description().sensors;
-        Measured {
+        LayerReadings {
             filament_pulses: sensors.filament_motion.map(|_| handover.filament_pulses()),
             gravity_milli_g: if sensors.orientation { self.parts.orientation.gravity() } else { None },
         }
@@ -117,7 +117,7 @@ impl<B: Board> Controller<B> {
             driver_fault: if counts { Some(true) } else { driver_fault },
         };
         let emergency_stop = sensors.emergency_stop.map(|_| handover.emergency_stop());
-        let Measured { filament_pulses, gravity_milli_g } = self.measure(handover);
+        let LayerReadings { filament_pulses, gravity_milli_g } = self.measure(handover);
         self.readings = SensorReadings {
             supply_mv: look.supply_v.map(|volts| libm::rint(volts * 1000.0) as u32),
             on_index: handover.on_index(),
@@ -178,7 +178,7 @@ impl<B: Board> Controller<B> {
     fn pause_on_silence(&mut self) {
         let works = matches!(self.state, State::Heating | State::Homing | State::Growing | State::Paused);
         if works
-            && self.job.silence == Silence::Pause
+            && self.job.silence == HostSilencePolicy::Pause
             && self.pause_cause() == PauseCause::LayersExhausted
             && self.link.owner(self.now).is_none()
         {
@@ -276,7 +276,7 @@ impl<B: Board> Controller<B> {
             sensors: self.readings,
             plan_id: self.job.plan_id,
             laid: self.job.laid,
-            begun: self.job.given,
+            layers_begun: self.job.given,
         }
     }
 
@@ -291,7 +291,7 @@ impl<B: Board> Controller<B> {
                 state: under_way.state,
                 plan_id: under_way.plan_id,
                 laid: under_way.laid,
-                begun: under_way.begun,
+                layers_begun: under_way.begun,
                 ..self.record(None)
             };
             self.retained.record = Some(record);

@@ -19,14 +19,14 @@ mod tests;
 
 use embedded_storage::nor_flash::MultiwriteNorFlash;
 use growbot_core::link::frame;
-use growbot_core::robot::{LONGEST_VERSIONED, Robot};
+use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
 
 /// First word of a header: `GBRD`.
 const MAGIC: u32 = u32::from_le_bytes(*b"GBRD");
 /// Bytes of a header.
 const HEADER_BYTES: usize = 16;
 /// Length of the longest description, filled up to whole words, bytes.
-const LONGEST: usize = LONGEST_VERSIONED.next_multiple_of(4);
+const LONGEST: usize = MAX_VERSIONED_LEN.next_multiple_of(4);
 /// Invalid header. It can overwrite any other one, because flash can always be programmed to zero.
 const STRUCK: [u8; HEADER_BYTES] = [0; HEADER_BYTES];
 
@@ -98,7 +98,7 @@ impl Header {
             *into = *byte;
             length += 1;
         }
-        frame::checksum(covered.get(..length).unwrap_or_default())
+        frame::crc32c(covered.get(..length).unwrap_or_default())
     }
 }
 

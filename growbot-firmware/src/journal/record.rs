@@ -99,7 +99,7 @@ impl Record {
             *into = word.to_le_bytes();
         }
         if let Some((content, checksum)) = bytes.split_last_chunk_mut::<4>() {
-            *checksum = frame::checksum(content).to_le_bytes();
+            *checksum = frame::crc32c(content).to_le_bytes();
         }
         bytes
     }
@@ -107,7 +107,7 @@ impl Record {
     /// Decodes a record. `None` if the bytes are not a valid record.
     pub fn from_bytes(bytes: &RecordBytes) -> Option<Self> {
         let (content, checksum) = bytes.split_last_chunk::<4>()?;
-        if frame::checksum(content).to_le_bytes() != *checksum {
+        if frame::crc32c(content).to_le_bytes() != *checksum {
             return None;
         }
         let mut words = [0; 8];

@@ -63,7 +63,7 @@ impl Retained {
                 let _ = postcard::to_slice(self, content);
                 *number = generation.to_le_bytes();
             }
-            *checksum = frame::checksum(covered).to_le_bytes();
+            *checksum = frame::crc32c(covered).to_le_bytes();
         }
         bytes
     }
@@ -88,7 +88,7 @@ impl Retained {
 fn generation_of(bytes: &[u8; COPY_BYTES]) -> Option<u32> {
     let (covered, checksum) = bytes.split_last_chunk::<NUMBER_BYTES>()?;
     let (_, number) = covered.split_last_chunk::<NUMBER_BYTES>()?;
-    (frame::checksum(covered).to_le_bytes() == *checksum).then_some(u32::from_le_bytes(*number))
+    (frame::crc32c(covered).to_le_bytes() == *checksum).then_some(u32::from_le_bytes(*number))
 }
 
 /// The reason why the retained state could not be loaded at start-up.
@@ -194,7 +194,7 @@ pub const fn survives(cause: ResetCause) -> bool {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use growbot_core::link::message::{DriverProblem, DriverTrouble, Motor, SensorReadings};
+    use growbot_core::link::message::{DriverProblem, DriverReport, Motor, SensorReadings};
 
     fn longest() -> Retained {
         let sensors = SensorReadings {
@@ -203,7 +203,7 @@ pub(crate) mod tests {
             filament_present: Some(true),
             filament_pulses: Some(u32::MAX),
             driver_fault: Some(true),
-            driver_trouble: Some(DriverTrouble { motor: Motor::Feed, problem: DriverProblem::Stall }),
+            driver_trouble: Some(DriverReport { motor: Motor::Feed, problem: DriverProblem::Stall }),
             emergency_stop: Some(true),
             gravity_milli_g: Some([i16::MIN; 3]),
         };
@@ -218,7 +218,7 @@ pub(crate) mod tests {
             sensors,
             plan_id: u64::MAX,
             laid: u32::MAX,
-            begun: u32::MAX,
+            layers_begun: u32::MAX,
         };
         let under_way =
             UnderWay { state: State::EmergencyStop, plan_id: u64::MAX, laid: u32::MAX, begun: u32::MAX, sectors: 64 };
@@ -249,7 +249,7 @@ pub(crate) mod tests {
         let mut bytes = [0xff; COPY_BYTES];
         let (covered, checksum) = bytes.split_last_chunk_mut::<NUMBER_BYTES>().unwrap();
         *covered.last_chunk_mut().unwrap() = generation.to_le_bytes();
-        *checksum = frame::checksum(covered).to_le_bytes();
+        *checksum = frame::crc32c(covered).to_le_bytes();
         bytes
     }
 

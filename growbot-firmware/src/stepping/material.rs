@@ -9,7 +9,7 @@
 
 use growbot_core::angle::wrap_positive;
 use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::{Fields, HEIGHT_UNITS, LayerBytes};
+use growbot_core::layer_bytes::{HEIGHT_UNITS_PER_MM, LayerBytes, RawLayer};
 use growbot_core::robot::Robot;
 use growbot_core::trigonometry;
 use nalgebra::Vector2;
@@ -63,17 +63,18 @@ impl Material {
     /// taken back, or its profile needs more acceleration than the motors have. A layer that
     /// [`growbot_core::layer_bytes::decode_checked`] has accepted never fails. After an error the layer does not count.
     pub fn lay(&mut self, bytes: &LayerBytes, robot: &Robot, backwards: bool) -> Result<Turn, StepRate> {
-        let fields = Fields::of(bytes);
+        let fields = RawLayer::from_bytes(bytes);
         if fields.height == 0 {
             return Err(StepRate);
         }
-        let layer = fields.layer();
+        let layer = fields.to_layer();
         let below = self.carry.height_units as f64;
         // Length of a unit of lean, mm.
         let unit = 1.0 / (LEAN_UNITS * robot.feed_steps_per_length());
         let [x, y] = self.carry.lean_owed;
-        let feed_steps =
-            |share: f64| (below + f64::from(fields.height) * share) / HEIGHT_UNITS * robot.feed_steps_per_length();
+        let feed_steps = |share: f64| {
+            (below + f64::from(fields.height) * share) / HEIGHT_UNITS_PER_MM * robot.feed_steps_per_length()
+        };
         let asked = lean(&layer, robot) + Vector2::new(f64::from(x), f64::from(y)) * unit;
         let paying = Layer {
             alpha: wrap_positive(libm::atan2(asked.y, asked.x)),
@@ -101,11 +102,11 @@ impl Material {
 mod tests {
     use super::*;
     use crate::testing::{fast_robot, robot_a};
-    use growbot_core::layer_bytes::{Encoder, decode, decode_checked};
+    use growbot_core::layer_bytes::{LayerEncoder, decode, decode_checked};
     use growbot_core::robot::FeedStrategy;
 
     fn bytes(layer: &Layer) -> LayerBytes {
-        Encoder::default().encode(layer)
+        LayerEncoder::default().encode(layer)
     }
 
     #[test]
@@ -155,7 +156,8 @@ mod tests {
     fn feed_steps_never_drift_over_five_thousand_layers() {
         let robot = robot_a();
         let layer = Layer { alpha: 1.0, height: 0.7731, tilt: 0.0077 };
-        let (mut encoder, mut material, mut steps, mut height) = (Encoder::default(), Material::default(), 0_u64, 0.0);
+        let (mut encoder, mut material, mut steps, mut height) =
+            (LayerEncoder::default(), Material::default(), 0_u64, 0.0);
         for _ in 0..5000 {
             let bytes = encoder.encode(&layer);
             let turn = material.lay(&bytes, &robot, false).unwrap();

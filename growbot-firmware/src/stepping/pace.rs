@@ -61,12 +61,15 @@ impl Pace {
         let min_share = |share: &dyn Fn(&AxisMotion) -> f64| axes.into_iter().map(share).fold(1.0, f64::min);
         let start = units(min_share(&|axis| axis.jump / axis.speed));
         let slope = units(min_share(&|axis| {
-            if axis.needs_no_ramp() { 1.0 } else { axis.ramp / axis.speed / f64::from(tick_hz) }
+            if axis.is_within_jump() { 1.0 } else { axis.ramp_acceleration / axis.speed / f64::from(tick_hz) }
         }));
         let change = before.map_or([0.0; 2], |before| [ends.head - before.head, ends.feed - before.feed]);
         // A change of 0 gives infinity, which `units` limits to full speed.
-        let passing =
-            axes.into_iter().zip(change).map(|(axis, change)| axis.passing_jump / change.abs()).fold(1.0, f64::min);
+        let passing = axes
+            .into_iter()
+            .zip(change)
+            .map(|(axis, change)| axis.layer_change_jump / change.abs())
+            .fold(1.0, f64::min);
         // From that rate the turn can brake to `start`: see `Clock::can_brake`, solved for the rate.
         let (from, by) = (f64::from(start), f64::from(slope));
         let room = 2.0 * by * f64::from(ticks) * f64::from(ONE);

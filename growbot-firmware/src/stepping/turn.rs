@@ -95,7 +95,7 @@ impl Turn {
         // Positions at the edge between two sectors: ticks, head steps, feed steps.
         let edge = |index: usize| {
             let even = index as f64 / SECTORS as f64;
-            let share = if index == SECTORS { 1.0 } else { profile.share_of_material(even * TAU, robot.tip_radius()) };
+            let share = if index == SECTORS { 1.0 } else { profile.material_fraction(even * TAU, robot.tip_radius()) };
             let time = match description.motion.strategy {
                 FeedStrategy::Feed => even,
                 FeedStrategy::Speed => share,
@@ -114,7 +114,7 @@ impl Turn {
             *sector = Sector { ticks: ticks as u32, head: head as u32, feed: feed as u32 };
             from = to;
         }
-        Ok((sectors, robot.motion_of(profile)))
+        Ok((sectors, robot.layer_motion(profile)))
     }
 
     /// Returns whether the turn is laid at full speed from its first tick to its last, because it needs no ramps.
@@ -189,7 +189,7 @@ mod tests {
             let steps = layer.height * robot.feed_steps_per_length();
             for (index, sector) in turn.sectors.iter().enumerate() {
                 let angle = |edge: usize| TAU * edge as f64 / SECTORS as f64;
-                let share = |edge: usize| layer.share_of_material(angle(edge), robot.tip_radius());
+                let share = |edge: usize| layer.material_fraction(angle(edge), robot.tip_radius());
                 let closed_form = steps * (share(index + 1) - share(index));
                 let feed = f64::from(sector.feed);
                 prop_assert!((feed - closed_form).abs() <= 1.1, "{index}: {feed} for {closed_form}");

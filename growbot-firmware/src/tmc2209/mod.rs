@@ -24,7 +24,7 @@ mod settings;
 mod tests;
 mod watch;
 
-use growbot_core::link::message::{DriverProblem, DriverTrouble, Motor};
+use growbot_core::link::message::{DriverProblem, DriverReport, Motor};
 use tmc2209::reg::{Address, DRV_STATUS, GSTAT, SG_RESULT, TSTEP};
 
 pub use self::bus::{BAUD, Wire};
@@ -231,7 +231,7 @@ impl<W: Wire> Drivers for Tmc2209<W> {
         self.nodes.iter().all(|node| node.configured)
     }
 
-    fn trouble(&self) -> Option<DriverTrouble> {
-        self.nodes.iter().find_map(|node| Some(DriverTrouble { motor: node.motor, problem: node.problem? }))
+    fn trouble(&self) -> Option<DriverReport> {
+        self.nodes.iter().find_map(|node| Some(DriverReport { motor: node.motor, problem: node.problem? }))
     }
 }

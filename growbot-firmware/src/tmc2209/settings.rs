@@ -1,6 +1,6 @@
 //! Settings of a driver, and the registers that configure them (data sheet of the TMC2209, rev. 1.09, 5).
 
-use growbot_core::robot::{Driver, DriverMode, RobotDescription};
+use growbot_core::robot::{ChopperMode, DriverSettings, RobotDescription};
 use tmc2209::data::MicroStepResolution;
 use tmc2209::reg::{
     CHOPCONF, COOLCONF, GCONF, GSTAT, IHOLD_IRUN, PWMCONF, SGTHRS, SLAVECONF, State, TCOOLTHRS, TPOWERDOWN, TPWMTHRS,
@@ -48,13 +48,13 @@ impl Settings {
         Some([Self::of_driver(&head, HEAD_ADDRESS), Self::of_driver(&feed, FEED_ADDRESS)])
     }
 
-    fn of_driver(driver: &Driver, address: u8) -> Self {
+    fn of_driver(driver: &DriverSettings, address: u8) -> Self {
         Self {
             address,
             sense_ohm: driver.sense_ohm,
             current_a: driver.current_a,
             microsteps: driver.microsteps,
-            spread_cycle: driver.mode == DriverMode::SpreadCycle,
+            spread_cycle: driver.mode == ChopperMode::SpreadCycle,
             stall_threshold: driver.stall_threshold,
         }
     }
@@ -159,8 +159,12 @@ mod tests {
     fn a_robots_drivers_get_what_its_file_says() {
         let mut robot = robot_a().description().clone();
         assert_eq!(Settings::of(&robot), None);
-        robot.head.driver = Some(Driver { stall_threshold: Some(60), ..Driver::of_current(0.8) });
-        robot.feed.driver = Some(Driver { mode: DriverMode::SpreadCycle, microsteps: 32, ..Driver::of_current(0.5) });
+        robot.head.driver = Some(DriverSettings { stall_threshold: Some(60), ..DriverSettings::with_current(0.8) });
+        robot.feed.driver = Some(DriverSettings {
+            mode: ChopperMode::SpreadCycle,
+            microsteps: 32,
+            ..DriverSettings::with_current(0.5)
+        });
         let head = Settings { stall_threshold: Some(60), ..PLAIN };
         let feed = Settings { address: 3, current_a: 0.5, microsteps: 32, spread_cycle: true, ..PLAIN };
         assert_eq!(Settings::of(&robot), Some([head, feed]));

@@ -1,4 +1,4 @@
-use growbot_core::link::message::{DriverProblem, DriverTrouble, Motor};
+use growbot_core::link::message::{DriverProblem, DriverReport, Motor};
 use proptest::prelude::*;
 
 use super::model::{DRV_STATUS, FakeWire, GSTAT, IFCNT, SG_RESULT, STANDING, TSTEP, TURNING};
@@ -60,7 +60,7 @@ impl Bench {
     }
 
     fn found(&self) -> Option<(Motor, DriverProblem)> {
-        self.drivers.trouble().map(|DriverTrouble { motor, problem }| (motor, problem))
+        self.drivers.trouble().map(|DriverReport { motor, problem }| (motor, problem))
     }
 
     /// Asserts that this problem is found within a time. That time excludes the controller's own samples.

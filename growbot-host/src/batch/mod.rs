@@ -12,7 +12,7 @@ use growbot_client::plan::{Goal, Plan, Search, planner_name};
 use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::{parse_number, pose_of_numbers};
 use growbot_client::printable;
-use growbot_core::number::Short;
+use growbot_core::compact_number::CompactNumber;
 use growbot_core::plan::{PlanError, Planner};
 use growbot_core::pose::{Pose, PoseError, Position};
 use growbot_core::robot::Robot;
@@ -96,7 +96,7 @@ pub enum QueryError {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error(
     "the shortest path found is {found:.1} mm long, and --length-max is {} mm: allow a longer body, a smaller radius, \
-     or another goal", Short(.max)
+     or another goal", CompactNumber(.max)
 )]
 pub struct TooLong {
     /// How long it is, mm.

@@ -36,6 +36,6 @@ pub fn run(args: &CancelArgs) -> Result<(), Failure> {
     Ok(print(&format!(
         "given up by the {}board: plan {plan_id:016x}, {} layers laid\n",
         port.kind(),
-        hello.status.laid
+        hello.status.layers_laid
     ))?)
 }

@@ -9,7 +9,7 @@ use growbot_client::client::ClientError;
 use growbot_client::port::PortError;
 use growbot_client::printable::json_line;
 use growbot_client::robot_file;
-use growbot_core::link::message::BoardHello;
+use growbot_core::link::message::BoardInfo;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
 use growbot_host::{note, warning};
@@ -64,16 +64,16 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
              (`growbot power on --port sim:NAME`)",
             port.text()
         );
-    } else if before.robot != now.robot {
+    } else if before.robot_hash != now.robot_hash {
         note!("name this robot in commands, too: --robot {}, or growbot.toml", args.robot.display());
     }
-    let had = is_configured(&before).then(|| format!("{} ({:016x})", before.robot_name, before.robot));
+    let had = is_configured(&before).then(|| format!("{} ({:016x})", before.robot_name, before.robot_hash));
     print(&if args.json {
         json_line(&json!({
             "robot": now.robot_name,
-            "robot_hash": format!("{:016x}", now.robot),
+            "robot_hash": format!("{:016x}", now.robot_hash),
             "robot_before": is_configured(&before).then_some(&before.robot_name),
-            "robot_hash_before": is_configured(&before).then(|| format!("{:016x}", before.robot)),
+            "robot_hash_before": is_configured(&before).then(|| format!("{:016x}", before.robot_hash)),
             "simulated": port.is_simulated(),
         }))
     } else {
@@ -81,7 +81,7 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
             "the {}board is configured as {} ({:016x}), before: {}\n",
             port.kind(),
             now.robot_name,
-            now.robot,
+            now.robot_hash,
             had.unwrap_or_else(|| "not configured".to_string())
         )
     })?;
@@ -89,12 +89,12 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
 }
 
 /// Looks for the board at its port anew: a serial port over USB goes while its board restarts, and comes back.
-fn after_restart(port: &ChosenPort, robot: &Robot) -> Result<BoardHello, Failure> {
+fn after_restart(port: &ChosenPort, robot: &Robot) -> Result<BoardInfo, Failure> {
     let began = Instant::now();
     while began.elapsed() < RESTART {
         sleep(LOOK);
         let hello = port.client(robot).ok().and_then(|mut client| client.hello().ok());
-        if let Some(hello) = hello.filter(|hello| hello.robot == robot.hash()) {
+        if let Some(hello) = hello.filter(|hello| hello.robot_hash == robot.hash()) {
             return Ok(hello);
         }
     }

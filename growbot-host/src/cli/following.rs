@@ -10,7 +10,7 @@ use growbot_client::keep_clear::Detour;
 use growbot_client::plan::Plan;
 use growbot_client::printable::json_line;
 use growbot_client::run_log::{GrowthResult, ResultOutcome, RunLog, RunLogError};
-use growbot_core::link::message::{PauseCause, Silence, State};
+use growbot_core::link::message::{HostSilencePolicy, PauseCause, State};
 use growbot_core::robot::Robot;
 use growbot_host::finish_time::clock_text_here;
 use growbot_host::output::print;
@@ -30,7 +30,7 @@ pub enum OnSilence {
     Continue,
 }
 
-impl From<OnSilence> for Silence {
+impl From<OnSilence> for HostSilencePolicy {
     fn from(what: OnSilence) -> Self {
         match what {
             OnSilence::Pause => Self::Pause,

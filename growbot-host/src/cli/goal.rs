@@ -9,7 +9,7 @@ use growbot_client::plan_file::{self, Opened};
 use growbot_client::pose_text::{TypedGoal, parse_goal};
 use growbot_client::through_scene::{self, UnclearError};
 use growbot_core::robot::Robot;
-use growbot_scene::file::{self, LoadedScene};
+use growbot_scene::scene_file::{self, LoadedScene};
 
 use super::scene::SceneArgs;
 use super::search::SearchArgs;
@@ -78,7 +78,7 @@ impl GoalArgs {
                 return Ok(ToGrow { robot, plan, scene, unclear: None });
             };
             // The plan knows nothing of the scene.
-            let loaded = file::load(file)?;
+            let loaded = scene_file::load(file)?;
             let unclear = match through_scene::clear_in(&plan, &robot, &file.display().to_string(), &loaded) {
                 Ok(clearance) => {
                     plan.scene = Some(clearance);
@@ -95,7 +95,7 @@ impl GoalArgs {
             .ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan's file, or a goal with --to"))?;
         if let Some(file) = given {
             let ends = self.search.start_and_goals(&robot, goal)?;
-            let loaded = file::load(file)?;
+            let loaded = scene_file::load(file)?;
             let plan =
                 self.scene.plan_in((file, &loaded), &robot, &ends, &self.search.search(&robot, true), None, json)?;
             return Ok(ToGrow { robot, plan, scene: Some(loaded), unclear: None });

@@ -11,7 +11,7 @@ use growbot_client::robot_file;
 use growbot_client::run_log::{GrowthResult, Origin, ResultOutcome, RunLog, RunLogError};
 use growbot_client::warning::PREVENTING;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::Imperfection;
+use growbot_core::simulation::ErrorModel;
 use growbot_core::tracking::SensorNoise;
 use growbot_host::output::is_standard_output;
 use growbot_pictures::duration::duration_text;
@@ -162,7 +162,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
              it all the same with --force"
         )));
     }
-    let imperfection = Imperfection {
+    let imperfection = ErrorModel {
         disturbance: disturbance.disturbance(),
         noise: disturbance.sensor_noise(),
         seed: disturbance.seed,

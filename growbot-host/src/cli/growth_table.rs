@@ -78,7 +78,7 @@ fn feedback(plan: &Plan, grown: &Grown, fed_back: &FedBack) -> String {
             "final     is the estimate by the sensors; nobody has looked\n".to_string()
         }
     };
-    let (position, direction) = (estimate.position_deviation, degrees(estimate.direction_deviation));
+    let (position, direction) = (estimate.position_sd, degrees(estimate.direction_sd));
     format!(
         "feedback  {} amendments\n{arrived}1 sd      {position:.3} mm and {direction:.3} deg, of the estimate\n",
         fed_back.amendments

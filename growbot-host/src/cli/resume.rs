@@ -10,7 +10,7 @@ use growbot_client::growth::{GrowthError, Job, Manner, OnInterrupted, resume_job
 use growbot_client::input::name_of;
 use growbot_client::keep_clear::Surroundings;
 use growbot_client::run_log::{RunLog, RunRecord};
-use growbot_core::link::message::{BoardHello, State};
+use growbot_core::link::message::{BoardInfo, State};
 use growbot_pictures::view::{SceneFile, Subject};
 use growbot_sim::port::TipSettings;
 
@@ -140,7 +140,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let shown = scene.as_ref().map(|(file, loaded)| SceneFile { file, scene: &loaded.scene });
     let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None, scene: shown };
     let watch = args.watching.begin(&subject, &job, &known, &orders)?;
-    let laid = board.status.laid as usize;
+    let laid = board.status.layers_laid as usize;
     let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan, around.as_ref()));
     if feedback.is_some() {
         growbot_host::note!("with feedback, as it was begun");
@@ -201,7 +201,7 @@ impl ResumeArgs {
 }
 
 /// What the board knows of the body.
-fn show(board: &BoardHello, plan_id: u64, port: &ChosenPort) -> Result<(), Failure> {
+fn show(board: &BoardInfo, plan_id: u64, port: &ChosenPort) -> Result<(), Failure> {
     let status = &board.status;
     if status.plan_id != plan_id || status.plan_id == 0 {
         let nothing = GrowthError::nothing_to_resume(plan_id, status);
@@ -211,14 +211,14 @@ fn show(board: &BoardHello, plan_id: u64, port: &ChosenPort) -> Result<(), Failu
     }
     growbot_host::note!(
         "plan {plan_id:016x}: {} of {} layers laid; the {}board is {}, started by {}",
-        status.laid,
-        status.layers,
+        status.layers_laid,
+        status.layer_count,
         port.kind(),
         status.state.name(),
         board.reset_cause.name()
     );
     match status.interrupted {
-        Some(cut) => growbot_host::note!("layer {} was interrupted: {}", status.laid, made(cut)),
+        Some(cut) => growbot_host::note!("layer {} was interrupted: {}", status.layers_laid, made(cut)),
         None => growbot_host::note!("no layer was interrupted: the head stood at 0 degrees"),
     }
     if let Some(fault) = status.fault {
@@ -232,7 +232,7 @@ fn show(board: &BoardHello, plan_id: u64, port: &ChosenPort) -> Result<(), Failu
 }
 
 /// Asks a person, who must be there: what follows heats and moves.
-fn ask(board: &BoardHello) -> Result<(), Failure> {
+fn ask(board: &BoardInfo) -> Result<(), Failure> {
     if matches!(board.status.state, State::Heating | State::Homing | State::Growing | State::Paused) {
         // It is at work already: this only follows it on.
         return Ok(());

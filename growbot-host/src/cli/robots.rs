@@ -172,7 +172,7 @@ fn wires(robot: &Robot) -> String {
     let Some(board) = robot.description().board else { return String::new() };
     let mut text = format!("\n{}, signal by signal:\n", board.kind);
     for signal in Signal::ALL.into_iter().filter(|signal| signal.is_used(robot.description())) {
-        let place = match (board.pins.of(signal), board.kind.pin(signal), board.kind.terminal(signal)) {
+        let place = match (board.pins.get(signal), board.kind.pin(signal), board.kind.terminal(signal)) {
             (Some(pin), ..) => format!("pin {pin}"),
             (None, Some(pin), Some(terminal)) => format!("pin {pin}, {terminal}"),
             (.., terminal) => terminal.unwrap_or_default().to_owned(),

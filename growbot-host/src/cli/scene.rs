@@ -10,7 +10,7 @@ use growbot_client::through_scene::{self, EFFORT, LENGTH_MAX, NoPath, Through, T
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
-use growbot_scene::file::{self, LoadedScene, SceneError};
+use growbot_scene::scene_file::{self, LoadedScene, SceneError};
 use serde::Serialize;
 
 use super::Failure;
@@ -60,7 +60,7 @@ impl SceneArgs {
         length_max: Option<f64>,
         json: bool,
     ) -> Result<Plan, Failure> {
-        let loaded = file::load(scene)?;
+        let loaded = scene_file::load(scene)?;
         self.plan_in((scene, &loaded), robot, ends, search, length_max, json)
     }
 

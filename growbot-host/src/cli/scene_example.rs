@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use growbot_client::files::format_of;
 use growbot_host::output::write_to;
-use growbot_scene::examples::{Example, text};
+use growbot_scene::demo_scenes::{DemoScene, to_toml};
 
 use super::Failure;
 
@@ -40,16 +40,16 @@ enum Kind {
 /// Runs the command.
 pub fn run(args: &SceneArgs) -> Result<(), Failure> {
     let (example, name) = match args.kind {
-        Kind::PipeRack => (Example::PipeRack, "pipe-rack"),
-        Kind::RubbleHeap => (Example::RubbleHeap, "rubble-heap"),
+        Kind::PipeRack => (DemoScene::PipeRack, "pipe-rack"),
+        Kind::RubbleHeap => (DemoScene::RubbleHeap, "rubble-heap"),
     };
     format_of(&args.output, &["toml"])?;
-    let (from, to) = example.ends();
+    let (from, to) = example.endpoints();
     let comments = [
         format!("Written by `growbot scene {name} --seed {}`.", args.seed),
         format!("Through it: growbot plan --from {from} --to {to} --scene FILE"),
     ];
-    let scene = text(&example.scene(args.seed), &comments);
+    let scene = to_toml(&example.scene(args.seed), &comments);
     if write_to(&args.output, scene.as_bytes())? {
         growbot_host::note!("scene written to {}", args.output.display());
     }

@@ -106,7 +106,9 @@ impl From<PlanError> for Failure {
     fn from(error: PlanError) -> Self {
         match error {
             PlanError::RadiusTooSmall { .. } | PlanError::RadiusTooLarge { .. } => Self::bad_input(error),
-            PlanError::Missed { .. } | PlanError::NoPath | PlanError::TooManySegments(_) => Self::answered_no(error),
+            PlanError::GoalNotReached { .. } | PlanError::NoPath | PlanError::TooManySegments(_) => {
+                Self::answered_no(error)
+            }
         }
     }
 }

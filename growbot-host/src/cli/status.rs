@@ -10,7 +10,7 @@ use growbot_client::robot_file;
 use growbot_client::run_log::{InterruptedLayer, utc_text};
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_core::link::message::{
-    BoardHello, BootReport, DriverTrouble, Fault, FaultRecord, ImageCheck, PauseCause, Refusal, SensorReadings, State,
+    BoardInfo, BootReport, DriverReport, Fault, FaultRecord, ImageCheck, PauseCause, Refusal, SensorReadings, State,
 };
 use growbot_host::crash::{Crash, Image};
 use growbot_host::finish_time::clock_text_here;
@@ -63,7 +63,7 @@ pub fn run(args: &StatusArgs) -> Result<(), Failure> {
 /// All that a board says of itself.
 pub struct Report {
     simulated: bool,
-    hello: BoardHello,
+    hello: BoardInfo,
     sensors: SensorReadings,
     latest_fault: Option<FaultRecord>,
     /// None from a board whose firmware does not know the question.
@@ -82,7 +82,7 @@ impl Report {
             latest_fault: client.latest_fault()?,
             boot: match client.boot() {
                 Ok(report) => Some(report),
-                Err(ClientError::Refused { refusal: Refusal::NotUnderstood, .. }) => None,
+                Err(ClientError::Refused { refusal: Refusal::UnknownRequest, .. }) => None,
                 Err(error) => return Err(error),
             },
             image: None,
@@ -148,8 +148,8 @@ impl Report {
 
 fn text_of_image(image: ImageCheck) -> String {
     match image {
-        ImageCheck::NotSealed => "not sealed: the board has not checked it".to_string(),
-        ImageCheck::Sound { crc } => format!("checked at the start, CRC {crc:08x}"),
+        ImageCheck::Unsealed => "not sealed: the board has not checked it".to_string(),
+        ImageCheck::Valid { crc } => format!("checked at the start, CRC {crc:08x}"),
         ImageCheck::Corrupt { sealed, found } => {
             format!("corrupt: its CRC is {found:08x}, that of its seal {sealed:08x}; flash the board again")
         }
@@ -158,8 +158,8 @@ fn text_of_image(image: ImageCheck) -> String {
 
 fn json_of_image(image: ImageCheck) -> Value {
     let (check, crc) = match image {
-        ImageCheck::NotSealed => ("not-sealed", None),
-        ImageCheck::Sound { crc } => ("sound", Some(crc)),
+        ImageCheck::Unsealed => ("not-sealed", None),
+        ImageCheck::Valid { crc } => ("sound", Some(crc)),
         ImageCheck::Corrupt { sealed, .. } => ("corrupt", Some(sealed)),
     };
     json!({ "check": check, "crc": crc.map(|crc| format!("{crc:08x}")) })
@@ -198,7 +198,7 @@ fn json_of_record(record: &FaultRecord) -> Value {
         "sensors": json_of_sensors(&record.sensors),
         "plan_id": (record.plan_id != 0).then(|| format!("{:016x}", record.plan_id)),
         "laid": record.laid,
-        "begun": record.begun,
+        "begun": record.layers_begun,
     })
 }
 
@@ -212,7 +212,7 @@ fn text_of_sensors(sensors: &SensorReadings) -> String {
         parts.push(if present { "filament" } else { "no filament" }.to_string());
     }
     match sensors.driver_trouble {
-        Some(DriverTrouble { motor, problem }) => parts.push(format!("{} driver {}", motor.name(), problem.code())),
+        Some(DriverReport { motor, problem }) => parts.push(format!("{} driver {}", motor.name(), problem.code())),
         None if sensors.driver_fault == Some(true) => parts.push("driver fault".to_string()),
         None => {}
     }
@@ -233,7 +233,7 @@ pub fn text_of_record(record: &FaultRecord) -> String {
         record.temperature_centi_c.map_or("no reading".to_string(), |centi| format!("{:.1} C", celsius(centi)));
     let target =
         record.target_centi_c.map_or("heater off".to_string(), |centi| format!("target {:.1} C", celsius(centi)));
-    let interrupted = match record.begun.saturating_sub(record.laid) {
+    let interrupted = match record.layers_begun.saturating_sub(record.laid) {
         0 => String::new(),
         _ => format!(", layer {} interrupted", record.laid),
     };
@@ -248,7 +248,7 @@ pub fn text_of_record(record: &FaultRecord) -> String {
         f64::from(record.duty) / f64::from(u16::MAX) * 100.0,
         record.laid
     );
-    if let Some(DriverTrouble { motor, problem }) = record.sensors.driver_trouble {
+    if let Some(DriverReport { motor, problem }) = record.sensors.driver_trouble {
         text += &format!("             the {}'s driver {}\n", motor.name(), problem.explanation());
     }
     text
@@ -258,14 +258,14 @@ fn celsius(centi: i32) -> f64 {
     f64::from(centi) / 100.0
 }
 
-fn json_of(hello: &BoardHello, is_simulated: bool) -> Value {
+fn json_of(hello: &BoardInfo, is_simulated: bool) -> Value {
     let status = &hello.status;
     let time_left = time_left(hello, OffsetDateTime::now_utc()).filter(|_| !is_simulated);
     json!({
         "robot": is_configured(hello).then_some(&hello.robot_name),
-        "robot_hash": is_configured(hello).then(|| format!("{:016x}", hello.robot)),
+        "robot_hash": is_configured(hello).then(|| format!("{:016x}", hello.robot_hash)),
         "firmware": version(hello),
-        "schema": format!("{:016x}", hello.schema),
+        "schema": format!("{:016x}", hello.schema_hash),
         "boot_id": hello.boot_id,
         "reset_cause": hello.reset_cause.name(),
         "state": status.state.name(),
@@ -274,13 +274,13 @@ fn json_of(hello: &BoardHello, is_simulated: bool) -> Value {
         "target_c": status.target_centi_c.map(celsius),
         "duty": f64::from(status.duty) / f64::from(u16::MAX),
         "plan_id": (status.plan_id != 0).then(|| format!("{:016x}", status.plan_id)),
-        "layers": status.layers,
-        "laid": status.laid,
-        "stored": status.next.saturating_sub(status.laid),
-        "capacity": hello.capacity,
-        "interrupted": status.interrupted.map(|layer| InterruptedLayer::new(status.laid as usize, layer)),
+        "layers": status.layer_count,
+        "laid": status.layers_laid,
+        "stored": status.next_layer.saturating_sub(status.layers_laid),
+        "capacity": hello.layer_capacity,
+        "interrupted": status.interrupted.map(|layer| InterruptedLayer::new(status.layers_laid as usize, layer)),
         "pause_cause": is_paused(status.state).then(|| pause_cause(status.pause_cause)),
-        "journal": status.journal,
+        "journal": status.is_resumable,
         "owner": hello.owner.as_ref().map(|owner| String::from_utf8_lossy(owner).into_owned()),
         "uptime_s": status.uptime_ms as f64 / 1000.0,
         "left_s": time_left.map(|(left_s, _)| left_s),
@@ -289,14 +289,14 @@ fn json_of(hello: &BoardHello, is_simulated: bool) -> Value {
 }
 
 /// Whether a board has a robot description.
-pub fn is_configured(hello: &BoardHello) -> bool {
-    hello.robot != 0
+pub fn is_configured(hello: &BoardInfo) -> bool {
+    hello.robot_hash != 0
 }
 
 /// The description that a board has.
-pub fn described(hello: &BoardHello) -> String {
+pub fn described(hello: &BoardInfo) -> String {
     if is_configured(hello) {
-        format!("{} ({:016x})", hello.robot_name, hello.robot)
+        format!("{} ({:016x})", hello.robot_name, hello.robot_hash)
     } else {
         "none: the board is not configured, send it a description with `growbot configure`".to_string()
     }
@@ -315,23 +315,23 @@ fn pause_cause(cause: PauseCause) -> &'static str {
     }
 }
 
-fn version(hello: &BoardHello) -> String {
+fn version(hello: &BoardInfo) -> String {
     let [major, minor, patch] = hello.firmware;
     format!("{major}.{minor}.{patch}")
 }
 
 /// How long a board yet grows, s, and when it is done. None where it does not grow, or where nothing is known of its
 /// robot.
-fn time_left(hello: &BoardHello, now: OffsetDateTime) -> Option<(f64, OffsetDateTime)> {
+fn time_left(hello: &BoardInfo, now: OffsetDateTime) -> Option<(f64, OffsetDateTime)> {
     let robot =
-        robot_file::load(hello.robot_name.as_str().as_ref()).ok().filter(|robot| robot.hash() == hello.robot)?;
+        robot_file::load(hello.robot_name.as_str().as_ref()).ok().filter(|robot| robot.hash() == hello.robot_hash)?;
     let forecast = Forecast { period_s: robot.description().layer.period_s, pace: 1.0 };
     let finish = forecast.finish_of(now, &hello.status)?;
     Some(((finish - now).as_seconds_f64(), finish))
 }
 
 /// The status in a few lines.
-fn text_of(hello: &BoardHello, is_simulated: bool) -> String {
+fn text_of(hello: &BoardInfo, is_simulated: bool) -> String {
     let status = &hello.status;
     let temperature = status.temperature_centi_c.map_or("no reading".to_string(), |t| format!("{:.1} C", celsius(t)));
     let target = status.target_centi_c.map_or("heater off".to_string(), |t| format!("target {:.1} C", celsius(t)));
@@ -340,9 +340,9 @@ fn text_of(hello: &BoardHello, is_simulated: bool) -> String {
         id => {
             format!(
                 "{id:016x}, {} of {} layers laid, {} stored",
-                status.laid,
-                status.layers,
-                status.next.saturating_sub(status.laid)
+                status.layers_laid,
+                status.layer_count,
+                status.next_layer.saturating_sub(status.layers_laid)
             )
         }
     };
@@ -358,12 +358,12 @@ fn text_of(hello: &BoardHello, is_simulated: bool) -> String {
         text += &format!("time left    {}, done at {}\n", duration_text(left_s), clock_text_here(finish));
     }
     if let Some(interrupted) = status.interrupted {
-        text += &format!("interrupted  layer {}: {}\n", status.laid, made(interrupted));
+        text += &format!("interrupted  layer {}: {}\n", status.layers_laid, made(interrupted));
     }
     if is_paused(status.state) {
         text += &format!("waits        {}\n", pause_cause(status.pause_cause));
     }
-    if !status.journal {
+    if !status.is_resumable {
         text += "journal      failed: this body cannot be resumed after a reset\n";
     }
     if let Some(owner) = &hello.owner {
@@ -385,7 +385,7 @@ mod tests {
 
     #[test]
     fn a_driver_in_trouble_is_named_with_what_is_wrong_and_what_to_do() {
-        let trouble = Some(DriverTrouble { motor: Motor::Feed, problem: DriverProblem::Silent });
+        let trouble = Some(DriverReport { motor: Motor::Feed, problem: DriverProblem::Silent });
         let sensors = SensorReadings { driver_fault: Some(true), driver_trouble: trouble, ..SensorReadings::default() };
         assert_eq!(text_of_sensors(&sensors), "head off its mark, feed driver silent");
         assert_eq!(json_of_sensors(&sensors)["driver_trouble"], json!({ "motor": "feed", "problem": "silent" }));
@@ -400,7 +400,7 @@ mod tests {
             sensors,
             plan_id: 0,
             laid: 0,
-            begun: 0,
+            layers_begun: 0,
         };
         let text = text_of_record(&record);
         let said = "the feed's driver does not answer: check the motors' supply, without which it is off";

@@ -7,7 +7,7 @@ use growbot_client::plan::Plan;
 use growbot_client::plan_file::{self, Opened as OpenedPlan, PlanFileError};
 use growbot_client::run_log::RunRecord;
 use growbot_core::robot::Robot;
-use growbot_scene::file::{LoadedScene, load};
+use growbot_scene::scene_file::{LoadedScene, load};
 use serde_json::Value;
 
 use super::{Failure, robot_of, say_damage};

@@ -7,7 +7,7 @@ use growbot_client::files::{format_of, refuse_inputs};
 use growbot_client::plan_file::WrittenPose;
 use growbot_client::pose_text::{parse_pose, pose_of_numbers};
 use growbot_client::printable::json_line;
-use growbot_core::number::Short;
+use growbot_core::compact_number::CompactNumber;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::output::{is_standard_output, print, write_to};
@@ -102,7 +102,10 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
     let length = args.length.unwrap_or_else(|| robot.description().filament.spool_mm / robot.filament_per_length());
     if !(1.0..=LONGEST).contains(&length) {
-        return Err(Failure::bad_input(format!("length is {} mm: give one from 1 to {LONGEST} mm", Short(&length))));
+        return Err(Failure::bad_input(format!(
+            "length is {} mm: give one from 1 to {LONGEST} mm",
+            CompactNumber(&length)
+        )));
     }
     let direction = match (args.heading, args.pitch) {
         (Some(heading), Some(pitch)) => {

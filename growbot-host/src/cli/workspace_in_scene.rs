@@ -5,11 +5,11 @@ use std::path::Path;
 use growbot_client::plan_file::{WrittenPose, written_hash};
 use growbot_client::printable::json_line;
 use growbot_client::through_scene::{Through, ThroughError};
-use growbot_core::number::Short;
+use growbot_core::compact_number::CompactNumber;
 use growbot_host::output::{print, write_to};
 use growbot_host::progress::{Progress, Results};
 use growbot_host::workspace::{Counts, InScene, Known, Question, ball, in_scene};
-use growbot_scene::file;
+use growbot_scene::scene_file;
 use serde_json::{Value, json};
 
 use super::Failure;
@@ -24,7 +24,7 @@ pub struct Room<'a> {
 
 /// Plans to all goals and tells what came of it; `output` gets each goal, as CSV.
 pub fn run(question: &Question, room: &Room, output: Option<&Path>, json: bool) -> Result<(), Failure> {
-    let loaded = file::load(room.scene)?;
+    let loaded = scene_file::load(room.scene)?;
     let through = Through {
         file: &room.scene.display().to_string(),
         loaded: &loaded,
@@ -77,7 +77,7 @@ fn in_words(name: &str, answer: &InScene) -> String {
         "separated" => "every way there is too narrow".to_owned(),
         "at_resolution" => {
             let step = answer.resolution().map_or(0.0, |step| (step * 100.0).round() / 100.0);
-            format!("none of arcs and lines of {} mm", Short(&step))
+            format!("none of arcs and lines of {} mm", CompactNumber(&step))
         }
         _ => "the path of the planner two-plane is not clear".to_owned(),
     }
@@ -88,7 +88,7 @@ fn table(question: &Question, through: &Through, answer: &InScene) -> String {
     let (length, radius) = ((question.length * 10.0).round() / 10.0, question.radius);
     let name = question.robot.name();
     let mut text = format!("{name}: within reach of a body of {length} mm, bends of radius {radius} mm,\n");
-    text += &format!("through {}, with a margin of {} mm\n\n", through.file, Short(&through.margin));
+    text += &format!("through {}, with a margin of {} mm\n\n", through.file, CompactNumber(&through.margin));
     let (volume, error) = answer.volume(path);
     let digits = if volume >= 1e8 { 0 } else { 2 };
     let litres = |volume: f64| format!("{:.digits$}", volume / 1e6);

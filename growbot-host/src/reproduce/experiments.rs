@@ -6,9 +6,11 @@ use growbot_core::path;
 use growbot_core::path::{Leg, Path};
 use growbot_core::plan::{PlanError, Planner, plan};
 use growbot_core::pose::PoseError;
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::{self, DirectionSensor, Disturbance, Grown, Sensors, grow_closed, grow_open};
+use growbot_core::simulation::{
+    self, DirectionSensor, Disturbance, GrownBody, SimulatedSensors, grow_closed_loop, grow_open_loop,
+};
 use growbot_core::slicing::layers;
 use growbot_core::tracking::SensorNoise;
 use growbot_sim::parallel;
@@ -236,7 +238,7 @@ struct Task {
 pub const NOISE_OF_FEEDBACK: f64 = 0.1;
 /// What a closed loop measures, and its noise: growth to 1 % of a layer and the direction to 0.5 degrees an axis,
 /// standard deviations.
-pub const SENSORS: Sensors = Sensors {
+pub const SENSORS: SimulatedSensors = SimulatedSensors {
     noise: SensorNoise { odometry: 0.01, direction: 0.5 / 180.0 * std::f64::consts::PI },
     odometry_scale: 0.0,
     direction: DirectionSensor::Tip,
@@ -316,7 +318,7 @@ fn conditions_with_noise() -> Vec<Condition> {
 /// Start, goal and their distance.
 fn poses_of(request: &Request, robot: &Robot, task: &Task) -> Result<Endpoints, PoseError> {
     let names = [request.seed, Draw::Poses as u64, task.robot as u64, task.group as u64, task.repetition as u64];
-    poses::draw(&mut Random::new(&names), f64::from(GROUPS[task.group]) * robot.description().planning_radius_mm)
+    poses::draw(&mut Rng::new(&names), f64::from(GROUPS[task.group]) * robot.description().planning_radius_mm)
 }
 
 fn planned(
@@ -337,7 +339,7 @@ fn planned(
 
 /// A seed for the noise of one growth.
 fn noise_seed(names: &[u64]) -> u64 {
-    (Random::new(names).unit() * (1_u64 << 53) as f64) as u64
+    (Rng::new(names).uniform() * (1_u64 << 53) as f64) as u64
 }
 
 /// The growths between one start and one goal.
@@ -364,14 +366,14 @@ fn between_poses(request: &Request, robots: &[Robot], task: &Task) -> Result<Vec
 fn grow(robot: &Robot, task: &Task, poses: &Endpoints, path: &Path, condition: Condition, seed: u64) -> Growth {
     let Endpoints { start, goal } = poses;
     let disturbance = Disturbance { growth_noise: condition.noise, ..Disturbance::default() };
-    let Grown { base_from_tip, layers: laid, .. } = if condition.feedback {
-        let legs = [Leg { goal: *goal, segments: path.len() }];
-        let task = simulation::Task { robot, start: *start, path, legs: &legs };
-        grow_closed(&task, &disturbance, &SENSORS, seed, |_, _, base_from_tip| *base_from_tip)
+    let GrownBody { base_from_tip, layers: laid, .. } = if condition.feedback {
+        let legs = [Leg { goal: *goal, segment_count: path.len() }];
+        let task = simulation::GrowthTask { robot, start: *start, path, legs: &legs };
+        grow_closed_loop(&task, &disturbance, &SENSORS, seed, |_, _, base_from_tip| *base_from_tip)
     } else {
         let path = condition.slicing.stepped(robot, path);
         let layers = layers(&path, robot, condition.slicing.slicing(robot)).map(|sliced| sliced.layer);
-        grow_open(start, layers, &disturbance, seed, |_| ())
+        grow_open_loop(start, layers, &disturbance, seed, |_| ())
     };
     let path_length = path::length(path);
     Growth {

@@ -5,7 +5,7 @@
 //! directions uniform on the sphere.
 
 use growbot_core::pose::{Pose, PoseError};
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_core::trigonometry;
 use nalgebra::Vector3;
 
@@ -22,7 +22,7 @@ pub struct Endpoints {
 ///
 /// # Errors
 /// Only for a distance that no pose takes.
-pub fn draw(random: &mut Random, distance: f64) -> Result<Endpoints, PoseError> {
+pub fn draw(random: &mut Rng, distance: f64) -> Result<Endpoints, PoseError> {
     let start = pose(&Vector3::zeros(), &random.direction())?;
     let position = distance * random.direction();
     Ok(Endpoints { start, goal: pose(&position, &random.direction())? })
@@ -42,7 +42,7 @@ mod tests {
     fn goals_lie_on_the_sphere_and_directions_are_spread_evenly() {
         let (mut goals, mut directions) = (Vector3::zeros(), Vector3::zeros());
         for repetition in 0..4000 {
-            let Endpoints { start, goal } = draw(&mut Random::new(&[3, repetition]), 400.0).unwrap();
+            let Endpoints { start, goal } = draw(&mut Rng::new(&[3, repetition]), 400.0).unwrap();
             assert!((goal.position().norm() - 400.0).abs() < 1e-9 && start.position().norm() == 0.0);
             goals += goal.position() / 400.0;
             directions += goal.direction() + start.direction();

@@ -374,7 +374,7 @@ fn field_of(error: &RobotError) -> &'static str {
         RobotError::NotFinite { field, .. }
         | RobotError::TooSmall { field, .. }
         | RobotError::TooLarge { field, .. } => field,
-        RobotError::Name | RobotError::TooLong | RobotError::Unreadable | RobotError::OtherVersion { .. } => NAME,
+        RobotError::Name | RobotError::TooLong | RobotError::Unreadable | RobotError::VersionMismatch { .. } => NAME,
         RobotError::ThermistorEquation => "thermistor",
         RobotError::Pins(_) | RobotError::Drivers(_) => "board",
     };

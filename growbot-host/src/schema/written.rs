@@ -5,7 +5,7 @@
 
 use growbot_client::plan_file::PlanFile;
 use growbot_client::run_log::{GrowthResult, RunLine};
-use growbot_scene::file::SceneFile;
+use growbot_scene::scene_file::SceneFile;
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::{Value, json};

@@ -14,10 +14,10 @@ use growbot_client::keep_clear::Surroundings;
 use growbot_client::plan::Plan;
 use growbot_client::run_log::{GrowthResult, Origin, ResultOutcome, RunLog, RunRecord, utc_text};
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::{Silence, State};
+use growbot_core::link::message::{HostSilencePolicy, State};
 use growbot_core::robot::Robot;
-use growbot_core::simulation::Imperfection;
-use growbot_scene::file::LoadedScene;
+use growbot_core::simulation::ErrorModel;
+use growbot_scene::scene_file::LoadedScene;
 use growbot_sim::truth::compare;
 use time::OffsetDateTime;
 
@@ -43,7 +43,7 @@ impl Keeper {
             let remedy = "give the scene a larger margin_mm or the plan another radius, or say force";
             return refuse(&reply, &format!("{too_near}: {remedy}"));
         }
-        let imperfection = Imperfection::default();
+        let imperfection = ErrorModel::default();
         let origin = Origin { port: &self.entry.port, imperfection: self.is_simulated().then_some(&imperfection) };
         let path = self.shared.jobs().log(&job.id);
         let log = match RunLog::begin(&path, &plan, &board_job, noise, origin) {
@@ -53,7 +53,7 @@ impl Keeper {
         // Who asked may have given it up by now.
         self.put(&job, JobState::Active, None);
         let mut growing = Growing::new(self, &job, &board_job, &[], log, Some(reply));
-        let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Waits };
+        let manner = Manner { silence: HostSilencePolicy::Pause, feedback, parked: WhenParked::Waits };
         let orders = Arc::clone(&growing.orders);
         let Connection { client, simulation, .. } = connection;
         let grown = compare(simulation.as_mut(), &board_job, &mut |event| growing.ingest(event), |on_event| {
@@ -132,7 +132,7 @@ impl Keeper {
         (board_job.plan_id, board_job.layers) = (record.plan_id, record.layers.clone());
         let around = scene.as_ref().map(|scene| Surroundings::new(&robot, scene, plan.radius));
         let feedback = record.feedback(&board_job, &plan, around.as_ref());
-        let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Waits };
+        let manner = Manner { silence: HostSilencePolicy::Pause, feedback, parked: WhenParked::Waits };
         self.put(job, JobState::Active, None);
         let mut growing = Growing::new(self, job, &board_job, &record.known(), log, reply);
         let orders = Arc::clone(&growing.orders);
@@ -243,7 +243,7 @@ impl<'a> Growing<'a> {
                 self.laid = index.saturating_add(1);
                 self.keeper.know(|known| {
                     if let Some(status) = &mut known.status {
-                        status.laid = index.saturating_add(1);
+                        status.layers_laid = index.saturating_add(1);
                     }
                 });
                 self.count();

@@ -142,7 +142,7 @@ impl Condition {
         let pauses = matches!(status.state, State::Paused | State::Parked);
         // For layers, and for a host that was away, it waits by itself.
         let waits_for_people = matches!(status.pause_cause, PauseCause::Requested | PauseCause::FilamentOut);
-        let pause = (pauses && waits_for_people).then_some((status.pause_cause, status.laid));
+        let pause = (pauses && waits_for_people).then_some((status.pause_cause, status.layers_laid));
         Self { fault: status.fault, pause }
     }
 
@@ -295,12 +295,12 @@ mod tests {
                 target_centi_c: None,
                 duty: 0,
                 plan_id: 0,
-                layers: 0,
-                next: 0,
-                laid: 0,
+                layer_count: 0,
+                next_layer: 0,
+                layers_laid: 0,
                 interrupted: None,
                 pause_cause,
-                journal: true,
+                is_resumable: true,
                 uptime_ms: 0,
             };
             assert_eq!(Condition::of(&status).pause.is_some(), is_told, "{state:?} {pause_cause:?}");

@@ -12,9 +12,9 @@ use growbot_client::growth::{Order, Orders};
 use growbot_client::maintenance::Presets;
 use growbot_client::plan::Plan;
 use growbot_client::robot_file;
-use growbot_core::link::message::{BoardHello, Cancel, Fault, Message, PauseCause, State, Status, Task};
+use growbot_core::link::message::{BoardInfo, Cancel, Fault, MaintenanceTask, Message, PauseCause, State, Status};
 use growbot_core::robot::Robot;
-use growbot_scene::file::LoadedScene;
+use growbot_scene::scene_file::LoadedScene;
 use growbot_sim::port::{self, Opened, PortName, TipSettings};
 use growbot_sim::resident::Place;
 use growbot_sim::truth::Simulation;
@@ -105,7 +105,7 @@ pub enum Ask {
     Stop,
     EmergencyStop,
     ClearFault,
-    Task(Task),
+    Task(MaintenanceTask),
     /// Give the line up, until it is back.
     Lend(Loan),
 }
@@ -167,7 +167,7 @@ pub struct Connection {
     pub client: Client,
     pub simulation: Option<Box<dyn Simulation>>,
     pub robot: Robot,
-    pub hello: BoardHello,
+    pub hello: BoardInfo,
 }
 
 /// What a board leaves its keeper with.
@@ -281,8 +281,8 @@ impl Keeper {
             pause: status.filter(pauses).map(|status| pause(status.pause_cause).to_owned()),
             temperature_c: status.and_then(|status| status.temperature_centi_c).map(celsius),
             target_c: status.and_then(|status| status.target_centi_c).map(celsius),
-            laid: status.map_or(0, |status| status.laid),
-            layers: status.map_or(0, |status| status.layers),
+            laid: status.map_or(0, |status| status.layers_laid),
+            layers: status.map_or(0, |status| status.layer_count),
             job: known.job.clone(),
             finish_utc: known.finish_utc.clone(),
             refused: known.refused.clone(),

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use growbot_client::files::replace_file;
 use growbot_client::plan_file::written_hash;
 use growbot_core::hash::Hasher;
-use growbot_scene::file;
 use growbot_scene::read::is_geometry;
+use growbot_scene::scene_file;
 
 use super::places::Places;
 use super::problem::Problem;
@@ -28,7 +28,7 @@ pub fn keep(places: &Places, name: &str, bytes: &[u8]) -> Result<String, Problem
         )));
     }
     if is_scene_file {
-        let written = file::parse(&String::from_utf8_lossy(bytes), name).map_err(Problem::bad)?;
+        let written = scene_file::parse(&String::from_utf8_lossy(bytes), name).map_err(Problem::bad)?;
         let files =
             || written.meshes.iter().map(|mesh| &mesh.file).chain(written.clouds.iter().map(|cloud| &cloud.file));
         if let Some(other) = files().next() {
@@ -50,10 +50,10 @@ pub fn keep(places: &Places, name: &str, bytes: &[u8]) -> Result<String, Problem
             directory.display()
         )));
     }
-    let kept = format!("{}.{ending}", written_hash(Hasher::of(bytes)));
+    let kept = format!("{}.{ending}", written_hash(Hasher::hash(bytes)));
     let path = directory.join(&kept);
     replace_file(&path, bytes).map_err(Problem::internal)?;
-    if let Err(error) = file::load(&path) {
+    if let Err(error) = scene_file::load(&path) {
         fs::remove_file(&path).map_err(Problem::internal)?;
         return Err(Problem::bad(error.to_string().replace(&path.display().to_string(), name)));
     }

@@ -8,7 +8,7 @@ use growbot_client::pose_text::{parse_goal, parse_pose};
 use growbot_client::through_scene::{self, EFFORT, LENGTH_MAX, Through};
 use growbot_core::plan::Planner;
 use growbot_core::robot::Robot;
-use growbot_scene::file::{LoadedScene, load};
+use growbot_scene::scene_file::{LoadedScene, load};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

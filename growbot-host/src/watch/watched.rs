@@ -4,7 +4,7 @@ use growbot_client::growth::{Job, JobEvent};
 use growbot_client::run_clock::Clock;
 use growbot_client::run_log::{BodyKind, GrowthResult, hex_of};
 use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::{Encoder, LayerBytes};
+use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
 use growbot_core::link::message::{Fault, PauseCause, State, Status};
 use serde::Serialize;
 
@@ -39,7 +39,7 @@ pub struct Watched {
     /// Layers before this are as the plastic of a simulated tip lies.
     simulated: usize,
     /// What their rounding owes.
-    rounding: Encoder,
+    rounding: LayerEncoder,
     ended: Option<GrowthResult>,
 }
 
@@ -131,7 +131,7 @@ impl Watched {
             refused: None,
             warned: None,
             simulated: 0,
-            rounding: Encoder::default(),
+            rounding: LayerEncoder::default(),
             ended: None,
         }
     }
@@ -314,12 +314,12 @@ mod tests {
             target_centi_c: None,
             duty: 0,
             plan_id: 1,
-            layers: 10,
-            next: 10,
-            laid: 0,
+            layer_count: 10,
+            next_layer: 10,
+            layers_laid: 0,
             interrupted: None,
             pause_cause: PauseCause::LayersExhausted,
-            journal: true,
+            is_resumable: true,
             uptime_ms,
         })
     }
@@ -395,7 +395,7 @@ mod tests {
         let layer = Layer { alpha: 1.0, height: 0.5, tilt: 0.003 };
         watched.ingest(&JobEvent::Simulated { from: 0, layers: vec![layer] });
         let update = update_of(&watched, &mut seen);
-        let expected = hex_of(&[Encoder::default().encode(&layer), [8; 12]]);
+        let expected = hex_of(&[LayerEncoder::default().encode(&layer), [8; 12]]);
         assert_eq!(
             (&update["built_name"], &update["layers"]),
             (&json!("Laid (simulated)"), &json!({ "from": 0, "built": expected }))

@@ -1,6 +1,6 @@
 //! The shortest body to a position whose tip may point anywhere: in closed form ([`growbot_core::to_point`]).
 
-use growbot_core::to_point::planar;
+use growbot_core::to_position::planar;
 
 /// Length of the shortest body of this bend radius to a position: at this axial and lateral distance from its
 /// line. Lengths in any one unit.

@@ -12,9 +12,9 @@ use std::time::{Duration, Instant};
 
 use growbot_client::port::Port;
 use growbot_client::robot_file;
-use growbot_core::link::emergency_stop::Recogniser;
+use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_core::link::message::State;
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_sim::port::sim::Sim;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serialport::{SerialPort, TTYPort};
@@ -200,9 +200,9 @@ fn carry(mut master: impl Read + Write, is_warm: bool, line: &Mutex<Line>, seen:
     if is_warm {
         sim.simulated_tip().warm_at_once(WARM_C);
     }
-    let (mut random, mut buffer) = (Random::new(&[SEED]), [0; 256]);
+    let (mut random, mut buffer) = (Rng::new(&[SEED]), [0; 256]);
     // Of what the host sends, and of what of it passes.
-    let mut sent = Recogniser::new();
+    let mut sent = EmergencyStopDetector::new();
     let (mut passes, mut last, mut has_gone) = (0, Instant::now(), false);
     while !*over.lock().unwrap() {
         let mut line = line.lock().unwrap();
@@ -277,10 +277,10 @@ fn carry(mut master: impl Read + Write, is_warm: bool, line: &Mutex<Line>, seen:
 }
 
 /// Turns bits over.
-fn flip(bytes: &mut [u8], chance: f64, random: &mut Random) {
+fn flip(bytes: &mut [u8], chance: f64, random: &mut Rng) {
     for byte in bytes {
-        if random.between(0.0, 1.0) < chance {
-            *byte ^= 1 << random.between(0.0, 8.0) as u32;
+        if random.uniform_between(0.0, 1.0) < chance {
+            *byte ^= 1 << random.uniform_between(0.0, 8.0) as u32;
         }
     }
 }

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use growbot_client::port::Port;
 use growbot_client::robot_file;
-use growbot_core::link::frame::{self, Frame, Header, LONGEST_BODY, Receiver};
+use growbot_core::link::frame::{self, Frame, FrameDecoder, Header, MAX_BODY_LEN};
 use growbot_core::link::message::{Message, Refusal, Refused};
 use growbot_sim::port::sim::Sim;
 use serialport::{SerialPort, TTYPort};
@@ -76,13 +76,13 @@ impl FakeBoard {
     /// A board whose messages are of another schema.
     pub fn of_schema(board: u64) -> Self {
         Self::serving(move |mut stream| {
-            let mut receiver = Receiver::default();
+            let mut receiver = FrameDecoder::default();
             let mut byte = [0];
             while matches!(stream.read(&mut byte), Ok(1)) {
                 let Some(Ok(request)) = receiver.push(byte[0]) else { continue };
-                let refusal = Refusal::OtherSchema { board };
+                let refusal = Refusal::SchemaMismatch { board };
                 let message = Message::Refused(Refused { kind: request.header.kind, refusal });
-                let mut buffer = [0; LONGEST_BODY];
+                let mut buffer = [0; MAX_BODY_LEN];
                 let body = message.encode(&mut buffer).unwrap();
                 let header = Header { kind: message.kind(), ack: request.header.seq, ..request.header };
                 let _ = stream.write_all(&frame::encode(&header, body).unwrap());
@@ -179,7 +179,7 @@ fn serve_sim(
     mut passes: impl FnMut(&Frame) -> bool,
     look: impl Fn() -> Duration,
 ) {
-    let mut receiver = Receiver::default();
+    let mut receiver = FrameDecoder::default();
     let mut buffer = [0; 256];
     loop {
         match line.read(&mut buffer) {

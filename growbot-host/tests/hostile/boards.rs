@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::frame::{self, Frame, Header, Receiver};
-use growbot_core::link::message::{BoardHello, Laid, Message, Refusal, Refused, Status};
-use growbot_core::random::Random;
+use growbot_core::link::frame::{self, Frame, FrameDecoder, Header};
+use growbot_core::link::message::{BoardInfo, LayerLaid, Message, Refusal, Refused, Status};
+use growbot_core::random::Rng;
 use growbot_sim::port::sim::Sim;
 
 /// A board hangs up after so long: from then on whoever talks to it has to come to an end.
@@ -58,18 +58,18 @@ pub fn start(manner: Manner, seed: u64) -> String {
     thread::spawn(move || {
         if let Ok((stream, _)) = listener.accept() {
             // A host that has gone is no fault of the board's.
-            let _ = serve(stream, manner, Random::new(&[seed, 99]));
+            let _ = serve(stream, manner, Rng::new(&[seed, 99]));
         }
     });
     format!("tcp:127.0.0.1:{port}")
 }
 
-fn serve(mut line: TcpStream, manner: Manner, mut random: Random) -> std::io::Result<()> {
+fn serve(mut line: TcpStream, manner: Manner, mut random: Rng) -> std::io::Result<()> {
     line.set_nodelay(true)?;
     line.set_read_timeout(Some(Duration::from_millis(2)))?;
     line.set_write_timeout(Some(LIFE))?;
     let mut sim = Sim::new(robot_file::load("growbot-a2".as_ref()).unwrap());
-    let (mut to_us, mut from_sim) = (Receiver::default(), Receiver::default());
+    let (mut to_us, mut from_sim) = (FrameDecoder::default(), FrameDecoder::default());
     let mut last: Vec<u8> = Vec::new();
     let mut buffer = [0; 512];
     let began = Instant::now();
@@ -84,14 +84,15 @@ fn serve(mut line: TcpStream, manner: Manner, mut random: Random) -> std::io::Re
         match manner {
             Manner::Silent => {}
             Manner::Noise => {
-                let noise: Vec<u8> = (0..random.below(600)).map(|_| random.bits() as u8).collect();
+                let noise: Vec<u8> = (0..random.below(600)).map(|_| random.next_u64() as u8).collect();
                 line.write_all(&noise)?;
             }
             Manner::RandomMessages => {
                 for byte in heard {
                     let Some(Ok(request)) = to_us.push(byte) else { continue };
-                    let body: Vec<u8> = (0..random.below(120)).map(|_| random.bits() as u8).collect();
-                    let kind = if random.below(2) == 0 { 0x40 + random.below(24) as u8 } else { random.bits() as u8 };
+                    let body: Vec<u8> = (0..random.below(120)).map(|_| random.next_u64() as u8).collect();
+                    let kind =
+                        if random.below(2) == 0 { 0x40 + random.below(24) as u8 } else { random.next_u64() as u8 };
                     let header = Header { kind, ack: request.header.seq, ..request.header };
                     line.write_all(&frame::encode(&header, &body).unwrap())?;
                 }
@@ -115,24 +116,24 @@ fn serve(mut line: TcpStream, manner: Manner, mut random: Random) -> std::io::Re
     Ok(())
 }
 
-fn extreme(random: &mut Random) -> u32 {
+fn extreme(random: &mut Rng) -> u32 {
     EXTREMES[random.below(EXTREMES.len() as u64) as usize]
 }
 
 /// Another status than the true one.
-fn status(status: &mut Status, random: &mut Random) {
+fn status(status: &mut Status, random: &mut Rng) {
     match random.below(6) {
-        0 => status.laid = extreme(random),
-        1 => status.next = extreme(random),
-        2 => status.layers = extreme(random),
-        3 => status.uptime_ms = if random.below(2) == 0 { u64::MAX } else { random.bits() },
+        0 => status.layers_laid = extreme(random),
+        1 => status.next_layer = extreme(random),
+        2 => status.layer_count = extreme(random),
+        3 => status.uptime_ms = if random.below(2) == 0 { u64::MAX } else { random.next_u64() },
         4 => status.temperature_centi_c = Some(extreme(random).cast_signed()),
-        _ => status.plan_id = random.bits(),
+        _ => status.plan_id = random.next_u64(),
     }
 }
 
 /// The bytes of a frame, or of one that says something else.
-fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Random) -> Vec<u8> {
+fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Rng) -> Vec<u8> {
     if random.below(3) > 0 {
         return bytes;
     }
@@ -140,18 +141,18 @@ fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Random) -> Vec<u8> {
     let Ok(message) = Message::decode(frame.header.kind, &frame.body) else { return bytes };
     let told = match message {
         Message::Laid(laid) => {
-            let measured = laid.measured;
+            let measured = laid.readings;
             let as_built: Option<LayerBytes> =
-                (random.below(2) == 0).then(|| std::array::from_fn(|_| random.bits() as u8));
-            Message::Laid(Laid { index: extreme(random), as_built, measured, ..laid })
+                (random.below(2) == 0).then(|| std::array::from_fn(|_| random.next_u64() as u8));
+            Message::Laid(LayerLaid { index: extreme(random), as_built, readings: measured, ..laid })
         }
         Message::BoardHello(mut hello) => {
             match random.below(4) {
                 0 => hello.robot_name = name.try_into().unwrap(),
-                1 => hello.capacity = extreme(random),
+                1 => hello.layer_capacity = extreme(random),
                 _ => status(&mut hello.status, random),
             }
-            Message::BoardHello(BoardHello { boot_id: extreme(random), ..hello })
+            Message::BoardHello(BoardInfo { boot_id: extreme(random), ..hello })
         }
         Message::Status(mut told) => {
             status(&mut told, random);
@@ -161,16 +162,16 @@ fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Random) -> Vec<u8> {
             if random.below(2) == 0 {
                 accepted.next = extreme(random);
             } else {
-                accepted.room = extreme(random);
+                accepted.free_layers = extreme(random);
             }
             Message::Accepted(accepted)
         }
         _ if random.below(4) == 0 => {
             let refusal = match random.below(4) {
                 0 => Refusal::OutOfOrder { expected: extreme(random) },
-                1 => Refusal::Begun { first: extreme(random) },
-                2 => Refusal::BadLayer { index: extreme(random) },
-                _ => Refusal::Owned { silent_ms: extreme(random) },
+                1 => Refusal::LayerAlreadyBegun { first: extreme(random) },
+                2 => Refusal::LayerOutOfLimits { index: extreme(random) },
+                _ => Refusal::OwnedByOtherHost { silent_ms: extreme(random) },
             };
             Message::Refused(Refused { kind: frame.header.kind, refusal })
         }
@@ -179,12 +180,12 @@ fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Random) -> Vec<u8> {
             let mut body = frame.body.to_vec();
             let at = random.below(body.len().max(1) as u64) as usize;
             if let Some(byte) = body.get_mut(at) {
-                *byte = random.bits() as u8;
+                *byte = random.next_u64() as u8;
             }
             return frame::encode(&frame.header, &body).map_or(bytes, |frame| frame.to_vec());
         }
     };
-    let mut buffer = [0; frame::LONGEST_BODY];
+    let mut buffer = [0; frame::MAX_BODY_LEN];
     let header = Header { kind: told.kind(), ..frame.header };
     match told.encode(&mut buffer) {
         Ok(body) => frame::encode(&header, body).map_or(bytes, |frame| frame.to_vec()),
@@ -193,7 +194,7 @@ fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Random) -> Vec<u8> {
 }
 
 /// The bytes of a frame as a very bad line would have them.
-fn garble(mut bytes: Vec<u8>, last: &mut Vec<u8>, random: &mut Random) -> Vec<u8> {
+fn garble(mut bytes: Vec<u8>, last: &mut Vec<u8>, random: &mut Rng) -> Vec<u8> {
     match random.below(8) {
         0 => Vec::new(),
         1 => bytes.repeat(2),
@@ -204,7 +205,7 @@ fn garble(mut bytes: Vec<u8>, last: &mut Vec<u8>, random: &mut Random) -> Vec<u8
         }
         4 => {
             let at = random.below(bytes.len() as u64) as usize;
-            bytes[at] = random.bits() as u8;
+            bytes[at] = random.next_u64() as u8;
             bytes
         }
         // Longer than any frame.

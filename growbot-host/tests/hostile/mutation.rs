@@ -1,6 +1,6 @@
 //! Texts with something changed in them.
 
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 
 /// What is put into texts: extremes, what steers terminals, what nests, what breaks lines and quotes.
 const TOKENS: [&[u8]; 34] = [
@@ -45,7 +45,7 @@ const STRINGS: [&str; 5] =
     ["\\u001b[2J\\u0007", "\\u009b2J\\u007f", "\\u202e\\u2066", "\u{202e}\u{200f}\u{9b}", "\\n\\r\\t"];
 
 /// A text with one to six changes.
-pub fn mutated(text: &[u8], random: &mut Random) -> Vec<u8> {
+pub fn mutated(text: &[u8], random: &mut Rng) -> Vec<u8> {
     let mut bytes = text.to_vec();
     for _ in 0..=random.below(6) {
         change(&mut bytes, random);
@@ -53,9 +53,9 @@ pub fn mutated(text: &[u8], random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-fn change(bytes: &mut Vec<u8>, random: &mut Random) {
-    let place = |bytes: &[u8], random: &mut Random| random.below(bytes.len() as u64 + 1) as usize;
-    let range = |bytes: &[u8], random: &mut Random, longest: u64| {
+fn change(bytes: &mut Vec<u8>, random: &mut Rng) {
+    let place = |bytes: &[u8], random: &mut Rng| random.below(bytes.len() as u64 + 1) as usize;
+    let range = |bytes: &[u8], random: &mut Rng, longest: u64| {
         let from = place(bytes, random);
         from..(from + random.below(longest) as usize).min(bytes.len())
     };

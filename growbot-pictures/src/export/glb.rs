@@ -109,7 +109,7 @@ impl Parts {
         let narrowest = around.narrowest.as_ref().map(|(found, clearance)| {
             json!({ "clearance_mm": clearance, "along_mm": found.at, "obstacle": found.obstacle.to_string() })
         });
-        let shown = json!({ "shown": around.shown.len(), "of": around.shown.of, "file": around.file });
+        let shown = json!({ "shown": around.shown.len(), "of": around.shown.total, "file": around.file });
         let parts = [
             ("obstacles", surfaces(around, start), OBSTACLES, "BLEND", shown),
             ("narrowest place", mark(around, start), NARROWEST, "OPAQUE", json!(narrowest)),

@@ -2,15 +2,15 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
+use growbot_scene::obstacle_selection::SelectionLimits;
 use growbot_scene::shapes::Shape;
-use growbot_scene::shown::Limits;
 use nalgebra::{Point3, Vector3};
 
 use super::mesh::Mesh;
 use crate::view::{Around, Subject, ViewError};
 
 /// A GLB has no more of a scene: some 30 MB.
-const LIMITS: Limits = Limits { shapes: 1000, triangles: 200_000, points: 20_000 };
+const LIMITS: SelectionLimits = SelectionLimits { shapes: 1000, triangles: 200_000, points: 20_000 };
 /// Chords round balls and pipes, and from pole to pole.
 const ROUND: u32 = 24;
 const STEPS: u32 = 12;
@@ -32,7 +32,7 @@ pub fn surfaces(around: &Around, origin: &Vector3<f64>) -> Option<Mesh> {
     let mut surface = Surface::new(origin);
     for shape in &shown.shapes {
         match shape {
-            Shape::Box { centre, half, rotation } => {
+            Shape::Box { centre, half_extents: half, rotation } => {
                 let corner = |sign: [f64; 3]| centre + rotation * half.component_mul(&Vector3::from(sign));
                 surface.cuboid(corner);
             }

@@ -368,7 +368,7 @@ mod tests {
     use growbot_client::pose_text::parse_pose;
     use growbot_client::robot_file;
     use growbot_client::run_log::{Origin, RunLog};
-    use growbot_core::simulation::Imperfection;
+    use growbot_core::simulation::ErrorModel;
 
     /// The messages of the recording of a log with these lines after its header: topic, time in ms, message.
     fn recorded(lines: &[Value]) -> Vec<(String, u64, Value)> {
@@ -453,7 +453,7 @@ mod tests {
                 topic == "/events" && message["message"].as_str().is_some_and(|words| words.contains("simulated"))
             })
         };
-        let imperfection = Imperfection::default();
+        let imperfection = ErrorModel::default();
         assert!(says(Origin { port: "sim", imperfection: Some(&imperfection) }));
         assert!(!says("tcp:robot:1".into()));
     }

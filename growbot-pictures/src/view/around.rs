@@ -5,9 +5,9 @@ use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::path::Segment;
-use growbot_scene::narrowest::{Narrowest, narrowest};
+use growbot_scene::closest_approach::{ClosestApproach, closest_approach};
+use growbot_scene::obstacle_selection::{ObstacleSelection, SelectionLimits};
 use growbot_scene::scene::Scene;
-use growbot_scene::shown::{Limits, Shown};
 use nalgebra::Vector3;
 
 use super::{Layers, MAX_PLACES, Subject, ViewError};
@@ -27,9 +27,9 @@ pub struct Around {
     /// The scene's file.
     pub file: String,
     /// The obstacles.
-    pub shown: Shown,
+    pub shown: ObstacleSelection,
     /// The narrowest place, and the proven clearance there between the outside of the tube and the obstacle, mm.
-    pub narrowest: Option<(Narrowest, f64)>,
+    pub narrowest: Option<(ClosestApproach, f64)>,
 }
 
 impl Around {
@@ -37,12 +37,12 @@ impl Around {
     ///
     /// # Errors
     /// [`ViewError::TooManyLayers`].
-    pub fn of_subject(subject: &Subject, limits: &Limits) -> Result<Option<Self>, ViewError> {
+    pub fn of_subject(subject: &Subject, limits: &SelectionLimits) -> Result<Option<Self>, ViewError> {
         Ok(Self::of(subject, &subject.layers()?, limits))
     }
 
     /// The same, of these layers.
-    pub(super) fn of(subject: &Subject, layers: &Layers, limits: &Limits) -> Option<Self> {
+    pub(super) fn of(subject: &Subject, layers: &Layers, limits: &SelectionLimits) -> Option<Self> {
         let SceneFile { file, scene } = subject.scene?;
         let start = subject.plan.start.frame();
         let stride = layers.body().len().div_ceil(MAX_PLACES).max(1);
@@ -65,8 +65,9 @@ impl Around {
         let said = subject.plan.scene.as_ref().filter(|_| layers.built.is_none()).map(|scene| scene.clearance);
         Some(Self {
             file: file.to_owned(),
-            shown: Shown::near(scene, &places, limits),
-            narrowest: narrowest(scene, &path, &start).map(|found| (found, said.unwrap_or(found.distance - half_tube))),
+            shown: ObstacleSelection::near(scene, &places, limits),
+            narrowest: closest_approach(scene, &path, &start)
+                .map(|found| (found, said.unwrap_or(found.distance - half_tube))),
         })
     }
 

@@ -3,8 +3,8 @@
 use growbot_client::client::ClockDrift;
 use growbot_client::run_log::{RunRecord, hex_of};
 use growbot_core::pose::{Frame, Pose};
+use growbot_scene::obstacle_selection::ObstacleSelection;
 use growbot_scene::shapes::Shape;
-use growbot_scene::shown::Shown;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 
@@ -65,12 +65,12 @@ pub fn of(subject: &Subject, layers: &Layers, around: Option<&Around>) -> Value 
 
 /// The obstacles that are shown: see growbot-pictures/viewer/src/obstacles.js.
 fn scene(around: &Around) -> Value {
-    let Shown { shapes, squares, triangles, points, .. } = &around.shown;
+    let ObstacleSelection { shapes, squares, triangles, points, .. } = &around.shown;
     let corners = |corners: &[Vector3<f64>]| corners.iter().flat_map(hundredths).collect::<Vec<f64>>();
     let [mut boxes, mut balls, mut capsules] = [vec![], vec![], vec![]];
     for shape in shapes {
         match shape {
-            Shape::Box { centre, half, rotation } => {
+            Shape::Box { centre, half_extents: half, rotation } => {
                 let axes = rotation.matrix().iter().map(|part| (1e5 * part).round() / 1e5);
                 boxes.push(corners(&[*centre, *half]).into_iter().chain(axes).collect::<Vec<f64>>());
             }

@@ -111,10 +111,10 @@ fn heights(layers: &[Layer], tip_radius: f64) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use growbot_core::layer_bytes::Encoder;
+    use growbot_core::layer_bytes::LayerEncoder;
 
     fn scale(heights: &[f64], range: Option<[f64; 2]>) -> HeightScale {
-        let mut encoder = Encoder::default();
+        let mut encoder = LayerEncoder::default();
         let layer = |height: &f64| encoder.encode(&Layer { alpha: 0.0, height: *height, tilt: 0.0 });
         let layers: Vec<LayerBytes> = heights.iter().map(layer).collect();
         HeightScale::of(&[(&layers, 20.0)], Palette::Viridis, range)

@@ -38,7 +38,7 @@ use growbot_client::run_log::{BodyKind, RunRecord};
 use growbot_core::job::job_layers;
 use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
+use growbot_core::layer_bytes::{LayerBytes, LayerEncoder, decode};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
@@ -110,7 +110,7 @@ impl Subject<'_> {
         }
         let planned = job_layers(&self.plan.path, self.robot).collect();
         let commanded: Option<Vec<LayerBytes>> = self.run.map(|run| run.commanded().collect());
-        let mut encoder = Encoder::default();
+        let mut encoder = LayerEncoder::default();
         let simulated = self.run.and_then(RunRecord::simulated).or_else(|| self.laid.map(<[Layer]>::to_vec));
         let simulated = simulated.map(|layers| layers.iter().map(|layer| encoder.encode(layer)).collect());
         let kind = self.run.map(RunRecord::body_kind).or(self.laid.map(|_| BodyKind::Laid));

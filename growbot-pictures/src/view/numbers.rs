@@ -68,7 +68,7 @@ pub fn of(subject: &Subject, layers: &Layers, around: Option<&Around>) -> Vec<Gr
 /// The scene around a body, and how near it comes to that.
 fn scene(around: &Around) -> Group {
     let narrowest = around.clearance().zip(around.place());
-    let mut rows = vec![("File", around.file.clone()), ("Obstacles", around.shown.in_words())];
+    let mut rows = vec![("File", around.file.clone()), ("Obstacles", around.shown.summary())];
     rows.extend(narrowest.into_iter().flat_map(|(clearance, place)| [("Clearance", clearance), ("Narrowest", place)]));
     group("Scene", rows)
 }

@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use growbot_scene::shown::Limits;
+use growbot_scene::obstacle_selection::SelectionLimits;
 
 use super::around::Around;
 use super::side_by_side::{difference, together};
@@ -19,7 +19,7 @@ const NOWHERE: &str = "'none'";
 const HOME: &str = "'self'";
 
 /// A page shows no more of a scene, which makes 2 MB of it.
-const LIMITS: Limits = Limits { shapes: 1000, triangles: 12_000, points: 20_000 };
+const LIMITS: SelectionLimits = SelectionLimits { shapes: 1000, triangles: 12_000, points: 20_000 };
 
 /// The page of a body.
 ///

@@ -58,12 +58,12 @@ fn nearest_pass(points: &[(Vector3<f64>, f64)], neighbourhood: f64) -> Option<f6
 mod tests {
     use super::*;
     use growbot_core::layer::Layer;
-    use growbot_core::layer_bytes::Encoder;
+    use growbot_core::layer_bytes::LayerEncoder;
     use std::f64::consts::TAU;
 
     /// A circle of this radius, as far round as said, and a straight piece after it.
     fn bent(radius: f64, turn: f64, straight: f64) -> Vec<LayerBytes> {
-        let mut encoder = Encoder::default();
+        let mut encoder = LayerEncoder::default();
         let round = (radius * turn) as usize;
         let arc = Layer { alpha: 0.0, height: 1.0, tilt: 1.0 / radius };
         let line = Layer { height: 1.0, ..Layer::default() };

@@ -9,9 +9,9 @@ use std::collections::{BinaryHeap, HashSet};
 
 use nalgebra::Vector3;
 
-use super::Problem;
-use super::meter::Meter;
-use crate::tree::Bounds;
+use super::PlanningProblem;
+use super::budget::BudgetTracker;
+use crate::bvh::Bounds;
 
 /// Resolutions, tried one after another: the side of the cubes as a fraction of the distance that the body needs, and
 /// the maximum number of cubes that are examined. Half the diagonal of the largest cube is smaller than that distance,
@@ -30,8 +30,12 @@ pub(super) enum Flood {
 }
 
 /// Checks whether start and goal are separated, at this resolution.
-pub(super) fn separated(problem: &Problem, (share, max_cubes): (f64, usize), meter: &mut Meter) -> Flood {
-    Grid::new(problem, share * problem.need.distance).flood(problem, max_cubes, meter)
+pub(super) fn separated(
+    problem: &PlanningProblem,
+    (share, max_cubes): (f64, usize),
+    meter: &mut BudgetTracker,
+) -> Flood {
+    Grid::new(problem, share * problem.required_clearance.distance).flood(problem, max_cubes, meter)
 }
 
 /// A grid of cubes between two corners, or those that a body of maximum length may reach.
@@ -45,11 +49,11 @@ struct Grid {
 type Cube = [i32; 3];
 
 impl Grid {
-    fn new(problem: &Problem, side: f64) -> Self {
-        let goal = Bounds::of(&[problem.goal.position()]).grown(problem.tolerance());
+    fn new(problem: &PlanningProblem, side: f64) -> Self {
+        let goal = Bounds::of(&[problem.goal.position()]).inflated(problem.tolerance());
         let ends = Bounds::of(&[problem.start.position]).with(&goal);
         // Beyond all obstacles a body can go round.
-        let bounds = problem.scene.bounds().with(&ends).grown(problem.need.distance + 3.0 * side);
+        let bounds = problem.scene.bounds().with(&ends).inflated(problem.required_clearance.distance + 3.0 * side);
         let size = (bounds.max - bounds.min) / side;
         let last = [size.x, size.y, size.z].map(|count| count.ceil().min(f64::from(i32::MAX / 2)) as i32);
         Self { side, origin: bounds.min, last }
@@ -60,7 +64,7 @@ impl Grid {
         [at.x, at.y, at.z].map(|at| at.floor() as i32)
     }
 
-    fn is_open(&self, problem: &Problem, cube: &Cube, meter: &mut Meter) -> bool {
+    fn is_open(&self, problem: &PlanningProblem, cube: &Cube, meter: &mut BudgetTracker) -> bool {
         if cube.iter().zip(&self.last).any(|(at, last)| *at < 0 || at > last) {
             return false;
         }
@@ -68,17 +72,17 @@ impl Grid {
         let half_diagonal = 0.5 * 3.0_f64.sqrt() * self.side;
         let (start, goal) = (problem.start.position, problem.goal.position());
         let at_least = (centre - start).norm() + (centre - goal).norm() - 2.0 * half_diagonal - problem.tolerance();
-        if at_least > problem.length_max {
+        if at_least > problem.max_length {
             return false;
         }
         meter.work.0 += 1;
-        let enough = problem.need.distance - half_diagonal;
+        let enough = problem.required_clearance.distance - half_diagonal;
         problem.scene.distance_within(&centre, enough) >= enough
     }
 
     /// Returns the cubes in which a body may end: the goal's cube, and open ones within the tolerance of the goal.
     /// `None` if there are too many.
-    fn at_goal(&self, problem: &Problem, max_cubes: usize, meter: &mut Meter) -> Option<Vec<Cube>> {
+    fn at_goal(&self, problem: &PlanningProblem, max_cubes: usize, meter: &mut BudgetTracker) -> Option<Vec<Cube>> {
         let (goal, tolerance) = (problem.goal.position(), problem.tolerance());
         let centre = self.cube(&goal);
         if tolerance <= 0.0 {
@@ -104,7 +108,7 @@ impl Grid {
     }
 
     /// Floods from both ends by turns, each towards the other. If either fills up before they meet, they are separated.
-    fn flood(&self, problem: &Problem, max_cubes: usize, meter: &mut Meter) -> Flood {
+    fn flood(&self, problem: &PlanningProblem, max_cubes: usize, meter: &mut BudgetTracker) -> Flood {
         let ends = [self.cube(&problem.start.position), self.cube(&problem.goal.position())];
         let Some(at_goal) = self.at_goal(problem, max_cubes, meter) else { return Flood::Unknown };
         if at_goal.contains(&ends[0]) {
@@ -128,7 +132,7 @@ impl Grid {
                     }
                 }
             }
-            if meter.is_over() || reached[0].len() + reached[1].len() > max_cubes {
+            if meter.check_exhausted() || reached[0].len() + reached[1].len() > max_cubes {
                 return Flood::Unknown;
             }
         }
@@ -144,8 +148,8 @@ fn apart(a: &Cube, b: &Cube) -> i64 {
 mod tests {
     use super::super::Goal;
     use super::*;
-    use crate::clear::Need;
-    use crate::motion::Tip;
+    use crate::centreline::TipPose;
+    use crate::clearance::RequiredClearance;
     use crate::scene::Scene;
     use crate::shapes::Shape;
 
@@ -155,20 +159,20 @@ mod tests {
             let (mut centre, mut half) = (Vector3::new(0.0, 0.0, 500.0), Vector3::repeat(100.0));
             centre[side / 2] += if side % 2 == 0 { 95.0 } else { -95.0 };
             half[side / 2] = 5.0;
-            Shape::Box { centre, half, rotation: nalgebra::Rotation3::identity() }
+            Shape::Box { centre, half_extents: half, rotation: nalgebra::Rotation3::identity() }
         });
         let scene = Scene::new(walls.collect(), vec![], vec![], vec![]);
         for (tolerance, expected) in [(0.0, Flood::Separated), (50.0, Flood::Separated), (200.0, Flood::Joined)] {
-            let problem = Problem {
+            let problem = PlanningProblem {
                 scene: &scene,
-                start: Tip { position: Vector3::zeros(), direction: Vector3::z() },
+                start: TipPose { position: Vector3::zeros(), direction: Vector3::z() },
                 goal: Goal::Position { at: Vector3::new(0.0, 0.0, 500.0), tolerance },
                 radius: 100.0,
-                need: Need { distance: 20.0, slack: 0.02 },
-                length_max: 1000.0,
+                required_clearance: RequiredClearance { distance: 20.0, tolerance: 0.02 },
+                max_length: 1000.0,
                 accept: &|_| true,
             };
-            let mut meter = Meter::new(u64::MAX, None);
+            let mut meter = BudgetTracker::new(u64::MAX, None);
             assert_eq!(separated(&problem, FINENESS[0], &mut meter), expected, "{tolerance} mm");
         }
     }

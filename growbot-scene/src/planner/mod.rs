@@ -9,24 +9,24 @@
 //! All work is counted in distance queries, so that a search that is limited by their number gives the same result on
 //! every machine.
 
-mod chain;
+mod budget;
 mod flood;
 mod improve;
-mod meter;
-mod tree;
+mod search_tree;
+mod via_path;
 
 use std::time::Instant;
 
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use nalgebra::Vector3;
 
-pub use self::chain::Chain;
+use self::budget::BudgetTracker;
 use self::flood::Flood;
-use self::improve::{Shortening, clear, cost, draw, simpler, straighten};
-use self::meter::Meter;
-use self::tree::Tree;
-use crate::clear::Need;
-use crate::motion::{Tip, length};
+use self::improve::{PathShortener, cost, is_via_path_clear, perturbed, sample_path, straighten};
+use self::search_tree::SearchTree;
+pub use self::via_path::ViaPath;
+use crate::centreline::{TipPose, length};
+use crate::clearance::RequiredClearance;
 use crate::scene::Scene;
 
 /// Goal of a body.
@@ -40,7 +40,7 @@ pub enum Goal {
         tolerance: f64,
     },
     /// A position with a direction.
-    Pose(Tip),
+    Pose(TipPose),
 }
 
 impl Goal {
@@ -56,21 +56,21 @@ impl Goal {
 
 /// A planning problem: scene, start, goal and requirements of the body.
 #[derive(Clone, Copy)]
-pub struct Problem<'a> {
+pub struct PlanningProblem<'a> {
     /// The obstacles.
     pub scene: &'a Scene,
     /// Start of the body.
-    pub start: Tip,
+    pub start: TipPose,
     /// Goal of the body.
     pub goal: Goal,
     /// Minimum radius of bends, mm.
     pub radius: f64,
     /// Minimum distance of the centreline from the obstacles.
-    pub need: Need,
+    pub required_clearance: RequiredClearance,
     /// Maximum length, mm.
-    pub length_max: f64,
+    pub max_length: f64,
     /// Further condition for a clear body, such as that it is clear of itself.
-    pub accept: &'a dyn Fn(&Chain) -> bool,
+    pub accept: &'a dyn Fn(&ViaPath) -> bool,
 }
 
 /// Resolution of a search.
@@ -79,7 +79,7 @@ pub struct Resolution {
     /// Length of an arc or line, mm.
     pub step: f64,
     /// Number of directions in which a tip may bend.
-    pub rolls: u32,
+    pub bend_directions: u32,
     /// Side of a cell of positions, mm.
     pub position: f64,
     /// Side of a cell of directions, radians.
@@ -89,48 +89,48 @@ pub struct Resolution {
 impl Resolution {
     /// Returns the resolution of a level. Each is twice as fine as the previous one. Two bodies that bend to different
     /// sides for one step end in different cells.
-    fn of_level(problem: &Problem, level: usize) -> Self {
+    fn of_level(problem: &PlanningProblem, level: usize) -> Self {
         let span = (problem.goal.position() - problem.start.position).norm();
         let coarsest = (0.4 * problem.radius).min(0.25 * span).max(0.01 * problem.radius);
         let step = coarsest / f64::from(1_u32 << level);
         let turn = step / problem.radius;
-        Self { step, rolls: 8 + 4 * level as u32, position: 0.5 * step * turn, direction: 0.5 * turn }
+        Self { step, bend_directions: 8 + 4 * level as u32, position: 0.5 * step * turn, direction: 0.5 * turn }
     }
 }
 
 /// Limits of a search.
 #[derive(Debug, Clone, Copy)]
-pub struct Budget {
+pub struct SearchBudget {
     /// Number of distance queries. With this limit alone the result is the same on every machine.
-    pub work: u64,
+    pub max_queries: u64,
     /// Time at which the search stops in any case.
     pub deadline: Option<Instant>,
     /// True to stop at the first path found.
-    pub first_only: bool,
+    pub stop_at_first: bool,
 }
 
 /// Result of a search.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Outcome {
+pub enum SearchOutcome {
     /// The shortest clear path that was found.
-    Found(Chain),
+    Found(ViaPath),
     /// No path exists: start or goal is too near to an obstacle, or no gap between them is wide enough.
-    Impossible(Why),
+    Infeasible(InfeasibleReason),
     /// No path exists at this resolution.
-    NoneAt(Resolution),
+    ExhaustedAt(Resolution),
     /// No path was found within the budget.
-    NotFound,
+    BudgetExhausted,
 }
 
 /// Reason why no path exists.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Why {
+pub enum InfeasibleReason {
     /// The start is too near to an obstacle. Contains its distance, mm.
-    Start(f64),
+    StartTooClose(f64),
     /// The goal is too near to an obstacle. Contains its distance, mm.
-    Goal(f64),
+    GoalTooClose(f64),
     /// The goal is farther from the start than the maximum length of the body. Contains its distance, mm.
-    TooFar(f64),
+    GoalTooFar(f64),
     /// Obstacles surround the start or the goal, and no gap is wide enough.
     Separated,
 }
@@ -147,20 +147,20 @@ const ROUNDS_TO_FLOOD: [u32; 3] = [6, 16, 32];
 const LONGER: f64 = 0.05;
 
 /// Searches for a path. Calls `report` with each better one.
-pub fn search(problem: &Problem, budget: &Budget, report: &mut dyn FnMut(&Chain)) -> Outcome {
-    if let Some(why) = impossible(problem) {
-        return Outcome::Impossible(why);
+pub fn search(problem: &PlanningProblem, budget: &SearchBudget, report: &mut dyn FnMut(&ViaPath)) -> SearchOutcome {
+    if let Some(why) = check_feasibility(problem) {
+        return SearchOutcome::Infeasible(why);
     }
-    let mut meter = Meter::new(budget.work, budget.deadline);
+    let mut meter = BudgetTracker::new(budget.max_queries, budget.deadline);
     for stretches in problem.ways_to_goal(&problem.start) {
-        let direct = Chain { via: Vec::new(), length: length(&stretches), stretches };
-        if direct.length <= problem.length_max && clear(problem, &direct, &mut meter.work) {
+        let direct = ViaPath { via: Vec::new(), length: length(&stretches), segments: stretches };
+        if direct.length <= problem.max_length && is_via_path_clear(problem, &direct, &mut meter.work) {
             report(&direct);
-            return Outcome::Found(direct);
+            return SearchOutcome::Found(direct);
         }
     }
-    let mut search = Search { problem, meter, random: Random::new(&[SEED]), trees: Vec::new(), best: None, report };
-    search.run(budget.first_only)
+    let mut search = Search { problem, meter, random: Rng::new(&[SEED]), trees: Vec::new(), best: None, report };
+    search.run(budget.stop_at_first)
 }
 
 /// Name of the stream of random numbers.
@@ -168,37 +168,37 @@ const SEED: u64 = 2026;
 
 /// Returns the reason why no path exists, if a quick check finds one.
 #[must_use]
-pub fn impossible(problem: &Problem) -> Option<Why> {
+pub fn check_feasibility(problem: &PlanningProblem) -> Option<InfeasibleReason> {
     let (start, goal) = (problem.start.position, problem.goal.position());
     let near = problem.scene.distance(&start);
-    if near < problem.need.distance {
-        return Some(Why::Start(near));
+    if near < problem.required_clearance.distance {
+        return Some(InfeasibleReason::StartTooClose(near));
     }
     let near = problem.scene.distance(&goal);
-    if near + problem.tolerance() < problem.need.distance {
-        return Some(Why::Goal(near));
+    if near + problem.tolerance() < problem.required_clearance.distance {
+        return Some(InfeasibleReason::GoalTooClose(near));
     }
     let far = (goal - start).norm() - problem.tolerance();
-    (far > problem.length_max).then_some(Why::TooFar(far))
+    (far > problem.max_length).then_some(InfeasibleReason::GoalTooFar(far))
 }
 
 /// A search in progress.
 struct Search<'a, 'b> {
-    problem: &'a Problem<'b>,
-    meter: Meter,
-    random: Random,
+    problem: &'a PlanningProblem<'b>,
+    meter: BudgetTracker,
+    random: Rng,
     /// The trees, one for each resolution. Each is begun when its turn comes.
-    trees: Vec<Tree>,
-    best: Option<Shortening>,
-    report: &'a mut dyn FnMut(&Chain),
+    trees: Vec<SearchTree>,
+    best: Option<PathShortener>,
+    report: &'a mut dyn FnMut(&ViaPath),
 }
 
 impl Search<'_, '_> {
-    fn run(&mut self, first_only: bool) -> Outcome {
+    fn run(&mut self, first_only: bool) -> SearchOutcome {
         let mut round = 0;
-        while !self.meter.is_over() {
+        while !self.meter.check_exhausted() {
             self.grow_trees(round);
-            if self.best.is_none() && self.trees.len() == LEVELS && self.trees.iter().all(Tree::is_exhausted) {
+            if self.best.is_none() && self.trees.len() == LEVELS && self.trees.iter().all(SearchTree::is_exhausted) {
                 break;
             }
             self.draw();
@@ -207,43 +207,43 @@ impl Search<'_, '_> {
             }
             self.shorten();
             round += 1;
-            if self.best.is_none() && self.is_separated(round) {
-                return Outcome::Impossible(Why::Separated);
+            if self.best.is_none() && self.check_separation(round) {
+                return SearchOutcome::Infeasible(InfeasibleReason::Separated);
             }
         }
         if let Some(best) = self.best.take() {
-            return Outcome::Found(best.chain);
+            return SearchOutcome::Found(best.chain);
         }
-        if self.trees.iter().all(Tree::is_exhausted) && self.is_separated_at_all() {
-            return Outcome::Impossible(Why::Separated);
+        if self.trees.iter().all(SearchTree::is_exhausted) && self.check_separation_at_all_levels() {
+            return SearchOutcome::Infeasible(InfeasibleReason::Separated);
         }
         // A search that was cut off gives no proof, because coarser trees mean little.
-        let is_complete = self.trees.len() == LEVELS && self.trees.iter().all(Tree::is_exhausted);
+        let is_complete = self.trees.len() == LEVELS && self.trees.iter().all(SearchTree::is_exhausted);
         let finest = self.trees.last().filter(|_| is_complete);
-        finest.map_or(Outcome::NotFound, |tree| Outcome::NoneAt(tree.resolution))
+        finest.map_or(SearchOutcome::BudgetExhausted, |tree| SearchOutcome::ExhaustedAt(tree.resolution))
     }
 
     /// Checks in some rounds whether start and goal are separated, at a finer resolution each time.
-    fn is_separated(&mut self, round: u32) -> bool {
+    fn check_separation(&mut self, round: u32) -> bool {
         let fineness = ROUNDS_TO_FLOOD.iter().position(|rounds| *rounds == round);
         let Some(fineness) = fineness.and_then(|index| flood::FINENESS.get(index)) else { return false };
         flood::separated(self.problem, *fineness, &mut self.meter) == Flood::Separated
     }
 
     /// Checks whether start and goal are separated, at all resolutions.
-    fn is_separated_at_all(&mut self) -> bool {
+    fn check_separation_at_all_levels(&mut self) -> bool {
         let separated = |fineness| flood::separated(self.problem, fineness, &mut self.meter) == Flood::Separated;
         flood::FINENESS.into_iter().any(separated)
     }
 
     /// Returns the length below which a new path is useful, mm.
     fn below(&self) -> f64 {
-        self.best.as_ref().map_or(self.problem.length_max, |best| best.chain.length)
+        self.best.as_ref().map_or(self.problem.max_length, |best| best.chain.length)
     }
 
     /// Records a new body if it is the best.
-    fn keep(&mut self, shortening: Shortening) {
-        let cost = |chain: &Chain| cost(self.problem, chain);
+    fn keep(&mut self, shortening: PathShortener) {
+        let cost = |chain: &ViaPath| cost(self.problem, chain);
         if self.best.as_ref().is_none_or(|best| cost(&shortening.chain) < cost(&best.chain)) {
             (self.report)(&shortening.chain);
             self.best = Some(shortening);
@@ -255,14 +255,14 @@ impl Search<'_, '_> {
         for level in 0..LEVELS.min(round as usize + 1) {
             let below = self.below();
             if self.trees.len() == level {
-                self.trees.push(Tree::new(self.problem, Resolution::of_level(self.problem, level)));
+                self.trees.push(SearchTree::new(self.problem, Resolution::of_level(self.problem, level)));
             }
             let Some(tree) = self.trees.get_mut(level) else { return };
             let doublings = (round / 4).saturating_sub(level as u32).min(10);
             let until = self.meter.work.0 + (QUOTA << doublings);
             if let Some(found) = tree.advance(self.problem, &mut self.meter, until, below) {
                 let found = straighten(self.problem, found, &mut self.meter.work);
-                self.keep(Shortening::new(found));
+                self.keep(PathShortener::new(found));
                 return;
             }
         }
@@ -270,16 +270,20 @@ impl Search<'_, '_> {
 
     /// Draws random bodies until one is clear. One that is a little longer than the best is shortened first.
     fn draw(&mut self) {
-        let below = if self.best.is_some() { self.below() * (1.0 + LONGER) } else { self.problem.length_max };
+        let below = if self.best.is_some() { self.below() * (1.0 + LONGER) } else { self.problem.max_length };
         let until = self.meter.work.0 + QUOTA;
-        while !self.meter.is_over_or_at(until) {
+        while !self.meter.check_exhausted_or_at(until) {
             self.meter.work.0 += 1;
             let drawn = match &self.best {
-                Some(best) if self.random.below(2) == 0 => simpler(self.problem, &best.chain, &mut self.random, below),
-                _ => draw(self.problem, &mut self.random, below),
+                Some(best) if self.random.below(2) == 0 => {
+                    perturbed(self.problem, &best.chain, &mut self.random, below)
+                }
+                _ => sample_path(self.problem, &mut self.random, below),
             };
-            let Some(found) = drawn.filter(|found| clear(self.problem, found, &mut self.meter.work)) else { continue };
-            let mut found = Shortening::new(straighten(self.problem, found, &mut self.meter.work));
+            let Some(found) = drawn.filter(|found| is_via_path_clear(self.problem, found, &mut self.meter.work)) else {
+                continue;
+            };
+            let mut found = PathShortener::new(straighten(self.problem, found, &mut self.meter.work));
             if self.best.is_some() {
                 let until = self.meter.work.0 + SHORTENING;
                 found.advance(self.problem, &mut self.random, &mut self.meter, until);

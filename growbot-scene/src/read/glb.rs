@@ -5,7 +5,7 @@ use nalgebra::{Matrix4, Quaternion, UnitQuaternion, Vector3, Vector4};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::{Geometry, fan};
+use super::{RawGeometry, fan};
 
 /// Maximum depth of nested nodes.
 const MAX_DEPTH: usize = 64;
@@ -90,7 +90,7 @@ struct View {
 }
 
 /// Reads a GLB file.
-pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
+pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     let word = |at: usize| bytes.get(at..).and_then(|rest| rest.first_chunk()).map(|word| u32::from_le_bytes(*word));
     if bytes.get(..4) != Some(b"glTF") || word(4) != Some(2) {
         return Err("it is no glTF 2.0 in binary form".to_owned());
@@ -102,7 +102,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
     if let Some(extension) = document.extensions_required.first() {
         return Err(format!("it needs the extension {extension}, which is not read: export it without"));
     }
-    let mut reader = Reader { document: &document, data, geometry: Geometry::default(), visits: 0 };
+    let mut reader = Reader { document: &document, data, geometry: RawGeometry::default(), visits: 0 };
     match document.scenes.get(document.scene) {
         Some(scene) => {
             for node in &scene.nodes {
@@ -117,7 +117,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
 struct Reader<'a> {
     document: &'a Document,
     data: &'a [u8],
-    geometry: Geometry,
+    geometry: RawGeometry,
     visits: usize,
 }
 

@@ -15,17 +15,17 @@ use growbot_core::hash::Hasher;
 use nalgebra::Vector3;
 
 /// Maximum length of a mesh or cloud, bytes (512 MiB): some 10 million triangles.
-pub const LONGEST_GEOMETRY: u64 = 512 << 20;
+pub const MAX_GEOMETRY_BYTES: u64 = 512 << 20;
 
 /// Maximum number of characters of a reason in a message.
-const LONGEST_REASON: usize = 200;
+const MAX_REASON_CHARS: usize = 200;
 
 /// File extensions of the formats.
-const ENDINGS: [&str; 5] = ["stl", "obj", "ply", "glb", "pcd"];
+const EXTENSIONS: [&str; 5] = ["stl", "obj", "ply", "glb", "pcd"];
 
 /// Content of a mesh or cloud file: points, and triangles between them.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Geometry {
+pub struct RawGeometry {
     /// The points, in the file's units.
     pub points: Vec<Vector3<f64>>,
     /// Corners of each triangle, as indices of points.
@@ -34,9 +34,9 @@ pub struct Geometry {
 
 /// A file that has been read.
 #[derive(Debug)]
-pub struct ReadGeometry {
+pub struct GeometryFile {
     /// Content of the file.
-    pub geometry: Geometry,
+    pub geometry: RawGeometry,
     /// Hash of its bytes, CRC-64/XZ.
     pub hash: u64,
     /// Number of bytes.
@@ -65,7 +65,7 @@ pub enum ReadError {
     },
     /// The file extension is unknown.
     #[error("{file} has an ending that is not known: give a file that ends in .stl, .obj, .ply, .glb or .pcd")]
-    UnknownEnding {
+    UnknownExtension {
         /// The file.
         file: String,
     },
@@ -80,14 +80,14 @@ pub enum ReadError {
 }
 
 /// Returns the extension of a path, in lower case.
-fn ending(path: &Path) -> Option<String> {
+fn extension(path: &Path) -> Option<String> {
     path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase())
 }
 
 /// Reports whether a path has the extension of a mesh or cloud.
 #[must_use]
 pub fn is_geometry(path: &Path) -> bool {
-    ending(path).is_some_and(|ending| ENDINGS.contains(&ending.as_str()))
+    extension(path).is_some_and(|ending| EXTENSIONS.contains(&ending.as_str()))
 }
 
 /// Reads all bytes of a file, up to a limit.
@@ -110,26 +110,26 @@ pub fn bytes(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
 ///
 /// # Errors
 /// Any fault of the file.
-pub fn geometry(path: &Path) -> Result<ReadGeometry, ReadError> {
+pub fn geometry(path: &Path) -> Result<GeometryFile, ReadError> {
     let file = || path.display().to_string();
-    let read = match ending(path).as_deref() {
+    let read = match extension(path).as_deref() {
         Some("stl") => stl::read,
         Some("obj") => obj::read,
         Some("ply") => ply::read,
         Some("glb") => glb::read,
         Some("pcd") => pcd::read,
-        _ => return Err(ReadError::UnknownEnding { file: file() }),
+        _ => return Err(ReadError::UnknownExtension { file: file() }),
     };
-    let bytes = bytes(path, LONGEST_GEOMETRY)?;
+    let bytes = bytes(path, MAX_GEOMETRY_BYTES)?;
     let geometry = read(&bytes).map_err(|reason| ReadError::Malformed { file: file(), reason: one_line(&reason) })?;
-    Ok(ReadGeometry { geometry, hash: Hasher::of(&bytes), length: bytes.len() as u64 })
+    Ok(GeometryFile { geometry, hash: Hasher::hash(&bytes), length: bytes.len() as u64 })
 }
 
 /// Returns a text in one line of limited length, whatever a damaged file contains.
 pub(crate) fn one_line(text: &str) -> String {
     let words = text.split(|c: char| c.is_whitespace() || c.is_control()).filter(|word| !word.is_empty());
     let line = words.collect::<Vec<_>>().join(" ");
-    let mut short: String = line.chars().take(LONGEST_REASON).collect();
+    let mut short: String = line.chars().take(MAX_REASON_CHARS).collect();
     if short.len() < line.len() {
         short.push_str("...");
     }
@@ -137,7 +137,7 @@ pub(crate) fn one_line(text: &str) -> String {
 }
 
 /// Adds a face as a fan of triangles from its first corner.
-fn fan(corners: &[i64], geometry: &mut Geometry) -> Result<(), String> {
+fn fan(corners: &[i64], geometry: &mut RawGeometry) -> Result<(), String> {
     let points = geometry.points.len();
     let corner = |index: i64| match usize::try_from(index) {
         Ok(found) if found < points => Ok(found as u32),
@@ -153,7 +153,7 @@ fn fan(corners: &[i64], geometry: &mut Geometry) -> Result<(), String> {
 
 /// Number of edges at which a mesh encloses no volume.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Faults {
+pub struct MeshDefects {
     /// Number of edges at which a face is missing.
     pub open: usize,
     /// Number of edges whose faces have it in the same order of corners, so that one of them is inside out.
@@ -163,7 +163,7 @@ pub struct Faults {
 /// Counts the edges that do not lie between two faces, one on each side. Points with equal coordinates count as one
 /// corner.
 #[must_use]
-pub fn faults(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Faults {
+pub fn find_defects(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> MeshDefects {
     let bits = |index: u32| {
         let point = points.get(index as usize).copied().unwrap_or_default();
         // Adding 0 converts -0 to 0.
@@ -192,7 +192,7 @@ pub fn faults(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Faults {
         }
     }
     edges.sort_unstable();
-    let mut faults = Faults::default();
+    let mut faults = MeshDefects::default();
     for group in edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
         let more = group.iter().map(|edge| if edge.2 { -1 } else { 1 }).sum::<isize>().unsigned_abs();
         // With an even number of faces, none is missing.
@@ -217,7 +217,7 @@ fn words(line: &[u8]) -> Vec<&str> {
 }
 
 /// Parses three numbers.
-fn three(words: &[&str]) -> Option<Vector3<f64>> {
+fn parse_point(words: &[&str]) -> Option<Vector3<f64>> {
     let [x, y, z, ..] = words else { return None };
     Some(Vector3::new(x.parse().ok()?, y.parse().ok()?, z.parse().ok()?))
 }

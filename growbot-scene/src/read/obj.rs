@@ -1,16 +1,16 @@
 //! OBJ: points and faces. Normals, textures, materials and groups are ignored.
 
-use super::{Geometry, fan, lines, three};
+use super::{RawGeometry, fan, lines, parse_point};
 
 /// Reads an OBJ file.
-pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
-    let mut geometry = Geometry::default();
+pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
+    let mut geometry = RawGeometry::default();
     for (number, words) in lines(bytes).enumerate() {
         let number = number + 1;
         match words.as_slice() {
             ["v", coordinates @ ..] => {
                 let point =
-                    three(coordinates).ok_or_else(|| format!("line {number} has no three numbers after `v`"))?;
+                    parse_point(coordinates).ok_or_else(|| format!("line {number} has no three numbers after `v`"))?;
                 geometry.points.push(point);
             }
             ["f", corners @ ..] => {

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::Geometry;
+use super::RawGeometry;
 
 /// Position of a coordinate among the fields of a point.
 #[derive(Debug, Clone, Copy)]
@@ -26,7 +26,7 @@ struct Header {
 }
 
 /// Reads a PCD file.
-pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
+pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     let (header, data) = header(bytes)?;
     let (fields, words, size) = fields(&header)?;
     let points = header.points.ok_or("its header has no POINTS")?;
@@ -36,7 +36,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
         other => return Err(format!("its points are written as {other:?}: write them as ascii or binary")),
     }
     .take_exactly(points)?;
-    Ok(Geometry { points, triangles: Vec::new() })
+    Ok(RawGeometry { points, triangles: Vec::new() })
 }
 
 /// Points, whose number is in the header.

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
 
-use super::Geometry;
+use super::RawGeometry;
 
 /// A point. Other properties are ignored.
 struct Vertex(Vector3<f64>);
@@ -67,10 +67,10 @@ impl PropertyAccess for Other {
 }
 
 /// Reads a PLY file.
-pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
+pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     let mut reader = Reader::new(bytes);
     let header = Parser::<Other>::new().read_header(&mut reader).map_err(|error| error.to_string())?;
-    let mut geometry = Geometry::default();
+    let mut geometry = RawGeometry::default();
     for (name, element) in &header.elements {
         if element.properties.is_empty() || element.count > bytes.len() {
             return Err(format!("it announces {} of {name:?}, more than it has bytes", element.count));

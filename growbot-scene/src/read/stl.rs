@@ -2,14 +2,14 @@
 
 use nalgebra::Vector3;
 
-use super::{Geometry, lines, three};
+use super::{RawGeometry, lines, parse_point};
 
 /// Number of bytes before the triangles, and of each triangle.
 const HEADER: usize = 84;
 const TRIANGLE: usize = 50;
 
 /// Reads an STL file. Many binary files begin like text files, so the length decides.
-pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
+pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     let count = bytes.get(80..HEADER).and_then(|count| count.try_into().ok()).map(u32::from_le_bytes);
     let announced = count.map(|count| count as usize * TRIANGLE + HEADER);
     if announced.is_some_and(|announced| announced == bytes.len()) {
@@ -25,8 +25,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Geometry, String> {
     }
 }
 
-fn binary(bytes: &[u8]) -> Geometry {
-    let mut geometry = Geometry::default();
+fn binary(bytes: &[u8]) -> RawGeometry {
+    let mut geometry = RawGeometry::default();
     for triangle in bytes.get(HEADER..).unwrap_or_default().chunks_exact(TRIANGLE) {
         let number = |index: usize| {
             let bytes = triangle.get(4 * index..).and_then(|rest| rest.first_chunk());
@@ -39,13 +39,14 @@ fn binary(bytes: &[u8]) -> Geometry {
     geometry
 }
 
-fn text(bytes: &[u8]) -> Result<Geometry, String> {
-    let mut geometry = Geometry::default();
+fn text(bytes: &[u8]) -> Result<RawGeometry, String> {
+    let mut geometry = RawGeometry::default();
     let mut corners = Vec::new();
     for (number, words) in lines(bytes).enumerate() {
         match words.as_slice() {
             ["vertex", coordinates @ ..] => corners.push(
-                three(coordinates).ok_or_else(|| format!("line {} has no three numbers after `vertex`", number + 1))?,
+                parse_point(coordinates)
+                    .ok_or_else(|| format!("line {} has no three numbers after `vertex`", number + 1))?,
             ),
             ["endfacet", ..] => {
                 let found = corners.len();
@@ -59,7 +60,7 @@ fn text(bytes: &[u8]) -> Result<Geometry, String> {
     if corners.is_empty() { Ok(geometry) } else { Err("it stops in the middle of a facet".to_owned()) }
 }
 
-fn push(geometry: &mut Geometry, triangle: [Vector3<f64>; 3]) {
+fn push(geometry: &mut RawGeometry, triangle: [Vector3<f64>; 3]) {
     let first = geometry.points.len() as u32;
     geometry.points.extend(triangle);
     geometry.triangles.push([first, first + 1, first + 2]);

@@ -24,7 +24,7 @@ use std::time::Duration;
 use growbot_client::port::stream::Stream;
 use growbot_client::port::{Port, PortError, real_time};
 use growbot_core::layer::Layer;
-use growbot_core::robot::{LONGEST_ENCODED, Robot};
+use growbot_core::robot::{MAX_ENCODED_LEN, Robot};
 use growbot_firmware::emulated_tip as table;
 
 use super::OpenError;
@@ -347,7 +347,7 @@ fn built_last() -> PathBuf {
 fn prepare(memory: &TipMemory, robot: &Robot) -> Result<(), QemuError> {
     let words = Words(memory.file().try_clone().map_err(doing("share the tip's memory"))?);
     let mark = IndexMark::of(robot);
-    let mut buffer = [0; LONGEST_ENCODED];
+    let mut buffer = [0; MAX_ENCODED_LEN];
     let machine = robot.encode(&mut buffer).unwrap_or_default();
     let write = |offset: usize, value: u32| words.write(offset, value).map_err(doing("write the tip's memory"));
     write(table::INDEX_STEPS_PER_TURN, mark.steps_per_turn)?;

@@ -26,7 +26,7 @@ use rp2040::BenchError;
 use crate::resident::{Line, Place, ResidentError, Truth};
 use crate::tip::{Tip, Variation};
 use crate::truth::Simulation;
-use growbot_core::simulation::Imperfection;
+use growbot_core::simulation::ErrorModel;
 
 /// Why a port could not be opened.
 #[derive(Debug, thiserror::Error)]
@@ -143,7 +143,7 @@ pub struct TipSettings {
     /// Where growth begins, for its orientation sensor; none for the origin and upwards.
     pub start: Option<Pose>,
     /// What is off about it.
-    pub imperfection: Imperfection,
+    pub imperfection: ErrorModel,
     /// How many times as fast as real time its time passes, above 0; none for as fast as it is computed. On `sim`
     /// alone.
     pub pace: Option<f64>,

@@ -17,7 +17,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::port::{Port, PortError};
-use growbot_core::robot::{Board, BoardKind, Input, PinNumbers, Robot};
+use growbot_core::robot::{Board, BoardKind, DigitalInput, PinOverrides, Robot};
 
 use super::OpenError;
 use bench::{Answer, Bench, Edge, Output, Run, State};
@@ -86,7 +86,7 @@ struct Levels {
 impl Levels {
     fn of(robot: &Robot) -> Self {
         let description = robot.description();
-        let active_low = |input: Option<Input>| input.is_some_and(|input| input.active_low);
+        let active_low = |input: Option<DigitalInput>| input.is_some_and(|input| input.active_low);
         Self {
             index_low_on_mark: description.head.index_low_on_mark,
             presence_low: active_low(description.sensors.filament_presence),
@@ -135,7 +135,7 @@ impl Powered {
 
 /// The robot's board: a Pico with its own pins, unless the description says otherwise.
 fn board_of(robot: &Robot) -> Board {
-    robot.description().board.unwrap_or(Board { kind: BoardKind::Pico, pins: PinNumbers::default() })
+    robot.description().board.unwrap_or(Board { kind: BoardKind::Pico, pins: PinOverrides::default() })
 }
 
 impl Rp2040 {

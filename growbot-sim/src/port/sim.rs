@@ -9,7 +9,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::port::{Port, PortError};
-use growbot_core::link::emergency_stop::Recogniser;
+use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_core::link::message::{Fault, ImageCheck, ResetCause, State};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -27,7 +27,7 @@ use crate::tip::pins::{
 };
 use crate::tip::{Motor, Tip, TipFault, Variation};
 use crate::truth::Simulation;
-use growbot_core::random::scramble;
+use growbot_core::random::splitmix64;
 
 /// How often the controller is polled, us of virtual time.
 const POLL_US: u64 = 10_000;
@@ -67,7 +67,7 @@ pub struct Sim {
     epoch_s: f64,
     from_board: VecDeque<u8>,
     /// Looks for an emergency stop in what is received.
-    watch: Recogniser,
+    watch: EmergencyStopDetector,
 }
 
 impl Sim {
@@ -105,7 +105,7 @@ impl Sim {
             built_in: true,
             epoch_s: 0.0,
             from_board: VecDeque::new(),
-            watch: Recogniser::new(),
+            watch: EmergencyStopDetector::new(),
         };
         sim.poll();
         sim
@@ -427,7 +427,7 @@ impl Board for SimBoard {
 
 /// A boot of a simulated board, which has no image that could be checked, and does not crash.
 fn identity_of(boot_id: u32, reset_cause: ResetCause) -> Identity {
-    let image = ImageCheck::NotSealed;
+    let image = ImageCheck::Unsealed;
     Identity { boot_id, reset_cause, image, crash: None, without_crystal: false, configured: true }
 }
 
@@ -439,7 +439,7 @@ impl Retained {
     /// As memory comes up when its power does.
     fn of_noise(tip: &Tip, tick: u64) -> Self {
         let seed = tip.variation().seed;
-        Self(Rc::new(Cell::new(std::array::from_fn(|at| scramble(seed ^ tick << 8 ^ at as u64) as u8))))
+        Self(Rc::new(Cell::new(std::array::from_fn(|at| splitmix64(seed ^ tick << 8 ^ at as u64) as u8))))
     }
 }
 

@@ -6,7 +6,7 @@ use std::io;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 
-use growbot_core::robot::{LONGEST_ENCODED, Robot};
+use growbot_core::robot::{MAX_ENCODED_LEN, Robot};
 use rustix::fs::{FlockOperation, flock};
 
 use super::ResidentError;
@@ -153,7 +153,7 @@ impl Place {
 
     /// Assigns the directory to this robot, even if it belonged to another one.
     pub(super) fn become_another(&self, robot: &Robot) -> Result<(), ResidentError> {
-        let mut buffer = [0; LONGEST_ENCODED];
+        let mut buffer = [0; MAX_ENCODED_LEN];
         self.write("robot", robot.encode(&mut buffer).unwrap_or_default())
     }
 

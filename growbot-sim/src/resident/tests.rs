@@ -8,7 +8,7 @@ use growbot_client::growth::{
 };
 use growbot_client::plan::Plan;
 use growbot_client::robot_file;
-use growbot_core::link::message::Silence;
+use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -52,7 +52,7 @@ fn a_body_is_grown_through_a_loss_of_power_as_without() {
     let job = Job::of_plan(&robot, &plan);
     let whole = tempfile::tempdir().unwrap();
     let (place, thread) = on(whole.path(), 1e4);
-    let manner = || Manner::from(Silence::Pause);
+    let manner = || Manner::from(HostSilencePolicy::Pause);
     let grown = grow_job(&mut client(&place), &job, manner(), &Orders::default(), &mut |_| {}).unwrap();
     assert_eq!(grown.outcome, Outcome::Done);
     off(&place);

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use growbot_core::layer::Layer;
 use growbot_core::pose::Pose;
-use growbot_core::simulation::{Disturbance, Imperfection};
+use growbot_core::simulation::{Disturbance, ErrorModel};
 use growbot_core::tracking::SensorNoise;
 use serde::{Deserialize, Serialize};
 
@@ -79,7 +79,7 @@ pub struct TipWords {
 
 impl From<&TipSettings> for TipWords {
     fn from(settings: &TipSettings) -> Self {
-        let Imperfection { disturbance: of, noise, seed } = settings.imperfection;
+        let ErrorModel { disturbance: of, noise, seed } = settings.imperfection;
         Self {
             start: settings.start.map(|pose| pose.to_degrees()),
             disturbance: [
@@ -116,7 +116,7 @@ impl From<TipWords> for TipSettings {
         let noise = SensorNoise { odometry, direction };
         Self {
             start: words.start.and_then(|degrees| Pose::from_degrees(degrees).ok()),
-            imperfection: Imperfection { disturbance, noise, seed: words.seed },
+            imperfection: ErrorModel { disturbance, noise, seed: words.seed },
             pace: None,
         }
     }

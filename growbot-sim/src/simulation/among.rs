@@ -5,10 +5,10 @@ use growbot_core::layer::Layer;
 use growbot_core::path::Segment;
 use growbot_core::pose::Frame;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::Laid;
+use growbot_core::simulation::DisturbedLayer;
 use growbot_core::tracking::Tracker;
-use growbot_scene::clear::{Need, Work, is_clear};
-use growbot_scene::motion::{Curve, stretches};
+use growbot_scene::centreline::{Curve, arc_segments};
+use growbot_scene::clearance::{DistanceQueries, RequiredClearance, is_clear};
 use growbot_scene::scene::{Obstacle, Scene};
 use nalgebra::Vector3;
 
@@ -72,17 +72,20 @@ impl<'a> Touching<'a> {
     }
 
     /// Adds a layer.
-    pub(super) fn lay(&mut self, laid: &Laid) {
+    pub(super) fn lay(&mut self, laid: &DisturbedLayer) {
         let Layer { alpha, height: length, tilt: bend } = laid.layer;
         let segment = if bend > 0.0 { Segment::Arc { alpha, bend, length } } else { Segment::Straight { length } };
-        let stretch = stretches(&[segment], &self.base_from_tip).and_then(|found| found.first().copied());
+        let stretch = arc_segments(&[segment], &self.base_from_tip).and_then(|found| found.first().copied());
         if let Some(stretch) = stretch {
             let point = stretch.point(0.5 * length);
             let distance = self.scene.distance_within(&point, self.half_tube + FAR);
             self.among.clearance = self.among.clearance.min(distance - self.half_tube);
             let near = distance - 0.5 * length < self.half_tube;
-            let need = Need { distance: self.half_tube, slack: 0.0 };
-            if near && self.among.contact.is_none() && !is_clear(self.scene, &stretch, &need, &mut Work::default()) {
+            let need = RequiredClearance { distance: self.half_tube, tolerance: 0.0 };
+            if near
+                && self.among.contact.is_none()
+                && !is_clear(self.scene, &stretch, &need, &mut DistanceQueries::default())
+            {
                 let obstacle = self.scene.nearest(&point);
                 self.among.contact = Some(Contact { layer: self.layers, at: self.length, point, obstacle });
             }
@@ -101,7 +104,7 @@ pub(super) struct Keeping<'a> {
 }
 
 impl<'a> Keeping<'a> {
-    pub(super) fn new(around: &'a Surroundings<'a>, seen: growbot_core::tracking::Seen) -> Self {
+    pub(super) fn new(around: &'a Surroundings<'a>, seen: growbot_core::tracking::MeasuredQuantities) -> Self {
         Self { keeper: Keeper::new(around, seen), detours: 0, paused: None }
     }
 

@@ -16,10 +16,11 @@ use growbot_core::layer::Layer;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::{
-    Disturbance, Grown, Hanging, Laid, RootStress, Sensors, Task, grow_closed_while, grow_open,
+    Disturbance, DisturbedLayer, GrownBody, GrowthTask, RootStress, SaggingBody, SimulatedSensors,
+    grow_closed_loop_while, grow_open_loop,
 };
-use growbot_core::slicing::{Layers, Slicing, layers};
-use growbot_scene::file::LoadedScene;
+use growbot_core::slicing::{SlicedLayers, Slicing, layers};
+use growbot_scene::scene_file::LoadedScene;
 use serde::{Deserialize, Serialize};
 
 use self::among::{Among, Keeping, Touching};
@@ -36,15 +37,15 @@ const SMALL_SAG: f64 = 0.1;
 /// A growth that can be simulated with any seed.
 #[derive(Debug, Clone)]
 pub struct Simulation<'a> {
-    task: Task<'a>,
+    task: GrowthTask<'a>,
     /// Length of the path, mm.
     path_length: f64,
     /// Layers of the open loop.
-    layers: Layers<'a>,
+    layers: SlicedLayers<'a>,
     /// Disturbance of the layers.
     pub disturbance: Disturbance,
     /// Sensors of the closed loop. `None` for open loop.
-    pub sensors: Option<Sensors>,
+    pub sensors: Option<SimulatedSensors>,
     /// True if the body sags under its own weight.
     pub sag: bool,
     /// Scene of the growth. Closed loop stays clear of it. Contacts are those of the body as it was laid, without its
@@ -58,7 +59,7 @@ pub struct Simulation<'a> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outcome {
     /// The body.
-    pub grown: Grown,
+    pub grown: GrownBody,
     /// Pose of the tip and its errors from the goal.
     pub arrival: Arrival,
     /// Sag of the body. `None` without sag.
@@ -81,7 +82,7 @@ impl<'a> Simulation<'a> {
     #[must_use]
     pub fn new(plan: &'a Plan, robot: &'a Robot, slicing: Slicing) -> Self {
         Self {
-            task: Task { robot, start: plan.start, path: &plan.path, legs: &plan.legs },
+            task: GrowthTask { robot, start: plan.start, path: &plan.path, legs: &plan.legs },
             path_length: plan.needs.length,
             layers: layers(&plan.path, robot, slicing),
             disturbance: Disturbance::default(),
@@ -114,27 +115,27 @@ impl<'a> Simulation<'a> {
     }
 
     /// Like [`Self::run`], but calls `each` with every layer as laid, without the sag of the body.
-    pub fn run_by_layer(&self, seed: u64, mut each: impl FnMut(&Laid)) -> Outcome {
+    pub fn run_by_layer(&self, seed: u64, mut each: impl FnMut(&DisturbedLayer)) -> Outcome {
         let Self { task, disturbance, .. } = self;
         let base_from_start = task.start.frame();
-        let mut hanging = self.sag.then(|| Hanging::new(task.robot, &base_from_start));
+        let mut hanging = self.sag.then(|| SaggingBody::new(task.robot, &base_from_start));
         let mut touching = self.scene.map(|loaded| Touching::new(&loaded.scene, task.robot, base_from_start));
-        let mut each = |laid: &Laid| {
+        let mut each = |laid: &DisturbedLayer| {
             each(laid);
             if let Some(touching) = &mut touching {
                 touching.lay(laid);
             }
             if let Some(hanging) = &mut hanging {
-                hanging.lay(laid);
+                hanging.add_layer(laid);
             }
-            hanging.as_ref().map(Hanging::base_from_tip)
+            hanging.as_ref().map(SaggingBody::base_from_tip)
         };
         let around = self.scene.map(|loaded| Surroundings::new(task.robot, loaded, self.radius));
         let (mut grown, kept) = match &self.sensors {
             None => {
                 let layers = self.layers.clone().map(|sliced| sliced.layer);
                 (
-                    grow_open(&task.start, layers, disturbance, seed, |laid| {
+                    grow_open_loop(&task.start, layers, disturbance, seed, |laid| {
                         each(laid);
                     }),
                     None,
@@ -142,9 +143,9 @@ impl<'a> Simulation<'a> {
             }
             // The sensors measure the body with its sag after each layer.
             Some(sensors) => {
-                let mut keeping = around.as_ref().map(|around| Keeping::new(around, sensors.seen()));
-                let tip = |_: &Layer, laid: &Laid, by_growth: &Frame| each(laid).unwrap_or(*by_growth);
-                let grown = grow_closed_while(task, disturbance, sensors, seed, tip, |tracker, laid| {
+                let mut keeping = around.as_ref().map(|around| Keeping::new(around, sensors.measured_quantities()));
+                let tip = |_: &Layer, laid: &DisturbedLayer, by_growth: &Frame| each(laid).unwrap_or(*by_growth);
+                let grown = grow_closed_loop_while(task, disturbance, sensors, seed, tip, |tracker, laid| {
                     keeping.as_mut().is_none_or(|keeping| keeping.goes_on(tracker, laid))
                 });
                 (grown, keeping)
@@ -270,7 +271,7 @@ mod tests {
         simulation.sag = true;
         let open = simulation.run(1).arrival.position_error_mm;
         let noise = growbot_core::tracking::SensorNoise { odometry: 0.01, direction: 0.01 };
-        simulation.sensors = Some(Sensors { noise, odometry_scale: 0.0, direction: Default::default() });
+        simulation.sensors = Some(SimulatedSensors { noise, odometry_scale: 0.0, direction: Default::default() });
         let closed = simulation.run(1).arrival.position_error_mm;
         assert!(closed < open, "{closed} {open}");
     }

@@ -172,7 +172,7 @@ impl Statistics {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use growbot_core::random::Random;
+    use growbot_core::random::Rng;
     use proptest::prelude::*;
 
     fn of(values: &[f64]) -> Statistics {
@@ -206,7 +206,7 @@ mod tests {
     proptest! {
         #[test]
         fn percentiles_are_those_of_the_sorted_values(seed in 0_u64..1000, count in 1_usize..500, spread in 0.0_f64..3.0) {
-            let mut random = Random::new(&[seed]);
+            let mut random = Rng::new(&[seed]);
             let mut values: Vec<f64> = (0..count).map(|_| libm::exp(spread * random.normal())).collect();
             let all = of(&values);
             values.sort_by(f64::total_cmp);

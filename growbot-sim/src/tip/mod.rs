@@ -51,7 +51,7 @@ pub use variation::Variation;
 use growbot_core::layer::Layer;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
-use growbot_core::simulation::Imperfection;
+use growbot_core::simulation::ErrorModel;
 
 use filament::{Filament, Moved};
 use nozzle::Nozzle;
@@ -89,7 +89,7 @@ pub struct Tip {
     dip_until: Option<u64>,
     filament: Filament,
     plastic: Plastic,
-    imperfection: Imperfection,
+    imperfection: ErrorModel,
     /// Index of a layer, and the filament that the encoder detects for each step in it.
     seen_per_step: (u64, f64),
     /// Pose of the start of growth in the base's frame.
@@ -146,7 +146,7 @@ impl Tip {
             dip_until: None,
             filament: Filament::new(&robot),
             plastic: Plastic::new(&robot, head_steps),
-            imperfection: Imperfection::default(),
+            imperfection: ErrorModel::default(),
             seen_per_step: (0, 1.0),
             start: Frame::identity(),
             feed_steps: 0,
@@ -161,9 +161,9 @@ impl Tip {
     }
 
     /// Sets the disturbances of layers and measurements, from the first layer on. It must be called before growth.
-    pub fn disturb(&mut self, imperfection: &Imperfection) {
+    pub fn disturb(&mut self, imperfection: &ErrorModel) {
         self.imperfection = *imperfection;
-        self.seen_per_step = (0, imperfection.seen_per_step(0));
+        self.seen_per_step = (0, imperfection.encoder_ratio(0));
     }
 
     /// Sets the remaining filament, mm. By default, the spool is full.
@@ -262,7 +262,7 @@ impl Tip {
     fn seen_per_step(&mut self) -> f64 {
         let index = self.plastic.layer_index();
         if self.seen_per_step.0 != index {
-            self.seen_per_step = (index, self.imperfection.seen_per_step(index));
+            self.seen_per_step = (index, self.imperfection.encoder_ratio(index));
         }
         self.seen_per_step.1
     }

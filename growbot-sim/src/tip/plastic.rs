@@ -13,7 +13,7 @@ use growbot_core::layer::Layer;
 use growbot_core::pose::Frame;
 use growbot_core::robot::Robot;
 
-use growbot_core::simulation::Imperfection;
+use growbot_core::simulation::ErrorModel;
 
 /// An amount of plastic, or of time, and its first harmonic.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -81,7 +81,7 @@ struct Grown {
 }
 
 impl Grown {
-    fn add(&mut self, ring: &Ring, robot: &Robot, imperfection: &Imperfection) {
+    fn add(&mut self, ring: &Ring, robot: &Robot, imperfection: &ErrorModel) {
         if let Some(moments) = self.layers.next(ring) {
             self.start_from_tip *= imperfection.lay(self.index, &layer(&moments, robot)).step();
             self.index += 1;
@@ -128,7 +128,7 @@ struct Settled {
 }
 
 impl Settled {
-    fn add(&mut self, moments: &Moments, robot: &Robot, imperfection: &Imperfection) {
+    fn add(&mut self, moments: &Moments, robot: &Robot, imperfection: &ErrorModel) {
         let laid = imperfection.lay(self.came_out.len() as u64, &layer(moments, robot));
         let alpha = wrap_positive(laid.layer.alpha + self.twist);
         self.twist += laid.twist;
@@ -257,7 +257,7 @@ impl Plastic {
 
     /// Returns the layers as they came out, including the one in progress. Their twist is contained in the deposition
     /// angles of the following layers, so that the layers chain to the same body without it.
-    pub fn layers(&self, robot: &Robot, imperfection: &Imperfection) -> Vec<Layer> {
+    pub fn layers(&self, robot: &Robot, imperfection: &ErrorModel) -> Vec<Layer> {
         let mut layers = Layers::default();
         let mut all: Vec<Moments> = self.laid.iter().filter_map(|ring| layers.next(ring)).collect();
         // At the very end an edge belongs to the layer that it closes.
@@ -272,7 +272,7 @@ impl Plastic {
     }
 
     /// Returns the layers of [`Self::layers`] that can no longer change.
-    pub fn settled(&mut self, robot: &Robot, imperfection: &Imperfection) -> &[Layer] {
+    pub fn settled(&mut self, robot: &Robot, imperfection: &ErrorModel) -> &[Layer] {
         // Only the last two rings still change. An edge at the very end may belong to the layer before it.
         let settled = &mut self.settled;
         let end = self.laid.len().saturating_sub(3);
@@ -286,7 +286,7 @@ impl Plastic {
     }
 
     /// Returns the tip's frame in that of the start, including the layer in progress.
-    pub fn start_from_tip(&mut self, robot: &Robot, imperfection: &Imperfection) -> Frame {
+    pub fn start_from_tip(&mut self, robot: &Robot, imperfection: &ErrorModel) -> Frame {
         // Only the last two rings still change.
         let grown = &mut self.grown;
         let settled = self.laid.len().saturating_sub(2);

@@ -1,7 +1,7 @@
 //! Readings of the tip's sensors.
 
 use growbot_core::robot::Robot;
-use growbot_core::simulation::Imperfection;
+use growbot_core::simulation::ErrorModel;
 use growbot_firmware::thermistor::{self, FULL_SCALE};
 
 use super::cartridge::resistance_104gt_2;
@@ -122,7 +122,7 @@ impl Tip {
 
     fn steps_to_pulse(&self) -> u32 {
         // If each layer moves the encoder differently, any step may change it.
-        if self.imperfection == Imperfection::default() { self.filament.steps_to_edge() } else { 1 }
+        if self.imperfection == ErrorModel::default() { self.filament.steps_to_edge() } else { 1 }
     }
 
     fn steps_to_switch(&self) -> u32 {

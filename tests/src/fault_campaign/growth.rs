@@ -8,7 +8,7 @@ use growbot_sim::tip::{Motor, Parts, STEINHART_HART_104GT_2, Variation};
 
 use super::cases::{Case, Onset, Right};
 use super::rig::Rig;
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 
 /// Layers of the job; half of them are handed over before it holds.
 const LAYERS: u32 = 6;
@@ -97,8 +97,8 @@ pub fn robot(plant: Plant) -> Robot {
 /// A copy of the robot: power, heat capacity and loss within 10 %, supply within 10 %, another room and another sensor.
 /// A cartridge has 10 to 30 % of the heat capacity and conducts 1 to 4 W/K; 10 to 30 % of the loss are radiation.
 #[must_use]
-pub fn copy(plant: Plant, random: &mut Random, seed: u64) -> Variation {
-    let mut within = |min: f64, max: f64| random.between(min, max);
+pub fn copy(plant: Plant, random: &mut Rng, seed: u64) -> Variation {
+    let mut within = |min: f64, max: f64| random.uniform_between(min, max);
     let lump = Variation {
         power: within(0.9, 1.1),
         heat_capacity: within(0.9, 1.1),
@@ -124,10 +124,10 @@ pub fn copy(plant: Plant, random: &mut Random, seed: u64) -> Variation {
 /// If the growth cannot be brought to the moment of the fault.
 #[must_use]
 pub fn meet(plant: Plant, case: &Case, seed: u64) -> Seen {
-    let mut random = Random::new(&[seed]);
+    let mut random = Rng::new(&[seed]);
     let robot = robot(plant);
     let mut rig = Rig::new(&robot, copy(plant, &mut random, seed));
-    let at = random.between(0.0, 1.0);
+    let at = random.uniform_between(0.0, 1.0);
     if case.onset != Onset::Boot {
         bring_to(&mut rig, &robot, case.onset, at).unwrap_or_else(|error| panic!("{case:?}, seed {seed}: {error}"));
     }

@@ -6,13 +6,15 @@ use std::time::Duration;
 
 use growbot_client::client::{Client, ClientError};
 use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::{Encoder, LayerBytes};
-use growbot_core::link::message::{Begin, Layers, MAX_LAYERS, Message, Silence, Start, State, Status};
+use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
+use growbot_core::link::message::{
+    AppendLayers, BeginJob, HostSilencePolicy, MAX_LAYERS_PER_MESSAGE, Message, Start, State, Status,
+};
 use growbot_core::robot::Robot;
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::Variation;
 
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 
 /// The job's name.
 const PLAN: u64 = 1;
@@ -23,7 +25,7 @@ pub struct Rig {
     pub sim: Rc<RefCell<Sim>>,
     client: Client,
     robot: Robot,
-    encoder: Encoder,
+    encoder: LayerEncoder,
     handed_over: u32,
 }
 
@@ -33,7 +35,7 @@ impl Rig {
     pub fn new(robot: &Robot, variation: Variation) -> Self {
         let sim = Rc::new(RefCell::new(Sim::with(robot.clone(), variation)));
         let client = Client::new(Box::new(Rc::clone(&sim)), "sim");
-        Self { sim, client, robot: robot.clone(), encoder: Encoder::default(), handed_over: 0 }
+        Self { sim, client, robot: robot.clone(), encoder: LayerEncoder::default(), handed_over: 0 }
     }
 
     /// Opens the session.
@@ -49,8 +51,8 @@ impl Rig {
     /// # Errors
     /// If the board refuses.
     pub fn begin(&mut self, layers: u32) -> Result<(), ClientError> {
-        (self.encoder, self.handed_over) = (Encoder::default(), 0);
-        let begin = Begin { plan_id: PLAN, layers, robot: self.robot.hash() };
+        (self.encoder, self.handed_over) = (LayerEncoder::default(), 0);
+        let begin = BeginJob { plan_id: PLAN, layers, robot_hash: self.robot.hash() };
         self.client.request("to begin", &Message::Begin(begin)).map(|_| ())
     }
 
@@ -66,8 +68,8 @@ impl Rig {
     ///
     /// # Errors
     /// If the board refuses.
-    pub fn hand_over_varied(&mut self, count: u32, random: &mut Random) -> Result<(), ClientError> {
-        self.hand_over_shares((0..count).map(|_| random.between(0.5, 1.0)))
+    pub fn hand_over_varied(&mut self, count: u32, random: &mut Rng) -> Result<(), ClientError> {
+        self.hand_over_shares((0..count).map(|_| random.uniform_between(0.5, 1.0)))
     }
 
     /// Hands over layers of a bend, each with its share of the max height.
@@ -76,8 +78,9 @@ impl Rig {
         let max_height = 0.97 * self.robot.max_mean_height(1.0 / radius);
         let layer = |share: f64| Layer { alpha: 1.0, height: share * max_height, tilt: share * max_height / radius };
         let layers: Vec<LayerBytes> = shares.map(|share| self.encoder.encode(&layer(share))).collect();
-        for batch in layers.chunks(MAX_LAYERS) {
-            let layers = Layers { plan_id: PLAN, first: self.handed_over, layers: batch.iter().copied().collect() };
+        for batch in layers.chunks(MAX_LAYERS_PER_MESSAGE) {
+            let layers =
+                AppendLayers { plan_id: PLAN, first: self.handed_over, layers: batch.iter().copied().collect() };
             self.client.request("to store layers", &Message::Layers(layers))?;
             self.handed_over += batch.len() as u32;
         }
@@ -90,7 +93,7 @@ impl Rig {
     /// If the board refuses.
     pub fn start(&mut self) -> Result<(), ClientError> {
         self.client
-            .request("to start", &Message::Start(Start { plan_id: PLAN, silence: Silence::Continue }))
+            .request("to start", &Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }))
             .map(|_| ())
     }
 

@@ -7,7 +7,7 @@ use core::f64::consts::TAU;
 use nalgebra::{Matrix6, Rotation3, Vector2, Vector3, Vector6};
 
 use super::Problem;
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 
 /// Arcs at the beginning, equally long.
 const ARCS: usize = 20;
@@ -230,19 +230,19 @@ pub struct Chain {
 }
 
 /// A chain to the goal from a random start, shortened; nothing if the start leads to none.
-pub fn straightened(problem: &Problem, random: &mut Random) -> Option<Chain> {
+pub fn straightened(problem: &Problem, random: &mut Rng) -> Option<Chain> {
     // A few stretches, each bent to a side of its own.
-    let stretches = 1 + (random.unit() * 4.0) as usize;
+    let stretches = 1 + (random.uniform() * 4.0) as usize;
     let bends: Vec<_> = (0..stretches)
         .map(|_| {
-            let (sin, cos) = libm::sincos(random.between(0.0, TAU));
-            Vector2::new(cos, sin) * random.between(0.2, 1.2)
+            let (sin, cos) = libm::sincos(random.uniform_between(0.0, TAU));
+            Vector2::new(cos, sin) * random.uniform_between(0.2, 1.2)
         })
         .collect();
     let mut number =
         |index: usize| bends[index * stretches / ARCS] + Vector2::new(random.normal(), random.normal()) * 0.05;
     let numbers = (0..ARCS).map(&mut number).collect();
-    let length = problem.goal.norm() + random.between(1.0, 9.0);
+    let length = problem.goal.norm() + random.uniform_between(1.0, 9.0);
     let mut chain = Unknowns { numbers, shares: vec![1.0 / ARCS as f64; ARCS], length }.pulled(problem, 30)?;
     chain = chain.shortened(problem, 0.3)?;
     for _ in 0..SPLITS {

@@ -11,7 +11,7 @@ use nalgebra::{SVector, Vector2, Vector3, Vector6};
 
 use super::levenberg;
 use super::{Curve, Piece, Problem, Tip, across};
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 
 type Unknowns = SVector<f64, 5>;
 
@@ -50,15 +50,15 @@ pub struct Found {
 }
 
 /// Searches from this many random starts.
-pub fn search(problem: &Problem, starts: usize, random: &mut Random) -> Found {
+pub fn search(problem: &Problem, starts: usize, random: &mut Rng) -> Found {
     let mut all = Found::default();
     for _ in 0..starts {
         let mut bend = || {
-            let (sin, cos) = libm::sincos(random.between(0.0, TAU));
-            Vector2::new(cos, sin) * random.between(0.0, TAU)
+            let (sin, cos) = libm::sincos(random.uniform_between(0.0, TAU));
+            Vector2::new(cos, sin) * random.uniform_between(0.0, TAU)
         };
         let (first, last) = (bend(), bend());
-        let line = random.between(-1.0, problem.goal.norm() + 2.0);
+        let line = random.uniform_between(-1.0, problem.goal.norm() + 2.0);
         let start = Unknowns::from([first.x, first.y, line, last.x, last.y]);
         let residual = |at: &Unknowns| Some(gap(problem, at));
         let slopes = |at: &Unknowns, there: &Vector6<f64>| levenberg::differences(at, there, 1e-7, residual);

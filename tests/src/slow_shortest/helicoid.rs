@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, SymmetricEigen, Vector3, Vect
 use super::bent_chain::{self, Chain};
 use super::levenberg;
 use super::{Curve, Problem, Tip};
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 
 /// How exactly a curve is searched.
 struct Precision {
@@ -264,26 +264,26 @@ impl Narrow {
     }
 
     /// One at random, of the lengths that may be shortest.
-    fn random(problem: &Problem, longest: f64, random: &mut Random) -> Self {
-        let log_size = random.between(libm::log(1e-8), libm::log(5.0));
+    fn random(problem: &Problem, longest: f64, random: &mut Rng) -> Self {
+        let log_size = random.uniform_between(libm::log(1e-8), libm::log(5.0));
         let size = libm::exp(log_size);
         // Half of them with any psi, half of them turning from one circle to another where they are narrow.
-        let psi = random.between(-PI, PI);
-        let skew = if random.unit() < 0.5 && libm::cos(psi) + size > 0.0 {
+        let psi = random.uniform_between(-PI, PI);
+        let skew = if random.uniform() < 0.5 && libm::cos(psi) + size > 0.0 {
             psi / libm::sqrt(size / (1.0 + size))
         } else {
-            random.normal() * libm::exp(random.between(-1.0, 2.0))
+            random.normal() * libm::exp(random.uniform_between(-1.0, 2.0))
         };
-        let length = random.between(problem.goal.norm().min(longest), longest);
-        let before = length * random.between(-0.1, 1.1);
+        let length = random.uniform_between(problem.goal.norm().min(longest), longest);
+        let before = length * random.uniform_between(-0.1, 1.1);
         Self { log_size, skew, before, after: length - before }
     }
 
     /// One at random near arc, line, arc, with a short line that would have to be walked backwards.
-    fn near([first, line, last]: &[f64; 3], random: &mut Random) -> Self {
+    fn near([first, line, last]: &[f64; 3], random: &mut Rng) -> Self {
         Self {
-            log_size: 2.0 * libm::log(-line) + random.between(-4.0, 4.0),
-            skew: random.normal() * libm::exp(random.between(-1.0, 2.0)),
+            log_size: 2.0 * libm::log(-line) + random.uniform_between(-4.0, 4.0),
+            skew: random.normal() * libm::exp(random.uniform_between(-1.0, 2.0)),
             before: first + line / 2.0,
             after: last + line / 2.0,
         }
@@ -358,7 +358,7 @@ fn shape(vectors: &Matrix3<f64>) -> Vector5<f64> {
 }
 
 /// The best of some random arcs: the one whose ends are placed most nearly as start and goal are.
-fn random_start(problem: &Problem, longest: f64, among: usize, random: &mut Random) -> Narrow {
+fn random_start(problem: &Problem, longest: f64, among: usize, random: &mut Rng) -> Narrow {
     let goal = shape(&goal_vectors(problem));
     let mut best = (f64::INFINITY, Narrow::random(problem, longest, random));
     for _ in 0..among {
@@ -454,7 +454,7 @@ enum Way {
 
 /// The shortest helicoidal arc that a search finds; none longer than `longest`, radii. `backwards` are the arcs, lines,
 /// arcs that [`super::csc::search`] found with a line to be walked backwards.
-pub fn search(problem: &Problem, longest: f64, backwards: &[[f64; 3]], effort: &Effort, random: &mut Random) -> Found {
+pub fn search(problem: &Problem, longest: f64, backwards: &[[f64; 3]], effort: &Effort, random: &mut Rng) -> Found {
     let mut ways = vec![Way::Shot; effort.shots];
     for line in backwards.iter().filter(|[_, line, _]| *line > -LONGEST_LINE) {
         ways.extend(vec![Way::Line(*line); effort.lines]);

@@ -18,7 +18,7 @@ pub mod table;
 
 use nalgebra::Vector3;
 
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use helicoid::Helicoid;
 
 /// A curve arrives if it ends within this of the goal, in radii and radians.
@@ -174,7 +174,7 @@ pub struct Best {
 ///
 /// # Panics
 /// If nothing at all was found, which more starts for arc, line, arc would mend.
-pub fn shortest(problem: &Problem, effort: &Effort, random: &mut Random) -> Best {
+pub fn shortest(problem: &Problem, effort: &Effort, random: &mut Rng) -> Best {
     let csc::Found { best: csc, hits: csc_hits, backwards } = csc::search(problem, effort.csc_starts, random);
     let planar = planar::shortest(problem);
     let mut candidates: Vec<(Curve, &'static str)> = planar.into_iter().collect();

@@ -7,7 +7,7 @@ use core::fmt;
 use nalgebra::Vector3;
 
 use super::{Piece, Problem, Tip, across};
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 
 /// Cases of one kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,11 +48,11 @@ impl Stratum {
     /// The case of this number: distances, and directions on the sphere (or the circle), are distributed uniformly.
     #[must_use]
     pub fn case(self, seed: u64, number: u64) -> Problem {
-        let mut random = Random::new(&[seed, self as u64, number]);
+        let mut random = Rng::new(&[seed, self as u64, number]);
         match self {
-            Self::Near => anywhere(random.between(0.2, 3.0), &mut random),
-            Self::Middle => anywhere(random.between(3.0, 4.5), &mut random),
-            Self::Far => anywhere(random.between(4.5, 32.0), &mut random),
+            Self::Near => anywhere(random.uniform_between(0.2, 3.0), &mut random),
+            Self::Middle => anywhere(random.uniform_between(3.0, 4.5), &mut random),
+            Self::Far => anywhere(random.uniform_between(4.5, 32.0), &mut random),
             Self::Coplanar => match SPECIAL.get(number as usize) {
                 Some([x, z, tangent_x, tangent_z]) => {
                     Problem { goal: Vector3::new(*x, 0.0, *z), tangent: Vector3::new(*tangent_x, 0.0, *tangent_z) }
@@ -61,17 +61,17 @@ impl Stratum {
             },
             Self::NearlyCoplanar => {
                 let Problem { goal, tangent } = in_a_plane(number, &mut random);
-                let off = libm::pow(10.0, random.between(-7.0, -1.0));
+                let off = libm::pow(10.0, random.uniform_between(-7.0, -1.0));
                 let mut beside = || random.normal_vector() * off;
                 Problem { goal: goal + beside(), tangent: (tangent + beside()).normalize() }
             }
             Self::Narrow => {
-                let first = Piece::Arc { axis: Vector3::x(), angle: random.between(0.3, 4.5) };
+                let first = Piece::Arc { axis: Vector3::x(), angle: random.uniform_between(0.3, 4.5) };
                 let corner = first.walk(&Tip::start());
-                let (sin, cos) = libm::sincos(random.between(0.0, TAU));
+                let (sin, cos) = libm::sincos(random.uniform_between(0.0, TAU));
                 let (side, other) = across(&corner.tangent);
-                let last = Piece::Arc { axis: side * cos + other * sin, angle: random.between(0.3, 4.5) };
-                let line = Piece::Line { length: -libm::pow(10.0, random.between(-3.5, -0.5)) };
+                let last = Piece::Arc { axis: side * cos + other * sin, angle: random.uniform_between(0.3, 4.5) };
+                let line = Piece::Line { length: -libm::pow(10.0, random.uniform_between(-3.5, -0.5)) };
                 let Tip { position, tangent } = last.walk(&line.walk(&corner));
                 Problem { goal: position, tangent: tangent.normalize() }
             }
@@ -79,16 +79,16 @@ impl Stratum {
     }
 }
 
-fn anywhere(distance: f64, random: &mut Random) -> Problem {
+fn anywhere(distance: f64, random: &mut Rng) -> Problem {
     Problem { goal: random.direction() * distance, tangent: random.direction() }
 }
 
 /// In the x-z plane, or, if the number is odd, in any other.
-fn in_a_plane(number: u64, random: &mut Random) -> Problem {
-    let distance = random.between(0.2, 8.0);
-    let azimuth = if number.is_multiple_of(2) { 0.0 } else { random.between(0.0, TAU) };
+fn in_a_plane(number: u64, random: &mut Rng) -> Problem {
+    let distance = random.uniform_between(0.2, 8.0);
+    let azimuth = if number.is_multiple_of(2) { 0.0 } else { random.uniform_between(0.0, TAU) };
     let mut direction = || {
-        let (sin, cos) = libm::sincos(random.between(0.0, TAU));
+        let (sin, cos) = libm::sincos(random.uniform_between(0.0, TAU));
         Vector3::new(sin * libm::cos(azimuth), sin * libm::sin(azimuth), cos)
     };
     Problem { goal: direction() * distance, tangent: direction() }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use growbot_client::client::Client;
 use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, OnInterrupted, Orders, Outcome, grow_job, resume_job};
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::{Empty, Message, ResetCause, Silence, State, Status};
+use growbot_core::link::message::{Empty, HostSilencePolicy, Message, ResetCause, State, Status};
 use growbot_sim::port::sim::Sim;
 
 use super::{Board, Cuttable, Undisturbed};
@@ -81,7 +81,7 @@ fn grow_until(
     let line = Cuttable { port: Rc::clone(board), cut: Rc::clone(&cut) };
     let mut client = Client::new(Box::new(line), "sim");
     let mut told = 0;
-    let grown = grow_job(&mut client, job, Silence::Pause, &Orders::default(), &mut |happened| {
+    let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &Orders::default(), &mut |happened| {
         if cut.get() {
             return;
         }
@@ -124,10 +124,10 @@ fn come_back(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> Result
     let found = client.status().map_err(GrowthError::Before)?;
     let (stop, on_event) = (Orders::default(), &mut |_: &JobEvent| {});
     let grown = if found.plan_id == job.plan_id {
-        resume_job(&mut client, job, known, OnInterrupted::Again, Silence::Pause, &stop, on_event)
+        resume_job(&mut client, job, known, OnInterrupted::Again, HostSilencePolicy::Pause, &stop, on_event)
     } else {
         // Nothing had been begun.
-        grow_job(&mut client, job, Silence::Pause, &stop, on_event)
+        grow_job(&mut client, job, HostSilencePolicy::Pause, &stop, on_event)
     };
     Ok((found, grown?))
 }

@@ -15,7 +15,7 @@ use growbot_client::growth::{Job, JobEvent, Orders, Outcome, grow_job};
 use growbot_client::port::{Port, PortError};
 use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::Silence;
+use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -86,7 +86,7 @@ impl Undisturbed {
         let mut client = Client::new(Box::new(Rc::clone(&board)), "sim");
         let mut events = 0;
         let count = &mut |_: &JobEvent| events += 1;
-        let grown = grow_job(&mut client, job, Silence::Pause, &Orders::default(), count);
+        let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &Orders::default(), count);
         let grown = grown.expect("nothing is in the way");
         assert_eq!((grown.outcome, grown.as_built.len()), (Outcome::Done, job.layers.len()));
         let feed_steps = board.borrow_mut().simulated_tip().feed_steps();

@@ -23,11 +23,11 @@ mod spec;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use growbot_core::link::frame::LONGEST_FRAME;
+use growbot_core::link::frame::MAX_FRAME_LEN;
 
 pub use self::spec::{FaultSpec, FaultSpecError};
 use super::{Port, PortError};
-use growbot_core::random::scramble;
+use growbot_core::random::splitmix64;
 
 /// Time for which the line stays cut.
 const CUT: Duration = Duration::from_secs(1);
@@ -127,7 +127,7 @@ impl<P: Port> Faulty<P> {
         for byte in bytes {
             let wire = self.wire(direction);
             wire.begun.push(*byte);
-            if *byte == 0 || wire.begun.len() >= LONGEST_FRAME {
+            if *byte == 0 || wire.begun.len() >= MAX_FRAME_LEN {
                 let piece = std::mem::take(&mut wire.begun);
                 self.carry(direction, piece);
             }
@@ -217,7 +217,7 @@ impl<P: Port> Port for Faulty<P> {
                 }
                 return Ok(count);
             }
-            let mut arrived = [0; LONGEST_FRAME];
+            let mut arrived = [0; MAX_FRAME_LEN];
             let step = STEP.min(left);
             let count = self.port.receive(&mut arrived, step)?;
             self.take(Direction::FromBoard, arrived.get(..count).unwrap_or_default());
@@ -252,7 +252,7 @@ impl<P: Port> Port for Faulty<P> {
 impl Wire {
     fn new(seed: u64, direction: u64) -> Self {
         Self {
-            draws: Draws { state: scramble(seed) ^ scramble(direction), count: 0 },
+            draws: Draws { state: splitmix64(seed) ^ splitmix64(direction), count: 0 },
             begun: Vec::new(),
             kept_back: None,
             through: VecDeque::new(),
@@ -277,7 +277,7 @@ impl Draws {
     /// Returns the next number, from 0 up to but below 1.
     fn draw(&mut self) -> f64 {
         self.count += 1;
-        (scramble(self.state ^ self.count) >> 11) as f64 / (1_u64 << 53) as f64
+        (splitmix64(self.state ^ self.count) >> 11) as f64 / (1_u64 << 53) as f64
     }
 }
 
@@ -448,7 +448,7 @@ mod tests {
     #[test]
     fn what_never_ends_in_a_zero_passes_all_the_same() {
         let mut port = faulty("seed=1");
-        port.send(&[7; 3 * LONGEST_FRAME]).unwrap();
-        assert_eq!(received(&mut port, STEP).len(), 3 * LONGEST_FRAME);
+        port.send(&[7; 3 * MAX_FRAME_LEN]).unwrap();
+        assert_eq!(received(&mut port, STEP).len(), 3 * MAX_FRAME_LEN);
     }
 }

@@ -5,24 +5,24 @@
 //! each other. The bodies of `Hello`, `Status` and `Refused` do not change while [`super::frame::VERSION`] stays the
 //! same, so that every host can request the identity of a board.
 
-mod answers;
 mod requests;
+mod responses;
 
 use heapless::Vec;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-pub use self::answers::*;
 pub use self::requests::*;
-pub use super::drivers::{DriverProblem, DriverTrouble, Motor};
-use super::frame::LONGEST_BODY;
+pub use self::responses::*;
+pub use super::driver_report::{DriverProblem, DriverReport, Motor};
+use super::frame::MAX_BODY_LEN;
 pub use super::state::{Fault, ResetCause, State};
 use crate::layer_bytes::LayerBytes;
 
 /// Max number of layers in one `Layers`, `Amend` or `StoredLayers`.
-pub const MAX_LAYERS: usize = 16;
+pub const MAX_LAYERS_PER_MESSAGE: usize = 16;
 /// Layers of one message.
-pub type LayerBatch = Vec<LayerBytes, MAX_LAYERS>;
+pub type LayerBatch = Vec<LayerBytes, MAX_LAYERS_PER_MESSAGE>;
 
 /// Max number of bytes of a robot description in one `Configure`.
 pub const MAX_DESCRIPTION_PART: usize = 192;
@@ -49,7 +49,7 @@ pub enum MessageError {
 }
 
 /// The first kind of the board's messages. The kinds of the host's messages are lower.
-const ANSWERS_FROM: u8 = 0x40;
+const FIRST_BOARD_KIND: u8 = 0x40;
 
 macro_rules! messages {
     ($($(#[$doc:meta])* $kind:literal $name:ident($body:ident),)*) => {
@@ -70,7 +70,7 @@ macro_rules! messages {
             ///
             /// # Errors
             /// Returns an error if the body does not fit in a frame. Every message of the table fits.
-            pub fn encode<'a>(&self, buffer: &'a mut [u8; LONGEST_BODY]) -> Result<&'a [u8], MessageError> {
+            pub fn encode<'a>(&self, buffer: &'a mut [u8; MAX_BODY_LEN]) -> Result<&'a [u8], MessageError> {
                 self.encode_from::<0>(buffer)
             }
 
@@ -79,13 +79,13 @@ macro_rules! messages {
             ///
             /// # Errors
             /// Returns the errors of [`Message::encode`], or an error if the message is a request.
-            pub fn encode_answer<'a>(&self, buffer: &'a mut [u8; LONGEST_BODY]) -> Result<&'a [u8], MessageError> {
-                self.encode_from::<ANSWERS_FROM>(buffer)
+            pub fn encode_response<'a>(&self, buffer: &'a mut [u8; MAX_BODY_LEN]) -> Result<&'a [u8], MessageError> {
+                self.encode_from::<FIRST_BOARD_KIND>(buffer)
             }
 
             fn encode_from<'a, const FIRST: u8>(
                 &self,
-                buffer: &'a mut [u8; LONGEST_BODY],
+                buffer: &'a mut [u8; MAX_BODY_LEN],
             ) -> Result<&'a [u8], MessageError> {
                 let encoded = match self {
                     $(Self::$name(body) if $kind >= FIRST => postcard::to_slice(body, buffer),)*
@@ -108,7 +108,7 @@ macro_rules! messages {
             /// # Errors
             /// Returns the errors of [`Message::decode`]. The kinds of responses and events are unknown here.
             pub fn decode_request(kind: u8, body: &[u8]) -> Result<Self, MessageError> {
-                Self::decode_below::<ANSWERS_FROM>(kind, body)
+                Self::decode_below::<FIRST_BOARD_KIND>(kind, body)
             }
 
             fn decode_below<const END: u8>(kind: u8, body: &[u8]) -> Result<Self, MessageError> {
@@ -150,13 +150,13 @@ const fn fnv1a(mut hash: u64, bytes: &[u8]) -> u64 {
 messages! {
     // Host to board.
     /// Opens a session. The response is `BoardHello`, or `Refused` with the board's schema hash.
-    0x01 Hello(HostHello),
+    0x01 Hello(Hello),
     /// Requests the board's status. The response is `Status`, in any session.
-    0x02 AskStatus(Empty),
+    0x02 GetStatus(Empty),
     /// Begins a job. The response is `Accepted` or `Refused`.
-    0x03 Begin(Begin),
+    0x03 Begin(BeginJob),
     /// Sends layers of the job. The response is `Accepted` or `Refused`.
-    0x04 Layers(Layers),
+    0x04 Layers(AppendLayers),
     /// Starts or continues the job. The response is `Accepted` or `Refused`.
     0x05 Start(Start),
     /// Stops immediately, in any state. The response is `Accepted`.
@@ -172,9 +172,9 @@ messages! {
     /// Finds the heater's gains. The response is `Accepted` or `Refused`, and the event `Tuned` ends the tuning.
     0x0B Tune(Tune),
     /// Requests the latest fault. The response is `LatestFault`, in any session.
-    0x0C AskFault(Empty),
+    0x0C GetLatestFault(Empty),
     /// Requests the sensors' readings. The response is `SensorReadings`, in any session.
-    0x0D AskSensors(Empty),
+    0x0D GetSensorReadings(Empty),
     /// Acknowledges events. The board does not respond.
     0x0E Ack(Empty),
     /// Resumes the job that the board stores. The response is `Accepted` or `Refused`.
@@ -184,20 +184,20 @@ messages! {
     /// Cancels the job. The response is `Accepted` or `Refused`.
     0x11 Cancel(Cancel),
     /// Requests the board's identity without opening a session. The response is `BoardHello`, in any session.
-    0x12 AskBoard(Empty),
+    0x12 GetBoardInfo(Empty),
     /// Closes the session, so that another host need not wait. The board does not respond.
     0x13 Goodbye(Empty),
     /// Requests a report of the board's start. The response is `BootReport`, in any session.
-    0x14 AskBoot(Empty),
+    0x14 GetBootReport(Empty),
     /// Maintenance: heats, feeds or turns without a job. The response is `Accepted` or `Refused`.
     0x15 Maintain(Maintain),
     /// Sends a part of a robot description. The response is `Configured` or `Refused`.
     0x16 Configure(Configure),
 
     // Board to host.
-    /// Responds to `Hello` and `AskBoard`.
-    0x41 BoardHello(BoardHello),
-    /// Responds to `AskStatus`.
+    /// Responds to `Hello` and `GetBoardInfo`.
+    0x41 BoardHello(BoardInfo),
+    /// Responds to `GetStatus`.
     0x42 Status(Status),
     /// Responds to a request that was carried out.
     0x43 Accepted(Accepted),
@@ -207,22 +207,22 @@ messages! {
     0x45 Planned(Planned),
     /// Responds to `ReadLayers`.
     0x46 StoredLayers(StoredLayers),
-    /// Responds to `AskFault`.
+    /// Responds to `GetLatestFault`.
     0x47 LatestFault(LatestFault),
-    /// Responds to `AskSensors`.
+    /// Responds to `GetSensorReadings`.
     0x48 SensorReadings(SensorReadings),
-    /// Responds to `AskBoot`.
+    /// Responds to `GetBootReport`.
     0x49 BootReport(BootReport),
     /// Responds to `Configure`.
     0x4A Configured(Configured),
     /// Event: a layer is laid.
-    0x50 Laid(Laid),
+    0x50 Laid(LayerLaid),
     /// Event: the state changed.
     0x51 StateChanged(StateChanged),
     /// Event: the heater's gains are found.
     0x52 Tuned(Tuned),
     /// Acknowledges an emergency stop that came over the link. Sent in session 0, outside the event sequence.
-    0x53 StoppedAtOnce(Empty),
+    0x53 EmergencyStopAck(Empty),
 }
 
 #[cfg(test)]
@@ -231,7 +231,7 @@ mod tests {
 
     #[test]
     fn the_longest_messages_fit_a_frame() {
-        let layers: LayerBatch = (0..MAX_LAYERS).map(|_| [0xff; 12]).collect();
+        let layers: LayerBatch = (0..MAX_LAYERS_PER_MESSAGE).map(|_| [0xff; 12]).collect();
         let name = core::iter::repeat_n('x', 32).collect();
         let status = Status {
             state: State::Fault,
@@ -240,32 +240,32 @@ mod tests {
             target_centi_c: Some(i32::MIN),
             duty: u16::MAX,
             plan_id: u64::MAX,
-            layers: u32::MAX,
-            next: u32::MAX,
-            laid: u32::MAX,
+            layer_count: u32::MAX,
+            next_layer: u32::MAX,
+            layers_laid: u32::MAX,
             interrupted: Some(InterruptedLayer { min: u8::MAX, max: u8::MAX }),
             pause_cause: PauseCause::HostSilent,
-            journal: true,
+            is_resumable: true,
             uptime_ms: u64::MAX,
         };
         let longest = [
-            Message::Layers(Layers { plan_id: u64::MAX, first: u32::MAX, layers: layers.clone() }),
+            Message::Layers(AppendLayers { plan_id: u64::MAX, first: u32::MAX, layers: layers.clone() }),
             Message::StoredLayers(StoredLayers { first: u32::MAX, layers: layers.clone() }),
-            Message::BoardHello(BoardHello {
-                schema: u64::MAX,
+            Message::BoardHello(BoardInfo {
+                schema_hash: u64::MAX,
                 boot_id: u32::MAX,
                 reset_cause: ResetCause::External,
                 firmware: [255; 3],
                 robot_name: name,
-                robot: u64::MAX,
-                capacity: u32::MAX,
+                robot_hash: u64::MAX,
+                layer_capacity: u32::MAX,
                 status,
                 owner: Some([b'x'; 32].into()),
             }),
             Message::Amend(Amend {
                 plan_id: u64::MAX,
-                amended: u64::MAX,
-                from: u32::MAX,
+                new_plan_id: u64::MAX,
+                first_replaced: u32::MAX,
                 layers: u32::MAX,
                 first_layers: layers.clone(),
             }),
@@ -280,7 +280,7 @@ mod tests {
         let image = ImageCheck::Corrupt { sealed: u32::MAX, found: u32::MAX };
         let boot = Message::BootReport(BootReport { image, crash: Some(crash) });
         for message in longest.into_iter().chain([boot]) {
-            let mut buffer = [0; LONGEST_BODY];
+            let mut buffer = [0; MAX_BODY_LEN];
             let body = message.encode(&mut buffer).unwrap();
             assert_eq!(Message::decode(message.kind(), body).unwrap(), message);
         }

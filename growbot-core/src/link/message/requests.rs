@@ -14,7 +14,7 @@ pub type HostName = Vec<u8, 32>;
 /// Opens a session. The board refuses if another host owns it, unless that host has stopped sending or `take_over` is
 /// set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
-pub struct HostHello {
+pub struct Hello {
     /// The host's [`SCHEMA_HASH`](super::SCHEMA_HASH).
     pub schema: u64,
     /// Name of the host. The board reports it to other hosts that request a session.
@@ -25,13 +25,13 @@ pub struct HostHello {
 
 /// Begins a job. The board deletes the previous job. Repeating the request changes nothing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
-pub struct Begin {
+pub struct BeginJob {
     /// Identifier of the job: the hash of the plan's layers ([`crate::job::JobSummary`]).
     pub plan_id: u64,
     /// Number of layers of the plan.
     pub layers: u32,
     /// Hash of the robot for which the plan was made.
-    pub robot: u64,
+    pub robot_hash: u64,
 }
 
 /// Resumes the job that the board stores. After a loss of the link or of the host, the host receives the events of the
@@ -43,15 +43,15 @@ pub struct Resume {
     pub plan_id: u64,
     /// Index of the layer at which the job resumes: the first that is not laid or, to skip an interrupted layer, the
     /// one after it. The board ignores this field while the job is in progress.
-    pub from: u32,
+    pub start_layer: u32,
     /// Number of layers whose as-built data the host has, counted from the first layer. The board sends events for the
     /// other layers.
-    pub known: u32,
+    pub reported_layers: u32,
 }
 
 /// Sends layers. The board ignores layers that it already has.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
-pub struct Layers {
+pub struct AppendLayers {
     /// Identifier of the job.
     pub plan_id: u64,
     /// Index of the first of these layers, counted from 0.
@@ -67,9 +67,9 @@ pub struct Amend {
     /// Identifier of the job before the change.
     pub plan_id: u64,
     /// Identifier of the job after the change.
-    pub amended: u64,
+    pub new_plan_id: u64,
     /// Index of the first layer that is replaced. The board must not have begun it.
-    pub from: u32,
+    pub first_replaced: u32,
     /// Number of layers of the amended plan.
     pub layers: u32,
     /// The first of the new layers.
@@ -78,7 +78,7 @@ pub struct Amend {
 
 /// Action of a board when its host stops sending.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
-pub enum Silence {
+pub enum HostSilencePolicy {
     /// Pauses after the present layer.
     #[default]
     Pause,
@@ -92,7 +92,7 @@ pub struct Start {
     /// Identifier of the job.
     pub plan_id: u64,
     /// Action of the board when the host stops sending.
-    pub silence: Silence,
+    pub on_host_silence: HostSilencePolicy,
 }
 
 /// Cancels a job. The board switches heater and steppers off and deletes the job.
@@ -144,12 +144,12 @@ pub struct PlanRequest {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Maintain {
     /// Task to perform.
-    pub task: Task,
+    pub task: MaintenanceTask,
 }
 
 /// A maintenance task. The board limits the time of each task, and chooses the speed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
-pub enum Task {
+pub enum MaintenanceTask {
     /// Heats the nozzle. In a pause, it heats the nozzle back to the growing temperature.
     Preheat {
         /// Target temperature, hundredths of a degree Celsius.

@@ -10,7 +10,7 @@ use core::cell::Cell;
 
 use heapless::Vec;
 
-use super::form::{DEGREE, Form};
+use super::polynomial::{CscPolynomial, DEGREE};
 
 /// Coefficients of a polynomial, or its Bernstein coefficients.
 type Coefficients<T> = [T; DEGREE + 1];
@@ -119,8 +119,8 @@ enum Found {
 
 impl Part {
     /// Creates the part with `x = |tau|`, or `x = 1 / |tau|` if `inverse`, for positive or negative `tau`.
-    pub fn of(form: &Form, positive: bool, inverse: bool) -> Self {
-        let Form { mut coefficients, mut magnitudes } = *form;
+    pub fn of(form: &CscPolynomial, positive: bool, inverse: bool) -> Self {
+        let CscPolynomial { mut coefficients, mut magnitudes } = *form;
         if !positive {
             for coefficient in coefficients.iter_mut().skip(1).step_by(2) {
                 *coefficient = -*coefficient;

@@ -28,26 +28,26 @@ use nalgebra::{Matrix3, Vector3};
 use super::{Problem, any_perpendicular, insert_behind};
 use crate::trigonometry;
 
+mod degenerate;
 mod far;
-mod form;
 mod isolation;
 mod polish;
-mod special;
+mod polynomial;
 mod tangents;
 
 /// A path of an arc, a straight line and an arc.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Csc {
     /// Direction in which the first arc bends, in the frame of the tip at the start, radians.
-    pub first_towards: f64,
+    pub first_bend_direction: f64,
     /// Angle of the first arc, radians.
-    pub first: f64,
+    pub first_angle: f64,
     /// Length of the line, radii.
     pub straight: f64,
     /// Direction in which the last arc bends, in the frame of the tip at the end of the line, radians.
-    pub last_towards: f64,
+    pub last_bend_direction: f64,
     /// Angle of the last arc, radians.
-    pub last: f64,
+    pub last_angle: f64,
 }
 
 /// Distance of the goal below which there may be overlapping paths with a helicoidal arc beside them, radii. Trial:
@@ -61,7 +61,7 @@ const MAX_OVERLAPPING: usize = 8;
 const MAX_OVERLAP: f64 = 1.0;
 /// Max error at the goal of a path that Newton's method refines, radii. Trial: 0.001 and 0.2 give as many misses as
 /// 0.05.
-const NEARLY: f64 = 0.05;
+const MAX_NEWTON_START_ERROR: f64 = 0.05;
 /// Max difference of each number for two paths to count as one. Trial: with 1e-4 there are 13 misses, with 1e-10 as
 /// many as with 1e-7.
 const SAME: f64 = 1e-7;
@@ -70,13 +70,13 @@ impl Csc {
     /// Returns the length of the whole path, radii.
     #[must_use]
     pub fn length(&self) -> f64 {
-        self.first + self.straight + self.last
+        self.first_angle + self.straight + self.last_angle
     }
 
     /// Reports whether this path counts as the same as another one.
     fn is(&self, other: &Self) -> bool {
         (other.length() - self.length()).abs() < SAME
-            && (other.first - self.first).abs() < SAME
+            && (other.first_angle - self.first_angle).abs() < SAME
             && (other.straight - self.straight).abs() < SAME
     }
 }
@@ -159,7 +159,13 @@ impl Line {
         let scale = 1.0 / (1.0 + tau * tau);
         let inwards = bend * ((1.0 - tau * tau) * scale) - Vector3::z() * (2.0 * tau * scale);
         let last_towards = first_towards + libm::atan2(towards.dot(&across), towards.dot(&inwards));
-        Csc { first_towards, first, straight, last_towards, last }
+        Csc {
+            first_bend_direction: first_towards,
+            first_angle: first,
+            straight,
+            last_bend_direction: last_towards,
+            last_angle: last,
+        }
     }
 }
 

@@ -9,7 +9,7 @@ use core::f64::consts::TAU;
 
 use nalgebra::{Matrix5, Vector3, Vector5};
 
-use super::{Csc, NEARLY};
+use super::{Csc, MAX_NEWTON_START_ERROR};
 use crate::linalg5::{Cholesky, solve};
 use crate::shortest::{ARRIVED, Problem};
 use crate::trigonometry;
@@ -28,7 +28,7 @@ const POLAR: f64 = 0.5;
 
 /// Treatment of a line whose length came out slightly negative.
 #[derive(Clone, Copy, PartialEq)]
-enum LineIs {
+enum ShortLineCase {
     Any,
     /// The sign of the length was reversed once.
     Reflected,
@@ -49,13 +49,13 @@ impl Problem {
     /// Returns a path that ends at the goal to within [`ARRIVED`], after Newton's method if necessary. `None` if the
     /// method does not converge.
     pub(super) fn polished(&self, mut path: Csc) -> Option<Csc> {
-        let mut line = LineIs::Any;
+        let mut line = ShortLineCase::Any;
         for _ in 0..MAX_ROUNDS {
             let chain = Chain::new(&path);
-            let lack = self.lack(&chain);
+            let lack = self.residual(&chain);
             let miss = lack.amax();
             if miss <= ARRIVED * self.scale {
-                let min = path.first.min(path.straight).min(path.last);
+                let min = path.first_angle.min(path.straight).min(path.last_angle);
                 if min >= 0.0 {
                     return Some(path);
                 }
@@ -64,23 +64,23 @@ impl Problem {
                         return None;
                     }
                     (line, path.straight) = match line {
-                        LineIs::Any => (LineIs::Reflected, -path.straight),
-                        LineIs::Reflected => (LineIs::LeftOut, 0.0),
-                        LineIs::LeftOut => return None,
+                        ShortLineCase::Any => (ShortLineCase::Reflected, -path.straight),
+                        ShortLineCase::Reflected => (ShortLineCase::LeftOut, 0.0),
+                        ShortLineCase::LeftOut => return None,
                     };
                     continue;
                 }
-                path.first = path.first.max(0.0);
+                path.first_angle = path.first_angle.max(0.0);
                 path.straight = path.straight.max(0.0);
-                path.last = path.last.max(0.0);
+                path.last_angle = path.last_angle.max(0.0);
                 continue;
             }
-            if miss.is_nan() || miss > NEARLY * (1.0 + 4.0 * self.scale) {
+            if miss.is_nan() || miss > MAX_NEWTON_START_ERROR * (1.0 + 4.0 * self.scale) {
                 return None;
             }
             let step = self.newton_step(&chain, &lack, line)?;
             path = changed(path, &step);
-            if line == LineIs::LeftOut {
+            if line == ShortLineCase::LeftOut {
                 path.straight = 0.0;
             }
         }
@@ -89,9 +89,9 @@ impl Problem {
 
     /// Returns the change of the five numbers that corrects the error at the goal.
     #[inline(never)]
-    fn newton_step(&self, chain: &Chain, lack: &Vector5<f64>, line: LineIs) -> Option<Change> {
+    fn newton_step(&self, chain: &Chain, lack: &Vector5<f64>, line: ShortLineCase) -> Option<Change> {
         let mut jacobian = self.jacobian(chain);
-        if line == LineIs::LeftOut {
+        if line == ShortLineCase::LeftOut {
             jacobian.column_mut(2).fill(0.0);
         }
         let step = match solve(&jacobian, lack).filter(|step| step.amax() <= LONG_STEP * self.scale) {
@@ -117,7 +117,7 @@ impl Problem {
     }
 
     /// Returns the error at the goal of the end of a path.
-    fn lack(&self, chain: &Chain) -> Vector5<f64> {
+    fn residual(&self, chain: &Chain) -> Vector5<f64> {
         // If the direction is opposite to the goal's, its components perpendicular to the goal's direction would be
         // small too.
         let direction = if chain.direction.dot(&self.direction) > 0.0 { -chain.direction } else { self.across[0] };
@@ -141,9 +141,16 @@ impl Problem {
 /// Returns a path with its five numbers changed. Its length changes by the sum of the three changes of length.
 fn changed(path: Csc, change: &Change) -> Csc {
     let length = path.length() + change.first + change.straight + change.last;
-    let (first_towards, first) = arc_changed(path.first_towards, path.first, change.first_across, change.first);
-    let (last_towards, last) = arc_changed(path.last_towards, path.last, change.last_across, change.last);
-    Csc { first_towards, first, straight: length - first - last, last_towards, last }
+    let (first_towards, first) =
+        arc_changed(path.first_bend_direction, path.first_angle, change.first_across, change.first);
+    let (last_towards, last) = arc_changed(path.last_bend_direction, path.last_angle, change.last_across, change.last);
+    Csc {
+        first_bend_direction: first_towards,
+        first_angle: first,
+        straight: length - first - last,
+        last_bend_direction: last_towards,
+        last_angle: last,
+    }
 }
 
 fn arc_changed(towards: f64, angle: f64, across: f64, change: f64) -> (f64, f64) {
@@ -183,10 +190,10 @@ struct Chain {
 impl Chain {
     #[inline(never)]
     fn new(path: &Csc) -> Self {
-        let (sin_towards, cos_towards) = trigonometry::sin_cos(path.first_towards);
+        let (sin_towards, cos_towards) = trigonometry::sin_cos(path.first_bend_direction);
         let bend = Vector3::new(cos_towards, sin_towards, 0.0);
         let axis = Vector3::new(-sin_towards, cos_towards, 0.0);
-        let (half_sin, half_cos) = trigonometry::sin_cos(0.5 * path.first);
+        let (half_sin, half_cos) = trigonometry::sin_cos(0.5 * path.first_angle);
         let (sin, versine) = (2.0 * half_sin * half_cos, 2.0 * half_sin * half_sin);
         let ahead = Vector3::z();
         let u = ahead * (1.0 - versine) + bend * sin;
@@ -194,11 +201,11 @@ impl Chain {
         let edge = ahead * half_sin - bend * half_cos;
 
         // The tip's x and y axes after the first arc are those at the start, turned about `axis`.
-        let (sin_last, cos_last) = trigonometry::sin_cos(path.last_towards - path.first_towards);
+        let (sin_last, cos_last) = trigonometry::sin_cos(path.last_bend_direction - path.first_bend_direction);
         let across = bend * (1.0 - versine) - ahead * sin;
         let towards = across * cos_last + axis * sin_last;
         let side = axis * cos_last - across * sin_last;
-        let (last_sin, last_cos) = trigonometry::sin_cos(0.5 * path.last);
+        let (last_sin, last_cos) = trigonometry::sin_cos(0.5 * path.last_angle);
         let (sin, versine) = (2.0 * last_sin * last_cos, 2.0 * last_sin * last_sin);
         let end = corner + u * (path.straight + sin) + towards * versine;
         let direction = u * (1.0 - versine) + towards * sin;

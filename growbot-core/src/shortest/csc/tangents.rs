@@ -4,9 +4,9 @@ use core::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use super::form::Form;
 use super::isolation::{Part, Root};
-use super::{Line, MAX_OVERLAP, NEAR, NEARLY, Search, cosine};
+use super::polynomial::CscPolynomial;
+use super::{Line, MAX_NEWTON_START_ERROR, MAX_OVERLAP, NEAR, Search, cosine};
 
 /// Max residual of a branch that counts as a path at a certain root.
 const FITS: f64 = 1e-6;
@@ -102,7 +102,7 @@ impl Search<'_> {
     /// Inserts the paths of all roots.
     #[inline(never)]
     pub(super) fn roots(&mut self, keep_alive: &mut dyn FnMut()) {
-        let form = Form::of(&self.problem.goal, &self.problem.direction);
+        let form = CscPolynomial::of(&self.problem.goal, &self.problem.direction);
         for (positive, inverse) in [(true, false), (true, true), (false, true), (false, false)] {
             keep_alive();
             let part = Part::of(&form, positive, inverse);
@@ -155,10 +155,10 @@ impl Search<'_> {
             // The list cannot be full, because there are at most seven.
             let _ = self.overlapping.push(path);
         }
-        if straight > -NEARLY {
+        if straight > -MAX_NEWTON_START_ERROR {
             self.keep(path);
             // Because of rounding, an arc of nearly a whole turn may in truth have an angle of nearly 0.
-            if turned < 0.0 && turned > -NEARLY {
+            if turned < 0.0 && turned > -MAX_NEWTON_START_ERROR {
                 self.keep(Line { last: -turned, ..line }.path());
             }
         }

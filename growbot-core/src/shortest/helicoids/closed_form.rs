@@ -18,13 +18,13 @@ use core::f64::consts::PI;
 
 use nalgebra::Vector3;
 
-use crate::float::Float;
+use crate::float::PortableFloat;
 
 /// Number of nodes that are computed side by side.
 const LANES: usize = 4;
 
 /// A float with nodes of Gauss' formula for its precision.
-pub(super) trait Nodes: Float {
+pub(super) trait Nodes: PortableFloat {
     /// Nodes and weights on `[0, 1]`.
     const NODES: &'static [([Self; LANES], [Self; LANES])];
     /// Max width in `v` of a panel to which the formula is applied.
@@ -138,15 +138,15 @@ impl<T: Nodes> Curve<T> {
     /// Creates the curve with these numbers at the neck: `|m|`, and the component of `p` along `m`, at least 0.
     #[inline(never)]
     pub fn new(min: T, twist: T) -> Self {
-        let [zero, one, two] = [0.0, 1.0, 2.0].map(T::of);
+        let [zero, one, two] = [0.0, 1.0, 2.0].map(T::literal);
         let square = twist * twist;
-        let force = (square + (one - min) * (one - min)).root().max(T::of(1e-12));
+        let force = (square + (one - min) * (one - min)).root().max(T::literal(1e-12));
         // Newton's method, from above, for the only positive root of rho^3 - (2 - nu) rho^2 - tw^2 (rho + nu).
         let mut max = one + force;
         for _ in 0..MAX_STEPS {
             let value = ((max - two + min) * max - square) * max - square * min;
-            let slope = (T::of(3.0) * max - two * (two - min)) * max - square;
-            let next = max - value / slope.max(T::of(1e-12));
+            let slope = (T::literal(3.0) * max - two * (two - min)) * max - square;
+            let next = max - value / slope.max(T::literal(1e-12));
             if next < max {
                 max = next;
             } else {
@@ -157,17 +157,17 @@ impl<T: Nodes> Curve<T> {
         let alpha = (min + max) * square / (max * max);
         let beta = min * square / max;
         let gap = min * (one - min) * (one - min) / (force * (force + twist));
-        let discriminant = alpha * alpha - T::of(4.0) * beta;
+        let discriminant = alpha * alpha - T::literal(4.0) * beta;
         let third = if discriminant > zero {
-            two * beta / (alpha + discriminant.root()).max(T::of(1e-30))
+            two * beta / (alpha + discriminant.root()).max(T::literal(1e-30))
         } else {
             beta.root()
         };
-        let kappa = if swing > T::of(1e-9) {
+        let kappa = if swing > T::literal(1e-9) {
             let share = gap.min(min + third) / swing;
-            (two * share.root()).max(T::of(1e-9)).min(T::of(MAX_KAPPA))
+            (two * share.root()).max(T::literal(1e-9)).min(T::literal(MAX_KAPPA))
         } else {
-            T::of(MAX_KAPPA)
+            T::literal(MAX_KAPPA)
         };
         Self { min, swing, alpha, beta, force, along: min * twist / force, gap, kappa }
     }
@@ -176,10 +176,10 @@ impl<T: Nodes> Curve<T> {
     /// sum of `narrow` times its min and `twisted` times the square of the component of `p` along `m` at the neck.
     pub fn end_of_neck(&self, narrow: T, twisted: T) -> T {
         let twist = self.along * self.force / self.min;
-        let square = ((narrow - T::of(1.0)) * self.min + twisted * twist * twist) / self.swing;
+        let square = ((narrow - T::literal(1.0)) * self.min + twisted * twist * twist) / self.swing;
         // The sine of half the phase. It is so small here that a short series computes the arcsine.
-        let sine = square.root().min(T::of(0.5));
-        T::of(2.0) * sine * (T::of(1.0) + sine * sine / T::of(6.0))
+        let sine = square.root().min(T::literal(0.5));
+        T::literal(2.0) * sine * (T::literal(1.0) + sine * sine / T::literal(6.0))
     }
 
     /// Returns the factors of the integrands at half of a phase of at most pi.
@@ -196,11 +196,11 @@ impl<T: Nodes> Curve<T> {
     /// b^2/P^2) ds` and `ds / rho^2`. Length, height, angle about `p` and angle of the bend are multiples of them.
     #[inline(never)]
     fn integrals(&self, phase: T) -> [T; 4] {
-        let [zero, half, one] = [0.0, 0.5, 1.0].map(T::of);
+        let [zero, half, one] = [0.0, 0.5, 1.0].map(T::literal);
         let ratio = phase / self.kappa;
         let v = (ratio + (ratio * ratio + one).root()).logarithm();
         let mut sums = [[zero; LANES]; 4];
-        let quarter_kappa = T::of(0.25) * self.kappa;
+        let quarter_kappa = T::literal(0.25) * self.kappa;
         let mut panels = one;
         while v > panels * T::PANEL {
             panels += one;
@@ -228,7 +228,7 @@ impl<T: Nodes> Curve<T> {
         places: &[T; LANES],
         weights: &[T; LANES],
     ) {
-        let one = T::of(1.0);
+        let one = T::literal(1.0);
         let (mut share, mut halves) = (*weights, *places);
         for (share, half) in share.iter_mut().zip(&mut halves) {
             let exponential = (from + width * *half).exponential();
@@ -252,22 +252,22 @@ impl<T: Nodes> Curve<T> {
     /// Returns the points at two phases. Phases before the neck are negative.
     #[inline(never)]
     pub fn points(&self, phases: [T; 2]) -> [CurvePoint<T>; 2] {
-        let pi = T::of(PI);
+        let pi = T::literal(PI);
         let is_far = phases.iter().any(|phase| phase.abs() > pi);
-        let to_max = if is_far { self.integrals(pi) } else { [T::of(0.0); 4] };
+        let to_max = if is_far { self.integrals(pi) } else { [T::literal(0.0); 4] };
         phases.map(|phase| self.point(phase, &to_max))
     }
 
     /// Returns `p` at a point, in the components along `w = m / |m|`, across `w` and the direction, and along the
     /// direction.
     pub fn p(&self, point: &CurvePoint<T>) -> [T; 3] {
-        [self.along * self.force / point.rho, point.turning / point.rho, T::of(1.0) - point.rho]
+        [self.along * self.force / point.rho, point.turning / point.rho, T::literal(1.0) - point.rho]
     }
 
     /// Returns the point at a phase, given the integrals to the max.
     fn point(&self, phase: T, to_max: &[T; 4]) -> CurvePoint<T> {
-        let [zero, one, two] = [0.0, 1.0, 2.0].map(T::of);
-        let pi = T::of(PI);
+        let [zero, one, two] = [0.0, 1.0, 2.0].map(T::literal);
+        let pi = T::literal(PI);
         let (halves, rest) = if phase > pi {
             (two, phase - two * pi)
         } else if phase < -pi {
@@ -277,9 +277,9 @@ impl<T: Nodes> Curve<T> {
         };
         let [length, height, angle, bend] = self.integrals(rest.abs()).map(|sum| if rest < zero { -sum } else { sum });
         let [full_length, full_height, full_angle, full_bend] = to_max.map(|sum| halves * sum);
-        let Integrand { rho, off_axis, root } = self.integrand(T::of(0.5) * rest);
-        let turning = T::of(0.5) * self.swing * rest.sine_cosine().0 * root;
-        let radius = off_axis.root().max(T::of(1e-30));
+        let Integrand { rho, off_axis, root } = self.integrand(T::literal(0.5) * rest);
+        let turning = T::literal(0.5) * self.swing * rest.sine_cosine().0 * root;
+        let radius = off_axis.root().max(T::literal(1e-30));
         let per_radius = one / (radius * self.force);
         CurvePoint {
             length: length + full_length,
@@ -296,7 +296,7 @@ impl<T: Nodes> Curve<T> {
     }
 }
 
-impl<T: Float> CurvePoint<T> {
+impl<T: PortableFloat> CurvePoint<T> {
     /// Converts components along the component of `m` across `p`, across both and along `p` to the axes of the curve.
     fn turned(angle: T, [along_m, across, along_p]: [T; 3]) -> Vector3<T> {
         let (sin, cos) = angle.sine_cosine();
@@ -304,7 +304,7 @@ impl<T: Float> CurvePoint<T> {
     }
 
     pub fn position(&self) -> Vector3<T> {
-        Self::turned(self.angle, [T::of(0.0), self.across, self.height])
+        Self::turned(self.angle, [T::literal(0.0), self.across, self.height])
     }
 
     pub fn direction(&self) -> Vector3<T> {
@@ -319,7 +319,7 @@ impl<T: Float> CurvePoint<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::helicoid::{Helicoid, Walk};
+    use crate::helicoid::{Helicoid, HelicoidIntegrator};
     use proptest::prelude::*;
 
     /// Generates logarithms of the two numbers at the neck, and a phase.
@@ -342,7 +342,7 @@ mod tests {
             let along = neck.direction();
             let axis = neck.axis().normalize();
             let neck_axes = nalgebra::Matrix3::from_columns(&[axis.cross(&along), axis, along]);
-            let mut walk = Walk::new(&Helicoid {
+            let mut walk = HelicoidIntegrator::new(&Helicoid {
                 m0: neck_axes.tr_mul(&neck.axis()),
                 p: neck_axes.tr_mul(&Vector3::new(0.0, 0.0, curve.force)),
             });

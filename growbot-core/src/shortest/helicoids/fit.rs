@@ -2,10 +2,10 @@
 
 use nalgebra::{Matrix3, Matrix6x5, Vector3, Vector6};
 
-use super::course::Point;
+use super::hybrid_curve::Point;
 use super::refine::Precision;
 use super::seed::Seed;
-use crate::float::Float;
+use crate::float::PortableFloat;
 use crate::shortest::Problem;
 
 /// Desired end of an arc, as seen from its start.
@@ -15,11 +15,11 @@ pub(super) struct Goal<T> {
     pub(super) direction: Vector3<T>,
 }
 
-impl<T: Float> Goal<T> {
+impl<T: PortableFloat> Goal<T> {
     /// Returns the goal of a problem, and its mirror image.
     pub(super) fn both(problem: &Problem) -> [Self; 2] {
         [1.0, -1.0].map(|side| {
-            let turned = |v: &Vector3<f64>| Vector3::new(T::of(v.x), T::of(side * v.y), T::of(v.z));
+            let turned = |v: &Vector3<f64>| Vector3::new(T::literal(v.x), T::literal(side * v.y), T::literal(v.z));
             Self { position: turned(&problem.goal), direction: turned(&problem.direction) }
         })
     }
@@ -27,8 +27,8 @@ impl<T: Float> Goal<T> {
 
 /// Returns `curve_from_start`, the axes of a start that grows along the curve, with the roll that minimises the
 /// distance of the goal from the end.
-pub(super) fn axes<T: Float>(goal: &Goal<T>, start: &Point<T>, end: &Point<T>) -> Matrix3<T> {
-    let (zero, one) = (T::of(0.0), T::of(1.0));
+pub(super) fn axes<T: PortableFloat>(goal: &Goal<T>, start: &Point<T>, end: &Point<T>) -> Matrix3<T> {
+    let (zero, one) = (T::literal(0.0), T::literal(1.0));
     let z = start.direction;
     let mut other = Vector3::new(zero, zero, zero);
     if let Some(component) = other.get_mut(z.iamin()) {
@@ -48,7 +48,7 @@ pub(super) fn axes<T: Float>(goal: &Goal<T>, start: &Point<T>, end: &Point<T>) -
 }
 
 /// An arc placed between the start and the goal of the problem.
-pub(super) struct Fit<T: Float> {
+pub(super) struct Fit<T: PortableFloat> {
     pub(super) start: Point<T>,
     pub(super) end: Point<T>,
     pub(super) axes: Matrix3<T>,
@@ -76,7 +76,7 @@ impl<T: Precision> Fit<T> {
     /// Returns the derivatives of the residual with respect to the five unknowns.
     #[inline(never)]
     pub(super) fn jacobian(&self, goal: &Goal<T>, seed: &Seed<T>) -> Matrix6x5<T> {
-        let share = T::SHARE;
+        let share = T::DERIVATIVE_STEP;
         let twist = seed.twist + seed.twist_by_narrowness() * share;
         let narrower = Seed { narrowness: seed.narrowness + share, twist, ..*seed };
         let twisted = Seed { twist: seed.twist + share, ..*seed };
@@ -107,21 +107,21 @@ impl Fit<f64> {
     }
 }
 
-fn stacked<T: Float>(offset: &Vector3<T>, turned: &Vector3<T>) -> Vector6<T> {
+fn stacked<T: PortableFloat>(offset: &Vector3<T>, turned: &Vector3<T>) -> Vector6<T> {
     Vector6::new(offset.x, offset.y, offset.z, turned.x, turned.y, turned.z)
 }
 
 /// Returns the residual: the offset of the arc's end from the goal, and the difference of the directions.
-fn misfit<T: Float>(goal: &Goal<T>, start: &Point<T>, end: &Point<T>, axes: &Matrix3<T>) -> Vector6<T> {
+fn misfit<T: PortableFloat>(goal: &Goal<T>, start: &Point<T>, end: &Point<T>, axes: &Matrix3<T>) -> Vector6<T> {
     stacked(&(end.position - start.position - axes * goal.position), &(end.direction - axes * goal.direction))
 }
 
 /// Returns the smallest rotation that turns one unit vector into another.
-fn shortest_turn<T: Float>(from: &Vector3<T>, to: &Vector3<T>) -> Matrix3<T> {
+fn shortest_turn<T: PortableFloat>(from: &Vector3<T>, to: &Vector3<T>) -> Matrix3<T> {
     let v = from.cross(to);
-    let (zero, one) = (T::of(0.0), T::of(1.0));
+    let (zero, one) = (T::literal(0.0), T::literal(1.0));
     let cross = Matrix3::new(zero, -v.z, v.y, v.z, zero, -v.x, -v.y, v.x, zero);
     Matrix3::new(one, zero, zero, zero, one, zero, zero, zero, one)
         + cross
-        + cross * cross / (one + from.dot(to)).max(T::of(1e-9))
+        + cross * cross / (one + from.dot(to)).max(T::literal(1e-9))
 }

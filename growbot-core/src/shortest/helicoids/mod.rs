@@ -25,16 +25,16 @@ use super::{Problem, insert_behind};
 use crate::helicoid::Helicoid;
 
 mod closed_form;
-mod course;
 mod fit;
-mod joint;
-mod neck;
+mod hybrid_curve;
+mod overlap_seeds;
+mod pieces;
 mod refine;
 mod seed;
 mod table;
 
 use fit::Goal;
-use refine::{Refined, refined, refined_precisely};
+use refine::{Refinement, refine, refined_precisely};
 use seed::Seed;
 
 /// Max length of a helicoidal arc that is a shortest path, radii. The longest of 753 in `tests/best_known.csv` has
@@ -57,7 +57,7 @@ const NEARLY: f32 = 0.05;
 
 /// A segment of a helicoidal arc.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Piece {
+pub struct HelicoidPiece {
     /// The curve, in the frame of the tip that starts the segment.
     pub curve: Helicoid,
     /// Length, radii.
@@ -125,7 +125,7 @@ impl RoughArcs {
     /// Refines the seed of a path whose arcs overlap, and inserts the arc.
     #[inline(never)]
     fn add_joint(&mut self, path: &Csc, keep_alive: &mut dyn FnMut()) {
-        let seed = joint::seed(path);
+        let seed = overlap_seeds::seed(path);
         if seed.narrowness < TOO_NARROW {
             self.keep(RoughArc { seed, length: path.length(), arrived: false });
         } else {
@@ -138,10 +138,10 @@ impl RoughArcs {
     fn add(&mut self, seed: &Seed<f32>, keep_alive: &mut dyn FnMut()) {
         let [goal, mirror_image] = &self.goals;
         let goal = if seed.mirrored { mirror_image } else { goal };
-        let (rough, fit, arrived) = match refined(goal, seed, keep_alive) {
-            Refined::Arrived(rough, fit) => (rough, fit, true),
-            Refined::Not(rough, fit) if fit.square() < NEARLY * NEARLY => (rough, fit, false),
-            Refined::Not(..) => return,
+        let (rough, fit, arrived) = match refine(goal, seed, keep_alive) {
+            Refinement::Converged(rough, fit) => (rough, fit, true),
+            Refinement::NotConverged(rough, fit) if fit.square() < NEARLY * NEARLY => (rough, fit, false),
+            Refinement::NotConverged(..) => return,
         };
         self.keep(RoughArc { seed: rough.precise(), length: fit.length().into(), arrived });
     }

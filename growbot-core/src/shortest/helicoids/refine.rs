@@ -8,7 +8,7 @@ use nalgebra::{Matrix5, Matrix6x5, Vector3, Vector5, Vector6};
 use super::closed_form::Nodes;
 use super::fit::{Fit, Goal};
 use super::seed::Seed;
-use crate::float::Float;
+use crate::float::PortableFloat;
 use crate::linalg5::{self, Cholesky};
 
 /// Max number of dampings tried in one round.
@@ -26,7 +26,7 @@ pub(super) trait Precision: Nodes {
     /// Max residual after these rounds, radii and radians.
     const MISFIT: Self;
     /// Relative change of the numbers at the neck for the numerical derivative.
-    const SHARE: Self;
+    const DERIVATIVE_STEP: Self;
     /// True if the result is refined further. In that case circles are not worth their time.
     const IS_ROUGH: bool;
     /// First damping.
@@ -38,7 +38,7 @@ pub(super) trait Precision: Nodes {
 impl Precision for f32 {
     const ROUNDS: usize = 9;
     const MISFIT: Self = 3e-4;
-    const SHARE: Self = 4e-3;
+    const DERIVATIVE_STEP: Self = 4e-3;
     const IS_ROUGH: bool = true;
     const DAMPING: Self = 1e-3;
     const FALL: Self = 0.5;
@@ -47,7 +47,7 @@ impl Precision for f32 {
 impl Precision for f64 {
     const ROUNDS: usize = 12;
     const MISFIT: Self = 1e-11;
-    const SHARE: Self = 1e-5;
+    const DERIVATIVE_STEP: Self = 1e-5;
     const IS_ROUGH: bool = false;
     const DAMPING: Self = 1e-6;
     const FALL: Self = 1.0;
@@ -56,11 +56,16 @@ impl Precision for f64 {
 /// Returns Newton's step without forming squares, which would lose half of the digits. Near a circle there are few
 /// digits.
 #[inline(never)]
-fn newton<T: Float>(jacobian: &Matrix6x5<T>, misfit: &Vector6<T>, fit: &Fit<T>, goal: &Goal<T>) -> Option<Vector5<T>> {
+fn newton<T: PortableFloat>(
+    jacobian: &Matrix6x5<T>,
+    misfit: &Vector6<T>,
+    fit: &Fit<T>,
+    goal: &Goal<T>,
+) -> Option<Vector5<T>> {
     let target = fit.axes * goal.direction;
-    let mut other = Vector3::new(T::of(0.0), T::of(0.0), T::of(0.0));
+    let mut other = Vector3::new(T::literal(0.0), T::literal(0.0), T::literal(0.0));
     if let Some(component) = other.get_mut(target.iamin()) {
-        *component = T::of(1.0);
+        *component = T::literal(1.0);
     }
     let e1 = target.cross(&other);
     let e1 = e1 / e1.norm_squared().root();
@@ -74,11 +79,11 @@ fn newton<T: Float>(jacobian: &Matrix6x5<T>, misfit: &Vector6<T>, fit: &Fit<T>, 
 }
 
 /// Result of the refinement of a seed.
-pub(super) enum Refined<T: Float> {
+pub(super) enum Refinement<T: PortableFloat> {
     /// The arc leads to the goal.
-    Arrived(Seed<T>, Fit<T>),
+    Converged(Seed<T>, Fit<T>),
     /// The method did not converge. The arc is the last one reached.
-    Not(Seed<T>, Fit<T>),
+    NotConverged(Seed<T>, Fit<T>),
 }
 
 /// Refines a seed to the arc that leads to the goal, with the arc's phases counted from a neck.
@@ -89,7 +94,7 @@ pub(super) fn refined_precisely(
 ) -> Option<(Seed<f64>, Fit<f64>)> {
     let mut seed = seed.seen_from_neck().with_circles();
     for _ in 0..MAX_VIEWS {
-        let Refined::Arrived(arc, fit) = refined(goal, &seed, keep_alive) else { return None };
+        let Refinement::Converged(arc, fit) = refine(goal, &seed, keep_alive) else { return None };
         if arc.is_seen_from_neck() {
             return Some((arc, fit));
         }
@@ -100,17 +105,17 @@ pub(super) fn refined_precisely(
 
 /// Refines a seed to the arc that leads to the goal.
 #[inline(never)]
-pub(super) fn refined<T: Precision>(goal: &Goal<T>, seed: &Seed<T>, keep_alive: &mut dyn FnMut()) -> Refined<T> {
+pub(super) fn refine<T: Precision>(goal: &Goal<T>, seed: &Seed<T>, keep_alive: &mut dyn FnMut()) -> Refinement<T> {
     let mut seed = *seed;
     let mut fit = Fit::new(goal, &seed);
     let mut damping = T::DAMPING;
-    let mut before = T::of(1e30);
+    let mut before = T::literal(1e30);
     let mut jacobian = None;
     for round in 0..T::ROUNDS {
         keep_alive();
         let square = fit.misfit.norm_squared();
         if square <= T::MISFIT * T::MISFIT {
-            return Refined::Arrived(seed, fit);
+            return Refinement::Converged(seed, fit);
         }
         if round % 3 == 0 {
             if square > T::FALL * before {
@@ -125,7 +130,7 @@ pub(super) fn refined<T: Precision>(goal: &Goal<T>, seed: &Seed<T>, keep_alive: 
         jacobian = None;
         if let Some((next, next_fit, share)) = newton_step(goal, &seed, &fit, &derivatives) {
             (seed, fit) = (next, next_fit);
-            if share < T::of(0.1) {
+            if share < T::literal(0.1) {
                 jacobian = Some(derivatives);
             }
         } else if let Some((next, next_fit)) = damped_step(goal, &seed, &fit, &derivatives, &mut damping) {
@@ -134,7 +139,7 @@ pub(super) fn refined<T: Precision>(goal: &Goal<T>, seed: &Seed<T>, keep_alive: 
             break;
         }
     }
-    Refined::Not(seed, fit)
+    Refinement::NotConverged(seed, fit)
 }
 
 /// Makes a step of Newton's method, damped by Deuflhard's natural monotonicity test. Also returns the fraction to which
@@ -148,21 +153,21 @@ fn newton_step<T: Precision>(
 ) -> Option<(Seed<T>, Fit<T>, T)> {
     let mut full = newton(jacobian, &fit.misfit, fit, goal)?;
     let size = seed.size(&full);
-    if seed.with_circles {
+    if seed.uses_circles {
         // The narrowness converges last, after all other unknowns.
-        full[0] = full[0].max(T::of(-MAX_NARROWER)).min(T::of(MAX_NARROWER));
+        full[0] = full[0].max(T::literal(-MAX_NARROWER)).min(T::literal(MAX_NARROWER));
     }
-    let mut share = T::of(1.0).min(T::of(1.0) / full.amax());
+    let mut share = T::literal(1.0).min(T::literal(1.0) / full.amax());
     for _ in 0..MAX_HALVINGS {
         let next = seed.changed(&(full * share), fit);
         if next.in_range() {
             let next_fit = Fit::new(goal, &next);
             let rest = seed.size(&newton(jacobian, &next_fit.misfit, fit, goal)?);
-            if rest <= (T::of(1.0) - T::of(0.25) * share) * size {
+            if rest <= (T::literal(1.0) - T::literal(0.25) * share) * size {
                 return Some((next, next_fit, rest / size));
             }
         }
-        share *= T::of(0.5);
+        share *= T::literal(0.5);
     }
     None
 }
@@ -182,20 +187,20 @@ fn damped_step<T: Precision>(
     for _ in 0..MAX_DAMPINGS {
         let mut damped = normal;
         for index in 0..5 {
-            damped[(index, index)] += *damping * normal[(index, index)] + T::of(1e-14);
+            damped[(index, index)] += *damping * normal[(index, index)] + T::literal(1e-14);
         }
         if let Some(factors) = Cholesky::new(&damped) {
             let step: Vector5<T> = -factors.solve(&gradient);
-            let next = seed.changed(&(step / step.amax().max(T::of(1.0))), fit);
+            let next = seed.changed(&(step / step.amax().max(T::literal(1.0))), fit);
             if next.in_range() {
                 let next_fit = Fit::new(goal, &next);
                 if next_fit.misfit.norm_squared() < square {
-                    *damping *= T::of(0.1);
+                    *damping *= T::literal(0.1);
                     return Some((next, next_fit));
                 }
             }
         }
-        *damping = (*damping * T::of(10.0)).max(T::of(1e-4));
+        *damping = (*damping * T::literal(10.0)).max(T::literal(1e-4));
     }
     None
 }
@@ -222,11 +227,11 @@ mod tests {
             narrowness in -4.0..-0.5, twist in -1.0..0.0, start in -3.0..-0.8, end in 0.8..3.0,
             off in prop::array::uniform4(-0.01..0.01),
         ) {
-            let arc = Seed { narrowness, twist, mirrored: false, start, end, with_circles: false };
+            let arc = Seed { narrowness, twist, mirrored: false, start, end, uses_circles: false };
             let (goal, length) = goal_of(&arc);
             let [a, b, c, d] = off;
             let seed = Seed { narrowness: narrowness + a, twist: twist + b, start: start + c, end: end + d, ..arc };
-            let Refined::Arrived(_, fit) = refined(&goal, &seed, &mut || ()) else { panic!("{seed:?} is lost") };
+            let Refinement::Converged(_, fit) = refine(&goal, &seed, &mut || ()) else { panic!("{seed:?} is lost") };
             prop_assert!(fit.square() <= 1e-22);
             prop_assert!((fit.length() - length).abs() < 1e-6, "{} for {length}", fit.length());
         }

@@ -5,8 +5,8 @@ use core::f64::consts::PI;
 use nalgebra::Vector5;
 
 use super::closed_form::Curve;
-use super::course::{Course, Point};
 use super::fit::Fit;
+use super::hybrid_curve::{HybridCurve, Point};
 use super::refine::Precision;
 
 /// Logarithms of narrowness and twist below which a curve gets circles.
@@ -30,7 +30,7 @@ pub(super) struct Seed<T> {
     /// Phase at which the arc ends.
     pub(super) end: T,
     /// True if the arc is a chain of circles between very narrow necks (`course.rs`).
-    pub(super) with_circles: bool,
+    pub(super) uses_circles: bool,
 }
 
 impl<T: Precision> Seed<T> {
@@ -53,14 +53,14 @@ impl<T: Precision> Seed<T> {
     /// multiple of the square root of `|m|`, and hardly on `|m|` itself. Without this term the two would be nearly the
     /// same unknown.
     pub(super) fn twist_by_narrowness(&self) -> T {
-        T::of(if self.with_circles { 0.5 } else { 0.0 })
+        T::literal(if self.uses_circles { 0.5 } else { 0.0 })
     }
 
     /// Returns the norm of a step. The narrowness of a very narrow neck counts by its effect on the lengths.
     pub(super) fn size(&self, step: &Vector5<T>) -> T {
         let mut step = *step;
-        if self.with_circles {
-            step[0] *= (T::of(0.5) * self.narrowness).exponential();
+        if self.uses_circles {
+            step[0] *= (T::literal(0.5) * self.narrowness).exponential();
         }
         step.norm_squared().root()
     }
@@ -68,8 +68,8 @@ impl<T: Precision> Seed<T> {
     /// Returns the ends of the arc on its curve.
     pub(super) fn ends(&self, curve: &Curve<T>) -> [Point<T>; 2] {
         let phases = [self.start, self.end];
-        if self.with_circles && !T::IS_ROUGH {
-            let course = Course::new(curve);
+        if self.uses_circles && !T::IS_ROUGH {
+            let course = HybridCurve::new(curve);
             phases.map(|phase| course.point(phase))
         } else {
             curve.points(phases).map(|point| Point::of(&point))
@@ -77,12 +77,12 @@ impl<T: Precision> Seed<T> {
     }
 
     pub(super) fn in_range(&self) -> bool {
-        let within = |value: T, min: f64, max: f64| value > T::of(min) && value < T::of(max);
+        let within = |value: T, min: f64, max: f64| value > T::literal(min) && value < T::literal(max);
         let (narrow, twisted) = CIRCLES;
-        let suits = if self.with_circles {
-            self.narrowness < T::of(narrow + ACROSS) && self.twist < T::of(twisted + 0.25 * ACROSS)
+        let suits = if self.uses_circles {
+            self.narrowness < T::literal(narrow + ACROSS) && self.twist < T::literal(twisted + 0.25 * ACROSS)
         } else {
-            T::IS_ROUGH || self.narrowness > T::of(narrow - ACROSS) || self.twist > T::of(twisted - ACROSS)
+            T::IS_ROUGH || self.narrowness > T::literal(narrow - ACROSS) || self.twist > T::literal(twisted - ACROSS)
         };
         suits
             && within(self.narrowness, NARROWEST, 3.0)
@@ -95,9 +95,9 @@ impl<T: Precision> Seed<T> {
 
 impl Seed<f32> {
     pub(super) fn precise(&self) -> Seed<f64> {
-        let Self { narrowness, twist, mirrored, start, end, with_circles } = *self;
+        let Self { narrowness, twist, mirrored, start, end, uses_circles: with_circles } = *self;
         let (narrowness, twist) = (narrowness.into(), twist.into());
-        Seed { narrowness, twist, mirrored, start: start.into(), end: end.into(), with_circles }
+        Seed { narrowness, twist, mirrored, start: start.into(), end: end.into(), uses_circles: with_circles }
     }
 }
 
@@ -135,13 +135,13 @@ impl Seed<f64> {
 
     /// Returns the arc of its curve with circles between two lengths, counted from the neck.
     fn between_lengths(&self, curve: &Curve<f64>, start: f64, end: f64) -> Self {
-        let course = Course::new(curve);
-        Self { start: course.phase_after(start), end: course.phase_after(end), with_circles: true, ..*self }
+        let course = HybridCurve::new(curve);
+        Self { start: course.phase_after(start), end: course.phase_after(end), uses_circles: true, ..*self }
     }
 
     pub(super) fn rough(&self) -> Seed<f32> {
-        let Self { narrowness, twist, mirrored, start, end, with_circles } = *self;
+        let Self { narrowness, twist, mirrored, start, end, uses_circles: with_circles } = *self;
         let (narrowness, twist) = (narrowness as f32, twist as f32);
-        Seed { narrowness, twist, mirrored, start: start as f32, end: end as f32, with_circles }
+        Seed { narrowness, twist, mirrored, start: start as f32, end: end as f32, uses_circles: with_circles }
     }
 }

@@ -24,7 +24,7 @@ struct Entry {
 /// Creates an entry from the logarithms of narrowness and twist with the phases of start and end, from whether the arc
 /// is mirrored, and from the invariants.
 const fn arc([narrowness, twist, start, end]: [f32; 4], mirrored: bool, invariants: [f32; 5]) -> Entry {
-    Entry { seed: Seed { narrowness, twist, mirrored, start, end, with_circles: false }, invariants }
+    Entry { seed: Seed { narrowness, twist, mirrored, start, end, uses_circles: false }, invariants }
 }
 
 /// Returns the nearest arcs of the table, nearest first.

@@ -7,9 +7,10 @@ use std::rc::Rc;
 use std::vec::Vec;
 
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::frame::{self, Header, LONGEST_BODY, Receiver, next};
+use growbot_core::link::frame::{self, FrameDecoder, Header, MAX_BODY_LEN, next_seq};
 use growbot_core::link::message::{
-    Accepted, Empty, Fault, Laid, MAX_LAYERS, Message, Refusal, Refused, ResetCause, SCHEMA_HASH, State, Status,
+    Accepted, Empty, Fault, LayerLaid, MAX_LAYERS_PER_MESSAGE, Message, Refusal, Refused, ResetCause, SCHEMA_HASH,
+    State, Status,
 };
 use growbot_core::robot::Robot;
 
@@ -61,7 +62,7 @@ pub struct Bench {
     next_poll: u64,
     /// Tick at which the host next shows that it is alive.
     greets_at: u64,
-    receiver: Receiver,
+    receiver: FrameDecoder,
     seq: u16,
     /// Number of the latest event received.
     latest_event: u16,
@@ -168,7 +169,7 @@ impl Bench {
             tick: 0,
             next_poll: 0,
             greets_at: 0,
-            receiver: Receiver::default(),
+            receiver: FrameDecoder::default(),
             seq: 0,
             latest_event: 0,
             stops_acknowledged: 0,
@@ -295,11 +296,11 @@ impl Bench {
             let frame = frame.expect("the board sends whole frames");
             let message = Message::decode(frame.header.kind, &frame.body).expect("the board sends messages");
             match frame.header.ack {
-                0 if frame.header.seq == next(self.latest_event) => {
+                0 if frame.header.seq == next_seq(self.latest_event) => {
                     self.latest_event = frame.header.seq;
                     events.push(message);
                 }
-                0 if matches!(message, Message::StoppedAtOnce(_)) => self.stops_acknowledged += 1,
+                0 if matches!(message, Message::EmergencyStopAck(_)) => self.stops_acknowledged += 1,
                 // This event is a repetition.
                 0 => {}
                 other if Some(other) == ack => answers.push(message),
@@ -320,7 +321,7 @@ impl Bench {
 
     /// Sends a request of any kind and body, in any session, and returns the response.
     pub fn ask_raw(&mut self, session: u32, kind: u8, body: &[u8]) -> Message {
-        self.seq = next(self.seq);
+        self.seq = next_seq(self.seq);
         let header = Header { kind, session, seq: self.seq, ack: self.latest_event };
         let bytes = frame::encode(&header, body).unwrap();
         let mut answer = None;
@@ -337,7 +338,7 @@ impl Bench {
     }
 
     pub fn ask_in(&mut self, session: u32, message: &Message) -> Message {
-        let mut buffer = [0; LONGEST_BODY];
+        let mut buffer = [0; MAX_BODY_LEN];
         let body = message.encode(&mut buffer).unwrap();
         self.ask_raw(session, message.kind(), body)
     }
@@ -373,7 +374,7 @@ impl Bench {
     }
 
     pub fn status(&mut self) -> Status {
-        match self.ask(&Message::AskStatus(Empty {})) {
+        match self.ask(&Message::GetStatus(Empty {})) {
             Message::Status(status) => status,
             other => panic!("{other:?}"),
         }
@@ -385,8 +386,8 @@ impl Bench {
 
     /// Sends layers in batches, from this index on.
     pub fn hand_over(&mut self, first: usize, layers: &[LayerBytes]) {
-        for (batch, bytes) in layers.chunks(MAX_LAYERS).enumerate() {
-            self.accepted(&batch_of(first + batch * MAX_LAYERS, bytes));
+        for (batch, bytes) in layers.chunks(MAX_LAYERS_PER_MESSAGE).enumerate() {
+            self.accepted(&batch_of(first + batch * MAX_LAYERS_PER_MESSAGE, bytes));
         }
     }
 
@@ -402,7 +403,7 @@ impl Bench {
     }
 
     /// Returns the layers that were reported as laid.
-    pub fn laid(&self) -> Vec<Laid> {
+    pub fn laid(&self) -> Vec<LayerLaid> {
         let laid = |event: &Message| if let Message::Laid(laid) = event { Some(laid.clone()) } else { None };
         self.events.iter().filter_map(laid).collect()
     }

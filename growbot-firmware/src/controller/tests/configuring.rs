@@ -4,12 +4,12 @@ use std::vec::Vec;
 
 use growbot_core::hash::Hasher;
 use growbot_core::link::message::{
-    BadDescription, BoardHello, Cancel, Configure, Configured, Empty, MAX_DESCRIPTION_PART, Message, Refusal,
+    BoardInfo, Cancel, Configure, Configured, DescriptionError, Empty, MAX_DESCRIPTION_PART, Message, Refusal,
     ResetCause, State,
 };
-use growbot_core::random::scramble;
+use growbot_core::random::splitmix64;
 use growbot_core::robot::{
-    BoardKind, Driver, ENCODING_VERSION, LONGEST_VERSIONED, PinNumbers, Robot, RobotDescription,
+    BoardKind, DriverSettings, ENCODING_VERSION, MAX_VERSIONED_LEN, PinOverrides, Robot, RobotDescription,
 };
 
 use super::bench::{Bench, WARM};
@@ -21,7 +21,7 @@ use crate::testing::{fast_robot, number_from_environment, on_skr_pico, robot_a};
 const COLD: f64 = 25.0;
 
 fn encoded(robot: &Robot) -> Vec<u8> {
-    Vec::from(robot.encode_for_board(&mut [0; LONGEST_VERSIONED]).unwrap())
+    Vec::from(robot.encode_for_board(&mut [0; MAX_VERSIONED_LEN]).unwrap())
 }
 
 /// Returns the requests that send a description.
@@ -58,8 +58,8 @@ fn stored(bench: &Bench) -> Option<Robot> {
     Descriptions::open(bench.world.descriptions.clone()).newest().robot()
 }
 
-fn hello(bench: &mut Bench) -> BoardHello {
-    match bench.ask(&Message::AskBoard(Empty {})) {
+fn hello(bench: &mut Bench) -> BoardInfo {
+    match bench.ask(&Message::GetBoardInfo(Empty {})) {
         Message::BoardHello(hello) => hello,
         other => panic!("{other:?}"),
     }
@@ -89,7 +89,7 @@ fn a_description_is_kept_and_the_board_restarts_with_it() {
     assert_eq!(configured, Ok(Configured { robot: new.hash(), received: length, stored: true }));
     assert_eq!(stored(&bench), Some(new.clone()));
     assert!(!bench.controller.is_to_restart(), "the answer is on its way");
-    assert_eq!(hello(&mut bench).robot, robot_a().hash(), "not yet");
+    assert_eq!(hello(&mut bench).robot_hash, robot_a().hash(), "not yet");
     assert_eq!(bench.ask(parts_of(&new).last().unwrap()), Message::Configured(configured.unwrap()), "a lost answer");
     assert_eq!(bench.refused(&begin(&new, PLAN, 2)), Refusal::NoSession);
     assert_eq!(bench.refused(&parts_of(&robot_a())[0]), Refusal::NoSession);
@@ -98,7 +98,7 @@ fn a_description_is_kept_and_the_board_restarts_with_it() {
     let mut bench = Bench::boot(new.clone(), bench.world, ResetCause::External);
     bench.run(0.7);
     bench.hello();
-    assert_eq!((hello(&mut bench).robot, bench.controller.state()), (new.hash(), State::Idle));
+    assert_eq!((hello(&mut bench).robot_hash, bench.controller.state()), (new.hash(), State::Idle));
 }
 
 #[test]
@@ -110,7 +110,7 @@ fn only_a_board_at_rest_is_configured() {
         let expected = match state {
             // There is an unfinished job.
             State::Idle | State::Stopped | State::Fault | State::EmergencyStop => Refusal::JobNotDone { plan_id: PLAN },
-            State::Done => Refusal::Hot { below: 5000 },
+            State::Done => Refusal::NozzleTooHot { below: 5000 },
             _ => Refusal::WrongState { state },
         };
         assert_eq!(refused, expected, "{state:?}");
@@ -132,11 +132,11 @@ fn without_its_job_a_board_is_configured_even_with_a_fault() {
 #[test]
 fn a_hot_nozzle_must_cool_first_or_rest_long_enough() {
     let mut bench = Bench::greeted(robot_a(), WARM);
-    assert_eq!(configure(&mut bench, &parts_of(&fast_robot())), Err(Refusal::Hot { below: 5000 }));
+    assert_eq!(configure(&mut bench, &parts_of(&fast_robot())), Err(Refusal::NozzleTooHot { below: 5000 }));
     bench.run(1190.0);
     bench.world.nozzle_c.set(WARM);
     bench.run(2.0);
-    assert_eq!(configure(&mut bench, &parts_of(&fast_robot())), Err(Refusal::Hot { below: 5000 }));
+    assert_eq!(configure(&mut bench, &parts_of(&fast_robot())), Err(Refusal::NozzleTooHot { below: 5000 }));
     bench.world.nozzle_c.set(WARM);
     bench.run(10.0);
     assert_eq!(configure(&mut bench, &parts_of(&fast_robot())).map(|done| done.stored), Ok(true));
@@ -170,11 +170,11 @@ fn parts_beyond_the_end_are_refused() {
     let part = |length, offset, bytes: &[u8]| {
         Message::Configure(Configure { robot: 1, length, offset, bytes: bytes.iter().copied().collect() })
     };
-    let too_long = Refusal::BadDescription { why: BadDescription::TooLong };
-    assert_eq!(bench.refused(&part(LONGEST_VERSIONED as u16 + 1, 0, &[1])), too_long);
+    let too_long = Refusal::InvalidDescription { why: DescriptionError::TooLong };
+    assert_eq!(bench.refused(&part(MAX_VERSIONED_LEN as u16 + 1, 0, &[1])), too_long);
     assert_eq!(bench.refused(&part(u16::MAX, u16::MAX, &[1; MAX_DESCRIPTION_PART])), too_long);
     for (length, offset, bytes) in [(0, 0, &[][..]), (4, 0, &[]), (4, 0, &[1; 5]), (1, 0, &[1; MAX_DESCRIPTION_PART])] {
-        assert_eq!(bench.refused(&part(length, offset, bytes)), Refusal::NotUnderstood, "{length} {offset}");
+        assert_eq!(bench.refused(&part(length, offset, bytes)), Refusal::UnknownRequest, "{length} {offset}");
     }
     assert_eq!(bench.refused(&part(4, u16::MAX, &[1])), Refusal::OutOfOrder { expected: 0 });
 }
@@ -182,9 +182,9 @@ fn parts_beyond_the_end_are_refused() {
 /// Returns a robot whose description has all optional parts.
 fn wired_robot() -> Robot {
     let mut description = fast_robot().description().clone();
-    let pins = PinNumbers { index: Some(20), supply: Some(26), driver_fault: Some(24), ..PinNumbers::default() };
+    let pins = PinOverrides { index: Some(20), supply: Some(26), driver_fault: Some(24), ..PinOverrides::default() };
     description.board = Some(growbot_core::robot::Board { kind: BoardKind::SkrPico, pins });
-    let driver = Driver { stall_threshold: Some(80), ..Driver::of_current(0.8) };
+    let driver = DriverSettings { stall_threshold: Some(80), ..DriverSettings::with_current(0.8) };
     (description.head.driver, description.feed.driver) = (Some(driver), Some(driver));
     Robot::new(description).unwrap()
 }
@@ -203,13 +203,13 @@ fn a_description_that_is_not_valid_is_refused_with_the_reason() {
     let at = 2 + new.name().len();
     negative[at..at + 8].copy_from_slice(&(-1.0_f64).to_le_bytes());
     for (bad, why) in [
-        (other_hash, BadDescription::OtherHash { found: new.hash() }),
-        (parts(new.hash(), &other_version), BadDescription::OtherVersion { board: ENCODING_VERSION }),
-        (parts(new.hash(), &encoded(&new)[..300]), BadDescription::Unreadable),
-        (parts(new.hash(), &nameless), BadDescription::Name),
-        (parts(new.hash(), &negative), BadDescription::Number),
+        (other_hash, DescriptionError::HashMismatch { found: new.hash() }),
+        (parts(new.hash(), &other_version), DescriptionError::VersionMismatch { board: ENCODING_VERSION }),
+        (parts(new.hash(), &encoded(&new)[..300]), DescriptionError::Unreadable),
+        (parts(new.hash(), &nameless), DescriptionError::Name),
+        (parts(new.hash(), &negative), DescriptionError::Number),
     ] {
-        assert_eq!(configure(&mut bench, &bad), Err(Refusal::BadDescription { why }));
+        assert_eq!(configure(&mut bench, &bad), Err(Refusal::InvalidDescription { why }));
         assert_eq!((stored(&bench), bench.controller.is_to_restart()), (None, false), "{why:?}");
     }
     assert_eq!(configure(&mut bench, &parts_of(&new)).map(|done| done.stored), Ok(true), "and then a good one");
@@ -219,36 +219,36 @@ fn a_description_that_is_not_valid_is_refused_with_the_reason() {
 fn unchecked(change: fn(&mut RobotDescription)) -> (u64, Vec<u8>) {
     let mut description = on_skr_pico().description().clone();
     change(&mut description);
-    let bytes = encoded(&Robot::checked_before(description, 0));
-    (Hasher::of(&bytes[1..]), bytes)
+    let bytes = encoded(&Robot::from_checked(description, 0));
+    (Hasher::hash(&bytes[1..]), bytes)
 }
 
-fn with_pins(robot: &mut RobotDescription, change: fn(&mut PinNumbers)) {
+fn with_pins(robot: &mut RobotDescription, change: fn(&mut PinOverrides)) {
     change(&mut robot.board.as_mut().unwrap().pins);
 }
 
 /// A change of a description, and the reason of its refusal.
-type Refusing = (fn(&mut RobotDescription), BadDescription);
+type Refusing = (fn(&mut RobotDescription), DescriptionError);
 
 #[test]
 fn pins_and_drivers_that_do_not_suit_are_refused_and_the_old_description_stays() {
     let mut bench = described();
     let changes: [Refusing; 8] = [
-        (|robot| with_pins(robot, |pins| pins.index = Some(30)), BadDescription::Pins),
-        (|robot| with_pins(robot, |pins| pins.index = Some(16)), BadDescription::Pins),
-        (|robot| with_pins(robot, |pins| pins.thermistor = Some(18)), BadDescription::Pins),
-        (|robot| with_pins(robot, |pins| pins.fan = Some(7)), BadDescription::Pins),
-        (|robot| robot.sensors.supply = true, BadDescription::Pins),
-        (|robot| robot.head.driver = None, BadDescription::Drivers),
+        (|robot| with_pins(robot, |pins| pins.index = Some(30)), DescriptionError::Pins),
+        (|robot| with_pins(robot, |pins| pins.index = Some(16)), DescriptionError::Pins),
+        (|robot| with_pins(robot, |pins| pins.thermistor = Some(18)), DescriptionError::Pins),
+        (|robot| with_pins(robot, |pins| pins.fan = Some(7)), DescriptionError::Pins),
+        (|robot| robot.sensors.supply = true, DescriptionError::Pins),
+        (|robot| robot.head.driver = None, DescriptionError::Drivers),
         (
-            |robot| robot.feed.driver = Some(Driver { microsteps: 3, ..Driver::of_current(0.5) }),
-            BadDescription::Drivers,
+            |robot| robot.feed.driver = Some(DriverSettings { microsteps: 3, ..DriverSettings::with_current(0.5) }),
+            DescriptionError::Drivers,
         ),
-        (|robot| robot.feed.driver = Some(Driver::of_current(2.0)), BadDescription::Number),
+        (|robot| robot.feed.driver = Some(DriverSettings::with_current(2.0)), DescriptionError::Number),
     ];
     for (change, why) in changes {
         let (hash, bytes) = unchecked(change);
-        assert_eq!(configure(&mut bench, &parts(hash, &bytes)), Err(Refusal::BadDescription { why }));
+        assert_eq!(configure(&mut bench, &parts(hash, &bytes)), Err(Refusal::InvalidDescription { why }));
         assert_eq!((stored(&bench), bench.controller.is_to_restart()), (Some(robot_a()), false), "{why:?}");
     }
     let good = on_skr_pico();
@@ -262,12 +262,12 @@ fn pins_and_drivers_that_do_not_suit_are_refused_and_the_old_description_stays()
 fn descriptions_of_another_kind_of_board_are_refused() {
     let of = |kind| {
         let mut description = fast_robot().description().clone();
-        description.board = Some(growbot_core::robot::Board { kind, pins: PinNumbers::default() });
+        description.board = Some(growbot_core::robot::Board { kind, pins: PinOverrides::default() });
         Robot::new(description).unwrap()
     };
     let suits = |robot| super::super::configuring::suits_kinds(&[BoardKind::Pico], robot);
     let (asked, board) = (BoardKind::Stm32f405, BoardKind::Pico);
-    assert_eq!(suits(of(asked)), Err(BadDescription::OtherBoard { asked, board }));
+    assert_eq!(suits(of(asked)), Err(DescriptionError::BoardMismatch { asked, board }));
     assert_eq!(suits(of(BoardKind::Pico)), Ok(of(BoardKind::Pico)));
     assert_eq!(suits(fast_robot()), Ok(fast_robot()));
     let mut bench = Bench::greeted(robot_a(), COLD);
@@ -286,7 +286,7 @@ fn changed_descriptions_are_refused_and_the_old_one_stays() {
         let mut count = seed << 8;
         let mut random = |below: usize| {
             count += 1;
-            (scramble(count) >> 8) as usize % below
+            (splitmix64(count) >> 8) as usize % below
         };
         let mut bytes = encoded(&new);
         for _ in 0..=random(3) {
@@ -302,7 +302,7 @@ fn changed_descriptions_are_refused_and_the_old_one_stays() {
             continue;
         }
         let refused = configure(&mut bench, &parts(new.hash(), &bytes)).unwrap_err();
-        assert!(matches!(refused, Refusal::BadDescription { .. }), "seed {seed}: {refused:?}");
+        assert!(matches!(refused, Refusal::InvalidDescription { .. }), "seed {seed}: {refused:?}");
         assert!(!bench.controller.is_to_restart(), "seed {seed}");
     }
     assert_eq!((stored(&bench), bench.world.descriptions.writes()), (Some(old), writes));
@@ -321,7 +321,7 @@ fn what_flash_does_not_take_is_refused_and_the_old_one_stays() {
 #[test]
 fn a_board_without_a_description_only_communicates() {
     let mut bench = unconfigured();
-    let BoardHello { robot, robot_name, status, .. } = hello(&mut bench);
+    let BoardInfo { robot_hash: robot, robot_name, status, .. } = hello(&mut bench);
     assert_eq!((robot, robot_name.as_str(), status.state), (0, "", State::SelfTest));
     let quiet = [0x01, 0x02, 0x06, 0x0C, 0x0D, 0x0E, 0x12, 0x13, 0x14, 0x16];
     let bodies: [&[u8]; 6] = [&[], &[0; 1], &[0; 2], &[0; 3], &[0; 5], &[0; 89]];
@@ -362,5 +362,5 @@ fn a_board_without_a_description_stays_on_and_can_be_stopped_and_configured() {
     bench.run(0.7);
     bench.hello();
     bench.accepted(&clear());
-    assert_eq!(hello(&mut bench).robot, new.hash(), "{:?}", bench.controller.state());
+    assert_eq!(hello(&mut bench).robot_hash, new.hash(), "{:?}", bench.controller.state());
 }

@@ -1,7 +1,7 @@
 //! Tests of drivers that report a problem over their line, or are not configured.
 
 use growbot_core::link::message::{
-    DriverProblem, DriverTrouble, Empty, Fault, LatestFault, Message, Motor, Refusal, ResetCause, State, Task,
+    DriverProblem, DriverReport, Empty, Fault, LatestFault, MaintenanceTask, Message, Motor, Refusal, ResetCause, State,
 };
 
 use super::bench::{Bench, WARM};
@@ -9,8 +9,8 @@ use super::requests::{bends, clear, maintain, start};
 use crate::safety::transitions::may_heat;
 use crate::testing::fast_robot;
 
-fn trouble(problem: DriverProblem) -> DriverTrouble {
-    DriverTrouble { motor: Motor::Feed, problem }
+fn trouble(problem: DriverProblem) -> DriverReport {
+    DriverReport { motor: Motor::Feed, problem }
 }
 
 #[test]
@@ -21,7 +21,7 @@ fn trouble_is_a_fault_while_the_robot_works_and_its_record_says_what_it_is() {
             bench.world.driver_trouble.set(Some(trouble(problem)));
             bench.run_to(State::Fault, 0.25);
             assert_eq!(bench.controller.fault(), Some(Fault::DriverFault));
-            let answer = bench.ask(&Message::AskFault(Empty {}));
+            let answer = bench.ask(&Message::GetLatestFault(Empty {}));
             let Message::LatestFault(LatestFault { record: Some(record) }) = answer else { panic!("{answer:?}") };
             assert_eq!(record.sensors.driver_trouble, Some(trouble(problem)));
             assert_eq!(bench.refused(&clear()), Refusal::FaultRemains { fault: Fault::DriverFault });
@@ -38,7 +38,7 @@ fn trouble_at_rest_is_told_and_is_a_fault_once_the_motors_are_wanted() {
     bench.world.driver_trouble.set(Some(trouble(DriverProblem::Silent)));
     bench.run(1.0);
     assert_eq!(bench.controller.state(), State::Idle);
-    let Message::SensorReadings(readings) = bench.ask(&Message::AskSensors(Empty {})) else { panic!() };
+    let Message::SensorReadings(readings) = bench.ask(&Message::GetSensorReadings(Empty {})) else { panic!() };
     assert_eq!(readings.driver_fault, Some(true));
     assert_eq!(readings.driver_trouble, Some(trouble(DriverProblem::Silent)));
     bench.accepted(&start());
@@ -71,11 +71,11 @@ fn no_motor_is_energised_before_the_drivers_are_configured() {
 
     let mut bench = Bench::in_state(State::Maintenance);
     bench.world.drivers_unconfigured.set(true);
-    for task in [Task::Home, Task::Rotate { centi_deg: 100 }, Task::Feed { um: 100 }] {
+    for task in [MaintenanceTask::Home, MaintenanceTask::Rotate { centi_deg: 100 }, MaintenanceTask::Feed { um: 100 }] {
         assert_eq!(bench.refused(&maintain(task)), Refusal::FaultRemains { fault: Fault::DriverFault });
     }
     bench.world.drivers_unconfigured.set(false);
-    bench.accepted(&maintain(Task::Home));
+    bench.accepted(&maintain(MaintenanceTask::Home));
 }
 
 #[test]

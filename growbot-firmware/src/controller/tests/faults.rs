@@ -24,7 +24,7 @@ fn assert_fault(bench: &mut Bench, fault: Fault, within: f64) {
     // The report of a layer that was laid at the same moment may follow.
     let latest = bench.events.iter().rfind(|event| matches!(event, Message::StateChanged(_)));
     assert_eq!(latest, Some(&told));
-    assert!(matches!(bench.refused(&start()), Refusal::WrongState { .. } | Refusal::OtherPlan { .. }));
+    assert!(matches!(bench.refused(&start()), Refusal::WrongState { .. } | Refusal::PlanMismatch { .. }));
     let moved = bench.motors.moved;
     bench.run(10.0);
     assert_eq!((bench.motors.moved, bench.controller.fault()), (moved, Some(fault)));
@@ -164,13 +164,13 @@ fn inputs_that_mean_danger_are_faults_while_the_robot_works() {
 #[test]
 fn sensors_are_told() {
     let mut bench = Bench::in_state(State::Growing);
-    let Message::SensorReadings(readings) = bench.ask(&Message::AskSensors(Empty {})) else { panic!() };
+    let Message::SensorReadings(readings) = bench.ask(&Message::GetSensorReadings(Empty {})) else { panic!() };
     assert!(readings.supply_mv.is_some_and(|millivolts| millivolts.abs_diff(12_000) < 10));
     assert_eq!((readings.filament_present, readings.driver_fault), (Some(true), Some(false)));
     assert_eq!((readings.emergency_stop, readings.gravity_milli_g), (Some(false), Some([0, 0, 1000])));
     let before = readings.filament_pulses.unwrap();
     bench.run(1.0);
-    let Message::SensorReadings(readings) = bench.ask(&Message::AskSensors(Empty {})) else { panic!() };
+    let Message::SensorReadings(readings) = bench.ask(&Message::GetSensorReadings(Empty {})) else { panic!() };
     assert!(readings.filament_pulses.unwrap() > before);
 }
 
@@ -319,7 +319,8 @@ fn the_emergency_stop_stops_at_once_and_is_left_only_when_released() {
         bench.press_emergency_stop(false);
         bench.run(0.1);
         assert_eq!(bench.controller.state(), State::EmergencyStop, "it is latched");
-        let Message::LatestFault(LatestFault { record: Some(record) }) = bench.ask(&Message::AskFault(Empty {})) else {
+        let Message::LatestFault(LatestFault { record: Some(record) }) = bench.ask(&Message::GetLatestFault(Empty {}))
+        else {
             panic!()
         };
         assert_eq!((record.fault, record.cleared, record.state), (None, false, state));
@@ -368,7 +369,7 @@ fn an_alarm_of_the_step_interrupt_switches_the_heater_off_while_the_main_loop_ha
 fn a_fault_keeps_what_was_laid_in_sight_and_takes_no_job() {
     let mut bench = Bench::in_state(State::Fault);
     let status = bench.status();
-    assert_eq!((status.plan_id, status.laid), (PLAN, bench.laid().len() as u32));
+    assert_eq!((status.plan_id, status.layers_laid), (PLAN, bench.laid().len() as u32));
     let wrong = Refusal::WrongState { state: State::Fault };
     for plan_id in [PLAN, PLAN + 1] {
         let message = begin(&bench.robot.clone(), plan_id, 40);

@@ -4,9 +4,9 @@ use std::vec::Vec;
 
 use growbot_core::angle::radians;
 use growbot_core::job::{job_layers, summarize};
-use growbot_core::layer_bytes::{Fields, HEIGHT_UNITS, LayerBytes, decode};
+use growbot_core::layer_bytes::{HEIGHT_UNITS_PER_MM, LayerBytes, RawLayer, decode};
 use growbot_core::link::message::{
-    MAX_LAYERS, Message, PlanRequest, Planned, PoseFields, ReadLayers, Refusal, State, StoredLayers,
+    MAX_LAYERS_PER_MESSAGE, Message, PlanRequest, Planned, PoseFields, ReadLayers, Refusal, State, StoredLayers,
 };
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
@@ -21,8 +21,8 @@ use crate::testing::{fast_robot, robot_a, robot_a_by};
 
 /// Returns the feed steps of these layers.
 fn feed_steps(layers: &[LayerBytes], robot: &Robot) -> i64 {
-    let units: u64 = layers.iter().map(|bytes| u64::from(Fields::of(bytes).height)).sum();
-    libm::rint(units as f64 / HEIGHT_UNITS * robot.feed_steps_per_length()) as i64
+    let units: u64 = layers.iter().map(|bytes| u64::from(RawLayer::from_bytes(bytes).height)).sum();
+    libm::rint(units as f64 / HEIGHT_UNITS_PER_MM * robot.feed_steps_per_length()) as i64
 }
 
 /// Checks every report and every step of a job that is done.
@@ -31,7 +31,10 @@ fn assert_laid(bench: &mut Bench, layers: &[LayerBytes]) {
     bench.run(0.01);
     assert!(bench.heater.off() && !bench.motors.enabled());
     let status = bench.status();
-    assert_eq!((status.laid, status.next, status.plan_id), (layers.len() as u32, layers.len() as u32, PLAN));
+    assert_eq!(
+        (status.layers_laid, status.next_layer, status.plan_id),
+        (layers.len() as u32, layers.len() as u32, PLAN)
+    );
     assert_eq!((status.target_centi_c, status.duty), (None, 0));
 
     let laid = bench.laid();
@@ -113,20 +116,20 @@ fn more_layers_than_the_board_stores_stream() {
     bench.begin(layers.len());
     let (stored, rest) = layers.split_at(CAPACITY);
     bench.hand_over(0, stored);
-    assert_eq!(bench.refused(&batch_of(CAPACITY, &rest[..1])), Refusal::Full);
+    assert_eq!(bench.refused(&batch_of(CAPACITY, &rest[..1])), Refusal::LayerStoreFull);
     bench.start();
-    for (batch, bytes) in rest.chunks(MAX_LAYERS).enumerate() {
-        let laid = batch * MAX_LAYERS + bytes.len();
+    for (batch, bytes) in rest.chunks(MAX_LAYERS_PER_MESSAGE).enumerate() {
+        let laid = batch * MAX_LAYERS_PER_MESSAGE + bytes.len();
         if batch == 0 {
             bench.run_until(200.0, |bench| bench.laid().len() >= laid - 1);
             assert_eq!(
                 bench.refused(&batch_of(CAPACITY, bytes)),
-                Refusal::Full,
+                Refusal::LayerStoreFull,
                 "nothing of a batch that does not fit"
             );
         }
         bench.run_until(60.0, |bench| bench.events.len() > laid + 3);
-        bench.hand_over(CAPACITY + batch * MAX_LAYERS, bytes);
+        bench.hand_over(CAPACITY + batch * MAX_LAYERS_PER_MESSAGE, bytes);
     }
     bench.run_to(State::Done, 1000.0);
     assert_laid(&mut bench, &layers);
@@ -167,9 +170,9 @@ fn a_stop_switches_everything_off_in_every_state() {
         assert_eq!(bench.controller.state(), expected);
         bench.run(1.0 / 4000.0);
         assert!(!bench.motors.enabled(), "{state:?}");
-        let (moved, laid) = (bench.motors.moved, bench.status().laid);
+        let (moved, laid) = (bench.motors.moved, bench.status().layers_laid);
         bench.run(30.0);
-        assert_eq!((bench.motors.moved, bench.status().laid), (moved, laid));
+        assert_eq!((bench.motors.moved, bench.status().layers_laid), (moved, laid));
         let later = if expected == State::SelfTest { State::Idle } else { expected };
         assert_eq!(bench.controller.state(), later);
     }
@@ -192,7 +195,7 @@ fn a_job_after_a_stop_is_a_new_one() {
     // The stop takes effect at once, before the next tick and poll.
     let layers = bends(12);
     bench.grow(&layers);
-    assert_eq!(bench.status().laid, 0);
+    assert_eq!(bench.status().layers_laid, 0);
     let fed = bench.motors.moved.feed;
     bench.run_to(State::Done, 200.0);
     let laid = bench.laid().split_off(before);
@@ -238,15 +241,15 @@ fn layers_that_nobody_reads_of_are_told_in_the_end() {
     assert_eq!(laid.iter().map(|laid| laid.index).collect::<Vec<_>>(), (0..300).collect::<Vec<_>>());
     assert!(laid.iter().all(|laid| laid.as_built.is_some()));
     assert_eq!(bench.states().last(), Some(&State::Done));
-    assert_eq!(bench.status().laid, 300);
+    assert_eq!(bench.status().layers_laid, 300);
 }
 
 #[test]
 fn a_host_that_does_not_read_is_answered_once_it_does() {
     let mut bench = Bench::in_state(State::Growing);
     bench.reads = false;
-    let mut buffer = [0; growbot_core::link::frame::LONGEST_BODY];
-    let status = Message::AskStatus(growbot_core::link::message::Empty {});
+    let mut buffer = [0; growbot_core::link::frame::MAX_BODY_LEN];
+    let status = Message::GetStatus(growbot_core::link::message::Empty {});
     let body = status.encode(&mut buffer).unwrap();
     let header = growbot_core::link::frame::Header { kind: status.kind(), session: 1, seq: 1, ack: 0 };
     let request = growbot_core::link::frame::encode(&header, body).unwrap();
@@ -295,7 +298,7 @@ fn the_board_plans_as_the_desktop_does() {
                 panic!()
             };
             stored.extend_from_slice(&layers);
-            if layers.len() < MAX_LAYERS {
+            if layers.len() < MAX_LAYERS_PER_MESSAGE {
                 break;
             }
         }
@@ -310,7 +313,7 @@ fn the_states_at_rest_are_those_after_which_a_job_may_begin() {
         let other = begin(&bench.robot.clone(), PLAN + 1, 3);
         if matches!(state, State::Idle | State::Done | State::Stopped) {
             assert_eq!(bench.accepted(&other).next, 0);
-            assert_eq!(bench.status().laid, 0);
+            assert_eq!(bench.status().layers_laid, 0);
         } else {
             assert_eq!(bench.refused(&other), Refusal::WrongState { state });
         }

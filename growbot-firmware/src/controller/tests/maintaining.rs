@@ -1,6 +1,6 @@
 //! Tests of maintenance: heat and moves without a job, each within its limits.
 
-use growbot_core::link::message::{Fault, Refusal, State, Task};
+use growbot_core::link::message::{Fault, MaintenanceTask, Refusal, State};
 
 use super::bench::{Bench, WARM};
 use super::requests::{feed, maintain, pause, preheat, start, stop};
@@ -19,11 +19,11 @@ fn preheating_holds_a_temperature_and_cooling_down_ends_it() {
     bench.accepted(&preheat(150.0));
     bench.run(90.0);
     assert!((bench.world.nozzle_c.get() - 150.0).abs() < 3.0, "{} C", bench.world.nozzle_c.get());
-    bench.accepted(&maintain(Task::CoolDown));
+    bench.accepted(&maintain(MaintenanceTask::CoolDown));
     assert_eq!(bench.controller.state(), State::Idle);
     assert!(bench.heater.off());
     // A repeated request changes nothing, and the earlier job is still stored.
-    bench.accepted(&maintain(Task::CoolDown));
+    bench.accepted(&maintain(MaintenanceTask::CoolDown));
     bench.start();
     bench.run_to(State::Growing, 200.0);
 }
@@ -32,7 +32,11 @@ fn preheating_holds_a_temperature_and_cooling_down_ends_it() {
 fn temperatures_out_of_the_robots_limits_are_refused() {
     let mut bench = Bench::in_state(State::Idle);
     for celsius in [49.0, 235.1, 1e7, -1e7] {
-        assert_eq!(bench.refused(&preheat(celsius)), Refusal::Temperature { min: 5000, max: 23_500 }, "{celsius}");
+        assert_eq!(
+            bench.refused(&preheat(celsius)),
+            Refusal::TemperatureOutOfRange { min: 5000, max: 23_500 },
+            "{celsius}"
+        );
     }
 }
 
@@ -41,23 +45,25 @@ fn a_cold_nozzle_moves_nothing() {
     let mut bench = Bench::greeted(fast_robot(), 60.0);
     assert_eq!(bench.refused(&feed(1.0)), Refusal::WrongState { state: State::Idle });
     bench.accepted(&preheat(200.0));
-    for request in [feed(1.0), feed(-1.0), maintain(Task::Home), maintain(Task::Rotate { centi_deg: 9000 })] {
-        let Refusal::Cold { now, min } = bench.refused(&request) else { panic!("{request:?}") };
+    for request in
+        [feed(1.0), feed(-1.0), maintain(MaintenanceTask::Home), maintain(MaintenanceTask::Rotate { centi_deg: 9000 })]
+    {
+        let Refusal::NozzleTooCold { now, min } = bench.refused(&request) else { panic!("{request:?}") };
         assert!((5900..6200).contains(&now) && min == 18_000, "{now} of {min}");
     }
     // A soak is not hot enough either. The refusal states the required temperature.
     bench.accepted(&preheat(150.0));
     bench.run(120.0);
-    assert!(matches!(bench.refused(&feed(1.0)), Refusal::Cold { now: 14_700..15_300, min: 18_000 }));
+    assert!(matches!(bench.refused(&feed(1.0)), Refusal::NozzleTooCold { now: 14_700..15_300, min: 18_000 }));
     assert_eq!(bench.motors.moved.pulses, 0);
 }
 
 #[test]
 fn a_dry_run_moves_a_cold_robot_and_never_heats() {
     let mut bench = Bench::greeted(fast_robot(), 25.0);
-    bench.accepted(&maintain(Task::DryRun));
+    bench.accepted(&maintain(MaintenanceTask::DryRun));
     assert_eq!(bench.controller.state(), State::Maintenance);
-    bench.accepted(&maintain(Task::Home));
+    bench.accepted(&maintain(MaintenanceTask::Home));
     bench.run(20.0);
     let at = bench.motors.moved.feed;
     bench.accepted(&feed(5.0));
@@ -65,13 +71,13 @@ fn a_dry_run_moves_a_cold_robot_and_never_heats() {
     assert!(bench.motors.moved.feed > at && bench.heater.off());
     assert_eq!((bench.controller.fault(), bench.controller.state()), (None, State::Maintenance));
     // A repeated request changes nothing.
-    bench.accepted(&maintain(Task::DryRun));
+    bench.accepted(&maintain(MaintenanceTask::DryRun));
     // A preheat ends the dry run, and the nozzle is too cold then.
     bench.accepted(&preheat(200.0));
-    assert!(matches!(bench.refused(&feed(1.0)), Refusal::Cold { .. }));
-    assert_eq!(bench.refused(&maintain(Task::DryRun)), Refusal::WrongState { state: State::Maintenance });
-    bench.accepted(&maintain(Task::CoolDown));
-    bench.accepted(&maintain(Task::DryRun));
+    assert!(matches!(bench.refused(&feed(1.0)), Refusal::NozzleTooCold { .. }));
+    assert_eq!(bench.refused(&maintain(MaintenanceTask::DryRun)), Refusal::WrongState { state: State::Maintenance });
+    bench.accepted(&maintain(MaintenanceTask::CoolDown));
+    bench.accepted(&maintain(MaintenanceTask::DryRun));
     bench.run(UNATTENDED_US as f64 * 1e-6 + 1.0);
     assert_eq!(bench.controller.state(), State::Idle);
     assert!(!bench.motors.enabled());
@@ -80,7 +86,7 @@ fn a_dry_run_moves_a_cold_robot_and_never_heats() {
 #[test]
 fn no_dry_run_begins_in_a_pause() {
     let mut bench = Bench::in_state(State::Paused);
-    assert_eq!(bench.refused(&maintain(Task::DryRun)), Refusal::WrongState { state: State::Paused });
+    assert_eq!(bench.refused(&maintain(MaintenanceTask::DryRun)), Refusal::WrongState { state: State::Paused });
 }
 
 #[test]
@@ -90,29 +96,32 @@ fn filament_is_loaded_and_unloaded_by_the_length_asked_for() {
     let at = bench.motors.moved.feed;
     for (mm, after_mm) in [(10.0, 10.0), (-25.0, -15.0)] {
         bench.accepted(&feed(mm));
-        assert_eq!(bench.refused(&feed(1.0)), Refusal::Moving);
+        assert_eq!(bench.refused(&feed(1.0)), Refusal::StillMoving);
         bench.run(120.0);
         let moved = (bench.motors.moved.feed - at) as f64;
         assert!((moved - after_mm * steps_per_mm).abs() <= 1.0, "{moved} steps, {after_mm} mm");
         assert_eq!(bench.controller.fault(), None);
     }
-    assert!(matches!(bench.refused(&feed(1e6)), Refusal::TooFar { max } if max > 1000));
+    assert!(matches!(bench.refused(&feed(1e6)), Refusal::MoveTooLong { max } if max > 1000));
 }
 
 #[test]
 fn the_head_homes_and_turns_by_the_angle_asked_for() {
     let mut bench = hot();
-    bench.accepted(&maintain(Task::Home));
+    bench.accepted(&maintain(MaintenanceTask::Home));
     bench.run(20.0);
     let (at, turn) = (bench.motors.moved.head, i64::from(bench.robot.description().head.steps_per_turn));
-    bench.accepted(&maintain(Task::Rotate { centi_deg: 9000 }));
+    bench.accepted(&maintain(MaintenanceTask::Rotate { centi_deg: 9000 }));
     bench.run(20.0);
     assert_eq!(bench.motors.moved.head - at, turn / 4);
-    bench.accepted(&maintain(Task::Rotate { centi_deg: -18_000 }));
+    bench.accepted(&maintain(MaintenanceTask::Rotate { centi_deg: -18_000 }));
     bench.run(20.0);
     assert_eq!(bench.motors.moved.head - at, -turn / 4);
     for centi_deg in [36_001, i32::MIN, i32::MAX] {
-        assert_eq!(bench.refused(&maintain(Task::Rotate { centi_deg })), Refusal::TooFar { max: 36_000 });
+        assert_eq!(
+            bench.refused(&maintain(MaintenanceTask::Rotate { centi_deg })),
+            Refusal::MoveTooLong { max: 36_000 }
+        );
     }
 }
 
@@ -133,12 +142,13 @@ fn what_nobody_attends_to_goes_off() {
 fn it_is_refused_while_a_body_grows() {
     for state in [State::Heating, State::Homing, State::Growing, State::Tuning, State::Fault, State::EmergencyStop] {
         let mut bench = Bench::in_state(state);
-        for request in [preheat(200.0), feed(1.0), maintain(Task::Home), maintain(Task::CoolDown)] {
+        for request in [preheat(200.0), feed(1.0), maintain(MaintenanceTask::Home), maintain(MaintenanceTask::CoolDown)]
+        {
             assert_eq!(bench.refused(&request), Refusal::WrongState { state }, "{request:?}");
         }
     }
     let mut bench = Bench::in_state(State::Paused);
-    assert_eq!(bench.refused(&maintain(Task::Home)), Refusal::WrongState { state: State::Paused });
+    assert_eq!(bench.refused(&maintain(MaintenanceTask::Home)), Refusal::WrongState { state: State::Paused });
 }
 
 #[test]
@@ -184,7 +194,7 @@ fn a_robot_without_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
     bench.run_to(State::Paused, 60.0);
     let status = bench.status();
     assert_eq!(status.pause_cause, growbot_core::link::message::PauseCause::FilamentOut);
-    assert!(status.laid > 0 && status.interrupted.is_none(), "the layer under way was finished");
+    assert!(status.layers_laid > 0 && status.interrupted.is_none(), "the layer under way was finished");
     // The nozzle is at standby, for longer than any other pause may last.
     bench.run(2.0 * bench.robot.description().pause.off_after_s);
     assert_eq!(bench.controller.state(), State::Paused);
@@ -195,11 +205,11 @@ fn a_robot_without_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
     // After a new spool the operator heats, loads, and continues.
     bench.heater.pins.set(FILAMENT_PRESENCE, true);
     bench.run(0.5);
-    assert!(matches!(bench.refused(&feed(20.0)), Refusal::Cold { .. }));
+    assert!(matches!(bench.refused(&feed(20.0)), Refusal::NozzleTooCold { .. }));
     bench.accepted(&preheat(200.0));
     bench.run_until_it_may_move();
     bench.accepted(&feed(20.0));
-    assert_eq!(bench.refused(&start()), Refusal::Moving);
+    assert_eq!(bench.refused(&start()), Refusal::StillMoving);
     bench.run(30.0);
     bench.start();
     bench.run_to(State::Done, 200.0);
@@ -227,7 +237,7 @@ fn a_body_goes_on_after_maintenance_in_a_pause_only_when_somebody_says_so() {
     bench.run_until_it_may_move();
     bench.accepted(&feed(10.0));
     bench.run(20.0);
-    let at = bench.status().next as usize;
+    let at = bench.status().next_layer as usize;
     let left = layers.get(at..at + 10).unwrap();
     bench.hand_over(at, left);
     bench.run(60.0);
@@ -289,14 +299,14 @@ fn nothing_is_laid_with_filament_that_is_far_from_the_nozzle() {
 fn in_a_pause_the_nozzle_is_heated_to_the_temperature_of_growth_alone() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     moved_in_a_pause(&mut bench, &[]);
-    assert_eq!(bench.refused(&preheat(110.0)), Refusal::Temperature { min: 20_000, max: 20_000 });
+    assert_eq!(bench.refused(&preheat(110.0)), Refusal::TemperatureOutOfRange { min: 20_000, max: 20_000 });
 }
 
 #[test]
 fn a_temperature_is_not_changed_under_a_move() {
     let mut bench = hot();
-    bench.accepted(&maintain(Task::Rotate { centi_deg: 36_000 }));
-    assert_eq!(bench.refused(&preheat(60.0)), Refusal::Moving);
+    bench.accepted(&maintain(MaintenanceTask::Rotate { centi_deg: 36_000 }));
+    assert_eq!(bench.refused(&preheat(60.0)), Refusal::StillMoving);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Tests of pauses, on request or for lack of layers: filament pulled back, standby, parking, and continuing.
 
 use growbot_core::link::message::{Refusal, State};
-use growbot_core::robot::{Robot, Turning};
+use growbot_core::robot::{HeadRotation, Robot};
 
 use super::bench::{Bench, WARM};
 use super::requests::{bends, feed_steps_of, pause, start};
@@ -64,7 +64,7 @@ fn a_long_pause_lets_the_nozzle_down_to_standby_and_then_parks() {
     assert!(bench.heater.off());
     bench.run(1.0);
     assert!(!bench.motors.enabled());
-    let laid = bench.status().laid;
+    let laid = bench.status().layers_laid;
     assert_eq!(laid, 20);
     bench.hand_over(20, &layers[20..]);
     bench.run(30.0);
@@ -100,11 +100,11 @@ fn there_is_nothing_to_pause_at_rest() {
 #[test]
 fn a_head_on_wires_turns_to_and_fro_and_builds_the_same_body() {
     let mut description = fast_robot().description().clone();
-    description.motion.turning = Turning::Alternate;
+    description.motion.turning = HeadRotation::Alternate;
     let alternate = Robot::new(description).unwrap();
     let turn = i64::from(alternate.description().head.steps_per_turn);
     let built = [fast_robot(), alternate].map(|robot| {
-        let alternates = robot.description().motion.turning == Turning::Alternate;
+        let alternates = robot.description().motion.turning == HeadRotation::Alternate;
         let mut bench = Bench::greeted(robot, WARM);
         bench.grow(&bends(31));
         bench.run_to(State::Growing, 60.0);

@@ -1,10 +1,10 @@
 //! Tests of the requests that the board refuses, without any other effect.
 
 use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::{Encoder, LayerBytes};
+use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
 use growbot_core::link::message::{
-    Begin, LayerBatch, Layers, MAX_LAYERS, Message, PlanRequest, PoseFields, ReadLayers, Refusal, Refused, SCHEMA_HASH,
-    Silence, Start, State, StoredLayers,
+    AppendLayers, BeginJob, HostSilencePolicy, LayerBatch, MAX_LAYERS_PER_MESSAGE, Message, PlanRequest, PoseFields,
+    ReadLayers, Refusal, Refused, SCHEMA_HASH, Start, State, StoredLayers,
 };
 use growbot_core::plan::Planner;
 use growbot_core::robot::{FeedStrategy, Robot};
@@ -20,7 +20,7 @@ fn idle() -> Bench {
 }
 
 fn layers_of(plan_id: u64, first: u32, layers: &[LayerBytes]) -> Message {
-    Message::Layers(Layers { plan_id, first, layers: layers.iter().copied().collect() })
+    Message::Layers(AppendLayers { plan_id, first, layers: layers.iter().copied().collect() })
 }
 
 #[test]
@@ -38,12 +38,16 @@ fn what_does_not_decode_is_not_understood() {
             (0x04, &[1]),
         ] {
             let answer = bench.ask_raw(bench.session, kind, body);
-            assert_eq!(answer, Message::Refused(Refused { kind, refusal: Refusal::NotUnderstood }), "{state:?}");
+            assert_eq!(answer, Message::Refused(Refused { kind, refusal: Refusal::UnknownRequest }), "{state:?}");
         }
         // Only boards send these messages.
         assert_eq!(
-            bench.refused(&Message::Accepted(growbot_core::link::message::Accepted { plan_id: 0, next: 0, room: 0 })),
-            Refusal::NotUnderstood
+            bench.refused(&Message::Accepted(growbot_core::link::message::Accepted {
+                plan_id: 0,
+                next: 0,
+                free_layers: 0
+            })),
+            Refusal::UnknownRequest
         );
         assert_eq!(bench.status(), before);
     }
@@ -53,12 +57,12 @@ fn what_does_not_decode_is_not_understood() {
 fn another_schema_opens_no_session() {
     let mut bench = Bench::new(fast_robot(), 25.0);
     bench.run_to(State::Idle, 1.0);
-    assert_eq!(bench.refused(&hello(SCHEMA_HASH + 1)), Refusal::OtherSchema { board: SCHEMA_HASH });
+    assert_eq!(bench.refused(&hello(SCHEMA_HASH + 1)), Refusal::SchemaMismatch { board: SCHEMA_HASH });
     let message = begin(&bench.robot.clone(), PLAN, 1);
     assert_eq!(bench.refused(&message), Refusal::NoSession);
     // An open session stays open.
     bench.hello();
-    assert_eq!(bench.refused(&hello(0)), Refusal::OtherSchema { board: SCHEMA_HASH });
+    assert_eq!(bench.refused(&hello(0)), Refusal::SchemaMismatch { board: SCHEMA_HASH });
     bench.accepted(&message);
 }
 
@@ -83,14 +87,17 @@ fn only_the_session_opened_last_may_change_anything() {
 fn a_job_for_another_robot_or_without_a_name_is_refused() {
     let mut bench = idle();
     let board = bench.robot.hash();
-    assert_eq!(bench.refused(&begin(&robot_a(), PLAN, 40)), Refusal::OtherRobot { board });
+    assert_eq!(bench.refused(&begin(&robot_a(), PLAN, 40)), Refusal::RobotMismatch { board });
     for state in State::ALL {
         let mut bench = Bench::in_state(state);
-        let nameless = Message::Begin(Begin { plan_id: 0, layers: 1, robot: board });
-        assert_eq!(bench.refused(&nameless), Refusal::NotUnderstood, "{state:?}");
+        let nameless = Message::Begin(BeginJob { plan_id: 0, layers: 1, robot_hash: board });
+        assert_eq!(bench.refused(&nameless), Refusal::UnknownRequest, "{state:?}");
     }
     let mut fresh = Bench::greeted(fast_robot(), 25.0);
-    assert_eq!(fresh.refused(&Message::Begin(Begin { plan_id: 0, layers: 1, robot: board })), Refusal::NotUnderstood);
+    assert_eq!(
+        fresh.refused(&Message::Begin(BeginJob { plan_id: 0, layers: 1, robot_hash: board })),
+        Refusal::UnknownRequest
+    );
 }
 
 #[test]
@@ -109,15 +116,18 @@ fn another_plan_than_the_one_held_is_refused_in_every_state() {
         let mut bench = Bench::in_state(state);
         let board = bench.status().plan_id;
         for plan_id in [0, PLAN + 1, u64::MAX] {
-            let refusal = Refusal::OtherPlan { board };
+            let refusal = Refusal::PlanMismatch { board };
             assert_eq!(bench.refused(&layers_of(plan_id, 30, &bends(1))), refusal);
-            assert_eq!(bench.refused(&Message::Start(Start { plan_id, silence: Silence::Pause })), refusal);
+            assert_eq!(
+                bench.refused(&Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Pause })),
+                refusal
+            );
         }
     }
     let mut fresh = Bench::greeted(fast_robot(), 25.0);
     assert_eq!(
-        fresh.refused(&Message::Start(Start { plan_id: 0, silence: Silence::Pause })),
-        Refusal::OtherPlan { board: 0 }
+        fresh.refused(&Message::Start(Start { plan_id: 0, on_host_silence: HostSilencePolicy::Pause })),
+        Refusal::PlanMismatch { board: 0 }
     );
 }
 
@@ -135,18 +145,18 @@ fn layers_must_follow_on_those_held() {
 
 #[test]
 fn layers_beyond_a_limit_or_the_end_are_refused_with_their_whole_batch() {
-    let bad = |height: f64, tilt: f64| Encoder::default().encode(&Layer { alpha: 1.0, height, tilt });
+    let bad = |height: f64, tilt: f64| LayerEncoder::default().encode(&Layer { alpha: 1.0, height, tilt });
     for bad in [bad(1.0, 0.0), bad(0.7, 0.01), bad(0.1, 0.007), [0; 12], [0xff; 12], bad(0.0, 0.0)] {
         let mut bench = idle();
         let mut batch = bends(5);
         batch[3] = bad;
-        assert_eq!(bench.refused(&batch_of(30, &batch)), Refusal::BadLayer { index: 33 });
-        assert_eq!(bench.refused(&batch_of(28, &batch)), Refusal::BadLayer { index: 31 });
+        assert_eq!(bench.refused(&batch_of(30, &batch)), Refusal::LayerOutOfLimits { index: 33 });
+        assert_eq!(bench.refused(&batch_of(28, &batch)), Refusal::LayerOutOfLimits { index: 31 });
     }
     let mut bench = idle();
-    assert_eq!(bench.refused(&batch_of(30, &bends(11))), Refusal::BadLayer { index: 40 });
+    assert_eq!(bench.refused(&batch_of(30, &bends(11))), Refusal::LayerOutOfLimits { index: 40 });
     assert_eq!(bench.accepted(&batch_of(30, &bends(10))).next, 40);
-    assert_eq!(bench.refused(&batch_of(40, &bends(1))), Refusal::BadLayer { index: 40 });
+    assert_eq!(bench.refused(&batch_of(40, &bends(1))), Refusal::LayerOutOfLimits { index: 40 });
 }
 
 fn plan_to(position: [f64; 3], radius: f64) -> Message {
@@ -159,10 +169,10 @@ fn plan_to(position: [f64; 3], radius: f64) -> Message {
 fn poses_and_radii_that_are_none_have_no_plan() {
     let mut bench = idle();
     for x in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e8] {
-        assert_eq!(bench.refused(&plan_to([x, 0.0, 0.0], 100.0)), Refusal::NoPlan);
+        assert_eq!(bench.refused(&plan_to([x, 0.0, 0.0], 100.0)), Refusal::PlanningFailed);
     }
     for radius in [f64::NAN, f64::INFINITY, -f64::INFINITY, 0.0, -100.0, 98.0, 1e300, f64::MIN_POSITIVE] {
-        assert_eq!(bench.refused(&plan_to([100.0, 0.0, 300.0], radius)), Refusal::NoPlan);
+        assert_eq!(bench.refused(&plan_to([100.0, 0.0, 300.0], radius)), Refusal::PlanningFailed);
     }
     let far = bench.refused(&plan_to([1e7, 0.0, 0.0], 100.0));
     assert!(
@@ -182,7 +192,7 @@ fn a_plan_that_the_motors_cannot_follow_is_refused_as_a_whole() {
     bench.begin(40);
     bench.hand_over(0, &bends(1));
     let refusal = bench.refused(&plan_to([100.0, 0.0, 300.0], 100.0));
-    assert!(matches!(refusal, Refusal::BadLayer { .. }), "{refusal:?}");
+    assert!(matches!(refusal, Refusal::LayerOutOfLimits { .. }), "{refusal:?}");
 }
 
 #[test]
@@ -193,15 +203,15 @@ fn the_greatest_numbers_do_no_harm() {
     for first in [30, 4096, u32::MAX - 1, u32::MAX] {
         assert_eq!(bench.ask(&read(first)), Message::StoredLayers(StoredLayers { first, layers: LayerBatch::new() }));
     }
-    let begin = |layers| Message::Begin(Begin { plan_id: u64::MAX, layers, robot: robot.hash() });
+    let begin = |layers| Message::Begin(BeginJob { plan_id: u64::MAX, layers, robot_hash: robot.hash() });
     let too_long = bench.refused(&begin(u32::MAX));
     assert!(matches!(too_long, Refusal::PlanTooLong { layers: u32::MAX, capacity: 6000.. }), "{too_long:?}");
     bench.accepted(&begin(6000));
-    for batch in 0..CAPACITY / MAX_LAYERS {
-        let first = (batch * MAX_LAYERS) as u32;
-        bench.accepted(&layers_of(u64::MAX, first, &bends(MAX_LAYERS)));
+    for batch in 0..CAPACITY / MAX_LAYERS_PER_MESSAGE {
+        let first = (batch * MAX_LAYERS_PER_MESSAGE) as u32;
+        bench.accepted(&layers_of(u64::MAX, first, &bends(MAX_LAYERS_PER_MESSAGE)));
     }
-    assert_eq!(bench.refused(&layers_of(u64::MAX, CAPACITY as u32, &bends(1))), Refusal::Full);
-    bench.accepted(&Message::Start(Start { plan_id: u64::MAX, silence: Silence::Pause }));
+    assert_eq!(bench.refused(&layers_of(u64::MAX, CAPACITY as u32, &bends(1))), Refusal::LayerStoreFull);
+    bench.accepted(&Message::Start(Start { plan_id: u64::MAX, on_host_silence: HostSilencePolicy::Pause }));
     assert_eq!(bench.controller.state(), State::Heating);
 }

@@ -3,35 +3,36 @@
 use std::vec::Vec;
 
 use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::{Encoder, LayerBytes, decode};
+use growbot_core::layer_bytes::{LayerBytes, LayerEncoder, decode};
 use growbot_core::link::message::{
-    Amend, Begin, Empty, HostHello, HostName, Laid, Layers, Maintain, Message, Resume, Silence, Start, Task, Tune,
+    Amend, AppendLayers, BeginJob, Empty, Hello, HostName, HostSilencePolicy, LayerLaid, Maintain, MaintenanceTask,
+    Message, Resume, Start, Tune,
 };
 use growbot_core::robot::Robot;
 
 pub const PLAN: u64 = 0x1234;
 
 pub fn begin(robot: &Robot, plan_id: u64, layers: u32) -> Message {
-    Message::Begin(Begin { plan_id, layers, robot: robot.hash() })
+    Message::Begin(BeginJob { plan_id, layers, robot_hash: robot.hash() })
 }
 
 /// Takes the board over from any other host.
 pub fn hello(schema: u64) -> Message {
-    Message::Hello(HostHello { schema, host: HostName::new(), take_over: true })
+    Message::Hello(Hello { schema, host: HostName::new(), take_over: true })
 }
 
 pub fn batch_of(first: usize, layers: &[LayerBytes]) -> Message {
     let layers = layers.iter().copied().collect();
-    Message::Layers(Layers { plan_id: PLAN, first: first as u32, layers })
+    Message::Layers(AppendLayers { plan_id: PLAN, first: first as u32, layers })
 }
 
 pub fn start() -> Message {
-    Message::Start(Start { plan_id: PLAN, silence: Silence::Continue })
+    Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue })
 }
 
 /// Resumes the job at a layer, with no layer known to the host.
 pub fn resume(from: u32) -> Message {
-    Message::Resume(Resume { plan_id: PLAN, from, known: 0 })
+    Message::Resume(Resume { plan_id: PLAN, start_layer: from, reported_layers: 0 })
 }
 
 /// Id of the plan after its amendment.
@@ -40,7 +41,7 @@ pub const AMENDED: u64 = 0x5678;
 /// Replaces the layers from this one on by others, and includes three of them.
 pub fn amend(from: u32, layers: u32) -> Message {
     let first_layers = bends(3).into_iter().collect();
-    Message::Amend(Amend { plan_id: PLAN, amended: AMENDED, from, layers, first_layers })
+    Message::Amend(Amend { plan_id: PLAN, new_plan_id: AMENDED, first_replaced: from, layers, first_layers })
 }
 
 pub fn stop() -> Message {
@@ -55,17 +56,17 @@ pub fn tune(celsius: f64) -> Message {
     Message::Tune(Tune { target_centi_c: (celsius * 100.0) as i32 })
 }
 
-pub fn maintain(task: Task) -> Message {
+pub fn maintain(task: MaintenanceTask) -> Message {
     Message::Maintain(Maintain { task })
 }
 
 pub fn preheat(celsius: f64) -> Message {
-    maintain(Task::Preheat { target_centi_c: (celsius * 100.0) as i32 })
+    maintain(MaintenanceTask::Preheat { target_centi_c: (celsius * 100.0) as i32 })
 }
 
 /// Moves filament, mm.
 pub fn feed(mm: f64) -> Message {
-    maintain(Task::Feed { um: (mm * 1000.0) as i32 })
+    maintain(MaintenanceTask::Feed { um: (mm * 1000.0) as i32 })
 }
 
 pub fn clear() -> Message {
@@ -73,13 +74,13 @@ pub fn clear() -> Message {
 }
 
 /// Returns the feed steps of a layer, which its height gives exactly.
-pub fn feed_steps_of(laid: &Laid, robot: &Robot) -> u32 {
+pub fn feed_steps_of(laid: &LayerLaid, robot: &Robot) -> u32 {
     libm::rint(decode(&laid.as_built.unwrap()).height * robot.feed_steps_per_length()) as u32
 }
 
 /// Returns the layers of a body that bends in several directions.
 pub fn bends(count: usize) -> Vec<LayerBytes> {
-    let mut encoder = Encoder::default();
+    let mut encoder = LayerEncoder::default();
     let layer = |i: usize| Layer {
         alpha: i as f64 * 0.37,
         height: 0.76 - 0.003 * (i % 7) as f64,

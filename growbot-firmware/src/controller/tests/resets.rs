@@ -15,7 +15,7 @@ use crate::safety::retained::tests::of_another_firmware;
 use crate::safety::retained::{COPY_BYTES, Copies, RETAINED_BYTES, Retained};
 
 fn record(bench: &mut Bench) -> Option<FaultRecord> {
-    match bench.ask(&Message::AskFault(Empty {})) {
+    match bench.ask(&Message::GetLatestFault(Empty {})) {
         Message::LatestFault(LatestFault { record }) => record,
         other => panic!("{other:?}"),
     }
@@ -33,7 +33,7 @@ fn a_reset_in_the_midst_of_work_is_a_fault_by_its_cause() {
     ] {
         for state in State::ALL.into_iter().filter(|state| !at_rest(*state) || *state == State::Parked) {
             let mut bench = Bench::in_state(state);
-            let laid = bench.status().laid;
+            let laid = bench.status().layers_laid;
             let mut bench = bench.reset(cause);
             assert_eq!((bench.controller.state(), bench.controller.fault()), (State::Fault, Some(fault)), "{state:?}");
             assert!(bench.heater.off() && bench.motors.moved.pulses == 0);
@@ -48,7 +48,10 @@ fn a_reset_in_the_midst_of_work_is_a_fault_by_its_cause() {
             assert_eq!(bench.controller.state(), State::Idle);
             // The job is known, and none of its layers is stored.
             let status = bench.status();
-            assert_eq!((status.plan_id, status.layers, status.laid, status.next), (PLAN, 40, laid, laid));
+            assert_eq!(
+                (status.plan_id, status.layer_count, status.layers_laid, status.next_layer),
+                (PLAN, 40, laid, laid)
+            );
         }
     }
 }
@@ -86,7 +89,7 @@ fn a_fault_survives_resets_until_it_is_cleared_and_can_be_read_after_that() {
     assert_eq!((first.fault, first.state), (Some(Fault::ThermistorOpen), State::Growing));
     assert!(first.temperature_centi_c.is_none(), "there was no reading when it came");
     assert!(first.duty > 0, "as it was when it came");
-    assert!(first.target_centi_c.is_some() && first.laid > 0 && first.begun > first.laid);
+    assert!(first.target_centi_c.is_some() && first.laid > 0 && first.layers_begun > first.laid);
     for cause in [ResetCause::External, ResetCause::Watchdog, ResetCause::BrownOut] {
         bench = bench.reset(cause);
         assert_eq!((bench.controller.state(), bench.controller.fault()), (State::Fault, Some(Fault::ThermistorOpen)));
@@ -111,14 +114,14 @@ fn without_power_the_journal_is_what_is_known() {
     // A debug probe writes to RAM when it flashes the board.
     for cause in [ResetCause::PowerOn, ResetCause::BrownOut, ResetCause::External] {
         let mut bench = Bench::in_state(State::Growing);
-        let laid = bench.status().laid;
+        let laid = bench.status().layers_laid;
         assert!(laid > 0);
         bench.world.retained.set([0xA5; RETAINED_BYTES]);
         let mut bench = bench.reset(cause);
         assert_eq!((bench.controller.state(), record(&mut bench)), (State::Idle, None));
         let status = bench.status();
         assert_eq!(
-            (status.plan_id, status.laid, status.interrupted),
+            (status.plan_id, status.layers_laid, status.interrupted),
             (PLAN, laid, Some(InterruptedLayer { min: 0, max: 64 }))
         );
         assert!(matches!(bench.ask(&start()), Message::Refused(_)), "the interrupted layer is to be decided on");
@@ -135,14 +138,17 @@ fn with_an_image_that_is_corrupt_nothing_heats_until_there_is_another() {
         let mut bench = bench.reset(ResetCause::External);
         let latched = (State::Fault, Some(Fault::ImageCorrupt));
         assert_eq!((bench.controller.state(), bench.controller.fault()), latched, "{before:?}");
-        assert_eq!(bench.ask(&Message::AskBoot(Empty {})), Message::BootReport(BootReport { image, crash: None }));
+        assert_eq!(
+            bench.ask(&Message::GetBootReport(Empty {})),
+            Message::BootReport(BootReport { image, crash: None })
+        );
         assert_eq!(bench.refused(&clear()), Refusal::FaultRemains { fault: Fault::ImageCorrupt });
-        assert!(matches!(bench.refused(&start()), Refusal::WrongState { .. } | Refusal::OtherPlan { .. }));
+        assert!(matches!(bench.refused(&start()), Refusal::WrongState { .. } | Refusal::PlanMismatch { .. }));
         assert_eq!(bench.refused(&tune(200.0)), Refusal::WrongState { state: State::Fault });
         bench.run(5.0);
         assert_eq!((bench.controller.state(), bench.controller.fault()), latched);
         // The board is flashed again.
-        bench.world.image.set(ImageCheck::Sound { crc: 1 });
+        bench.world.image.set(ImageCheck::Valid { crc: 1 });
         let mut bench = bench.reset(ResetCause::External);
         assert_eq!((bench.controller.state(), bench.controller.fault()), latched, "it is latched");
         bench.accepted(&clear());

@@ -90,8 +90,8 @@ fn after_a_stop_a_fault_or_a_reset_the_rest_is_laid_as_if_nothing_had_happened()
             let status = bench.status();
             assert_eq!(status.plan_id, PLAN);
             assert_eq!(status.interrupted.is_some(), which != 4, "{status:?}");
-            resume_to_end(&mut bench, status.laid);
-            assert_eq!(bench.status().laid, 40);
+            resume_to_end(&mut bench, status.layers_laid);
+            assert_eq!(bench.status().layers_laid, 40);
             let all = body(&bench);
             assert_eq!(all, whole, "interruption {which} after {seconds} s");
         }
@@ -125,7 +125,7 @@ fn how_much_of_a_layer_was_made_is_known_after_a_stop_and_roughly_after_a_reset(
 fn an_interrupted_layer_can_count_as_laid() {
     let mut bench = Bench::in_state(State::Growing);
     bench.accepted(&stop());
-    let laid = bench.status().laid;
+    let laid = bench.status().layers_laid;
     resume_to_end(&mut bench, laid + 1);
     let body = body(&bench);
     assert_eq!(body.len(), 40);
@@ -139,11 +139,11 @@ fn nothing_but_the_next_layer_is_taken_up() {
     bench.accepted(&pause());
     bench.run_to(State::Paused, 2.0);
     bench.accepted(&stop());
-    let laid = bench.status().laid;
+    let laid = bench.status().layers_laid;
     for from in [0, laid - 1, laid + 1, laid + 2, u32::MAX] {
         assert_eq!(bench.refused(&resume(from)), Refusal::OutOfOrder { expected: laid });
     }
-    assert_eq!(bench.refused(&Message::Cancel(Cancel { plan_id: PLAN + 1 })), Refusal::OtherPlan { board: PLAN });
+    assert_eq!(bench.refused(&Message::Cancel(Cancel { plan_id: PLAN + 1 })), Refusal::PlanMismatch { board: PLAN });
     resume_to_end(&mut bench, laid);
 }
 
@@ -156,7 +156,7 @@ fn a_job_given_up_is_forgotten_for_good() {
         assert_eq!((bench.controller.state(), bench.status().plan_id), (State::Idle, 0), "{state:?}");
         let mut bench = bench.reset(ResetCause::PowerOn);
         assert_eq!(bench.status().plan_id, 0);
-        assert_eq!(bench.refused(&resume(0)), Refusal::OtherPlan { board: 0 });
+        assert_eq!(bench.refused(&resume(0)), Refusal::PlanMismatch { board: 0 });
     }
 }
 
@@ -166,7 +166,7 @@ fn a_job_that_is_done_is_told_after_a_reset_and_not_laid_again() {
     let mut bench = Bench::in_state(State::Done).reset(ResetCause::PowerOn);
     bench.events.clear();
     let status = bench.status();
-    assert_eq!((status.plan_id, status.laid, status.layers, status.interrupted), (PLAN, 40, 40, None));
+    assert_eq!((status.plan_id, status.layers_laid, status.layer_count, status.interrupted), (PLAN, 40, 40, None));
     bench.accepted(&resume(40));
     bench.start();
     assert_eq!(bench.controller.state(), State::Done);
@@ -178,14 +178,14 @@ fn a_job_that_is_done_is_told_after_a_reset_and_not_laid_again() {
 #[test]
 fn layers_to_come_are_replaced_while_it_grows() {
     let mut bench = Bench::in_state(State::Growing);
-    let (given, next) = (bench.status().laid + 2, bench.status().next);
-    assert_eq!(bench.refused(&amend(given - 2, 50)), Refusal::Begun { first: given });
+    let (given, next) = (bench.status().layers_laid + 2, bench.status().next_layer);
+    assert_eq!(bench.refused(&amend(given - 2, 50)), Refusal::LayerAlreadyBegun { first: given });
     assert_eq!(bench.refused(&amend(next + 1, 50)), Refusal::OutOfOrder { expected: next });
-    assert_eq!(bench.refused(&amend(given + 4, given + 6)), Refusal::BadLayer { index: given + 6 });
+    assert_eq!(bench.refused(&amend(given + 4, given + 6)), Refusal::LayerOutOfLimits { index: given + 6 });
     let accepted = bench.accepted(&amend(given + 4, given + 7));
     assert_eq!((accepted.plan_id, accepted.next), (AMENDED, given + 7));
     // Requests for the plan before the amendment are refused.
-    assert_eq!(bench.refused(&start()), Refusal::OtherPlan { board: AMENDED });
+    assert_eq!(bench.refused(&start()), Refusal::PlanMismatch { board: AMENDED });
     bench.run_to(State::Done, 60.0);
     bench.run(0.1);
     let laid = bench.laid();
@@ -196,12 +196,12 @@ fn layers_to_come_are_replaced_while_it_grows() {
 #[test]
 fn an_amended_job_is_known_by_its_new_name_after_a_loss_of_power() {
     let mut bench = Bench::in_state(State::Growing);
-    let given = bench.status().laid + 2;
+    let given = bench.status().layers_laid + 2;
     bench.accepted(&amend(given + 4, 50));
     bench.world.retained.set([0; crate::safety::retained::RETAINED_BYTES]);
     let mut bench = bench.reset(ResetCause::PowerOn);
     let status = bench.status();
-    assert_eq!((status.plan_id, status.layers), (AMENDED, 50));
+    assert_eq!((status.plan_id, status.layer_count), (AMENDED, 50));
 }
 
 #[test]
@@ -210,7 +210,7 @@ fn a_layer_is_reported_with_what_was_measured_after_it_as_long_as_the_board_stor
     bench.grow(&bends(40));
     bench.run_to(State::Done, 100.0);
     bench.run(1.0);
-    let measured: Vec<_> = bench.laid().iter().map(|laid| laid.measured.unwrap()).collect();
+    let measured: Vec<_> = bench.laid().iter().map(|laid| laid.readings.unwrap()).collect();
     assert_eq!(measured.len(), 40);
     assert!(measured.iter().all(|measured| measured.gravity_milli_g == Some([0, 0, 1000])));
     let pulses: Vec<u32> = measured.iter().map(|measured| measured.filament_pulses.unwrap()).collect();
@@ -220,7 +220,7 @@ fn a_layer_is_reported_with_what_was_measured_after_it_as_long_as_the_board_stor
     bench.events.clear();
     bench.accepted(&resume(0));
     bench.run(1.0);
-    let again: Vec<_> = bench.laid().iter().map(|laid| laid.measured).collect();
+    let again: Vec<_> = bench.laid().iter().map(|laid| laid.readings).collect();
     assert_eq!(again.len(), 40);
     assert!(again[..24].iter().all(Option::is_none), "{again:?}");
     assert!(again[24..].iter().copied().eq(measured[24..].iter().copied().map(Some)));
@@ -228,5 +228,5 @@ fn a_layer_is_reported_with_what_was_measured_after_it_as_long_as_the_board_stor
     bench.events.clear();
     bench.accepted(&resume(40));
     bench.run(1.0);
-    assert!(bench.laid().len() == 40 && bench.laid().iter().all(|laid| laid.measured.is_none()));
+    assert!(bench.laid().len() == 40 && bench.laid().iter().all(|laid| laid.readings.is_none()));
 }

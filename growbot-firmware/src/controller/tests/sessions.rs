@@ -1,8 +1,9 @@
 //! Tests of the session's owner, of repeated and late frames, and of a host that falls silent.
 
-use growbot_core::link::frame::{self, Header, LONGEST_BODY};
+use growbot_core::link::frame::{self, Header, MAX_BODY_LEN};
 use growbot_core::link::message::{
-    BoardHello, Empty, HostHello, HostName, Message, PauseCause, Refusal, Refused, SCHEMA_HASH, Silence, Start, State,
+    BoardInfo, Empty, Hello, HostName, HostSilencePolicy, Message, PauseCause, Refusal, Refused, SCHEMA_HASH, Start,
+    State,
 };
 
 use super::bench::{Bench, WARM};
@@ -12,11 +13,11 @@ use crate::testing::fast_robot;
 /// Requests a session with the board under a name, without taking it over.
 fn knock(bench: &mut Bench, session: u32) -> Message {
     let host = HostName::from_slice(b"another").unwrap();
-    bench.ask_in(session, &Message::Hello(HostHello { schema: SCHEMA_HASH, host, take_over: false }))
+    bench.ask_in(session, &Message::Hello(Hello { schema: SCHEMA_HASH, host, take_over: false }))
 }
 
 fn bytes_of(message: &Message, session: u32, seq: u16) -> frame::FrameBytes {
-    let mut buffer = [0; LONGEST_BODY];
+    let mut buffer = [0; MAX_BODY_LEN];
     let body = message.encode(&mut buffer).unwrap();
     frame::encode(&Header { kind: message.kind(), session, seq, ack: 0 }, body).unwrap()
 }
@@ -26,11 +27,11 @@ fn a_board_that_is_held_is_not_given_to_another_host_until_that_one_is_silent() 
     let mut bench = Bench::in_state(State::Growing);
     let answer = knock(&mut bench, 99);
     assert!(
-        matches!(answer, Message::Refused(Refused { refusal: Refusal::Owned { silent_ms: 0..1000 }, .. })),
+        matches!(answer, Message::Refused(Refused { refusal: Refusal::OwnedByOtherHost { silent_ms: 0..1000 }, .. })),
         "{answer:?}"
     );
     // The board still responds to this request, and names its owner.
-    let Message::BoardHello(BoardHello { owner, .. }) = bench.ask_in(99, &Message::AskBoard(Empty {})) else {
+    let Message::BoardHello(BoardInfo { owner, .. }) = bench.ask_in(99, &Message::GetBoardInfo(Empty {})) else {
         panic!()
     };
     assert_eq!(owner, Some(HostName::new()));
@@ -52,7 +53,7 @@ fn a_session_that_is_over_is_never_opened_again() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     let old = bench.session;
     bench.hello();
-    let hello = Message::Hello(HostHello { schema: SCHEMA_HASH, host: HostName::new(), take_over: true });
+    let hello = Message::Hello(Hello { schema: SCHEMA_HASH, host: HostName::new(), take_over: true });
     let answer = bench.ask_in(old, &hello);
     assert!(matches!(answer, Message::Refused(Refused { refusal: Refusal::NoSession, .. })), "{answer:?}");
     bench.begin(3);
@@ -82,18 +83,18 @@ fn requests_that_come_late_or_twice_are_not_carried_out_again() {
 
 #[test]
 fn a_silent_host_pauses_it_unless_it_has_asked_otherwise() {
-    for silence in [Silence::Pause, Silence::Continue] {
+    for silence in [HostSilencePolicy::Pause, HostSilencePolicy::Continue] {
         let mut bench = Bench::greeted(fast_robot(), WARM);
         bench.begin(100);
         bench.hand_over(0, &bends(100));
-        bench.accepted(&Message::Start(Start { plan_id: PLAN, silence }));
+        bench.accepted(&Message::Start(Start { plan_id: PLAN, on_host_silence: silence }));
         bench.run_to(State::Growing, 60.0);
         bench.reads = false;
         bench.run(9.5);
         assert_eq!(bench.controller.state(), State::Growing);
         match silence {
-            Silence::Continue => bench.run_to(State::Done, 60.0),
-            Silence::Pause => {
+            HostSilencePolicy::Continue => bench.run_to(State::Done, 60.0),
+            HostSilencePolicy::Pause => {
                 bench.run_to(State::Paused, 3.0);
                 assert_eq!(bench.controller.status().pause_cause, PauseCause::HostSilent);
                 bench.run(30.0);

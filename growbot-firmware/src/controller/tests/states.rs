@@ -3,7 +3,7 @@
 use std::string::String;
 use std::{env, format, fs};
 
-use growbot_core::link::message::{Cancel, Message, PlanRequest, PoseFields, Refusal, Refused, State, Task};
+use growbot_core::link::message::{Cancel, MaintenanceTask, Message, PlanRequest, PoseFields, Refusal, Refused, State};
 use growbot_core::plan::Planner;
 
 use super::bench::Bench;
@@ -14,7 +14,7 @@ use crate::safety::transitions::{Event, after};
 
 /// Returns the request of an event, if it is a request.
 fn request(event: Event, bench: &mut Bench) -> Option<Message> {
-    let next = bench.status().next;
+    let next = bench.status().next_layer;
     Some(match event {
         Event::Begin => begin(&bench.robot.clone(), PLAN, 40),
         Event::Plan => {
@@ -23,15 +23,15 @@ fn request(event: Event, bench: &mut Bench) -> Option<Message> {
             Message::Plan(PlanRequest { start: pose(0.0), goal: pose(20.0), radius: 100.0, planner: Planner::TwoPlane })
         }
         Event::Layers => batch_of(next as usize, &bends(usize::from(next < 40))),
-        Event::Resume => resume(bench.status().laid),
+        Event::Resume => resume(bench.status().layers_laid),
         Event::Amend => amend(next, 50),
         Event::Cancel => Message::Cancel(Cancel { plan_id: bench.status().plan_id }),
         Event::Start => start(),
         Event::Pause => pause(),
         Event::Tune => tune(200.0),
         Event::Preheat => preheat(200.0),
-        Event::CoolDown => maintain(Task::CoolDown),
-        Event::MoveHead => maintain(Task::Rotate { centi_deg: 100 }),
+        Event::CoolDown => maintain(MaintenanceTask::CoolDown),
+        Event::MoveHead => maintain(MaintenanceTask::Rotate { centi_deg: 100 }),
         Event::MoveFilament => feed(1.0),
         Event::Stop => stop(),
         Event::Clear => clear(),
@@ -55,7 +55,7 @@ fn every_event_in_every_state_does_what_the_table_says() {
             match (bench.ask(&request), expected) {
                 (Message::Refused(Refused { refusal, .. }), None) => {
                     assert!(
-                        matches!(refusal, Refusal::WrongState { .. } | Refusal::OtherPlan { .. }),
+                        matches!(refusal, Refusal::WrongState { .. } | Refusal::PlanMismatch { .. }),
                         "{state:?}, {event:?}: {refusal:?}"
                     );
                     assert_eq!(bench.status(), status, "{state:?}, {event:?}: refused and changed something");

@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::vec::Vec;
 
-use growbot_core::link::message::{DriverTrouble, ImageCheck};
+use growbot_core::link::message::{DriverReport, ImageCheck};
 use growbot_core::robot::Robot;
 
 use crate::hal;
@@ -65,7 +65,7 @@ pub struct World {
     /// The drivers are not configured.
     pub drivers_unconfigured: Cell<bool>,
     /// Problem that a driver reports over its line.
-    pub driver_trouble: Cell<Option<DriverTrouble>>,
+    pub driver_trouble: Cell<Option<DriverReport>>,
     /// The drivers' latest poll had the motors in use.
     pub motors_in_use: Cell<bool>,
     /// The crystal does not start.
@@ -93,7 +93,7 @@ impl World {
             flash: prepared_flash(),
             descriptions: Flash::new(2),
             configured: Cell::new(true),
-            image: Cell::new(ImageCheck::NotSealed),
+            image: Cell::new(ImageCheck::Unsealed),
             retained: Cell::new([0; RETAINED_BYTES]),
             retained_writes: RefCell::default(),
             debugging: Cell::new(false),
@@ -187,7 +187,7 @@ impl hal::Drivers for FakeDrivers {
         !self.0.drivers_unconfigured.get()
     }
 
-    fn trouble(&self) -> Option<DriverTrouble> {
+    fn trouble(&self) -> Option<DriverReport> {
         self.0.driver_trouble.get()
     }
 }

@@ -26,7 +26,7 @@ fn gains_are_found_and_told_and_nothing_is_changed() {
 #[test]
 fn the_target_stays_within_the_robots_limits() {
     let mut bench = Bench::in_state(State::Idle);
-    let refusal = Refusal::Temperature { min: 5000, max: 22_000 };
+    let refusal = Refusal::TemperatureOutOfRange { min: 5000, max: 22_000 };
     for celsius in [49.0, 221.0, 240.0, 1e7, -1e7, 0.0] {
         assert_eq!(bench.refused(&tune(celsius)), refusal);
     }

@@ -2,10 +2,10 @@
 
 use std::vec::Vec;
 
-use growbot_core::link::frame::{self, Header, LONGEST_BODY, next};
+use growbot_core::link::frame::{self, Header, MAX_BODY_LEN, next_seq};
 use growbot_core::link::message::{
-    Amend, Begin, Cancel, Empty, Layers, Message, PlanRequest, PoseFields, ReadLayers, Resume, SCHEMA_HASH, Silence,
-    Start, State, Task,
+    Amend, AppendLayers, BeginJob, Cancel, Empty, HostSilencePolicy, MaintenanceTask, Message, PlanRequest, PoseFields,
+    ReadLayers, Resume, SCHEMA_HASH, Start, State,
 };
 use growbot_core::plan::Planner;
 
@@ -24,15 +24,15 @@ fn messages() -> u64 {
 const MESSAGES_OF_A_SEED: u64 = 10_000;
 
 /// Random values from a seed.
-struct Random(growbot_core::random::Random);
+struct Random(growbot_core::random::Rng);
 
 impl Random {
     fn new(seed: u64) -> Self {
-        Self(growbot_core::random::Random::new(&[seed]))
+        Self(growbot_core::random::Rng::new(&[seed]))
     }
 
     fn next(&mut self) -> u64 {
-        self.0.bits()
+        self.0.next_u64()
     }
 
     /// Returns a number from 0 to `end`, without `end`.
@@ -52,50 +52,54 @@ impl Random {
 
     /// Returns any request, more often a plausible one.
     fn request(&mut self, bench: &mut Bench) -> Message {
-        let next = bench.status().next;
+        let next = bench.status().next_layer;
         let stored = bench.status().plan_id;
         let plan_id = self.one_of(&[stored, stored, stored, PLAN, PLAN, 0, PLAN + 1, u64::MAX]);
         match self.below(53) {
             44 if self.below(4) == 0 => Message::Cancel(Cancel { plan_id }),
             44..47 => Message::Resume(Resume {
                 plan_id,
-                from: bench.status().laid + self.one_of(&[0, 0, 1, 2]),
-                known: self.one_of(&[0, u32::MAX]),
+                start_layer: bench.status().layers_laid + self.one_of(&[0, 0, 1, 2]),
+                reported_layers: self.one_of(&[0, u32::MAX]),
             }),
             47..50 => Message::Amend(Amend {
                 plan_id,
                 // `PLAN` is among the choices, so that the other requests still match.
-                amended: self.one_of(&[PLAN + 1, PLAN, 0]),
-                from: self.one_of(&[next, next.saturating_sub(2), 0, u32::MAX]),
+                new_plan_id: self.one_of(&[PLAN + 1, PLAN, 0]),
+                first_replaced: self.one_of(&[next, next.saturating_sub(2), 0, u32::MAX]),
                 layers: self.one_of(&[30, 40, 0, u32::MAX]),
                 first_layers: bends(self.below(17) as usize).into_iter().collect(),
             }),
             50..53 => maintain(self.one_of(&[
-                Task::Preheat { target_centi_c: 20_000 },
-                Task::Preheat { target_centi_c: i32::MAX },
-                Task::CoolDown,
-                Task::CoolDown,
-                Task::Home,
-                Task::DryRun,
-                Task::Rotate { centi_deg: -9000 },
-                Task::Rotate { centi_deg: i32::MIN },
-                Task::Feed { um: 5000 },
-                Task::Feed { um: -5000 },
-                Task::Feed { um: i32::MIN },
+                MaintenanceTask::Preheat { target_centi_c: 20_000 },
+                MaintenanceTask::Preheat { target_centi_c: i32::MAX },
+                MaintenanceTask::CoolDown,
+                MaintenanceTask::CoolDown,
+                MaintenanceTask::Home,
+                MaintenanceTask::DryRun,
+                MaintenanceTask::Rotate { centi_deg: -9000 },
+                MaintenanceTask::Rotate { centi_deg: i32::MIN },
+                MaintenanceTask::Feed { um: 5000 },
+                MaintenanceTask::Feed { um: -5000 },
+                MaintenanceTask::Feed { um: i32::MIN },
             ])),
             40 => pause(),
             41 => tune(self.one_of(&[200.0, 200.0, 60.0, 20.0, 400.0, -1e6])),
-            42 => Message::AskFault(Empty {}),
-            43 => Message::AskSensors(Empty {}),
+            42 => Message::GetLatestFault(Empty {}),
+            43 => Message::GetSensorReadings(Empty {}),
             0 => hello(self.one_of(&[SCHEMA_HASH, SCHEMA_HASH, 0])),
             1 if self.below(20) == 0 => Message::Stop(Empty {}),
-            1 => Message::AskStatus(Empty {}),
+            1 => Message::GetStatus(Empty {}),
             2..6 => Message::ClearFault(Empty {}),
             6..11 => {
                 let robot = self.one_of(&[bench.robot.hash(), bench.robot.hash(), bench.robot.hash(), 0]);
-                Message::Begin(Begin { plan_id, layers: self.one_of(&[30, 30, 30, 30, 0, 1, u32::MAX]), robot })
+                Message::Begin(BeginJob {
+                    plan_id,
+                    layers: self.one_of(&[30, 30, 30, 30, 0, 1, u32::MAX]),
+                    robot_hash: robot,
+                })
             }
-            11..21 => Message::Start(Start { plan_id, silence: Silence::Continue }),
+            11..21 => Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }),
             21 => {
                 let pose = |random: &mut Self| PoseFields {
                     position: core::array::from_fn(|_| random.number()),
@@ -113,7 +117,7 @@ impl Random {
                 if self.below(10) == 0 && !layers.is_empty() {
                     layers[0] = core::array::from_fn(|_| self.next() as u8);
                 }
-                Message::Layers(Layers { plan_id, first, layers: layers.into_iter().collect() })
+                Message::Layers(AppendLayers { plan_id, first, layers: layers.into_iter().collect() })
             }
         }
     }
@@ -166,7 +170,7 @@ fn random_bytes_change_nothing() {
     for state in [State::Idle, State::Paused, State::Stopped, State::Fault] {
         let mut bench = Bench::in_state(state);
         let mut random = Random::new(state as u64);
-        let laid = bench.status().laid;
+        let laid = bench.status().layers_laid;
         for _ in 0..1000 {
             let noise: Vec<u8> = (0..random.below(200)).map(|_| random.next() as u8).collect();
             bench.send(&noise);
@@ -174,7 +178,7 @@ fn random_bytes_change_nothing() {
         bench.run(0.1);
         bench.send(&[0]);
         let status = bench.status();
-        assert_eq!((status.state, status.laid), (state, laid));
+        assert_eq!((status.state, status.layers_laid), (state, laid));
     }
 }
 
@@ -184,11 +188,11 @@ fn whole_frames_of_random_bodies_do_no_harm() {
     let mut bench = Bench::in_state(State::Paused);
     let mut seq = 1000;
     for count in 0..messages() {
-        let body: Vec<u8> = (0..random.below(LONGEST_BODY as u64 + 1)).map(|_| random.next() as u8).collect();
+        let body: Vec<u8> = (0..random.below(MAX_BODY_LEN as u64 + 1)).map(|_| random.next() as u8).collect();
         // The kind is any but a stop, because a stop would be carried out.
         let kind = random.one_of(&[1, 2, 3, 4, 5, 7, 9, 0x0b, 0x0c, 0x0d, 0x0e, 0x0f, 0x10, 0x12, 0x43, 0x50, 0xff]);
         // Each frame has the number of a new request.
-        seq = next(seq);
+        seq = next_seq(seq);
         let header = Header { kind, session: bench.session, seq, ack: random.next() as u16 };
         let bytes = frame::encode(&header, &body[..body.len() >> random.below(8)]).unwrap();
         bench.send(&bytes);

@@ -12,13 +12,13 @@ fn five_thousand_layers_are_laid_to_the_step() {
         let (reports, end) = rig.lay(turns(&robot, &layers));
         assert_eq!((reports.len(), end), (layers.len(), None));
         assert_eq!(rig.moved(FEED) - feed, feed_steps(&layers, &robot));
-        let turned = if turning == Turning::Alternate { 0 } else { 1250 * 3200 };
+        let turned = if turning == HeadRotation::Alternate { 0 } else { 1250 * 3200 };
         assert_eq!(rig.moved(HEAD) - head, turned);
         assert!(reports.iter().all(|report| report.head == 3200));
         for (report, bytes) in reports.iter().zip(&layers) {
             let layer = decode(bytes);
             let steps = layer.height * robot.feed_steps_per_length();
-            let edge = |i: usize| steps * layer.share_of_material(TAU * i as f64 / SECTORS as f64, robot.tip_radius());
+            let edge = |i: usize| steps * layer.material_fraction(TAU * i as f64 / SECTORS as f64, robot.tip_radius());
             for (i, made) in report.feed.iter().enumerate() {
                 let closed_form = edge(i + 1) - edge(i);
                 let off = (f64::from(*made) - closed_form).abs();
@@ -33,7 +33,7 @@ fn five_thousand_layers_are_laid_to_the_step() {
 #[test]
 fn both_strategies_and_both_ways_lay_the_same_plastic_in_each_sector() {
     for at in [robot_a_with, ramping] {
-        let layers = layers(&at(FeedStrategy::Feed, Turning::Continuous), 40, 0.02);
+        let layers = layers(&at(FeedStrategy::Feed, HeadRotation::Continuous), 40, 0.02);
         let laid = ALL.map(|(strategy, turning)| {
             let robot = at(strategy, turning);
             let mut rig = Rig::homed(robot.clone());
@@ -85,7 +85,7 @@ fn skipping_quiet_ticks_changes_nothing() {
 
 #[test]
 fn a_report_that_waits_loses_nothing() {
-    let robot = ramping(FeedStrategy::Feed, Turning::Continuous);
+    let robot = ramping(FeedStrategy::Feed, HeadRotation::Continuous);
     let layers = layers(&robot, 3, 0.5);
     let turns = turns(&robot, &layers);
     let mut rig = Rig::homed(robot.clone());
@@ -107,7 +107,7 @@ fn a_report_that_waits_loses_nothing() {
 
 #[test]
 fn turning_back_keeps_the_wires_from_winding_up() {
-    let robot = robot_a_with(FeedStrategy::Speed, Turning::Alternate);
+    let robot = robot_a_with(FeedStrategy::Speed, HeadRotation::Alternate);
     let turns = turns(&robot, &layers(&robot, 4, 0.5));
     let mut rig = Rig::homed(robot);
     rig.record();

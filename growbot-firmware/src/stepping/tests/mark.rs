@@ -89,7 +89,7 @@ fn a_narrow_mark_is_looked_for_too() {
 
 #[test]
 fn a_mark_at_the_edge_between_turns_is_looked_for_too() {
-    for turning in [Turning::Continuous, Turning::Alternate] {
+    for turning in [HeadRotation::Continuous, HeadRotation::Alternate] {
         for angle in [0.0, -5.0, -2.0, 1.0, 359.9] {
             let robot = with(|description| {
                 description.motion.turning = turning;

@@ -15,8 +15,8 @@ use std::vec::Vec;
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use growbot_core::layer::{Layer, SECTORS};
-use growbot_core::layer_bytes::{Encoder, Fields, HEIGHT_UNITS, LayerBytes, decode, decode_checked};
-use growbot_core::robot::{FeedStrategy, Robot, RobotDescription, Turning};
+use growbot_core::layer_bytes::{HEIGHT_UNITS_PER_MM, LayerBytes, LayerEncoder, RawLayer, decode, decode_checked};
+use growbot_core::robot::{FeedStrategy, HeadRotation, Robot, RobotDescription};
 
 use super::*;
 use crate::testing::{FakeOutputs, FakePins, robot_a};
@@ -303,7 +303,7 @@ fn with(change: impl FnOnce(&mut RobotDescription)) -> Robot {
     Robot::new(description).unwrap()
 }
 
-fn robot_a_with(strategy: FeedStrategy, turning: Turning) -> Robot {
+fn robot_a_with(strategy: FeedStrategy, turning: HeadRotation) -> Robot {
     with(|description| {
         description.motion.strategy = strategy;
         description.motion.turning = turning;
@@ -311,7 +311,7 @@ fn robot_a_with(strategy: FeedStrategy, turning: Turning) -> Robot {
 }
 
 /// A fast variant of robot A for wide bends, whose motors need ramps.
-fn ramping(strategy: FeedStrategy, turning: Turning) -> Robot {
+fn ramping(strategy: FeedStrategy, turning: HeadRotation) -> Robot {
     with(|description| {
         description.planning_radius_mm = 150.0;
         description.layer.period_s = 3.0;
@@ -323,11 +323,11 @@ fn ramping(strategy: FeedStrategy, turning: Turning) -> Robot {
     })
 }
 
-const ALL: [(FeedStrategy, Turning); 4] = [
-    (FeedStrategy::Feed, Turning::Continuous),
-    (FeedStrategy::Feed, Turning::Alternate),
-    (FeedStrategy::Speed, Turning::Continuous),
-    (FeedStrategy::Speed, Turning::Alternate),
+const ALL: [(FeedStrategy, HeadRotation); 4] = [
+    (FeedStrategy::Feed, HeadRotation::Continuous),
+    (FeedStrategy::Feed, HeadRotation::Alternate),
+    (FeedStrategy::Speed, HeadRotation::Continuous),
+    (FeedStrategy::Speed, HeadRotation::Alternate),
 ];
 
 /// Returns layers of all kinds that a robot can lay, from a share of its height on.
@@ -335,7 +335,7 @@ fn layers(robot: &Robot, count: usize, thinnest: f64) -> Vec<LayerBytes> {
     let limits = robot.description().layer;
     let part = |i: usize, factor: f64| (i as f64 * factor).fract();
     let curvature = 1.0 / robot.description().planning_radius_mm;
-    let mut encoder = Encoder::default();
+    let mut encoder = LayerEncoder::default();
     let layer = |i: usize| {
         let height = limits.height_mm * (thinnest + (1.0 - thinnest) * part(i, 0.754_877_666));
         Layer { alpha: TAU * part(i, 0.618_033_989), height, tilt: height * curvature * part(i, 0.569_840_291) }
@@ -346,13 +346,13 @@ fn layers(robot: &Robot, count: usize, thinnest: f64) -> Vec<LayerBytes> {
 }
 
 fn turns(robot: &Robot, layers: &[LayerBytes]) -> Vec<Turn> {
-    let alternate = robot.description().motion.turning == Turning::Alternate;
+    let alternate = robot.description().motion.turning == HeadRotation::Alternate;
     let mut material = Material::default();
     let lay = |(i, bytes): (usize, &LayerBytes)| material.lay(bytes, robot, alternate && i % 2 == 1).unwrap();
     layers.iter().enumerate().map(lay).collect()
 }
 
 fn feed_steps(layers: &[LayerBytes], robot: &Robot) -> i64 {
-    let units: u64 = layers.iter().map(|bytes| u64::from(Fields::of(bytes).height)).sum();
-    libm::rint(units as f64 / HEIGHT_UNITS * robot.feed_steps_per_length()) as i64
+    let units: u64 = layers.iter().map(|bytes| u64::from(RawLayer::from_bytes(bytes).height)).sum();
+    libm::rint(units as f64 / HEIGHT_UNITS_PER_MM * robot.feed_steps_per_length()) as i64
 }

@@ -4,7 +4,7 @@ use super::*;
 
 #[test]
 fn without_a_need_for_ramps_turns_follow_each_other_to_the_tick() {
-    let robot = robot_a_with(FeedStrategy::Feed, Turning::Continuous);
+    let robot = robot_a_with(FeedStrategy::Feed, HeadRotation::Continuous);
     let mut rig = Rig::homed(robot.clone());
     rig.run(100);
     let began = rig.world.now.get();

@@ -4,7 +4,7 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::maintenance::{Presets, in_words};
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{
-    Accepted, Empty, Message, PlanRequest, ReadLayers, Refusal, Resume, Silence, Start, State, StoredLayers,
+    Accepted, Empty, HostSilencePolicy, Message, PlanRequest, ReadLayers, Refusal, Resume, Start, State, StoredLayers,
 };
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
@@ -93,11 +93,11 @@ fn start_stored(client: &mut Client) -> Result<String, Failure> {
     let mut text = String::new();
     if plan_id != 0 && (status.state == State::Stopped || status.interrupted.is_some()) {
         // An interrupted layer is laid again; `growbot resume` has the choice.
-        let resume = Resume { plan_id, from: status.laid, known: status.laid };
+        let resume = Resume { plan_id, start_layer: status.layers_laid, reported_layers: status.layers_laid };
         client.request("to resume", &Message::Resume(resume))?;
-        text += &format!("resumes at layer {}\n", status.laid);
+        text += &format!("resumes at layer {}\n", status.layers_laid);
     }
-    match client.request(what, &Message::Start(Start { plan_id, silence: Silence::Pause }))? {
+    match client.request(what, &Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Pause }))? {
         Message::Accepted(Accepted { next, .. }) => Ok(text + &format!("started with {next} layers\n")),
         other => Err(unexpected(what, &other)),
     }
@@ -107,7 +107,7 @@ fn layers(client: &mut Client, first: Option<u32>) -> Result<String, Failure> {
     let what = "for layers";
     let first = match first {
         Some(first) => first,
-        None => client.status()?.laid,
+        None => client.status()?.layers_laid,
     };
     match client.request(what, &Message::ReadLayers(ReadLayers { first }))? {
         Message::StoredLayers(StoredLayers { first, layers }) => {

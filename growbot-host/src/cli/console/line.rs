@@ -10,7 +10,7 @@ use growbot_client::growth::{Job, JobEvent, Orders, Outcome, grow_job};
 use growbot_client::maintenance::Presets;
 use growbot_client::plan::{Goal, Plan, Search};
 use growbot_core::layer_bytes::decode;
-use growbot_core::link::message::{Message, Silence, State};
+use growbot_core::link::message::{HostSilencePolicy, Message, State};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -274,7 +274,7 @@ impl Session {
         };
         let is_simulated = self.port.is_simulated();
         let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
-            grow_job(&mut self.client, &job, Silence::Pause, &self.orders, on_event)
+            grow_job(&mut self.client, &job, HostSilencePolicy::Pause, &self.orders, on_event)
         };
         let grown = compare(self.simulation.as_mut(), &job, &mut show, grow)
             .map_err(|error| following::failed(error, is_simulated))?;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use growbot_core::link::message::{Fault, State, Status, Task};
+use growbot_core::link::message::{Fault, MaintenanceTask, State, Status};
 use growbot_host::note;
 use growbot_sim::tip::hand::Hand;
 
@@ -18,8 +18,8 @@ const WARMER_C: f64 = 5.0;
 /// The proof of the two switches, with all its pauses.
 const PROOF: Duration = Duration::from_secs(60);
 
-fn preheat() -> Task {
-    Task::Preheat { target_centi_c: (LOW_C * 100.0) as i32 }
+fn preheat() -> MaintenanceTask {
+    MaintenanceTask::Preheat { target_centi_c: (LOW_C * 100.0) as i32 }
 }
 
 /// What a board says that heats a nozzle which does not get warmer.

@@ -39,7 +39,7 @@ pub fn talks(session: &mut Session) -> Result<Finding, Failure> {
 fn boot(client: &mut Client) -> Result<Option<BootReport>, Failure> {
     match client.boot() {
         Ok(report) => Ok(Some(report)),
-        Err(ClientError::Refused { refusal: Refusal::NotUnderstood, .. }) => Ok(None),
+        Err(ClientError::Refused { refusal: Refusal::UnknownRequest, .. }) => Ok(None),
         Err(error) => Err(error.into()),
     }
 }
@@ -52,7 +52,7 @@ pub fn is_described(session: &mut Session) -> Result<Finding, Failure> {
     if !is_configured(&hello) {
         return Ok(Finding::failed("the board has no robot description", configure));
     }
-    if hello.robot != hash {
+    if hello.robot_hash != hash {
         return Ok(Finding::failed(
             format!("the board has {}, and the robot file is {name} ({hash:016x})", described(&hello)),
             format!("{configure}; or name the board's robot with --robot"),

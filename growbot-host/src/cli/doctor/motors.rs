@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use growbot_core::link::message::Task;
+use growbot_core::link::message::MaintenanceTask;
 use growbot_sim::tip::hand::Hand;
 
 use super::answers::{Answer, Wanted};
@@ -22,7 +22,7 @@ const FEED_PERCENT: f64 = 2.0;
 const SPARE: Duration = Duration::from_secs(2);
 
 /// Does a task and waits for so long. `Some` is why it has failed.
-fn moves(session: &mut Session, task: Task, time: Duration) -> Result<Option<Finding>, Failure> {
+fn moves(session: &mut Session, task: MaintenanceTask, time: Duration) -> Result<Option<Finding>, Failure> {
     if let Some(why) = session.maintain(task)? {
         return Ok(Some(Finding::failed(why, "see `growbot status`")));
     }
@@ -60,11 +60,11 @@ pub fn head(session: &mut Session) -> Result<Finding, Failure> {
     in_dry_run(session, |session| {
         let per_s = session.robot.description().head.homing_turns_per_s;
         let homing = Duration::from_secs_f64((HOMING_TURNS / per_s).clamp(1.0, 600.0));
-        if let Some(failed) = moves(session, Task::Home, homing)? {
+        if let Some(failed) = moves(session, MaintenanceTask::Home, homing)? {
             return Ok(failed);
         }
         let turn = Duration::from_secs_f64((TURN_DEG / 360.0 / per_s).clamp(0.5, 600.0));
-        if let Some(failed) = moves(session, Task::Rotate { centi_deg: (TURN_DEG * 100.0) as i32 }, turn)? {
+        if let Some(failed) = moves(session, MaintenanceTask::Rotate { centi_deg: (TURN_DEG * 100.0) as i32 }, turn)? {
             return Ok(failed);
         }
         let question = "It has found its mark and turned by 90 degrees. Seen from ahead, looking at the nozzle: was \
@@ -93,7 +93,7 @@ pub fn feed(session: &mut Session) -> Result<Finding, Failure> {
     let found = in_dry_run(session, |session| {
         // Slower than any feed goes.
         let time = Duration::from_secs_f64(feed_s(session).clamp(1.0, 290.0));
-        if let Some(failed) = moves(session, Task::Feed { um: (FEED_MM * 1000.0) as i32 }, time)? {
+        if let Some(failed) = moves(session, MaintenanceTask::Feed { um: (FEED_MM * 1000.0) as i32 }, time)? {
             return Ok(failed);
         }
         match session.ask("By how many mm has the filament moved forwards?", Wanted::Number)? {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::Orders;
 use growbot_client::printable::one_line;
-use growbot_core::link::message::{Fault, SensorReadings, State, Status, Task};
+use growbot_core::link::message::{Fault, MaintenanceTask, SensorReadings, State, Status};
 use growbot_core::robot::Robot;
 use growbot_host::messages::ask as ask_line;
 use growbot_sim::tip::hand::Hand;
@@ -137,7 +137,7 @@ impl Session {
     }
 
     /// Has the board do a task of maintenance. `Some` is why it has refused.
-    pub fn maintain(&mut self, task: Task) -> Result<Option<String>, Failure> {
+    pub fn maintain(&mut self, task: MaintenanceTask) -> Result<Option<String>, Failure> {
         self.check()?;
         match self.client.maintain(task) {
             Ok(()) => Ok(None),
@@ -165,7 +165,9 @@ impl Session {
         };
         match self.client.status() {
             Ok(status) if rests(status.state) => Ok(()),
-            Ok(Status { state: State::Maintenance, .. }) if self.client.maintain(Task::CoolDown).is_ok() => Ok(()),
+            Ok(Status { state: State::Maintenance, .. }) if self.client.maintain(MaintenanceTask::CoolDown).is_ok() => {
+                Ok(())
+            }
             _ => {
                 self.client.stop()?;
                 Ok(())
@@ -185,7 +187,7 @@ impl Session {
 
     /// Starts a dry run.
     pub fn dry_run(&mut self) -> Result<Option<String>, Failure> {
-        self.maintain(Task::DryRun)
+        self.maintain(MaintenanceTask::DryRun)
     }
 }
 

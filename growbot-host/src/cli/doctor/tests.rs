@@ -8,7 +8,7 @@ use std::time::Duration;
 use growbot_client::client::Client;
 use growbot_client::growth::Orders;
 use growbot_client::robot_file;
-use growbot_core::link::message::{State, Task};
+use growbot_core::link::message::{MaintenanceTask, State};
 use growbot_core::robot::{Robot, RobotDescription};
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::TipFault;
@@ -208,7 +208,7 @@ fn a_lamp_that_stays_dark_or_lit_keeps_the_nozzle_back() {
 fn a_lamp_that_the_board_has_switched_off_proves_nothing() {
     for answer in ["yes", "no"] {
         let mut bench = Bench::new(&[answer, "yes"]).with(TipFault::HeaterOpen);
-        assert!(matches!(bench.session.maintain(Task::Preheat { target_centi_c: 6000 }), Ok(None)));
+        assert!(matches!(bench.session.maintain(MaintenanceTask::Preheat { target_centi_c: 6000 }), Ok(None)));
         // The person is slow.
         let off = bench.session.watch(Duration::from_secs(600), None, |seen| seen.status.fault.is_some());
         assert!(matches!(off, Ok(Some(_))));
@@ -260,7 +260,7 @@ fn an_interruption_while_the_nozzle_heats_switches_it_off() {
     let mut bench = Bench::new(&[]);
     let orders = Arc::new(Orders::default());
     bench.session.orders = Arc::clone(&orders);
-    assert!(matches!(bench.session.maintain(Task::Preheat { target_centi_c: 6000 }), Ok(None)));
+    assert!(matches!(bench.session.maintain(MaintenanceTask::Preheat { target_centi_c: 6000 }), Ok(None)));
     let sim = Rc::clone(&bench.sim);
     let watched = bench.session.watch(Duration::from_secs(300), None, |seen| {
         assert_eq!(seen.status.state, State::Maintenance);

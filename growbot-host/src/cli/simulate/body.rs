@@ -9,7 +9,7 @@ use growbot_client::run_log::BodyKind;
 use growbot_core::angle::wrap_positive;
 use growbot_core::layer::Layer;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::Laid;
+use growbot_core::simulation::DisturbedLayer;
 use growbot_host::output::is_standard_output;
 use growbot_pictures::drawing::pdf::pdf;
 use growbot_pictures::drawing::png::png;
@@ -62,7 +62,7 @@ pub struct Grown<'a> {
     pub name: &'a str,
     pub robot: &'a Robot,
     pub plan: &'a Plan,
-    pub laid: &'a [Laid],
+    pub laid: &'a [DisturbedLayer],
     /// The scene that it was grown in.
     pub scene: Option<SceneFile<'a>>,
 }
@@ -92,9 +92,9 @@ pub fn write(file: &Path, format: BodyFormat, grown: &Grown) -> Result<(), Failu
 }
 
 /// Layers whose chain without any twist is the same body: the twist of a tip turns the angles of all layers after it.
-fn untwisted(laid: &[Laid]) -> Vec<Layer> {
+fn untwisted(laid: &[DisturbedLayer]) -> Vec<Layer> {
     let mut twist = 0.0;
-    let layers = laid.iter().map(|Laid { layer, twist: more }| {
+    let layers = laid.iter().map(|DisturbedLayer { layer, twist: more }| {
         let layer = Layer { alpha: wrap_positive(layer.alpha + twist), ..*layer };
         twist += more;
         layer
@@ -110,10 +110,10 @@ mod tests {
 
     #[test]
     fn a_twisted_body_lies_where_its_layers_without_twist_do() {
-        let laid: Vec<Laid> = (0..300)
+        let laid: Vec<DisturbedLayer> = (0..300)
             .map(|index| {
                 let layer = Layer { alpha: 0.1 * f64::from(index % 7), height: 0.774, tilt: 0.007 };
-                Laid { layer, twist: 0.01 * f64::from(index % 3) }
+                DisturbedLayer { layer, twist: 0.01 * f64::from(index % 3) }
             })
             .collect();
         let twisted = laid.iter().fold(Frame::identity(), |tip, laid| advance(&tip, &laid.step()));

@@ -1,7 +1,7 @@
 //! How layers and measurements of a simulation were off, with the distribution of every error: JSON, words, columns.
 
 use growbot_client::run_log::{Distribution, Disturbances, Unit};
-use growbot_core::simulation::{Imperfection, Sensors};
+use growbot_core::simulation::{ErrorModel, SimulatedSensors};
 use growbot_core::tracking::SensorNoise;
 use growbot_sim::simulation::Simulation;
 use serde::Serialize;
@@ -21,9 +21,11 @@ impl WrittenDisturbances {
     pub fn of(simulation: &Simulation, seed: u64) -> Self {
         let sensors = simulation.sensors.as_ref();
         let noise = sensors.map_or(SensorNoise { odometry: 0.0, direction: 0.0 }, |sensors| sensors.noise);
-        let errors = Disturbances::from(&Imperfection { disturbance: simulation.disturbance, noise, seed });
-        let scale =
-            |sensors: &Sensors| Distribution::Constant { value: 100.0 * sensors.odometry_scale, unit: Unit::Percent };
+        let errors = Disturbances::from(&ErrorModel { disturbance: simulation.disturbance, noise, seed });
+        let scale = |sensors: &SimulatedSensors| Distribution::Constant {
+            value: 100.0 * sensors.odometry_scale,
+            unit: Unit::Percent,
+        };
         Self { errors, odometry_scale: sensors.map(scale) }
     }
 

@@ -14,7 +14,7 @@ use growbot_client::feedback::ASSUMED;
 use growbot_client::files::refuse_inputs;
 use growbot_client::printable::json_line;
 use growbot_client::warning::Warning;
-use growbot_core::simulation::{DirectionSensor, Disturbance, Laid, Sensors};
+use growbot_core::simulation::{DirectionSensor, Disturbance, DisturbedLayer, SimulatedSensors};
 use growbot_core::slicing::Slicing;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, Results};
@@ -202,8 +202,8 @@ impl SimulateArgs {
     }
 
     /// What a loop measures.
-    fn sensors(&self) -> Option<Sensors> {
-        self.feedback.then(|| Sensors {
+    fn sensors(&self) -> Option<SimulatedSensors> {
+        self.feedback.then(|| SimulatedSensors {
             noise: self.disturbance.sensor_noise_or(ASSUMED),
             odometry_scale: self.odometry_scale.unwrap_or(0.0) / 100.0,
             direction: if self.gravity_only { DirectionSensor::Gravity } else { DirectionSensor::Tip },
@@ -229,7 +229,7 @@ impl SimulateArgs {
     }
 
     /// Grows once; the layers as laid are told where the body is written.
-    fn grow_once(&self, simulation: &Simulation) -> Result<(Outcome, Vec<Laid>), Failure> {
+    fn grow_once(&self, simulation: &Simulation) -> Result<(Outcome, Vec<DisturbedLayer>), Failure> {
         let mut laid = Vec::new();
         let outcome = simulation.run_by_layer(self.disturbance.seed, |layer| {
             if self.output.is_some() {

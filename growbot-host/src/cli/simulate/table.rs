@@ -24,8 +24,8 @@ pub fn growth(goal: &Pose, outcome: &Outcome, disturbances: &WrittenDisturbances
         table += &row("estimate", &Pose::from_frame(&estimate.base_from_tip));
         table += &format!(
             "          1 sd {:.3} mm and {:.3} deg; estimated bias of growth {} %\n",
-            estimate.position_deviation,
-            degrees(estimate.direction_deviation),
+            estimate.position_sd,
+            degrees(estimate.direction_sd),
             with_sign(100.0 * estimate.systematic_errors.growth)
         );
     }

@@ -66,8 +66,8 @@ impl From<&Estimate> for WrittenEstimate {
         let bias = &estimate.systematic_errors;
         Self {
             estimate: WrittenTip::from(&Pose::from_frame(&estimate.base_from_tip)),
-            position_sd_mm: estimate.position_deviation,
-            direction_sd_deg: degrees(estimate.direction_deviation),
+            position_sd_mm: estimate.position_sd,
+            direction_sd_deg: degrees(estimate.direction_sd),
             growth_bias_percent: 100.0 * bias.growth,
             tilt_bias_percent: 100.0 * bias.tilt,
             alpha_bias_deg: degrees(bias.alpha),

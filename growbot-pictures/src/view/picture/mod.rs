@@ -200,7 +200,7 @@ fn spoken(all: &[(&Subject, &Layers)], stages: &[Stage]) -> String {
 /// How near a body comes to its scene, in a line.
 fn clear_of(around: &Around) -> Option<String> {
     let (clearance, place) = around.clearance().zip(around.place())?;
-    Some(format!("{}: narrowest {clearance}, {place}; obstacles: {}", around.file, around.shown.in_words()))
+    Some(format!("{}: narrowest {clearance}, {place}; obstacles: {}", around.file, around.shown.summary()))
 }
 
 /// How bodies are called: without their files' endings, unless they would have one name then.

@@ -1,7 +1,7 @@
 //! The scene around a body: obstacles as translucent outlines, between which the tube passes, and its narrowest place.
 
+use growbot_scene::obstacle_selection::SelectionLimits;
 use growbot_scene::shapes::{Shape, Triangle};
-use growbot_scene::shown::Limits;
 use nalgebra::{Rotation3, Vector3};
 
 use super::camera::Camera;
@@ -11,7 +11,7 @@ use crate::drawing::canvas::Canvas;
 use crate::view::around::Around;
 
 /// A picture shows no more of a scene.
-pub const LIMITS: Limits = Limits { shapes: 300, triangles: 4000, points: 3000 };
+pub const LIMITS: SelectionLimits = SelectionLimits { shapes: 300, triangles: 4000, points: 3000 };
 
 /// The colours of obstacles, of half spaces and of the narrowest place.
 const OBSTACLE: &str = "#7a6a55";
@@ -47,7 +47,7 @@ pub fn pieces(around: &Around, tube: &[Vector3<f64>], place: &Place, room: &Room
     for shape in &shown.shapes {
         let near = nearness(shape, tube, place);
         match shape {
-            Shape::Box { centre, half, rotation } => {
+            Shape::Box { centre, half_extents: half, rotation } => {
                 for face in faces(centre, half, rotation, camera) {
                     add(near, face.iter().map(|corner| place.point(corner)).collect(), OBSTACLE, FACE);
                 }
@@ -79,7 +79,7 @@ fn nearness(shape: &Shape, tube: &[Vector3<f64>], place: &Place) -> f64 {
     let (from, to) = match shape {
         Shape::Ball { centre, .. } => (*centre, *centre),
         Shape::Capsule { from, to, .. } => (*from, *to),
-        Shape::Box { centre, half, rotation } => {
+        Shape::Box { centre, half_extents: half, rotation } => {
             let mut along = Vector3::zeros();
             along[half.imax()] = half.max() - half.min();
             (centre - rotation * along, centre + rotation * along)

@@ -133,10 +133,10 @@ fn seconds(clock: &Clock) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use growbot_core::layer_bytes::Encoder;
+    use growbot_core::layer_bytes::LayerEncoder;
 
     fn straight(heights: &[f64]) -> Vec<LayerBytes> {
-        let mut encoder = Encoder::default();
+        let mut encoder = LayerEncoder::default();
         heights.iter().map(|height| encoder.encode(&Layer { alpha: 0.0, height: *height, tilt: 0.0 })).collect()
     }
 

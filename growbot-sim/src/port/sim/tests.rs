@@ -3,7 +3,7 @@ use crate::truth::compare;
 use embedded_storage::nor_flash::NorFlash;
 use growbot_client::client::Client;
 use growbot_client::growth::{Grown, Job, JobEvent, Orders, grow_job};
-use growbot_core::link::message::Silence;
+use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Segment, end};
 use growbot_firmware::safety::retained::Copies;
 
@@ -20,8 +20,9 @@ fn grow(sim: Sim, layers: u32) -> Grown {
     let job = Job::new(&robot, &start, &goal, &path);
     let mut simulation = sim.simulation();
     let mut client = Client::new(Box::new(sim), "a simulated board");
-    let grow =
-        |on_event: &mut dyn FnMut(&JobEvent)| grow_job(&mut client, &job, Silence::Pause, &Orders::default(), on_event);
+    let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
+        grow_job(&mut client, &job, HostSilencePolicy::Pause, &Orders::default(), on_event)
+    };
     compare(Some(&mut simulation), &job, &mut |_| {}, grow).unwrap()
 }
 

@@ -301,7 +301,7 @@ fn the_emulated_board_computes_the_same_encoder() {
 
 /// Returns a tip that has laid this many turns, and the distance that its encoder was turned after each, mm of
 /// filament.
-fn laid(turns: u32, imperfection: &Imperfection) -> (Tip, Vec<f64>) {
+fn laid(turns: u32, imperfection: &ErrorModel) -> (Tip, Vec<f64>) {
     let mut tip = hot_tip();
     tip.disturb(imperfection);
     let mut turned = Vec::new();
@@ -315,9 +315,9 @@ fn laid(turns: u32, imperfection: &Imperfection) -> (Tip, Vec<f64>) {
 
 #[test]
 fn a_disturbed_tip_lays_layers_that_are_off_and_its_encoder_sees_the_growth() {
-    let (mut exact, _) = laid(6, &Imperfection::default());
+    let (mut exact, _) = laid(6, &ErrorModel::default());
     let disturbance = Disturbance { growth_noise: 0.1, growth_bias: -0.05, ..Disturbance::default() };
-    let imperfection = Imperfection { disturbance, seed: 7, ..Imperfection::default() };
+    let imperfection = ErrorModel { disturbance, seed: 7, ..ErrorModel::default() };
     let (mut tip, turned) = laid(6, &imperfection);
     let filament_per_length = robot().feed_steps_per_length() / robot().description().feed.steps_per_mm;
     let mut before = 0.0;
@@ -335,7 +335,7 @@ fn a_disturbed_tip_lays_layers_that_are_off_and_its_encoder_sees_the_growth() {
 #[test]
 fn layers_that_twist_chain_to_where_the_tip_is() {
     let disturbance = Disturbance { twist_bias: 0.02, alpha_noise: 0.1, tilt_noise: 0.002, ..Disturbance::default() };
-    let (mut tip, _) = laid(20, &Imperfection { disturbance, seed: 3, ..Imperfection::default() });
+    let (mut tip, _) = laid(20, &ErrorModel { disturbance, seed: 3, ..ErrorModel::default() });
     let chained = grow(&Frame::identity(), tip.body());
     let there = tip.base_from_tip();
     assert!((chained.translation.vector - there.translation.vector).norm() < 1e-12);
@@ -346,7 +346,7 @@ fn layers_that_twist_chain_to_where_the_tip_is() {
 #[test]
 fn layers_that_have_settled_are_those_of_the_body_whatever_is_laid_next() {
     let disturbance = Disturbance { growth_noise: 0.1, twist_noise: 0.1, tilt_bias: 0.2, ..Disturbance::default() };
-    let imperfection = Imperfection { disturbance, seed: 11, ..Imperfection::default() };
+    let imperfection = ErrorModel { disturbance, seed: 11, ..ErrorModel::default() };
     for alternate in [false, true] {
         let mut tip = hot_tip();
         tip.disturb(&imperfection);
@@ -366,8 +366,8 @@ fn layers_that_have_settled_are_those_of_the_body_whatever_is_laid_next() {
 #[test]
 fn noise_of_the_sensors_changes_nothing_but_what_they_show() {
     let noise = SensorNoise { odometry: 0.02, direction: 0.01 };
-    let (mut noisy, turned) = laid(8, &Imperfection { noise, seed: 5, ..Imperfection::default() });
-    let (mut exact, really) = laid(8, &Imperfection::default());
+    let (mut noisy, turned) = laid(8, &ErrorModel { noise, seed: 5, ..ErrorModel::default() });
+    let (mut exact, really) = laid(8, &ErrorModel::default());
     assert_eq!(noisy.body(), exact.body());
     assert_eq!(noisy.base_from_tip(), exact.base_from_tip());
     assert!(noisy.gravity() != exact.gravity());

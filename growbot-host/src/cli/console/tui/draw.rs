@@ -116,9 +116,11 @@ fn state_line(model: &Model) -> Line<'static> {
 
 /// How far a job is, and how long it takes yet.
 fn progress(model: &Model, status: &Status) -> String {
-    let share = 100.0 * f64::from(status.laid) / f64::from(status.layers.max(1));
-    let left = f64::from(status.layers.saturating_sub(status.laid)) * model.robot.description().layer.period_s;
-    let text = format!("layer {} of {} ({share:.0} %), {} left", status.laid, status.layers, duration_text(left));
+    let share = 100.0 * f64::from(status.layers_laid) / f64::from(status.layer_count.max(1));
+    let left =
+        f64::from(status.layer_count.saturating_sub(status.layers_laid)) * model.robot.description().layer.period_s;
+    let text =
+        format!("layer {} of {} ({share:.0} %), {} left", status.layers_laid, status.layer_count, duration_text(left));
     // A simulated robot's time is not ours.
     let forecast = Forecast { period_s: model.robot.description().layer.period_s, pace: 1.0 };
     let finish = model.speed.is_none().then(|| forecast.finish_of(OffsetDateTime::now_utc(), status)).flatten();
@@ -353,7 +355,7 @@ mod tests {
     use super::super::prompt::Prompt;
     use super::super::testing::{laid, model, status};
     use super::*;
-    use growbot_core::link::message::{DriverProblem, DriverTrouble, Fault, Motor, SensorReadings};
+    use growbot_core::link::message::{DriverProblem, DriverReport, Fault, Motor, SensorReadings};
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
 
@@ -379,7 +381,7 @@ mod tests {
         for index in 0..40 {
             model.apply_event(&laid(index));
         }
-        model.apply_status(Status { laid: 40, ..status(State::Growing, 780.0) });
+        model.apply_status(Status { layers_laid: 40, ..status(State::Growing, 780.0) });
         model.sensors = Some(SensorReadings { supply_mv: Some(12_040), ..SensorReadings::default() });
         model
     }
@@ -387,7 +389,7 @@ mod tests {
     #[test]
     fn a_driver_in_trouble_is_named() {
         let mut model = growing();
-        let driver_trouble = Some(DriverTrouble { motor: Motor::Feed, problem: DriverProblem::Silent });
+        let driver_trouble = Some(DriverReport { motor: Motor::Feed, problem: DriverProblem::Silent });
         model.sensors = Some(SensorReadings { driver_fault: Some(true), driver_trouble, ..SensorReadings::default() });
         let lines = drawn(&model, 80, 24);
         assert!(lines[2].ends_with("; FEED DRIVER SILENT"), "{}", lines[2]);
@@ -431,7 +433,7 @@ mod tests {
         model.apply_status(Status {
             fault: Some(Fault::FilamentJam),
             target_centi_c: None,
-            laid: 40,
+            layers_laid: 40,
             ..status(State::Fault, 800.0)
         });
         let lines = drawn(&model, 80, 24);

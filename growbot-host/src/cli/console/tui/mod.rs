@@ -75,7 +75,7 @@ pub fn run(client: Client, robot: Robot, presets: Presets, start: Pose, port: &C
     let hello = watch.client().hello()?;
     let place = format!("{}{}", port.text(), port.remark());
     let mut model = Model::new(robot, &place, start, watch.speed());
-    if hello.robot != model.robot.hash() {
+    if hello.robot_hash != model.robot.hash() {
         model.complain(&format!(
             "the board is {}, the limits shown are those of {}: choose it with --robot",
             hello.robot_name,

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use growbot_core::layer_bytes::decode;
-use growbot_core::link::message::{Fault, Laid, Message, SensorReadings, State, Status};
+use growbot_core::link::message::{Fault, LayerLaid, Message, SensorReadings, State, Status};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
@@ -82,7 +82,7 @@ impl Model {
         self.readings.add(self.clock_s, status.temperature_centi_c, status.target_centi_c);
         if status.plan_id != self.body.plan_id() {
             self.body = Body::new(status.plan_id, &self.start, Vec::new());
-        } else if status.laid < self.body.next() {
+        } else if status.layers_laid < self.body.next() {
             // The same job from the beginning.
             self.body.begin_again(&self.start);
         }
@@ -105,7 +105,7 @@ impl Model {
                     self.say_state(change.state, change.fault);
                 }
             }
-            Message::Laid(Laid { plan_id, index, as_built, .. }) => {
+            Message::Laid(LayerLaid { plan_id, index, as_built, .. }) => {
                 if *plan_id != self.body.plan_id() {
                     self.body = Body::new(*plan_id, &self.start, Vec::new());
                 }
@@ -208,9 +208,9 @@ mod tests {
         for index in 0..3 {
             model.apply_event(&laid(index));
         }
-        model.apply_status(Status { laid: 3, ..status(State::Done, 100.0) });
+        model.apply_status(Status { layers_laid: 3, ..status(State::Done, 100.0) });
         assert_eq!(model.body.built().len(), 3);
-        model.apply_status(Status { laid: 0, ..status(State::Heating, 101.0) });
+        model.apply_status(Status { layers_laid: 0, ..status(State::Heating, 101.0) });
         assert!(model.body.built().is_empty());
     }
 

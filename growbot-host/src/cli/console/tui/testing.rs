@@ -2,8 +2,8 @@
 
 use growbot_client::robot_file;
 use growbot_core::layer::Layer;
-use growbot_core::layer_bytes::Encoder;
-use growbot_core::link::message::{Laid, Message, PauseCause, State, Status};
+use growbot_core::layer_bytes::LayerEncoder;
+use growbot_core::link::message::{LayerLaid, Message, PauseCause, State, Status};
 use growbot_core::pose::Pose;
 
 use super::model::Model;
@@ -23,12 +23,12 @@ pub fn status(state: State, uptime_s: f64) -> Status {
         target_centi_c: Some(21_000),
         duty: 0x8000,
         plan_id: 7,
-        layers: 100,
-        next: 100,
-        laid: 0,
+        layer_count: 100,
+        next_layer: 100,
+        layers_laid: 0,
         interrupted: None,
         pause_cause: PauseCause::LayersExhausted,
-        journal: true,
+        is_resumable: true,
         uptime_ms: (uptime_s * 1000.0) as u64,
     }
 }
@@ -36,6 +36,6 @@ pub fn status(state: State, uptime_s: f64) -> Status {
 /// A layer of that job, leaning a little.
 pub fn laid(index: u32) -> Message {
     let layer = Layer { alpha: 0.5, height: 0.7, tilt: 0.005 };
-    let as_built = Encoder::default().encode(&layer);
-    Message::Laid(Laid { plan_id: 7, index, as_built: Some(as_built), measured: None })
+    let as_built = LayerEncoder::default().encode(&layer);
+    Message::Laid(LayerLaid { plan_id: 7, index, as_built: Some(as_built), readings: None })
 }

@@ -11,9 +11,9 @@ use heapless::Vec;
 use nalgebra::Vector3;
 
 use super::closed_form::{Curve, CurvePoint};
-use super::course::{Course, Stretch};
+use super::hybrid_curve::{HybridCurve, Stretch};
 use super::seed::Seed;
-use super::{HelicoidalArc, Piece};
+use super::{HelicoidPiece, HelicoidalArc};
 use crate::helicoid::Helicoid;
 use crate::trigonometry;
 
@@ -30,15 +30,15 @@ impl HelicoidalArc {
     /// Returns the segments in order.
     #[must_use]
     #[inline(never)]
-    pub fn pieces(&self) -> Vec<Piece, MAX_PIECES> {
+    pub fn pieces(&self) -> Vec<HelicoidPiece, MAX_PIECES> {
         let mut pieces = Vec::new();
         // The list has space for all segments of an arc that may be the shortest.
         let mut add = |curve, length| {
-            let _ = pieces.push(Piece { curve, length });
+            let _ = pieces.push(HelicoidPiece { curve, length });
         };
         let curve = self.seed.curve();
-        if self.seed.with_circles {
-            Course::new(&curve).stretches(self.seed.start, self.seed.end, &mut |stretch, turned, length| {
+        if self.seed.uses_circles {
+            HybridCurve::new(&curve).stretches(self.seed.start, self.seed.end, &mut |stretch, turned, length| {
                 let helicoid = match stretch {
                     Stretch::Circle => self.circle(turned),
                     Stretch::Curve(from) => self.in_tip(&curve, turned, &from),
@@ -121,7 +121,7 @@ mod tests {
         ) {
             let twist = (0.5 * narrowness + ratio).min(1.5_f64);
             let end = start + length;
-            let seed = Seed { narrowness, twist, mirrored, start, end, with_circles: false }.with_circles();
+            let seed = Seed { narrowness, twist, mirrored, start, end, uses_circles: false }.with_circles();
             let [from, to] = seed.ends(&seed.curve());
             prop_assume!(to.length - from.length < 8.0);
             let side = if mirrored { -1.0 } else { 1.0 };
@@ -131,7 +131,7 @@ mod tests {
                 [start_from_curve * (to.position - from.position), start_from_curve * to.direction];
             let fit = Fit::new(&Goal { position, direction }, &seed);
             let arc = HelicoidalArc { seed, towards: fit.towards(), length: fit.length() };
-            let grown = |tip: Frame, piece: &Piece| tip * piece.curve.frame_after(piece.length);
+            let grown = |tip: Frame, piece: &HelicoidPiece| tip * piece.curve.frame_after(piece.length);
             let end = arc.pieces().iter().fold(Frame::identity(), grown);
             let off = (end.translation.vector - reflected(position)).norm();
             prop_assert!(off < 1e-9, "{off:e} radii off");

@@ -11,52 +11,52 @@ use std::f64::consts::TAU;
 use growbot_core::trigonometry::sin_cos;
 use nalgebra::Vector3;
 
-use super::chain::Chain;
-use super::meter::Meter;
-use super::{Problem, Resolution};
-use crate::clear::is_clear;
-use crate::motion::{Stretch, Tip, any_across, length, to_position};
+use super::budget::BudgetTracker;
+use super::via_path::ViaPath;
+use super::{PlanningProblem, Resolution};
+use crate::centreline::{ArcSegment, TipPose, any_perpendicular, arc_and_line_to, length};
+use crate::clearance::is_clear;
 
 /// Weight of the remaining way relative to the way so far. Ways that lead to the goal are tried first.
-const EAGERNESS: f64 = 1.5;
+const HEURISTIC_WEIGHT: f64 = 1.5;
 
 /// Maximum number of stored tips, some 500 MB with the ways that may be tried.
 const MAX_NODES: usize = 500_000;
 
 /// A tip that has been reached.
 struct Node {
-    tip: Tip,
+    tip: TipPose,
     /// Index of the previous node. `way` leads from there to this one.
-    before: u32,
-    way: Stretch,
-    gone: f64,
+    parent: u32,
+    edge: ArcSegment,
+    cost_to_come: f64,
 }
 
 /// A way from a node that may be tried.
-struct Next {
+struct QueueEntry {
     rank: f64,
     /// Length of the body with the shortest way on to the goal, mm.
     total: f64,
     number: u64,
     node: u32,
-    way: Stretch,
+    way: ArcSegment,
 }
 
-impl PartialEq for Next {
+impl PartialEq for QueueEntry {
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other) == Ordering::Equal
     }
 }
 
-impl Eq for Next {}
+impl Eq for QueueEntry {}
 
-impl PartialOrd for Next {
+impl PartialOrd for QueueEntry {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
 
-impl Ord for Next {
+impl Ord for QueueEntry {
     fn cmp(&self, other: &Self) -> Ordering {
         // A heap returns the greatest element. That must be the lowest rank, and of equal ones the first.
         other.rank.total_cmp(&self.rank).then(other.number.cmp(&self.number))
@@ -64,23 +64,23 @@ impl Ord for Next {
 }
 
 /// The search at one resolution.
-pub(super) struct Tree {
+pub(super) struct SearchTree {
     /// Resolution of the search.
     pub(super) resolution: Resolution,
     nodes: Vec<Node>,
-    queue: BinaryHeap<Next>,
+    queue: BinaryHeap<QueueEntry>,
     /// Length of the shortest way to each cell that was reached, mm.
     cells: HashMap<[i32; 6], f64>,
     pushed: u64,
 }
 
-impl Tree {
-    pub(super) fn new(problem: &Problem, resolution: Resolution) -> Self {
-        let way = Stretch::line(problem.start, 0.0);
-        let root = Node { tip: problem.start, before: 0, way, gone: 0.0 };
+impl SearchTree {
+    pub(super) fn new(problem: &PlanningProblem, resolution: Resolution) -> Self {
+        let way = ArcSegment::line(problem.start, 0.0);
+        let root = Node { tip: problem.start, parent: 0, edge: way, cost_to_come: 0.0 };
         let mut tree =
             Self { resolution, nodes: vec![root], queue: BinaryHeap::new(), cells: HashMap::new(), pushed: 0 };
-        tree.branch(problem, 0, f64::INFINITY);
+        tree.expand(problem, 0, f64::INFINITY);
         tree
     }
 
@@ -90,34 +90,40 @@ impl Tree {
     }
 
     /// Continues until this much work is done, or a path below this length is found.
-    pub(super) fn advance(&mut self, problem: &Problem, meter: &mut Meter, until: u64, below: f64) -> Option<Chain> {
-        while !meter.is_over_or_at(until) && self.nodes.len() < MAX_NODES {
+    pub(super) fn advance(
+        &mut self,
+        problem: &PlanningProblem,
+        meter: &mut BudgetTracker,
+        until: u64,
+        below: f64,
+    ) -> Option<ViaPath> {
+        while !meter.check_exhausted_or_at(until) && self.nodes.len() < MAX_NODES {
             let next = self.queue.pop()?;
             meter.work.0 += 1;
             if next.total >= below {
                 continue;
             }
             let end = next.way.end();
-            let (cell, gone) = (self.cell(&end), self.nodes.get(next.node as usize)?.gone + next.way.length);
+            let (cell, gone) = (self.cell(&end), self.nodes.get(next.node as usize)?.cost_to_come + next.way.length);
             // A blocked way does not reserve its cell.
             if self.cells.get(&cell).is_some_and(|before| *before <= gone)
-                || !is_clear(problem.scene, &next.way, &problem.need, &mut meter.work)
+                || !is_clear(problem.scene, &next.way, &problem.required_clearance, &mut meter.work)
             {
                 continue;
             }
             self.cells.insert(cell, gone);
             let index = self.nodes.len();
-            self.nodes.push(Node { tip: end, before: next.node, way: next.way, gone });
+            self.nodes.push(Node { tip: end, parent: next.node, edge: next.way, cost_to_come: gone });
             if let Some(found) = self.connect(problem, index, below, meter) {
                 return Some(found);
             }
-            self.branch(problem, index, below);
+            self.expand(problem, index, below);
         }
         None
     }
 
     /// Returns the cell of a tip. The search does not distinguish two tips in one cell.
-    fn cell(&self, tip: &Tip) -> [i32; 6] {
+    fn cell(&self, tip: &TipPose) -> [i32; 6] {
         let at = |value: f64, size: f64| (value / size).floor() as i32;
         let (p, d) = (tip.position, tip.direction);
         let Resolution { position, direction, .. } = self.resolution;
@@ -132,11 +138,18 @@ impl Tree {
     }
 
     /// Returns the body over this node to the goal, if it is clear.
-    fn connect(&self, problem: &Problem, index: usize, below: f64, meter: &mut Meter) -> Option<Chain> {
+    fn connect(
+        &self,
+        problem: &PlanningProblem,
+        index: usize,
+        below: f64,
+        meter: &mut BudgetTracker,
+    ) -> Option<ViaPath> {
         let node = self.nodes.get(index)?;
         for way in problem.ways_to_goal(&node.tip) {
-            let is_clear = |part: &Stretch| is_clear(problem.scene, part, &problem.need, &mut meter.work);
-            if node.gone + length(&way) < below && way.iter().all(is_clear) {
+            let is_clear =
+                |part: &ArcSegment| is_clear(problem.scene, part, &problem.required_clearance, &mut meter.work);
+            if node.cost_to_come + length(&way) < below && way.iter().all(is_clear) {
                 let found = self.chain(index, way);
                 if (problem.accept)(&found) {
                     return Some(found);
@@ -147,49 +160,49 @@ impl Tree {
     }
 
     /// Returns the body to this node, followed by `way`.
-    fn chain(&self, index: usize, way: Vec<Stretch>) -> Chain {
+    fn chain(&self, index: usize, way: Vec<ArcSegment>) -> ViaPath {
         let (mut stretches, mut via, mut at) = (Vec::new(), Vec::new(), index);
         while at > 0
             && let Some(node) = self.nodes.get(at)
         {
-            stretches.push(node.way);
+            stretches.push(node.edge);
             via.push(node.tip.position);
-            at = node.before as usize;
+            at = node.parent as usize;
         }
         stretches.reverse();
         via.reverse();
         stretches.extend(way);
-        Chain { via, length: length(&stretches), stretches }
+        ViaPath { via, length: length(&stretches), segments: stretches }
     }
 
     /// Adds the ways that lead on from a node.
-    fn branch(&mut self, problem: &Problem, index: usize, below: f64) {
+    fn expand(&mut self, problem: &PlanningProblem, index: usize, below: f64) {
         let Some(node) = self.nodes.get(index) else { return };
-        let (tip, gone) = (node.tip, node.gone);
-        let Resolution { step, rolls, .. } = self.resolution;
-        let x = any_across(&tip.direction);
+        let (tip, gone) = (node.tip, node.cost_to_come);
+        let Resolution { step, bend_directions: rolls, .. } = self.resolution;
+        let x = any_perpendicular(&tip.direction);
         let y = tip.direction.cross(&x);
-        let line = Stretch::line(tip, step);
+        let line = ArcSegment::line(tip, step);
         let arcs = (0..rolls).map(|roll| {
             let (sin, cos) = sin_cos(TAU * f64::from(roll) / f64::from(rolls));
-            Stretch { from: tip, towards: x * cos + y * sin, curvature: 1.0 / problem.radius, length: step }
+            ArcSegment { from: tip, towards: x * cos + y * sin, curvature: 1.0 / problem.radius, length: step }
         });
         for way in std::iter::once(line).chain(arcs) {
-            let left = remaining(problem, &way.end());
+            let left = cost_to_go(problem, &way.end());
             let total = gone + step + left;
-            if total < below && total < problem.length_max {
+            if total < below && total < problem.max_length {
                 self.pushed += 1;
-                let rank = gone + step + EAGERNESS * left;
-                self.queue.push(Next { rank, total, number: self.pushed, node: index as u32, way });
+                let rank = gone + step + HEURISTIC_WEIGHT * left;
+                self.queue.push(QueueEntry { rank, total, number: self.pushed, node: index as u32, way });
             }
         }
     }
 }
 
 /// Returns an estimate of the length of the way to the goal, mm. For a pose, it is the way to its position.
-fn remaining(problem: &Problem, tip: &Tip) -> f64 {
+fn cost_to_go(problem: &PlanningProblem, tip: &TipPose) -> f64 {
     let goal: Vector3<f64> = problem.goal.position();
-    match to_position(tip, &goal, problem.radius) {
+    match arc_and_line_to(tip, &goal, problem.radius) {
         Some([arc, line]) => (arc.length + line.length - problem.tolerance()).max(0.0),
         None => (goal - tip.position).norm() + 2.0 * problem.radius,
     }

@@ -4,13 +4,13 @@ use growbot_core::path::Segment;
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
-use crate::body::{clearance, point_at};
+use crate::path_clearance::{clearance, point_along};
 use crate::scene::{Obstacle, Scene};
 use crate::shapes::{Shape, Triangle};
 
 /// The narrowest place of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Narrowest {
+pub struct ClosestApproach {
     /// Position along the body, mm.
     pub at: f64,
     /// Point of the body's centreline.
@@ -25,11 +25,11 @@ pub struct Narrowest {
 
 /// Returns the narrowest place of a body on this path, which grows from this frame. `None` without obstacles.
 #[must_use]
-pub fn narrowest(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Option<Narrowest> {
+pub fn closest_approach(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Option<ClosestApproach> {
     let found = clearance(scene, path, base_from_start);
-    let on_body = point_at(path, base_from_start, found.at);
+    let on_body = point_along(path, base_from_start, found.arc_length);
     let (on_obstacle, obstacle) = scene.nearest_point(&on_body)?;
-    Some(Narrowest { at: found.at, on_body, on_obstacle, obstacle, distance: found.distance })
+    Some(ClosestApproach { at: found.arc_length, on_body, on_obstacle, obstacle, distance: found.distance })
 }
 
 impl Scene {
@@ -68,7 +68,7 @@ fn away(direction: &Vector3<f64>) -> Vector3<f64> {
 /// Returns the nearest point of a shape's surface.
 fn on_shape(shape: &Shape, point: &Vector3<f64>) -> Vector3<f64> {
     match shape {
-        Shape::Box { centre, half, rotation } => {
+        Shape::Box { centre, half_extents: half, rotation } => {
             let offset = rotation.inverse_transform_vector(&(point - centre));
             let mut nearest = offset.zip_map(half, |at, half| at.max(-half).min(half));
             if offset == nearest {
@@ -112,24 +112,24 @@ fn on_triangle(Triangle([a, b, c]): &Triangle, point: &Vector3<f64>) -> Vector3<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::body::TOLERANCE;
-    use crate::families::{Body, FAMILIES, draw};
+    use crate::path_clearance::CLEARANCE_TOLERANCE_MM;
+    use crate::random_scenes::{FAMILIES, TubeLimits, random_scene};
     use crate::shapes::HalfSpace;
-    use growbot_core::random::Random;
+    use growbot_core::random::Rng;
 
-    fn anywhere(random: &mut Random) -> Vector3<f64> {
-        Vector3::from_fn(|_, _| random.between(-400.0, 800.0))
+    fn anywhere(random: &mut Rng) -> Vector3<f64> {
+        Vector3::from_fn(|_, _| random.uniform_between(-400.0, 800.0))
     }
 
     #[test]
     fn the_nearest_point_is_as_far_as_the_distance_says_and_on_the_surface() {
-        let body = Body { radius: 100.0, need: 25.0 };
+        let body = TubeLimits { radius: 100.0, clearance: 25.0 };
         for family in FAMILIES {
-            let drawn = draw(family, 1, &body);
+            let drawn = random_scene(family, 1, &body);
             let floor = HalfSpace { point: Vector3::new(0.0, 0.0, -100.0), normal: Vector3::z() };
             let mut scene = drawn.scene();
             scene = Scene::new(scene.shapes().to_vec(), vec![floor], scene.clouds().to_vec(), scene.meshes().to_vec());
-            let mut random = Random::new(&[family as u64, 3]);
+            let mut random = Rng::new(&[family as u64, 3]);
             for _ in 0..300 {
                 let point = anywhere(&mut random);
                 let (nearest, _) = scene.nearest_point(&point).unwrap();
@@ -144,20 +144,23 @@ mod tests {
     fn a_body_past_a_ball_is_nearest_beside_it() {
         let ball = Shape::Ball { centre: Vector3::new(80.0, 0.0, 300.0), radius: 30.0 };
         let scene = Scene::new(vec![ball], vec![], vec![], vec![]);
-        let found = narrowest(&scene, &[Segment::Straight { length: 500.0 }], &Frame::identity()).unwrap();
-        assert!((found.distance - 50.0).abs() <= TOLERANCE && found.distance <= 50.0, "{found:?}");
+        let found = closest_approach(&scene, &[Segment::Straight { length: 500.0 }], &Frame::identity()).unwrap();
+        assert!((found.distance - 50.0).abs() <= CLEARANCE_TOLERANCE_MM && found.distance <= 50.0, "{found:?}");
         assert!((found.at - 300.0).abs() < 1.0, "{found:?}");
         assert!((found.on_body - Vector3::new(0.0, 0.0, 300.0)).norm() < 1.0, "{found:?}");
         assert!((found.on_obstacle - Vector3::new(50.0, 0.0, 300.0)).norm() < 1.0, "{found:?}");
         assert_eq!(found.obstacle, Obstacle::Shape(ball));
-        assert_eq!(narrowest(&Scene::default(), &[], &Frame::identity()), None);
+        assert_eq!(closest_approach(&Scene::default(), &[], &Frame::identity()), None);
     }
 
     #[test]
     fn inside_of_an_obstacle_the_nearest_point_is_on_its_surface() {
         let half = Vector3::new(10.0, 20.0, 30.0);
         let cases = [
-            (Shape::Box { centre: Vector3::zeros(), half, rotation: nalgebra::Rotation3::identity() }, 10.0),
+            (
+                Shape::Box { centre: Vector3::zeros(), half_extents: half, rotation: nalgebra::Rotation3::identity() },
+                10.0,
+            ),
             (Shape::Ball { centre: Vector3::zeros(), radius: 7.0 }, 7.0),
             (Shape::Capsule { from: -Vector3::z(), to: Vector3::z(), radius: 5.0 }, 5.0),
         ];

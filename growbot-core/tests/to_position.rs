@@ -9,9 +9,9 @@ use std::thread;
 use growbot_core::path::length;
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::{Pose, Position};
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
-use growbot_core::to_point::plan_to_point;
+use growbot_core::to_position::plan_to_position;
 use nalgebra::Vector3;
 
 /// Radius of the paths, mm.
@@ -94,12 +94,12 @@ fn no_direction_gives_a_shorter_path() {
             if index >= positions {
                 return;
             }
-            let mut random = Random::new(&[2026, u64::from(index)]);
-            let distance = RADIUS * random.between(NEAREST, FARTHEST);
+            let mut random = Rng::new(&[2026, u64::from(index)]);
+            let distance = RADIUS * random.uniform_between(NEAREST, FARTHEST);
             let position = random.direction() * distance;
             let point = Position::new(position).unwrap();
-            let found = plan_to_point(&robot, &start, &point, RADIUS, Planner::Shortest, |_| true).unwrap().unwrap();
-            let found = length(&found.chosen.path) / RADIUS;
+            let found = plan_to_position(&robot, &start, &point, RADIUS, Planner::Shortest, |_| true).unwrap().unwrap();
+            let found = length(&found.planned.path) / RADIUS;
             let searched = searched(&robot, &start, position);
             assert!(found <= searched + AS_SHORT, "{position:?}: {found}, and the search finds {searched}");
             if searched > found + AS_SHORT {

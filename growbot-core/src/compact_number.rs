@@ -8,9 +8,9 @@ use core::fmt;
 /// assert_eq!(format!("{} {} {}", Short(&0.774), Short(&1e7), Short(&-1e308)), "0.774 10000000 -1e308");
 /// ```
 #[derive(Debug, Clone, Copy)]
-pub struct Short<'a>(pub &'a f64);
+pub struct CompactNumber<'a>(pub &'a f64);
 
-impl fmt::Display for Short<'_> {
+impl fmt::Display for CompactNumber<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (number, size) = (self.0, self.0.abs());
         if size == 0.0 || (1e-12..1e12).contains(&size) { write!(f, "{number}") } else { write!(f, "{number:e}") }
@@ -33,7 +33,7 @@ mod tests {
             (f64::INFINITY, "inf"),
             (f64::NAN, "NaN"),
         ] {
-            assert_eq!(Short(&number).to_string(), text);
+            assert_eq!(CompactNumber(&number).to_string(), text);
         }
     }
 }

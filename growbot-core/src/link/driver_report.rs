@@ -110,7 +110,7 @@ impl DriverProblem {
 
 /// A driver with a problem.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
-pub struct DriverTrouble {
+pub struct DriverReport {
     /// The driver's motor.
     pub motor: Motor,
     /// The problem.

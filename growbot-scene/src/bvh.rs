@@ -35,7 +35,7 @@ impl Bounds {
 
     /// Returns the box enlarged by `by` on every side.
     #[must_use]
-    pub fn grown(&self, by: f64) -> Self {
+    pub fn inflated(&self, by: f64) -> Self {
         let by = Vector3::repeat(by);
         Self { min: self.min - by, max: self.max + by }
     }
@@ -71,7 +71,7 @@ pub fn signed_root(square: f64) -> f64 {
 
 /// A tree over items.
 #[derive(Debug, Clone)]
-pub struct Tree<T> {
+pub struct Bvh<T> {
     nodes: Vec<Node>,
     items: Vec<T>,
 }
@@ -115,7 +115,7 @@ impl Node {
     }
 }
 
-impl<T: Item> Tree<T> {
+impl<T: Item> Bvh<T> {
     /// Builds the tree over these items, fewer than 2^31.
     #[must_use]
     pub fn new(mut items: Vec<T>) -> Self {
@@ -137,7 +137,7 @@ impl<T: Item> Tree<T> {
     /// Returns the minimum of `best` and the signed squares of the distances from a point to all items.
     #[must_use]
     #[inline]
-    pub fn nearest(&self, point: &Vector3<f64>, mut best: f64) -> f64 {
+    pub fn min_signed_square(&self, point: &Vector3<f64>, mut best: f64) -> f64 {
         let Some(root) = self.nodes.first() else { return best };
         let mut waiting = [(0.0_f64, 0_u32); MAX_DEPTH];
         let mut count = 0_usize;

@@ -10,14 +10,14 @@
 
 use nalgebra::Vector3;
 
-use super::{DirectionSensor, Disturbance, Laid, Sensors};
+use super::{DirectionSensor, Disturbance, DisturbedLayer, SimulatedSensors};
 use crate::layer::Layer;
 use crate::pose::Frame;
 use crate::tracking::SensorNoise;
 
 /// The errors of a simulated tip. By default all errors are zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Imperfection {
+pub struct ErrorModel {
     /// The errors of the layers.
     pub disturbance: Disturbance,
     /// Noise of the filament's encoder, as odometry, and noise of gravity.
@@ -26,7 +26,7 @@ pub struct Imperfection {
     pub seed: u64,
 }
 
-impl Default for Imperfection {
+impl Default for ErrorModel {
     fn default() -> Self {
         let noise = SensorNoise { odometry: 0.0, direction: 0.0 };
         Self { disturbance: Disturbance::default(), noise, seed: 0 }
@@ -36,17 +36,17 @@ impl Default for Imperfection {
 /// A layer of unit height, so that results for it are fractions.
 const UNIT: Layer = Layer { alpha: 0.0, height: 1.0, tilt: 0.0 };
 
-impl Imperfection {
+impl ErrorModel {
     /// Returns the layer of this index as laid.
     #[must_use]
-    pub fn lay(&self, index: u64, layer: &Layer) -> Laid {
+    pub fn lay(&self, index: u64, layer: &Layer) -> DisturbedLayer {
         self.disturbance.lay(self.seed, index, layer)
     }
 
     /// Returns the filament that the encoder measures while the layer of this index is laid, as a fraction of the
     /// filament fed.
     #[must_use]
-    pub fn seen_per_step(&self, index: u64) -> f64 {
+    pub fn encoder_ratio(&self, index: u64) -> f64 {
         let laid = self.lay(index, &UNIT);
         self.sensors().measure(self.seed, index, &UNIT, &laid, &Frame::identity()).growth.unwrap_or(1.0)
     }
@@ -61,7 +61,7 @@ impl Imperfection {
         self.sensors().measure(self.seed, index, &UNIT, &self.lay(index, &UNIT), base_from_tip).up.unwrap_or(up)
     }
 
-    fn sensors(&self) -> Sensors {
-        Sensors { noise: self.noise, odometry_scale: 0.0, direction: DirectionSensor::Gravity }
+    fn sensors(&self) -> SimulatedSensors {
+        SimulatedSensors { noise: self.noise, odometry_scale: 0.0, direction: DirectionSensor::Gravity }
     }
 }

@@ -10,14 +10,14 @@ use nalgebra::Vector3;
 
 /// A tip: its position, mm, and its direction of growth.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Tip {
+pub struct TipPose {
     /// Position, mm.
     pub position: Vector3<f64>,
     /// Direction of growth, a unit vector.
     pub direction: Vector3<f64>,
 }
 
-impl From<&Pose> for Tip {
+impl From<&Pose> for TipPose {
     fn from(pose: &Pose) -> Self {
         Self { position: pose.position(), direction: pose.direction() }
     }
@@ -25,9 +25,9 @@ impl From<&Pose> for Tip {
 
 /// A part of an arc or of a straight line.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stretch {
+pub struct ArcSegment {
     /// Tip at the start.
-    pub from: Tip,
+    pub from: TipPose,
     /// Unit vector towards which the stretch bends, perpendicular to the direction. Arbitrary for a line.
     pub towards: Vector3<f64>,
     /// Curvature, 1/mm; 0 for a line.
@@ -44,10 +44,10 @@ pub trait Curve {
     fn point(&self, along: f64) -> Vector3<f64>;
     /// Returns the maximum distance of the points within this length of a point on the curve from that point, mm: the
     /// chord.
-    fn reach(&self, along: f64) -> f64;
+    fn chord_bound(&self, along: f64) -> f64;
 }
 
-impl Curve for Stretch {
+impl Curve for ArcSegment {
     fn length(&self) -> f64 {
         self.length
     }
@@ -59,16 +59,16 @@ impl Curve for Stretch {
     }
 
     #[inline]
-    fn reach(&self, along: f64) -> f64 {
+    fn chord_bound(&self, along: f64) -> f64 {
         let turn = 0.5 * along * self.curvature;
         if turn > 0.1 && turn < 0.5 * PI { 2.0 * sin(turn) / self.curvature } else { along }
     }
 }
 
-impl Stretch {
+impl ArcSegment {
     /// Creates a straight line.
     #[must_use]
-    pub fn line(from: Tip, length: f64) -> Self {
+    pub fn line(from: TipPose, length: f64) -> Self {
         Self { from, towards: Vector3::zeros(), curvature: 0.0, length }
     }
 
@@ -84,28 +84,28 @@ impl Stretch {
 
     /// Returns the tip after this length.
     #[must_use]
-    pub fn tip(&self, along: f64) -> Tip {
+    pub fn tip(&self, along: f64) -> TipPose {
         let (sin, cos) = sin_cos(along * self.curvature);
         let direction = self.from.direction * cos + self.towards * sin;
-        Tip { position: self.point(along), direction: direction.normalize() }
+        TipPose { position: self.point(along), direction: direction.normalize() }
     }
 
     /// Returns the tip at the end.
     #[must_use]
-    pub fn end(&self) -> Tip {
+    pub fn end(&self) -> TipPose {
         self.tip(self.length)
     }
 }
 
 /// Returns the total length of some stretches, mm.
 #[must_use]
-pub fn length(stretches: &[Stretch]) -> f64 {
+pub fn length(stretches: &[ArcSegment]) -> f64 {
     stretches.iter().fold(0.0, |length, stretch| length + stretch.length)
 }
 
 /// Returns any unit vector perpendicular to this unit vector.
 #[must_use]
-pub fn any_across(direction: &Vector3<f64>) -> Vector3<f64> {
+pub fn any_perpendicular(direction: &Vector3<f64>) -> Vector3<f64> {
     let mut axis = Vector3::zeros();
     axis[direction.iamin()] = 1.0;
     direction.cross(&axis).normalize()
@@ -118,7 +118,7 @@ const ON_CIRCLE: f64 = 1e-12;
 /// Returns the arc of this radius and the line that lead from a tip to a position. `None` for a position inside a
 /// turning circle.
 #[must_use]
-pub fn to_position(from: &Tip, position: &Vector3<f64>, radius: f64) -> Option<[Stretch; 2]> {
+pub fn arc_and_line_to(from: &TipPose, position: &Vector3<f64>, radius: f64) -> Option<[ArcSegment; 2]> {
     let offset = position - from.position;
     let ahead = offset.dot(&from.direction);
     let aside = offset - from.direction * ahead;
@@ -129,20 +129,20 @@ pub fn to_position(from: &Tip, position: &Vector3<f64>, radius: f64) -> Option<[
     }
     let line = square.max(0.0).sqrt();
     if across <= 1e-12 * (ahead.abs() + radius) && ahead >= 0.0 {
-        return Some([Stretch { length: 0.0, ..Stretch::line(*from, 0.0) }, Stretch::line(*from, ahead)]);
+        return Some([ArcSegment { length: 0.0, ..ArcSegment::line(*from, 0.0) }, ArcSegment::line(*from, ahead)]);
     }
-    let towards = if across > 0.0 { aside / across } else { any_across(&from.direction) };
+    let towards = if across > 0.0 { aside / across } else { any_perpendicular(&from.direction) };
     let above = across - radius;
     let turn = wrap_positive(libm::atan2(ahead * radius + above * line, ahead * line - above * radius));
-    let arc = Stretch { from: *from, towards, curvature: 1.0 / radius, length: turn * radius };
-    Some([arc, Stretch::line(arc.end(), line)])
+    let arc = ArcSegment { from: *from, towards, curvature: 1.0 / radius, length: turn * radius };
+    Some([arc, ArcSegment::line(arc.end(), line)])
 }
 
 /// Returns the robot's segments that grow along these stretches from a frame.
 ///
 /// Each stretch is taken in the frame in which the previous one ended, so that small errors do not add up to a roll.
 #[must_use]
-pub fn segments(stretches: &[Stretch], base_from_start: &Frame) -> Vec<Segment> {
+pub fn to_path_segments(stretches: &[ArcSegment], base_from_start: &Frame) -> Vec<Segment> {
     let mut base_from_tip = *base_from_start;
     let mut segments = Vec::new();
     for stretch in stretches {
@@ -168,18 +168,18 @@ pub fn segments(stretches: &[Stretch], base_from_start: &Frame) -> Vec<Segment> 
 
 /// Returns the stretches of a path of arcs and lines that grows from a frame. `None` if it has helicoidal arcs.
 #[must_use]
-pub fn stretches(path: &[Segment], base_from_start: &Frame) -> Option<Vec<Stretch>> {
+pub fn arc_segments(path: &[Segment], base_from_start: &Frame) -> Option<Vec<ArcSegment>> {
     let mut base_from_tip = *base_from_start;
     let mut stretches = Vec::with_capacity(path.len());
     for segment in path {
         let axes = base_from_tip.rotation.matrix();
-        let from = Tip { position: base_from_tip.translation.vector, direction: axes.column(2).into_owned() };
+        let from = TipPose { position: base_from_tip.translation.vector, direction: axes.column(2).into_owned() };
         stretches.push(match *segment {
-            Segment::Straight { length } => Stretch::line(from, length),
+            Segment::Straight { length } => ArcSegment::line(from, length),
             Segment::Arc { alpha, bend, length } => {
                 let (sin, cos) = sin_cos(alpha + PI);
                 let towards = axes.column(0) * cos + axes.column(1) * sin;
-                Stretch { from, towards, curvature: bend / length, length }
+                ArcSegment { from, towards, curvature: bend / length, length }
             }
             Segment::Helicoid { .. } => return None,
         });
@@ -190,6 +190,6 @@ pub fn stretches(path: &[Segment], base_from_start: &Frame) -> Option<Vec<Stretc
 
 /// Returns the angle between two unit vectors, radians.
 #[must_use]
-pub fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+pub fn angle_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     2.0 * libm::atan2((a - b).norm(), (a + b).norm())
 }

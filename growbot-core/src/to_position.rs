@@ -19,7 +19,9 @@ use heapless::Vec;
 use crate::angle::wrap_positive;
 use crate::dubins2::{PathType, PlanarPath};
 use crate::path::{self, Segment};
-use crate::plan::{Chosen, MIN_SEGMENT, PlanError, Planner, arriving, check_radius, plan_where, two_plane_length};
+use crate::plan::{
+    MIN_SEGMENT, PlanError, PlannedPath, Planner, check_radius, plan_with_filter, trim_and_check, two_plane_length,
+};
 use crate::pose::{Pose, Position};
 use crate::robot::Robot;
 use crate::shortest::Candidate;
@@ -122,11 +124,11 @@ fn root(square: f64) -> f64 {
 
 /// A path to a position, and the pose at its end.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ToPoint {
+pub struct PositionPlan {
     /// The position, with the direction in which the path arrives.
     pub goal: Pose,
     /// The path, and how many candidates it was selected from.
-    pub chosen: Chosen,
+    pub planned: PlannedPath,
 }
 
 /// Plans a path of this radius (mm) to a position that may be reached in any direction, and checks that it ends there.
@@ -136,14 +138,14 @@ pub struct ToPoint {
 ///
 /// # Errors
 /// Returns the errors of [`crate::plan::plan`].
-pub fn plan_to_point(
+pub fn plan_to_position(
     robot: &Robot,
     start: &Pose,
     point: &Position,
     radius: f64,
     planner: Planner,
     mut accept: impl FnMut(&[Segment]) -> bool,
-) -> Result<Option<ToPoint>, PlanError> {
+) -> Result<Option<PositionPlan>, PlanError> {
     check_radius(robot, radius)?;
     let base_from_tip = start.frame();
     let goal = base_from_tip.rotation.inverse() * ((point.vector() - start.position()) / radius);
@@ -158,14 +160,17 @@ pub fn plan_to_point(
         for path in [short, path] {
             let goal = arrival(start, point, &path);
             // A path that does not reach the position is skipped.
-            let Ok(path) = arriving(path, start, &goal, radius) else { continue };
+            let Ok(path) = trim_and_check(path, start, &goal, radius) else { continue };
             if planner == Planner::TwoPlane {
-                let chosen = plan_where(robot, start, &goal, radius, planner, accept)?;
-                return Ok(chosen.map(|chosen| ToPoint { goal, chosen }));
+                let chosen = plan_with_filter(robot, start, &goal, radius, planner, accept)?;
+                return Ok(chosen.map(|chosen| PositionPlan { goal, planned: chosen }));
             }
             if accept(&path) {
                 let two_plane_length = two_plane_length(start, &goal, radius)?;
-                return Ok(Some(ToPoint { goal, chosen: Chosen { path, candidates: paths.len(), two_plane_length } }));
+                return Ok(Some(PositionPlan {
+                    goal,
+                    planned: PlannedPath { path, candidate_count: paths.len(), two_plane_length },
+                }));
             }
             break;
         }
@@ -185,7 +190,7 @@ fn arrival(start: &Pose, point: &Position, path: &[Segment]) -> Pose {
 mod tests {
     use super::*;
     use crate::dubins2::{self, PlanarPose};
-    use crate::plan::miss;
+    use crate::plan::goal_error;
     use crate::testing::robot_a;
     use core::f64::consts::{FRAC_PI_2, PI};
     use nalgebra::Vector3;
@@ -300,8 +305,8 @@ mod tests {
         Position::new(Vector3::new(x, y, z)).unwrap()
     }
 
-    fn to_point(start: &Pose, point: &Position, planner: Planner) -> ToPoint {
-        plan_to_point(&robot_a(), start, point, 100.0, planner, |_| true).unwrap().unwrap()
+    fn to_point(start: &Pose, point: &Position, planner: Planner) -> PositionPlan {
+        plan_to_position(&robot_a(), start, point, 100.0, planner, |_| true).unwrap().unwrap()
     }
 
     proptest! {
@@ -311,9 +316,9 @@ mod tests {
         ) {
             let start = Pose::from_degrees([10.0, 20.0, 30.0, heading, pitch]).unwrap();
             for planner in [Planner::Shortest, Planner::TwoPlane] {
-                let ToPoint { goal, chosen } = to_point(&start, &point(x, y, z), planner);
+                let PositionPlan { goal, planned } = to_point(&start, &point(x, y, z), planner);
                 prop_assert_eq!(goal.position(), Vector3::new(x, y, z));
-                let miss = miss(&path::end(&chosen.path, &start.frame()), &goal);
+                let miss = goal_error(&path::end(&planned.path, &start.frame()), &goal);
                 prop_assert!(miss.distance < 1e-9 && miss.angle < 1e-11, "{miss:?}");
             }
         }
@@ -322,11 +327,11 @@ mod tests {
     #[test]
     fn straight_ahead_the_direction_stays_to_the_last_digit() {
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 30.0, 90.0]).unwrap();
-        let ToPoint { goal, chosen } = to_point(&start, &point(0.0, 0.0, 400.0), Planner::Shortest);
+        let PositionPlan { goal, planned: chosen } = to_point(&start, &point(0.0, 0.0, 400.0), Planner::Shortest);
         assert_eq!((goal.heading(), goal.pitch()), (start.heading(), start.pitch()));
         assert_eq!(chosen.path.len(), 1);
         let there = to_point(&start, &point(0.0, 0.0, 0.0), Planner::Shortest);
-        assert!(there.chosen.path.is_empty() && there.goal == start);
+        assert!(there.planned.path.is_empty() && there.goal == start);
     }
 
     #[test]
@@ -337,7 +342,7 @@ mod tests {
             offered.push(path::length(path));
             false
         };
-        let none = plan_to_point(&robot_a(), &start, &point, 100.0, Planner::Shortest, refuse).unwrap();
+        let none = plan_to_position(&robot_a(), &start, &point, 100.0, Planner::Shortest, refuse).unwrap();
         assert!(none.is_none() && offered.len() > 1 && offered.is_sorted(), "{offered:?}");
     }
 
@@ -346,7 +351,7 @@ mod tests {
         assert!(Position::new(Vector3::new(0.0, f64::NAN, 0.0)).is_err());
         assert!(Position::new(Vector3::new(0.0, 0.0, 2e7)).is_err());
         let (start, point) = (Pose::from_degrees([0.0; 5]).unwrap(), point(1.0, 2.0, 3.0));
-        let refused = plan_to_point(&robot_a(), &start, &point, 50.0, Planner::Shortest, |_| true);
+        let refused = plan_to_position(&robot_a(), &start, &point, 50.0, Planner::Shortest, |_| true);
         assert!(matches!(refused, Err(PlanError::RadiusTooSmall { .. })));
     }
 }

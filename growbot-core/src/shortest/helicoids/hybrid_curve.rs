@@ -12,7 +12,7 @@ use core::f64::consts::{PI, TAU};
 use nalgebra::{Matrix3, Vector3};
 
 use super::closed_form::{Curve, CurvePoint, Nodes};
-use crate::float::Float;
+use crate::float::PortableFloat;
 
 /// `|m|` at the end of a neck is the sum of two terms: this multiple of its min, and the term of [`TWISTED`].
 const NARROW: f64 = 300.0;
@@ -22,7 +22,7 @@ const TWISTED: f64 = 32.0;
 
 /// A point of an arc in the axes of its curve.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Point<T: Float> {
+pub(super) struct Point<T: PortableFloat> {
     pub(super) position: Vector3<T>,
     pub(super) direction: Vector3<T>,
     /// The axis about which the tip turns, of any length.
@@ -33,7 +33,7 @@ pub(super) struct Point<T: Float> {
     pub(super) rate: T,
 }
 
-impl<T: Float> Point<T> {
+impl<T: PortableFloat> Point<T> {
     pub(super) fn of(point: &CurvePoint<T>) -> Self {
         let CurvePoint { length, rate, .. } = *point;
         Self { position: point.position(), direction: point.direction(), axis: point.axis(), length, rate }
@@ -41,16 +41,16 @@ impl<T: Float> Point<T> {
 
     /// Returns the axis as a unit vector.
     pub(super) fn unit_axis(&self) -> Vector3<T> {
-        self.axis / self.axis.norm_squared().root().max(T::of(1e-30))
+        self.axis / self.axis.norm_squared().root().max(T::literal(1e-30))
     }
 
     /// Returns the point after this length of a circle. The length may be negative.
     fn on_circle(&self, length: T, rate: T) -> Self {
         let (sin, cos) = length.sine_cosine();
-        let half = (T::of(0.5) * length).sine_cosine().0;
+        let half = (T::literal(0.5) * length).sine_cosine().0;
         let beside = self.unit_axis().cross(&self.direction);
         Self {
-            position: self.position + self.direction * sin + beside * (T::of(2.0) * half * half),
+            position: self.position + self.direction * sin + beside * (T::literal(2.0) * half * half),
             direction: self.direction * cos + beside * sin,
             axis: self.axis,
             length: self.length + length,
@@ -80,7 +80,7 @@ impl<T: Float> Point<T> {
 /// The course of a curve with circles between its necks, by phase. At a neck the phases are those of the curve, and on
 /// the circles they are proportional to the length.
 #[derive(Debug, Clone)]
-pub(super) struct Course<'a, T: Float> {
+pub(super) struct HybridCurve<'a, T: PortableFloat> {
     curve: &'a Curve<T>,
     /// Phase at which the neck ends.
     near: T,
@@ -91,13 +91,13 @@ pub(super) struct Course<'a, T: Float> {
     rate: T,
 }
 
-impl<'a, T: Nodes> Course<'a, T> {
+impl<'a, T: Nodes> HybridCurve<'a, T> {
     pub(super) fn new(curve: &'a Curve<T>) -> Self {
-        let near = curve.end_of_neck(T::of(NARROW), T::of(TWISTED));
+        let near = curve.end_of_neck(T::literal(NARROW), T::literal(TWISTED));
         let ends = curve.points([-near, near]);
-        let [max, _] = curve.points([T::of(PI); 2]);
-        let between = T::of(2.0) * (max.length - ends[1].length);
-        Self { curve, near, ends, between, rate: between / (T::of(TAU) - T::of(2.0) * near) }
+        let [max, _] = curve.points([T::literal(PI); 2]);
+        let between = T::literal(2.0) * (max.length - ends[1].length);
+        Self { curve, near, ends, between, rate: between / (T::literal(TAU) - T::literal(2.0) * near) }
     }
 
     fn on_curve(&self, phase: T) -> Point<T> {
@@ -107,19 +107,20 @@ impl<'a, T: Nodes> Course<'a, T> {
     /// Returns the point at a phase.
     pub(super) fn point(&self, phase: T) -> Point<T> {
         let [before, after] = self.ends.each_ref().map(Point::of);
-        let forward = phase >= T::of(0.0);
-        let (side, enter, leave) = if forward { (T::of(1.0), before, after) } else { (T::of(-1.0), after, before) };
-        let (one, turn) = (T::of(1.0), T::of(TAU));
+        let forward = phase >= T::literal(0.0);
+        let (side, enter, leave) =
+            if forward { (T::literal(1.0), before, after) } else { (T::literal(-1.0), after, before) };
+        let (one, turn) = (T::literal(1.0), T::literal(TAU));
         let beyond = side * phase - self.near;
-        if beyond <= T::of(0.0) {
+        if beyond <= T::literal(0.0) {
             return self.on_curve(phase);
         }
-        if beyond <= turn - T::of(2.0) * self.near {
+        if beyond <= turn - T::literal(2.0) * self.near {
             return leave.on_circle(side * beyond * self.rate, self.rate);
         }
         let entry = leave.on_circle(side * self.between, one);
         let beyond = beyond - turn;
-        if beyond <= T::of(0.0) {
+        if beyond <= T::literal(0.0) {
             return entry.moved(&enter, &self.on_curve(phase - side * turn));
         }
         entry.moved(&enter, &leave).on_circle(side * beyond, one)
@@ -127,18 +128,18 @@ impl<'a, T: Nodes> Course<'a, T> {
 
     /// Returns the phase at about this length from the neck. Before the neck, both are negative.
     pub(super) fn phase_after(&self, length: T) -> T {
-        let side = if length < T::of(0.0) { T::of(-1.0) } else { T::of(1.0) };
+        let side = if length < T::literal(0.0) { T::literal(-1.0) } else { T::literal(1.0) };
         let neck = self.ends[1].length;
         let at_neck = |length: T| length * self.near / neck;
         let beyond = side * length - neck;
-        if beyond <= T::of(0.0) {
+        if beyond <= T::literal(0.0) {
             return at_neck(length);
         }
         if beyond <= self.between {
             return side * (self.near + beyond / self.rate);
         }
         let from_next = beyond - self.between - neck;
-        side * (T::of(TAU) + if from_next <= neck { at_neck(from_next) } else { self.near + from_next - neck })
+        side * (T::literal(TAU) + if from_next <= neck { at_neck(from_next) } else { self.near + from_next - neck })
     }
 }
 
@@ -151,7 +152,7 @@ pub(super) enum Stretch {
     Circle,
 }
 
-impl Course<'_, f64> {
+impl HybridCurve<'_, f64> {
     /// Calls `add` for all segments between two phases. The arguments are the kind of the segment, the angle by which
     /// the axis has turned about the tip since the start, and the length.
     pub(super) fn stretches(&self, start: f64, end: f64, add: &mut dyn FnMut(Stretch, f64, f64)) {
@@ -198,7 +199,7 @@ mod tests {
             narrowness in -13.0..-11.0_f64, ratio in -1.0..5.0_f64, start in -8.0..0.1, length in 0.2..8.0,
         ) {
             let twist = (0.5 * narrowness + ratio).min(1.5_f64);
-            let seed = Seed { narrowness, twist, mirrored: false, start, end: start + length, with_circles: false };
+            let seed = Seed { narrowness, twist, mirrored: false, start, end: start + length, uses_circles: false };
             let (near, curve) = (seed.with_circles(), seed.curve());
             for (point, near) in seed.ends(&curve).iter().zip(near.ends(&curve)) {
                 prop_assume!(point.length.abs() < 8.0);

@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
+use crate::bvh::{Bounds, Bvh, Item};
 use crate::scene::{Mesh, Scene};
 use crate::shapes::{Shape, Triangle};
-use crate::tree::{Bounds, Item, Tree};
 
 /// Maximum distance of shown obstacles from the body, as a fraction of its size. `LEAST_FAR` is its lower limit, mm.
 const FAR: f64 = 0.5;
@@ -12,7 +12,7 @@ const LEAST_FAR: f64 = 200.0;
 
 /// Maximum number of shown obstacles of each kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Limits {
+pub struct SelectionLimits {
     /// Number of boxes, balls and capsules.
     pub shapes: usize,
     /// Number of triangles of meshes.
@@ -23,7 +23,7 @@ pub struct Limits {
 
 /// Obstacles that are shown. Lengths in mm.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Shown {
+pub struct ObstacleSelection {
     /// Boxes, balls and capsules.
     pub shapes: Vec<Shape>,
     /// Squares of the planes of half spaces beside the body. The corners are in order, counter-clockwise seen from the
@@ -34,14 +34,14 @@ pub struct Shown {
     /// Points of clouds, each with the radius of its ball.
     pub points: Vec<(Vector3<f64>, f64)>,
     /// Number of obstacles of the scene: shapes, half spaces, triangles and points.
-    pub of: usize,
+    pub total: usize,
 }
 
-impl Shown {
+impl ObstacleSelection {
     /// Selects the obstacles of a scene near a body. `places` are points of its centreline.
     #[must_use]
-    pub fn near(scene: &Scene, places: &[Vector3<f64>], limits: &Limits) -> Self {
-        let around = Around::new(places);
+    pub fn near(scene: &Scene, places: &[Vector3<f64>], limits: &SelectionLimits) -> Self {
+        let around = Neighbourhood::new(places);
         let points = scene.clouds().iter().flat_map(|cloud| cloud.points().iter().map(|at| (*at, cloud.radius())));
         let triangles = scene.meshes().iter().flat_map(Mesh::triangles).copied();
         Self {
@@ -53,7 +53,7 @@ impl Shown {
                 .collect(),
             triangles: around.nearest(triangles, limits.triangles, Item::bounds),
             points: around.nearest(points, limits.points, |(at, _)| at.bounds()),
-            of: scene.len(),
+            total: scene.len(),
         }
     }
 
@@ -71,18 +71,18 @@ impl Shown {
 
     /// Returns a message with the number of shown obstacles.
     #[must_use]
-    pub fn in_words(&self) -> String {
-        if self.len() == self.of {
-            format!("{}, all shown", self.of)
+    pub fn summary(&self) -> String {
+        if self.len() == self.total {
+            format!("{}, all shown", self.total)
         } else {
-            format!("{}, the nearest {} shown", self.of, self.len())
+            format!("{}, the nearest {} shown", self.total, self.len())
         }
     }
 }
 
 /// The surroundings of a body.
-struct Around {
-    places: Tree<Vector3<f64>>,
+struct Neighbourhood {
+    places: Bvh<Vector3<f64>>,
     centre: Vector3<f64>,
     /// Maximum distance of shown obstacles from the centreline, mm. `size` is half the diagonal of the body's bounding
     /// box, mm.
@@ -90,13 +90,13 @@ struct Around {
     size: f64,
 }
 
-impl Around {
+impl Neighbourhood {
     fn new(places: &[Vector3<f64>]) -> Self {
         let start = [Vector3::zeros()];
         let bounds = Bounds::of(if places.is_empty() { &start } else { places });
         let size = (bounds.max - bounds.min).norm();
         Self {
-            places: Tree::new(places.to_vec()),
+            places: Bvh::new(places.to_vec()),
             centre: 0.5 * (bounds.min + bounds.max),
             far: (FAR * size).max(LEAST_FAR),
             size: 0.5 * size,
@@ -110,7 +110,7 @@ impl Around {
         // A small box is about as far as its middle, whose distance the tree finds quickly.
         let (middle, half) = (0.5 * (bounds.min + bounds.max), 0.5 * (bounds.max - bounds.min).norm());
         if half < 0.05 * self.far {
-            let distance = (self.places.nearest(&middle, f64::INFINITY).sqrt() - half).max(0.0);
+            let distance = (self.places.min_signed_square(&middle, f64::INFINITY).sqrt() - half).max(0.0);
             return distance * distance;
         }
         self.places.items().iter().map(beside).fold(f64::INFINITY, f64::min)
@@ -149,7 +149,7 @@ mod tests {
     use crate::scene::Cloud;
     use crate::shapes::HalfSpace;
 
-    const LIMITS: Limits = Limits { shapes: 10, triangles: 100, points: 100 };
+    const LIMITS: SelectionLimits = SelectionLimits { shapes: 10, triangles: 100, points: 100 };
 
     fn line() -> Vec<Vector3<f64>> {
         (0..=50).map(|step| Vector3::z() * (10.0 * f64::from(step))).collect()
@@ -163,14 +163,14 @@ mod tests {
         let floor = HalfSpace { point: Vector3::new(700.0, 0.0, -40.0), normal: Vector3::z() };
         let sky = HalfSpace { point: Vector3::new(0.0, 0.0, 9000.0), normal: -Vector3::z() };
         let scene = Scene::new(vec![ball(100.0), ball(5000.0), pillar], vec![floor, sky], vec![], vec![]);
-        let shown = Shown::near(&scene, &line(), &LIMITS);
+        let shown = ObstacleSelection::near(&scene, &line(), &LIMITS);
         assert!(shown.shapes.contains(&ball(100.0)) && shown.shapes.contains(&pillar) && shown.shapes.len() == 2);
         let [corners] = &shown.squares[..] else { panic!("{shown:?}") };
         assert!(corners.iter().all(|corner| (corner.z + 40.0).abs() < 1e-9), "{corners:?}");
         // The square is around the body, and faces it.
         assert!((corners.iter().sum::<Vector3<f64>>() / 4.0).xy().norm() < 1e-9);
         assert!((corners[1] - corners[0]).cross(&(corners[2] - corners[1])).z > 0.0);
-        assert_eq!((shown.len(), shown.in_words().as_str()), (3, "5, the nearest 3 shown"));
+        assert_eq!((shown.len(), shown.summary().as_str()), (3, "5, the nearest 3 shown"));
     }
 
     #[test]
@@ -178,12 +178,12 @@ mod tests {
         let points: Vec<Vector3<f64>> = (0..100_000).map(|i| Vector3::new(0.002 * f64::from(i), 0.0, 250.0)).collect();
         let triangles = points.iter().map(|at| Triangle([*at, at + Vector3::x(), at + Vector3::y()])).collect();
         let scene = Scene::new(vec![], vec![], vec![Cloud::new(points, 1.0)], vec![Mesh::new(triangles, false)]);
-        let shown = Shown::near(&scene, &line(), &LIMITS);
-        assert_eq!((shown.triangles.len(), shown.points.len(), shown.of), (100, 100, 200_000));
+        let shown = ObstacleSelection::near(&scene, &line(), &LIMITS);
+        assert_eq!((shown.triangles.len(), shown.points.len(), shown.total), (100, 100, 200_000));
         assert!(shown.points.iter().all(|(at, radius)| at.x < 0.21 && *radius == 1.0), "{:?}", shown.points);
         assert!(shown.triangles.iter().all(|Triangle([at, ..])| at.x < 1.5), "{:?}", shown.triangles);
         // An empty body must not fail.
-        assert!(Shown::near(&scene, &[], &LIMITS).points.len() <= 100);
-        assert!(Shown::near(&Scene::default(), &line(), &LIMITS).is_empty());
+        assert!(ObstacleSelection::near(&scene, &[], &LIMITS).points.len() <= 100);
+        assert!(ObstacleSelection::near(&Scene::default(), &line(), &LIMITS).is_empty());
     }
 }

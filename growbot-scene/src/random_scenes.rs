@@ -5,11 +5,11 @@
 
 use std::f64::consts::{PI, TAU};
 
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_core::trigonometry::sin_cos;
 use nalgebra::{Rotation3, Vector3};
 
-use crate::motion::{Curve, Stretch, Tip, any_across};
+use crate::centreline::{ArcSegment, Curve, TipPose, any_perpendicular};
 use crate::scene::{Cloud, Mesh, Scene};
 use crate::shapes::{Shape, Triangle};
 
@@ -33,27 +33,27 @@ pub const FAMILIES: [Family; 5] = [Family::Pillars, Family::Walls, Family::Pipes
 
 /// Known facts about the paths of a scene.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Known {
+pub enum GroundTruth {
     /// This path exists.
-    Planted(Vec<Stretch>),
+    Path(Vec<ArcSegment>),
     /// No path exists.
-    Sealed,
+    NoPath,
     /// Nothing is known.
-    Nothing,
+    Unknown,
 }
 
 /// Requirements of the body in these scenes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Body {
+pub struct TubeLimits {
     /// Minimum radius of bends, mm.
     pub radius: f64,
     /// Minimum distance of the centreline from obstacles, mm.
-    pub need: f64,
+    pub clearance: f64,
 }
 
 /// A scene with start and goal.
 #[derive(Debug, Clone)]
-pub struct Drawn {
+pub struct RandomScene {
     /// Family of the scene.
     pub family: Family,
     /// Boxes, balls and capsules.
@@ -63,17 +63,17 @@ pub struct Drawn {
     /// The points of a cloud.
     pub points: Vec<Vector3<f64>>,
     /// Start of the body.
-    pub start: Tip,
+    pub start: TipPose,
     /// Goal of the body.
-    pub goal: Tip,
+    pub goal: TipPose,
     /// Known facts about its paths.
-    pub known: Known,
+    pub known: GroundTruth,
 }
 
 /// Radius of the balls of a cloud, mm.
 pub const POINT_RADIUS: f64 = 4.0;
 
-impl Drawn {
+impl RandomScene {
     /// Builds the scene.
     #[must_use]
     pub fn scene(&self) -> Scene {
@@ -86,12 +86,12 @@ impl Drawn {
 /// Draws the scene of this number, which is the same on every machine. Of ten scenes, five have a planted path and one
 /// is sealed.
 #[must_use]
-pub fn draw(family: Family, number: u64, body: &Body) -> Drawn {
-    let mut random = Random::new(&[family as u64, number, 17]);
-    let start = Tip { position: Vector3::zeros(), direction: Vector3::z() };
-    let way = way(&mut random, start, body);
-    let goal = way.last().map_or(start, Stretch::end);
-    let mut drawn = Drawn {
+pub fn random_scene(family: Family, number: u64, body: &TubeLimits) -> RandomScene {
+    let mut random = Rng::new(&[family as u64, number, 17]);
+    let start = TipPose { position: Vector3::zeros(), direction: Vector3::z() };
+    let way = random_path(&mut random, start, body);
+    let goal = way.last().map_or(start, ArcSegment::end);
+    let mut drawn = RandomScene {
         family,
         shapes: Vec::new(),
         triangles: Vec::new(),
@@ -99,15 +99,15 @@ pub fn draw(family: Family, number: u64, body: &Body) -> Drawn {
         start,
         goal,
         known: match number % 10 {
-            0..5 => Known::Planted(way.clone()),
-            5 => Known::Sealed,
-            _ => Known::Nothing,
+            0..5 => GroundTruth::Path(way.clone()),
+            5 => GroundTruth::NoPath,
+            _ => GroundTruth::Unknown,
         },
     };
     // A planted path is kept free with some extra distance. Otherwise only the start and end of the body are kept free.
-    let room = body.need + random.between(3.0, 15.0);
-    let ends = [Stretch::line(start, 2.0 * body.need), Stretch::line(goal, -body.need)];
-    let kept: &[Stretch] = if matches!(drawn.known, Known::Planted(_)) { &way } else { &ends };
+    let room = body.clearance + random.uniform_between(3.0, 15.0);
+    let ends = [ArcSegment::line(start, 2.0 * body.clearance), ArcSegment::line(goal, -body.clearance)];
+    let kept: &[ArcSegment] = if matches!(drawn.known, GroundTruth::Path(_)) { &way } else { &ends };
     let free: Vec<Vector3<f64>> = kept.iter().flat_map(|stretch| sampled(stretch, 4.0)).collect();
     match family {
         Family::Pillars => pillars(&mut random, &mut drawn, &free, room),
@@ -116,25 +116,30 @@ pub fn draw(family: Family, number: u64, body: &Body) -> Drawn {
         Family::Rubble => rubble(&mut random, &mut drawn, &free, room),
         Family::Points => boulders(&mut random, &mut drawn, &free, room),
     }
-    if drawn.known == Known::Sealed {
+    if drawn.known == GroundTruth::NoPath {
         seal(&mut drawn, body);
     }
     drawn
 }
 
 /// Draws a way of arcs and lines, some 0.5 to 1 m long, that does not come back.
-fn way(random: &mut Random, start: Tip, body: &Body) -> Vec<Stretch> {
+fn random_path(random: &mut Rng, start: TipPose, body: &TubeLimits) -> Vec<ArcSegment> {
     let mut tip = start;
     let mut way = Vec::new();
     for _ in 0..2 + random.below(3) {
-        let x = any_across(&tip.direction);
-        let (sin, cos) = sin_cos(TAU * random.unit());
+        let x = any_perpendicular(&tip.direction);
+        let (sin, cos) = sin_cos(TAU * random.uniform());
         let towards = x * cos + tip.direction.cross(&x) * sin;
-        let radius = body.radius * random.between(1.0, 2.0);
-        let arc = Stretch { from: tip, towards, curvature: 1.0 / radius, length: radius * random.between(0.2, 1.1) };
+        let radius = body.radius * random.uniform_between(1.0, 2.0);
+        let arc = ArcSegment {
+            from: tip,
+            towards,
+            curvature: 1.0 / radius,
+            length: radius * random.uniform_between(0.2, 1.1),
+        };
         // An arc that turns back towards the floor or the start is replaced by a straight line.
-        let arc = if arc.end().direction.z < -0.3 { Stretch::line(tip, 50.0) } else { arc };
-        let line = Stretch::line(arc.end(), random.between(50.0, 250.0));
+        let arc = if arc.end().direction.z < -0.3 { ArcSegment::line(tip, 50.0) } else { arc };
+        let line = ArcSegment::line(arc.end(), random.uniform_between(50.0, 250.0));
         tip = line.end();
         way.extend([arc, line]);
     }
@@ -142,7 +147,7 @@ fn way(random: &mut Random, start: Tip, body: &Body) -> Vec<Stretch> {
 }
 
 /// Returns points of a stretch at this interval.
-fn sampled(stretch: &Stretch, apart: f64) -> Vec<Vector3<f64>> {
+fn sampled(stretch: &ArcSegment, apart: f64) -> Vec<Vector3<f64>> {
     let count = (stretch.length.abs() / apart).ceil().max(1.0) as u32;
     (0..=count).map(|i| stretch.point(stretch.length * f64::from(i) / f64::from(count))).collect()
 }
@@ -153,53 +158,57 @@ fn least(points: &[Vector3<f64>], distance: impl Fn(&Vector3<f64>) -> f64) -> f6
 }
 
 /// Draws a point in the bounding box of the way, enlarged by a margin.
-fn anywhere(random: &mut Random, drawn: &Drawn, margin: f64) -> Vector3<f64> {
+fn anywhere(random: &mut Rng, drawn: &RandomScene, margin: f64) -> Vector3<f64> {
     let (a, b) = (drawn.start.position, drawn.goal.position);
     let (min, max) = (a.inf(&b), a.sup(&b));
-    Vector3::from_fn(|i, _| random.between(min[i] - margin, max[i] + margin))
+    Vector3::from_fn(|i, _| random.uniform_between(min[i] - margin, max[i] + margin))
 }
 
 /// Adds a shape if it leaves the points free. The points are so dense that they represent the curve.
-fn add(drawn: &mut Drawn, shape: Shape, free: &[Vector3<f64>], room: f64) {
+fn add(drawn: &mut RandomScene, shape: Shape, free: &[Vector3<f64>], room: f64) {
     if least(free, |point| shape.distance(point)) > room + 0.1 {
         drawn.shapes.push(shape);
     }
 }
 
-fn pillars(random: &mut Random, drawn: &mut Drawn, free: &[Vector3<f64>], room: f64) {
+fn pillars(random: &mut Rng, drawn: &mut RandomScene, free: &[Vector3<f64>], room: f64) {
     for _ in 0..60 {
         let centre = anywhere(random, drawn, 200.0);
-        let size = random.between(15.0, 50.0);
+        let size = random.uniform_between(15.0, 50.0);
         let shape = if random.below(2) == 0 {
             let up = Vector3::z() * 1500.0;
             Shape::Capsule { from: centre - up, to: centre + up, radius: size }
         } else {
-            let rotation = Rotation3::from_axis_angle(&Vector3::z_axis(), random.between(0.0, PI));
-            Shape::Box { centre, half: Vector3::new(size, random.between(15.0, 60.0), 1500.0), rotation }
+            let rotation = Rotation3::from_axis_angle(&Vector3::z_axis(), random.uniform_between(0.0, PI));
+            Shape::Box {
+                centre,
+                half_extents: Vector3::new(size, random.uniform_between(15.0, 60.0), 1500.0),
+                rotation,
+            }
         };
         add(drawn, shape, free, room);
     }
 }
 
-fn walls(random: &mut Random, drawn: &mut Drawn, way: &[Stretch], free: &[Vector3<f64>], room: f64) {
+fn walls(random: &mut Rng, drawn: &mut RandomScene, way: &[ArcSegment], free: &[Vector3<f64>], room: f64) {
     let count = 2 + random.below(2);
     for wall in 0..count {
         // Walls stand across the way, one in each part of it, with a window there.
         let index = (way.len() as u64 * (2 * wall + 1) / (2 * count)) as usize;
         let Some(stretch) = way.get(index) else { continue };
-        let tip = stretch.tip(stretch.length * random.unit());
-        let x = any_across(&tip.direction);
+        let tip = stretch.tip(stretch.length * random.uniform());
+        let x = any_perpendicular(&tip.direction);
         let y = tip.direction.cross(&x);
         let axes = nalgebra::Matrix3::from_columns(&[x, y, tip.direction]);
         let rotation = Rotation3::from_matrix_unchecked(axes);
-        let (thick, wide) = (random.between(5.0, 20.0), 1500.0);
-        let hole = room + random.between(3.0, 20.0);
+        let (thick, wide) = (random.uniform_between(5.0, 20.0), 1500.0);
+        let hole = room + random.uniform_between(3.0, 20.0);
         for (side, along) in [(x, 0), (-x, 0), (y, 1), (-y, 1)] {
             let half_depth = 0.5 * (wide - hole);
             let half = if along == 0 { [half_depth, wide] } else { [hole, half_depth] };
             let shape = Shape::Box {
                 centre: tip.position + side * (hole + half_depth),
-                half: Vector3::new(half[0], half[1], thick),
+                half_extents: Vector3::new(half[0], half[1], thick),
                 rotation,
             };
             add(drawn, shape, free, room);
@@ -207,7 +216,7 @@ fn walls(random: &mut Random, drawn: &mut Drawn, way: &[Stretch], free: &[Vector
     }
 }
 
-fn pipes(random: &mut Random, drawn: &mut Drawn, free: &[Vector3<f64>], room: f64) {
+fn pipes(random: &mut Rng, drawn: &mut RandomScene, free: &[Vector3<f64>], room: f64) {
     for _ in 0..90 {
         let centre = anywhere(random, drawn, 150.0);
         // Most of them are parallel to an axis, as in a rack.
@@ -216,8 +225,9 @@ fn pipes(random: &mut Random, drawn: &mut Drawn, free: &[Vector3<f64>], room: f6
         } else {
             [Vector3::x(), Vector3::y(), Vector3::z()][random.below(3) as usize]
         };
-        let half = axis * random.between(100.0, 600.0);
-        let shape = Shape::Capsule { from: centre - half, to: centre + half, radius: random.between(8.0, 35.0) };
+        let half = axis * random.uniform_between(100.0, 600.0);
+        let shape =
+            Shape::Capsule { from: centre - half, to: centre + half, radius: random.uniform_between(8.0, 35.0) };
         add(drawn, shape, free, room);
     }
 }
@@ -247,24 +257,24 @@ fn stone() -> (Vec<Vector3<f64>>, Vec<[usize; 3]>) {
     (corners, faces)
 }
 
-fn rubble(random: &mut Random, drawn: &mut Drawn, free: &[Vector3<f64>], room: f64) {
+fn rubble(random: &mut Rng, drawn: &mut RandomScene, free: &[Vector3<f64>], room: f64) {
     let (corners, faces) = stone();
     for _ in 0..120 {
         let centre = anywhere(random, drawn, 150.0);
-        let size = random.between(25.0, 90.0);
+        let size = random.uniform_between(25.0, 90.0);
         if least(free, |point| (point - centre).norm()) < room + size + 0.1 {
             continue;
         }
         let points: Vec<Vector3<f64>> =
-            corners.iter().map(|corner| centre + corner * (size * random.between(0.6, 1.0))).collect();
+            corners.iter().map(|corner| centre + corner * (size * random.uniform_between(0.6, 1.0))).collect();
         drawn.triangles.extend(faces.iter().map(|face| Triangle(face.map(|corner| points[corner]))));
     }
 }
 
-fn boulders(random: &mut Random, drawn: &mut Drawn, free: &[Vector3<f64>], room: f64) {
+fn boulders(random: &mut Rng, drawn: &mut RandomScene, free: &[Vector3<f64>], room: f64) {
     for _ in 0..80 {
         let centre = anywhere(random, drawn, 150.0);
-        let size = random.between(20.0, 90.0);
+        let size = random.uniform_between(20.0, 90.0);
         if least(free, |point| (point - centre).norm()) < room + size + POINT_RADIUS + 0.1 {
             continue;
         }
@@ -284,10 +294,10 @@ fn shell(points: &mut Vec<Vector3<f64>>, centre: &Vector3<f64>, radius: f64, apa
 }
 
 /// Encloses the goal.
-fn seal(drawn: &mut Drawn, body: &Body) {
+fn seal(drawn: &mut RandomScene, body: &TubeLimits) {
     let centre = drawn.goal.position;
     // The size is large enough for the body, and too small for the start to be inside.
-    let size = (2.5 * body.need).min(0.4 * (centre - drawn.start.position).norm());
+    let size = (2.5 * body.clearance).min(0.4 * (centre - drawn.start.position).norm());
     match drawn.family {
         Family::Points => shell(&mut drawn.points, &centre, 1.5 * size, 8.0),
         Family::Rubble => {
@@ -305,7 +315,7 @@ fn seal(drawn: &mut Drawn, body: &Body) {
                 for side in [-1.0, 1.0] {
                     let half = Vector3::repeat(size) - axis * (size - 5.0);
                     let centre = centre + axis * (side * size);
-                    drawn.shapes.push(Shape::Box { centre, half, rotation: Rotation3::identity() });
+                    drawn.shapes.push(Shape::Box { centre, half_extents: half, rotation: Rotation3::identity() });
                 }
             }
         }
@@ -315,7 +325,7 @@ fn seal(drawn: &mut Drawn, body: &Body) {
 /// Returns the minimum distance of these stretches from the obstacles at points this far apart. It computes every
 /// obstacle one by one with independent formulas, so that it checks the searches in trees.
 #[must_use]
-pub fn brute_force_least(drawn: &Drawn, stretches: &[Stretch], apart: f64) -> f64 {
+pub fn brute_force_clearance(drawn: &RandomScene, stretches: &[ArcSegment], apart: f64) -> f64 {
     let points: Vec<Vector3<f64>> = stretches.iter().flat_map(|stretch| sampled(stretch, apart)).collect();
     least(&points, |point| {
         let shapes = drawn.shapes.iter().map(|shape| brute_force_shape(shape, point));
@@ -328,7 +338,7 @@ pub fn brute_force_least(drawn: &Drawn, stretches: &[Stretch], apart: f64) -> f6
 /// Returns the distance from a shape, 0 inside.
 fn brute_force_shape(shape: &Shape, point: &Vector3<f64>) -> f64 {
     match shape {
-        Shape::Box { centre, half, rotation } => {
+        Shape::Box { centre, half_extents: half, rotation } => {
             let inside = rotation.inverse() * (point - centre);
             let nearest = inside.zip_map(half, |at, half| at.clamp(-half, half));
             (inside - nearest).norm()

@@ -8,7 +8,7 @@ use super::LayerBatch;
 use super::requests::HostName;
 use crate::layer_bytes::LayerBytes;
 use crate::link::crash::CrashWords;
-use crate::link::drivers::DriverTrouble;
+use crate::link::driver_report::DriverReport;
 use crate::link::state::{Fault, ResetCause, State};
 use crate::robot::{BoardKind, ENCODING_VERSION, RobotError};
 
@@ -16,21 +16,21 @@ use crate::robot::{BoardKind, ENCODING_VERSION, RobotError};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Refusal {
     /// The kind of the message is unknown, or its body does not decode.
-    NotUnderstood,
+    UnknownRequest,
     /// The schema of the host's messages differs from that of the board.
-    OtherSchema {
+    SchemaMismatch {
         /// The board's [`SCHEMA_HASH`](super::SCHEMA_HASH).
         board: u64,
     },
     /// The host has not opened this session with `Hello`.
     NoSession,
     /// The job is for another robot.
-    OtherRobot {
+    RobotMismatch {
         /// Hash of the board's robot.
         board: u64,
     },
     /// The board stores a different plan.
-    OtherPlan {
+    PlanMismatch {
         /// Identifier of the plan that the board stores, 0 if there is none.
         board: u64,
     },
@@ -40,9 +40,9 @@ pub enum Refusal {
         expected: u32,
     },
     /// The board has no free memory for more layers now.
-    Full,
+    LayerStoreFull,
     /// A layer exceeds a limit of the robot, or its index is beyond the end of the job.
-    BadLayer {
+    LayerOutOfLimits {
         /// Index of that layer.
         index: u32,
     },
@@ -58,7 +58,7 @@ pub enum Refusal {
     },
     /// The board found no plan for these poses and this radius, because a number is not finite or out of range, or
     /// because the radius is below R_min.
-    NoPlan,
+    PlanningFailed,
     /// The plan has more layers than the board can store.
     PlanTooLong {
         /// Number of layers of the plan.
@@ -67,7 +67,7 @@ pub enum Refusal {
         capacity: u32,
     },
     /// The requested temperature is outside the limits of the robot's description.
-    Temperature {
+    TemperatureOutOfRange {
         /// Min temperature, hundredths of a degree Celsius.
         min: i32,
         /// Max temperature, hundredths of a degree Celsius.
@@ -76,38 +76,38 @@ pub enum Refusal {
     /// The emergency stop is still pressed.
     EmergencyStop,
     /// Another host owns the board. [`BoardHello::owner`] is its name.
-    Owned {
+    OwnedByOtherHost {
         /// Time since the last frame of that host, ms.
         silent_ms: u32,
     },
     /// The board has begun one of the layers to be replaced.
-    Begun {
+    LayerAlreadyBegun {
         /// Index of the first layer that can still be replaced.
         first: u32,
     },
     /// The nozzle is too hot to erase the journal, which stops the processor for seconds.
-    Hot {
+    NozzleTooHot {
         /// Temperature below which the nozzle must cool, hundredths of a degree Celsius.
         below: i32,
     },
     /// The journal cannot be written, so the board could not resume the job that it would begin.
-    Journal,
+    JournalNotWritable,
     /// A debug probe has enabled debugging of the processor. The processor may halt, so the board does not heat.
     DebugProbe,
     /// The nozzle is too cold for any motion.
-    Cold {
+    NozzleTooCold {
         /// Temperature of the nozzle, hundredths of a degree Celsius.
         now: i32,
         /// Min temperature for motion, hundredths of a degree Celsius.
         min: i32,
     },
     /// The requested motion is too long.
-    TooFar {
+    MoveTooLong {
         /// Max motion, um of filament or hundredths of a degree of the head.
         max: u32,
     },
     /// Head or feed are still moving.
-    Moving,
+    StillMoving,
     /// The filament switch detects no filament.
     NoFilament,
     /// The board has no robot description, so it only communicates.
@@ -118,9 +118,9 @@ pub enum Refusal {
         plan_id: u64,
     },
     /// The robot description is not valid. The board keeps its present description.
-    BadDescription {
+    InvalidDescription {
         /// The defect of the description.
-        why: BadDescription,
+        why: DescriptionError,
     },
     /// The robot description could not be written to flash. The board keeps its present description.
     DescriptionNotStored,
@@ -128,16 +128,16 @@ pub enum Refusal {
 
 /// Defect of a robot description. A host can find the field by checking the description with the same code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
-pub enum BadDescription {
+pub enum DescriptionError {
     /// The version of the encoding is not the one that the board reads.
-    OtherVersion {
+    VersionMismatch {
         /// Version of the encoding that the board reads.
         board: u8,
     },
     /// The bytes are not a description.
     Unreadable,
     /// The hash of the description is not that of the request.
-    OtherHash {
+    HashMismatch {
         /// Hash of the description.
         found: u64,
     },
@@ -154,7 +154,7 @@ pub enum BadDescription {
     /// A stepper driver cannot have these settings.
     Drivers,
     /// The description is for another kind of board.
-    OtherBoard {
+    BoardMismatch {
         /// Kind of board in the description.
         asked: BoardKind,
         /// Kind of the board.
@@ -162,10 +162,10 @@ pub enum BadDescription {
     },
 }
 
-impl From<RobotError> for BadDescription {
+impl From<RobotError> for DescriptionError {
     fn from(error: RobotError) -> Self {
         match error {
-            RobotError::OtherVersion { .. } => Self::OtherVersion { board: ENCODING_VERSION },
+            RobotError::VersionMismatch { .. } => Self::VersionMismatch { board: ENCODING_VERSION },
             RobotError::Unreadable => Self::Unreadable,
             RobotError::TooLong => Self::TooLong,
             RobotError::NotFinite { .. } | RobotError::TooSmall { .. } | RobotError::TooLarge { .. } => Self::Number,
@@ -179,9 +179,9 @@ impl From<RobotError> for BadDescription {
 
 /// The board's identity and status.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
-pub struct BoardHello {
+pub struct BoardInfo {
     /// The board's [`SCHEMA_HASH`](super::SCHEMA_HASH).
-    pub schema: u64,
+    pub schema_hash: u64,
     /// Number that differs at each start of the board.
     pub boot_id: u32,
     /// Cause of the board's latest start.
@@ -191,9 +191,9 @@ pub struct BoardHello {
     /// Name of the robot in the board's description. Empty if the board has no description.
     pub robot_name: String<32>,
     /// Hash of the robot description. 0 if the board has no description.
-    pub robot: u64,
+    pub robot_hash: u64,
     /// Number of layers that the board can store.
-    pub capacity: u32,
+    pub layer_capacity: u32,
     /// Status of the board.
     pub status: Status,
     /// Name of the host that owns the board.
@@ -216,18 +216,18 @@ pub struct Status {
     /// Identifier of the job, 0 if there is none.
     pub plan_id: u64,
     /// Number of layers of the job.
-    pub layers: u32,
+    pub layer_count: u32,
     /// Index of the next layer that the board expects.
-    pub next: u32,
+    pub next_layer: u32,
     /// Number of layers laid.
-    pub laid: u32,
+    pub layers_laid: u32,
     /// Progress of the layer that a stop, a fault, a reset or a loss of power interrupted, if any. The index of that
     /// layer is `laid`.
     pub interrupted: Option<InterruptedLayer>,
     /// Reason why the board pauses. It is valid in `Paused` and `Parked`.
     pub pause_cause: PauseCause,
     /// True if the job can be resumed after a reset or a loss of power.
-    pub journal: bool,
+    pub is_resumable: bool,
     /// Time since the board started, ms.
     pub uptime_ms: u64,
 }
@@ -263,7 +263,7 @@ pub struct Accepted {
     /// Index of the next layer that the board expects.
     pub next: u32,
     /// Number of further layers that the board can store now.
-    pub room: u32,
+    pub free_layers: u32,
 }
 
 /// Response to a part of a robot description.
@@ -310,7 +310,7 @@ pub struct StoredLayers {
 
 /// Event: a layer is laid.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
-pub struct Laid {
+pub struct LayerLaid {
     /// Identifier of the job.
     pub plan_id: u64,
     /// Index of the layer.
@@ -320,13 +320,13 @@ pub struct Laid {
     pub as_built: Option<LayerBytes>,
     /// Readings of the sensors when the layer was laid. The board retains them for its latest layers only, and loses
     /// them at a reset.
-    pub measured: Option<Measured>,
+    pub readings: Option<LayerReadings>,
 }
 
 /// Readings of the sensors when a layer was laid. A field is `None` if the robot does not have the sensor, or if the
 /// sensor gave no reading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
-pub struct Measured {
+pub struct LayerReadings {
     /// Pulses of the filament's encoder since the board started ([`SensorReadings::filament_pulses`]).
     pub filament_pulses: Option<u32>,
     /// Gravity in the tip's frame, thousandths of the earth's ([`SensorReadings::gravity_milli_g`]).
@@ -381,7 +381,7 @@ pub struct SensorReadings {
     /// True if a stepper driver reports a fault.
     pub driver_fault: Option<bool>,
     /// Problem that a stepper driver reports over its UART. `None` if all drivers are well, or if they have no UART.
-    pub driver_trouble: Option<DriverTrouble>,
+    pub driver_trouble: Option<DriverReport>,
     /// True if the emergency stop is pressed.
     pub emergency_stop: Option<bool>,
     /// Gravity in the tip's frame, thousandths of the earth's. The vector points upwards, as a resting accelerometer
@@ -413,7 +413,7 @@ pub struct FaultRecord {
     /// Number of layers laid.
     pub laid: u32,
     /// Number of layers begun. If a layer was interrupted, it is one more than the number of layers laid.
-    pub begun: u32,
+    pub layers_begun: u32,
 }
 
 /// Response with the latest fault.
@@ -437,9 +437,9 @@ pub struct BootReport {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum ImageCheck {
     /// The image was never sealed, so the board could not check it.
-    NotSealed,
+    Unsealed,
     /// The image agrees with its seal.
-    Sound {
+    Valid {
         /// CRC-32C of the image.
         crc: u32,
     },

@@ -2,28 +2,28 @@
 
 use std::time::Instant;
 
-use crate::clear::Work;
+use crate::clearance::DistanceQueries;
 
 /// Number of distance queries between two checks of the clock.
 const BETWEEN_LOOKS: u64 = 512;
 
 /// Budget of a search: distance queries made and allowed, and the deadline.
 #[derive(Debug)]
-pub(super) struct Meter {
-    pub(super) work: Work,
+pub(super) struct BudgetTracker {
+    pub(super) work: DistanceQueries,
     limit: u64,
     deadline: Option<Instant>,
     next_look: u64,
     late: bool,
 }
 
-impl Meter {
+impl BudgetTracker {
     pub(super) fn new(limit: u64, deadline: Option<Instant>) -> Self {
-        Self { work: Work(0), limit, deadline, next_look: 0, late: false }
+        Self { work: DistanceQueries(0), limit, deadline, next_look: 0, late: false }
     }
 
     /// Reports whether the search has to stop. Checks the clock from time to time.
-    pub(super) fn is_over(&mut self) -> bool {
+    pub(super) fn check_exhausted(&mut self) -> bool {
         if self.work.0 >= self.next_look {
             self.next_look = self.work.0 + BETWEEN_LOOKS;
             self.late = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);
@@ -32,7 +32,7 @@ impl Meter {
     }
 
     /// Reports whether a part of the search has to stop, which may work until `until`.
-    pub(super) fn is_over_or_at(&mut self, until: u64) -> bool {
-        self.work.0 >= until || self.is_over()
+    pub(super) fn check_exhausted_or_at(&mut self, until: u64) -> bool {
+        self.work.0 >= until || self.check_exhausted()
     }
 }

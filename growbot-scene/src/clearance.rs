@@ -6,32 +6,38 @@
 
 use std::time::Instant;
 
-use crate::motion::Curve;
+use crate::centreline::Curve;
 use crate::scene::Scene;
 
 /// Work of a search: number of distance queries.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Work(pub u64);
+pub struct DistanceQueries(pub u64);
 
 /// Clearance that a body needs, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Need {
+pub struct RequiredClearance {
     /// Minimum distance of the centreline from obstacles: half the tube's diameter and the margin.
     pub distance: f64,
     /// Tolerance. A stretch whose clearance is below `distance + slack` may be rejected, so that grazing contact need
     /// not be resolved.
-    pub slack: f64,
+    pub tolerance: f64,
 }
 
 /// Reports whether a stretch stays clear of the obstacles.
 #[must_use]
-pub fn is_clear(scene: &Scene, stretch: &impl Curve, need: &Need, work: &mut Work) -> bool {
+pub fn is_clear(scene: &Scene, stretch: &impl Curve, need: &RequiredClearance, work: &mut DistanceQueries) -> bool {
     is_clear_between(scene, stretch, [0.0, stretch.length()], need, work)
 }
 
 /// Like [`is_clear`], but for the part between two lengths along the stretch.
 #[must_use]
-pub fn is_clear_between(scene: &Scene, stretch: &impl Curve, between: [f64; 2], need: &Need, work: &mut Work) -> bool {
+pub fn is_clear_between(
+    scene: &Scene,
+    stretch: &impl Curve,
+    between: [f64; 2],
+    need: &RequiredClearance,
+    work: &mut DistanceQueries,
+) -> bool {
     // Parts that are not proven yet. Halving leaves one waiting part for each level.
     let mut waiting = [[0.0; 2]; 64];
     waiting[0] = between;
@@ -41,14 +47,14 @@ pub fn is_clear_between(scene: &Scene, stretch: &impl Curve, between: [f64; 2], 
         let half = 0.5 * (to - from);
         let middle = from + half;
         work.0 += 1;
-        let reach = stretch.reach(half);
-        let enough = need.distance + reach.max(need.slack);
+        let reach = stretch.chord_bound(half);
+        let enough = need.distance + reach.max(need.tolerance);
         let distance = scene.distance_within(&stretch.point(middle), enough);
         if distance >= enough {
             continue;
         }
         let spare = distance - need.distance;
-        if spare < need.slack && spare < reach {
+        if spare < need.tolerance && spare < reach {
             return false;
         }
         if spare < reach && half > 0.0 {
@@ -68,43 +74,45 @@ pub struct Clearance {
     /// Minimum distance of the centreline from all obstacles, mm.
     pub distance: f64,
     /// Position of the nearest point along the body, mm.
-    pub at: f64,
+    pub arc_length: f64,
 }
 
 /// Returns the minimum distance of the centreline from the obstacles. It is at most the true one, and below it by at
 /// most `tolerance`.
 #[must_use]
-pub fn least(scene: &Scene, stretches: &[impl Curve], tolerance: f64) -> Clearance {
+pub fn min_clearance(scene: &Scene, stretches: &[impl Curve], tolerance: f64) -> Clearance {
     // Without a deadline it is always found. The fallback proves nothing.
-    let unproven = Clearance { distance: f64::NEG_INFINITY, at: 0.0 };
-    least_until(scene, stretches, tolerance, None).unwrap_or(unproven)
+    let unproven = Clearance { distance: f64::NEG_INFINITY, arc_length: 0.0 };
+    min_clearance_until(scene, stretches, tolerance, None).unwrap_or(unproven)
 }
 
 /// Number of distance queries of [`least_until`] between two checks of the clock.
-const BETWEEN_LOOKS: u32 = 512;
+const QUERIES_PER_CLOCK_CHECK: u32 = 512;
 
 /// Like [`least`], but returns `None` if it is not found before `deadline`. A long body beside a wall needs a distance
 /// query for every two tolerances.
 #[must_use]
-pub fn least_until(
+pub fn min_clearance_until(
     scene: &Scene,
     stretches: &[impl Curve],
     tolerance: f64,
     deadline: Option<Instant>,
 ) -> Option<Clearance> {
-    let mut nearest = Clearance { distance: f64::INFINITY, at: 0.0 };
+    let mut nearest = Clearance { distance: f64::INFINITY, arc_length: 0.0 };
     let mut waiting = Vec::new();
     let (mut before, mut looked_up) = (0.0, 0_u32);
     for stretch in stretches {
         waiting.push([0.0, stretch.length()]);
         while let Some([from, to]) = waiting.pop() {
             looked_up = looked_up.wrapping_add(1);
-            if looked_up.is_multiple_of(BETWEEN_LOOKS) && deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+            if looked_up.is_multiple_of(QUERIES_PER_CLOCK_CHECK)
+                && deadline.is_some_and(|deadline| Instant::now() >= deadline)
+            {
                 return None;
             }
             let half = 0.5 * (to - from);
             let middle = from + half;
-            let reach = stretch.reach(half);
+            let reach = stretch.chord_bound(half);
             // An obstacle that is farther away does not matter.
             let enough = nearest.distance + reach;
             let distance = scene.distance_within(&stretch.point(middle), enough);
@@ -112,7 +120,7 @@ pub fn least_until(
                 continue;
             }
             if distance - tolerance < nearest.distance {
-                nearest = Clearance { distance: distance - tolerance, at: before + middle };
+                nearest = Clearance { distance: distance - tolerance, arc_length: before + middle };
             }
             // Points within this length are proven to be no nearer than the minimum so far.
             let proven = distance - nearest.distance;

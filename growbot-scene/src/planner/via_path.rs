@@ -7,28 +7,28 @@ use growbot_core::pose::Frame;
 use growbot_core::shortest::{self, Candidates};
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
-use super::{Goal, Problem};
-use crate::motion::{Stretch, Tip, any_across, length, stretches, to_position};
+use super::{Goal, PlanningProblem};
+use crate::centreline::{ArcSegment, TipPose, any_perpendicular, arc_and_line_to, arc_segments, length};
 
 /// A body that arrives at the goal, and the positions that it passes.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Chain {
+pub struct ViaPath {
     /// Positions on the way.
     pub via: Vec<Vector3<f64>>,
     /// Stretches of the body.
-    pub stretches: Vec<Stretch>,
+    pub segments: Vec<ArcSegment>,
     /// Length, mm.
     pub length: f64,
 }
 
-impl Problem<'_> {
+impl PlanningProblem<'_> {
     /// Returns the shortest chain over these positions, if its length is below this one.
-    pub(super) fn chain(&self, via: &[Vector3<f64>], below: f64) -> Option<Chain> {
+    pub(super) fn chain(&self, via: &[Vector3<f64>], below: f64) -> Option<ViaPath> {
         let mut tip = self.start;
-        let mut stretches = Vec::with_capacity(2 * via.len() + 3);
+        let mut segments = Vec::with_capacity(2 * via.len() + 3);
         let mut so_far = 0.0;
         for (index, position) in via.iter().enumerate() {
-            let [arc, line] = to_position(&tip, position, self.radius)?;
+            let [arc, line] = arc_and_line_to(&tip, position, self.radius)?;
             so_far += arc.length + line.length;
             let next = via.get(index + 1).copied().unwrap_or_else(|| self.goal.position());
             // The rest is at least as long as the straight line.
@@ -36,13 +36,13 @@ impl Problem<'_> {
                 return None;
             }
             tip = line.end();
-            stretches.extend([arc, line]);
+            segments.extend([arc, line]);
         }
         if !via.last().is_some_and(|last| self.is_at_goal(last)) {
-            stretches.extend(self.shortest_to_goal(&tip)?);
+            segments.extend(self.shortest_to_goal(&tip)?);
         }
-        let length = length(&stretches);
-        (length < below).then(|| Chain { via: via.to_vec(), stretches, length })
+        let length = length(&segments);
+        (length < below).then(|| ViaPath { via: via.to_vec(), segments, length })
     }
 
     /// Returns the maximum distance from the goal's position at which a body may end, mm.
@@ -60,10 +60,10 @@ impl Problem<'_> {
     }
 
     /// Returns the shortest way from a tip to the goal.
-    pub(super) fn shortest_to_goal(&self, tip: &Tip) -> Option<Vec<Stretch>> {
+    pub(super) fn shortest_to_goal(&self, tip: &TipPose) -> Option<Vec<ArcSegment>> {
         match self.goal {
             Goal::Position { at, tolerance } => {
-                let mut way = to_position(tip, &at, self.radius)?.to_vec();
+                let mut way = arc_and_line_to(tip, &at, self.radius)?.to_vec();
                 cut(&mut way, tolerance);
                 Some(way)
             }
@@ -72,7 +72,7 @@ impl Problem<'_> {
     }
 
     /// Returns all ways from a tip to the goal that have the form of a shortest path, shortest first.
-    pub(super) fn ways_to_goal(&self, tip: &Tip) -> Vec<Vec<Stretch>> {
+    pub(super) fn ways_to_goal(&self, tip: &TipPose) -> Vec<Vec<ArcSegment>> {
         let Goal::Pose(goal) = self.goal else { return self.shortest_to_goal(tip).into_iter().collect() };
         let base_from_tip = frame(tip);
         let tip_from_base = base_from_tip.rotation.inverse();
@@ -80,20 +80,21 @@ impl Problem<'_> {
         let problem = shortest::Problem::new(&offset, &(tip_from_base * goal.direction));
         let mut found = Candidates::new();
         shortest::candidates(&problem, 0.0, &mut found, &mut || ());
-        let ways = found.iter().filter_map(|candidate| stretches(&candidate.path(self.radius).ok()?, &base_from_tip));
+        let ways =
+            found.iter().filter_map(|candidate| arc_segments(&candidate.path(self.radius).ok()?, &base_from_tip));
         ways.collect()
     }
 }
 
 /// Returns a frame of this tip, with any roll.
-pub(super) fn frame(tip: &Tip) -> Frame {
-    let x = any_across(&tip.direction);
+pub(super) fn frame(tip: &TipPose) -> Frame {
+    let x = any_perpendicular(&tip.direction);
     let axes = Matrix3::from_columns(&[x, tip.direction.cross(&x), tip.direction]);
     Frame::from_parts(Translation3::from(tip.position), Rotation3::from_matrix_unchecked(axes))
 }
 
 /// Cuts this length off the end.
-fn cut(way: &mut Vec<Stretch>, mut length: f64) {
+fn cut(way: &mut Vec<ArcSegment>, mut length: f64) {
     while let Some(last) = way.last_mut() {
         if last.length > length {
             last.length -= length;

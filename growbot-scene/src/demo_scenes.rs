@@ -4,11 +4,11 @@
 
 use std::f64::consts::TAU;
 
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_core::trigonometry::sin_cos;
 use nalgebra::Vector3;
 
-use crate::file::{FORMAT, SceneFile, WrittenBox, WrittenCapsule, WrittenHalfSpace};
+use crate::scene_file::{BoxToml, CapsuleToml, FORMAT, HalfSpaceToml, SceneFile};
 use crate::shapes::Shape;
 
 /// Minimum distance between the outside of the tube and everything, mm.
@@ -20,17 +20,17 @@ const BEYOND: f64 = 120.0;
 
 /// Kind of example scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Example {
+pub enum DemoScene {
     /// Levels of pipes between posts, along x and along y by turns. The way leads from 0, 0, 0 upwards.
     PipeRack,
     /// Slabs and bricks on a floor. The way leads from 0, 0, 60 along x.
     RubbleHeap,
 }
 
-impl Example {
+impl DemoScene {
     /// Returns the ends of the free way in the form of the command line: start as a pose, goal as a position.
     #[must_use]
-    pub fn ends(self) -> (&'static str, &'static str) {
+    pub fn endpoints(self) -> (&'static str, &'static str) {
         match self {
             Self::PipeRack => ("0,0,0,0,90", "0,0,960"),
             Self::RubbleHeap => ("0,0,60,0,0", "900,0,60"),
@@ -63,7 +63,7 @@ impl Example {
     /// Returns the scene of a seed, which is the same on every machine.
     #[must_use]
     pub fn scene(self, seed: u64) -> SceneFile {
-        let mut random = Random::new(&[self as u64, seed, 47]);
+        let mut random = Rng::new(&[self as u64, seed, 47]);
         let free = self.free();
         let is_free = |shape: &Shape| free.iter().all(|point| shape.distance(point) > ROOM);
         let mut scene = SceneFile { format: FORMAT.to_owned(), margin_mm: MARGIN, ..SceneFile::default() };
@@ -80,44 +80,56 @@ fn whole(point: [f64; 3]) -> [f64; 3] {
     point.map(f64::round)
 }
 
-fn pipe_rack(random: &mut Random, scene: &mut SceneFile, is_free: impl Fn(&Shape) -> bool) {
+fn pipe_rack(random: &mut Rng, scene: &mut SceneFile, is_free: impl Fn(&Shape) -> bool) {
     for (x, y) in [(-350.0, -350.0), (-350.0, 350.0), (350.0, -350.0), (350.0, 350.0)] {
-        scene.boxes.push(WrittenBox { center_mm: [x, y, 450.0], size_mm: [50.0, 50.0, 900.0], rpy_deg: [0.0; 3] });
+        scene.boxes.push(BoxToml { center_mm: [x, y, 450.0], size_mm: [50.0, 50.0, 900.0], rpy_deg: [0.0; 3] });
     }
     for level in 0..6 {
         let height = 150.0 + 130.0 * f64::from(level);
-        let mut aside = -300.0 + random.between(0.0, 60.0);
+        let mut aside = -300.0 + random.uniform_between(0.0, 60.0);
         while aside < 310.0 {
-            let (lower, higher) = (height + random.between(-12.0, 12.0), random.between(-12.0, 12.0));
+            let (lower, higher) = (height + random.uniform_between(-12.0, 12.0), random.uniform_between(-12.0, 12.0));
             let ends = [[-380.0, aside, lower], [380.0, aside + higher, lower]];
             // Every other level has the other direction.
             let ends = if level % 2 == 0 { ends } else { ends.map(|[x, y, z]| [y, x, z]) };
             let [from_mm, to_mm] = ends.map(whole);
-            let pipe = WrittenCapsule { from_mm, to_mm, radius_mm: random.between(10.0, 26.0).round() };
+            let pipe = CapsuleToml { from_mm, to_mm, radius_mm: random.uniform_between(10.0, 26.0).round() };
             if is_free(&Shape::Capsule { from: from_mm.into(), to: to_mm.into(), radius: pipe.radius_mm }) {
                 scene.capsules.push(pipe);
             }
-            aside += random.between(70.0, 115.0);
+            aside += random.uniform_between(70.0, 115.0);
         }
     }
 }
 
-fn rubble_heap(random: &mut Random, scene: &mut SceneFile, is_free: impl Fn(&Shape) -> bool) {
-    scene.half_spaces.push(WrittenHalfSpace { point_mm: [0.0; 3], normal: [0.0, 0.0, 1.0] });
+fn rubble_heap(random: &mut Rng, scene: &mut SceneFile, is_free: impl Fn(&Shape) -> bool) {
+    scene.half_spaces.push(HalfSpaceToml { point_mm: [0.0; 3], normal: [0.0, 0.0, 1.0] });
     for _ in 0..130 {
         // The heap is lower towards its edge.
-        let (x, y) = (random.between(120.0, 780.0), random.between(-300.0, 300.0));
+        let (x, y) = (random.uniform_between(120.0, 780.0), random.uniform_between(-300.0, 300.0));
         let [along, across] = [(x - 450.0) / 400.0, y / 380.0];
         let slope = 1.0 - (along * along + across * across).min(1.0);
-        let height = random.between(10.0, 20.0 + 260.0 * slope);
+        let height = random.uniform_between(10.0, 20.0 + 260.0 * slope);
         let size_mm = if random.below(3) == 0 {
-            [random.between(90.0, 200.0), random.between(60.0, 140.0), random.between(15.0, 30.0)]
+            [
+                random.uniform_between(90.0, 200.0),
+                random.uniform_between(60.0, 140.0),
+                random.uniform_between(15.0, 30.0),
+            ]
         } else {
-            [random.between(40.0, 110.0), random.between(30.0, 60.0), random.between(25.0, 50.0)]
+            [
+                random.uniform_between(40.0, 110.0),
+                random.uniform_between(30.0, 60.0),
+                random.uniform_between(25.0, 50.0),
+            ]
         };
         let (center_mm, size_mm) = (whole([x, y, height]), whole(size_mm));
-        let rpy_deg = whole([random.between(-40.0, 40.0), random.between(-40.0, 40.0), random.between(-180.0, 180.0)]);
-        let stone = SceneFile { boxes: vec![WrittenBox { center_mm, size_mm, rpy_deg }], ..SceneFile::default() };
+        let rpy_deg = whole([
+            random.uniform_between(-40.0, 40.0),
+            random.uniform_between(-40.0, 40.0),
+            random.uniform_between(-180.0, 180.0),
+        ]);
+        let stone = SceneFile { boxes: vec![BoxToml { center_mm, size_mm, rpy_deg }], ..SceneFile::default() };
         if stone.shapes().iter().all(&is_free) {
             scene.boxes.extend(stone.boxes);
         }
@@ -126,7 +138,7 @@ fn rubble_heap(random: &mut Random, scene: &mut SceneFile, is_free: impl Fn(&Sha
 
 /// Returns the text of a scene file with these shapes, which begins with these comments.
 #[must_use]
-pub fn text(scene: &SceneFile, comments: &[String]) -> String {
+pub fn to_toml(scene: &SceneFile, comments: &[String]) -> String {
     let mut text: String = comments.iter().map(|comment| format!("# {comment}\n")).collect();
     text += &format!("format = {:?}\nmargin_mm = {:?}\n", scene.format, scene.margin_mm);
     for it in &scene.half_spaces {
@@ -150,9 +162,9 @@ pub fn text(scene: &SceneFile, comments: &[String]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::file::parse;
+    use crate::scene_file::parse;
 
-    const EXAMPLES: [Example; 2] = [Example::PipeRack, Example::RubbleHeap];
+    const EXAMPLES: [DemoScene; 2] = [DemoScene::PipeRack, DemoScene::RubbleHeap];
 
     #[test]
     fn a_scene_is_that_of_its_seed_and_reads_back() {
@@ -160,7 +172,7 @@ mod tests {
             let scene = example.scene(1);
             assert_eq!(scene, example.scene(1));
             assert_ne!(scene, example.scene(2));
-            let text = text(&scene, &["What it is".to_owned()]);
+            let text = to_toml(&scene, &["What it is".to_owned()]);
             assert!(text.starts_with("# What it is\nformat"), "{text}");
             assert_eq!(parse(&text, "scene.toml").unwrap(), scene);
             assert!(scene.boxes.len() + scene.capsules.len() > 30, "{}", text.len());

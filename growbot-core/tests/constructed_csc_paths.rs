@@ -13,7 +13,7 @@ use core::f64::consts::{PI, TAU};
 
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::{Frame, tip_direction};
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_core::shortest::Problem;
 use growbot_core::shortest::csc::{Csc, paths};
 use nalgebra::{Matrix5, Vector3, Vector5};
@@ -42,11 +42,11 @@ impl Laid {
     /// Returns position and direction of the end.
     fn end(&self) -> (Vector3<f64>, Vector3<f64>) {
         end_of(&Csc {
-            first_towards: self.first_towards,
-            first: self.first,
+            first_bend_direction: self.first_towards,
+            first_angle: self.first,
             straight: self.line,
-            last_towards: self.last_towards,
-            last: self.last,
+            last_bend_direction: self.last_towards,
+            last_angle: self.last,
         })
     }
 
@@ -80,26 +80,28 @@ impl Laid {
 fn end_of(path: &Csc) -> (Vector3<f64>, Vector3<f64>) {
     let arc = |towards: f64, bend: f64| Segment::Arc { alpha: towards + PI, bend, length: bend };
     let straight = Segment::Straight { length: path.straight };
-    let tip =
-        end(&[arc(path.first_towards, path.first), straight, arc(path.last_towards, path.last)], &Frame::identity());
+    let tip = end(
+        &[arc(path.first_bend_direction, path.first_angle), straight, arc(path.last_bend_direction, path.last_angle)],
+        &Frame::identity(),
+    );
     (tip.translation.vector, tip_direction(&tip))
 }
 
 /// Random generator of numbers for a regime.
-struct Draw(Random);
+struct Draw(Rng);
 
 impl Draw {
     fn turn(&mut self) -> f64 {
-        self.0.between(0.0, TAU)
+        self.0.uniform_between(0.0, TAU)
     }
 
     fn even(&mut self, from: f64, to: f64) -> f64 {
-        self.0.between(from, to)
+        self.0.uniform_between(from, to)
     }
 
     /// Returns a number whose logarithm is uniform.
     fn log(&mut self, from: f64, to: f64) -> f64 {
-        libm::exp(self.0.between(libm::log(from), libm::log(to)))
+        libm::exp(self.0.uniform_between(libm::log(from), libm::log(to)))
     }
 
     fn tiny(&mut self) -> f64 {
@@ -108,7 +110,7 @@ impl Draw {
 
     fn about(&mut self, angle: f64) -> f64 {
         let off = self.tiny();
-        if self.0.unit() < 0.5 { angle - off } else { angle + off }
+        if self.0.uniform() < 0.5 { angle - off } else { angle + off }
     }
 
     fn laid(&mut self, first: f64, line: f64, last: f64) -> Laid {
@@ -133,7 +135,7 @@ impl Draw {
                 .map(|share| from + half * (1.0 + share))
                 .collect();
             if !lines.is_empty() {
-                let line = lines[(self.0.unit() * lines.len() as f64) as usize % lines.len()];
+                let line = lines[(self.0.uniform() * lines.len() as f64) as usize % lines.len()];
                 return Laid { line, ..laid };
             }
         }
@@ -215,16 +217,16 @@ const REGIMES: [Regime; 23] = [
         let (first, line, last) = (draw.turn(), draw.even(0.0, 40.0), draw.turn());
         let laid = draw.laid(first, line, last);
         let off = draw.log(1e-12, 0.1);
-        Laid { last_towards: laid.first_towards + if draw.0.unit() < 0.5 { off } else { PI - off }, ..laid }
+        Laid { last_towards: laid.first_towards + if draw.0.uniform() < 0.5 { off } else { PI - off }, ..laid }
     }),
     all("any two or three of these", |draw| {
-        let angle = |draw: &mut Draw| match (4.0 * draw.0.unit()) as u32 {
+        let angle = |draw: &mut Draw| match (4.0 * draw.0.uniform()) as u32 {
             0 => draw.tiny(),
             1 => draw.about(PI),
             2 => TAU - draw.tiny(),
             _ => draw.turn(),
         };
-        let line = match (3.0 * draw.0.unit()) as u32 {
+        let line = match (3.0 * draw.0.uniform()) as u32 {
             0 => draw.tiny(),
             1 => draw.even(0.0, 4.0),
             _ => draw.even(0.0, 40.0),
@@ -272,7 +274,7 @@ struct Tally {
 }
 
 fn try_regime(regime: &Regime, number: u64, count: u32) -> Tally {
-    let mut draw = Draw(Random::new(&[16, number]));
+    let mut draw = Draw(Rng::new(&[16, number]));
     let mut tally = Tally { laid: count, ..Tally::default() };
     for _ in 0..tally.laid {
         let laid = (regime.draw)(&mut draw);

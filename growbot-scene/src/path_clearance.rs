@@ -2,24 +2,24 @@
 
 use std::time::Instant;
 
-use growbot_core::helicoid::{Helicoid, Walk};
+use growbot_core::helicoid::{Helicoid, HelicoidIntegrator};
 use growbot_core::path::Segment;
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
-use crate::clear::{Clearance, Need, Work, is_clear, least_until};
-use crate::motion::{Curve, Stretch, stretches};
+use crate::centreline::{ArcSegment, Curve, arc_segments};
+use crate::clearance::{Clearance, DistanceQueries, RequiredClearance, is_clear, min_clearance_until};
 use crate::scene::Scene;
 
 /// Maximum error of a reported clearance, mm. A reported clearance is never above the true one.
-pub const TOLERANCE: f64 = 1e-3;
+pub const CLEARANCE_TOLERANCE_MM: f64 = 1e-3;
 /// Length of the pieces into which a helicoidal arc is divided, radii. Each is one or two steps of the integration.
 const HELICOID_PIECE: f64 = 0.25;
 
 /// A piece of a body.
 #[derive(Debug, Clone, Copy)]
 enum Piece {
-    Stretch(Stretch),
+    Stretch(ArcSegment),
     Helicoid { base_from_start: Frame, curve: Helicoid, radius: f64, length: f64 },
 }
 
@@ -41,9 +41,9 @@ impl Curve for Piece {
         }
     }
 
-    fn reach(&self, along: f64) -> f64 {
+    fn chord_bound(&self, along: f64) -> f64 {
         match self {
-            Self::Stretch(stretch) => stretch.reach(along),
+            Self::Stretch(stretch) => stretch.chord_bound(along),
             Self::Helicoid { .. } => along,
         }
     }
@@ -51,7 +51,7 @@ impl Curve for Piece {
 
 /// Returns the point after this length along a path (mm) that grows from a frame. Beyond the ends it is the nearer end.
 #[must_use]
-pub fn point_at(path: &[Segment], base_from_start: &Frame, along: f64) -> Vector3<f64> {
+pub fn point_along(path: &[Segment], base_from_start: &Frame, along: f64) -> Vector3<f64> {
     let (mut base_from_tip, mut left) = (*base_from_start, along.max(0.0));
     for segment in path {
         let length = segment.length();
@@ -72,7 +72,7 @@ fn pieces(path: &[Segment], base_from_start: &Frame) -> Vec<Piece> {
     for segment in path {
         match *segment {
             Segment::Helicoid { curve, radius, length } => divide(&base_from_tip, &curve, radius, length, &mut pieces),
-            plain => pieces.extend(stretches(&[plain], &base_from_tip).into_iter().flatten().map(Piece::Stretch)),
+            plain => pieces.extend(arc_segments(&[plain], &base_from_tip).into_iter().flatten().map(Piece::Stretch)),
         }
         base_from_tip *= segment.step();
     }
@@ -84,7 +84,7 @@ fn pieces(path: &[Segment], base_from_start: &Frame) -> Vec<Piece> {
 fn divide(base_from_tip: &Frame, curve: &Helicoid, radius: f64, length: f64, pieces: &mut Vec<Piece>) {
     let count = (length / radius / HELICOID_PIECE).ceil().max(1.0);
     let short = length / count;
-    let mut walk = Walk::new(curve);
+    let mut walk = HelicoidIntegrator::new(curve);
     for _ in 0..count as usize {
         let mut start_from_tip = walk.frame();
         let tip_from_start = start_from_tip.rotation.inverse();
@@ -99,11 +99,11 @@ fn divide(base_from_tip: &Frame, curve: &Helicoid, radius: f64, length: f64, pie
 /// Reports whether a body on this path, which grows from this frame, stays clear of all obstacles by the needed
 /// distance.
 #[must_use]
-pub fn is_body_clear(scene: &Scene, path: &[Segment], base_from_start: &Frame, need: &Need) -> bool {
-    let mut work = Work::default();
+pub fn is_path_clear(scene: &Scene, path: &[Segment], base_from_start: &Frame, need: &RequiredClearance) -> bool {
+    let mut work = DistanceQueries::default();
     // A body that begins outside a solid and stays clear of its surface stays outside. A body that begins inside is not
     // clear.
-    if scene.holds(&base_from_start.translation.vector) {
+    if scene.contains(&base_from_start.translation.vector) {
         return false;
     }
     pieces(path, base_from_start).iter().all(|piece| is_clear(scene, piece, need, &mut work))
@@ -114,7 +114,7 @@ pub fn is_body_clear(scene: &Scene, path: &[Segment], base_from_start: &Frame, n
 #[must_use]
 pub fn clearance(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Clearance {
     // Without a deadline it is always found. The fallback proves nothing.
-    let unproven = Clearance { distance: f64::NEG_INFINITY, at: 0.0 };
+    let unproven = Clearance { distance: f64::NEG_INFINITY, arc_length: 0.0 };
     clearance_until(scene, path, base_from_start, None).unwrap_or(unproven)
 }
 
@@ -127,8 +127,8 @@ pub fn clearance_until(
     deadline: Option<Instant>,
 ) -> Option<Clearance> {
     let start = base_from_start.translation.vector;
-    if scene.holds(&start) {
-        return Some(Clearance { distance: scene.distance(&start) - TOLERANCE, at: 0.0 });
+    if scene.contains(&start) {
+        return Some(Clearance { distance: scene.distance(&start) - CLEARANCE_TOLERANCE_MM, arc_length: 0.0 });
     }
-    least_until(scene, &pieces(path, base_from_start), TOLERANCE, deadline)
+    min_clearance_until(scene, &pieces(path, base_from_start), CLEARANCE_TOLERANCE_MM, deadline)
 }

@@ -20,7 +20,7 @@ pub(super) const DEGREE: usize = 10;
 const SIZE: usize = DEGREE + 5;
 
 /// A polynomial in `tau`, coefficients in ascending order.
-pub(super) struct Form {
+pub(super) struct CscPolynomial {
     /// The coefficients, in units of the largest magnitude.
     pub coefficients: [f64; DEGREE + 1],
     /// Sum of the magnitudes of each coefficient's summands.
@@ -81,7 +81,7 @@ impl Polynomial {
     }
 }
 
-impl Form {
+impl CscPolynomial {
     /// Returns the polynomial of a goal at `p` (radii) in the direction `d` (a unit vector), as seen from a tip at the
     /// origin that grows along z.
     #[inline(never)]
@@ -147,7 +147,7 @@ fn numerator(p: &Vector3<f64>, d: &Vector3<f64>, all: &mut Polynomial) {
 
 /// Divides twice by `(1 + c) - (1 - c) t^2`, from the end at which the division is stable.
 #[inline(never)]
-fn divided(terms: &mut [Term; SIZE], c: f64) -> Form {
+fn divided(terms: &mut [Term; SIZE], c: f64) -> CscPolynomial {
     if c < 0.0 {
         // The reversed divisor is the negative of the divisor with `|c|` for `c`, and its square is the same.
         terms.reverse();
@@ -164,7 +164,7 @@ fn divided(terms: &mut [Term; SIZE], c: f64) -> Form {
     }
     let largest = terms.iter().take(DEGREE + 1).fold(f64::MIN_POSITIVE, |max, term| max.max(term.magnitude));
     let unit = 1.0 / largest;
-    let mut form = Form { coefficients: [0.0; DEGREE + 1], magnitudes: [0.0; DEGREE + 1] };
+    let mut form = CscPolynomial { coefficients: [0.0; DEGREE + 1], magnitudes: [0.0; DEGREE + 1] };
     for ((value, magnitude), term) in form.coefficients.iter_mut().zip(&mut form.magnitudes).zip(terms.iter()) {
         (*value, *magnitude) = (term.value * unit, (term.magnitude * unit) as f32);
     }
@@ -308,7 +308,7 @@ mod tests {
             prop_assert!(derived.iter().skip(DEGREE + 1).all(|coefficient| *coefficient == number(0)));
 
             let vector = |v: &[BigRational; 3]| Vector3::new(float(&v[0]), float(&v[1]), float(&v[2]));
-            let form = Form::of(&vector(&p), &vector(&d));
+            let form = CscPolynomial::of(&vector(&p), &vector(&d));
             let derived: Vec<f64> = derived.iter().take(DEGREE + 1).map(float).collect();
             let largest = (0..=DEGREE).max_by(|a, b| derived[*a].abs().total_cmp(&derived[*b].abs())).unwrap();
             prop_assume!(derived[largest] != 0.0);

@@ -5,7 +5,7 @@ use core::f64::consts::{PI, TAU};
 use nalgebra::{Matrix3, Vector3};
 
 use super::far::FAR;
-use super::{Csc, NEARLY, Search, cosine, in_tip};
+use super::{Csc, MAX_NEWTON_START_ERROR, Search, cosine, in_tip};
 use crate::shortest::{ARRIVED, Problem, any_perpendicular, axes_after};
 use crate::trigonometry;
 
@@ -26,7 +26,7 @@ impl Search<'_> {
         let cosine_between = direction.z;
         let det = 1.0 - cosine_between * cosine_between;
         let normal = start.cross(&direction);
-        if det < 1e-6 || goal.dot(&normal).abs() > NEARLY {
+        if det < 1e-6 || goal.dot(&normal).abs() > MAX_NEWTON_START_ERROR {
             return;
         }
         // Solves [1 c; c 1] [x; y] = [a; b].
@@ -36,7 +36,7 @@ impl Search<'_> {
         let (first_cosine, last_cosine) = (cosine(first_tau), cosine(last_tau));
         let (along_start, along_goal) = solve(first_cosine, last_cosine);
         let off = 1.0 - (along_start * first_cosine + along_goal * last_cosine);
-        if straight < -NEARLY || off < -NEARLY {
+        if straight < -MAX_NEWTON_START_ERROR || off < -MAX_NEWTON_START_ERROR {
             return;
         }
         let angle = |tau: f64| if tau < 0.0 { TAU + 2.0 * libm::atan(tau) } else { 2.0 * libm::atan(tau) };
@@ -48,7 +48,13 @@ impl Search<'_> {
             let towards = direction - u * last_cosine;
             let towards = if last_tau < 0.0 { -towards } else { towards };
             let last_towards = in_tip(&axes_after(first_towards, first), &towards);
-            self.keep(Csc { first_towards, first, straight, last_towards, last });
+            self.keep(Csc {
+                first_bend_direction: first_towards,
+                first_angle: first,
+                straight,
+                last_bend_direction: last_towards,
+                last_angle: last,
+            });
         }
     }
 
@@ -69,19 +75,25 @@ impl Search<'_> {
             let rest = goal - arc.offset;
             let towards = || in_tip(&Matrix3::identity(), &arc.towards);
             // A line straight ahead from the start.
-            if trigonometry::hypot(rest.x, rest.y) < NEARLY {
+            if trigonometry::hypot(rest.x, rest.y) < MAX_NEWTON_START_ERROR {
                 self.keep(Csc {
-                    first_towards: 0.0,
-                    first: 0.0,
+                    first_bend_direction: 0.0,
+                    first_angle: 0.0,
                     straight: rest.z,
-                    last_towards: towards(),
-                    last: arc.angle(),
+                    last_bend_direction: towards(),
+                    last_angle: arc.angle(),
                 });
             }
             // A line straight into the goal.
             let straight = rest.dot(&direction);
-            if (rest - direction * straight).norm() < NEARLY {
-                self.keep(Csc { first_towards: towards(), first: arc.angle(), straight, last_towards: 0.0, last: 0.0 });
+            if (rest - direction * straight).norm() < MAX_NEWTON_START_ERROR {
+                self.keep(Csc {
+                    first_bend_direction: towards(),
+                    first_angle: arc.angle(),
+                    straight,
+                    last_bend_direction: 0.0,
+                    last_angle: 0.0,
+                });
             }
         }
     }
@@ -110,7 +122,13 @@ impl Search<'_> {
                 let other_towards = if same_way { towards } else { towards + PI };
                 let [long, other] = [(towards, angle - short), (other_towards, other)];
                 for [(first_towards, first), (last_towards, last)] in [[other, long], [long, other]] {
-                    self.keep(Csc { first_towards, first, straight: 0.0, last_towards, last });
+                    self.keep(Csc {
+                        first_bend_direction: first_towards,
+                        first_angle: first,
+                        straight: 0.0,
+                        last_bend_direction: last_towards,
+                        last_angle: last,
+                    });
                 }
             }
         }
@@ -126,7 +144,13 @@ impl Search<'_> {
             for half in about_half_turns(Vector3::new(rest.x, rest.y, 0.0), -rest.z) {
                 let first_towards = libm::atan2(half.towards.y, half.towards.x);
                 let last_towards = in_tip(&axes_after(first_towards, half.angle), &arc.towards);
-                self.keep(Csc { first_towards, first: half.angle, straight: -rest.z, last_towards, last: arc.angle() });
+                self.keep(Csc {
+                    first_bend_direction: first_towards,
+                    first_angle: half.angle,
+                    straight: -rest.z,
+                    last_bend_direction: last_towards,
+                    last_angle: arc.angle(),
+                });
             }
         }
         for arc in arcs_between(&start, &-direction) {
@@ -136,7 +160,13 @@ impl Search<'_> {
             for half in about_half_turns(rest + direction * straight, straight) {
                 let first_towards = in_tip(&Matrix3::identity(), &arc.towards);
                 let last_towards = in_tip(&axes_after(first_towards, arc.angle()), &half.towards);
-                self.keep(Csc { first_towards, first: arc.angle(), straight, last_towards, last: half.angle });
+                self.keep(Csc {
+                    first_bend_direction: first_towards,
+                    first_angle: arc.angle(),
+                    straight,
+                    last_bend_direction: last_towards,
+                    last_angle: half.angle,
+                });
             }
         }
     }
@@ -146,7 +176,7 @@ impl Search<'_> {
     fn two_half_turns(&mut self) {
         let Problem { goal, direction, .. } = *self.problem;
         let across = 0.25 * trigonometry::hypot(goal.x, goal.y);
-        if across <= 1.0 + NEARLY && direction.z > 1.0 - NEARLY {
+        if across <= 1.0 + MAX_NEWTON_START_ERROR && direction.z > 1.0 - MAX_NEWTON_START_ERROR {
             // If both arcs began in one plane, Newton's method would not leave it.
             let half_angle = trigonometry::acos(across.min(APART));
             let middle = libm::atan2(goal.y, goal.x);
@@ -155,11 +185,11 @@ impl Search<'_> {
                 let (sin, cos) = trigonometry::sin_cos(middle - half_angle);
                 let last_towards = in_tip(&axes, &Vector3::new(cos, sin, 0.0));
                 self.keep(Csc {
-                    first_towards: middle + half_angle,
-                    first: PI,
+                    first_bend_direction: middle + half_angle,
+                    first_angle: PI,
                     straight: -goal.z,
-                    last_towards,
-                    last: PI,
+                    last_bend_direction: last_towards,
+                    last_angle: PI,
                 });
             }
         }
@@ -180,7 +210,7 @@ fn about_half_turns(across: Vector3<f64>, straight: f64) -> impl Iterator<Item =
         let off = size - 2.0;
         let is_far = straight > FAR && off.abs() < LITTLE * straight;
         let angle = if is_far { PI - off / straight } else { PI };
-        (is_far || off.abs() < NEARLY).then_some(HalfTurn { angle, towards })
+        (is_far || off.abs() < MAX_NEWTON_START_ERROR).then_some(HalfTurn { angle, towards })
     })
 }
 

@@ -1,14 +1,14 @@
 //! The checks of the settings of stepper drivers that the firmware configures.
 
 use super::validate::Field;
-use super::{Driver, DriverMode, RobotDescription, RobotError};
+use super::{ChopperMode, DriverSettings, RobotDescription, RobotError};
 
 /// Reason why a driver's settings are not valid: the field, its value, and the remedy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum DriverError {
     /// Settings are given for a driver of a board that has no configurable drivers.
     #[error("{field} is given, and only skr-pico has drivers that are configured: set board.kind, or leave it out")]
-    Unwanted {
+    NotSupported {
         /// Name of the table in a robot file.
         field: &'static str,
     },
@@ -64,11 +64,11 @@ const FEED_DRIVER: DriverFields = DriverFields {
 
 /// Checks the drivers' settings. They are required if the board has configurable drivers, and not allowed otherwise.
 pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
-    let has_drivers = robot.board.is_some_and(|board| board.kind.has_drivers());
+    let has_drivers = robot.board.is_some_and(|board| board.kind.has_onboard_drivers());
     for (driver, fields) in [(&robot.head.driver, HEAD_DRIVER), (&robot.feed.driver, FEED_DRIVER)] {
         match driver {
             Some(driver) if has_drivers => check_driver(driver, &fields)?,
-            Some(_) => return Err(RobotError::Drivers(DriverError::Unwanted { field: fields.table })),
+            Some(_) => return Err(RobotError::Drivers(DriverError::NotSupported { field: fields.table })),
             None if has_drivers => return Err(RobotError::Drivers(DriverError::Missing { field: fields.table })),
             None => {}
         }
@@ -76,7 +76,7 @@ pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
     Ok(())
 }
 
-fn check_driver(driver: &Driver, fields: &DriverFields) -> Result<(), RobotError> {
+fn check_driver(driver: &DriverSettings, fields: &DriverFields) -> Result<(), RobotError> {
     Field(fields.sense_ohm, driver.sense_ohm).between(0.05, 1.0, "ohm: it is printed on the board, R110 for 0.11")?;
     Field(fields.current_a, driver.current_a).between(
         0.05,
@@ -87,7 +87,7 @@ fn check_driver(driver: &Driver, fields: &DriverFields) -> Result<(), RobotError
         let (field, value) = (fields.microsteps, driver.microsteps);
         return Err(RobotError::Drivers(DriverError::Microsteps { field, value }));
     }
-    if driver.stall_threshold.is_some() && driver.mode != DriverMode::StealthChop {
+    if driver.stall_threshold.is_some() && driver.mode != ChopperMode::StealthChop {
         return Err(RobotError::Drivers(DriverError::StallMode { field: fields.stall_threshold }));
     }
     Ok(())
@@ -96,29 +96,29 @@ fn check_driver(driver: &Driver, fields: &DriverFields) -> Result<(), RobotError
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot::{Board, BoardKind, PinNumbers, Robot};
+    use crate::robot::{Board, BoardKind, PinOverrides, Robot};
     use crate::testing::description_a;
 
-    fn with(kind: BoardKind, driver: Option<Driver>) -> Result<Robot, RobotError> {
+    fn with(kind: BoardKind, driver: Option<DriverSettings>) -> Result<Robot, RobotError> {
         let mut robot = description_a();
         (robot.sensors.supply, robot.sensors.driver_fault) = (false, None);
-        robot.board = Some(Board { kind, pins: PinNumbers::default() });
+        robot.board = Some(Board { kind, pins: PinOverrides::default() });
         (robot.head.driver, robot.feed.driver) = (driver, driver);
         Robot::new(robot)
     }
 
     #[test]
     fn what_a_driver_cannot_do_is_refused_with_the_reason() {
-        let driver = Driver::of_current(0.8);
+        let driver = DriverSettings::with_current(0.8);
         with(BoardKind::SkrPico, Some(driver)).unwrap();
-        let stalls = Driver { mode: DriverMode::SpreadCycle, stall_threshold: Some(80), ..driver };
+        let stalls = DriverSettings { mode: ChopperMode::SpreadCycle, stall_threshold: Some(80), ..driver };
         for (kind, driver, why) in [
             (BoardKind::Pico, Some(driver), "only skr-pico"),
             (BoardKind::SkrPico, None, "head.driver is missing"),
-            (BoardKind::SkrPico, Some(Driver::of_current(2.5)), "head.driver.current_a is 2.5, above 1.7"),
-            (BoardKind::SkrPico, Some(Driver::of_current(f64::NAN)), "finite"),
-            (BoardKind::SkrPico, Some(Driver { microsteps: 12, ..driver }), "12"),
-            (BoardKind::SkrPico, Some(Driver { microsteps: 512, ..driver }), "512"),
+            (BoardKind::SkrPico, Some(DriverSettings::with_current(2.5)), "head.driver.current_a is 2.5, above 1.7"),
+            (BoardKind::SkrPico, Some(DriverSettings::with_current(f64::NAN)), "finite"),
+            (BoardKind::SkrPico, Some(DriverSettings { microsteps: 12, ..driver }), "12"),
+            (BoardKind::SkrPico, Some(DriverSettings { microsteps: 512, ..driver }), "512"),
             (BoardKind::SkrPico, Some(stalls), "StealthChop only"),
         ] {
             let said = std::format!("{}", with(kind, driver).unwrap_err());

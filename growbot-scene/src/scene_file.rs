@@ -7,7 +7,7 @@ use growbot_core::angle::radians;
 use nalgebra::{Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::read::{self, Faults, Geometry, LONGEST_GEOMETRY, ReadError, ReadGeometry};
+use crate::read::{self, GeometryFile, MAX_GEOMETRY_BYTES, MeshDefects, RawGeometry, ReadError};
 use crate::scene::{Cloud, Mesh, Scene};
 use crate::shapes::{HalfSpace, Shape, Triangle};
 
@@ -18,7 +18,7 @@ pub const MAX_LENGTH: f64 = 1e7;
 /// Maximum number of entries of one kind in a file.
 pub const MAX_ENTRIES: usize = 100_000;
 /// Maximum length of a scene file, bytes (16 MiB). Meshes and clouds have their own files.
-pub const LONGEST_FILE: u64 = 16 << 20;
+pub const MAX_FILE_BYTES: u64 = 16 << 20;
 
 /// A scene file.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -32,29 +32,29 @@ pub struct SceneFile {
     pub margin_mm: f64,
     /// Boxes.
     #[serde(default, rename = "box", skip_serializing_if = "Vec::is_empty")]
-    pub boxes: Vec<WrittenBox>,
+    pub boxes: Vec<BoxToml>,
     /// Balls.
     #[serde(default, rename = "ball", skip_serializing_if = "Vec::is_empty")]
-    pub balls: Vec<WrittenBall>,
+    pub balls: Vec<BallToml>,
     /// Capsules: cylinders with round ends.
     #[serde(default, rename = "capsule", skip_serializing_if = "Vec::is_empty")]
-    pub capsules: Vec<WrittenCapsule>,
+    pub capsules: Vec<CapsuleToml>,
     /// Half spaces: everything behind a plane.
     #[serde(default, rename = "halfspace", skip_serializing_if = "Vec::is_empty")]
-    pub half_spaces: Vec<WrittenHalfSpace>,
+    pub half_spaces: Vec<HalfSpaceToml>,
     /// Meshes in their own files.
     #[serde(default, rename = "mesh", skip_serializing_if = "Vec::is_empty")]
-    pub meshes: Vec<WrittenMesh>,
+    pub meshes: Vec<MeshToml>,
     /// Clouds of points in their own files.
     #[serde(default, rename = "points", skip_serializing_if = "Vec::is_empty")]
-    pub clouds: Vec<WrittenPoints>,
+    pub clouds: Vec<PointsToml>,
 }
 
 /// A box of a scene file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct WrittenBox {
+pub struct BoxToml {
     /// Centre, mm.
     pub center_mm: [f64; 3],
     /// Lengths of the sides, mm.
@@ -68,7 +68,7 @@ pub struct WrittenBox {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct WrittenBall {
+pub struct BallToml {
     /// Centre, mm.
     pub center_mm: [f64; 3],
     /// Radius, mm.
@@ -79,7 +79,7 @@ pub struct WrittenBall {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct WrittenCapsule {
+pub struct CapsuleToml {
     /// Centre of one round end, mm.
     pub from_mm: [f64; 3],
     /// Centre of the other round end, mm.
@@ -92,7 +92,7 @@ pub struct WrittenCapsule {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct WrittenHalfSpace {
+pub struct HalfSpaceToml {
     /// Point of the plane, mm.
     pub point_mm: [f64; 3],
     /// Normal of the plane, which points to the free side.
@@ -103,7 +103,7 @@ pub struct WrittenHalfSpace {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct WrittenMesh {
+pub struct MeshToml {
     /// File of the mesh, STL, OBJ, PLY or GLB, relative to the scene's file.
     pub file: String,
     /// Length of a unit of the mesh file, mm.
@@ -118,7 +118,7 @@ pub struct WrittenMesh {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct WrittenPoints {
+pub struct PointsToml {
     /// File of the cloud, PLY or PCD, relative to the scene's file.
     pub file: String,
     /// Length of a unit of the cloud file, mm.
@@ -154,7 +154,7 @@ pub enum SceneError {
     },
     /// The scene has another format version.
     #[error("{file} has format {found:?}, and this version of growbot reads {FORMAT:?}: change the file's first line")]
-    OtherFormat {
+    UnsupportedFormat {
         /// The file.
         file: String,
         /// Format that the file names.
@@ -162,7 +162,7 @@ pub enum SceneError {
     },
     /// A value is not a number, or is out of range.
     #[error("{file}: {field} is {value}, and must be {limit}")]
-    Value {
+    OutOfRange {
         /// The file.
         file: String,
         /// Name of the field.
@@ -207,7 +207,7 @@ pub enum SceneError {
     },
     /// The meshes and clouds of a scene exceed the total size limit.
     #[error(
-        "the meshes and clouds of {file} are longer than {LONGEST_GEOMETRY} bytes together, the most that is read: \
+        "the meshes and clouds of {file} are longer than {MAX_GEOMETRY_BYTES} bytes together, the most that is read: \
          make them smaller, or leave some out"
     )]
     TooLarge {
@@ -244,16 +244,16 @@ pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
     if read::is_geometry(path) {
         return load_geometry(path, &name);
     }
-    let bytes = read::bytes(path, LONGEST_FILE)?;
+    let bytes = read::bytes(path, MAX_FILE_BYTES)?;
     let text = String::from_utf8_lossy(&bytes);
     let written = parse(&text, &name)?;
     let mut hasher = growbot_core::hash::Hasher::default();
-    hasher.bytes(&bytes);
+    hasher.write_bytes(&bytes);
     let beside = path.parent().unwrap_or(Path::new(""));
     let (mut meshes, mut clouds) = (Vec::new(), Vec::new());
     // A small file may name a large one many times.
-    let mut left = LONGEST_GEOMETRY;
-    let mut geometry = |file: &Path| -> Result<ReadGeometry, SceneError> {
+    let mut left = MAX_GEOMETRY_BYTES;
+    let mut geometry = |file: &Path| -> Result<GeometryFile, SceneError> {
         let read = read::geometry(file)?;
         left = left.checked_sub(read.length).ok_or_else(|| SceneError::TooLarge { file: name.clone() })?;
         Ok(read)
@@ -261,13 +261,13 @@ pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
     for mesh in &written.meshes {
         let file = beside.join(&mesh.file);
         let read = geometry(&file)?;
-        hasher.bytes(&read.hash.to_le_bytes());
+        hasher.write_bytes(&read.hash.to_le_bytes());
         meshes.push(mesh_of(&read.geometry, mesh.scale, mesh.solid, &file.display().to_string())?);
     }
     for points in &written.clouds {
         let file = beside.join(&points.file);
         let read = geometry(&file)?;
-        hasher.bytes(&read.hash.to_le_bytes());
+        hasher.write_bytes(&read.hash.to_le_bytes());
         clouds.push(cloud_of(&read.geometry, points.scale, points.radius_mm, &file.display().to_string())?);
     }
     let scene = Scene::new(written.shapes(), written.half_spaces(), clouds, meshes);
@@ -297,7 +297,7 @@ pub fn parse(text: &str, file: &str) -> Result<SceneFile, SceneError> {
         SceneError::Toml { file: file.to_owned(), line, reason: read::one_line(error.message()) }
     })?;
     if written.format != FORMAT {
-        return Err(SceneError::OtherFormat { file: file.to_owned(), found: read::one_line(&written.format) });
+        return Err(SceneError::UnsupportedFormat { file: file.to_owned(), found: read::one_line(&written.format) });
     }
     written.check(file)?;
     Ok(written)
@@ -356,7 +356,11 @@ impl SceneFile {
             let turn = |axis, angle| Rotation3::from_axis_angle(&axis, angle);
             let rotation =
                 turn(Vector3::z_axis(), yaw) * turn(Vector3::y_axis(), pitch) * turn(Vector3::x_axis(), roll);
-            Shape::Box { centre: written.center_mm.into(), half: Vector3::from(written.size_mm) * 0.5, rotation }
+            Shape::Box {
+                centre: written.center_mm.into(),
+                half_extents: Vector3::from(written.size_mm) * 0.5,
+                rotation,
+            }
         });
         let balls = self.balls.iter().map(|ball| Shape::Ball { centre: ball.center_mm.into(), radius: ball.radius_mm });
         let capsules = self.capsules.iter().map(|written| Shape::Capsule {
@@ -384,13 +388,13 @@ struct Check<'a> {
 }
 
 impl Check<'_> {
-    fn refuse(&self, field: &str, value: f64, limit: &'static str) -> SceneError {
-        SceneError::Value { file: self.file.to_owned(), field: field.to_owned(), value, limit }
+    fn out_of_range(&self, field: &str, value: f64, limit: &'static str) -> SceneError {
+        SceneError::OutOfRange { file: self.file.to_owned(), field: field.to_owned(), value, limit }
     }
 
     fn point(&self, field: &str, point: &[f64; 3]) -> Result<(), SceneError> {
         match point.iter().find(|value| !value.is_finite() || value.abs() > MAX_LENGTH) {
-            Some(value) => Err(self.refuse(field, *value, "a number within 1e7 of 0")),
+            Some(value) => Err(self.out_of_range(field, *value, "a number within 1e7 of 0")),
             None => Ok(()),
         }
     }
@@ -400,32 +404,32 @@ impl Check<'_> {
         if least && value <= MAX_LENGTH {
             return Ok(());
         }
-        Err(self.refuse(field, value, if may_be_zero { "between 0 and 1e7" } else { "above 0 and at most 1e7" }))
+        Err(self.out_of_range(field, value, if may_be_zero { "between 0 and 1e7" } else { "above 0 and at most 1e7" }))
     }
 
     fn normal(&self, field: &str, normal: &[f64; 3]) -> Result<(), SceneError> {
         self.point(field, normal)?;
         let length = Vector3::from(*normal).norm();
-        if length > 1e-6 { Ok(()) } else { Err(self.refuse(field, length, "longer than 1e-6")) }
+        if length > 1e-6 { Ok(()) } else { Err(self.out_of_range(field, length, "longer than 1e-6")) }
     }
 }
 
 /// Returns the points in mm after checking that each coordinate is finite and within range.
-fn scaled(geometry: &Geometry, scale: f64, file: &str) -> Result<Vec<Vector3<f64>>, SceneError> {
+fn scaled(geometry: &RawGeometry, scale: f64, file: &str) -> Result<Vec<Vector3<f64>>, SceneError> {
     let mut points = Vec::with_capacity(geometry.points.len());
     for (index, point) in geometry.points.iter().enumerate() {
         let point = point * scale;
         if let Some(value) = point.iter().find(|value| !value.is_finite() || value.abs() > MAX_LENGTH) {
             let field = format!("a coordinate of point {} in mm", index + 1);
             let file = file.to_owned();
-            return Err(SceneError::Value { file, field, value: *value, limit: "a number within 1e7 of 0" });
+            return Err(SceneError::OutOfRange { file, field, value: *value, limit: "a number within 1e7 of 0" });
         }
         points.push(point);
     }
     Ok(points)
 }
 
-fn cloud_of(geometry: &Geometry, scale: f64, radius: f64, file: &str) -> Result<Cloud, SceneError> {
+fn cloud_of(geometry: &RawGeometry, scale: f64, radius: f64, file: &str) -> Result<Cloud, SceneError> {
     let points = scaled(geometry, scale, file)?;
     if points.is_empty() {
         return Err(SceneError::Empty { file: file.to_owned(), what: "points" });
@@ -433,7 +437,7 @@ fn cloud_of(geometry: &Geometry, scale: f64, radius: f64, file: &str) -> Result<
     Ok(Cloud::new(points, radius))
 }
 
-fn mesh_of(geometry: &Geometry, scale: f64, solid: bool, file: &str) -> Result<Mesh, SceneError> {
+fn mesh_of(geometry: &RawGeometry, scale: f64, solid: bool, file: &str) -> Result<Mesh, SceneError> {
     let points = scaled(geometry, scale, file)?;
     let corner = |index: u32| points.get(index as usize).copied().unwrap_or_default();
     let triangles: Vec<Triangle> = geometry.triangles.iter().map(|face| Triangle(face.map(corner))).collect();
@@ -442,16 +446,16 @@ fn mesh_of(geometry: &Geometry, scale: f64, solid: bool, file: &str) -> Result<M
     }
     // The check takes as long as building the tree, so both run in parallel.
     let (faults, mesh) = thread::scope(|scope| {
-        let check = || if solid { read::faults(&points, &geometry.triangles) } else { Faults::default() };
+        let check = || if solid { read::find_defects(&points, &geometry.triangles) } else { MeshDefects::default() };
         let faults = scope.spawn(check);
         let mesh = Mesh::new(triangles, solid);
         // A thread that panicked has checked nothing.
-        (faults.join().unwrap_or(Faults { open: usize::MAX, flipped: 0 }), mesh)
+        (faults.join().unwrap_or(MeshDefects { open: usize::MAX, flipped: 0 }), mesh)
     });
     let file = file.to_owned();
     match faults {
-        Faults { open: 0, flipped: 0 } => Ok(mesh),
-        Faults { open: 0, flipped } => Err(SceneError::FlippedFaces { file, flipped }),
-        Faults { open, .. } => Err(SceneError::OpenMesh { file, open }),
+        MeshDefects { open: 0, flipped: 0 } => Ok(mesh),
+        MeshDefects { open: 0, flipped } => Err(SceneError::FlippedFaces { file, flipped }),
+        MeshDefects { open, .. } => Err(SceneError::OpenMesh { file, open }),
     }
 }

@@ -14,7 +14,7 @@
 use growbot_core::helicoid::Helicoid;
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::{Frame, tip_direction};
-use growbot_core::random::Random;
+use growbot_core::random::Rng;
 use growbot_core::shortest::{Candidate, Candidates, Problem, candidates};
 use nalgebra::{Rotation3, Vector3};
 
@@ -77,22 +77,22 @@ impl Goal {
     }
 }
 
-fn unit_vector(random: &mut Random) -> Vector3<f64> {
-    let (up, round) = (random.between(-1.0, 1.0), random.between(0.0, core::f64::consts::TAU));
+fn unit_vector(random: &mut Rng) -> Vector3<f64> {
+    let (up, round) = (random.uniform_between(-1.0, 1.0), random.uniform_between(0.0, core::f64::consts::TAU));
     let across = (1.0 - up * up).sqrt();
     Vector3::new(across * libm::cos(round), across * libm::sin(round), up)
 }
 
 /// Draws goals until the shortest path is a helicoidal arc, and changes its numbers by 1e-6 to 0.1 of their size.
-fn jittered(random: &mut Random) -> Goal {
+fn jittered(random: &mut Rng) -> Goal {
     loop {
-        let position = unit_vector(random) * random.between(0.2, 3.0);
+        let position = unit_vector(random) * random.uniform_between(0.2, 3.0);
         let goal = Goal { position, direction: unit_vector(random), length: f64::INFINITY };
         let best = goal.shortest();
         let path = best.path(1.0).unwrap();
         let Some(&Segment::Helicoid { curve: Helicoid { m0, p }, .. }) = path.first() else { continue };
-        let size = libm::exp(random.between(libm::log(1e-6), libm::log(0.1)));
-        let mut near = |number: f64| number * (1.0 + size * random.between(-1.0, 1.0));
+        let size = libm::exp(random.uniform_between(libm::log(1e-6), libm::log(0.1)));
+        let mut near = |number: f64| number * (1.0 + size * random.uniform_between(-1.0, 1.0));
         let m0 = m0.map(&mut near);
         let curve = Helicoid { m0, p: p.map(&mut near) };
         let length = near(best.length());
@@ -103,7 +103,7 @@ fn jittered(random: &mut Random) -> Goal {
 
 struct Regime {
     name: &'static str,
-    draw: fn(&mut Random) -> Goal,
+    draw: fn(&mut Rng) -> Goal,
     /// Max fraction of the arcs that may be missed.
     missed: f64,
 }
@@ -112,33 +112,57 @@ const REGIMES: [Regime; 5] = [
     Regime {
         name: "narrow",
         draw: |random| {
-            let narrowness = random.between(-26.0, -5.0);
-            let twist = 0.5 * narrowness + random.between(-2.5, 1.5);
-            Laid { narrowness, twist, before: random.between(0.1, 2.5), after: random.between(0.1, 2.5) }.goal()
+            let narrowness = random.uniform_between(-26.0, -5.0);
+            let twist = 0.5 * narrowness + random.uniform_between(-2.5, 1.5);
+            Laid {
+                narrowness,
+                twist,
+                before: random.uniform_between(0.1, 2.5),
+                after: random.uniform_between(0.1, 2.5),
+            }
+            .goal()
         },
         missed: 0.03,
     },
     Regime {
         name: "inflections",
         draw: |random| {
-            let (narrowness, twist) = (random.between(-26.0, -5.0), random.between(-3.0, 0.5));
-            Laid { narrowness, twist, before: random.between(0.1, 2.5), after: random.between(0.1, 2.5) }.goal()
+            let (narrowness, twist) = (random.uniform_between(-26.0, -5.0), random.uniform_between(-3.0, 0.5));
+            Laid {
+                narrowness,
+                twist,
+                before: random.uniform_between(0.1, 2.5),
+                after: random.uniform_between(0.1, 2.5),
+            }
+            .goal()
         },
         missed: 0.6,
     },
     Regime {
         name: "folds",
         draw: |random| {
-            let (narrowness, twist) = (random.between(-26.0, -5.0), random.between(-1.5, 0.5));
-            Laid { narrowness, twist, before: random.between(0.1, 1.5), after: random.between(3.5, 5.8) }.goal()
+            let (narrowness, twist) = (random.uniform_between(-26.0, -5.0), random.uniform_between(-1.5, 0.5));
+            Laid {
+                narrowness,
+                twist,
+                before: random.uniform_between(0.1, 1.5),
+                after: random.uniform_between(3.5, 5.8),
+            }
+            .goal()
         },
         missed: 0.4,
     },
     Regime {
         name: "wide",
         draw: |random| {
-            let (narrowness, twist) = (random.between(-5.0, 0.0), random.between(-3.0, 0.5));
-            Laid { narrowness, twist, before: random.between(0.1, 2.5), after: random.between(0.1, 4.0) }.goal()
+            let (narrowness, twist) = (random.uniform_between(-5.0, 0.0), random.uniform_between(-3.0, 0.5));
+            Laid {
+                narrowness,
+                twist,
+                before: random.uniform_between(0.1, 2.5),
+                after: random.uniform_between(0.1, 4.0),
+            }
+            .goal()
         },
         missed: 0.15,
     },
@@ -156,7 +180,7 @@ struct Tally {
 }
 
 fn try_regime(regime: &Regime, number: u64, count: u32) -> Tally {
-    let mut random = Random::new(&[17, number]);
+    let mut random = Rng::new(&[17, number]);
     let mut tally = Tally::default();
     while tally.laid < count {
         let laid = (regime.draw)(&mut random);

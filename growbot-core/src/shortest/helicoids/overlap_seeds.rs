@@ -33,7 +33,7 @@ fn kappa_and_c(angle: f64) -> (f64, f64) {
 
 /// Returns the seed of a path whose arcs overlap.
 pub(super) fn seed(path: &Csc) -> Seed<f64> {
-    let turned = wrap_signed(path.last_towards - path.first_towards);
+    let turned = wrap_signed(path.last_bend_direction - path.first_bend_direction);
     let (kappa, c) = kappa_and_c(turned.abs());
     let overlap = -path.straight;
     let width = overlap / (2.0 * c);
@@ -42,9 +42,9 @@ pub(super) fn seed(path: &Csc) -> Seed<f64> {
         twist: libm::log(kappa * width).clamp(-14.0, 2.0),
         mirrored: turned > 0.0,
         // Away from the neck the phase equals the length.
-        start: -(path.first - 0.5 * overlap).max(0.05),
-        end: (path.last - 0.5 * overlap).max(0.05),
-        with_circles: false,
+        start: -(path.first_angle - 0.5 * overlap).max(0.05),
+        end: (path.last_angle - 0.5 * overlap).max(0.05),
+        uses_circles: false,
     }
 }
 
