@@ -1,4 +1,4 @@
-//! A planned path is no longer than the best path of a slow and independent search.
+//! Checks that a planned path is at most as long as the best path of a slow and independent search.
 //!
 //! `examples/best_known.rs` made the table `best_known.csv` and describes how. This test searches a few more goals.
 //! `GROWBOT_NEAR` is the number of these that lie within 3 radii, by default 16:

@@ -53,7 +53,7 @@ fn assert_plain(ran: &Ran) {
 fn no_command_overwrites_what_it_reads_under_any_name() {
     let files = Files::new();
     let [plan, run, robot] = ["plan.json", "run.jsonl", "robot.toml"].map(|name| files.path(name));
-    // Each command, the input that it is told to overwrite, the option for its output, and the extension of its output.
+    // Each command, the input that it shall overwrite, the option for its output, and the extension of its output.
     let table: [(Vec<&str>, &str, &str, &str); 16] = [
         (vec!["plan", "--to", "0,0,50,0,90", "--robot", &robot], &robot, "-o", "json"),
         (vec!["view", &plan], &plan, "-o", "html"),

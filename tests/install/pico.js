@@ -1,5 +1,5 @@
 // Starts a Pico in rp2040js from the UF2 file that was copied to its drive. `growbot` configures it and checks that the
-// image is sound, that there is no fault, and that the board obeys an emergency stop.
+// image is sound and without a fault, and that the board obeys an emergency stop.
 //
 //   node pico.js UF2 GROWBOT [ARGUMENT...]
 //

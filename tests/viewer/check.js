@@ -4,7 +4,7 @@
 // with the committed one. Every page also works by touch, and the last is opened as on a phone.
 //
 //   node check.js GROWBOT            checks
-//   node check.js GROWBOT --bless    writes the picture anew
+//   node check.js GROWBOT --bless    writes the picture again
 //
 // The browser is `chromium`, or the value of CHROMIUM.
 

@@ -456,7 +456,7 @@ enum Way {
     Chain,
 }
 
-/// Searches the shortest helicoidal arc that is no longer than `longest`, radii. `backwards` are the solutions of
+/// Searches the shortest helicoidal arc with a length of at most `longest`, radii. `backwards` are the solutions of
 /// [`super::csc::search`] whose line has a negative length.
 pub fn search(problem: &Problem, longest: f64, backwards: &[[f64; 3]], effort: &Effort, random: &mut Random) -> Found {
     let mut ways = vec![Way::Shot; effort.shots];
