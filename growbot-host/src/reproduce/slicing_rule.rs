@@ -56,9 +56,9 @@ impl SlicingRule {
         }
     }
 
-    /// Returns the segments that are sliced into whole steps. The waypoint of a two-plane path is where two circles
-    /// touch. By rounding, every other path has a straight of 3e-8 radii between them. Such a straight is removed,
-    /// because it would add a whole step.
+    /// Returns the segments to slice. With whole steps, straights that come from rounding are removed. The waypoint of
+    /// a two-plane path is where two circles touch. By rounding, every other path has a straight of 3e-8 radii between
+    /// them, which would add a whole step.
     pub(super) fn stepped(self, robot: &Robot, path: &Path) -> Path {
         let rounding = 1e-6 * robot.description().planning_radius_mm;
         path.filtered(|segment| self == Self::Exact || segment.length() > rounding)

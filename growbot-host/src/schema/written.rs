@@ -1,7 +1,7 @@
 //! JSON Schemas of plans, lines of run logs, results, scenes, notices and settings.
 //!
-//! They are derived from the types that read and write these files, with their doc comments. In files that growbot
-//! writes, a field that is always written is required, even if a reader does not need it.
+//! The schemas are derived from the types that read and write these files, with their doc comments. In files that
+//! growbot writes, a field that is always written is required, even if a reader does not need it.
 
 use growbot_client::plan_file::PlanFile;
 use growbot_client::run_log::{GrowthResult, RunLine};

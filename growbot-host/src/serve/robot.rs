@@ -170,9 +170,9 @@ pub struct Connection {
     pub hello: BoardHello,
 }
 
-/// Reason why the thread is done with a board, for now or until it reconnects.
+/// State of a connection after a request, a job or a check of the board.
 pub enum Left {
-    /// The request is done and the board is ready for the next one.
+    /// The board is ready for the next request.
     Ready,
     /// The connection is lost or the board does not respond. The text is the reason.
     Lost(String),
@@ -224,7 +224,7 @@ impl Keeper {
         }
     }
 
-    /// Passes the robot and its job to `tell`, which makes a notice of them.
+    /// Calls `tell` with the robot and its job, for a notice.
     pub(super) fn about(&self, tell: impl FnOnce(&About)) {
         let view = self.view();
         tell(&About {

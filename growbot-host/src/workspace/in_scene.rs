@@ -19,7 +19,7 @@ const BANDS: usize = 5;
 /// Result for a goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Known {
-    /// A path exists. The length of its body, mm.
+    /// A path exists, with a body of this length, mm.
     Path(f64),
     /// The goal needs a longer body, even without obstacles.
     TooFar,
