@@ -127,8 +127,8 @@ impl Kind {
     }
 }
 
-/// Prints a message to standard error. Write errors are ignored, because a closed standard error is no reason to stop
-/// controlling a robot.
+/// Prints a message to standard error. Write errors are ignored, because a closed standard error is not a reason to
+/// stop controlling a robot.
 pub fn say(kind: Kind, message: fmt::Arguments) {
     if kind.is_shown() {
         let text = shown(kind, &one_line(&message.to_string()), COLOURED.load(Ordering::Relaxed));

@@ -68,7 +68,7 @@ impl Keeper {
     }
 
     /// Resumes the job that was active when the service ended or the connection was lost. The board must have continued
-    /// the job or be waiting for its host. After a loss of power or a stop the job stays interrupted, because only a
+    /// the job or be waiting for its host. After a loss of power or a stop the job becomes interrupted, because only a
     /// user may start heating again.
     pub(super) fn take_up(&self, connection: &mut Connection, job: &Job) -> Left {
         self.go_on(connection, job, None, |state| match state {
