@@ -19,7 +19,7 @@
 //!   the line of sight.
 //! - **Colours of heights** end at percentiles 1 and 99 of all heights shown, so that a few layers do not take the
 //!   contrast from all others. The legend names the percentiles if there are heights beyond. Colour-blind readers can
-//!   distinguish the scales and series; viridis and cividis suit print in grey.
+//!   distinguish the scales and series. Viridis and cividis suit print in grey.
 //! - **Axes** are three edges of a box of whole squares, those that hide least of the body.
 //! - **Several bodies** have one camera and one scale. If start and goal are the same, they also have one frame, so
 //!   that equal places appear at equal places.
