@@ -59,7 +59,7 @@ pub enum Refused {
     Because {
         /// Class of the exception.
         kind: Kind,
-        /// What failed, the value, the limit and the remedy.
+        /// Message with the failure, the value, the limit and the remedy.
         message: String,
         /// Value, if there is one.
         value: Option<Told>,
