@@ -82,7 +82,7 @@ mod tests {
     #[test]
     fn a_gap_is_measured_from_wall_to_wall() {
         let start = Frame::identity();
-        // Half a turn and back: two straight lines 200 mm apart would need one before, so the start itself is passed.
+        // A circle of 0.9 turns passes its own start. The gap is the chord of the missing tenth minus the diameter.
         let gap = self_clearance(&start, &bent(100.0, 0.9 * TAU, 0.0), 50.0).unwrap();
         let chord = 2.0 * 100.0 * libm::sin(0.05 * TAU);
         assert!((gap - (chord - 50.0)).abs() < 1.5, "{gap}, {chord}");
