@@ -265,9 +265,9 @@ fn goals_on_the_way(via: &Bound<PyAny>) -> Result<Vec<Goal>, Refused> {
 
 /// Plans from starts to goals, on all cores. Returns a list of plans in the order of the rows.
 ///
-/// starts has shape (n, 5): x_mm, y_mm, z_mm, heading_deg, pitch_deg. One pose stands for all rows. goals has shape (n,
-/// 5), or (n, 3) for any directions. The other arguments are those of plan. Raises the error of the first row that has
-/// no plan, with its number.
+/// starts has shape (n, 5): x_mm, y_mm, z_mm, heading_deg, pitch_deg. One pose stands for all rows. goals has shape
+/// (n, 5), or (n, 3) for any directions. The other arguments are those of plan. Raises the error of the first row that
+/// has no plan, with its number.
 #[pyfunction]
 #[pyo3(signature = (starts, goals, *, robot = None, radius_mm = None, planner = None, clear_of_self = None, threads = None))]
 #[expect(clippy::too_many_arguments, reason = "Python's keywords")]

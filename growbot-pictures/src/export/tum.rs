@@ -1,5 +1,5 @@
-//! The path of the tip as a TUM trajectory, which `evo` and other programs read. Each pose is a line `timestamp tx ty
-//! tz qx qy qz qw`, in seconds and metres.
+//! The path of the tip as a TUM trajectory, which `evo` and other programs read. Each pose is a line
+//! `timestamp tx ty tz qx qy qz qw`, in seconds and metres.
 
 use std::fmt::Write;
 
