@@ -1,7 +1,8 @@
 //! Parts of the book that growbot prints: the reference of its commands, and the fields of a robot file.
 //!
-//! A line `{{#commands}}` of a chapter is replaced by all commands with their help. A line `{{#robot-fields growbot-a
-//! growbot-b}}` is replaced by the fields of a robot file with their meaning and their values in these robots.
+//! A line `{{#commands}}` of a chapter is replaced by all commands with their help. A line
+//! `{{#robot-fields growbot-a growbot-b}}` is replaced by the fields of a robot file with their meaning and their
+//! values in these robots.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
