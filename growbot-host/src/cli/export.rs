@@ -29,8 +29,8 @@ use super::subject::Subject;
 /// GLB also has the obstacles of a scene, translucent, and the narrowest place of the body among them. The scene is
 /// that of the plan, or --scene.
 ///
-/// CSV has a row for the start and one for each layer: the position of the tip after it (mm), the direction of the tip,
-/// and the layer (alpha_deg, height_mm, tilt_deg), in full precision.
+/// CSV has a row for the start and one for each layer, in full precision. A row has the position (mm) and the direction
+/// of the tip after the layer, and the layer (alpha_deg, height_mm, tilt_deg).
 ///
 /// TUM is the tip's trajectory, for evo and other tools. It has a line after each layer: time (s), position (m),
 /// quaternion.

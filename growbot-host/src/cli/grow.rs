@@ -31,11 +31,11 @@ use super::{ChosenPort, Connection, Failure, PortArg};
 /// Grow a body: from a plan, or directly to a pose
 ///
 /// The command sends the layers to the robot's board, which heats, homes its head and lays them one by one. It shows
-/// the progress, and at the end the final pose of the tip: by the steps that were made, or with --feedback by the
+/// the progress. At the end it shows the final pose of the tip: by the steps that were made, or with --feedback by the
 /// sensors. Ctrl-C stops the robot. A second Ctrl-C gives the emergency stop and leaves.
 ///
 /// Through a scene, of the plan or of --scene, a body is grown only if its plan is clear of the scene. With --feedback
-/// each correction is checked before the board gets it: it must be clear of all obstacles by 3 standard deviations of
+/// each correction is checked before the board gets it. It must be clear of all obstacles by 3 standard deviations of
 /// the tip's position. If it is not, the body takes another path through the scene. If none is left, the robot pauses.
 ///
 /// Without a robot (--port sim, the default unless another port is set: growbot config) the same controller runs in

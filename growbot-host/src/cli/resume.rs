@@ -25,10 +25,10 @@ use super::{ChosenPort, Failure, PortArg};
 
 /// Resume an unfinished body: after a stop, a fault, a reset, a loss of power or of the host
 ///
-/// The command shows the state of the body, waits for your confirmation, heats, finds the head's index, primes the
-/// nozzle and continues at the first layer that is not laid. It takes the plan, or better the log of the growth (`grow
-/// --log`), which it then continues. A growth with feedback is resumed with feedback, and only from its log. In a scene
-/// its corrections also stay clear of the obstacles.
+/// The command shows the state of the body and waits for your confirmation. It then heats, finds the head's index,
+/// primes the nozzle and continues at the first layer that is not laid. It takes the plan, or better the log of the
+/// growth (`grow --log`), which it then continues. A growth with feedback is resumed with feedback, and only from its
+/// log. In a scene its corrections also stay clear of the obstacles.
 ///
 /// The command prints how much of an interrupted layer was made. By default that layer is laid again.
 #[derive(Args)]

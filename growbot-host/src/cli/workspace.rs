@@ -24,13 +24,13 @@ use super::{Failure, RobotArg};
 
 /// Show which goals are within reach of a body
 ///
-/// The command computes the positions to which a body of this length can bring its tip, and the number of final
-/// directions that it can have there. It prints a table, or one line of JSON with --json. -o draws a section through
-/// the start: SVG, PNG or PDF, coloured by length of the body.
+/// The command computes the positions to which a body of this length can bring its tip. It also computes the number of
+/// final directions that the tip can have there. It prints a table, or one line of JSON with --json. -o draws a section
+/// through the start: SVG, PNG or PDF, coloured by length of the body.
 ///
 /// Without a final direction (the tip may point anywhere) the result is the same all round the start's direction. The
-/// shortest body to a position is then an arc and a line, or two arcs, computed exactly, on a grid of 1/120 of the
-/// length. The volume is summed over rings of 1/500. The share of final directions is counted over 48 directions,
+/// shortest body to a position is then an arc and a line, or two arcs. It is computed exactly, on a grid of 1/120 of
+/// the length. The volume is summed over rings of 1/500. The share of final directions is counted over 48 directions,
 /// spread evenly. They are planned at each position of a coarser grid: 1/30 of the length, or more if much of it is
 /// near the start.
 ///

@@ -138,7 +138,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
     let remark = if session.simulated { ", simulated: it says nothing of a real one" } else { "" };
     manner.print(&format!("{} at {}{remark}\n\n", session.robot.name(), session.port))?;
     let done = commission(&mut session, &mut report, manner);
-    // Whatever has happened, nothing stays on.
+    // In every case, heater and motors are off at the end.
     let off = session.switch_off();
     manner.save(&report)?;
     if args.json {

@@ -35,7 +35,7 @@ use super::units::mm;
 ///
 /// The command lays the plan's layers one by one, each with the given errors, and prints how near the tip comes to its
 /// goal. The simulation has no board and no clock, unlike `growbot grow`. With --feedback the growth of each layer
-/// (odometry) and the tip's direction are measured, and the rest of the path is planned again after each layer.
+/// (odometry) and the tip's direction are measured. The rest of the path is planned again after each layer.
 ///
 /// Errors are those of Del Dottore et al. 2019, Eqs 26 to 28. The normalized error is relative to the length of the
 /// planned path.

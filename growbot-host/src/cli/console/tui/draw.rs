@@ -37,7 +37,7 @@ const WORKING: Style = Style::new().fg(Color::Yellow).add_modifier(Modifier::BOL
 const BAD: Style = Style::new().fg(Color::Red).add_modifier(Modifier::BOLD);
 const KEY: Style = Style::new().fg(Color::Cyan).add_modifier(Modifier::BOLD.union(Modifier::REVERSED));
 
-/// Draws the whole screen. Names and messages of a board must not control the terminal, so such characters become
+/// Draws the whole screen. Names and messages of a board must not control the terminal, so control characters become
 /// spaces.
 pub fn screen(frame: &mut Frame, model: &Model) {
     draw(frame, model);
