@@ -1,8 +1,8 @@
-//! Closed loop against open loop, by the same seeds: robot A over 4, 8, 16 and 32 radii, with noisy growth and noisy
+//! Closed loop against open loop with the same seeds: robot A over 4, 8, 16 and 32 radii, with noisy growth and noisy
 //! sensors.
 //!
-//! `GROWBOT_LOOPS=1000 cargo test --release -p growbot-tests --test it closed_loop:: -- --nocapture` grows a thousand bodies
-//! of each kind.
+//! `GROWBOT_LOOPS=1000 cargo test --release -p growbot-tests --test it closed_loop:: -- --nocapture` grows a thousand
+//! bodies of each kind.
 
 use growbot_client::arrival::Arrival;
 use growbot_client::robot_file;
@@ -23,20 +23,20 @@ use nalgebra::Vector3;
 const LOOPS: u64 = 25;
 /// Distances from start to goal, radii.
 const DISTANCES: [u32; 4] = [4, 8, 16, 32];
-/// The growth of a layer is off by this share at most.
+/// Max error of a layer's growth, as a fraction.
 const NOISE: f64 = 0.1;
-/// Of the odometry, a share of a layer.
+/// Noise of the odometry, as a fraction of a layer.
 const ODOMETRY: f64 = 0.01;
-/// Of the direction, degrees an axis.
+/// Noise of the direction, degrees per axis.
 const DIRECTION: f64 = 0.5;
 
-/// A pose at a place, pointing anywhere.
+/// Returns a pose at a position with a random direction.
 fn pose(position: Vector3<f64>, random: &mut Rng) -> Pose {
     let direction = random.direction();
     Pose::new(position, libm::atan2(direction.y, direction.x), libm::asin(direction.z)).unwrap()
 }
 
-/// The open and the closed loop's arrival, of one seed.
+/// Returns the arrival in open loop and in closed loop for one seed.
 fn pair(robot: &Robot, distance: u32, disturbance: &Disturbance, seed: u64) -> [Arrival; 2] {
     let mut random = Rng::new(&[u64::from(distance), seed]);
     let radius = robot.description().planning_radius_mm;
@@ -62,14 +62,14 @@ fn pair(robot: &Robot, distance: u32, disturbance: &Disturbance, seed: u64) -> [
     [open, closed].map(|grown| Arrival::of(&grown.base_from_tip, &goal, length(&path)))
 }
 
-/// All pairs of one kind.
+/// Returns all pairs of one kind.
 fn pairs(robot: &Robot, distance: u32, bias: f64, loops: u64) -> Vec<[Arrival; 2]> {
     let disturbance = Disturbance { growth_noise: NOISE, growth_bias: bias, ..Disturbance::default() };
     let seeds: Vec<u64> = (0..loops).collect();
     parallel::map(&seeds, |&seed| pair(robot, distance, &disturbance, seed), |_| {})
 }
 
-/// Mean, 95th percentile and max.
+/// Returns mean, 95th percentile and max.
 fn figures(values: impl Iterator<Item = f64>) -> [f64; 3] {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
@@ -83,7 +83,7 @@ fn closed_loops_arrive_where_open_loops_miss() {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     println!("{loops} bodies of each kind; position errors over the path's length: mean, 95th percentile, max");
     println!("{:>6} {:>6}  {:^28}  {:^28}  {:>14}", "bias", "R", "open loop", "closed loop", "direction, deg");
-    // Position and direction that the mean has to keep to.
+    // Limits of the mean position error and the mean direction error.
     for (bias, position, direction) in [(0.0, 0.0007, 0.5), (0.05, 0.002, 0.5), (-0.05, 0.002, 0.5)] {
         for distance in DISTANCES {
             let pairs = pairs(&robot, distance, bias, loops);
@@ -117,7 +117,7 @@ fn no_robot_is_asked_for_a_layer_beyond_its_limits() {
         for (disturbance, seed) in
             [everything, less].iter().zip(0..).flat_map(|(one, seed)| [(one, seed), (one, seed + 2)])
         {
-            // It panics at the first such layer.
+            // The growth panics at the first such layer.
             let [one, other] = pair(&robot, 8, disturbance, seed);
             (open, closed) =
                 (open + one.normalized_position_error / 4.0, closed + other.normalized_position_error / 4.0);

@@ -1,9 +1,9 @@
-//! A growth that is interrupted anywhere is resumed, and each layer is laid once.
+//! A growth that is interrupted at any moment is resumed, and each layer is laid once.
 
 use growbot_tests::survival::crash::{Crash, check, crash_at};
 use growbot_tests::survival::{Body, Undisturbed, robot};
 
-/// Some moments of the growth, evenly spread, are tried here; `cargo survival` tries them all.
+/// Interval between the moments of the growth that this test tries. `cargo survival` tries all of them.
 const EVERY: usize = 50;
 
 #[test]
@@ -12,7 +12,7 @@ fn whatever_goes_and_whenever_each_layer_is_laid_once() {
     let job = body.job(&robot);
     let undisturbed = Undisturbed::grow(&job);
     assert!(undisturbed.events > 300);
-    // The first and the last moments are all different; in between a layer is like another.
+    // The first and the last moments all differ. Between them the layers are alike.
     let last = undisturbed.events - 2;
     let moments = (1..6).chain((6..last - 4).step_by(EVERY)).chain(last - 4..=last);
     let mut tried = 0;

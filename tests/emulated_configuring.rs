@@ -1,5 +1,5 @@
-//! Another robot description for the firmware's own image, in QEMU: it is checked and kept by the image, which restarts
-//! with it.
+//! Configures the firmware's own image in QEMU as another robot. The image checks and stores the description, and
+//! restarts with it.
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::robot_file;
@@ -21,7 +21,7 @@ fn refusal<T: std::fmt::Debug>(done: Result<T, ClientError>) -> Refusal {
     }
 }
 
-/// Hands over these bytes as the description of a robot.
+/// Sends these bytes as the description of a robot.
 fn hand_over(client: &mut Client, robot: &Robot, bytes: &[u8]) -> Result<(), ClientError> {
     for (index, part) in bytes.chunks(MAX_DESCRIPTION_PART).enumerate() {
         let part = Configure {
@@ -45,7 +45,7 @@ fn the_image_checks_and_keeps_a_description_and_restarts_with_it() {
     let mut buffer = [0; MAX_VERSIONED_LEN];
     let bytes = new.encode_for_board(&mut buffer).unwrap().to_vec();
     let mut negative = bytes.clone();
-    // The planning radius follows on the name.
+    // The planning radius comes after the name.
     let at = 2 + new.name().len();
     negative[at..at + 8].copy_from_slice(&(-1.0_f64).to_le_bytes());
     for (bad, why) in [

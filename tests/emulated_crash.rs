@@ -1,5 +1,4 @@
-//! Crashes of the firmware and damage to its image, in QEMU: what the board retains, what it tells, and that it does
-//! not heat.
+//! Crashes of the firmware and damage to its image, in QEMU. The board retains and reports them, and it does not heat.
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +15,7 @@ use growbot_tests::firmware;
 use growbot_tests::tip_words::Words;
 use object::{Object, ObjectSection, ObjectSymbol};
 
-/// A board that runs this image, a client of it, and the words of its tip.
+/// Returns a client of a board that runs this image, and the words of its tip.
 fn board(image: &Path) -> (Client, Words) {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let mut emulator = Emulator::start(&robot, Some(image)).unwrap();
@@ -26,7 +25,7 @@ fn board(image: &Path) -> (Client, Words) {
     (client, words)
 }
 
-/// Has a board crash in this way, and waits until it has started anew.
+/// Makes a board crash in this way, and waits until it has restarted.
 fn crash(words: &Words, how: u32) {
     let boots = words.read(table::BOOTS);
     words.write(table::CRASH, how);
@@ -80,7 +79,7 @@ fn a_crash_is_told_after_the_reset_by_function_and_line() {
         assert_eq!(json["address"].as_str(), address.as_deref(), "{function}");
     }
 
-    // An overflow of the stack, where the registers may not be saved any more.
+    // Overflow of the stack. The processor may be unable to save the registers here.
     let boots = words.read(table::BOOTS);
     words.write(table::OVERFLOW_STACK, 1);
     words.wait("another boot", |words| words.read(table::BOOTS) != boots);
@@ -91,13 +90,14 @@ fn a_crash_is_told_after_the_reset_by_function_and_line() {
     println!("{}", crash.text());
     assert_eq!(crash.record.cause, ResetCause::StackOverflow);
     assert!(crash.text().contains("high_water::overflow"), "{}", crash.text());
-    // Another image is not taken for the one that crashed.
+    // Another image is not mistaken for the one that crashed.
     let other = Image::open(&firmware("stm32f405")).unwrap();
     let unknown = Crash::new(&told, Some(&other));
     assert!(unknown.image.is_none() && unknown.text().contains("--elf"), "{}", unknown.text());
 }
 
-/// A sealed image in which a bit of a function is another one that is not needed to start, answer, or switch off.
+/// Returns the path of a sealed image with one flipped bit in a function. The function is not needed to start, respond
+/// or switch off.
 fn damaged(name: &str) -> PathBuf {
     let image = std::fs::read(firmware("an386")).unwrap();
     let file = object::File::parse(&*image).unwrap();
@@ -155,7 +155,7 @@ fn images_of_both_boards_can_be_sealed_and_every_byte_of_them_counts() {
         let image = std::fs::read(firmware(board)).unwrap();
         let sealed = seal(&image).unwrap();
         assert!(is_sealed(&sealed.bytes) && seal(&sealed.bytes).unwrap() == sealed, "{board}");
-        // Wherever a byte that goes into flash is another one, the CRC is.
+        // Any change of a byte that goes into flash changes the CRC.
         let file = object::File::parse(&*image).unwrap();
         let mut bytes = sealed.bytes.clone();
         for name in [".vector_table", ".text", ".rodata", ".data"] {
@@ -173,7 +173,7 @@ fn images_of_both_boards_can_be_sealed_and_every_byte_of_them_counts() {
     }
     assert!(seal(b"no image").is_err());
 
-    // In its place: once, and never over a seal that is not its own.
+    // Sealing in place works repeatedly, and never overwrites the seal of other bytes.
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sealed");
     let image = std::fs::read(firmware("an386")).unwrap();
     let sealed = seal(&image).unwrap();

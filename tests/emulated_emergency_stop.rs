@@ -1,6 +1,6 @@
-//! The emergency stop, on the firmware's own image in QEMU. By the link: obeyed behind noise and in the midst of a
-//! frame. By the button: obeyed while the main loop hangs. What it takes the processor, with the board's queue full,
-//! `cargo step-cost` tells.
+//! Emergency stops of the firmware's own image in QEMU. A stop by the link works after noise and in the middle of a
+//! frame. A stop by the button works while the main loop hangs. `cargo step-cost` measures the processor time of a stop
+//! with a full queue.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -23,16 +23,16 @@ use growbot_tests::firmware;
 use growbot_tests::tip_words::{BoardLimit, Words, all_off_at_the_tip};
 
 const PLAN: u64 = 1;
-/// Three times what the board's queue holds, bytes.
+/// Bytes of noise: three times the size of the board's queue.
 const NOISE: usize = 3 * 4096;
-/// How long the board may take to grow, which is a minute for the proof of its heater's switches and for homing, or to
-/// switch everything off, s of its clock.
+/// Time limit for the board to grow or to switch everything off, s of its clock. It takes a minute to grow, for the
+/// test of its heater's switches and for homing.
 const LIMIT_S: u32 = 120;
-/// How long it may take to say that it has stopped, all in all; it needs some milliseconds, but the desktop may leave
-/// the emulator standing.
+/// Time limit for the board's confirmation of a stop. The board takes some milliseconds, but the desktop may pause the
+/// emulator.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// Robot A, homing and growing faster.
+/// Returns robot A with faster homing and growth.
 fn robot() -> Robot {
     let mut description = robot_file::load("growbot-a".as_ref()).unwrap().description().clone();
     description.layer.period_s = 6.0;
@@ -40,7 +40,7 @@ fn robot() -> Robot {
     Robot::new(description).unwrap()
 }
 
-/// What a bad line makes of many frames, and half a frame at last.
+/// Returns noise: many frames as a bad line delivers them, and half a frame at the end.
 fn noise() -> Vec<u8> {
     let mut random = Rng::new(&[1]);
     let mut bytes: Vec<u8> = (0..NOISE).map(|_| random.uniform_between(0.0, 256.0) as u8).collect();
@@ -65,10 +65,10 @@ fn start(client: &mut Client, words: &Words) {
     }
 }
 
-/// What an emergency stop switches off.
+/// Outputs that an emergency stop switches off.
 const OUTPUTS: [usize; 3] = [table::HEATER_ENABLE, table::HEAD_ENABLE, table::FEED_ENABLE];
 
-/// A board that has a job of 8 layers, and its nozzle warm.
+/// Returns a board with a job of 8 layers and a warm nozzle.
 fn with_a_job() -> (Rc<RefCell<Emulator>>, Words, Client) {
     let robot = robot();
     let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
@@ -78,7 +78,7 @@ fn with_a_job() -> (Rc<RefCell<Emulator>>, Words, Client) {
     client
         .request("to begin", &Message::Begin(BeginJob { plan_id: PLAN, layers: 8, robot_hash: robot.hash() }))
         .unwrap();
-    // Warm only now: the board makes room in its journal with a cold nozzle only.
+    // The nozzle is warmed only now, because the board erases its journal only with a cold nozzle.
     emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(197.0));
     let mut encoder = LayerEncoder::default();
     let layers = (0..8).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
@@ -93,15 +93,15 @@ fn the_button_switches_everything_off_while_the_main_loop_hangs() {
     words.wait("heater and motors", |words| OUTPUTS.iter().all(|output| words.read(*output) == 1));
     let boots = words.read(table::BOOTS);
     words.write(table::HANG, 1);
-    // It hangs once no other feed comes, though ticks go on; its watchdog is fed all the same, so that nothing else
-    // ends this.
+    // The main loop hangs once its feeds of the watchdog stop while ticks continue. The emulator feeds the watchdog
+    // nevertheless, so only the stop ends this.
     let (mut feeds, mut since) = (words.read(table::WATCHDOG_FEEDS), words.read(table::TICKS_LO));
     words.wait("the main loop to hang", |words| {
         let now = words.read(table::TICKS_LO);
         if words.read(table::WATCHDOG_FEEDS) != feeds {
             (feeds, since) = (words.read(table::WATCHDOG_FEEDS), now);
         }
-        // A second without a feed, by the board's clock; it has fed ten times a second.
+        // One second without a feed, by the board's clock. Before, the board fed ten times a second.
         now.wrapping_sub(since) > words.read(table::TICK_HZ)
     });
     assert_eq!(words.read(table::HEATER_ENABLE), 1, "nothing has switched the heater off yet");
@@ -148,7 +148,7 @@ fn behind_noise_and_half_a_frame_the_stop_switches_everything_off() {
             after.as_secs_f64() * 1e3
         );
         client.request("to clear it", &Message::ClearFault(Empty {})).unwrap();
-        // The layer that was cut is laid again.
+        // The interrupted layer is laid again.
         let laid = status.layers_laid;
         client
             .request("to resume", &Message::Resume(Resume { plan_id: PLAN, start_layer: laid, reported_layers: laid }))
@@ -156,7 +156,7 @@ fn behind_noise_and_half_a_frame_the_stop_switches_everything_off() {
     }
 }
 
-/// Whether `EmergencyStopAck` comes.
+/// Returns true if the board sends `EmergencyStopAck`.
 fn says_that_it_has_stopped(port: &mut dyn Port) -> bool {
     let (mut receiver, mut buffer, began) = (FrameDecoder::default(), [0; 64], Instant::now());
     while began.elapsed() < PATIENCE {

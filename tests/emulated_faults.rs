@@ -1,4 +1,4 @@
-//! Faults of the tip behind the firmware's own image: what the robot's board would do, in QEMU.
+//! Faults of the tip with the firmware's own image in QEMU, which reacts as the robot's board would.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -15,7 +15,7 @@ use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
 use growbot_tests::tip_words::{BoardLimit, Words, all_off_at_the_tip};
 
-/// Robot A, homing and growing faster, so that the test does not take long.
+/// Returns robot A with faster homing and growth, so that the test does not take long.
 fn robot() -> Robot {
     let mut description = robot_file::load("growbot-a".as_ref()).unwrap().description().clone();
     description.layer.period_s = 6.0;
@@ -23,11 +23,11 @@ fn robot() -> Robot {
     Robot::new(description).unwrap()
 }
 
-/// How long a board may take to a state, s of its own clock. How long it took to notice a fault is judged apart.
+/// Time limit for a board to reach a state, s of its own clock. The time until it notices a fault has its own limit.
 const LIMIT_S: u32 = 300;
 
-/// Grows until this state, breaks something, and waits for the fault (the emergency stop is none), which must come
-/// within this time of the board's clock, s.
+/// Grows until a state, injects a fault into the tip, and waits for the board's fault. It must come within this time of
+/// the board's clock, s. `None` expects the emergency stop.
 fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     let what = format!("{} while {}", broken.name(), during.name());
     let robot = robot();
@@ -37,7 +37,7 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     client.hello_robot(&robot).unwrap();
     let plan_id = 1;
     client.request("to begin", &Message::Begin(BeginJob { plan_id, layers: 8, robot_hash: robot.hash() })).unwrap();
-    // Warm only now: the board makes room in its journal with a cold nozzle only.
+    // The nozzle is warmed only now, because the board erases its journal only with a cold nozzle.
     emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(if during == State::Heating { 60.0 } else { 197.0 }));
     let mut encoder = LayerEncoder::default();
     let layers = (0..8).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
@@ -63,13 +63,13 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     let broken_ms = client.status().unwrap().uptime_ms;
     let status = wait_for(&mut client, &[State::Fault, State::EmergencyStop]);
     let noticed_ms = client.latest_fault().unwrap().expect("a record of it").uptime_ms;
-    // It may be noticed before the board is asked for its time.
+    // The board may notice the fault before its time is requested.
     let after = noticed_ms.saturating_sub(broken_ms) as f64 / 1000.0;
     println!("{what}: {:?} after {after:.1} s", status.fault);
     assert_eq!(status.fault, expected, "{what}");
     assert!(after <= within, "{what}: noticed after {after} s, more than {within} s");
     assert_eq!(status.state, if expected.is_some() { State::Fault } else { State::EmergencyStop }, "{what}");
-    // At the tip's next look at its board.
+    // The tip switches off the next time it polls its board.
     all_off_at_the_tip(&mut emulator.borrow_mut(), &what);
 }
 
@@ -78,7 +78,7 @@ fn the_image_notices_faults_and_switches_everything_off() {
     type Case = (TipFault, State, Option<Fault>, f64);
     let cases: [Case; 8] = [
         (TipFault::ThermistorOpen, State::Heating, Some(Fault::ThermistorOpen), 3.0),
-        // Of these, 21 s pass before it heats, for the proof of its switches.
+        // The test of the switches before heating takes 21 s of this limit.
         (TipFault::HeaterOpen, State::Heating, Some(Fault::HeatingTooSlow), 45.0),
         (TipFault::IndexDead, State::Homing, Some(Fault::IndexNotFound), 30.0),
         (TipFault::ThermistorSilent, State::Growing, Some(Fault::ThermistorSilent), 3.0),
@@ -87,7 +87,7 @@ fn the_image_notices_faults_and_switches_everything_off() {
         (TipFault::SupplyLow { volts: 9.0 }, State::Growing, Some(Fault::SupplyLow), 3.0),
         (TipFault::EmergencyStop, State::Growing, None, 3.0),
     ];
-    // Two boards at a time: each takes half of a core.
+    // Two boards run at a time, because each takes half of a core.
     for pair in cases.chunks(2) {
         std::thread::scope(|scope| {
             for &(broken, during, expected, within) in pair {

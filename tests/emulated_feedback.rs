@@ -1,5 +1,5 @@
-//! The firmware in the emulator grows with feedback: it measures, it is amended while it grows, and it arrives where a
-//! growth without feedback does not.
+//! The firmware in the emulator grows with feedback. It measures, its job is amended while it grows, and it arrives
+//! where a growth without feedback does not.
 
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
@@ -15,7 +15,7 @@ use growbot_sim::port::emulator::Emulator;
 use growbot_sim::truth::compare;
 use growbot_tests::firmware;
 
-/// Robot A2, which is fast, with robot A's sensors.
+/// Returns robot A2, which is fast, with robot A's sensors.
 fn robot() -> Robot {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a2.toml");
     let sensors = "[sensors]\nfilament_motion = { mm_per_pulse = 1.25, jam_mm = 8.0 }\norientation = true\n";
@@ -27,7 +27,7 @@ fn robot() -> Robot {
     robot
 }
 
-/// Grows 62 layers on an emulated robot that lays a tenth too little, give or take a tenth.
+/// Grows 62 layers on an emulated robot that lays 10 % too little, with 10 % noise.
 fn grow(robot: &Robot, with_feedback: bool) -> Grown {
     let path = [
         Segment::Arc { alpha: 1.0, bend: 0.15, length: 20.0 },
@@ -45,7 +45,7 @@ fn grow(robot: &Robot, with_feedback: bool) -> Grown {
     let imperfection = ErrorModel { disturbance, noise, seed: 11 };
     emulator.simulated_tip(|tip| {
         tip.disturb(&imperfection);
-        // A nozzle that is warm at once saves the time of heating.
+        // A warm nozzle saves the heating time.
         tip.warm_at_once(190.0);
     });
     let feedback = with_feedback.then(|| Feedback::new(robot, &start, &path, &legs, noise));

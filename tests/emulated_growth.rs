@@ -1,4 +1,4 @@
-//! The firmware in the emulator grows a body, step for step as the same controller does in a simulation on the desktop.
+//! The firmware in the emulator grows a body with the same steps as the controller in a simulation on the desktop.
 
 use growbot_client::client::Client;
 use growbot_client::growth::{Grown, Job, JobEvent, Orders, Outcome, grow_job};
@@ -13,7 +13,7 @@ use growbot_sim::port::sim::Sim;
 use growbot_sim::truth::{Simulation, compare};
 use growbot_tests::firmware;
 
-/// What grew.
+/// Grows a path and returns the result.
 fn grow_on(opened: (Box<dyn Port>, Box<dyn Simulation>), robot: &Robot, path: &[Segment]) -> Grown {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&end(path, &start.frame()));
@@ -29,7 +29,8 @@ fn grow_on(opened: (Box<dyn Port>, Box<dyn Simulation>), robot: &Robot, path: &[
 #[test]
 fn the_emulated_board_lays_the_layers_that_the_simulation_lays() {
     let robot = robot_file::load("growbot-a2".as_ref()).unwrap();
-    // Out of one plane into another, with a straight line between: 103 mm, one thin layer included.
+    // The path leads from one plane into another, with a straight line between. It is 103 mm long and includes a thin
+    // layer.
     let path = [
         Segment::Arc { alpha: 1.0, bend: 0.5, length: 50.0 },
         Segment::Straight { length: 20.1 },
@@ -38,7 +39,7 @@ fn the_emulated_board_lays_the_layers_that_the_simulation_lays() {
     ];
 
     let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
-    // A nozzle that is warm at once saves the time of heating.
+    // A warm nozzle saves the heating time.
     emulator.simulated_tip(|tip| tip.warm_at_once(190.0));
     let tip = emulator.simulation();
     let emulated = grow_on((Box::new(emulator), tip), &robot, &path);
@@ -52,13 +53,13 @@ fn the_emulated_board_lays_the_layers_that_the_simulation_lays() {
     assert_eq!(emulated.as_built, simulated.as_built);
     assert_eq!(emulated.filament_mm, simulated.filament_mm);
     assert_eq!(emulated.body.len(), simulated.body.len());
-    // Where the tip ends is measured from the steps and their times. A busy machine delays the emulated board's next
-    // layer now and then by some ticks, in which a step's plastic flows on: that is all the difference there may be.
+    // The end of the body is computed from the steps and their times. A busy machine sometimes delays the emulated
+    // board's next layer by some ticks, and plastic of a step still flows in this time. No other difference is allowed.
     let (here, there) = (emulated.arrival.final_pose, simulated.arrival.final_pose);
     let apart = (here.position() - there.position()).norm();
     assert!(apart < 0.0005 * length(&path), "{apart} mm apart");
     assert!(angle_between(&here.direction(), &there.direction()) < 0.1_f64.to_radians());
-    // What is left is what 200 head steps and 178 feed steps a layer cannot say.
+    // The remaining error is the resolution of 200 head steps and 178 feed steps a layer.
     assert!(emulated.arrival.normalized_position_error < 0.001, "{:?}", emulated.arrival);
     println!("{} layers, {apart:.6} mm between emulator and simulation", emulated.body.len());
 }

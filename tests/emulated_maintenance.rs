@@ -1,6 +1,7 @@
-//! Maintenance and the end of a spool, on the firmware's own image in QEMU: what is refused cold is done hot and seen
-//! by the tip, and a body that ran out of filament is the one that nothing disturbed. That all goes off when the host
-//! is silent for ten minutes, and that a robot parks after an hour without filament, the controller's own tests say.
+//! Maintenance and the end of a spool, on the firmware's own image in QEMU. Tasks that a cold board refuses are done by
+//! a hot one, and the tip moves. A body that ran out of filament equals an undisturbed one. The controller's own tests
+//! cover two more rules: the board switches everything off when the host is silent for ten minutes, and a robot parks
+//! after an hour without filament.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -20,10 +21,10 @@ use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
 use growbot_tests::tip_words::{BoardLimit, Words};
 
-/// How long the board may refuse a task, because it is not hot yet or still moves, s of its clock.
+/// Time limit for the board to accept a task that it refuses because it is cold or moving, s of its clock.
 const LIMIT_S: u32 = 180;
 
-/// Robot A2, whose motors are quick, homing faster and with a switch that sees its filament.
+/// Returns robot A2, whose motors are fast, with faster homing and a filament switch.
 fn robot() -> Robot {
     let mut description = robot_file::load("growbot-a2".as_ref()).unwrap().description().clone();
     description.layer.period_s = 0.3;
@@ -51,7 +52,7 @@ fn refusal(done: Result<(), ClientError>) -> Refusal {
     }
 }
 
-/// Asks until the board no longer refuses because it is not hot yet, or still moves.
+/// Repeats a task until the board no longer refuses it because it is cold or moving.
 fn once_possible(board: &Board, client: &mut Client, task: MaintenanceTask) {
     let mut limit = BoardLimit::new(&Words::of(&mut board.borrow_mut()), LIMIT_S);
     loop {
@@ -107,7 +108,7 @@ fn what_is_refused_cold_is_done_hot_and_seen_by_the_tip() {
     assert!(!at(|tip| i64::from(tip.is_enabled(growbot_sim::tip::Motor::Feed))).is_positive(), "motors are let go");
 }
 
-/// Grows a straight body of 20 layers; `on_event` may break the tip.
+/// Grows a straight body of 20 layers. `on_event` may inject a fault into the tip.
 fn grow(robot: &Robot, mut on_event: impl FnMut(&Board, &JobEvent, &Orders)) -> Grown {
     let (board, mut client) = board(robot);
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
@@ -134,13 +135,13 @@ fn a_body_that_ran_out_of_filament_is_the_one_that_nothing_disturbed() {
             assert_eq!(status.pause_cause, PauseCause::FilamentOut);
             waited += 1;
             board.borrow_mut().mend(TipFault::FilamentOut);
-            // One refused is given again with the next status.
+            // A refused command is given again with the next status.
             if let Some(order) = steps.last() {
                 orders.give(*order);
             }
         }
         JobEvent::Ordered(order) if steps.last() == Some(order) => drop(steps.pop()),
-        // It was too early.
+        // The command came too early.
         JobEvent::NotObeyed(_) => steps.push(if steps.is_empty() { Order::Continue } else { Order::Load }),
         _ => {}
     });

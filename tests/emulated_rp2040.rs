@@ -1,5 +1,5 @@
-//! The firmware of the Pico, run pin by pin in an emulator, grows a body step for step as the same controller does in a
-//! simulation on the desktop, and as another processor does in QEMU.
+//! The firmware of the Pico runs pin by pin in an emulator. It grows a body with the same steps as the controller in a
+//! simulation on the desktop, and as another processor in QEMU.
 
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -24,31 +24,31 @@ use growbot_sim::tip::Variation;
 use growbot_sim::truth::{Simulation, compare};
 use growbot_tests::{firmware, pico_firmware};
 
-/// Robot A2 lays a layer in 0.18 s.
+/// Returns robot A2, which lays a layer in 0.18 s.
 fn robot() -> Robot {
     robot_file::load("growbot-a2".as_ref()).unwrap()
 }
 
-/// A nozzle that is warm at once saves the time of heating, degrees Celsius.
+/// Temperature of a nozzle that is warm at once, which saves the heating time, degrees Celsius.
 const WARM_C: f64 = 190.0;
 
-/// The same robot with an SKR Pico, whose signals are at other pins than a Pico's.
+/// Returns the same robot with an SKR Pico, which has its signals on other pins than a Pico.
 fn on_skr_pico() -> Robot {
     let mut description = robot().description().clone();
     description.board = Some(Board { kind: BoardKind::SkrPico, pins: PinOverrides::default() });
-    // It does not measure its supply.
+    // An SKR Pico does not measure its supply.
     description.sensors.supply = false;
     (description.head.driver, description.feed.driver) =
         (Some(DriverSettings::with_current(0.8)), Some(DriverSettings::with_current(0.6)));
     Robot::new(description).unwrap()
 }
 
-/// What grew.
+/// Grows a path with robot A2.
 fn grow_on(port: Box<dyn Port>, simulation: Box<dyn Simulation>, path: &[Segment]) -> Grown {
     grow_as(&robot(), port, simulation, path)
 }
 
-/// What grew as this robot.
+/// Grows a path with a robot.
 fn grow_as(robot: &Robot, port: Box<dyn Port>, mut simulation: Box<dyn Simulation>, path: &[Segment]) -> Grown {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&end(path, &start.frame()));
@@ -60,7 +60,7 @@ fn grow_as(robot: &Robot, port: Box<dyn Port>, mut simulation: Box<dyn Simulatio
     compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }
 
-/// On the simulated board; with the time that it took there.
+/// Grows a path on the simulated board. Also returns the time on its clock.
 fn simulated(path: &[Segment]) -> (Grown, Duration) {
     let sim = Rc::new(RefCell::new(Sim::new(robot())));
     sim.borrow_mut().simulated_tip().warm_at_once(WARM_C);
@@ -70,7 +70,7 @@ fn simulated(path: &[Segment]) -> (Grown, Duration) {
     (grown, time)
 }
 
-/// On the emulated M4.
+/// Grows a path on the emulated M4.
 fn on_an386(path: &[Segment]) -> Grown {
     let mut emulator = Emulator::start(&robot(), Some(&firmware("an386"))).unwrap();
     emulator.simulated_tip(|tip| tip.warm_at_once(WARM_C));
@@ -78,21 +78,21 @@ fn on_an386(path: &[Segment]) -> Grown {
     grow_on(Box::new(emulator), tip, path)
 }
 
-/// The processor's clock, Hz, and the steps a second that there must be time for on both axes at once, in half of its
-/// time: with a tick for each, so that no two coincide.
+/// Clock of the processor, Hz, and steps per second that both axes must be able to make at once. They may take half of
+/// the processor's time. Each step has its own tick, because no two coincide.
 const CLOCK_HZ: u64 = 125_000_000;
 const STEPS_PER_S: u64 = 10_000;
-/// The region of the stack, bytes: half of it must stay unused.
+/// Size of the stack, bytes. Half of it must stay unused.
 const STACK: u64 = 64 * 1024;
 
-/// A board for robot A2 that measures its step interrupt and its stack, and its file of figures.
+/// Returns a board for robot A2 that measures its step interrupt and its stack, and the file of the measurements.
 fn measured(name: &str) -> (Rp2040, PathBuf) {
     let figures = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let _ = std::fs::remove_file(&figures);
     (Rp2040::start_measured(&robot(), &pico_firmware("growbot-a2"), &figures).unwrap(), figures)
 }
 
-/// Checks what was measured.
+/// Checks the measurements in a file.
 fn check_figures(file: &Path) {
     let text = std::fs::read_to_string(file).unwrap();
     println!("{text}");
@@ -104,7 +104,7 @@ fn check_figures(file: &Path) {
 
 #[test]
 fn the_pico_lays_the_layers_that_the_simulation_and_another_processor_lay() {
-    // Out of one plane into another, with a straight line between, one thin layer included.
+    // The path leads from one plane into another, with a straight line between, and includes a thin layer.
     let path = [
         Segment::Arc { alpha: 1.0, bend: 1.0, length: 100.0 },
         Segment::Straight { length: 20.1 },
@@ -129,21 +129,21 @@ fn the_pico_lays_the_layers_that_the_simulation_and_another_processor_lay() {
         assert_eq!(grown.as_built, simulated.as_built);
         assert_eq!(grown.filament_mm, simulated.filament_mm);
     }
-    // So are their times, but for the tick in which an interrupt falls.
+    // Times of steps differ at most by the tick in which an interrupt occurs.
     let (here, there) = (pico.arrival.final_pose, simulated.arrival.final_pose);
     let apart = (here.position() - there.position()).norm();
     assert!(apart < 0.001, "{apart} mm");
     let board = board.borrow();
-    // Each layer is in the journal: 32 bytes, for which a page of 256 is programmed.
+    // Each layer is in the journal. It takes 32 bytes, for which a page of 256 bytes is programmed.
     assert!(board.flash_changed() as usize >= 256 * pico.body.len(), "{} bytes", board.flash_changed());
     assert_eq!(board.resets(), 0);
-    // It is as fast: what it computes between two layers fits between them.
+    // The Pico is as fast as the simulation, so its computations between two layers do not delay it.
     assert!(board.now().as_secs_f64() < 1.02 * time.as_secs_f64(), "{:?}, simulated {time:?}", board.now());
     println!("{} layers, {apart:.6} mm apart, {:.1?} of the chip in {took:.1?}", pico.body.len(), board.now());
     check_figures(&figures);
 }
 
-/// An image for no robot is told over its line which one it is, and drives that robot at the pins that it names.
+/// An image for no robot is configured over its line, and drives that robot at the configured pins.
 #[test]
 fn a_board_that_is_configured_as_an_skr_pico_grows_at_its_pins() {
     let path = [Segment::Arc { alpha: 1.0, bend: 0.2, length: 20.0 }];
@@ -159,7 +159,7 @@ fn a_board_that_is_configured_as_an_skr_pico_grows_at_its_pins() {
     let grown = grow_as(&robot, Box::new(Rc::clone(&board)), tip, &path);
     assert_eq!(grown.outcome, Outcome::Done);
     assert_eq!(grown.as_built, simulated(&path).0.as_built);
-    // Once: to start as that robot.
+    // One reset, to start as that robot.
     assert_eq!(board.borrow().resets(), 1);
 }
 
@@ -179,7 +179,7 @@ fn over_usb_the_pico_lays_the_same_layers() {
     assert_eq!(board.borrow().resets(), 0);
 }
 
-/// Goals with a path of arcs and lines, far and near. The shortest path to the near one takes the Pico minutes.
+/// Goals with a path of arcs and lines, far and near. The shortest path to the near goal takes the Pico minutes.
 const GOALS: [([f64; 5], Planner); 5] = [
     ([300.0, 200.0, 250.0, -45.0, -30.0], Planner::TwoPlane),
     ([300.0, 200.0, 250.0, -45.0, -30.0], Planner::Shortest),

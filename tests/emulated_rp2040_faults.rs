@@ -1,10 +1,10 @@
-//! Faults of the tip as the Pico's firmware meets them, at its converter and its pins, beside the simulated board: right
-//! codes, about as soon, and everything off.
+//! Faults of the tip with the Pico's firmware, at its converter and its pins, compared with the simulated board. The
+//! Pico must report the right codes about as soon and switch everything off.
 //!
-//! Some of them here; every fault of the campaign by `GROWBOT_FAULTS=all cargo test -p growbot-tests --test
-//! it emulated_rp2040_faults:: -- --nocapture`, which prints their table and takes a quarter of an hour; some by their
-//! names, with commas between, instead of `all`. One fault of the campaign cannot come through pins:
-//! `step-interrupt-stopped` is the processor's own.
+//! The test runs some faults. `GROWBOT_FAULTS=all cargo test -p growbot-tests --test it emulated_rp2040_faults:: --
+//! --nocapture` runs every fault of the campaign and prints their table, which takes a quarter of an hour. Names of
+//! faults, separated by commas, run these instead of `all`. Only the fault `step-interrupt-stopped` of the campaign
+//! cannot come through pins, because it is a fault of the processor.
 
 use std::cell::{RefCell, RefMut};
 use std::rc::Rc;
@@ -26,7 +26,7 @@ use growbot_sim::tip::{Tip, TipFault};
 use growbot_tests::fault_campaign::cases::{Case, Onset, Right};
 use growbot_tests::pico_firmware;
 
-/// What is met without `GROWBOT_FAULTS`.
+/// Cases that run without `GROWBOT_FAULTS`.
 const FEW: [Case; 8] = [
     Case { fault: TipFault::ThermistorOpen, onset: Onset::Heating },
     Case { fault: TipFault::ThermistorSilent, onset: Onset::FirstLayer },
@@ -37,21 +37,21 @@ const FEW: [Case; 8] = [
     Case { fault: TipFault::EmergencyStop, onset: Onset::FirstLayer },
     Case { fault: TipFault::FilamentOut, onset: Onset::Boot },
 ];
-/// How much later than the simulated board it may notice a fault: s, as readings of 0.1 s begin at other times, and a
-/// share of the time that the simulated board takes, as the heater's work begins with other readings.
+/// Max delay after the simulated board's detection of a fault: seconds, and a fraction of the simulated board's time.
+/// Readings of 0.1 s begin at other times, and the heater starts from other readings.
 const LATER_S: f64 = 0.3;
 const LATER: f64 = 0.02;
-/// How long a board may take to a state, of its own time.
+/// Time limit for a board to reach a state, ms of its own clock.
 const PATIENCE_MS: u64 = 900_000;
-/// Layers of a growth, and its name.
+/// Layers and name of a job.
 const LAYERS: u32 = 4;
 const PLAN: u64 = 1;
-/// How warm the nozzle is as a growth begins, degrees Celsius: where a fault comes while it heats, and otherwise.
+/// Temperature of the nozzle when a growth begins, degrees Celsius: for faults during heating, and for all others.
 const HEATING_C: f64 = 60.0;
 const WARM_C: f64 = 197.0;
 
-/// Every fault that can come through pins: while the nozzle heats and in the first layer; at the start where it is
-/// noticed there.
+/// Returns every fault that can come through pins, while the nozzle heats and in the first layer. Faults that are
+/// noticed at the start come there too.
 fn all() -> Vec<Case> {
     let at_boot = |fault: &TipFault| matches!(fault, TipFault::SecondSwitchClosed | TipFault::FilamentOut);
     TipFault::ALL
@@ -85,12 +85,12 @@ impl Tested for Rp2040 {
     }
 }
 
-/// What became of a fault.
+/// Result of a fault.
 #[derive(Debug, PartialEq)]
 struct Met {
     state: State,
     fault: Option<Fault>,
-    /// How long it took, s.
+    /// Time until the board noticed the fault, s.
     after: f64,
 }
 
@@ -125,7 +125,7 @@ impl<B: Tested> Bench<B> {
     fn begin(&mut self, nozzle_c: f64) -> Result<(), ClientError> {
         let begin = BeginJob { plan_id: PLAN, layers: LAYERS, robot_hash: robot().hash() };
         self.client.request("to begin", &Message::Begin(begin))?;
-        // Warm only now: the board makes room in its journal with a cold nozzle only.
+        // The nozzle is warmed only now, because the board erases its journal only with a cold nozzle.
         self.board.borrow_mut().tip().set_nozzle_c(nozzle_c);
         let mut encoder = LayerEncoder::default();
         let layers = (0..LAYERS).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
@@ -148,13 +148,13 @@ impl<B: Tested> Bench<B> {
         }
     }
 
-    /// Breaks something; the board's time, ms.
+    /// Injects a fault and returns the board's time, ms.
     fn inject(&mut self, fault: TipFault) -> u64 {
         self.board.borrow_mut().tip().inject(fault);
         self.client.status().unwrap().uptime_ms
     }
 
-    /// What has become of a growth in which something broke at a time.
+    /// Returns the result of a growth in which a fault began at `broken_ms`.
     fn end(&mut self, broken_ms: u64) -> Met {
         let status = self.wait_for(&[State::Fault, State::EmergencyStop, State::Done, State::Paused]);
         let noticed_ms = match status.state {
@@ -170,13 +170,13 @@ impl<B: Tested> Bench<B> {
             let off = !tip.heater_is_on() && !tip.steppers_are_on();
             assert!(off && tip.heater_duty() == 0.0, "{}: not all is off", self.what);
         }
-        // It may be noticed before the board is asked for its time.
+        // The board may notice the fault before its time is requested.
         let after = noticed_ms.saturating_sub(broken_ms) as f64 / 1000.0;
         Met { state: status.state, fault: status.fault, after }
     }
 }
 
-/// Grows until a moment, breaks something, and waits for what the board does.
+/// Grows until the onset, injects the fault, and waits for the board's reaction.
 fn meet(board: impl Tested, case: Case) -> Met {
     let what = format!("{}, {}", case.fault.name(), case.onset.name());
     let board = Rc::new(RefCell::new(board));
@@ -186,7 +186,7 @@ fn meet(board: impl Tested, case: Case) -> Met {
         bench.board.borrow_mut().tip().inject(case.fault);
     }
     bench.client.hello_robot(&robot()).unwrap();
-    // Its first tests take a while.
+    // The tests at the board's start take a while.
     bench.client.pass(Duration::from_secs(3)).unwrap();
     let begun = bench.begin(if case.onset == Onset::Heating { HEATING_C } else { WARM_C });
     if case.right() == Right::Refused {
@@ -212,7 +212,7 @@ fn meet(board: impl Tested, case: Case) -> Met {
     bench.end(began_ms)
 }
 
-/// Meets a fault on both boards: a line of the table, or what is wrong.
+/// Runs a fault on both boards. Returns a line of the table, or an error message.
 fn check(case: Case) -> Result<String, String> {
     let simulated = meet(Sim::new(robot()), case);
     let pico = meet(Rp2040::start(&robot(), Some(&pico_firmware("growbot-a"))).unwrap(), case);
@@ -238,7 +238,7 @@ fn the_pico_notices_faults_as_the_simulation_does() {
     }
     assert!(!cases.is_empty(), "GROWBOT_FAULTS names no fault: give `all`, or a name as in docs/safety-evidence.md");
     let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
-    // Three emulators at a time.
+    // Three emulators run at a time.
     thread::scope(|scope| {
         for _ in 0..3 {
             scope.spawn(|| {

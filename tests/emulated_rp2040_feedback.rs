@@ -1,5 +1,5 @@
-//! The Pico's firmware, run pin by pin in an emulator, grows with feedback at a layer in 0.18 s: filament and gravity are
-//! measured at its pins, the layers that come of it are there in time, and it arrives.
+//! The Pico's firmware runs pin by pin in an emulator and grows with feedback, one layer in 0.18 s. It measures
+//! filament and gravity at its pins. The corrected layers arrive in time, and the body arrives at its goal.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -20,7 +20,7 @@ use growbot_sim::port::rp2040::Rp2040;
 use growbot_sim::truth::compare;
 use growbot_tests::pico_firmware;
 
-/// By so much the mean layer may take longer than the robot's description says.
+/// Max excess of the mean time of a layer over that of the robot's description, as a fraction.
 const LATER: f64 = 0.01;
 
 /// Robot A2, which lays a layer in 0.18 s, with robot A's sensors.
@@ -31,14 +31,14 @@ fn robot() -> Robot {
     Robot::new(description).unwrap()
 }
 
-/// What was seen of the layers as they were laid.
+/// Observations while layers are laid.
 #[derive(Default)]
 struct Seen {
-    /// When each was told, of the chip's time.
+    /// Time at which each layer was reported, by the chip's clock.
     laid: Vec<Duration>,
-    /// How many layers there were at least between the one being laid and the first that was changed.
+    /// Min number of layers between the current layer and the first changed layer.
     lead: Option<u32>,
-    /// How often the board waited for layers.
+    /// Number of times that the board waited for layers.
     waits: u32,
 }
 
@@ -74,7 +74,7 @@ fn corrected_layers_come_to_the_pico_in_time_and_it_arrives() {
     let mut client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
     client.hello().unwrap();
     client.configure(&robot).unwrap();
-    // It lays a tenth too little, give or take a tenth.
+    // The robot lays 10 % too little, with 10 % noise.
     let noise = SensorNoise { odometry: 0.01, direction: 0.005 };
     let disturbance = Disturbance { growth_bias: -0.1, growth_noise: 0.1, ..Disturbance::default() };
     let imperfection = ErrorModel { disturbance, noise, seed: 11 };

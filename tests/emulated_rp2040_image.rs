@@ -1,5 +1,5 @@
-//! The Pico's image as it is shipped, in the emulator: sealed and as a UF2 file. A damaged one is told and does not heat.
-//! A crash is told after the reset, and so is a crystal that has stopped.
+//! The Pico's image as it is shipped, in the emulator: sealed and as a UF2 file. The board reports a damaged image and
+//! does not heat. After a reset it reports a crash or a stopped crystal.
 
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -19,12 +19,12 @@ use growbot_sim::uf2;
 use growbot_tests::pico_firmware;
 use object::{Object, ObjectSection, ObjectSymbol};
 
-/// The watchdog's time, and some more.
+/// Time of the watchdog, with a margin.
 const WATCHDOG: Duration = Duration::from_millis(2500);
 
 type Board = Rc<RefCell<Rp2040>>;
 
-/// A board that runs these bytes as its image, and a client of it.
+/// Returns a board that runs these bytes as its image, a client of it, and the path of the image.
 fn board(name: &str, image: &[u8]) -> (Board, Client, PathBuf) {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     std::fs::write(&path, image).unwrap();
@@ -68,7 +68,7 @@ fn the_uf2_file_of_a_sealed_image_starts_and_a_crash_is_told_after_the_reset() {
     assert!(json["at"].to_string().contains("pico::") || json["called_from"].to_string().contains("pico::"), "{json}");
     assert_off(&board);
 
-    // The processor has no interrupt of the watchdog's: of a main loop that hangs only the reset is known.
+    // The processor has no interrupt of the watchdog, so the board only knows of the reset after its main loop hangs.
     board.borrow_mut().crash(rp2040::Crash::Hangs).unwrap();
     board.borrow_mut().pass(WATCHDOG).unwrap();
     let hello = client.hello().unwrap();
@@ -94,13 +94,13 @@ fn a_crystal_that_stops_while_it_heats_switches_everything_off_and_is_told() {
     assert!(is_hot(&board), "{:?}", client.status());
 
     board.borrow_mut().crash(rp2040::Crash::CrystalStops).unwrap();
-    // Five step ticks take 1.25 ms; the watchdog would take 2 s, and it stands too.
+    // Five step ticks take 1.25 ms. The watchdog would take 2 s, and its clock stands too.
     board.borrow_mut().pass(Duration::from_millis(2)).unwrap();
     assert_eq!(board.borrow().resets(), 1);
-    // What the tip has as the heater's duty is the mean of the time that passed last.
+    // The tip's heater duty is the mean over the last interval.
     board.borrow_mut().pass(Duration::from_millis(1)).unwrap();
     assert_off(&board);
-    // It runs again, so the crystal must have started.
+    // The board responds, so the crystal must have started again.
     let hello = client.hello().unwrap();
     assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::ClockFailed, State::Fault));
     assert_eq!(hello.status.fault, Some(Fault::ClockFailed));
@@ -109,7 +109,8 @@ fn a_crystal_that_stops_while_it_heats_switches_everything_off_and_is_told() {
     assert_off(&board);
 }
 
-/// A sealed image in which a bit of a function is another one that is not needed to start, answer, or switch off.
+/// Returns a sealed image with one flipped bit in a function. The function is not needed to start, respond or switch
+/// off.
 fn damaged() -> Vec<u8> {
     let mut bytes = sealed();
     let image = bytes.clone();

@@ -1,7 +1,9 @@
-//! What planning costs a Pico, in its emulator: the goals of `cargo plan-cost`, each planned to the desktop's bits.
+//! Cost of planning on a Pico, in its emulator. The goals are those of `cargo plan-cost`, and each plan must have the
+//! desktop's bits.
 //!
-//! A few of them here; all by `GROWBOT_PLANS=all cargo test -p growbot-tests --test it emulated_rp2040_planning:: --
-//! --nocapture`, which takes half an hour. It prints instructions, the step interrupt's included, and seconds of the chip.
+//! The test plans a few goals. `GROWBOT_PLANS=all cargo test -p growbot-tests --test it emulated_rp2040_planning:: --
+//! --nocapture` plans all of them, which takes half an hour. It prints instructions, the step interrupt's included, and
+//! seconds of the chip.
 
 #[path = "../growbot-firmware/costs/plan/goals.rs"]
 mod goals;
@@ -24,8 +26,8 @@ use growbot_tests::pico_firmware;
 
 use goals::{RADIUS, goal};
 
-/// A kind of goals: their distance in radii, how many there are in all and how many are planned here, and how long the
-/// Pico may take for any of them, s.
+/// A kind of goals: their distance in radii, their number, the number planned by default, and the time limit of a plan
+/// on the Pico, s.
 struct Kind {
     planner: Planner,
     goals: &'static str,
@@ -51,7 +53,7 @@ fn measure(kind: &Kind, count: u32) -> Vec<Cost> {
     let board = Rc::new(RefCell::new(Rp2040::start(&robot, Some(&pico_firmware("growbot-a"))).unwrap()));
     let mut client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
     client.hello_robot(&robot).unwrap();
-    // The tests of its start take a while.
+    // The tests at the board's start take a while.
     client.pass(Duration::from_secs(3)).unwrap();
     let [nearest, farthest] = kind.radii;
     let mut costs = Vec::new();

@@ -1,8 +1,8 @@
-//! Power is lost while the Pico's firmware writes to its flash, in the emulator: while it stores a description, and
-//! while it notes a layer in the journal.
+//! Losses of power while the Pico's firmware writes to its flash, in the emulator: while it stores a description, and
+//! while it records a layer in the journal.
 //!
-//! A few places here; every byte of what is programmed and every 256 bytes of the erase by `GROWBOT_CUTS=all cargo test
-//! -p growbot-tests --test it emulated_rp2040_power:: -- --nocapture`, which takes 20 minutes on three cores.
+//! The test tries a few places. `GROWBOT_CUTS=all cargo test -p growbot-tests --test it emulated_rp2040_power:: --
+//! --nocapture` tries every programmed byte and every 256th byte of the erase. This takes 20 minutes on three cores.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -20,13 +20,13 @@ use growbot_tests::pico_firmware;
 use growbot_tests::survival::crash::{self, Crash, Recovered};
 use growbot_tests::survival::{Body, Undisturbed};
 
-/// Emulators at a time.
+/// Number of emulators that run at a time.
 const BOARDS: usize = 3;
-/// Bytes of a slot of the description, all of which are erased before it is written to again.
+/// Size of a description's slot, bytes. The whole slot is erased before it is written again.
 const SLOT: u32 = 128 * 1024;
-/// Every so many bytes of an erase.
+/// Bytes between two tried places of an erase.
 const ERASED: usize = 256;
-/// A page of flash, and a record of the journal, bytes.
+/// Sizes of a page of flash and of a record of the journal, bytes.
 const PAGE: u32 = 256;
 const RECORD: u32 = 32;
 
@@ -36,7 +36,7 @@ fn robot(name: &str) -> Robot {
     robot_file::load(name.as_ref()).unwrap()
 }
 
-/// All of these places, or so many, evenly.
+/// Returns all places if `GROWBOT_CUTS` is `all`, otherwise `few` of them, evenly spread.
 fn places(all: impl Iterator<Item = u32>, few: usize) -> Vec<u32> {
     let all: Vec<u32> = all.collect();
     if std::env::var("GROWBOT_CUTS").is_ok_and(|cuts| cuts == "all") {
@@ -45,7 +45,7 @@ fn places(all: impl Iterator<Item = u32>, few: usize) -> Vec<u32> {
     (0..few).map(|index| all[(2 * index + 1) * all.len() / (2 * few)]).collect()
 }
 
-/// Does something at each place, on as many boards as may run at a time; each has what `begin` gives it.
+/// Calls `work` for each place on [`BOARDS`] threads. Each thread passes it the value of its own call of `begin`.
 fn each<B>(places: &[u32], begin: impl Fn() -> B + Sync, work: impl Fn(&mut B, u32) + Sync) {
     let next = AtomicUsize::new(0);
     thread::scope(|scope| {
@@ -68,8 +68,8 @@ fn client(board: &Board) -> Client {
     Client::new(Box::new(Rc::clone(board)), "the board under test")
 }
 
-/// Power is lost this many bytes into the work on flash that comes with a description. Then the board has the old one
-/// or the new one; which of them is returned, true for the new one.
+/// Cuts the power this many bytes into the flash operations of a new description. Checks that the board then has the
+/// old or the new description, and returns true if it is the new one.
 fn cut_description(board: &Board, old: &Robot, new: &Robot, bytes: u32) -> bool {
     board.borrow_mut().restore_flash().unwrap();
     let mut before = client(board);
@@ -89,7 +89,7 @@ fn cut_description(board: &Board, old: &Robot, new: &Robot, bytes: u32) -> bool 
 #[test]
 fn power_lost_while_a_description_is_stored_leaves_the_old_one_or_the_new_one() {
     let [first, old, new] = ["growbot-b", "growbot-a2", "growbot-a"].map(robot);
-    // Both slots have a description, so that one has to be erased.
+    // Both slots have a description, so one of them has to be erased.
     let begin = || {
         let board = start(&robot("growbot-a"), "growbot-a");
         for robot in [&first, &old] {
@@ -116,7 +116,7 @@ fn power_lost_while_a_description_is_stored_leaves_the_old_one_or_the_new_one() 
     let became_new = AtomicUsize::new(0);
     each(&[&erase[..], &program].concat(), begin, |board, bytes| {
         let is_new = cut_description(board, &old, &new, bytes);
-        // What was to come last is the header.
+        // The header is written last.
         assert!(!is_new || bytes > whole - PAGE, "{bytes} of {whole} bytes, and it is the new one");
         became_new.fetch_add(usize::from(is_new), Ordering::Relaxed);
     });
@@ -124,12 +124,12 @@ fn power_lost_while_a_description_is_stored_leaves_the_old_one_or_the_new_one() 
     println!("{losses} losses of power over a description, {pages} bytes of pages: {became_new} times the new one");
 }
 
-/// The length of a growth, in layers of 0.7 mm, and the layers after which the power is lost. The record of the next one
-/// is the last of its page: those of the sector, the job and its beginning come before.
+/// Length of a growth, in layers of 0.7 mm, and number of layers after which power is lost. The record of the next
+/// layer is the last of its page, because the records of the sector, the job and its start come first.
 const LENGTH: u32 = 6;
 const LAID: usize = 4;
 
-/// Grows until the power is lost, so many bytes of flash after a layer is told.
+/// Grows until power is lost, `bytes` bytes of flash after the last layer was reported.
 fn grow(job: &Job, board: &Board, bytes: u32, known: &mut Vec<Option<LayerBytes>>) -> Result<Grown, GrowthError> {
     let mut client = client(board);
     let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &Orders::default(), &mut |event| {
@@ -144,7 +144,7 @@ fn grow(job: &Job, board: &Board, bytes: u32, known: &mut Vec<Option<LayerBytes>
     grown
 }
 
-/// Power comes again, and the growth is resumed: what the board knew of it, and what it came to.
+/// Switches the power on and resumes the growth. Returns the status that the host found, and the result.
 fn resume(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> (Status, Grown) {
     board.borrow_mut().power_up().unwrap();
     let mut client = client(board);
@@ -156,14 +156,14 @@ fn resume(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> (Status, 
 
 #[test]
 fn power_lost_while_a_layer_is_noted_costs_the_open_layer_at_most() {
-    // Robot A2, whose motors are quick, homing faster.
+    // Robot A2, whose motors are fast, with faster homing.
     let mut description = robot("growbot-a2").description().clone();
     description.head.homing_turns_per_s = 1.0;
     let robot = Robot::new(description).unwrap();
     let body = Body::of(LENGTH);
     let job = body.job(&robot);
     let undisturbed = Undisturbed::grow(&job);
-    // Before the record, within it, and behind it.
+    // Losses before, within and after the record.
     let cuts = places(PAGE - RECORD..=PAGE, 1);
     each(
         &cuts,

@@ -1,8 +1,8 @@
-//! The firmware's own image grows over bad lines and through interruptions, in QEMU: whatever happens, the
-//! layers are those of the simulated growth that nothing disturbs.
+//! The firmware's own image grows over bad lines and through interruptions, in QEMU. In each case the layers are those
+//! of an undisturbed simulated growth.
 //!
-//! `GROWBOT_EMULATED_JOBS` and `GROWBOT_EMULATED_POINTS` are how many growths over bad lines and how many interruptions
-//! are tried, 10 and 5 without them:
+//! `GROWBOT_EMULATED_JOBS` is the number of growths over bad lines, by default 10. `GROWBOT_EMULATED_POINTS` is the
+//! number of interruptions, by default 5:
 //!
 //! ```sh
 //! GROWBOT_EMULATED_JOBS=100 GROWBOT_EMULATED_POINTS=50 cargo test -p growbot-tests --test it emulated_survival:: -- --nocapture
@@ -33,17 +33,17 @@ use growbot_tests::tip_words::Words;
 
 /// Layers of each job.
 const LAYERS: usize = 20;
-/// The length that this takes, in 0.7 mm.
+/// Length of the body, in layers of 0.7 mm.
 const LENGTH: u32 = 22;
-/// Seconds of a layer.
+/// Time of a layer, s.
 const PERIOD_S: f64 = 0.3;
-/// Boards at a time: each takes half of a core.
+/// Number of boards that run at a time. Each takes half of a core.
 const BOARDS: usize = 2;
 
-/// The board and its tip, which its test holds too.
+/// The board and its tip, which a test shares with its port.
 type Board = Rc<RefCell<Emulator>>;
 
-/// Robot A2, whose motors are quick, homing faster and as easily content with its nozzle as a robot may be.
+/// Returns robot A2, whose motors are fast, with faster homing and the widest band of nozzle temperature.
 fn robot() -> Robot {
     let mut description = robot_file::load("growbot-a2".as_ref()).unwrap().description().clone();
     description.layer.period_s = PERIOD_S;
@@ -52,14 +52,14 @@ fn robot() -> Robot {
     Robot::new(description).unwrap()
 }
 
-/// The number that a variable of the environment holds.
+/// Returns the number in an environment variable, or `otherwise` if the variable is not set.
 fn number(variable: &str, otherwise: u64) -> u64 {
     let Ok(text) = std::env::var(variable) else { return otherwise };
     text.parse().unwrap_or_else(|_| panic!("{variable} is {text:?}: give a whole number"))
 }
 
-/// A board with this in its journal's flash, or a new one. Its nozzle is warm as soon as it is heated. Not before,
-/// because the journal is erased with a cold one only.
+/// Returns a board whose journal has these contents, or a new one. Its nozzle is warm as soon as it is heated, but not
+/// before, because the board erases its journal only with a cold nozzle.
 fn board(robot: &Robot, flash: &[u8]) -> Result<Board, String> {
     let mut emulator =
         Emulator::start_with_flash(robot, Some(&firmware("an386")), flash).map_err(|error| error.to_string())?;
@@ -67,10 +67,10 @@ fn board(robot: &Robot, flash: &[u8]) -> Result<Board, String> {
     Ok(Rc::new(RefCell::new(emulator)))
 }
 
-/// Does something for each number below `count`, on as many boards as may run at a time; prints what each came to.
-/// `work` is called once for each of the boards, and gives what does it.
+/// Does the work for each number below `count`, on [`BOARDS`] boards at a time, and prints the results. `work` is
+/// called once for each board and returns the function that does its work.
 fn each<W: FnMut(u64) -> Result<String, String>>(count: u64, work: impl Fn() -> W + Sync) {
-    // The tests of this file wait for each other: four boards are too many.
+    // The tests of this file run one after the other, because four boards are too many.
     static BUSY: Mutex<()> = Mutex::new(());
     let _alone = BUSY.lock().unwrap_or_else(PoisonError::into_inner);
     let (next, wrong) = (AtomicU64::new(0), Mutex::new(Vec::new()));
@@ -108,7 +108,7 @@ fn over_a_bad_line_the_image_lays_each_layer_once() {
     assert_eq!(job.layers.len(), LAYERS);
     let undisturbed = Undisturbed::grow(&job);
     each(number("GROWBOT_EMULATED_JOBS", 10), || {
-        // Jobs follow each other on one board: its journal has room for them.
+        // Successive jobs run on one board, because its journal has room for them.
         let mut running = None;
         let (job, undisturbed) = (&job, &undisturbed);
         move |seed| {
@@ -132,7 +132,7 @@ fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &Undisturbed, seed: u6
     let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &never, &mut |_| ());
     let what = format!("{:.1} % of frames lost, {flip:.1e} of bytes flipped", 100.0 * drop);
     let grown = grown.map_err(|error| format!("{what}: {error}"))?;
-    // The tip has seen each layer as it was laid.
+    // The tip has recorded each layer that was laid.
     let laid = board.borrow().simulation().laid().map_err(|error| format!("{what}: {error}"))?.body.len() - laid_before;
     if (grown.outcome, laid) != (Outcome::Done, LAYERS) || grown.as_built != undisturbed.as_built {
         return Err(format!("{what}: {:?} after {laid} layers, {:?}", grown.outcome, grown.as_built));
@@ -153,18 +153,18 @@ fn whatever_interrupts_the_image_it_resumes_and_lays_each_layer_once() {
     each(count, || |point| Point::of(point, count).interrupt(&job, &undisturbed));
 }
 
-/// When a growth is interrupted, and by what.
+/// Moment and kind of an interruption.
 #[derive(Debug)]
 struct Point {
     crash: Crash,
-    /// So many states and layers have been told by then: three states, then layers.
+    /// Number of states and layers that have been reported before it: three states, then layers.
     told: u64,
-    /// So long after that.
+    /// Delay after that.
     later: Duration,
 }
 
 impl Point {
-    /// One of `count` points, spread over the growth's first three quarters.
+    /// Returns one of `count` points, spread over the first three quarters of the growth.
     fn of(point: u64, count: u64) -> Self {
         let mut random = Rng::new(&[2, point]);
         let crash = [Crash::Power, Crash::Board, Crash::Host][(point % 3) as usize];
@@ -176,14 +176,14 @@ impl Point {
         }
     }
 
-    /// Grows up to here, is interrupted, comes back, and resumes to the end.
+    /// Grows up to this point, interrupts the growth, reconnects, and resumes to the end.
     fn interrupt(&self, job: &Job, undisturbed: &Undisturbed) -> Result<String, String> {
         let (Self { crash, told, later }, first) = (self, board(job.robot, &[])?);
         let what = format!("{crash:?} {:.2} s after event {told}", later.as_secs_f64());
         let mut known = Vec::new();
         let (broken, flash) = self.grow(job, &first, &mut known);
         match (crash, broken.map(|grown| grown.outcome)) {
-            // What is heard first: that the board has started anew, or what it says of that.
+            // The first report is either that the board has restarted, or the fault for which it did.
             (Crash::Board, Ok(Outcome::Interrupted | Outcome::Fault(Fault::StackOverflow))) => {}
             (Crash::Host | Crash::Power, Err(_)) => {}
             (_, other) => return Err(format!("{what}: then {other:?}")),
@@ -203,7 +203,7 @@ impl Point {
         Ok(format!("{told}: resumed, {} layers, {more_feed_steps} feed steps laid again", recovered.as_built.len()))
     }
 
-    /// The part before; the flash of a board whose power goes.
+    /// Grows until the interruption. Also returns the flash of a board that loses power.
     fn grow(
         &self,
         job: &Job,
@@ -233,13 +233,13 @@ impl Point {
             }
         });
         client.vanish();
-        // A board whose firmware crashes says so when it comes back.
+        // A board whose firmware crashed reports this after its restart.
         assert_eq!(crashed, (self.crash == Crash::Board).then_some(ResetCause::StackOverflow));
         (grown, flash)
     }
 }
 
-/// The board resets in the midst of what it does: it overflows its stack.
+/// Resets a working board by an overflow of its stack.
 fn reset(board: &Board) {
     let words = Words::of(&mut board.borrow_mut());
     let boots = words.read(table::BOOTS);
@@ -252,7 +252,7 @@ fn feed_steps(board: &Board) -> u64 {
     board.borrow().simulation().laid().unwrap().feed_steps
 }
 
-/// A host comes back, clears a fault, and resumes. Returns the status that it found, and the growth.
+/// Connects another host, which clears a fault and resumes. Returns the status that it found, and the growth.
 fn come_back(
     board: &Board,
     job: &Job,

@@ -1,12 +1,12 @@
-//! Every fault at every time of a growth is noticed, with the right code, before the nozzle gets too hot.
+//! Every fault at every time of a growth is noticed with the right code, before the nozzle gets too hot.
 //!
-//! A part of the campaign here; all of it, as docs/safety-evidence.md prints it, by `cargo fault-campaign`.
+//! This test runs a part of the campaign. `cargo fault-campaign` runs all of it for docs/safety-evidence.md.
 
 use growbot_tests::fault_campaign::cases::Case;
 use growbot_tests::fault_campaign::growth::Plant;
 use growbot_tests::fault_campaign::{run, table, wrong};
 
-/// Copies of the robot for each case and plant.
+/// Seeds of the robot's variations for each case and plant.
 const SEEDS: std::ops::Range<u64> = 0..2;
 
 #[test]

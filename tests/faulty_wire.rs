@@ -1,8 +1,8 @@
-//! Growths over wires that lose, spoil, double, swap and truncate frames.
+//! Growths over lines that lose, corrupt, duplicate, swap and truncate frames.
 
 use growbot_tests::survival::wire::{run, table};
 
-/// So many jobs here; `cargo survival` runs 10,000.
+/// Number of jobs. `cargo survival` runs 10,000.
 const JOBS: u64 = 200;
 
 #[test]

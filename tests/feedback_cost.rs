@@ -1,8 +1,8 @@
-//! Growths in closed loop come to the same bits on the desktop and on the microcontroller; and what a layer of them
-//! costs there, as a table: `cargo feedback-cost`.
+//! Growths in closed loop have the same bits on the desktop and on the microcontroller. `cargo feedback-cost` also
+//! prints a table of the cost of a layer there.
 //!
-//! Builds the program that grows them (`growbot-firmware/costs/feedback/`) and runs it in the emulator, which counts
-//! each instruction, so that the figures are the same on every machine.
+//! The test builds the program that grows them (`growbot-firmware/costs/feedback/`) and runs it in the emulator. The
+//! emulator counts each instruction, so the figures are the same on every machine.
 
 #[path = "../growbot-firmware/costs/feedback/trial.rs"]
 mod trial;
@@ -14,11 +14,11 @@ use growbot_client::robot_file;
 use growbot_sim::port::qemu::{Line, Qemu};
 use growbot_tests::{build_image, firmware};
 
-/// Instructions that a layer may take: a seventh of a second of the robot's processor, at two cycles an instruction.
+/// Max instructions of a layer: a seventh of a second of the robot's processor, at two cycles an instruction.
 const INSTRUCTIONS: u64 = 12_000_000;
-/// Stack, bytes. The measuring program sees 32 KiB.
+/// Max stack, bytes. The measuring program sees 32 KiB.
 const STACK: u64 = 30 * 1024;
-/// How long the board may take to the next growth. Each takes seconds.
+/// Timeout of the next growth. Each takes seconds.
 const NEXT: Duration = Duration::from_secs(300);
 
 #[test]

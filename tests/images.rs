@@ -1,21 +1,21 @@
-//! What the images of the boards must be: without panics, small, and with a stack that is deep enough whatever happens.
+//! Requirements of the boards' images: no panics, a small size, and a stack that is always deep enough.
 
 use growbot_tests::firmware;
 use growbot_tests::stack_depth::{Image, Step};
 use object::{Object, ObjectSection, ObjectSymbol};
 
-/// The robot's flash that the image may fill, bytes: the description, the journal and updates to come need the rest.
-/// Reading, checking and keeping descriptions takes 29 KiB of it.
+/// Max flash of the robot's image, bytes. The description, the journal and future updates need the rest. Reading,
+/// checking and storing descriptions takes 29 KiB of it.
 const FLASH: u64 = 192 * 1024;
-/// The robot's memory that may be taken for good, the 4,096 layers included; the stack has its own.
+/// Max static memory of the robot's image, bytes, including the 4,096 layers. The stack has its own memory.
 const STATIC_RAM: u64 = 96 * 1024;
-/// Stack that an exception takes before its handler's first instruction: 26 words, and one to align them.
+/// Stack that an exception uses before its handler's first instruction: 26 words, and one for alignment.
 const EXCEPTION_FRAME: u64 = 104 + 4;
 
 const FLASH_SECTIONS: [&str; 4] = [".vector_table", ".text", ".rodata", ".data"];
 const RAM_SECTIONS: [&str; 3] = [".data", ".bss", ".uninit"];
 
-/// Parts of the names of what panics, as the linker sees them.
+/// Parts of the linker's names of functions that panic.
 const PANICS: [&str; 6] =
     ["panicking", "panic_fmt", "unwrap_failed", "expect_failed", "slice_index", "growbot_firmware_can_panic"];
 
@@ -44,8 +44,7 @@ fn the_robots_image_is_small() {
     assert!(flash < FLASH && ram < STATIC_RAM, "{flash} B of flash, {ram} B of static RAM");
 }
 
-/// The handler of a crash keeps the stack pointer where this much of the stack is left (`LITTLE` in
-/// `boards/image/stack.rs`).
+/// Min free stack with which the crash handler keeps the stack pointer, bytes (`LITTLE` in `boards/image/stack.rs`).
 const LEFT_FOR_A_CRASH: u64 = 512;
 
 #[test]
@@ -59,11 +58,12 @@ fn a_crash_is_retained_within_what_is_left_of_the_stack() {
     }
 }
 
-/// A barrier, `dsb sy`, as its bytes.
+/// Bytes of a barrier, `dsb sy`.
 const BARRIER: [u8; 4] = [0xBF, 0xF3, 0x4F, 0x8F];
 
-/// While a sector is erased nothing can be read from flash, code included: so it is done by code in RAM, which calls
-/// nothing. The write that starts it must have arrived before the status is read, or that says that all is over.
+/// While a sector is erased, nothing can be read from flash, including code. Therefore the code for it is in RAM and
+/// calls nothing. The write that starts the erase must have arrived before the status is read, because otherwise the
+/// status reports that the erase is finished.
 #[test]
 fn a_sector_is_erased_from_ram_and_behind_a_barrier() {
     let image = std::fs::read(firmware("stm32f405")).unwrap();
@@ -80,7 +80,8 @@ fn a_sector_is_erased_from_ram_and_behind_a_barrier() {
     let bytes = &data.data().unwrap()[from..from + erase.size() as usize];
     let halves: Vec<u16> = bytes.chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]])).collect();
     let barrier = bytes.windows(4).position(|four| four == BARRIER).expect("there is a barrier") / 2;
-    // Loads and stores of words are 0x60-0x6F in their first byte (Thumb, immediate offset), or 0xF8C/0xF8D.
+    // Stores and loads of words have 0x60 to 0x6F as first byte (Thumb, immediate offset), or begin with 0xF8C or
+    // 0xF8D.
     let stores = |half: &u16| half >> 11 == 0b01100 || half >> 4 == 0xF8C;
     let loads = |half: &u16| half >> 11 == 0b01101 || half >> 4 == 0xF8D;
     assert_eq!(
@@ -90,13 +91,13 @@ fn a_sector_is_erased_from_ram_and_behind_a_barrier() {
     );
     assert!(!halves[..barrier].iter().any(loads), "the status is read before the barrier: {halves:04x?}");
     assert!(halves[barrier..].iter().any(loads), "the status is read: {halves:04x?}");
-    // A call is 0xF000-0xF7FF and 0xD000 or 0xC000 in its second half, or BLX, 0x4780 to 0x47F8.
+    // A call is 0xF000 to 0xF7FF with 0xD000 or 0xC000 in its second half, or BLX, 0x4780 to 0x47F8.
     let calls = |pair: &[u16]| pair[0] >> 11 == 0b11110 && pair[1] & 0xD000 == 0xD000 || pair[0] & 0xFF87 == 0x4780;
     assert!(!halves.windows(2).any(calls), "it calls something: {halves:04x?}");
 }
 
-/// The deepest that the robot's stack can get, over all paths that its code has: the main program is interrupted at its
-/// deepest by one interrupt after the other, each at its deepest.
+/// Max depth of the robot's stack over all paths of its code. Each interrupt in turn interrupts the others and the main
+/// program at their greatest depths.
 #[test]
 fn the_robots_stack_is_twice_as_deep_as_it_gets() {
     let image = std::fs::read(firmware("stm32f405")).unwrap();

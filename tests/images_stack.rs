@@ -1,5 +1,5 @@
-//! The stack of a running board: an overflow ends in a clean reset, and a growth that the board plans by itself leaves
-//! half of it unused.
+//! The stack of a running board. An overflow ends in a clean reset, and a growth that the board plans by itself leaves
+//! half of the stack unused.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
 use growbot_tests::tip_words::Words;
 
-/// The region of the stack, on both boards.
+/// Size of the stack on both boards, bytes.
 const STACK: u32 = 64 * 1024;
 
 #[test]
@@ -43,12 +43,12 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
     let robot = robot_file::load("growbot-a2".as_ref()).unwrap();
     let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
     let words = Words::of(&mut emulator);
-    // A nozzle that is warm at once saves the time of heating.
+    // A warm nozzle saves the heating time.
     emulator.simulated_tip(|tip| tip.warm_at_once(190.0));
     let mut client = Client::new(Box::new(emulator), "the emulated board");
     client.hello_robot(&robot).unwrap();
 
-    // A near goal, for which helicoidal arcs are looked for, and one further away.
+    // A near goal, for which helicoidal arcs are searched, and one further away.
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     for goal in [[150.0, 40.0, 200.0, 60.0, 10.0], [300.0, 200.0, 400.0, 30.0, 10.0]] {
         for planner in [Planner::TwoPlane, Planner::Shortest] {
@@ -65,7 +65,7 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
     let grown = grow_job(&mut client, &job, HostSilencePolicy::Pause, &Orders::default(), &mut |_| ()).unwrap();
     assert_eq!(grown.outcome, Outcome::Done);
 
-    // As long as a whole look through the stack takes, by the board's clock.
+    // Time of a whole scan of the stack, by the board's clock.
     let grown_ms = client.status().unwrap().uptime_ms;
     while client.status().unwrap().uptime_ms < grown_ms + 1000 {
         client.pass(Duration::from_millis(50)).unwrap();

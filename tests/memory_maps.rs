@@ -1,4 +1,4 @@
-//! Each image lies where its board has memory: `memory.x` is easy to get wrong silently.
+//! Each image lies in its board's memory. Errors in `memory.x` are easy to overlook.
 
 use std::ops::Range;
 use std::path::Path;
@@ -6,12 +6,12 @@ use std::path::Path;
 use growbot_tests::{firmware, pico_firmware};
 use object::{Object, ObjectSection, ObjectSegment, ObjectSymbol, SectionFlags, elf};
 
-/// Where a board has memory.
+/// Memory of a board.
 struct Map {
     flash: Range<u64>,
     /// RAM of any kind.
     ram: &'static [Range<u64>],
-    /// Where the stack begins.
+    /// Upper end of the stack.
     stack_top: u64,
 }
 
@@ -20,19 +20,20 @@ const RAM_OF_AN386: [Range<u64>; 1] = [0x2000_0000..0x2040_0000];
 
 const AN386: Map = Map { flash: 0..0x40_0000, ram: &RAM_OF_AN386, stack_top: 0x2001_0000 };
 
-/// The last 512 KiB of flash are those of the robot's description and the journal.
+/// The last 512 KiB of flash hold the robot's description and the journal.
 const STM32F405: Map = Map {
     flash: 0x0800_0000..0x0808_0000,
     ram: &[0x2000_0000..0x2002_0000, 0x1000_0000..0x1001_0000],
     stack_top: 0x1001_0000,
 };
 
-/// Behind the 256 bytes of the second-stage loader; the last 512 KiB are those of the description and the journal.
 #[expect(clippy::single_range_in_vec_init, reason = "a board with one piece of RAM")]
 const RAM_OF_PICO: [Range<u64>; 1] = [0x2000_0000..0x2004_0000];
 
+/// The flash begins after the 256 bytes of the second-stage loader. The last 512 KiB hold the description and the
+/// journal.
 const PICO: Map = Map { flash: 0x1000_0100..0x1008_0000, ram: &RAM_OF_PICO, stack_top: 0x2001_0000 };
-/// The loader's section, which lies before.
+/// Section of the loader, which lies before the image.
 const LOADER: &str = ".boot2";
 
 fn within(inner: &Range<u64>, outer: &Range<u64>) -> bool {
@@ -72,7 +73,7 @@ fn check(board: &str, image: &Path, map: &Map) {
         );
     }
 
-    // The vector table opens the flash: initial stack pointer, then the reset handler with its Thumb bit.
+    // The flash begins with the vector table: initial stack pointer, then the reset handler with its Thumb bit.
     let vectors = file.section_by_name(".vector_table").unwrap();
     assert_eq!(vectors.address(), map.flash.start, "{board}: vector table");
     let words = vectors.data().unwrap().as_chunks::<4>().0;

@@ -1,5 +1,6 @@
-//! Where nothing is wrong there is no alarm, and the nozzle keeps its temperature. GROWBOT_HOURS of simulated growth with each plant, 12
-//! unless it says otherwise: `GROWBOT_HOURS=1000 cargo test --release -p growbot-tests --test it normal_growth:: -- --nocapture`.
+//! A growth without faults raises no alarm, and its nozzle keeps its temperature. `GROWBOT_HOURS` is the simulated time
+//! with each plant, hours, by default 12:
+//! `GROWBOT_HOURS=1000 cargo test --release -p growbot-tests --test it normal_growth:: -- --nocapture`.
 
 use growbot_tests::fault_campaign::growth::Plant;
 use growbot_tests::normal_growth;

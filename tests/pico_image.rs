@@ -1,15 +1,15 @@
-//! What the image of the Pico must be: small, without panics, and with interrupts that need nothing of the flash.
+//! Requirements of the Pico's image: a small size, no panics, and interrupts that need nothing in flash.
 
 use growbot_tests::pico_firmware;
 use object::{Object, ObjectSection, ObjectSymbol};
 
-/// Limits of what the image takes of the flash chip, and of memory, the stack included, bytes.
+/// Max sizes of the image in the flash chip and in memory, the stack included, bytes.
 const FLASH: u64 = 512 * 1024;
 const RAM: u64 = 200 * 1024;
 const STACK: u64 = 64 * 1024;
-/// Where the flash of the image is.
+/// Address range of the image in flash.
 const MAPPED: std::ops::Range<u32> = 0x1000_0000..0x1008_0000;
-/// Where memory begins.
+/// Start of memory.
 const MEMORY: u64 = 0x2000_0000;
 
 const FLASH_SECTIONS: [&str; 6] = [".boot2", ".vector_table", ".text", ".rodata", ".data", ".interrupts"];
@@ -33,12 +33,12 @@ fn the_picos_image_is_small_and_its_interrupts_call_nothing_in_flash() {
         for interrupt in ["PWM_IRQ_WRAP", "UART0_IRQ", "USBCTRL_IRQ"] {
             assert!(symbols.iter().any(|(name, address)| *name == interrupt && *address >= MEMORY), "{interrupt}");
         }
-        // A call between flash and memory is longer than a branch reaches: the linker puts a thunk beside the caller.
+        // A call between flash and memory exceeds the range of a branch, so the linker puts a thunk beside the caller.
         let thunks = || symbols.iter().filter(|(name, _)| name.contains("LongThunk"));
         let from_memory: Vec<_> = thunks().filter(|(_, address)| *address >= MEMORY).collect();
         assert!(thunks().next().is_some(), "no thunk leads from flash to memory: does the linker name them otherwise?");
         assert!(from_memory.is_empty(), "calls from memory into flash: {from_memory:?}");
-        // Nor do they read constants there, or tables of what to choose from.
+        // Interrupts read no constants or jump tables in flash either.
         let interrupts = file.section_by_name(".interrupts").unwrap();
         let (words, _) = interrupts.data().unwrap().as_chunks();
         let read: Vec<_> =

@@ -1,7 +1,7 @@
-//! What planning costs on the microcontroller, as a table: `cargo plan-cost`.
+//! Cost of planning on the microcontroller, as a table: `cargo plan-cost`.
 //!
-//! Builds the program that measures it (`growbot-firmware/costs/plan/`) and runs it in the emulator, which
-//! counts each instruction, so that the figures are the same on every machine. They are instructions, not cycles: a
+//! The test builds the program that measures it (`growbot-firmware/costs/plan/`) and runs it in the emulator. The
+//! emulator counts each instruction, so the figures are the same on every machine. They are instructions, not cycles: a
 //! Cortex-M4 takes somewhat more cycles.
 
 use std::io::{BufRead, BufReader};
@@ -10,18 +10,19 @@ use std::time::Duration;
 use growbot_sim::port::qemu::{Line, Qemu};
 use growbot_tests::{build_image, firmware};
 
-/// The planar planner's median of random goals may be this many instructions.
+/// Max median of the instructions of the planar planner for random goals.
 const PLANAR_INSTRUCTIONS: u64 = 35_000;
-/// The shortest path's median of goals from 4 R out, where no helicoidal arcs are looked for.
+/// Max median of the instructions of the shortest path for goals from 4 R out, for which no helicoidal arcs are
+/// searched.
 const SHORTEST_INSTRUCTIONS: u64 = 1_600_000;
-/// No planar or two-plane plan may take more stack than this, in bytes: a sixteenth of the robot's memory.
+/// Max stack of a planar or two-plane plan, bytes: a sixteenth of the robot's memory.
 const STACK: u64 = 8 * 1024;
-/// Nor the shortest path more than this, which includes its list of candidates, 1.4 kB, and 1 kB of what the caller gets.
+/// Max stack of the shortest path, bytes. It includes the list of candidates, 1.4 kB, and 1 kB of the result.
 const SHORTEST_STACK: u64 = 10 * 1024;
-/// Nor with helicoidal arcs.
+/// Max stack of the shortest path with helicoidal arcs, bytes.
 const HELICOIDS_STACK: u64 = 14 * 1024;
 
-/// How long the board may take to the next plan. Each takes milliseconds.
+/// Timeout of the next plan. Each takes milliseconds.
 const NEXT: Duration = Duration::from_secs(300);
 
 /// All plans of one planner for one kind of goals.

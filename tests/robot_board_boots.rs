@@ -1,7 +1,7 @@
-//! The robot's own image, sealed as `growbot flash` does it, boots in the emulator and answers over its serial line.
+//! The robot's own image, sealed like by `growbot flash`, boots in the emulator and responds over its serial line.
 //!
-//! There its pins read low and its ADC gives nothing: to this board that is a robot whose drivers report a fault and
-//! whose sensors are silent. So its self-test must fail, and nothing must ever be switched on.
+//! In the emulator its pins read low and its ADC provides nothing. For the board this is a robot whose drivers report a
+//! fault and whose sensors are silent. Therefore its self-test must fail, and it must never switch anything on.
 
 use std::path::Path;
 use std::thread::sleep;
@@ -16,7 +16,7 @@ use growbot_core::link::message::{
 use growbot_sim::image_seal::seal;
 use growbot_tests::{firmware, netduinoplus2};
 
-/// How long the board may take to do something: seconds, or more on a busy machine.
+/// Timeout of the board: it needs seconds, or more on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 #[test]
@@ -33,7 +33,7 @@ fn the_robots_board_says_hello_and_answers_requests() {
     assert!(matches!(hello.status.state, State::SelfTest | State::Fault), "{:?}", hello.status.state);
     assert_eq!((hello.status.target_centi_c, hello.status.duty), (None, 0));
 
-    // The image has been checked, and is sound. Nothing has crashed since the memory was without power.
+    // The image has been checked and is sound. The memory lost power since the last crash, so the board knows of none.
     let report = client.boot().unwrap();
     assert_eq!(report, BootReport { image: ImageCheck::Valid { crc: sealed.crc }, crash: None });
 
@@ -45,7 +45,7 @@ fn the_robots_board_says_hello_and_answers_requests() {
         sleep(Duration::from_millis(10));
     }
 
-    // The self-test ends by a fault that such sensors are.
+    // The self-test ends with a fault that such sensors cause.
     let status = loop {
         let status = client.status().unwrap();
         if status.state != State::SelfTest || Instant::now() > deadline {
@@ -59,7 +59,7 @@ fn the_robots_board_says_hello_and_answers_requests() {
     assert!(status.fault.is_some_and(|fault| sensors.contains(&fault)), "{:?}", status.fault);
     assert_eq!((status.target_centi_c, status.duty), (None, 0));
 
-    // Nothing is begun, started or cleared while that is so.
+    // The board refuses to begin, start or clear anything in this state.
     let begin = BeginJob { plan_id: 7, layers: 1, robot_hash: robot.hash() };
     let refused = client.request("to begin", &Message::Begin(begin)).unwrap_err();
     let state = State::Fault;

@@ -1,5 +1,5 @@
-//! What the robot's own image writes to registers that the emulator does not have: the watchdog, the clocks, the
-//! heater's timer, and what is to happen when a debug probe halts the processor or the crystal stops.
+//! Writes of the robot's own image to registers that the emulator does not have: the watchdog, the clocks and the
+//! heater's timer. They include the settings for a halt by a debug probe and for a stopped crystal.
 
 use std::path::Path;
 use std::thread::sleep;
@@ -12,7 +12,7 @@ use growbot_core::link::message::{ResetCause, State};
 use growbot_tests::netduinoplus2::{self, Board, RegisterWrite, Setup};
 use growbot_tests::{firmware, wiring};
 
-/// How long the emulator may take for anything here.
+/// Timeout of the emulator.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 const TIM1: u32 = 0x4001_0000;
@@ -24,7 +24,7 @@ const WATCHDOG_START: u32 = 0xCCCC;
 const DBGMCU_APB1_FZ: u32 = 0xE004_2008;
 const DBGMCU_APB2_FZ: u32 = 0xE004_200C;
 const DEMCR: u32 = 0xE000_EDFC;
-/// The register that resets, and what it is written.
+/// Register that resets the processor, and the value that does so.
 const AIRCR: u32 = 0xE000_ED0C;
 const RESET_REQUEST: u32 = 0x05FA_0004;
 
@@ -66,22 +66,22 @@ fn a_halted_processor_is_reset_and_its_heater_off() {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let mut client = traced.client();
     client.hello_robot(&robot).unwrap();
-    // The watchdog has been fed since: probes change these registers, and each feed changes them back.
+    // The watchdog has been fed since. Probes change these registers, and each feed restores them.
     let began = Instant::now();
     while to(&traced.writes(), DBGMCU_APB1_FZ).len() < 3 {
         assert!(began.elapsed() < PATIENCE, "the watchdog is not fed");
         sleep(Duration::from_millis(50));
     }
     let writes = traced.writes();
-    // DBG_TIM2_STOP alone: DBG_IWDG_STOP, bit 12, would have the watchdog wait for the probe.
+    // DBG_TIM2_STOP alone. DBG_IWDG_STOP, bit 12, would stop the watchdog while a probe halts the processor.
     assert!(to(&writes, DBGMCU_APB1_FZ).iter().all(|value| *value == 1));
     // DBG_TIM1_STOP.
     assert!(to(&writes, DBGMCU_APB2_FZ).iter().all(|value| *value == 1));
     assert_eq!(to(&writes, DBGMCU_APB1_FZ).len(), to(&writes, DBGMCU_APB2_FZ).len());
     // No vector catch.
     assert!(to(&writes, DEMCR).iter().all(|value| value & 0x7F1 == 0) && !to(&writes, DEMCR).is_empty());
-    // Without MOE, TIM1 drives its output (OSSI, bit 10) to OIS1 of CR2, which is 0 and never written; a break (BKE,
-    // bit 12, active high: BKP, bit 13), of which the clock security system is one, clears MOE (bit 15).
+    // Without MOE, TIM1 drives its output (OSSI, bit 10) to OIS1 of CR2, which is 0 and never written. A break (BKE,
+    // bit 12, active high: BKP, bit 13) clears MOE (bit 15). The clock security system causes one.
     assert_eq!(to(&writes, TIM1 + BDTR), [1 << 15 | 1 << 13 | 1 << 12 | 1 << 10]);
     assert!(to(&writes, TIM1 + CR2).is_empty());
     assert!(to(&writes, TIM1 + CCR1).iter().all(|duty| *duty == 0));
@@ -93,7 +93,7 @@ fn the_clock_is_watched_from_before_it_is_used() {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     traced.client().hello_robot(&robot).unwrap();
     let writes = traced.writes();
-    // The first writes are the test's own.
+    // The first writes come from the test.
     let watchdog = position(&writes, "the watchdog starts", |write| {
         (write.address, write.value) == (WATCHDOG_KEY, WATCHDOG_START)
     });
@@ -135,8 +135,8 @@ fn a_crystal_that_stops_switches_everything_off_and_is_told_after_the_reset() {
     off("feed EN", enable_low);
     let duty = position(&writes, "no duty", |write| (write.address, write.value) == (TIM1 + CCR1, 0));
     assert!(duty < reset);
-    // What hardware would make ready again. The reset comes some time after its request, and takes away what was ready
-    // before.
+    // The test makes the clocks ready again, as hardware would. The reset comes some time after its request and clears
+    // the ready bits, so the test waits for it.
     let starts = |write: &RegisterWrite| (write.address, write.value) == (WATCHDOG_KEY, WATCHDOG_START);
     while !traced.writes()[before + reset..].iter().any(starts) {
         assert!(began.elapsed() < PATIENCE, "the board does not start again");

@@ -1,10 +1,9 @@
 //! Host and microcontroller plan the same goals to the same bits.
 //!
-//! The emulated board plans by itself; the hash of its layers in full precision and every one of their bytes must be
-//! the desktop's. The emulator computes in the M4's instructions, so what is compared is two compilations for two
-//! processors.
+//! The emulated board plans by itself. The hash of its layers in full precision and every byte of them must equal the
+//! desktop's. The emulator executes the M4's instructions, so this compares two compilations for two processors.
 //!
-//! `GROWBOT_GOALS=48 cargo test -p growbot-tests --test it same_bits::` takes more random goals than the few of every run.
+//! `GROWBOT_GOALS=48 cargo test -p growbot-tests --test it same_bits::` sets the number of random goals, by default 14.
 
 use growbot_client::client::Client;
 use growbot_client::robot_file;
@@ -17,10 +16,10 @@ use growbot_core::pose::Pose;
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
 
-/// Goals all round the start, near and far, in any direction.
+/// Number of goals around the start, near and far, in any direction.
 const RANDOM_GOALS: u32 = 14;
 
-/// Planes and circles that degenerate.
+/// Goals with degenerate planes and circles.
 const SPECIAL_GOALS: [[f64; 5]; 12] = [
     [0.0, 0.0, 0.0, 0.0, 90.0],
     [0.0, 0.0, 0.0, 0.0, -90.0],
@@ -36,7 +35,7 @@ const SPECIAL_GOALS: [[f64; 5]; 12] = [
     [100.0, 0.0, 100.0, 0.0, 0.0],
 ];
 
-/// A number in [0, 1) for each n: Weyl's sequence, the same on every machine.
+/// Returns a number in [0, 1) for each n by Weyl's sequence, which is the same on every machine.
 fn spread(n: u32, factor: f64) -> f64 {
     let value = f64::from(n + 1) * factor;
     value - value.floor()
@@ -56,10 +55,10 @@ fn goals(random: u32) -> impl Iterator<Item = [f64; 5]> {
     random.chain(SPECIAL_GOALS)
 }
 
-/// Boards that plan at the same time.
+/// Number of boards that plan at the same time.
 const BOARDS: usize = 2;
 
-/// What was compared.
+/// Results of the comparison.
 #[derive(Debug, Default)]
 struct Compared {
     plans: u32,
@@ -88,7 +87,7 @@ fn the_board_plans_the_desktops_layers_bit_for_bit() {
     println!("{plans} plans, {helicoids} of them helicoidal arcs, {layers} layers: every bit alike");
 }
 
-/// Has an emulated board plan these goals, by both planners.
+/// Plans these goals with both planners on an emulated board, and compares the results.
 fn compare<'a>(goals: impl Iterator<Item = &'a [f64; 5]>) -> Compared {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();

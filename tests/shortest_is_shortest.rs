@@ -1,7 +1,7 @@
-//! A planned path is no longer than the best that a slow and independent search knows.
+//! Checks that a planned path is at most as long as the best path of a slow and independent search.
 //!
-//! The table `best_known.csv` was made by `examples/best_known.rs`, which says how; a few more goals are searched here.
-//! `GROWBOT_NEAR` is how many of these lie within 3 radii, 16 without it:
+//! `examples/best_known.rs` made the table `best_known.csv` and describes how. This test searches a few more goals.
+//! `GROWBOT_NEAR` is the number of these that lie within 3 radii, by default 16:
 //!
 //! ```sh
 //! GROWBOT_NEAR=10000 cargo test --release -p growbot-tests --test it shortest_is_shortest:: -- --nocapture searched_now
@@ -19,32 +19,33 @@ use growbot_tests::slow_shortest::table::{Row, Stratum, read};
 use growbot_tests::slow_shortest::{Effort, Problem, helicoid, shortest};
 use nalgebra::Vector3;
 
-/// Lengths that differ by no more than this are the same, radii.
+/// Max difference of lengths that count as equal, radii.
 const SAME: f64 = 1e-6;
-/// For goals nearer than this (radii) a few paths may be longer than the best: shortest curves are hard to find there.
+/// Distance of goals, radii. For nearer goals, a few paths may be longer than the best, because shortest curves are
+/// hard to find there.
 const NEAR: f64 = 3.0;
-/// What share of those must not be longer.
+/// Min fraction of these near goals whose paths are not longer than the best.
 const MIN_SHARE: f64 = 0.99;
-/// A path that is longer than the best by more than this factor is much longer...
+/// Ratio to the best length above which a path is much longer.
 const MAX_RATIO: f64 = 1.005;
-/// ...and of those within [`NEAR`] that are drawn evenly no more than this share may be: none would be better, and some
+/// Max fraction of evenly drawn goals within [`NEAR`] whose paths are much longer. It should be 0, but some such goals
 /// are known.
 const MAX_MUCH_LONGER: f64 = 0.003;
-/// What share of the goals picked for being hard must be reached by a path as short as the best.
+/// Min fraction of the goals selected as hard that a path as short as the best must reach.
 const MIN_SHARE_OF_PICKED: f64 = 0.85;
 /// Turning radius, mm.
 const RADIUS: f64 = 100.0;
 
-/// The length of the planned path from the origin along z to a goal (radii) with a direction, radii.
+/// Returns the length of the planned path from the origin along z to a goal (radii) with a direction, radii.
 fn planned_length(robot: &Robot, goal: &Vector3<f64>, tangent: &Vector3<f64>) -> f64 {
-    // The planner under test: this is the only place that names it.
+    // The planner under test. No other place names it.
     let planner = Planner::Shortest;
 
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let heading = libm::atan2(tangent.y, tangent.x);
     let pitch = libm::atan2(tangent.z, libm::hypot(tangent.x, tangent.y));
     let goal = Pose::new(goal * RADIUS, heading, pitch).unwrap();
-    // A path that does not arrive is an error of its own.
+    // A path that does not arrive is a separate error.
     let path = plan(robot, &start, &goal, RADIUS, planner).unwrap_or_else(|error| panic!("{goal:?}: {error}")).path;
     for segment in path.iter() {
         let bends = segment.bend() * RADIUS;
@@ -53,7 +54,7 @@ fn planned_length(robot: &Robot, goal: &Vector3<f64>, tangent: &Vector3<f64>) ->
     length(&path) / RADIUS
 }
 
-/// How the planned paths of some cases compare with the best.
+/// Comparison of the planned paths of some cases with the best.
 #[derive(Default)]
 struct Comparison {
     same: usize,
@@ -61,7 +62,7 @@ struct Comparison {
     longer: usize,
     much_longer: usize,
     worst: Option<(f64, Problem)>,
-    /// The largest ratio of planned and best length.
+    /// Largest ratio of planned and best length.
     ratio: f64,
     shortest: f64,
 }
@@ -122,7 +123,7 @@ fn planned_paths_are_as_short_as_the_best_known() {
         Comparison::of(&robot, rows.into_iter()).print(stratum.name());
     }
     let is_near = |row: &&Row| row.problem.goal.norm() < NEAR;
-    // Cases picked for being hard do not count among the share of those that are drawn evenly.
+    // Cases selected as hard do not count in the fraction of evenly drawn goals.
     let is_picked =
         |row: &&Row| [Stratum::NearlyCoplanar, Stratum::Narrow].iter().any(|stratum| stratum.name() == row.stratum);
     let drawn = || rows.iter().filter(|row| !is_picked(row));
@@ -149,7 +150,7 @@ fn planned_paths_are_as_short_as_the_best_known() {
 
 #[test]
 fn planned_paths_are_as_short_as_those_searched_now() {
-    /// Names cases and searches that the table does not have.
+    /// Seed of cases and searches that are not in the table.
     const SEED: u64 = 2026;
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let helicoid = helicoid::Effort { shots: 40, lines: 15, chains: 6, rounds: 1, max_rounds: 6, hits: 4 };

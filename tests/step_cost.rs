@@ -1,9 +1,9 @@
-//! What a tick of the step interrupt costs on the microcontroller, as a table, and the step rate that this allows; and
-//! what an emergency stop by the link costs: `cargo step-cost`.
+//! Costs of the step interrupt on the microcontroller, as a table: `cargo step-cost`. The table lists each kind of
+//! tick, the step rate that it allows, and an emergency stop by the link.
 //!
-//! Builds the program that measures it (`growbot-firmware/costs/step/`) and runs it in the emulator, which
-//! counts each instruction, so that the figures are the same on every machine. They are instructions; what they take on
-//! the robot's board is computed from them, on the side of caution.
+//! The test builds the program that measures it (`growbot-firmware/costs/step/`) and runs it in the emulator. The
+//! emulator counts each instruction, so the figures are the same on every machine. They are instructions. The time on
+//! the robot's board is computed from them with a conservative estimate.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
@@ -16,27 +16,27 @@ use growbot_core::link::frame::MAX_FRAME_LEN;
 use growbot_sim::port::qemu::{Line, Qemu};
 use growbot_tests::{build_image, firmware};
 
-/// The robot's board, Hz.
+/// Clock of the robot's board, Hz.
 const CLOCK_HZ: f64 = 168e6;
-/// Cycles of an instruction: 1.2 by itself (a Cortex-M4 takes one, two for a load or a taken branch's refill), and 1.3
-/// for fetching it, as if no line were ever in the flash's cache: 5 wait states and an access for 16 bytes, some five
-/// instructions.
+/// Cycles of an instruction: 1.2 by itself and 1.3 for its fetch. A Cortex-M4 takes one cycle, or two for a load or the
+/// refill after a taken branch. The fetch assumes that no line is ever in the flash's cache: 5 wait states and an
+/// access for 16 bytes, about five instructions.
 const CYCLES: f64 = 2.5;
-/// Cycles of each interrupt beside the tick: entry and exit, 12 each, and 30 instructions that acknowledge the timer
+/// Cycles of each interrupt besides the tick: entry and exit, 12 each, and 30 instructions that acknowledge the timer
 /// and save registers. The tick computes no floats, so the processor's lazy stacking never saves their registers.
 const AROUND: f64 = 24.0 + 30.0 * CYCLES;
-/// The share of the processor that the step interrupt may take at worst; the rest is the controller's and the link's.
+/// Max fraction of the processor's time for the step interrupt. The rest is for the controller and the link.
 const SHARE: f64 = 0.5;
-/// The tick rate that must be possible, Hz: 10,000 steps a second on each axis, since a step takes two ticks.
+/// Min tick rate, Hz: 10,000 steps per second on each axis, because a step takes two ticks.
 const TICK_HZ: f64 = 20_000.0;
-/// Max instructions of an idle tick: 80 until the head could be turned between jobs, which takes one more.
+/// Max instructions of an idle tick. It was 80 until the head could be turned between jobs, which takes one more.
 const IDLE: u32 = 84;
 
-/// Max instructions from the last byte of an emergency stop to heater and drivers off, a step tick that goes before it
-/// included.
+/// Max instructions from the last byte of an emergency stop until heater and drivers are off, including a step tick
+/// that comes before it.
 const STOP: u32 = 2_000;
 
-/// How long the board may take to the next line.
+/// Timeout of the board's next line.
 const NEXT: Duration = Duration::from_secs(120);
 
 /// All ticks of one kind.
@@ -52,7 +52,7 @@ impl Row {
         f64::from(self.worst) * CYCLES + AROUND
     }
 
-    /// The tick rate at which such ticks, one after the other, take their share.
+    /// Returns the tick rate at which a sequence of such ticks takes the allowed fraction of the processor's time.
     fn tick_hz(&self) -> f64 {
         SHARE * CLOCK_HZ / self.cycles()
     }
@@ -74,7 +74,7 @@ fn measure() -> Vec<Row> {
     })
 }
 
-/// Sends emergency stops behind noise, and the last byte of each by itself, until there are enough.
+/// Sends emergency stops after noise until there are enough. The last byte of each stop is sent by itself.
 fn send_stops(mut line: &TcpStream, enough: &AtomicBool) {
     for length in (0..MAX_FRAME_LEN).cycle() {
         if enough.load(Ordering::Relaxed) {
@@ -91,7 +91,7 @@ fn send_stops(mut line: &TcpStream, enough: &AtomicBool) {
     }
 }
 
-/// All rows; none if the board ends before. Stops are measured before anything is said.
+/// Reads all rows. `None` if the board ends before the last one. The board measures stops before it prints anything.
 fn read_rows(line: &TcpStream, enough: &AtomicBool) -> Option<Vec<Row>> {
     let mut rows = Vec::new();
     for line in BufReader::new(line).lines() {

@@ -1,4 +1,5 @@
-//! WIRING.md says what the firmware does with the robot's pins: the types of its signals, and what the image writes to the ports.
+//! WIRING.md describes the robot's pins as the firmware uses them: the types of its signals, and the writes of the
+//! image to the ports.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -13,10 +14,11 @@ use growbot_tests::wiring::{Row, WIRING, pin_of, rows, rp2040_rows};
 
 const PINS: &str = include_str!("../growbot-firmware/boards/stm32f405/pins.rs");
 
-/// Signals whose pins are as the processor's reset leaves them.
+/// Signals whose pins stay as after a reset of the processor.
 const LEFT_ALONE: [&str; 2] = ["oscillator", "debug probe"];
 
-/// What the alternate functions are (data sheet DS8626, table "alternate function mapping"), and the analog inputs' channels.
+/// Meanings of the alternate functions (data sheet DS8626, table "alternate function mapping"), and the channels of the
+/// analog inputs.
 const FUNCTIONS: [(&str, u32, &str); 8] = [
     ("PA2", 7, "USART2 TX"),
     ("PA3", 7, "USART2 RX"),
@@ -34,7 +36,7 @@ const ANALOG: [(&str, &str); 4] = [
     ("PC3", "ADC1 channel 13, analog"),
 ];
 
-/// What an image makes of a pin.
+/// Configuration of a pin by an image.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 struct Pin {
     /// MODER: input, output, alternate function, analog.
@@ -43,7 +45,7 @@ struct Pin {
     /// PUPDR: none, up, down.
     pull: u32,
     function: u32,
-    /// The level that it was given before it became an output.
+    /// Level that the pin was given before it became an output.
     level: Option<bool>,
 }
 
@@ -65,8 +67,8 @@ impl Pin {
     }
 }
 
-/// What writes to the ports make of the pins. The emulator has no ports: a register reads 0 there, so that what the firmware changes in
-/// one is all that it writes.
+/// Returns the configuration of the pins from writes to the ports. The emulator has no ports, so their registers read
+/// 0, and what the firmware changes in a register is all that it writes.
 fn pins_of(writes: &[RegisterWrite]) -> BTreeMap<String, Pin> {
     let mut pins: BTreeMap<String, Pin> = BTreeMap::new();
     let mut levels: BTreeMap<String, bool> = BTreeMap::new();
@@ -99,7 +101,7 @@ fn pins_of(writes: &[RegisterWrite]) -> BTreeMap<String, Pin> {
     pins
 }
 
-/// What the image writes to registers until it answers.
+/// Returns the writes of the image to registers until it responds.
 fn writes_of(image: &Path) -> Vec<RegisterWrite> {
     let directory = tempfile::tempdir().unwrap();
     let trace = directory.path().join("trace");
@@ -129,7 +131,7 @@ fn the_image_configures_the_pins_that_the_table_says() {
             ("low", 1) => Some(false),
             ("off", 1) => Some(enable_low),
             ("released", 1) => Some(true),
-            // A timer's output; any level of an output; an input.
+            // Output of a timer, output with any level, input.
             ("low", 2) | ("any", 1) => pin.level,
             ("", _) => None,
             (other, mode) => panic!("{}: a safe level of {other:?} means nothing in mode {mode}", row.signal),
@@ -139,7 +141,7 @@ fn the_image_configures_the_pins_that_the_table_says() {
     assert!(pins.is_empty(), "the image configures pins that are in no row: {pins:?}");
 }
 
-/// The types of the firmware's signals are compared by the compiler with the pins behind them.
+/// The compiler compares the types of the firmware's signals with their pins.
 #[test]
 fn each_signal_of_the_firmware_is_at_the_tables_pin() {
     let lines: Vec<&str> = PINS.lines().collect();
@@ -206,7 +208,7 @@ fn the_diagram_of_the_skr_pico_has_its_pins() {
         let Some((pin, terminal)) = BoardKind::SkrPico.pin(signal).zip(BoardKind::SkrPico.terminal(signal)) else {
             continue;
         };
-        // As ">GPIO 4<", or in a list of numbers.
+        // The number is in a text such as ">GPIO 4<", or in a list of numbers.
         let is_there = |text: &str| {
             let text = text.trim_start_matches("GPIO ");
             text.split(", ").any(|number| number == pin.to_string())

@@ -1,4 +1,4 @@
-//! Figures that growbot draws while the book is built, and paths drawn here from the layers that it exports.
+//! Figures that growbot draws while the book is built, and paths drawn here from the layers that growbot exports.
 
 use std::ffi::OsStr;
 use std::fmt::Write;
@@ -9,26 +9,26 @@ use anyhow::{Context, Result, ensure};
 
 use crate::growbot::Growbot;
 
-/// What is run for its drawings.
+/// Commands that are run for their drawings.
 const COMMANDS: [&[&str]; 2] = [
     &["workspace", "--length", "1000", "-o", "reach.svg"],
-    // Five growths a group show what its figures are; the whole takes half a minute.
+    // Five growths for each group are enough for the figures. The whole command takes half a minute.
     &["reproduce", "--repeat", "5", "-o", "."],
 ];
 /// Drawings of the paths of both planners: file, goal.
 const PATHS: [(&str, &str); 2] = [("both-planners.svg", "0,0,-300,0,90"), ("helicoid.svg", "60,40,80,200,-20")];
-/// The planners, and the colours of their paths; the one before is in front.
+/// Planners and the colours of their paths. The first is in front.
 const PLANNERS: [(&str, &str); 2] = [("two-plane", "#d9822b"), ("shortest", "#3b82c4")];
-/// Where the axes point in a drawing: right and down for a mm of x, y and z.
+/// Directions of the axes in a drawing: right and down for a mm of x, y and z.
 const AXES: [[f64; 2]; 3] = [[0.87, 0.25], [0.5, -0.4], [0.0, -1.0]];
 /// Width and height of a drawing, pixels, and its margin.
 const SIZE: [f64; 2] = [640.0, 460.0];
 const MARGIN: f64 = 40.0;
 
-/// Draws all figures into this directory.
+/// Draws all figures into a directory.
 ///
 /// # Errors
-/// Where a command fails.
+/// Fails if a command fails.
 pub fn draw(growbot: &Growbot, directory: &Path) -> Result<()> {
     fs::create_dir_all(directory)?;
     let scratch = tempfile::tempdir()?;
@@ -53,7 +53,7 @@ pub fn draw(growbot: &Growbot, directory: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The points of the centreline, mm, in an export.
+/// Returns the points of the centreline in an export, mm.
 fn centreline(csv: &str) -> Result<Vec<[f64; 3]>> {
     let mut rows = csv.lines();
     let header: Vec<_> = rows.next().unwrap_or_default().split(',').collect();
@@ -65,7 +65,8 @@ fn centreline(csv: &str) -> Result<Vec<[f64; 3]>> {
     rows.map(point).collect()
 }
 
-/// Lines seen from the side and above, with their shadows on the level of the start, and a bar of 100 mm.
+/// Returns a drawing of lines seen from the side and above, with their shadows at the height of the start and a bar of
+/// 100 mm.
 fn drawing(lines: &[(Vec<[f64; 3]>, &str)]) -> String {
     let flat = |p: &[f64; 3]| [0, 1].map(|side| (0..3).map(|axis| AXES[axis][side] * p[axis]).sum::<f64>());
     let shadow = |p: &[f64; 3]| flat(&[p[0], p[1], 0.0]);

@@ -1,4 +1,4 @@
-//! Formulas: TeX between `$` or `$$` becomes MathML, which browsers draw by themselves, without a script or a network.
+//! Formulas: TeX between `$` or `$$` becomes MathML. Browsers render MathML without a script or a network.
 
 use anyhow::{Result, bail};
 use mdbook_preprocessor::book::Book;
@@ -9,7 +9,7 @@ use pulldown_latex::{Storage, push_mathml};
 
 use crate::growbot::in_each_chapter;
 
-/// Puts MathML for TeX.
+/// Replaces TeX by MathML.
 pub struct Formulas;
 
 impl Preprocessor for Formulas {
@@ -23,7 +23,7 @@ impl Preprocessor for Formulas {
     }
 }
 
-/// The chapter with its formulas as MathML. Code is left alone, since the chapter is read as Markdown.
+/// Returns the chapter with its formulas as MathML. Code is not changed, because the chapter is parsed as Markdown.
 fn with_mathml(chapter: &str) -> Result<String> {
     let mut text = String::with_capacity(chapter.len());
     let mut copied = 0;
@@ -53,7 +53,7 @@ fn mathml(tex: &str, display_mode: DisplayMode) -> Result<String> {
     Ok(safe_in_markdown(&text))
 }
 
-/// The same HTML on one line, and without characters between its tags that mean something in Markdown.
+/// Returns HTML on one line. Between its tags, characters with a meaning in Markdown are replaced.
 fn safe_in_markdown(html: &str) -> String {
     let mut text = String::with_capacity(html.len());
     let mut in_tag = false;

@@ -1,7 +1,8 @@
-//! What growbot says of itself: the reference of its commands, and a robot file's fields.
+//! Parts of the book that growbot prints: the reference of its commands, and the fields of a robot file.
 //!
-//! A line of a chapter that is `{{#commands}}` becomes all commands with their help; `{{#robot-fields growbot-a growbot-b}}` becomes
-//! the fields of a robot file with their meaning and the values that these robots have.
+//! A line `{{#commands}}` of a chapter is replaced by all commands with their help. A line
+//! `{{#robot-fields growbot-a growbot-b}}` is replaced by the fields of a robot file with their meaning and their
+//! values in these robots.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -12,24 +13,24 @@ use mdbook_preprocessor::book::{Book, BookItem};
 use mdbook_preprocessor::{Preprocessor, PreprocessorContext};
 use serde_json::Value;
 
-/// The program.
+/// The growbot program.
 #[derive(Clone)]
 pub struct Growbot(PathBuf);
 
 impl Growbot {
-    /// The program at this path.
+    /// Returns the program at this path.
     ///
     /// # Errors
-    /// Where there is none.
+    /// Fails if the file does not exist.
     pub fn at(path: &Path) -> Result<Self> {
         let path = path.canonicalize();
         Ok(Self(path.context("there is no growbot: give the program, or nothing to have it built")?))
     }
 
-    /// What a run prints, in this directory.
+    /// Runs growbot in a directory, and returns its output.
     ///
     /// # Errors
-    /// Where it fails.
+    /// Fails if growbot fails.
     pub fn says(&self, arguments: &[&str], directory: &Path) -> Result<String> {
         let output = Command::new(&self.0).args(arguments).current_dir(directory).output();
         let output = output.with_context(|| format!("{} cannot be run", self.0.display()))?;
@@ -42,12 +43,12 @@ impl Growbot {
         self.says(arguments, Path::new("."))
     }
 
-    /// All commands, each a heading and its help.
+    /// Returns all commands, each with a heading and its help.
     fn commands(&self) -> Result<String> {
         let help = self.help(&["--help"])?;
         let (_, rest) = help.split_once("\nCommands:\n").context("growbot --help lists no commands")?;
         let (list, _) = rest.split_once("\n\n").unwrap_or((rest, ""));
-        // A command's line begins with two spaces; one that goes on, with more.
+        // The line of a command begins with two spaces. Its continuation lines begin with more.
         let names = list.lines().filter_map(|line| line.strip_prefix("  ")).filter(|line| !line.starts_with(' '));
         let names: Vec<_> = names.filter_map(|line| line.split(' ').next()).filter(|name| *name != "help").collect();
         ensure!(!names.is_empty(), "growbot --help lists no commands");
@@ -59,7 +60,7 @@ impl Growbot {
         Ok(text)
     }
 
-    /// The fields of a robot file, a table for each section, with the values of these robots.
+    /// Returns the fields of a robot file, in a table for each section, with their values in these robots.
     fn robot_fields(&self, robots: &[&str]) -> Result<String> {
         let Some((first, _)) = robots.split_first() else { bail!("robot-fields wants the names of robots") };
         let explained = |robot: &&str| Ok(serde_json::from_str(&self.help(&["robots", robot, "--json"])?)?);
@@ -69,7 +70,7 @@ impl Growbot {
         let mut seen: Vec<String> = Vec::new();
         for path in paths {
             if !seen.contains(&path) {
-                // Beside the others of its section.
+                // A field comes after the others of its section.
                 let after = seen.iter().rposition(|other| section(other) == section(&path));
                 seen.insert(after.map_or(seen.len(), |place| place + 1), path);
             }
@@ -82,7 +83,7 @@ impl Growbot {
                 last = Some(section(path));
                 let name = section(path);
                 let title = if name.is_empty() { "At the top".to_owned() } else { format!("`[{name}]`") };
-                // Names of robots are not broken at their hyphen.
+                // A hyphen that does not break keeps the names of robots on one line.
                 let names = robots.join(" | ").replace('-', "\u{2011}");
                 write!(text, "\n### {title}\n\n| key | {names} |\n|---|{}\n", "---|".repeat(robots.len()))?;
             }
@@ -110,7 +111,7 @@ impl Growbot {
         Ok(text)
     }
 
-    /// The chapter with what its directives stand for.
+    /// Returns the chapter with its directives replaced.
     fn fill(&self, chapter: &str) -> Result<String> {
         let mut text = String::with_capacity(chapter.len());
         for line in chapter.lines() {
@@ -131,12 +132,12 @@ impl Growbot {
     }
 }
 
-/// The section that a field lies in.
+/// Returns the section of a field.
 fn section(path: &str) -> &str {
     path.split_once('.').map_or("", |(section, _)| section)
 }
 
-/// Fills in what growbot says of itself.
+/// Replaces the directives by growbot's output.
 pub struct Reference(pub Growbot);
 
 impl Preprocessor for Reference {
@@ -153,7 +154,7 @@ impl Preprocessor for Reference {
 /// Replaces the text of each chapter.
 ///
 /// # Errors
-/// The first that there is, with the chapter's name.
+/// Fails with the first error, which names the chapter.
 pub fn in_each_chapter(book: &mut Book, change: impl Fn(&str) -> Result<String>) -> Result<()> {
     let mut done = Ok(());
     book.for_each_mut(|item| {

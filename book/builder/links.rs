@@ -1,4 +1,4 @@
-//! The built pages: each link leads somewhere, and nothing is asked of a network.
+//! A check of the built pages: every link has a target, and no page loads anything from a network.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -7,7 +7,7 @@ use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
-/// What was looked at.
+/// Number of pages and links that were checked.
 pub struct Checked {
     pages: usize,
     links: usize,
@@ -19,23 +19,23 @@ impl fmt::Display for Checked {
     }
 }
 
-/// A start tag: its name and its attributes.
+/// A start tag, with its name and its attributes.
 struct Tag {
     name: String,
     attributes: Vec<(String, String)>,
 }
 
-/// A page: where it leads, what it fetches, and the places in it that links may name.
+/// A page: its links, the addresses that it loads, and the anchors in it.
 struct Page {
     links: Vec<String>,
     fetches: Vec<String>,
     places: BTreeSet<String>,
 }
 
-/// Checks all pages below this directory.
+/// Checks all pages below a directory.
 ///
 /// # Errors
-/// All links that lead nowhere, and all that a page would fetch from elsewhere.
+/// Fails with a list of all links without a target, and of all addresses that pages would load from elsewhere.
 pub fn check(directory: &Path) -> Result<Checked> {
     let mut files = Vec::new();
     list(directory, &mut files)?;
@@ -55,7 +55,7 @@ pub fn check(directory: &Path) -> Result<Checked> {
     }
     let mut links = 0;
     for (file, page) in &pages {
-        // The page for addresses that are not there is written for a server's root.
+        // The error page for missing addresses has links relative to the root of a server.
         if file.ends_with("404.html") {
             continue;
         }
@@ -108,7 +108,7 @@ fn leads_somewhere(from: &Path, target: &str, pages: &BTreeMap<PathBuf, Page>) -
     }
 }
 
-/// The path without `.` and `..`.
+/// Returns the path without `.` and `..`.
 pub fn normal(path: &Path) -> PathBuf {
     let mut whole = PathBuf::new();
     for component in path.components() {
@@ -133,7 +133,7 @@ fn page(html: &str) -> Page {
                 ("a", "href") => page.links.push(value),
                 (_, "href" | "src" | "poster" | "data") if !value.starts_with("data:") => page.fetches.push(value),
                 (_, "id") => drop(page.places.insert(value)),
-                // For such a block mdBook's script asks what can be run there.
+                // For a block of this class, mdBook's script queries that server for what it can run.
                 (_, "class") if value.split(' ').any(|class| class == "playground") => {
                     page.fetches.push("https://play.rust-lang.org".to_owned());
                 }
@@ -144,7 +144,7 @@ fn page(html: &str) -> Page {
     page
 }
 
-/// All start tags outside of scripts, style sheets and comments.
+/// Returns all start tags outside of scripts, style sheets and comments.
 fn tags(html: &str) -> Vec<Tag> {
     let mut found = Vec::new();
     let mut rest = html;
@@ -169,7 +169,7 @@ fn tags(html: &str) -> Vec<Tag> {
     found
 }
 
-/// The tag that the text begins with, behind its `<`, and what comes after it.
+/// Parses the tag at the start of the text, which follows a `<`. Returns the tag and the rest of the text.
 fn tag(text: &str) -> (Tag, &str) {
     let end = text.find(|c: char| c.is_whitespace() || c == '>' || c == '/').unwrap_or(text.len());
     let mut tag = Tag { name: text[..end].to_ascii_lowercase(), attributes: Vec::new() };
@@ -183,7 +183,7 @@ fn tag(text: &str) -> (Tag, &str) {
             return (tag, after);
         }
         let end = rest.find(|c: char| c.is_whitespace() || c == '=' || c == '>' || c == '/').unwrap_or(rest.len());
-        // A lone character that is none of an attribute's is passed over.
+        // A single character that is not part of an attribute is skipped.
         let (name, after) = rest.split_at(end.max(rest.chars().next().map_or(0, char::len_utf8)));
         rest = after;
         let Some(value) = rest.strip_prefix('=') else { continue };

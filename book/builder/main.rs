@@ -1,7 +1,8 @@
 //! Builds the growbot book: `cargo book [GROWBOT [DIRECTORY]]`.
 //!
-//! GROWBOT is the program that writes the reference and draws the figures (built in release if not given), DIRECTORY takes the pages
-//! (`target/book`). A link that leads nowhere, a page that asks a network for anything or a command that fails is an error.
+//! GROWBOT is the program that writes the reference and draws the figures (default: a release build). DIRECTORY
+//! receives the pages (default: `target/book`). The build fails if a link has no target, a page loads anything from a
+//! network, or a command fails.
 
 mod figures;
 mod formulas;
@@ -33,7 +34,7 @@ fn main() -> Result<()> {
     };
     let pages = arguments.next().map_or_else(|| target.join("book"), PathBuf::from);
     let program = Growbot::at(&program)?;
-    // mdBook takes a relative directory as one of the book's.
+    // mdBook resolves a relative directory against the book's root.
     let pages = std::path::absolute(pages)?;
 
     let mut book = MDBook::load(root).context("the book cannot be read")?;
@@ -49,7 +50,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// The release build of growbot, made where it is not there or old.
+/// Builds growbot in release mode if it is missing or old, and returns its path.
 fn built(repository: &Path, target: &Path) -> Result<PathBuf> {
     let cargo = env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let status = Command::new(cargo)

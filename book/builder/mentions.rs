@@ -1,8 +1,8 @@
-//! Links between documents: SAFETY.md and its like lead to the chapters that include them.
+//! Links between documents: SAFETY.md and similar documents lead to the chapters that include them.
 //!
-//! Chapters and included documents link to files of the repository, so that they can be read there. In the book such a
-//! link leads to the chapter that includes the file, and one to a file that no chapter includes becomes its words
-//! alone. A document that is named in the text of an included one becomes a link.
+//! Chapters and included documents link to files of the repository, so that the links work there. In the book, a link
+//! to a file that a chapter includes leads to that chapter. A link to any other file is replaced by its text. The name
+//! of a document in the text of an included document becomes a link.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
 
 use crate::links::normal;
 
-/// The documents, and the chapters that include them.
+/// Documents, and the chapters that include them.
 const CHAPTERS: [(&str, &str); 6] = [
     ("ARCHITECTURE.md", "architecture.md"),
     ("PROTOCOL.md", "link.md"),
@@ -22,12 +22,12 @@ const CHAPTERS: [(&str, &str); 6] = [
     ("docs/decisions/README.md", DECISIONS),
     ("docs/measurements.md", "measurements.md"),
 ];
-/// The chapter that includes all decisions, each below its title.
+/// Chapter that includes all decisions, each below its title.
 const DECISIONS: &str = "decisions.md";
-/// Where the chapters are.
+/// Directory of the chapters.
 const SOURCES: &str = "book/src";
 
-/// Puts links for mentions, and leads links to chapters.
+/// Adds links to names of documents, and redirects links to chapters.
 pub struct Mentions;
 
 impl Preprocessor for Mentions {
@@ -46,11 +46,11 @@ impl Preprocessor for Mentions {
     }
 }
 
-/// Where a chapter is.
+/// Location of a chapter.
 struct Place {
-    /// Its path below [`SOURCES`].
+    /// Path below [`SOURCES`].
     chapter: PathBuf,
-    /// The document that it includes.
+    /// Document that the chapter includes. `None` without one.
     document: Option<&'static str>,
 }
 
@@ -61,7 +61,7 @@ impl Place {
         Self { chapter, document }
     }
 
-    /// What a link of the chapter becomes; None where it is lost.
+    /// Returns the target of a link in the book. `None` if the link is dropped.
     fn link(&self, target: &str) -> Option<String> {
         let (path, anchor) = target.split_once('#').map_or((target, ""), |(path, anchor)| (path, anchor));
         if path.is_empty() || path.contains(':') {
@@ -82,14 +82,14 @@ impl Place {
     }
 }
 
-/// The place of a decision in its chapter: its file is named by number and title.
+/// Returns the anchor of a decision in its chapter, from a file name of number and title.
 fn decision(file: &str) -> Option<&str> {
     let name = file.strip_prefix("docs/decisions/")?.strip_suffix(".md")?;
     name.split_once('-').filter(|(number, _)| number.parse::<u16>().is_ok()).map(|(_, title)| title)
 }
 
-/// The chapter with its links as they are in the book. In an included document, names of others become links, where
-/// they are neither code nor in a link or heading.
+/// Returns the chapter with the links of the book. In an included document, names of others become links unless they
+/// are in code, in a link or in a heading.
 fn with_links(chapter: &str, place: &Place) -> String {
     let mut text = String::with_capacity(chapter.len());
     let (mut copied, mut within) = (0, 0);
@@ -97,7 +97,7 @@ fn with_links(chapter: &str, place: &Place) -> String {
         match event {
             Event::Start(Tag::Link { dest_url, .. }) => {
                 within += 1;
-                // `[words](target)`, which ends with its target.
+                // `[words](target)`, with the target at its end.
                 let whole = &chapter[range.clone()];
                 let Some(words) = whole.strip_suffix(&format!("]({dest_url})")) else { continue };
                 text += &chapter[copied..range.start];
@@ -120,7 +120,7 @@ fn with_links(chapter: &str, place: &Place) -> String {
     text + &chapter[copied..]
 }
 
-/// The text with links for the documents that it names, but for its own.
+/// Returns the text with links for the names of other documents.
 fn with_mentions(text: &str, place: &Place) -> String {
     let others = CHAPTERS.iter().filter(|(document, _)| place.document != Some(document));
     others

@@ -1,5 +1,6 @@
-//! Pictures: a line that is `![what it shows](PATH.svg)` becomes a figure with its text below. A drawing from `pictures/` becomes a
-//! part of the page and so takes its colours, light or dark; what growbot has drawn into `figures/` stays an image.
+//! Pictures: a line `![caption](PATH.svg)` becomes a figure with its caption below. A drawing from `pictures/` becomes
+//! a part of the page, so it takes the page's colours, light or dark. A drawing of growbot in `figures/` stays an
+//! image.
 
 use std::fs;
 use std::path::Path;
@@ -10,7 +11,7 @@ use mdbook_preprocessor::{Preprocessor, PreprocessorContext};
 
 use crate::growbot::in_each_chapter;
 
-/// Puts drawings into the pages.
+/// Replaces lines of pictures by figures.
 pub struct Pictures;
 
 impl Preprocessor for Pictures {
@@ -41,13 +42,13 @@ impl Preprocessor for Pictures {
     }
 }
 
-/// The drawing in this file, without empty lines: Markdown ends a block of HTML at one.
+/// Returns the drawing in a file, without empty lines, because an empty line ends a block of HTML in Markdown.
 fn drawing(file: &Path) -> Result<String> {
     let svg = fs::read_to_string(file).with_context(|| format!("{} is not there", file.display()))?;
     Ok(svg.lines().filter(|line| !line.trim().is_empty()).collect::<Vec<_>>().join("\n"))
 }
 
-/// The caption and the path of a line that is a picture.
+/// Returns the caption and the path of a line that is a picture.
 fn picture(line: &str) -> Option<(&str, &str)> {
     let (caption, path) = line.strip_prefix("![")?.strip_suffix(')')?.split_once("](")?;
     path.ends_with(".svg").then_some((caption, path))

@@ -88,7 +88,7 @@ class Drawing:
 
 
 def board(name, title, label, left, right):
-    """A board with its terminals, and a box for each part: signals on the left, power on the right."""
+    """Draws a board with its terminals, and a box for each part: signals on the left, power on the right."""
     height = ROW * max(len(left), len(right)) + 60
     drawing = Drawing(title, 760, height)
     drawing.box(260, 10, 240, height - 20, fill=0.06)
@@ -107,7 +107,7 @@ def board(name, title, label, left, right):
 
 
 def heater():
-    """The heater's circuit: all that is in series with it."""
+    """Draws the heater's circuit: all parts in series with the heater."""
     drawing = Drawing("The heater's circuit: two switches, a fuse, a thermal cut-off and the emergency stop", 760, 230)
     parts = [
         ("supply +", "12 or 24 V"),

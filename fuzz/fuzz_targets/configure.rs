@@ -1,7 +1,7 @@
-//! Robot A's description with any bytes changed, handed over to a board: it is stored and the board starts as what it
-//! says, or it is refused and the board stays what it was. Nothing heats.
+//! Sends Robot A's description with some bytes changed to a board. The board stores it and starts with it, or rejects
+//! it and keeps its own. Nothing heats.
 //!
-//! Three bytes are a change: where, in two bytes, and to what.
+//! Three bytes are a change: the position in two bytes, and the new value.
 
 #![no_main]
 
@@ -20,10 +20,10 @@ use libfuzzer_sys::fuzz_target;
 
 static ROBOT: LazyLock<Robot> = LazyLock::new(|| robot_file::load("growbot-a".as_ref()).expect("robot A is built in"));
 
-/// Longer than a board takes to start anew.
+/// Longer than the restart of a board.
 const RESTART: Duration = Duration::from_secs(3);
 
-/// Robot A's description with these changes.
+/// Returns robot A's description with these changes.
 fn changed(changes: &[u8]) -> Vec<u8> {
     let mut buffer = [0; LONGEST_VERSIONED];
     let mut description = ROBOT.encode_for_board(&mut buffer).expect("robot A has a board").to_vec();
@@ -34,7 +34,7 @@ fn changed(changes: &[u8]) -> Vec<u8> {
     description
 }
 
-/// Hands over a description under a name; whether it is stored.
+/// Sends a description with the hash `robot`. Returns an error unless the board stores it.
 fn hand_over(client: &mut Client, robot: u64, description: &[u8]) -> Result<(), ClientError> {
     for (index, part) in description.chunks(MAX_DESCRIPTION_PART).enumerate() {
         let part = Configure {

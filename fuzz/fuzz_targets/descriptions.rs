@@ -1,4 +1,4 @@
-//! Any bytes as a robot's description for a board: what is taken is a robot that can be asked anything.
+//! Decodes any bytes as a robot's description for a board. Every method works for a robot that is accepted.
 
 #![no_main]
 

@@ -1,7 +1,7 @@
-//! A frame and what becomes of it on its way: a receiver takes it as it was sent, or not at all.
+//! Changes a frame in transit. The receiver returns it as it was sent, or not at all.
 //!
-//! The first two bytes say how long the body is and how many bytes of the frame are changed; each change is a place and what it is
-//! changed by.
+//! The first two bytes are the length of the body and the number of changed bytes. Each change is a position and a
+//! value that is XORed with the byte there.
 
 #![no_main]
 
@@ -23,7 +23,7 @@ fuzz_target!(|bytes: &[u8]| {
     let mut receiver = Receiver::default();
     for received in arrived.iter().filter_map(|byte| receiver.push(*byte)).flatten() {
         let again = frame::encode(&received.header, &received.body).expect("what was received can be sent");
-        // Whole frames may lie in the rest, as the fuzzer finds out.
+        // The rest may contain whole frames, because the fuzzer finds such inputs.
         let inside = rest.windows(again.len() - 1).any(|part| part == &again[..again.len() - 1]);
         assert!(again == sent || inside, "received {received:?} from {arrived:02x?}");
     }

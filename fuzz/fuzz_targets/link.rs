@@ -1,7 +1,7 @@
-//! Any bytes on the line, and time in between: the board stays whole, and nothing heats or moves without a host's
-//! `Start` or `Tune`.
+//! Sends any bytes to the board, with pauses between them. The board keeps working, and nothing heats or moves without
+//! a host's `Start` or `Tune`.
 //!
-//! The first byte of each piece says what it is: bytes as they are, the body of a whole frame, or time that passes.
+//! The first byte of each piece is its type: raw bytes, the body of a whole frame, or time that passes.
 
 #![no_main]
 
@@ -21,7 +21,7 @@ static ROBOT: LazyLock<Robot> = LazyLock::new(|| robot_file::load("growbot-a".as
 const SESSION: u32 = 7;
 
 fn send(sim: &mut Sim, seq: &mut u16, kind: u8, body: &[u8]) {
-    // Each as a new request: one that comes twice is not carried out again.
+    // Each frame is a new request, because the board does not execute a repeated request again.
     *seq = frame::next(*seq);
     let header = Header { kind, session: SESSION, seq: *seq, ack: 0 };
     if let Ok(bytes) = frame::encode(&header, body) {

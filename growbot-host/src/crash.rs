@@ -1,4 +1,4 @@
-//! Where in an image the firmware crashed: functions and lines, from the image's debug information.
+//! Source locations of a firmware crash: functions and lines, from the debug information of an image.
 
 use std::path::Path;
 
@@ -12,15 +12,15 @@ use object::{Object, ObjectSection, SectionKind};
 
 type Slice = EndianArcSlice<RunTimeEndian>;
 
-/// The longest ELF image that is read, bytes: with what a debugger needs, growbot's own have some 3 MB.
+/// Maximum length of an ELF image, bytes. growbot's own images have about 3 MB with debug information.
 const LONGEST_IMAGE: u64 = 64 << 20;
 
 /// An image in which addresses can be looked up.
 pub struct Image {
     context: Context<Slice>,
-    /// Where its code lies.
+    /// Address ranges of its code.
     code: Vec<std::ops::Range<u64>>,
-    /// The CRC that it has, or would have, with its seal.
+    /// CRC that the image has with its seal. `None` if it cannot be sealed.
     crc: Option<u32>,
 }
 
@@ -28,7 +28,7 @@ impl Image {
     /// Opens an ELF image.
     ///
     /// # Errors
-    /// In words, why it is none, or has no debug information.
+    /// The reason why the file is not an image, or has no debug information, as text.
     pub fn open(path: &Path) -> Result<Self, String> {
         let wrong = |reason: String| {
             format!(
@@ -51,13 +51,13 @@ impl Image {
         Ok(Self { context, code, crc })
     }
 
-    /// CRC-32C of the image with its seal; none where it cannot be sealed.
+    /// Returns the CRC-32C of the image with its seal. `None` if it cannot be sealed.
     #[must_use]
     pub fn crc(&self) -> Option<u32> {
         self.crc
     }
 
-    /// The functions that an address lies in, the innermost first; none where there is no code that is known.
+    /// Returns the functions that contain an address, the innermost first. Empty if the address is not in known code.
     #[must_use]
     pub fn places(&self, address: u32) -> Vec<Place> {
         let address = u64::from(address & !1);
@@ -76,15 +76,15 @@ impl Image {
         places
     }
 
-    /// Where a call returns to: the functions that the call lies in.
+    /// Returns the functions that contain the call with this return address.
     #[must_use]
     pub fn callers(&self, return_address: u32) -> Vec<Place> {
-        // Code is at odd addresses, as jumps see it; what is even is no return address.
+        // Return addresses of Thumb code are odd, so an even value is not a return address.
         if return_address & 1 == 0 { Vec::new() } else { self.places((return_address & !1).wrapping_sub(2)) }
     }
 }
 
-/// A source file as it is called in growbot's tree, or in the crate that it is from.
+/// Shortens the path of a source file to its path in growbot's tree or in its crate.
 fn shortened(file: &str) -> String {
     if let Some((_, registry)) = file.rsplit_once("/registry/src/") {
         return registry.split_once('/').map_or(registry, |(_, crate_and_file)| crate_and_file).to_string();
@@ -93,16 +93,16 @@ fn shortened(file: &str) -> String {
     from.map_or(file, |at| &file[at + 1..]).to_string()
 }
 
-/// A crash, and what an image says to it.
+/// A crash with the image that crashed.
 pub struct Crash<'a> {
-    /// What the board has told.
+    /// Crash record of the board.
     pub record: CrashRecord,
-    /// The image that crashed.
+    /// Image that crashed. `None` if it is not known.
     pub image: Option<&'a Image>,
 }
 
 impl<'a> Crash<'a> {
-    /// A crash as a board tells it. The image is used only if it can be the one that crashed.
+    /// Creates a crash from the words that a board reports. The image is used only if it can be the one that crashed.
     #[must_use]
     pub fn new(words: &CrashWords, image: Option<&'a Image>) -> Self {
         let record = CrashRecord::from(words);
@@ -110,14 +110,14 @@ impl<'a> Crash<'a> {
         Self { record, image: image.filter(is_that) }
     }
 
-    /// Where it was.
+    /// Returns the functions that contain the program counter of the crash.
     fn at(&self) -> Vec<Place> {
         let (Some(image), Some(frame)) = (self.image, self.record.frame) else { return Vec::new() };
         image.places(frame.pc)
     }
 
-    /// What may have called whom, the innermost first: return addresses in the link register and on the stack. On the
-    /// stack there may be some that are left from earlier calls.
+    /// Returns the possible callers, the innermost first. They come from return addresses in the link register and on
+    /// the stack. The stack may contain return addresses of earlier calls.
     fn calls(&self) -> Vec<(u32, Vec<Place>)> {
         let Some(image) = self.image else { return Vec::new() };
         let addresses = self.record.frame.map(|frame| frame.lr).into_iter().chain(self.record.stack);
@@ -131,7 +131,7 @@ impl<'a> Crash<'a> {
         calls
     }
 
-    /// In some lines.
+    /// Returns the crash as text with several lines.
     #[must_use]
     pub fn text(&self) -> String {
         let CrashRecord { cause, boot_id, exception, frame, cfsr, hfsr, address, sp, .. } = self.record;
@@ -165,7 +165,7 @@ impl<'a> Crash<'a> {
         text
     }
 
-    /// As scripts read it.
+    /// Returns the crash for JSON.
     #[must_use]
     pub fn written(&self) -> WrittenCrash {
         let caller = |(address, at): (u32, Vec<Place>)| Caller { address: hex(address), at };
@@ -174,7 +174,7 @@ impl<'a> Crash<'a> {
     }
 }
 
-/// Functions and lines after an address, the innermost first.
+/// Formats functions with their lines, the innermost first.
 fn text_of(places: &[Place]) -> String {
     let place = |place: &Place| match (&place.file, place.line) {
         (Some(file), Some(line)) => format!(" {} ({file}:{line})", place.function),

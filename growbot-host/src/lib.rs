@@ -1,19 +1,24 @@
-//! The library behind the `growbot` command: what it shows and writes.
+//! The library of the `growbot` command.
 //!
 //! Boards, growths, plans and run logs are in growbot-client, simulated robots in growbot-sim, pages, pictures and
-//! exports in growbot-pictures. Here is what the command does with them:
+//! exports in growbot-pictures. This library contains:
 //!
-//! - [`settings`]: robot and port of commands that are given none;
-//! - [`robot_explained`]: a robot in words; [`robot_questions`]: a new one; [`schema`]: what robot files may hold;
-//! - [`batch`]: many plans from a CSV stream;
-//! - [`workspace`]: which goals are within reach, in numbers and as a picture;
-//! - [`watch`]: a growth under way, as a page on this machine;
-//! - [`reproduce`]: the experiments of the paper, done again, with page and figures;
-//! - [`serve`]: the service that owns robots; [`switch`]: the switch of simulated ones that stay on;
-//! - [`crash`]: where in an image the firmware crashed; [`progress`]: how far something has come; [`output`]: results;
-//!   [`messages`]: what else is said.
+//! - [`settings`]: settings for all commands, such as the default robot and port
+//! - [`robot_explained`]: explanation of a robot
+//! - [`robot_questions`]: creation of a robot file
+//! - [`schema`]: JSON Schemas of files
+//! - [`batch`]: many plans from a CSV stream
+//! - [`workspace`]: goals within reach, as numbers and as a picture
+//! - [`watch`]: a live page of an active growth on this machine
+//! - [`reproduce`]: reproduction of the paper's experiments, with page and figures
+//! - [`serve`]: the service that owns robots
+//! - [`switch`]: start and stop of persistent simulated robots
+//! - [`crash`]: source locations of a firmware crash
+//! - [`progress`]: display of progress
+//! - [`output`]: results on standard output
+//! - [`messages`]: messages on standard error
 //!
-//! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
+//! Lengths are in mm. Angles are in radians inside and in degrees in all texts and files. Names carry the unit.
 #![forbid(unsafe_code)]
 
 pub mod batch;
@@ -33,7 +38,7 @@ pub mod via_csv;
 pub mod watch;
 pub mod workspace;
 
-/// The book's chapter about the libraries: its code is compiled and run.
+/// The book's chapter about the libraries. Its code is compiled and run as doctests.
 #[cfg(doctest)]
 #[doc = include_str!("../../book/src/libraries.md")]
 pub struct Libraries;

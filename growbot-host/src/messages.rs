@@ -1,7 +1,7 @@
-//! Messages, all in one style on standard error: `error:`, `warning:` or `note:`, and what it is, in lines of 80
-//! columns.
+//! Messages on standard error in one style: `error:`, `warning:` or `note:`, then the text, in lines of 80 columns.
 //!
-//! What a terminal would obey instead of showing it is taken out here ([`growbot_client::printable`]).
+//! Control characters are removed, so that text from outside cannot control the terminal
+//! ([`growbot_client::printable`]).
 
 use std::env;
 use std::fmt;
@@ -10,56 +10,56 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use growbot_client::printable::one_line;
 
-/// Columns of a message.
+/// Columns of a line.
 const WIDTH: usize = 80;
-/// What the second line of a message and those after it begin with.
+/// Start of the second line of a message and of those after it.
 const INDENT: &str = "    ";
 
-/// What a message is.
+/// Kind of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// Why a command ends without what it was asked for.
+    /// Reason why a command failed.
     Error,
-    /// What may be wrong, or must be seen.
+    /// Possible problem, or information that the user must see.
     Warning,
-    /// What was done, and how far it is; not with `--quiet`.
+    /// Result or progress. Not printed with `--quiet`.
     Note,
-    /// What else is of use; with `--verbose` alone.
+    /// Further information. Printed with `--verbose` only.
     Detail,
 }
 
-/// Which messages are shown.
+/// Level of messages that are printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
-    /// Errors and warnings.
+    /// Errors and warnings only.
     Quiet,
-    /// Notes, too.
+    /// Errors, warnings and notes.
     Normal,
-    /// Everything.
+    /// All messages.
     Verbose,
 }
 
-/// Whether messages are coloured.
+/// Use of colours in messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Colour {
-    /// On terminals, unless `NO_COLOR` is set.
+    /// Colours on terminals, unless `NO_COLOR` is set.
     Auto,
-    /// Wherever they go.
+    /// Colours always.
     Always,
-    /// Nowhere.
+    /// No colours.
     Never,
 }
 
 static LEVEL: AtomicU8 = AtomicU8::new(Level::Normal as u8);
 static COLOURED: AtomicBool = AtomicBool::new(false);
 
-/// Sets which messages are shown, and how.
+/// Sets the level of messages and their use of colours.
 pub fn set(level: Level, colour: Colour) {
     LEVEL.store(level as u8, Ordering::Relaxed);
     COLOURED.store(is_coloured(colour), Ordering::Relaxed);
 }
 
-/// Whether notes and progress are shown.
+/// Returns whether notes and progress are suppressed.
 #[must_use]
 pub fn is_quiet() -> bool {
     LEVEL.load(Ordering::Relaxed) == Level::Quiet as u8
@@ -76,25 +76,25 @@ fn is_coloured(colour: Colour) -> bool {
     }
 }
 
-/// Says why a command ends without what it was asked for.
+/// Prints the reason why a command failed.
 #[macro_export]
 macro_rules! error {
     ($($words:tt)*) => { $crate::messages::say($crate::messages::Kind::Error, format_args!($($words)*)) };
 }
 
-/// Says what may be wrong, or must be seen.
+/// Prints a warning.
 #[macro_export]
 macro_rules! warning {
     ($($words:tt)*) => { $crate::messages::say($crate::messages::Kind::Warning, format_args!($($words)*)) };
 }
 
-/// Says what was done.
+/// Prints a note about a result or progress.
 #[macro_export]
 macro_rules! note {
     ($($words:tt)*) => { $crate::messages::say($crate::messages::Kind::Note, format_args!($($words)*)) };
 }
 
-/// Says what else is of use, with `--verbose`.
+/// Prints further information if `--verbose` is set.
 #[macro_export]
 macro_rules! detail {
     ($($words:tt)*) => { $crate::messages::say($crate::messages::Kind::Detail, format_args!($($words)*)) };
@@ -109,7 +109,7 @@ impl Kind {
         }
     }
 
-    /// Bold red, yellow or green, as terminals are told.
+    /// Returns the terminal's control sequence for bold red, yellow or green.
     fn colour(self) -> &'static str {
         match self {
             Self::Error => "\u{1b}[1;31m",
@@ -127,7 +127,8 @@ impl Kind {
     }
 }
 
-/// Writes a message to standard error. A closed standard error is ignored: it is no reason to leave a robot alone.
+/// Prints a message to standard error. Write errors are ignored, because a closed standard error is not a reason to
+/// stop controlling a robot.
 pub fn say(kind: Kind, message: fmt::Arguments) {
     if kind.is_shown() {
         let text = shown(kind, &one_line(&message.to_string()), COLOURED.load(Ordering::Relaxed));
@@ -135,12 +136,12 @@ pub fn say(kind: Kind, message: fmt::Arguments) {
     }
 }
 
-/// Asks something, or says what belongs to a question: a line as it is.
+/// Prints a question, or a line that belongs to one, without a label.
 pub fn ask(question: fmt::Arguments) {
     let _ = writeln!(io::stderr(), "{}", one_line(&question.to_string()));
 }
 
-/// A message as it is shown.
+/// Formats a message with its label and line breaks.
 fn shown(kind: Kind, message: &str, is_coloured: bool) -> String {
     let label = kind.label();
     let mut text = if is_coloured { format!("{}{label}\u{1b}[0m", kind.colour()) } else { label.to_owned() };
@@ -158,7 +159,7 @@ fn shown(kind: Kind, message: &str, is_coloured: bool) -> String {
     text + "\n"
 }
 
-/// The words of a text. What stands in backquotes is to be copied, and so is one word, unless it fills a line.
+/// Splits a text into words. A part in backquotes is for copying, so it counts as one word, unless it is long.
 fn words(text: &str) -> Vec<String> {
     let mut words: Vec<String> = Vec::new();
     let mut is_open = false;
@@ -188,7 +189,7 @@ mod tests {
             assert!(text.lines().all(|line| line.chars().count() <= WIDTH), "{text}");
             assert!(text.lines().skip(1).all(|line| line.starts_with("    word")), "{text}");
             assert_eq!(text.matches("word").count(), 60);
-            // What fits into a line is in it.
+            // Each line is filled as far as possible.
             assert!(text.lines().next().unwrap().chars().count() > WIDTH - 5, "{text}");
         }
         let path = format!("/{}", "x".repeat(100));

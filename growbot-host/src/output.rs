@@ -1,6 +1,7 @@
-//! Results on standard output, whose reader may go away. Everything else is a message ([`crate::messages`]).
+//! Results on standard output, whose reader may close it. Everything else is a message ([`crate::messages`]).
 //!
-//! What a terminal would obey instead of showing it is taken out here ([`growbot_client::printable`]).
+//! Control characters are removed, so that text from outside cannot control the terminal
+//! ([`growbot_client::printable`]).
 
 use std::io::{self, IsTerminal, Write};
 use std::path::Path;
@@ -8,16 +9,16 @@ use std::path::Path;
 use growbot_client::files::{FileError, replace_file};
 use growbot_client::printable::lines;
 
-/// Why a result could not be written.
+/// Errors of writing a result.
 #[derive(Debug, thiserror::Error)]
 pub enum OutputError {
-    /// The reader of standard output has closed it, as `head` does. That needs no message.
+    /// The reader of standard output has closed it, as `head` does. This needs no message.
     #[error("standard output was closed by its reader")]
     Closed,
-    /// Standard output cannot be written, say because a disk is full.
+    /// Standard output cannot be written, for example because a disk is full.
     #[error("cannot write to standard output: {0}")]
     Stdout(io::Error),
-    /// Standard output is a terminal, and the result is no text.
+    /// Standard output is a terminal, and the result is binary.
     #[error("this format is not for terminals: name a file with -o, or redirect the output")]
     Terminal,
     /// A file cannot be written.
@@ -26,14 +27,14 @@ pub enum OutputError {
 }
 
 impl From<io::Error> for OutputError {
-    /// A failure on standard output.
+    /// Converts an error of standard output.
     fn from(error: io::Error) -> Self {
         if error.kind() == io::ErrorKind::BrokenPipe { Self::Closed } else { Self::Stdout(error) }
     }
 }
 
-/// Writes to standard output and flushes it, so that a reader at the other end of a pipe has the answer at once and
-/// that a failure is noticed.
+/// Writes to standard output and flushes it. So a reader at the other end of a pipe receives the result at once, and an
+/// error is detected.
 ///
 /// # Errors
 /// [`OutputError::Closed`] or [`OutputError::Stdout`].
@@ -41,10 +42,10 @@ pub fn print(text: &str) -> Result<(), OutputError> {
     print_bytes(lines(text).as_bytes())
 }
 
-/// Writes a whole result to this file, or to standard output for `-`; says whether it was a file.
+/// Writes a whole result to this file, or to standard output for `-`. Returns true if it was a file.
 ///
 /// # Errors
-/// As [`print()`], or [`OutputError::File`].
+/// Errors of [`print()`], or [`OutputError::File`].
 pub fn write_to(path: &Path, contents: &[u8]) -> Result<bool, OutputError> {
     if is_standard_output(path) {
         print_bytes(contents)?;
@@ -54,13 +55,13 @@ pub fn write_to(path: &Path, contents: &[u8]) -> Result<bool, OutputError> {
     Ok(true)
 }
 
-/// Whether the path is `-`, which stands for standard output.
+/// Returns whether the path is `-`, which stands for standard output.
 #[must_use]
 pub fn is_standard_output(path: &Path) -> bool {
     path.as_os_str() == "-"
 }
 
-/// Refuses to show what is no text on a terminal.
+/// Returns an error if standard output is a terminal, for results that are binary.
 ///
 /// # Errors
 /// [`OutputError::Terminal`].
@@ -68,10 +69,10 @@ pub fn refuse_terminal() -> Result<(), OutputError> {
     if io::stdout().is_terminal() { Err(OutputError::Terminal) } else { Ok(()) }
 }
 
-/// As [`print()`], for what is no text.
+/// Like [`print()`], but for binary results.
 ///
 /// # Errors
-/// As [`print()`].
+/// Errors of [`print()`].
 pub fn print_bytes(bytes: &[u8]) -> Result<(), OutputError> {
     let mut stdout = io::stdout().lock();
     stdout.write_all(bytes)?;

@@ -1,5 +1,4 @@
-//! Progress of long work, on standard error: a bar with the time left on a terminal, a plain line now and then
-//! otherwise.
+//! Progress of long work on standard error: on a terminal a bar with the remaining time, otherwise a line at intervals.
 
 use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
@@ -9,19 +8,19 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::messages::is_quiet;
 
-/// Time between plain lines.
+/// Time between two lines.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
-/// When the results of the work are printed.
+/// Time at which the results of the work are printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Results {
-    /// While it runs: on the same terminal a bar would tear them.
+    /// Results are printed during the work. A bar on the same terminal would disturb them.
     Streamed,
-    /// Once it is over.
+    /// Results are printed at the end.
     AtEnd,
 }
 
-/// The progress of one piece of work.
+/// Progress of one piece of work.
 pub struct Progress {
     bar: Option<ProgressBar>,
     total: Option<u64>,
@@ -29,7 +28,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Starts; `total` is what [`Progress::at`] counts up to, if that is known.
+    /// Starts the display. `total` is the final position of [`Progress::at`]. `None` if it is not known.
     #[must_use]
     pub fn start(total: Option<u64>, results: Results) -> Self {
         let torn = results == Results::Streamed && io::stdout().is_terminal();
@@ -43,7 +42,7 @@ impl Progress {
         Self { bar, total, said: Instant::now() }
     }
 
-    /// The work has come to `position` of the total; `message` says in words what is done.
+    /// Updates the position. `message` describes it.
     pub fn at(&mut self, position: u64, message: impl FnOnce() -> String) {
         if let Some(bar) = &self.bar {
             bar.set_position(position);
@@ -59,14 +58,14 @@ impl Progress {
         }
     }
 
-    /// Something has happened: a line where there is no bar to show it.
+    /// Prints a message about an event. With a bar it is omitted, because the bar shows the progress.
     pub fn say(&self, message: &str) {
         if self.bar.is_none() {
             crate::note!("{message}");
         }
     }
 
-    /// Something has happened that must be seen: a line, above the bar where there is one.
+    /// Prints a warning, above the bar if there is one.
     pub fn warn(&self, message: &str) {
         match &self.bar {
             Some(bar) => bar.suspend(|| crate::warning!("{message}")),
@@ -74,7 +73,7 @@ impl Progress {
         }
     }
 
-    /// The work is over: takes the bar away.
+    /// Removes the bar at the end of the work.
     pub fn finish(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();

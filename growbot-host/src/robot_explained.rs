@@ -1,7 +1,7 @@
-//! A robot's description in words: each field with its value, what it means, and what the file remarks on it.
+//! Explanation of a robot's description: each field with its value, its meaning, and the comment in the file.
 //!
-//! Meanings are those of the [`schema`], which are the doc comments of the description. Remarks are the
-//! comments at the ends of the lines of a file; one that begins with "assumed" marks what nobody has measured.
+//! Meanings come from the [`schema`], that is, from the doc comments of the description. Comments come from the ends of
+//! the lines in the file. A comment that begins with "assumed" marks a value that has not been measured.
 
 use std::path::Path;
 
@@ -11,66 +11,66 @@ use toml_edit::{DocumentMut, Item};
 
 use crate::schema;
 
-/// A robot and what is said of it.
+/// A robot with its explanation.
 #[derive(Debug)]
 pub struct Explained {
     /// The robot.
     pub robot: Robot,
-    /// The comment that the file begins with, as one line.
+    /// Comment at the start of the file, as one line.
     pub about: String,
-    /// The sections in the order of the description; the first has no name.
+    /// Sections in the order of the description. The first one has no name.
     pub sections: Vec<Section>,
 }
 
-/// A section of a file, say `[geometry]`.
+/// A section of a file, for example `[geometry]`.
 #[derive(Debug)]
 pub struct Section {
-    /// Its name.
+    /// Name of the section.
     pub name: String,
-    /// What it describes.
+    /// Description of the section.
     pub means: String,
-    /// Its fields.
+    /// Fields of the section.
     pub fields: Vec<Field>,
 }
 
 /// A field of a description.
 #[derive(Debug)]
 pub struct Field {
-    /// Its name from the top, say `geometry.tip_radius_mm`.
+    /// Full name of the field, for example `geometry.tip_radius_mm`.
     pub path: String,
-    /// Its value, as TOML.
+    /// Value as TOML.
     pub value: String,
-    /// What it means, with its unit.
+    /// Meaning of the field, with its unit.
     pub means: String,
-    /// Whether the file says it; else it is what a file that says nothing means.
+    /// True if the file sets the field. False if the value is the default.
     pub in_file: bool,
-    /// What the file remarks on it; may be empty.
+    /// Comment in the file. Empty if there is none.
     pub remark: String,
 }
 
 impl Field {
-    /// Whether the file marks the value as assumed.
+    /// Returns whether the file marks the value as assumed.
     #[must_use]
     pub fn is_assumed(&self) -> bool {
         is_assumed(&self.remark)
     }
 }
 
-/// Whether a remark marks a value as assumed.
+/// Returns whether a comment marks a value as assumed.
 #[must_use]
 pub fn is_assumed(remark: &str) -> bool {
     remark.starts_with("assumed")
 }
 
 impl Explained {
-    /// Reads, checks and explains the robot of this built-in name or of this file.
+    /// Reads, checks and explains the robot with this built-in name or in this file.
     ///
     /// # Errors
-    /// As [`robot_file::load`].
+    /// Errors of [`robot_file::load`].
     pub fn of(name_or_file: &Path) -> Result<Self, RobotFileError> {
         let (text, file) = robot_file::text_of(name_or_file)?;
         let robot = robot_file::parse(&text, &file)?;
-        // Both parse: the one has been read as a description, the other is written from one.
+        // Neither can fail. The text has been read as a description, and the other one is written from a description.
         let written = toml::to_string(robot.description()).unwrap_or_default();
         let whole: DocumentMut = written.parse().unwrap_or_default();
         let file: DocumentMut = text.parse().unwrap_or_default();
@@ -89,13 +89,13 @@ impl Explained {
         Ok(Self { robot, about: opening_comment(&text), sections })
     }
 
-    /// All fields.
+    /// Returns all fields.
     pub fn fields(&self) -> impl Iterator<Item = &Field> {
         self.sections.iter().flat_map(|section| &section.fields)
     }
 
-    /// What the robot is, and where it comes from: the first sentence of its file, and the first that cites a
-    /// publication.
+    /// Returns a short description of the robot and its source. They are the first sentence of its file and the first
+    /// other sentence that cites a publication.
     #[must_use]
     pub fn what_and_source(&self) -> String {
         let sentences = sentences(&self.about);
@@ -108,7 +108,7 @@ impl Explained {
     }
 }
 
-/// The fields below this item.
+/// Collects the fields below an item.
 fn collect(item: &Item, path: &str, file: &DocumentMut, schema: &serde_json::Value, fields: &mut Vec<Field>) {
     if let Some(table) = item.as_table_like() {
         for (key, item) in table.iter() {
@@ -129,7 +129,7 @@ fn collect(item: &Item, path: &str, file: &DocumentMut, schema: &serde_json::Val
     fields.push(Field { path: path.to_owned(), value, means, in_file, remark });
 }
 
-/// Whether a file has this field, and the comment behind it or behind the inline table that it is in.
+/// Returns whether a file has this field, and the comment after it or after its inline table.
 fn remark(file: &DocumentMut, path: &str) -> (bool, String) {
     let mut item = file.as_item();
     let mut remark = String::new();
@@ -144,14 +144,14 @@ fn remark(file: &DocumentMut, path: &str) -> (bool, String) {
     (true, remark)
 }
 
-/// The comment that a file begins with, as one line.
+/// Returns the comment at the start of a file, as one line.
 #[must_use]
 pub fn opening_comment(text: &str) -> String {
     let lines = text.lines().map_while(|line| line.strip_prefix('#')).filter(|line| !line.starts_with(":schema"));
     lines.map(str::trim).collect::<Vec<_>>().join(" ")
 }
 
-/// The sentences of a text. The full stops of "et al. 2019" and "Front. Robot. AI" end none.
+/// Splits a text into sentences. The full stops of "et al. 2019" and "Front. Robot. AI" do not end a sentence.
 fn sentences(text: &str) -> Vec<&str> {
     let mut sentences = Vec::new();
     let mut rest = text;

@@ -1,9 +1,9 @@
-//! The JSON Schemas of what growbot reads and writes: what editors complete, explain and check by.
+//! JSON Schemas of the files that growbot reads and writes. Editors use them to complete, explain and check.
 //!
-//! [`written`] has those of plans, run logs and results. Of robot files, fields, kinds and descriptions are those of
-//! [`RobotDescription`], by its derive and its doc comments. Bounds are those of its checks: each number is set far too
-//! low and far too high, and the refusal tells the limit. A limit that moves with another field cannot be said in a
-//! schema as a number; it stands in the field's description, in the words of the refusal.
+//! [`written`] has the schemas of plans, run logs and results. The schema of robot files has the fields, types and
+//! descriptions of [`RobotDescription`], from its derive and its doc comments. Its bounds come from the checks: each
+//! number is set far too low and far too high, and the error contains the limit. A limit that depends on another field
+//! cannot be a number in a schema. It is in the field's description, with the advice of the error.
 
 pub mod written;
 
@@ -13,12 +13,12 @@ use growbot_core::robot::{Robot, RobotDescription, RobotError};
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 
-/// The schema, with units and bounds: draft 7, which the TOML tools of editors read.
+/// Returns the schema of robot files, with units and bounds. It uses draft 7, which TOML tools of editors support.
 #[must_use]
 pub fn of_robot_files() -> Value {
     let mut schema = of_fields();
     let descriptions: Vec<Value> = robot_file::names().filter_map(description).collect();
-    // One of each field is enough; later robots have what earlier ones leave out.
+    // One description of each field is enough. Later robots have the fields that earlier ones omit.
     let mut done: Vec<Vec<String>> = Vec::new();
     for description in &descriptions {
         let mut paths = Vec::new();
@@ -35,7 +35,7 @@ pub fn of_robot_files() -> Value {
     schema
 }
 
-/// The schema without bounds: kinds, defaults and descriptions of all fields.
+/// Returns the schema of robot files without bounds: types, defaults and descriptions of all fields.
 #[must_use]
 pub fn of_fields() -> Value {
     let mut settings = SchemaSettings::draft07();
@@ -59,7 +59,7 @@ pub fn of_fields() -> Value {
     schema
 }
 
-/// A schema as a part of another.
+/// Converts a schema to a part of another one.
 fn without_head(mut schema: Value) -> Value {
     if let Some(root) = schema.as_object_mut() {
         root.remove("$schema");
@@ -68,13 +68,13 @@ fn without_head(mut schema: Value) -> Value {
     schema
 }
 
-/// What the field of this path, say `geometry.tip_radius_mm`, means: empty where there is no such field.
+/// Returns the meaning of the field with this path, for example `geometry.tip_radius_mm`. Empty if it does not exist.
 #[must_use]
 pub fn meaning<'a>(schema: &'a Value, path: &str) -> &'a str {
     field(schema, path).and_then(|field| field.get("description")?.as_str()).unwrap_or_default()
 }
 
-/// The words that this field may be, with their meanings; none where it is no choice.
+/// Returns the allowed values of a field with their meanings. Empty if the field is not a choice.
 #[must_use]
 pub fn choices<'a>(schema: &'a Value, path: &str) -> Vec<(&'a str, &'a str)> {
     let choices = field(schema, path).and_then(|field| field.get("oneOf")?.as_array());
@@ -86,7 +86,7 @@ fn field<'a>(schema: &'a Value, path: &str) -> Option<&'a Value> {
     path.split('.').try_fold(schema, |schema, key| schema.get("properties")?.get(key))
 }
 
-/// Takes out what TOML has not (null), what only Rust has (formats, links), and line breaks within descriptions.
+/// Removes what TOML does not have (null), what only Rust has (formats, links), and line breaks in descriptions.
 fn tidy(schema: &mut Value) {
     match schema {
         Value::Array(items) => items.iter_mut().for_each(tidy),
@@ -103,7 +103,7 @@ fn tidy(schema: &mut Value) {
     }
 }
 
-/// What may be left out is written as itself or null in a schema of JSON; TOML only leaves it out.
+/// Removes null from the types of optional fields. A JSON schema allows null for them, but TOML omits them.
 fn without_null(object: &mut Map<String, Value>) {
     if let Some(Value::Array(kinds)) = object.get_mut("type") {
         kinds.retain(|kind| kind != "null");
@@ -118,13 +118,13 @@ fn without_null(object: &mut Map<String, Value>) {
         let only = std::mem::take(only);
         object.remove("anyOf");
         for (key, value) in only {
-            // The field's own description says more than that of its kind.
+            // The field's own description is more specific than that of its type.
             object.entry(key).or_insert(value);
         }
     }
 }
 
-/// A doc comment as plain text: one line, links to fields as the names of these in a file.
+/// Converts a doc comment to plain text: one line, with links replaced by the names of fields in a file.
 fn plain(text: &str) -> String {
     let mut plain = String::new();
     let mut rest = text;
@@ -138,12 +138,12 @@ fn plain(text: &str) -> String {
     plain.replace('`', "").split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// A built-in description as a tree of fields.
+/// Returns a built-in description as a tree of fields.
 fn description(name: &str) -> Option<Value> {
     serde_json::to_value(robot_file::load(name.as_ref()).ok()?.description()).ok()
 }
 
-/// The paths of all numbers that have a name of their own.
+/// Collects the paths of all numbers that have their own name.
 fn collect_numbers(value: &Value, here: &mut Vec<String>, paths: &mut Vec<Vec<String>>) {
     match value {
         Value::Number(_) => paths.push(here.clone()),
@@ -158,20 +158,20 @@ fn collect_numbers(value: &Value, here: &mut Vec<String>, paths: &mut Vec<Vec<St
     }
 }
 
-/// The schema of a field.
+/// Returns the schema of a field.
 fn field_mut<'a>(schema: &'a mut Value, path: &[String]) -> Option<&'a mut Map<String, Value>> {
     path.iter().try_fold(schema, |schema, key| schema.get_mut("properties")?.get_mut(key))?.as_object_mut()
 }
 
-/// The value of a field.
+/// Returns the value of a field.
 fn value_mut<'a>(description: &'a mut Value, path: &[String]) -> Option<&'a mut Value> {
     path.iter().try_fold(description, |value, key| value.get_mut(key))
 }
 
-/// A limit of a field, and the words of the refusal.
+/// A limit of a field, with the advice of the error.
 type Limit = (f64, &'static str);
 
-/// Writes down the bounds of a number.
+/// Inserts the bounds of a number. A bound that depends on another field is only described.
 fn say_bounds(field: &mut Map<String, Value>, description: &Value, path: &[String], others: &[Vec<String>]) {
     let whole = field.get("type").is_some_and(|kind| kind == "integer");
     let (low, high) = if whole { (json!(0), json!(u32::MAX)) } else { (json!(-1e300), json!(1e300)) };
@@ -211,19 +211,19 @@ fn say_bounds(field: &mut Map<String, Value>, description: &Value, path: &[Strin
     }
 }
 
-/// Whether a robot with this value of a field can be: then no bound of that field holds always.
+/// Returns whether the description is valid with `value` at `path`. If it is, the field has no fixed bound.
 fn is_taken(description: &Value, path: &[String], value: &Value) -> bool {
     with(description, path, value).is_some_and(|description| Robot::new(description).is_ok())
 }
 
-/// The description with another value of a field.
+/// Returns the description with another value of a field.
 fn with(description: &Value, path: &[String], value: &Value) -> Option<RobotDescription> {
     let mut changed = description.clone();
     *value_mut(&mut changed, path)? = value.clone();
     serde_json::from_value(changed).ok()
 }
 
-/// A number a little larger: whole ones by one.
+/// Returns a slightly larger number. A whole number grows by one.
 fn raised(value: &Value) -> Value {
     match (value.as_u64(), value.as_f64()) {
         (Some(whole), _) => json!(whole + 1),
@@ -232,7 +232,7 @@ fn raised(value: &Value) -> Value {
     }
 }
 
-/// The limit that refuses this value of a field; none where it is another field that is refused.
+/// Returns the limit that rejects this value of a field. `None` if the value is valid or another field is rejected.
 fn limit(description: &Value, path: &[String], extreme: &Value) -> Option<Limit> {
     match Robot::new(with(description, path, extreme)?) {
         Err(RobotError::TooSmall { field, limit, advice, .. } | RobotError::TooLarge { field, limit, advice, .. })
@@ -259,11 +259,11 @@ mod tests {
         assert_eq!(bounds("motion.tick_hz"), (Some(100.0), Some(1e6)));
         assert_eq!(bounds("heater.max_c"), (Some(40.0), Some(500.0)));
         assert_eq!(bounds("fan.growing_duty"), (Some(0.0), Some(1.0)));
-        // These end where another field says: R_min, the max height, the nozzle's limit.
+        // These end where another field sets the limit: R_min, the max height, the nozzle's limit.
         assert_eq!(bounds("planning_radius_mm"), (None, Some(1e4)));
         assert_eq!(bounds("layer.height_max_mm"), (None, Some(255.0)));
         assert_eq!(bounds("heater.target_c"), (Some(30.0), None));
-        // Maintenance moves filament at this speed too, whether or not it is pulled back in a pause.
+        // Maintenance also moves filament at this speed, even if it is not retracted in a pause.
         assert_eq!(bounds("feed.retract_mm_per_s"), (Some(0.001), Some(1e6)));
     }
 

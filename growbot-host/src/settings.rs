@@ -1,8 +1,8 @@
-//! What a user has set for all commands: in the environment, and in files called `growbot.toml`.
+//! Settings for all commands, from the environment and from files named `growbot.toml`.
 //!
-//! An option says more than the environment, that more than the nearest `growbot.toml`, which is searched from the
-//! working directory upwards, and that more than the one of the user's configuration. Nothing is read that nobody asks
-//! for: a file that is wrong stops no command that does not need it.
+//! An option overrides the environment. The environment overrides the nearest `growbot.toml`, which is searched from
+//! the working directory upwards. That file overrides the one in the user's configuration. A file is read only when a
+//! command needs it, so an invalid file does not stop other commands.
 
 use std::collections::BTreeMap;
 use std::env::{self, VarError};
@@ -16,102 +16,102 @@ use serde::Deserialize;
 
 use crate::serve::config::{RobotEntry, ServeEntry};
 
-/// What the files are called.
+/// Name of the settings files.
 pub const FILE: &str = "growbot.toml";
 
-/// What can be set.
+/// A setting for all commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Key {
-    /// The robot of commands that are given no `--robot` and no plan.
+    /// Robot of commands without `--robot` and without a plan.
     Robot,
-    /// The port of commands that are given no `--port`.
+    /// Port of commands without `--port`.
     Port,
 }
 
-/// Where a value comes from.
+/// Origin of a value.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Origin {
     /// A variable of the environment.
     Environment(&'static str),
     /// The nearest `growbot.toml`.
     Nearest(PathBuf),
-    /// That of the user's configuration.
+    /// The file in the user's configuration.
     User(PathBuf),
-    /// Nobody has set it.
+    /// The built-in default.
     BuiltIn,
 }
 
-/// A value, and where it comes from.
+/// A value with its origin.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Setting {
     /// The value.
     pub value: String,
-    /// Where it comes from.
+    /// Origin of the value.
     pub origin: Origin,
 }
 
-/// A robot's name has so many letters at most.
+/// Maximum length of a robot's name, letters.
 const MAX_NAME: usize = 64;
 
-/// Why a value is not known.
+/// Errors of the settings.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
-    /// A variable is no text.
+    /// A variable of the environment is not UTF-8.
     #[error("{variable} is {text:?}, which is no UTF-8 text: set it anew, or unset it")]
     NotText {
-        /// The variable.
+        /// Name of the variable.
         variable: &'static str,
-        /// What it holds.
+        /// Value of the variable.
         text: OsString,
     },
     /// A file cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// A file is no TOML, or says what nobody can set.
+    /// A file is not TOML, or contains an unknown setting.
     #[error(transparent)]
     Toml(#[from] RobotFileError),
-    /// A value cannot be one.
+    /// A value is empty.
     #[error("{file}: {key} is empty: give a value, or take the line out")]
     Empty {
-        /// The file.
+        /// Name of the file.
         file: String,
-        /// The key.
+        /// Name of the setting.
         key: &'static str,
     },
-    /// A robot's name cannot stand in addresses and file names.
+    /// A robot's name is not allowed in addresses and file names.
     #[error(
         "{file}: [robots.{name:?}]: the name of a robot is 1 to {MAX_NAME} letters, digits, - and _, without accents: \
          rename it"
     )]
     RobotName {
-        /// The file.
+        /// Name of the file.
         file: String,
-        /// The name.
+        /// Name of the robot.
         name: String,
     },
 }
 
-/// A file as written.
+/// Contents of a settings file.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Written {
-    /// The robot of commands that are given none: a built-in name or a file.
+    /// Robot of commands without `--robot` and without a plan: a built-in name or a file.
     robot: Option<String>,
-    /// The port of commands that are given none.
+    /// Port of commands without `--port`.
     port: Option<String>,
-    /// The robots that `growbot serve` owns, by the names that it gives them.
+    /// Robots that `growbot serve` owns, by their names in the service.
     #[serde(default)]
     robots: BTreeMap<String, RobotEntry>,
-    /// How `growbot serve` works.
+    /// Settings of `growbot serve`.
     #[serde(default)]
     serve: ServeEntry,
 }
 
 impl Key {
-    /// All of them.
+    /// All settings.
     pub const ALL: [Self; 2] = [Self::Robot, Self::Port];
 
-    /// As files call it.
+    /// Returns the name of the setting in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -120,7 +120,7 @@ impl Key {
         }
     }
 
-    /// The variable that sets it.
+    /// Returns the variable of the environment that sets it.
     #[must_use]
     pub fn variable(self) -> &'static str {
         match self {
@@ -129,7 +129,7 @@ impl Key {
         }
     }
 
-    /// What it is where nobody has set it.
+    /// Returns the built-in default.
     #[must_use]
     pub fn built_in(self) -> &'static str {
         match self {
@@ -138,7 +138,7 @@ impl Key {
         }
     }
 
-    /// The value that a file in this directory gives it: paths are relative to the file.
+    /// Returns the value in a file in this directory. Paths are relative to the directory.
     fn from(self, written: &Written, directory: &Path) -> Option<String> {
         match self {
             Self::Robot => written.robot.as_ref().map(|robot| robot_from(robot, directory)),
@@ -147,13 +147,13 @@ impl Key {
     }
 }
 
-/// A robot as a file in this directory names it.
+/// Returns the robot that a file in this directory refers to.
 #[must_use]
 pub fn robot_from(robot: &str, directory: &Path) -> String {
     if robot_file::is_built_in(robot) { robot.to_owned() } else { beside(directory, robot) }
 }
 
-/// A port as a file in this directory names it.
+/// Returns the port that a file in this directory refers to.
 #[must_use]
 pub fn port_from(port: &str, directory: &Path) -> String {
     match port.split_once(':') {
@@ -163,16 +163,16 @@ pub fn port_from(port: &str, directory: &Path) -> String {
     }
 }
 
-/// A path that is relative to this directory.
+/// Resolves a path relative to this directory.
 fn beside(directory: &Path, path: &str) -> String {
     directory.join(path).to_string_lossy().into_owned()
 }
 
 impl Setting {
-    /// The value of a key, as it is set or else built in.
+    /// Returns the value of a setting, or the built-in default.
     ///
     /// # Errors
-    /// [`SettingsError`] of the places that had to be looked at.
+    /// [`SettingsError`] of a variable or file that had to be read.
     pub fn of(key: Key) -> Result<Self, SettingsError> {
         match env::var(key.variable()) {
             Ok(value) if !value.is_empty() => return Ok(Self { value, origin: Origin::Environment(key.variable()) }),
@@ -194,16 +194,16 @@ impl Setting {
     }
 }
 
-/// Whether a robot can be called so: its name stands in addresses and in names of files.
+/// Returns whether the name of a robot is allowed. It is a part of addresses and file names.
 fn is_name(name: &str) -> bool {
     let is_letter = |letter: u8| letter.is_ascii_alphanumeric() || matches!(letter, b'-' | b'_');
     (1..=MAX_NAME).contains(&name.len()) && name.bytes().all(is_letter)
 }
 
-/// The robots of a service, by name, and how it is set.
+/// Robots of the service, by name, with the settings of the service.
 pub type Robots = (BTreeMap<String, RobotEntry>, ServeEntry);
 
-/// What a text of settings, which messages call `file`, says of the service.
+/// Returns the robots and the service's settings in a text. Messages refer to the text as `file`.
 ///
 /// # Errors
 /// [`SettingsError::Toml`] or [`SettingsError::RobotName`].
@@ -215,11 +215,11 @@ pub fn service_of(text: &str, file: &str) -> Result<Robots, SettingsError> {
     }
 }
 
-/// The robots that the service owns, and how it is set: by the nearest file that says anything of either, or that of
-/// the user's configuration.
+/// Returns the robots that the service owns, with the service's settings. They come from the nearest file if it has any
+/// of them, otherwise from the file in the user's configuration.
 ///
 /// # Errors
-/// [`SettingsError`] of the files that had to be looked at.
+/// [`SettingsError`] of the files that had to be read.
 pub fn service() -> Result<Robots, SettingsError> {
     for file in [nearest(), user_file()].into_iter().flatten().filter(|file| file.is_file()) {
         let (robots, serve) = service_of(&input::read_text(&file)?, &input::name_of(&file))?;
@@ -232,7 +232,7 @@ pub fn service() -> Result<Robots, SettingsError> {
     Ok((BTreeMap::new(), ServeEntry::default()))
 }
 
-/// The value that this file gives a key.
+/// Returns the value of a setting in a file. `None` if the file does not set it.
 fn value_in(file: &Path, key: Key) -> Result<Option<String>, SettingsError> {
     let name = input::name_of(file);
     let written: Written = robot_file::from_toml(&input::read_text(file)?, &name)?;
@@ -244,22 +244,22 @@ fn value_in(file: &Path, key: Key) -> Result<Option<String>, SettingsError> {
     Ok(key.from(&written, file.parent().unwrap_or(Path::new(""))))
 }
 
-/// The nearest `growbot.toml`, from the working directory upwards.
+/// Returns the path of the nearest `growbot.toml`, from the working directory upwards.
 #[must_use]
 pub fn nearest() -> Option<PathBuf> {
     let here = env::current_dir().ok()?;
     here.ancestors().map(|directory| directory.join(FILE)).find(|file| file.is_file())
 }
 
-/// The file of the user's configuration, whether or not it is there: `growbot/growbot.toml` in `$XDG_CONFIG_HOME`, or
-/// in `~/.config`.
+/// Returns the path of the file in the user's configuration, even if it does not exist: `growbot/growbot.toml` in
+/// `$XDG_CONFIG_HOME`, or in `~/.config`.
 #[must_use]
 pub fn user_file() -> Option<PathBuf> {
     user_file_in(env::var_os("XDG_CONFIG_HOME"), env::var_os("HOME"))
 }
 
 fn user_file_in(configuration: Option<OsString>, home: Option<OsString>) -> Option<PathBuf> {
-    // What is not absolute is to be passed over, by the XDG base directory specification.
+    // The XDG base directory specification requires that relative paths are ignored.
     let absolute = |name: Option<OsString>| name.map(PathBuf::from).filter(|path| path.is_absolute());
     let directory = absolute(configuration).or_else(|| Some(absolute(home)?.join(".config")))?;
     Some(directory.join("growbot").join(FILE))

@@ -1,4 +1,4 @@
-//! The switch of simulated robots that stay on.
+//! Start and stop of the background process of a persistent simulated robot (`sim:NAME`).
 
 use std::env;
 use std::io;
@@ -10,25 +10,26 @@ use std::time::{Duration, Instant};
 
 use growbot_sim::resident::{Line, Place};
 
-/// How long a process may take until the robot is on, or has ended.
+/// Maximum time until a started process serves the robot, or a stopped one has ended.
 const LIMIT: Duration = Duration::from_secs(10);
 
-/// Why a simulated robot is not on, or not off.
+/// Errors of switching a simulated robot on or off.
 #[derive(Debug, thiserror::Error)]
 pub enum SwitchError {
-    /// Its process cannot be started.
+    /// The process cannot be started.
     #[error("the process of a simulated robot cannot be started: {0}")]
     Process(#[from] io::Error),
-    /// It has ended at once, or does not answer.
+    /// The process has ended at once or does not respond.
     #[error("the simulated robot sim:{0} did not come on: `growbot power on --foreground --port sim:{0}` says why")]
     NotOn(String),
-    /// It does not end.
+    /// The process does not end.
     #[error("the process of the simulated robot sim:{0} does not end: end it by hand")]
     NotOff(String),
 }
 
-/// Starts a process of its own that plays a simulated robot, and waits until it does. The robot's description is a name
-/// or a file; none for the one that lives there, or else the configured one.
+/// Starts a background process that simulates a robot, and waits until the robot can be connected. `robot` is the name
+/// or file of its description. With `None`, the robot keeps its stored description, or uses the configured one if it
+/// has none.
 ///
 /// # Errors
 /// [`SwitchError::Process`], [`SwitchError::NotOn`].
@@ -39,7 +40,7 @@ pub fn switch_on(place: &Place, robot: Option<&Path>, pace: f64) -> Result<(), S
     if let Some(robot) = robot {
         command.arg("--robot").arg(robot);
     }
-    // It outlives the terminal, and no signal that is meant for this program reaches it.
+    // The process must outlive the terminal and receive no signals that are sent to this program.
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).process_group(0);
     let mut process = command.spawn()?;
     let began = Instant::now();
@@ -52,7 +53,7 @@ pub fn switch_on(place: &Place, robot: Option<&Path>, pace: f64) -> Result<(), S
     Ok(())
 }
 
-/// Waits for the process of a robot that was switched off to end.
+/// Waits until the process of a robot that was switched off has ended.
 ///
 /// # Errors
 /// [`SwitchError::NotOff`].

@@ -1,4 +1,4 @@
-//! Poses and positions on the way, from a CSV file: `x,y,z` in mm and perhaps `heading,pitch` in degrees.
+//! Intermediate poses and positions from a CSV file: `x,y,z` in mm and optionally `heading,pitch` in degrees.
 
 use csv::{ReaderBuilder, StringRecord};
 use growbot_client::plan::Goal;
@@ -7,79 +7,79 @@ use growbot_client::suggest::did_you_mean;
 use growbot_core::pose::{PoseError, Position};
 use nalgebra::Vector3;
 
-/// The columns, as the header calls them: by itself, or with the unit. The last two may be left out.
+/// Names of the columns in the header, without and with the unit. The last two columns are optional.
 pub const COLUMNS: [[&str; 2]; 5] =
     [["x", "x_mm"], ["y", "y_mm"], ["z", "z_mm"], ["heading", "heading_deg"], ["pitch", "pitch_deg"]];
-/// Max number of lines behind the header.
+/// Maximum number of lines after the header.
 pub const MAX_GOALS: usize = 1000;
 
-/// Why there are no poses in a file.
+/// Errors of a file.
 #[derive(Debug, thiserror::Error)]
 pub enum ViaError {
-    /// A column that is not known.
+    /// A column is unknown.
     #[error("the header has an unknown column {name:?}{}; write x,y,z or x,y,z,heading,pitch", suggestion(.name))]
     Unknown {
-        /// Its name.
+        /// Name of the column.
         name: String,
     },
-    /// A column is not there.
+    /// A column is missing.
     #[error("the header has no column {name}; write x,y,z or x,y,z,heading,pitch")]
     Missing {
-        /// Its name.
+        /// Name of the column.
         name: &'static str,
     },
-    /// A column is there twice.
+    /// A column occurs twice.
     #[error("the header has column {name} twice: remove one")]
     Twice {
-        /// Its name.
+        /// Name of the column.
         name: &'static str,
     },
-    /// Nothing behind the header.
+    /// No line follows the header.
     #[error("there is no line behind the header: write a line for each position on the way")]
     Empty,
-    /// More lines than a plan has legs.
+    /// The file has more lines than a plan can have legs.
     #[error("there are more than {MAX_GOALS} lines behind the header: leave some out, or plan in several parts")]
     TooMany,
-    /// A line is at fault.
+    /// A line is invalid.
     #[error("line {line}: {error}")]
     Line {
-        /// Which, from 1, the header included.
+        /// Number of the line, from 1, including the header.
         line: u64,
-        /// What is wrong.
+        /// Error of the line.
         #[source]
         error: LineError,
     },
-    /// The line is no CSV.
+    /// A line is not CSV.
     #[error("{0}")]
     Reading(#[source] csv::Error),
 }
 
-/// Why a line gives no pose.
+/// Errors of a line.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LineError {
-    /// More or fewer fields than the header.
+    /// The line has more or fewer fields than the header.
     #[error("it has {found} fields, and the header has {expected}: write as many")]
     Fields {
-        /// Fields of the line.
+        /// Number of fields of the line.
         found: usize,
-        /// Fields of the header.
+        /// Number of fields of the header.
         expected: usize,
     },
-    /// A field is no number.
+    /// A field is not a number.
     #[error("{column} is {text:?}, which is no number: write it like -120 or 0.5")]
     NotANumber {
-        /// The column.
+        /// Name of the column.
         column: &'static str,
-        /// Its text.
+        /// Text of the field.
         text: String,
     },
-    /// Half a direction.
+    /// Only one of the two angles is given.
     #[error("{column} is empty, and the other angle is not: write both, or leave both empty for any direction")]
     HalfADirection {
-        /// The column.
+        /// Name of the column that is empty.
         column: &'static str,
     },
-    /// The numbers are no pose.
+    /// The numbers are not a valid pose.
     #[error(transparent)]
     Pose(#[from] PoseError),
 }
@@ -88,7 +88,7 @@ fn suggestion(name: &str) -> String {
     did_you_mean(name, COLUMNS.into_iter().flatten())
 }
 
-/// Reads poses, and positions where the direction is left out.
+/// Reads poses, and positions from lines without a direction.
 ///
 /// ```
 /// use growbot_host::via_csv::read;
@@ -98,7 +98,7 @@ fn suggestion(name: &str) -> String {
 /// ```
 ///
 /// # Errors
-/// The first thing that is wrong.
+/// The first error in the text.
 pub fn read(text: &str) -> Result<Vec<Goal>, ViaError> {
     let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
     let header = record(lines.next().map_or("", |(_, line)| line))?;
@@ -114,7 +114,7 @@ pub fn read(text: &str) -> Result<Vec<Goal>, ViaError> {
     if goals.is_empty() { Err(ViaError::Empty) } else { Ok(goals) }
 }
 
-/// The fields of a line.
+/// Parses a line into fields.
 fn record(line: &str) -> Result<StringRecord, ViaError> {
     let mut record = StringRecord::new();
     let mut reader = ReaderBuilder::new().has_headers(false).from_reader(line.as_bytes());
@@ -122,7 +122,7 @@ fn record(line: &str) -> Result<StringRecord, ViaError> {
     Ok(record)
 }
 
-/// Where each of the [`COLUMNS`] stands.
+/// Returns the position of each of the [`COLUMNS`]. `None` for a missing angle.
 fn columns(header: &StringRecord) -> Result<[Option<usize>; 5], ViaError> {
     let mut found = [None; 5];
     for (index, name) in header.iter().enumerate() {
@@ -134,7 +134,7 @@ fn columns(header: &StringRecord) -> Result<[Option<usize>; 5], ViaError> {
             return Err(ViaError::Twice { name: column });
         }
     }
-    // Angles come together, or not at all.
+    // The file has both angles or neither of them.
     let required = if found[3].is_some() || found[4].is_some() { 5 } else { 3 };
     for (place, [name, _]) in found.iter().zip(COLUMNS).take(required) {
         if place.is_none() {

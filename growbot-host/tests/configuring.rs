@@ -1,4 +1,4 @@
-//! `growbot configure`: a simulated robot that stays on gets another description, and keeps it.
+//! `growbot configure` on a simulated robot that keeps running. The robot gets and keeps another description.
 
 use crate::running;
 
@@ -18,7 +18,7 @@ fn json(ran: &running::Ran) -> Value {
     serde_json::from_str(&ran.out).unwrap()
 }
 
-/// A simulated robot of its own, which is switched off at the end.
+/// A simulated robot of this test, which is switched off at the end.
 struct Robot {
     port: String,
     directory: tempfile::TempDir,
@@ -43,7 +43,7 @@ impl Robot {
         growbot(&[args, &["--port", &self.port]].concat())
     }
 
-    /// Name and hash of the description that the board has.
+    /// Returns name and hash of the board's description.
     fn described(&self) -> (String, String) {
         let status = json(&self.run(&["status", "--json"]));
         let text = |key: &str| status[key].as_str().unwrap_or_default().to_owned();
@@ -75,13 +75,13 @@ fn a_description_is_sent_kept_and_told() {
     assert_eq!(configured.0, "mine");
     assert!(done.out.contains(&configured.1), "{}", done.out);
 
-    // The power goes; the description stays.
+    // The description outlasts a loss of power.
     robot.run(&["power", "off"]);
     let on = growbot(&["power", "on", "--pace", "1000", "--robot", mine, "--port", &robot.port]);
     assert_eq!(on.code, Some(0), "{}", on.err);
     assert_eq!(robot.described(), configured);
 
-    // Who takes it for what it was is told so, and what to do.
+    // A command for another robot is refused with a remedy.
     let other = robot.try_to(&["grow", "--to", "0,0,20,0,90", "--robot", "growbot-a"]);
     assert_eq!(other.code, Some(2), "{}", other.err);
     for part in ["the board is mine (", "and not growbot-a (", "growbot configure"] {
@@ -112,7 +112,7 @@ fn what_cannot_be_configured_is_said_and_changes_nothing() {
     assert_eq!(robot.described(), before);
 }
 
-/// A board whose line goes away while it restarts, as one over USB does.
+/// Opens a port again that disappears while the board restarts, like a board over USB.
 #[test]
 fn a_port_that_goes_while_the_board_restarts_is_opened_again() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();

@@ -1,10 +1,10 @@
-//! The console, run as a user runs it: in a pipe, on the simulated robot.
+//! The console in a pipe, on the simulated robot.
 
 use crate::running;
 
 use running::{Ran, growbot, growbot_reading, growbot_reading_bytes, growbot_unread};
 
-/// One message, one line, exit 2, and this in it.
+/// Checks for exit code 2 and one message of one line that contains `parts`.
 fn assert_refused(ran: &Ran, parts: &[&str]) {
     assert_eq!(ran.code, Some(2), "{}", ran.err);
     for part in parts {
@@ -22,7 +22,7 @@ fn the_console_works_in_a_pipe() {
     for part in ["3 layers", "layer,alpha_deg", "heating", "homing", "growing", "layer 2", "done"] {
         assert!(ran.out.contains(part), "no {part}: {}", ran.out);
     }
-    // Nothing after `quit` is carried out.
+    // Commands after `quit` are not executed.
     assert!(ran.out.lines().last().is_some_and(|line| line.starts_with("sensors ")), "{}", ran.out);
 }
 
@@ -69,7 +69,7 @@ fn a_script_ends_at_the_first_line_that_fails() {
         ("stop now", "`stop` takes nothing: leave \"now\" away"),
         ("grow 0,0,9,0,95", "pitch is 95"),
     ] {
-        // What follows would heat.
+        // The next line would heat.
         let ran = growbot_reading(&["console"], &format!("help\n{line}\ngrow 0,0,3,0,90\n"));
         assert_eq!(ran.code, Some(1), "{line}: {}", ran.err);
         for part in [part, "line 2 failed"] {
@@ -126,7 +126,7 @@ fn a_script_whose_results_nobody_reads_is_not_done() {
     ] {
         assert!(ran.err.contains(part), "no {part:?}: {}", ran.err);
     }
-    // With nothing left to do, nothing is amiss: as with other commands.
+    // Without commands nothing is left undone, so this is not an error, as with other commands.
     let ran = growbot_unread(&["console"], "");
     assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
 }

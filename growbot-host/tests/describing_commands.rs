@@ -1,4 +1,4 @@
-//! `growbot robots`, `new-robot`, `completions` and `man` as users and scripts meet them.
+//! `growbot robots`, `new-robot`, `completions` and `man` as users and scripts run them.
 
 use crate::running;
 
@@ -13,7 +13,7 @@ fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
 }
 
-/// The commands that the help lists.
+/// Returns the commands that the help lists.
 fn commands() -> Vec<String> {
     let help = growbot(&["--help"]).out;
     let listed = help.split("Commands:").nth(1).unwrap().split("Options:").next().unwrap();
@@ -21,7 +21,7 @@ fn commands() -> Vec<String> {
     names.map(|line| line.split(' ').next().unwrap().to_owned()).filter(|name| name != "help").collect()
 }
 
-/// What the file does not show at a glance and matters for what it is used for.
+/// The command warns of properties that matter for the robot's use and are easy to miss in the file.
 #[test]
 fn a_new_robot_that_is_a_bench_or_too_fast_for_a_board_says_so() {
     let folder = tempfile::tempdir().unwrap();
@@ -114,7 +114,8 @@ fn robots_explains_one_in_words() {
     assert!(unknown.err.contains("did you mean growbot-b?"), "{}", unknown.err);
 }
 
-/// What of this value the schema does not allow: the keywords that [`growbot_host::schema`] uses, and no others.
+/// Returns the places where a value violates the schema. It covers only the keywords that [`growbot_host::schema`]
+/// uses.
 fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
     let mut found = Vec::new();
     for (keyword, said) in schema.as_object().unwrap() {
@@ -265,7 +266,7 @@ fn each_command_has_a_page_of_the_manual_with_examples_and_exit_codes() {
     assert_eq!(growbot(&["man", "-o", &format!("{path}/none/deeper")]).code, Some(2));
 }
 
-/// What bash offers for the last of these words.
+/// Returns the completions of bash for the last of these words.
 fn completed(script: &str, words: &[&str]) -> Vec<String> {
     let (last, before) = (words[words.len() - 1], words[words.len() - 2]);
     let line = format!(
@@ -293,7 +294,7 @@ fn bash_completes_commands_and_names_of_robots() {
         assert_eq!(completed(script, &["growbot", command, "--robot", "grow"]), names, "{command}");
     }
     assert_eq!(completed(script, &["growbot", "new-robot", "--from", "growbot-c"]), ["growbot-c"]);
-    // Bash itself goes on with files.
+    // Bash itself continues with files.
     assert!(completed(script, &["growbot", "rmin", "--robot", "my"]).is_empty());
 }
 
@@ -305,7 +306,7 @@ fn every_shell_has_completions_with_all_commands() {
         for command in &commands {
             assert!(script.contains(command.as_str()), "{shell}: {command}");
         }
-        // The generators of the other two know no values of options.
+        // The generators for the other two shells do not support values of options.
         let values = ["bash", "zsh", "fish"].contains(&shell);
         assert_eq!(script.contains("growbot-a8"), values, "{shell}");
     }
@@ -317,7 +318,7 @@ fn answers_are_taken_back_and_sections_skipped() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("robot.toml");
     let file = path.to_str().unwrap();
-    // Another inner radius, after the length was asked for; then the rest of geometry as it is.
+    // Goes back to change the inner radius after the length, then skips the rest of geometry.
     let ran = growbot_reading(&["new-robot", "-o", file], "ours\n14\n60\nback\nback\n13\nskip\n2.0\n");
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let robot = robot_file::load(&path).unwrap();
@@ -329,7 +330,7 @@ fn answers_are_taken_back_and_sections_skipped() {
     assert!(text.lines().filter(|line| line.contains("# given")).count() == 2, "{text}");
     assert!(ran.err.matches("geometry.inner_radius_mm").count() == 2, "{}", ran.err);
     assert_eq!(ran.err.matches("geometry.tip_radius_mm [").count(), 1, "{}", ran.err);
-    // There is nothing before the first question.
+    // `back` has no effect at the first question.
     let ran = growbot_reading(&["new-robot", "-o", file, "--force"], "back\nours\n");
     assert!(ran.code == Some(0) && ran.err.contains("the first question"), "{}", ran.err);
 }

@@ -1,5 +1,5 @@
-//! Checks README.md and the book: runs their commands and compares what they print, reads their robot files, and
-//! follows their links and the names of files. (`src/cli/documents.rs` reads the commands that cannot be run here.)
+//! Checks README.md and the book: runs their commands and compares the output, reads their robot files, and follows
+//! their links and file names. (`src/cli/documents.rs` parses the commands that cannot be run here.)
 
 mod blocks;
 mod transcript;
@@ -12,21 +12,21 @@ use growbot_host::settings;
 use pulldown_cmark::Event;
 use transcript::{agree, differences, differences_in, runs};
 
-/// What a block that is not run may need.
+/// Possible needs of a block that is not run.
 const NEEDS: [&str; 6] = ["robot", "emulator", "build", "install", "terminal", "long"];
 
 fn assert_nothing_wrong(wrong: &[String]) {
     assert!(wrong.is_empty(), "{} differences:\n{}", wrong.len(), wrong.join("\n"));
 }
 
-/// The name of a document's test: `maths_two_planes` of `book/src/maths/two-planes.md`.
+/// Returns the name of a document's test: `maths_two_planes` for `book/src/maths/two-planes.md`.
 fn test_of(document: &Document) -> String {
     let path = document.path.strip_prefix("book/src").unwrap_or(&document.path).with_extension("");
     path.to_str().unwrap().to_lowercase().replace(['/', '-'], "_")
 }
 
-/// One test for each document whose commands run, in a directory of its own. A failure is repeated alone:
-/// `cargo test -p growbot-host --test it documents::chapters::see_it`.
+/// Defines a test for each document with commands that run, in its own directory. This runs one of them alone: `cargo
+/// test -p growbot-host --test it documents::chapters::see_it`.
 macro_rules! chapters {
     ($($test:ident),*) => {
         mod chapters {
@@ -55,7 +55,7 @@ fn every_document_with_commands_has_a_test() {
     assert_eq!(names, CHAPTERS);
 }
 
-/// README.md, and the chapters in the order of the book.
+/// Returns README.md and the chapters in the order of the book.
 fn in_order() -> Vec<Document> {
     let mut documents = for_users();
     let summary = documents.iter().find(|document| document.path.ends_with("SUMMARY.md")).unwrap();
@@ -127,7 +127,7 @@ fn every_block_has_a_known_language_and_known_needs() {
     assert_nothing_wrong(&wrong);
 }
 
-/// Puts the values of `from` into `into`.
+/// Copies the values of `from` into `into`.
 fn merge(into: &mut toml::Table, from: toml::Table) {
     for (key, value) in from {
         match (into.get_mut(&key), value) {
@@ -167,7 +167,7 @@ fn every_link_leads_to_a_file() {
         for (line, link) in document.links() {
             let path = link.split('#').next().unwrap_or_default();
             let elsewhere = ["http:", "https:", "mailto:"].iter().any(|scheme| link.starts_with(scheme));
-            // Figures are drawn when the book is built, which looks for them.
+            // Figures are drawn when the book is built, and the build checks them.
             if elsewhere || path.is_empty() || path.starts_with("figures/") || path.starts_with("../figures/") {
                 continue;
             }
@@ -186,8 +186,8 @@ fn every_link_leads_to_a_file() {
     assert_nothing_wrong(&wrong);
 }
 
-/// The files and directories of the repository that a document names in code and that are not there. Those that a build
-/// makes, by `.gitignore`, may be missing.
+/// Returns the repository's files and directories that a document names in code but that do not exist. Names that
+/// .gitignore lists may be missing, because a build makes them.
 fn names_without_a_file(document: &Document) -> Vec<String> {
     let made: Vec<_> = include_str!("../../.gitignore").lines().filter_map(|line| line.strip_prefix('/')).collect();
     let missing = |(event, line)| {

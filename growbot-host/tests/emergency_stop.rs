@@ -1,6 +1,6 @@
-//! The emergency stop from the host: over a serial line that `grow` holds, over noise, over a line that is cut in the
-//! midst of a frame, and by a second Ctrl-C. It stops the board within 1 s (six attempts) of the line being usable;
-//! otherwise it says to cut the power.
+//! The emergency stop from the host: over a serial line that `grow` holds, through noise, over a line that is cut in
+//! the middle of a frame, and by a second Ctrl-C. It stops the board within 1 s (six attempts) after the line works.
+//! Otherwise the host prints that the power has to be cut.
 
 use crate::emergency;
 use crate::running;
@@ -26,10 +26,10 @@ use serialport::{SerialPort, TTYPort};
 use emergency::{Bench, Growing, until, without_privilege};
 use running::{Ran, growbot};
 
-/// Attempts in a second.
+/// Attempts per second.
 const A_SECOND: u32 = 6;
 
-/// Nobody has acknowledged: exit code 1, and the words.
+/// Checks that the board did not confirm: exit code 1, and a message to cut the power that contains `parts`.
 fn assert_power_to_be_cut(ran: &Ran, parts: &[&str]) {
     assert_eq!(ran.code, Some(1), "{}", ran.err);
     assert!(ran.out.is_empty(), "{}", ran.out);
@@ -38,17 +38,17 @@ fn assert_power_to_be_cut(ran: &Ran, parts: &[&str]) {
     }
 }
 
-/// A simulated board on a line of a virtual clock that carries noise at its full rate to the host, half of it zeros,
-/// which end as many pieces of frames; and to the board nothing until it is usable.
+/// A simulated board on a line with a virtual clock. Noise reaches the host at the full rate of the line. Half of its
+/// bytes are zeros, which end as many incomplete frames. Nothing reaches the board until the line is usable.
 struct Noisy {
     sim: Rc<RefCell<Sim>>,
     random: Rng,
     usable_at: Duration,
-    /// Stops sent, and those of them that were carried.
+    /// Number of stops sent, and number of these that were carried.
     sent: Rc<Cell<(u32, u32)>>,
 }
 
-/// What a byte takes at 115200 baud.
+/// Time of a byte at 115200 baud.
 const BYTE: Duration = Duration::from_nanos(86_806);
 
 impl Port for Noisy {
@@ -66,7 +66,8 @@ impl Port for Noisy {
         let mut answer = [0; 256];
         let answered = self.sim.receive(&mut answer, Duration::ZERO)?;
         self.sim.borrow_mut().pass(BYTE * (count + answered) as u32);
-        // What the board says is heard whole between the noise; a board's zero ends what noise has begun.
+        // Bytes of the board arrive unbroken between the noise. A zero before them ends the frame that the noise has
+        // begun.
         let noise = buffer.iter_mut().take(count - answered.min(count));
         if answered > 0 {
             let whole: Vec<u8> = [&[0], &answer[..answered]].concat();
@@ -83,8 +84,8 @@ impl Port for Noisy {
     }
 }
 
-/// Has a board behind noise stop; the line is usable after so long. What came of it, the board's state, the stops sent
-/// and carried, and for how long it was tried, s.
+/// Sends an emergency stop to a board behind noise, on a line that is usable after this time. Returns the result, the
+/// board's state, the numbers of stops sent and carried, and the duration of the attempts, s.
 fn stop_behind_noise(usable_after: Duration) -> (Result<(), ClientError>, State, (u32, u32), f64) {
     let sim = Rc::new(RefCell::new(Sim::new(robot_file::load("growbot-a".as_ref()).unwrap())));
     sim.borrow_mut().pass(Duration::from_secs(5));
@@ -116,11 +117,11 @@ fn an_emergency_stop_is_tried_for_the_whole_time_and_no_longer() {
     let limit = EMERGENCY_LIMIT.as_secs_f64();
     assert!((limit..limit + EMERGENCY_PAUSE.as_secs_f64()).contains(&seconds), "{seconds} s");
     let attempts = (limit / EMERGENCY_PAUSE.as_secs_f64()) as u32;
-    // A pause is over with the frame that ends it.
+    // A pause ends with the frame during which it expires.
     assert!((attempts - 2..=attempts + 1).contains(&sent), "{sent} of {attempts} stops");
 }
 
-/// A line that is broken. A stop that is sent takes a second of its virtual clock.
+/// A broken line. Each attempt to send takes a second of its virtual clock.
 struct Broken(Rc<Cell<u32>>);
 
 impl Port for Broken {
@@ -150,12 +151,12 @@ fn a_broken_line_is_tried_again_for_the_whole_time() {
 fn the_stop_reaches_a_board_whose_port_grow_holds() {
     let bench = Bench::new();
     let growing = Growing::begin(&bench);
-    // Other commands respect who holds the port.
+    // Other commands respect the lock of a port.
     let status = growbot(&["status", "--port", &bench.name]);
     assert_eq!(status.code, Some(2), "{}", status.err);
     assert!(status.err.contains("busy") && status.err.contains("growbot estop --port"), "{}", status.err);
-    // A robot file that is not there is no reason to wait. Without a privilege, a port that is closed to others could
-    // not be opened.
+    // A missing robot file does not delay the stop. Without the privilege, a port that is closed to others could not be
+    // opened.
     let ran = without_privilege(&["estop", "--port", &bench.name, "--robot", "/no/such.toml"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     assert!(ran.out.contains("heater and steppers of the robot are off"), "{}", ran.out);
@@ -172,7 +173,7 @@ fn who_holds_a_port_is_silent_while_an_emergency_stop_listens() {
     let listening = OpenOptions::new().read(true).write(true).open(&bench.name).unwrap();
     fcntl_lock(&listening, FlockOperation::NonBlockingLockExclusive).unwrap();
     let mut status = Growing::run(&["status", "--port", &bench.name], "");
-    // To the same question: three answers are all that it wants.
+    // The board responds to repetitions of one request. The command needs three responses.
     until("the board answers some times", || {
         assert!(status.is_running(), "it has read an answer");
         bench.seen().answers >= 8
@@ -220,7 +221,7 @@ fn the_stop_passes_noise_while_grow_holds_the_port() {
     until("the board stops", || bench.seen().state == State::EmergencyStop);
     let seen = bench.seen();
     assert!(seen.passed.is_some_and(|attempts| attempts <= A_SECOND), "{seen:?}");
-    // On such a line the acknowledgement may be lost each time: then that is said.
+    // On such a line, every acknowledgement may be lost. In that case the command reports it.
     if ran.code != Some(0) {
         assert_power_to_be_cut(&ran, &[]);
     }
@@ -233,7 +234,7 @@ fn the_stop_passes_noise_while_grow_holds_the_port() {
 fn the_stop_passes_a_line_that_was_cut_in_the_midst_of_a_frame() {
     let bench = Bench::new();
     let growing = Growing::begin(&bench);
-    // Half a frame of the growing host has come through when the line is cut; it heals after five stops.
+    // The line is cut when it has carried half a frame of the growing host. It works again after five stops.
     let whole = encode(&Header { kind: 4, session: 1, seq: 1, ack: 0 }, &[7; 200]).unwrap();
     bench.set(|line| {
         line.inject = whole[..whole.len() / 2].to_vec();
@@ -286,7 +287,7 @@ fn the_second_ctrl_c_stops(bench: &Bench) {
 fn the_second_ctrl_c_goes_ahead_of_what_a_stalled_line_has_not_sent() {
     let bench = Bench::new();
     let mut growing = Growing::begin(&bench);
-    // The line takes no more bytes, and its queue is full: whatever grow writes waits.
+    // The line takes no more bytes and its queue is full, so writes of `grow` block.
     bench.set(|line| line.is_stalled = true);
     let queued = bench.fill();
     growing.interrupt("stopping");
@@ -298,7 +299,7 @@ fn the_second_ctrl_c_goes_ahead_of_what_a_stalled_line_has_not_sent() {
     assert!(grown.err.contains("emergency stop: heater and steppers are off"), "{}", grown.err);
     let seen = bench.seen();
     assert_eq!((seen.state, seen.off_at_once), (State::EmergencyStop, Some(true)), "{seen:?}");
-    // What had waited on this side was dropped; the far end of such a line has taken some of it already.
+    // Bytes that were queued on this side were dropped. The far end of such a line had already taken some.
     println!("{queued} bytes queued, {} of them before the stop", seen.bytes_before_stop);
     assert!(seen.bytes_before_stop < queued / 2, "{seen:?}");
 }
@@ -324,7 +325,7 @@ fn whatever_keeps_an_emergency_stop_from_the_board_the_power_is_to_be_cut() {
     assert_power_to_be_cut(&growbot(&["estop", "--port", "sim", "--robot", "/no/such.toml"]), &["/no/such.toml"]);
     assert_power_to_be_cut(&estop("simulator"), &["simulator"]);
     assert_power_to_be_cut(&estop("emulator:/no/such.elf"), &["/no/such.elf"]);
-    // These are tried for the whole time, at once.
+    // These commands retry for the whole time, so they run in parallel.
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let held = format!("tcp:{}", listener.local_addr().unwrap());
@@ -334,7 +335,7 @@ fn whatever_keeps_an_emergency_stop_from_the_board_the_power_is_to_be_cut() {
             scope.spawn(|| estop("/proc/self/status")),
             scope.spawn(|| estop(&format!("tcp:127.0.0.1:{free}"))),
             scope.spawn(|| growbot(&["estop", "--port", "sim", "--fault", "drop=100%"])),
-            // Somebody else is connected, and this connection waits for its turn.
+            // Another host is connected, so this connection waits.
             scope.spawn(|| estop(&held)),
         ];
         tried.map(|tried| tried.join().unwrap())
@@ -348,7 +349,7 @@ fn whatever_keeps_an_emergency_stop_from_the_board_the_power_is_to_be_cut() {
         assert!(!ran.err.contains("no connection within"), "{}", ran.err);
         assert_eq!((ran.err.matches("NOBODY").count(), ran.err.lines().count()), (1, 1), "{}", ran.err);
     }
-    // Help is no emergency.
+    // Help is not an emergency.
     assert_eq!(growbot(&["estop", "--help"]).code, Some(0));
     assert_eq!(growbot(&["stop", "--bogus"]).code, Some(2));
 }

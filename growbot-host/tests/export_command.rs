@@ -1,5 +1,5 @@
-//! `growbot export` as users and scripts meet it: formats, results, exit codes, messages. What other programs read in
-//! its files is tried by tests/exports/run.
+//! `growbot export` as users and scripts run it: formats, results, exit codes, messages. tests/exports/run checks its
+//! files with other programs.
 
 use crate::running;
 
@@ -10,7 +10,7 @@ use running::{growbot, growbot_reading};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// A directory with a plan of 100 mm, and the log of a growth of 5 mm.
+/// A directory with a plan of 100 mm and the log of a growth of 5 mm.
 struct Bodies(TempDir);
 
 impl Bodies {
@@ -26,7 +26,7 @@ impl Bodies {
         self.0.path().join(name).to_str().unwrap().to_string()
     }
 
-    /// Exports one to the other.
+    /// Exports a file of the directory to another.
     #[track_caller]
     fn export(&self, from: &str, to: &str, more: &[&str]) -> Vec<u8> {
         let to = self.path(to);
@@ -71,7 +71,7 @@ fn a_log_is_exported_as_built_and_as_far_as_it_goes() {
     assert!(whole.lines().skip(2).all(|row| row.contains(",laid-simulated,")), "{whole}");
     let commanded = String::from_utf8(bodies.export("run.jsonl", "commanded.csv", &["--body", "commanded"])).unwrap();
     assert!(commanded.lines().skip(2).all(|row| row.ends_with(",as-built")), "{commanded}");
-    // Of a robot the log has no more than the steps say.
+    // The log of a real robot contains only what follows from its steps.
     let log = fs::read_to_string(bodies.path("run.jsonl")).unwrap();
     let steps: String =
         log.lines().filter(|line| !line.contains("\"event\":\"simulated\"")).flat_map(|line| [line, "\n"]).collect();
@@ -133,7 +133,7 @@ fn a_recording_for_ros_2_has_its_types_with_their_whole_definitions() {
     assert!(of("nav_msgs/msg/Path").eq(["/growbot/body", "/growbot/plan"]));
     assert!(of("tf2_msgs/msg/TFMessage").eq(["/tf"]) && of("visualization_msgs/msg/Marker").eq(["/growbot/layers"]));
     assert!(of("diagnostic_msgs/msg/DiagnosticArray").eq(["/diagnostics"]) && channels.len() == 9);
-    // The last pose: header, stamp, "base" of five bytes with its zero, then seven numbers of eight bytes.
+    // The last pose: header, timestamp, "base" of five bytes including its zero, then seven numbers of eight bytes.
     let tip =
         mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap).filter(|it| it.channel.topic == "/growbot/tip");
     let tip = tip.last().unwrap();
@@ -142,7 +142,7 @@ fn a_recording_for_ros_2_has_its_types_with_their_whole_definitions() {
     let table = String::from_utf8(bodies.export("run.jsonl", "a.csv", &[])).unwrap();
     let last: Vec<f64> = table.lines().last().unwrap().split(',').take(4).map(|at| at.parse().unwrap()).collect();
     assert_eq!([number(0), number(1), number(2)], [last[1] / 1000.0, last[2] / 1000.0, last[3] / 1000.0]);
-    // Without --ros2 it is JSON, as before.
+    // Without --ros2 the output remains JSON.
     let bytes = bodies.export("run.jsonl", "a.mcap", &[]);
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
     assert!(summary.channels.values().all(|channel| channel.message_encoding == "json"));

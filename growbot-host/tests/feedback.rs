@@ -1,5 +1,5 @@
-//! Growths with feedback on simulated robots that lay imperfectly: they arrive all the same, over bad wires and after
-//! interruptions too.
+//! Growths with feedback on simulated robots that lay imperfectly. They arrive nevertheless, also over bad lines and
+//! after interruptions.
 
 use crate::running;
 
@@ -30,7 +30,7 @@ use serde_json::Value;
 
 use running::growbot;
 
-/// What a growth to a pose in the near comes to.
+/// Returns the result of a growth to a nearby pose.
 fn grown(more: &[&str]) -> Value {
     let ran = growbot(&[&["grow", "--to", "100,50,300,0,45", "--json"], more].concat());
     assert_eq!(ran.code, Some(0), "{more:?}: {}", ran.err);
@@ -66,7 +66,7 @@ fn noise_is_corrected_and_the_same_seed_gives_the_same_run() {
         assert_eq!(result["seed"].as_u64(), seed.parse().ok());
         closed += error(&result) / 4.0;
     }
-    // The heading is not observed, and a near goal leaves little way to correct it.
+    // The heading is not observed, and a near goal leaves little length to correct it.
     assert!(closed < 0.0015 && closed < 0.6 * open, "{closed} {open}");
     let args = [&noisy[..], &["9", "--feedback"]].concat();
     assert_eq!(grown(&args), grown(&args));
@@ -101,7 +101,7 @@ fn a_growth_with_feedback_is_replayed_from_its_log() {
     let told = growbot(&["replay", &log]);
     assert!(told.out.contains("as the steps say\n") && told.out.contains("estimate  "), "{}", told.out);
 
-    // Of a robot that is nowhere to be found, the body is told all the same; but one that was asked for must be there.
+    // A log of a robot without a robot file is replayed nevertheless. A robot that `--robot` names must exist.
     let elsewhere = fs::read_to_string(&log).unwrap().replace("\"growbot-a\"", "\"my-robot\"");
     fs::write(&log, elsewhere).unwrap();
     let without = growbot(&["replay", &log]);
@@ -125,7 +125,7 @@ fn what_cannot_be_is_refused_before_the_job() {
     }
 }
 
-/// The line to a simulated robot, and whether it is cut.
+/// The line to a simulated robot. It is cut while the second field is true.
 struct Line(Rc<RefCell<Sim>>, Rc<Cell<bool>>);
 
 impl Line {
@@ -150,7 +150,7 @@ impl Port for Line {
     }
 }
 
-/// A disturbed robot and its job, and where the log of it is.
+/// A disturbed robot with its plan, and the directory of its log.
 struct Try {
     robot: Robot,
     plan: Plan,
@@ -178,7 +178,7 @@ impl Try {
         Job::of_plan(&self.robot, &self.plan)
     }
 
-    /// Grows, with `at` called after the layer of index 60, which may cut the line and give orders.
+    /// Grows, and calls `at` after the layer of index 60. `at` may cut the line and give orders.
     fn grow(&self, mut at: impl FnMut(&Cell<bool>, &Orders)) -> Result<Grown, GrowthError> {
         let job = self.job();
         let mut log = RunLog::begin(&self.folder.path().join("run"), &self.plan, &job, Some(NOISE), "sim").unwrap();
@@ -198,7 +198,7 @@ impl Try {
         grown
     }
 
-    /// Takes it up again from its log.
+    /// Resumes the growth from its log.
     fn resume(&self) -> Grown {
         let mut client = Client::new(Box::new(Rc::clone(&self.sim)), "sim");
         let hello = client.hello().unwrap();
@@ -217,7 +217,7 @@ impl Try {
         resume_job(&mut client, &job, known, OnInterrupted::Again, manner, &orders, &mut |_| {}).unwrap()
     }
 
-    /// How far the tip really is from the goal, over the length.
+    /// Returns the true distance of the tip from the goal, relative to the length.
     fn miss(&self) -> f64 {
         let there = self.sim.borrow_mut().simulated_tip().base_from_tip();
         (there.translation.vector - self.plan.goal.position()).norm() / self.plan.needs.length
@@ -231,7 +231,7 @@ fn a_growth_that_was_stopped_goes_on_with_feedback() {
     assert_eq!(stopped.outcome, Outcome::Stopped);
     let done = tried.resume();
     assert_eq!((done.outcome, done.measured_by), (Outcome::Done, MeasuredBy::Estimate));
-    // Without feedback it would be 8 %; what was cut and laid again is seen by the encoder.
+    // Without feedback it would be 8 %. The encoder measures the interrupted layer and its repetition.
     assert!(tried.miss() < 0.006, "{}", tried.miss());
     assert!(done.fed_back.is_some_and(|fed_back| (fed_back.estimate.systematic_errors.growth + 0.08).abs() < 0.02));
 }
@@ -250,7 +250,7 @@ fn a_growth_whose_board_lost_its_power_goes_on_with_feedback() {
 fn a_board_that_went_on_without_its_host_is_amended_again_while_it_grows() {
     let tried = Try::new();
     tried.grow(|cut, _| cut.set(true)).unwrap_err();
-    // Five layers more, of which nobody was told.
+    // The board lays five more layers without reporting them to a host.
     tried.sim.borrow_mut().pass(Duration::from_secs(90));
     assert_eq!(tried.sim.borrow_mut().state(), State::Growing);
     let done = tried.resume();

@@ -1,6 +1,6 @@
-//! What commands read and write, whatever it is: no input is overwritten under any name, no ending is a lie, nothing is
-//! waited for that never ends, nothing that files hold steers a terminal, and a log that cannot be written is said at
-//! once.
+//! Files that commands read and write. No input is overwritten under any name, each extension matches its format, and
+//! no command waits forever. Content of files does not control a terminal, and a log that cannot be written is reported
+//! at once.
 #![cfg(unix)]
 
 use crate::running;
@@ -40,7 +40,7 @@ fn text_of_robot() -> String {
     fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a.toml")).unwrap()
 }
 
-/// Nothing that a terminal would obey.
+/// Checks that the output contains no character that controls a terminal.
 #[track_caller]
 fn assert_plain(ran: &Ran) {
     for text in [&ran.out, &ran.err] {
@@ -53,7 +53,7 @@ fn assert_plain(ran: &Ran) {
 fn no_command_overwrites_what_it_reads_under_any_name() {
     let files = Files::new();
     let [plan, run, robot] = ["plan.json", "run.jsonl", "robot.toml"].map(|name| files.path(name));
-    // Each command, the input that it is told to write to, and the ending that its output has.
+    // Each command, the input that it shall overwrite, the option for its output, and the extension of its output.
     let table: [(Vec<&str>, &str, &str, &str); 16] = [
         (vec!["plan", "--to", "0,0,50,0,90", "--robot", &robot], &robot, "-o", "json"),
         (vec!["view", &plan], &plan, "-o", "html"),
@@ -86,7 +86,7 @@ fn no_command_overwrites_what_it_reads_under_any_name() {
             assert_eq!(fs::read(input).unwrap(), before, "{args:?} {option} {output}");
             assert_eq!(ran.err.lines().filter(|line| !line.contains("warning")).count(), 1, "{}", ran.err);
         }
-        // The same under a name that the shell has opened.
+        // The same file as a descriptor that the shell has opened.
         let through = command("sh")
             .args(["-c", "exec \"$0\" \"$@\" 3<\"$INPUT\"", PROGRAM])
             .args([&args[..], &[*option, "/proc/self/fd/3"]].concat())
@@ -97,7 +97,7 @@ fn no_command_overwrites_what_it_reads_under_any_name() {
         assert_eq!(through.status.code(), Some(2), "{args:?}: {}", String::from_utf8_lossy(&through.stderr));
         assert_eq!(fs::read(input).unwrap(), before, "{args:?} through a descriptor");
     }
-    // From standard input, which may be that file.
+    // Standard input may also be that file.
     let through = command(PROGRAM)
         .args(["export", "-", "--format", "csv", "-o", &plan])
         .stdin(fs::File::open(&plan).unwrap())
@@ -145,7 +145,7 @@ fn nothing_is_waited_for_that_never_ends_and_nothing_is_read_without_limit() {
     let fifo = files.path("fifo");
     assert!(command("mkfifo").arg(&fifo).status().unwrap().success());
     let huge = files.path("huge.jsonl");
-    // Sparse: longer than any log, and no disk is filled.
+    // A sparse file, longer than any log, does not fill the disk.
     fs::File::create(&huge).unwrap().set_len((256 << 20) + 1).unwrap();
     for file in [fifo.as_str(), "/dev/zero", "/dev/tty", &huge, files.0.path().to_str().unwrap()] {
         for args in [
@@ -159,7 +159,7 @@ fn nothing_is_waited_for_that_never_ends_and_nothing_is_read_without_limit() {
             vec!["rmin", "--robot", file],
             vec!["plan", "--batch", file, "--json"],
         ] {
-            // A batch is a stream, and may be as long as it likes.
+            // A batch is a stream without a limit on its length.
             if args.contains(&"--batch") && file == huge {
                 continue;
             }
@@ -173,7 +173,7 @@ fn nothing_is_waited_for_that_never_ends_and_nothing_is_read_without_limit() {
         let ran = growbot_reading(&args, &endless);
         assert!(ran.code == Some(2) && ran.err.contains("longer than 1048576 bytes"), "{args:?}: {}", ran.err);
     }
-    // What the shell opens is read.
+    // Files that the shell opens are read.
     let run = files.path("run.jsonl");
     let piped = command("bash")
         .args(["-c", "exec \"$0\" replay <(cat \"$RUN\") --json", PROGRAM])
@@ -185,7 +185,7 @@ fn nothing_is_waited_for_that_never_ends_and_nothing_is_read_without_limit() {
     assert_eq!(growbot_reading(&["replay", "-", "--json"], &fs::read_to_string(&run).unwrap()).out, direct.out);
 }
 
-/// Runs growbot in a shell, with files by the names of variables.
+/// Runs growbot in a shell. Variables hold the names of files.
 fn in_shell(script: &str, files: &[(&str, &str)]) -> Ran {
     let ran = command("bash").args(["-c", script, PROGRAM]).envs(files.iter().copied()).output().unwrap();
     let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
@@ -219,7 +219,7 @@ fn run_logs_are_viewed_and_exported_from_pipes_too() {
         assert!(fs::read_to_string(&page).unwrap().contains("\"built_name\":\"Laid (simulated)\""), "{script}");
         fs::remove_file(&page).unwrap();
     }
-    // What is no log is not longer than a plan.
+    // Input that is not a log has the size limit of a plan.
     let ran = growbot_reading(&["export", "-", "--format", "csv"], &" ".repeat((1 << 20) + 1));
     assert!(ran.code == Some(2) && ran.err.contains("longer than 1048576 bytes"), "{}", ran.err);
 }
@@ -252,7 +252,7 @@ fn standard_output_that_goes_onto_an_input_is_refused_and_the_input_is_whole() {
             assert!(after == before, "{command} {onto}");
         }
     }
-    // Under another name, too; and what goes elsewhere is written.
+    // A hard link is detected too. Output to another file is written.
     fs::hard_link(&run, files.path("hard")).unwrap();
     let ran =
         in_shell("\"$0\" export \"$IN\" --format csv 1<>\"$OTHER\"", &[("IN", &run), ("OTHER", &files.path("hard"))]);
@@ -346,7 +346,7 @@ fn a_disturbed_growth_is_told_as_it_was_laid_and_beside_it_as_it_was_commanded()
     assert!(number(&replayed["commanded"]["position_error_mm"]) < 0.1, "{replayed}");
     let told = growbot(&["replay", &run]).out;
     assert!(told.contains("laid (simulated)") && told.contains("commanded "), "{told}");
-    // The export's last rows are where replay says that the tip is.
+    // The last rows of the export are the position of the tip that replay prints.
     let reached = number(&replayed["final"]["x_mm"]);
     let last = |args: &[&str]| -> Vec<String> {
         let out = growbot(&[&["export", &run, "--format", "csv"], args].concat()).out;
@@ -420,8 +420,7 @@ fn what_files_and_arguments_hold_does_not_steer_the_terminal() {
     assert_plain(&growbot_reading(&["console"], &format!("{hostile}\nplan {hostile}\n")));
 }
 
-/// Grows with a limit on the length of files, of so many blocks of 512 bytes: writing beyond it fails as on a disk that
-/// is full.
+/// Grows with a limit on the length of files, in blocks of 512 bytes. Writing beyond it fails as on a full disk.
 fn grow_on_a_full_disk(files: &Files, blocks: u32, more: &str) -> (Ran, String) {
     let log = files.path(&format!("full{blocks}.jsonl"));
     let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" grow --to 0,0,120,0,90 --log \"$LOG\" {more}");
@@ -433,7 +432,7 @@ fn grow_on_a_full_disk(files: &Files, blocks: u32, more: &str) -> (Ran, String) 
 #[test]
 fn a_log_that_cannot_be_written_is_said_at_once_and_the_result_is_told_all_the_same() {
     let files = Files::new();
-    // A header and some layers.
+    // The limit allows a header and some layers.
     let (ran, log) = grow_on_a_full_disk(&files, 48, "--json");
     assert_eq!(ran.code, Some(1), "{}", ran.err);
     let result: Value = serde_json::from_str(&ran.out).unwrap();
@@ -447,7 +446,7 @@ fn a_log_that_cannot_be_written_is_said_at_once_and_the_result_is_told_all_the_s
     assert_eq!(replayed.code, Some(0), "{}", replayed.err);
     let replayed: Value = serde_json::from_str(&replayed.out).unwrap();
     assert!((1..156).contains(&replayed["layers"].as_u64().unwrap()), "{replayed}");
-    // Without room for the header nothing is begun, and nothing is left.
+    // Without space for the header, the growth does not begin and leaves no file.
     let (ran, log) = grow_on_a_full_disk(&files, 1, "");
     assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
     assert!(!fs::exists(log).unwrap());

@@ -1,5 +1,5 @@
-//! Files are no dead end: a run log that is there can be replaced or has a name of its own, `-` is standard input and
-//! output everywhere, and directories are made.
+//! Existing and missing files. A run log can replace another or gets its own name, `-` is standard input or output in
+//! all commands, and directories are created.
 #![cfg(unix)]
 
 use crate::running;
@@ -10,7 +10,7 @@ use std::path::Path;
 use running::{PROGRAM, command, growbot, growbot_reading, in_lines};
 use tempfile::TempDir;
 
-/// A directory that commands are run in.
+/// A directory in which commands run.
 struct Place(TempDir);
 
 impl Place {
@@ -22,7 +22,7 @@ impl Place {
         self.0.path().join(name).to_str().unwrap().to_owned()
     }
 
-    /// Runs growbot there.
+    /// Runs growbot in the directory.
     fn run(&self, args: &[&str]) -> (Option<i32>, String, String) {
         let ran = command(PROGRAM).args(args).current_dir(self.0.path()).output().unwrap();
         let text = |bytes| String::from_utf8(bytes).unwrap();
@@ -51,7 +51,7 @@ fn a_run_log_is_replaced_with_force_and_only_by_a_growth_that_begins() {
     let (code, _, err) = place.run(&[&SHORT[..], &log].concat());
     assert!(code == Some(2) && err.contains("run.jsonl is there already") && err.contains("--force"), "{err}");
     assert_eq!(fs::read_to_string(place.path("run.jsonl")).unwrap(), "before\n");
-    // Nothing answers there, so nothing begins.
+    // No board responds there, so the growth does not begin.
     let (code, ..) = place.run(&[&SHORT[..], &log, &["--force", "--port", "tcp:127.0.0.1:1"]].concat());
     assert_eq!(code, Some(2));
     assert_eq!(fs::read_to_string(place.path("run.jsonl")).unwrap(), "before\n");
@@ -60,7 +60,7 @@ fn a_run_log_is_replaced_with_force_and_only_by_a_growth_that_begins() {
     let text = fs::read_to_string(place.path("run.jsonl")).unwrap();
     assert!(text.starts_with("{\"event\":\"header\"") && text.contains("\"event\":\"end\""), "{text}");
     assert_eq!(place.names(), ["run.jsonl"]);
-    // Through a link, what it leads to is replaced.
+    // A symbolic link stays, and its target is replaced.
     std::os::unix::fs::symlink(place.path("run.jsonl"), place.path("link.jsonl")).unwrap();
     let (code, _, err) = place.run(&[&SHORT[..], &["--log", "link.jsonl", "--force"]].concat());
     assert_eq!(code, Some(0), "{err}");
@@ -113,7 +113,7 @@ fn a_dash_is_standard_output_wherever_a_file_is_written() {
     assert!(out.lines().all(|line| line.starts_with('{') && line.ends_with('}')), "{out}");
     assert!(out.lines().last().unwrap().contains("\"event\":\"end\""), "{out}");
     assert_eq!(place.names(), ["plan.json", "queries.csv"]);
-    // What would come twice, or has no place there, is refused.
+    // Output that would be there twice, or that cannot go to standard output, is refused.
     for args in [
         &["grow", "plan.json", "--log", "-", "--json"][..],
         &["workspace", "--length", "200", "-o", "-", "--json"],
@@ -150,7 +150,7 @@ fn a_dash_is_standard_input_wherever_a_file_is_read_and_once() {
         assert_eq!(ran.code, Some(0), "{args:?}: {}", ran.err);
         assert!(!ran.out.is_empty(), "{args:?}");
     }
-    // A plan is understood there too; a simulated board has nothing to resume.
+    // `resume` reads a plan from standard input too, but a simulated board has nothing to resume.
     let ran = growbot_reading(&["resume", "-", "--yes"], &plan);
     assert!(ran.code == Some(1) && ran.err.contains("no unfinished body"), "{}", ran.err);
     let ran = growbot_reading(&["resume", "-", "--yes"], &log);

@@ -1,4 +1,4 @@
-//! `growbot flash` with tools that only write down how they were called.
+//! `growbot flash` with tools that only record how they were called.
 #![cfg(unix)]
 
 use crate::running;
@@ -12,14 +12,14 @@ use std::thread;
 use running::{PROGRAM, command};
 use tempfile::TempDir;
 
-/// What a run left behind.
+/// Result of a run.
 struct Ran {
     code: Option<i32>,
     out: String,
     err: String,
 }
 
-/// A directory with a source tree, a path with tools, and what these have been asked.
+/// A directory with a source tree, a path with tools, and the record of their calls.
 struct Bench(TempDir);
 
 impl Bench {
@@ -34,7 +34,7 @@ impl Bench {
     }
 
     fn path(&self, name: &str) -> PathBuf {
-        // As the command sees it, whatever links lead to the directory for temporary files.
+        // The path as the command sees it, without links that lead to the directory for temporary files.
         self.0.path().canonicalize().unwrap().join(name)
     }
 
@@ -42,7 +42,7 @@ impl Bench {
         self.path(name).into_os_string().into_string().unwrap()
     }
 
-    /// A tool that writes down how it is called, and then does this.
+    /// Adds a tool that records its call and then runs `then`.
     fn tool(&self, name: &str, then: &str) {
         let script = format!(
             "#!/bin/sh\necho \"${{GROWBOT_ROBOT:+robot $GROWBOT_ROBOT: }}{name} $*\" >> '{}'\n{then}\n",
@@ -53,7 +53,7 @@ impl Bench {
         fs::set_permissions(&tool, Permissions::from_mode(0o755)).unwrap();
     }
 
-    /// A cargo that makes an image where cargo would.
+    /// Adds a cargo that creates an image in the same place as the real one.
     fn cargo(&self) {
         self.tool("cargo", "d=target/thumbv7em-none-eabihf/firmware; /bin/mkdir -p $d && echo image > $d/stm32f405");
     }
@@ -77,7 +77,7 @@ impl Bench {
     }
 }
 
-/// Exit code 2, one line that says who speaks, and this in it.
+/// Checks for exit code 2 and a last line that begins with "error: " and contains `parts`.
 #[track_caller]
 fn assert_refused(ran: &Ran, parts: &[&str]) {
     assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
@@ -132,7 +132,7 @@ fn in_the_source_tree_the_firmware_is_built_for_the_robot() {
     }
 }
 
-/// `cargo robot` flashes as `growbot flash` does.
+/// `cargo robot` flashes like `growbot flash`.
 #[test]
 fn cargos_runner_is_the_same_call() {
     let config = include_str!("../../.cargo/config.toml");
@@ -236,7 +236,7 @@ fn a_robot_is_not_chosen_for_an_image() {
     assert_refused(&bench.flash("tree", &["--robot", "robot"]), &["must end in .toml"]);
 }
 
-/// An ELF file that has these bytes at the beginning of an RP2040's flash.
+/// Returns an ELF file that has these bytes at the beginning of an RP2040's flash.
 fn image_of_a_pico(bytes: &[u8]) -> Vec<u8> {
     let mut file = b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0\x02\0\x28\0".to_vec();
     let length = bytes.len() as u32;
@@ -267,7 +267,7 @@ fn a_pico_gets_a_file_or_a_drive() {
     assert_eq!(fs::read(bench.path("elsewhere/growbot.uf2")).unwrap(), written);
     assert_eq!(bench.calls(), "", "no tool is needed");
 
-    // A UF2 file is an image too, for these boards alone.
+    // A UF2 file is accepted as an image, but only for these boards.
     fs::remove_file(bench.path("elsewhere/growbot.uf2")).unwrap();
     let released = |board: &str, more: &[&str]| {
         bench.flash("elsewhere", &[&["--board", board, "--firmware", &file], more].concat())
@@ -299,11 +299,11 @@ fn a_drive_that_fails_is_told_from_one_that_goes() {
     let (mark, file) = (bench.path("elsewhere/INFO_UF2.TXT"), bench.path("elsewhere/growbot.uf2"));
     fs::write(&mark, "").unwrap();
 
-    // It takes everything, and cannot say that it has it.
+    // This drive takes everything, but cannot confirm the write.
     symlink("/dev/null", &file).unwrap();
     assert_refused(&flash(), &["cannot write", "growbot.uf2", "make it a drive again"]);
 
-    // Nor can this one, which goes when it has everything.
+    // This one cannot confirm it either, because it disappears when it has everything.
     fs::remove_file(&file).unwrap();
     assert!(command("mkfifo").arg(&file).status().unwrap().success());
     let board = thread::spawn(move || {
@@ -322,7 +322,7 @@ fn a_picos_image_is_built_in_the_source_tree() {
     let ran = bench.flash("tree", &["--board", "pico", "--robot", "growbot-b", "--dry-run"]);
     assert!(ran.out.contains("GROWBOT_ROBOT=growbot-b cargo build-pico\n"), "{}", ran.out);
     assert!(ran.out.contains("target/thumbv6m-none-eabi/firmware/pico\n"), "{}", ran.out);
-    // What does not say where an SKR Pico has a robot's signals is not built in.
+    // A description without the signals' pins on an SKR Pico is not built into the image.
     let ran = bench.flash("tree", &["--board", "skr-pico", "--robot", "growbot-b", "--dry-run"]);
     assert!(ran.out.contains("GROWBOT_ROBOT=none cargo build-pico\n"), "{}", ran.out);
     let robot = fs::read_to_string("../robots/growbot-a.toml").unwrap() + "[board]\nkind = \"pico\"\n";

@@ -1,4 +1,4 @@
-//! grow, status and stop, run as a user runs them: on the simulated robot, over TCP and over a serial line.
+//! grow, status and stop, run as by a user: on the simulated robot, over TCP and over a serial line.
 
 use crate::fake_board;
 use crate::lab;
@@ -19,7 +19,7 @@ fn number(value: &Value, field: &str) -> f64 {
     value[field].as_f64().unwrap_or_else(|| panic!("no {field} in {value}"))
 }
 
-/// One message, one line, exit 2, and this in it.
+/// Checks for exit code 2 and one message of one line that contains `parts`.
 fn assert_refused(ran: &Ran, parts: &[&str]) {
     assert_eq!(ran.code, Some(2), "{}", ran.err);
     for part in parts {
@@ -51,7 +51,7 @@ fn a_growth_ends_with_what_the_steps_really_built() {
     assert!(number(&result, "normalized_position_error") <= 0.0005, "{result}");
     assert!(number(&result, "direction_error_deg") <= 0.1, "{result}");
     assert!((number(&result["final"], "x_mm") - 550.0).abs() < 0.5);
-    // 18 s a layer, on the board's clock.
+    // 18 s a layer by the board's clock.
     assert!((number(&result, "duration_s") / (18.0 * number(&result, "layers")) - 1.0).abs() < 0.001);
 }
 
@@ -83,7 +83,7 @@ fn a_plan_from_a_file_grows_and_leaves_a_log() {
     assert_eq!(lines.iter().filter(|line| line["event"] == "laid").count(), 50);
     assert_eq!(lines.last().unwrap()["result"]["outcome"], "done");
 
-    // The log of a body is never overwritten.
+    // The log of a body is never overwritten without `--force`.
     assert_refused(&growbot(&["grow", &plan, "--log", &log]), &["run log", "--log"]);
 }
 
@@ -176,7 +176,7 @@ fn ports_that_are_not_there_are_told() {
         &status("emulator:/etc/passwd"),
         &["qemu-system-arm ended under the board: ", "qemu", "build-an386"],
     );
-    // A port that was free a moment ago.
+    // A port that was free just before.
     let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     assert_refused(&status(&format!("tcp:127.0.0.1:{free}")), &["nobody answers"]);
 }
@@ -240,7 +240,7 @@ fn reports_that_are_lost_are_sent_again() {
     assert!(number(&result, "position_error_mm") < 0.05, "{result}");
 }
 
-/// A growth whose program is killed after so many layers are in its log; the board's time hardly passes from there on.
+/// Runs a growth and kills its program after this many layers are in its log. After them the board's time almost stops.
 fn grow_and_kill(board: &FakeBoard, log: &std::path::Path, layers: usize) {
     board.pause_after(layers as u32);
     let mut child = command(PROGRAM)
@@ -269,18 +269,18 @@ fn a_growth_whose_program_was_killed_goes_on_from_its_log() {
     let board = FakeBoard::lasting("growbot-a");
     grow_and_kill(&board, &log, 12);
     let log = log.to_str().unwrap();
-    // As if cut off in the midst of a line.
+    // An incomplete last line, as after an interrupted write.
     let mut bytes = std::fs::read(log).unwrap();
     bytes.extend_from_slice(b"{\"event\":\"laid\",\"layer\":1");
     std::fs::write(log, bytes).unwrap();
     let told = growbot(&["replay", log]);
     assert_eq!(told.code, Some(0), "{}", told.err);
     assert!(told.out.contains("unfinished") && told.err.contains("cut off"), "{}{}", told.out, told.err);
-    // Another growth is not begun on top of this body.
+    // Another growth does not begin on top of this body.
     let other = growbot(&["grow", "--to", "0,0,100,0,90", "--port", &board.port()]);
     assert_eq!(other.code, Some(1), "{}", other.err);
     assert!(other.err.contains("growbot resume"), "{}", other.err);
-    // From here on this board's time runs so fast that any host is silent for long.
+    // From here on the board's time runs so fast that any host seems silent for long.
     board.pause_after(u32::MAX);
     let ran = growbot(&["resume", log, "--port", &board.port(), "--yes", "--on-silence", "continue", "--json"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
@@ -294,13 +294,13 @@ fn a_growth_whose_program_was_killed_goes_on_from_its_log() {
         assert_eq!(replayed["outcome"], "done");
         assert_eq!(replayed["as_built_hash"], unbroken["as_built_hash"]);
     }
-    // Of a board at the end of a line nobody knows more than its steps.
+    // For a board at the end of a line, only its steps are known.
     assert_eq!(
         (&replayed[0]["measured_by"], &replayed[1]["measured_by"]),
         (&Value::from("steps"), &Value::from("tip"))
     );
     assert_eq!(replayed[0]["final"], replayed[1]["commanded"]["final"]);
-    // And now there is nothing left of it.
+    // Nothing of the body is left to grow.
     let again = growbot(&["resume", log, "--port", &board.port(), "--yes"]);
     assert!(again.code != Some(2), "{}", again.err);
 }
@@ -317,7 +317,7 @@ fn a_body_is_given_up_and_the_emergency_stop_is_obeyed() {
     assert_eq!(status["state"], "emergency-stop");
     assert!(number(&status, "laid") >= 3.0);
     let log = log.to_str().unwrap();
-    // With nobody there to ask whether to heat, it must be said.
+    // Without a user who can confirm heating, `--yes` is required.
     assert_refused(&growbot(&["resume", log, "--port", &board.port()]), &["--yes"]);
     let resumed = growbot(&["resume", log, "--port", &board.port(), "--yes"]);
     assert_eq!(resumed.code, Some(1), "not before it is cleared: {}", resumed.err);
@@ -410,14 +410,14 @@ fn no_test_starts_a_program_that_knows_of_a_robot_configured_here() {
         ("exports/check.py", "env=ENVIRONMENT"),
     ] {
         let text = std::fs::read_to_string(format!("{checks}/{file}")).unwrap();
-        // It imports what starts programs, and does so in one place.
+        // The file imports a function that starts programs, and calls it in one place.
         let starts: usize =
             ["spawn(", "execFileSync(", "subprocess.run("].iter().map(|start| text.matches(start).count()).sum();
         assert_eq!((starts, text.matches(way).count()), (1, 1), "{file}");
     }
 }
 
-/// Runs a command with a port that is configured.
+/// Runs a command with a configured port.
 fn growbot_configured(port: &str, args: &[&str]) -> Ran {
     let output =
         command(PROGRAM).args(args).env("GROWBOT_PORT", port).stdin(std::process::Stdio::null()).output().unwrap();
@@ -432,7 +432,7 @@ fn commands_about_a_robot_that_is_there_want_to_know_which() {
         assert_refused(&growbot(&[command]), &remedy);
         assert_refused(&growbot_configured("", &[command]), &remedy);
         assert_refused(&growbot_configured("/dev/ttyNONE7", &[command]), &["/dev/ttyNONE7", "not there"]);
-        // What is said goes before what is configured.
+        // The option overrides the configured port.
         let ran = growbot_configured("/dev/ttyNONE7", &[command, "--port", "sim"]);
         assert_eq!(ran.code, Some(0), "{}", ran.err);
         assert!(ran.out.contains("simulated"), "{command}: {}", ran.out);
@@ -441,7 +441,7 @@ fn commands_about_a_robot_that_is_there_want_to_know_which() {
     let stopped = growbot_configured("sim", &["estop"]);
     assert_eq!(stopped.code, Some(0), "{}", stopped.err);
     assert!(stopped.out.contains("simulated robot are off"), "{}", stopped.out);
-    // Those that begin something simulate it unless told otherwise, and `growbot` alone always does.
+    // Commands that begin a growth simulate it without a port, and `growbot` alone always does.
     assert_refused(&growbot_configured("/dev/ttyNONE7", &["grow", "--to", "0,0,9,0,90"]), &["/dev/ttyNONE7"]);
     assert_eq!(growbot_configured("/dev/ttyNONE7", &[]).code, Some(0));
 }
@@ -466,7 +466,7 @@ mod serial {
     use super::*;
     use serialport::{SerialPort, TTYPort};
 
-    /// The far end of a serial line, the near end's name, and a handle that keeps it from being hung up.
+    /// Returns the far end of a serial line, the near end's name, and a handle that prevents a hang-up.
     fn line() -> (TTYPort, String, std::fs::File) {
         let (master, slave) = TTYPort::pair().unwrap();
         let name = slave.name().unwrap();
@@ -478,7 +478,7 @@ mod serial {
     fn a_robot_on_a_serial_line_answers() {
         let (master, name, _open) = line();
         let _board = FakeBoard::on_serial(master, "growbot-a");
-        // This board's time runs so fast that any host is silent for long.
+        // The board's time runs so fast that any host seems silent for long.
         let args = ["grow", "--to", "0,0,7.74,0,90", "--on-silence", "continue", "--port", &name, "--json"];
         let ran = growbot(&args);
         assert_eq!(ran.code, Some(0), "{}", ran.err);
@@ -489,7 +489,7 @@ mod serial {
     fn a_serial_line_that_is_taken_is_told() {
         let (_master, name, open) = line();
         open.try_lock().unwrap();
-        // By this very program.
+        // This test process holds the port.
         let holder = format!("(process {})", std::process::id());
         assert_refused(&growbot(&["status", "--port", &name]), &[&name, "busy", &holder]);
     }

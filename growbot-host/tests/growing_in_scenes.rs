@@ -10,10 +10,10 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 const ROOM: &str = "format = \"growbot-scene/1\"\nmargin_mm = 5.0\n[[ball]]\ncenter_mm = [0, 0, 300]\nradius_mm = 60\n";
-/// Sensors as feedback assumes them.
+/// Sensor noise as feedback assumes it.
 const SENSORS: [&str; 6] = ["--noise", "10", "--odometry-noise", "1", "--direction-noise", "0.5"];
 
-/// A directory with `room.toml`, `straight.json`, which runs into its ball, and `past.json`, which leads past it.
+/// A directory with `room.toml`, `straight.json`, which runs into its ball, and `past.json`, which avoids it.
 struct Fixture {
     directory: TempDir,
 }
@@ -26,7 +26,7 @@ impl Fixture {
             (fixture.path("straight.json"), fixture.path("past.json"), fixture.path("room.toml"));
         assert_eq!(growbot(&["plan", "--to", "0,0,500", "-o", &straight]).code, Some(0));
         assert_eq!(growbot(&["plan", "--to", "0,0,500", "--scene", &room, "-o", &past]).code, Some(0));
-        // As it is written by a program that runs in the directory.
+        // The plan names the scene as a program that runs in the directory would write it.
         let text = fs::read_to_string(&past).unwrap().replace(&room, "room.toml");
         fs::write(&past, text).unwrap();
         fixture
@@ -37,12 +37,12 @@ impl Fixture {
     }
 }
 
-/// The one line of JSON that a command ends with.
+/// Returns the line of JSON at the end of a command's output.
 fn json(ran: &Ran) -> Value {
     serde_json::from_str(ran.out.lines().last().unwrap()).unwrap()
 }
 
-/// The events of a log of this name.
+/// Returns the events of a log with this name.
 fn events(log: &str, name: &str) -> Vec<Value> {
     let text = fs::read_to_string(Path::new(log)).unwrap();
     let lines = text.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
@@ -61,7 +61,7 @@ fn a_plan_that_is_not_clear_is_refused_with_value_limit_and_remedy() {
     }
     assert_eq!(words.matches("error: ").count(), 1);
     assert_eq!(json(&refused)["outcome"], "refused");
-    // Simulated, it is told where it touches.
+    // A simulation reports where the body touches.
     let simulated = growbot(&["simulate", &straight, "--scene", &room, "--json"]);
     assert_eq!(simulated.code, Some(0));
     let scene = &json(&simulated)["scene"];
@@ -125,7 +125,7 @@ fn samples_tell_contacts_of_open_loop_and_none_of_closed_loop() {
 fn a_correction_that_would_be_too_near_takes_another_path_and_the_log_says_so() {
     let fixture = Fixture::new();
     let (tight, log) = (fixture.path("tight.toml"), fixture.path("run.jsonl"));
-    // So little room is used up before the ball is passed.
+    // Such a small margin is used up before the body has passed the ball.
     fs::write(&tight, ROOM.replace("5.0", "0.2")).unwrap();
     let args = ["grow", "--to", "0,0,500", "--scene", &tight, "--feedback", "--log", &log, "--json"];
     let grown = growbot(&[&args, &SENSORS[..]].concat());
@@ -153,13 +153,13 @@ fn where_there_is_no_other_way_nothing_is_begun_and_a_growth_under_way_pauses() 
         fs::write(&shaft, format!("format = \"growbot-scene/1\"\n{}", boxes.concat())).unwrap();
     };
     let args = ["grow", "--to", "0,0,600,0,90", "--scene", &shaft, "--feedback", "--log", &log, "--json"];
-    // The tube has a radius of 22.8 mm; the position is not known so well.
+    // The tube has a radius of 22.8 mm, and the uncertainty of the position exceeds the rest of the shaft.
     shaft_of(23.3);
     let refused = growbot(&[&args, &SENSORS[..]].concat());
     assert_eq!(refused.code, Some(1), "{}", refused.err);
     assert_eq!(json(&refused)["outcome"], "refused");
     assert!(refused.err.contains("3 standard deviations"), "{}", refused.err);
-    // Layers that lean at random bring it off its line.
+    // Random tilts of the layers move the body off its line.
     shaft_of(27.0);
     let paused = growbot(&[&args, &SENSORS[..], &["--tilt-noise", "0.4"]].concat());
     assert_eq!(paused.code, Some(1), "{}", paused.err);
@@ -169,7 +169,7 @@ fn where_there_is_no_other_way_nothing_is_begun_and_a_growth_under_way_pauses() 
     assert!(too_near[0]["obstacle"].as_str().unwrap().starts_with("the box at"), "{too_near:?}");
     assert!(too_near[0]["no_detour"].is_string());
     assert!(paused.err.replace("\n    ", " ").contains("the robot pauses"), "{}", paused.err);
-    // Its layers after that are those that were under way.
+    // Only layers that were already in progress follow.
     let laid = events(&log, "laid").len() as u64;
     assert!(laid < 776 && laid <= too_near[0]["layer"].as_u64().unwrap(), "{laid} {too_near:?}");
 }

@@ -1,10 +1,10 @@
-//! The command on inputs that wish it ill: plans, run logs, robot files, batches and scripts with something changed in
-//! them, and boards that answer nonsense. Whatever comes: no panic, no hang, no character that steers a terminal, no
-//! part of a file, an exit code that is documented.
+//! Runs the command on hostile inputs: changed plans, run logs, robot files, batches and scripts, and boards that send
+//! nonsense. There must be no panic, no hang, no character that controls a terminal, no partial file, and a documented
+//! exit code.
 //!
-//! Some hundred of each here; `cargo hostile-campaign` tries 10,000 files and 200 boards. `GROWBOT_HOSTILE_FILES`,
-//! `GROWBOT_HOSTILE_BOARDS`, `GROWBOT_HOSTILE_SECONDS` (the longest that one may take) and `GROWBOT_HOSTILE_SEED`
-//! change that.
+//! The test tries some files and boards. `cargo hostile-campaign` tries 10,000 files and 200 boards.
+//! `GROWBOT_HOSTILE_FILES`, `GROWBOT_HOSTILE_BOARDS`, `GROWBOT_HOSTILE_SECONDS` (the time limit of one run) and
+//! `GROWBOT_HOSTILE_SEED` change these numbers.
 
 use crate::hostile;
 
@@ -23,7 +23,7 @@ fn limit() -> Duration {
     Duration::from_secs(number("GROWBOT_HOSTILE_SECONDS", 60))
 }
 
-/// What is read, and how: the text, and commands with `IN` for the file and `OUT.` for what is written.
+/// A kind of input: its text, and commands with `IN` for the file and `OUT.` for the output.
 struct Kind {
     name: &'static str,
     text: Vec<u8>,
@@ -71,14 +71,14 @@ fn text_of(file: &str) -> Vec<u8> {
     fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(file)).unwrap()
 }
 
-/// Runs a command that has to succeed.
+/// Runs a command that must succeed.
 fn done(directory: &Path, command: &str) {
     let args: Vec<String> = command.split(' ').map(str::to_owned).collect();
     let ran = run(directory, &args, b"", Duration::from_secs(600));
     assert_eq!(ran.code, Some(0), "{command}: {}", String::from_utf8_lossy(&ran.err));
 }
 
-/// What is changed: each kind with the commands that read it.
+/// Returns each kind of input with the commands that read it.
 fn kinds(directory: &Path) -> Vec<Kind> {
     done(directory, "plan --robot growbot-a2 --to 0,60,120,90,30 -o plan.json");
     done(directory, "plan --to 0,0,20,0,90 -o short.json");
@@ -104,7 +104,7 @@ fn kinds(directory: &Path) -> Vec<Kind> {
     ]
 }
 
-/// Tries one file: the exit code, and what is wrong with what came of it.
+/// Tries one file. Returns the exit code and the faults.
 fn try_file(kind: &Kind, seed: u64, index: u64) -> (Option<i32>, Vec<String>) {
     let mut random = Rng::new(&[seed, index]);
     let text = mutated(&kind.text, &mut random);
@@ -115,7 +115,7 @@ fn try_file(kind: &Kind, seed: u64, index: u64) -> (Option<i32>, Vec<String>) {
     let output = args.iter().find(|arg| arg.starts_with("OUT."));
     let ran = run(directory.path(), &args, &text, limit());
     let mut wrong = faults(&ran, directory.path(), output.map(String::as_str));
-    // A log may have been gone on with; all other inputs are as they were.
+    // `resume` may have appended to a log. All other inputs must be unchanged.
     let after = fs::read(directory.path().join("in")).unwrap();
     if !after.starts_with(&text) || (after.len() > text.len() && args[0] != "resume") {
         wrong.push("its input was changed".to_owned());
@@ -131,10 +131,10 @@ fn try_file(kind: &Kind, seed: u64, index: u64) -> (Option<i32>, Vec<String>) {
     (ran.code, wrong)
 }
 
-/// How often each exit code came.
+/// Number of occurrences of each exit code.
 type Codes = BTreeMap<Option<i32>, u64>;
 
-/// A file that did harm, to look at.
+/// Stores a file that caused a fault for inspection, and returns its path.
 fn keep(text: &[u8], kind: &str, seed: u64, index: u64) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("hostile");
     fs::create_dir_all(&folder).unwrap();
@@ -160,11 +160,11 @@ fn changed_files_do_no_harm() {
     }
     println!("{} of {files} files did harm; exit codes {codes:?}", wrong.len());
     assert!(wrong.is_empty(), "{wrong:#?}");
-    // Changes that all end at the first check would try nothing.
+    // Changes that all fail the first check would test nothing.
     assert!(codes.get(&Some(0)).is_some_and(|done| *done > files / 10), "{codes:?}");
 }
 
-/// Commands that talk to a board.
+/// Commands that communicate with a board.
 const TO_BOARDS: [&str; 9] = [
     "grow --robot growbot-a2 --to 0,0,8,0,90 --json --log OUT.jsonl",
     "grow --robot growbot-a2 --to 0,0,8,0,90 --feedback --log OUT.jsonl",
@@ -177,12 +177,12 @@ const TO_BOARDS: [&str; 9] = [
     "resume run.jsonl --yes",
 ];
 
-/// A command at a board: its exit code, and what is wrong with it. It has this run log.
+/// Runs a command on a board with this run log. Returns the exit code and the faults.
 fn try_board(log: &Path, seed: u64, index: u64) -> (Option<i32>, Vec<String>) {
     let script = "status\nplan 0,0,6,0,90\nstart\nwait 600\nlayers\nstatus\nquit\n";
     let mut random = Rng::new(&[seed, index]);
     let manner = Manner::ALL[index as usize % Manner::ALL.len()];
-    // A robot that lies can be grown on, and then it lies most.
+    // A growth on a robot that lies is possible, and the robot sends most of its lies there.
     let command = TO_BOARDS[random.below(TO_BOARDS.len() as u64) as usize];
     let command =
         if manner == Manner::Lies && !index.is_multiple_of(3) { TO_BOARDS[index as usize % 2] } else { command };
@@ -212,7 +212,7 @@ fn boards_that_answer_nonsense_do_no_harm() {
     let log = before.path().join("run.jsonl");
     done(before.path(), "grow --robot growbot-a2 --to 0,0,8,0,90 --log run.jsonl");
     let all: Vec<u64> = (0..boards).collect();
-    // They mostly wait.
+    // The runs mostly wait, so eight run at a time.
     let tried = parallel::map_on(8, &all, |&index| try_board(&log, seed, index), |_| {});
     let (mut codes, mut wrong) = (Codes::new(), Vec::new());
     for (code, faults) in tried {

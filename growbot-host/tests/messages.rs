@@ -1,4 +1,4 @@
-//! Messages have one style: every subcommand is used wrongly in every way, and talks to simulated robots.
+//! All messages have one style. The tests use every subcommand wrongly in many ways, and with simulated robots.
 
 use crate::running;
 
@@ -13,7 +13,7 @@ use running::{PROGRAM, Ran, command, growbot, growbot_reading};
 /// Columns of a terminal.
 const WIDTH: usize = 80;
 
-/// All subcommands: the manual has a page for each that the command line has.
+/// Returns all subcommands, from the pages of the manual.
 fn subcommands() -> Vec<String> {
     let directory = tempfile::tempdir().unwrap();
     assert_eq!(growbot(&["man", "-o", directory.path().to_str().unwrap()]).code, Some(0));
@@ -24,7 +24,7 @@ fn subcommands() -> Vec<String> {
     names
 }
 
-/// The options of a subcommand that take a value.
+/// Returns the options of a subcommand that take a value.
 fn options_with_values(subcommand: &str) -> Vec<String> {
     let help = growbot(&[subcommand, "--help"]);
     assert_eq!(help.code, Some(0));
@@ -36,11 +36,11 @@ fn options_with_values(subcommand: &str) -> Vec<String> {
     options.collect()
 }
 
-/// What is wrong with how a wrong use was told; nothing, if it is right.
+/// Returns a description of a wrong response to a wrong use. `None` if the response is right.
 fn faults(args: &[&str], path: &str) -> Option<String> {
     let output = command(PROGRAM).args(args).stdin(Stdio::null()).output().unwrap();
     let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    // An emergency stop that was not given ends with 1, whatever the cause.
+    // An emergency stop that was not sent ends with exit code 1 for any cause.
     let code = if args.contains(&"estop") { 1 } else { 2 };
     let errors = err.lines().filter(|line| line.starts_with("error: ")).count();
     let wide = err.lines().find(|line| line.chars().count() > WIDTH && !line.contains(path));
@@ -59,7 +59,7 @@ fn faults(args: &[&str], path: &str) -> Option<String> {
 
 #[test]
 fn every_wrong_use_of_every_subcommand_gives_one_error_in_80_columns_and_code_2() {
-    // Neither a file nor a directory, a number, a port or a word that is one of several.
+    // The text is not a valid file, directory, number, port or choice.
     let path = format!("/no/such/place/{}.json", "long".repeat(30));
     let mut uses: Vec<Vec<String>> = Vec::new();
     let names = subcommands();
@@ -75,12 +75,12 @@ fn every_wrong_use_of_every_subcommand_gives_one_error_in_80_columns_and_code_2(
             uses.push(with(more));
         }
         uses.push(with(&["--color", &path]));
-        // A completion's shell, a schema's kind, a file, or too much.
+        // As an argument it is a wrong shell, schema or file, or one argument too many.
         uses.push(with(&[&path]));
         for option in options_with_values(name) {
             options += 1;
             uses.push(with(&[&option, &path]));
-            // Without its value. A log has a name of its own then, and there is nothing to grow.
+            // The option lacks its value. `--log` then chooses a name itself, but there is nothing to grow.
             uses.push(with(&[&option]));
         }
     }
@@ -123,7 +123,7 @@ fn what_is_said_of_a_simulated_robot_says_so_in_every_command_that_has_a_port() 
             let ran = growbot_reading(&[&[name.as_str()], *args, &["--port", "sim"]].concat(), "status\nstop\n");
             let said = format!("{}{}", ran.out, ran.err);
             assert!(said.contains("simulated"), "{name} {args:?}: {said}");
-            // Standard output alone may be kept.
+            // A user may keep standard output alone, so it must state the simulation too.
             assert!(ran.out.is_empty() || ran.out.contains("simulated"), "{name} {args:?}: {}", ran.out);
         }
     }
@@ -134,7 +134,7 @@ fn what_is_said_of_a_simulated_robot_says_so_in_every_command_that_has_a_port() 
     }
 }
 
-/// Runs growbot with these variables.
+/// Runs growbot with these environment variables.
 fn in_environment(args: &[&str], variables: &[(&str, &str)]) -> Ran {
     let output = command(PROGRAM).args(args).envs(variables.iter().copied()).stdin(Stdio::null()).output().unwrap();
     let text = |bytes| String::from_utf8(bytes).unwrap();
@@ -150,7 +150,7 @@ fn messages_are_coloured_where_it_is_asked_for_and_never_in_a_pipe() {
     assert!(coloured(&["rmin", "--nonsense", "--color", "always"], &[]));
     assert!(!coloured(&["rmin", "--robot", "none", "--color", "never"], &[]));
     assert!(in_environment(&["rmin", "--help", "--color", "always"], &[]).out.contains('\u{1b}'));
-    // On a terminal of its own, where there is a program that makes one.
+    // A terminal for this test, if the program `script` exists.
     let on_terminal = |more: &str| {
         let typed = format!("{more} {PROGRAM} rmin --robot none");
         let output = command("script").args(["-qec", &typed, "/dev/null"]).stdin(Stdio::null()).output().ok()?;

@@ -1,4 +1,4 @@
-//! `growbot rmin`, `plan` and `layers` as users and scripts meet them: results, exit codes, messages.
+//! `growbot rmin`, `plan` and `layers` as users and scripts run them: results, exit codes, messages.
 
 use crate::running;
 
@@ -8,7 +8,7 @@ use std::path::Path;
 use running::{PROGRAM, Ran, command, growbot, growbot_reading};
 use serde_json::Value;
 
-/// A plan whose figures are known; by the two planes, which do not change when a better planner does.
+/// A plan with known figures. Better planners do not change the path in two planes.
 const TO: [&str; 5] = ["plan", "--to", "200,100,600,0,45", "--planner", "two-plane"];
 const HEADER: &str = "id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg";
 const ROBOT_A: &str = include_str!("../../robots/growbot-a.toml");
@@ -21,7 +21,7 @@ fn with<'a>(args: &[&'a str], more: &[&'a str]) -> Vec<&'a str> {
     args.iter().chain(more).copied().collect()
 }
 
-/// The run ended with this code, nothing on standard output, and all these parts in what it said.
+/// Checks for this exit code, an empty standard output, and a message with all these parts.
 #[track_caller]
 fn assert_refused(ran: &Ran, code: i32, parts: &[&str]) {
     assert_eq!((ran.code, ran.out.as_str()), (Some(code), ""), "{}", ran.err);
@@ -31,14 +31,14 @@ fn assert_refused(ran: &Ran, code: i32, parts: &[&str]) {
     assert!(!ran.err.contains("panicked"), "{}", ran.err);
 }
 
-/// As [`assert_refused`], and the message is one line that says who speaks.
+/// Like [`assert_refused`], but the message must also be one line that begins with its label.
 #[track_caller]
 fn assert_refused_in_a_line(ran: &Ran, code: i32, parts: &[&str]) {
     assert_refused(ran, code, parts);
     assert!(ran.err.starts_with("error: ") && ran.err.matches('\n').count() == 1, "{:?}", ran.err);
 }
 
-/// A text file in a directory of the test's own.
+/// Writes a text file into the directory and returns its path.
 fn file(directory: &Path, name: &str, text: &str) -> String {
     let path = directory.join(name);
     fs::write(&path, text).unwrap();
@@ -144,12 +144,12 @@ fn plans_of_older_versions_are_read() {
     assert_eq!((layers.code, layers.out.lines().count()), (Some(0), 834), "{}", layers.err);
 }
 
-/// Codes of the warnings of a plan.
+/// Returns the codes of a plan's warnings.
 fn codes(plan: &Value) -> Vec<&str> {
     plan["warnings"].as_array().unwrap().iter().map(|warning| warning["code"].as_str().unwrap()).collect()
 }
 
-/// Behind the start and pointing on: the two-plane path loops over itself.
+/// A goal behind the start with the same direction, for which the path in two planes loops over itself.
 const LOOP: [&str; 6] = ["--to", "0,0,-40,0,90", "--planner", "two-plane", "--radius", "100"];
 
 #[test]
@@ -164,7 +164,7 @@ fn what_speaks_against_growing_is_said_and_refused() {
     let table = growbot(&with(&["plan"], &LOOP)).out;
     assert!(table.contains("warning (self-collision): ") && table.lines().all(|line| line.len() <= 80), "{table}");
 
-    // 330 m of filament are 3.6 m of body.
+    // 330 m of filament are enough for 3.6 m of body.
     let long = json(&growbot(&["plan", "--to", "0,0,3600,0,90", "--json"]).out);
     assert_eq!(codes(&long), ["filament-short"]);
     assert_eq!(number(&long["warnings"][0], "limit"), 330_000.0);
@@ -177,7 +177,7 @@ fn what_speaks_against_growing_is_said_and_refused() {
         assert!(ran.err.contains("--force"), "{}", ran.err);
     }
 
-    // Read from a file, what it says is not said twice.
+    // Warnings of a plan that is read from a file are printed only once.
     let layers = growbot_reading(&["grow", "-", "--json"], &plan.to_string());
     assert_eq!(layers.code, Some(1));
     assert_eq!(layers.err.matches("warning: self-collision").count(), 1, "{}", layers.err);
@@ -193,7 +193,7 @@ fn clear_of_self_never_takes_a_colliding_path_where_there_is_a_clear_one() {
         assert!(collides(&shortest) || clear == shortest, "{to}: {shortest} is clear");
         assert_eq!(clear.get("passed_over").is_some(), clear["segments"] != shortest["segments"], "{clear}");
         assert!(!collides(&clear) || clear == shortest, "{to}: {clear} is neither clear nor the shortest");
-        // For a batch it holds for every query.
+        // For a batch the option applies to every query.
         let queries = format!("{HEADER}\n1,0,0,0,0,90,{to}\n");
         let mut answer = json(&growbot_reading(&["plan", "--batch", "-", "--clear-of-self", "--json"], &queries).out);
         assert_eq!(answer.as_object_mut().unwrap().remove("id"), Some("1".into()));
@@ -386,7 +386,7 @@ fn a_batch_is_answered_in_order_and_faults_do_not_stop_it() {
         assert_eq!(answer["id"], format!("q{i}"));
         assert_eq!(answer["goal"]["z_mm"].as_f64(), Some(300.0 + i as f64));
     }
-    // One answer is what the single command prints, and the id.
+    // A line of a batch is the output of the single command with an id.
     let mut first = json(ran.out.lines().next().unwrap());
     first.as_object_mut().unwrap().remove("id");
     assert_eq!(first, json(&growbot(&["plan", "--to", "0,0,300,0,90", "--json"]).out));
@@ -494,7 +494,7 @@ fn a_workspace_is_a_table_a_line_or_a_picture() {
     let down = json(&down.out);
     assert!(number(&down, "volume_mm3") < number(&told, "volume_mm3") && number(&down, "volume_error_mm3") > 0.0);
     assert_eq!(down["directions"], 1);
-    // A goal that is told to be within reach has a plan of that length.
+    // A goal that is reported as reachable has a plan of that length.
     let goal = format!("0,0,{},0,-90", number(&down, "ahead_mm"));
     let plan = json(&growbot(&["plan", "--to", &goal, "--planner", "two-plane", "--json"]).out);
     assert!(number(&plan, "length_mm") <= 1000.0, "{plan}");
@@ -521,7 +521,7 @@ fn no_plan_is_longer_than_it_may_be() {
         &["the shortest path found is 64", "--length-max is 640 mm", "allow a longer"],
     );
     assert_refused(&growbot(&with(&goal, &["--length-max", "0"])), 2, &["above 0"]);
-    // Of a batch, each query.
+    // In a batch the limit applies to each query.
     let queries = "id,to_x_mm,to_y_mm,to_z_mm\nnear,0,0,300\nfar,0,0,800\n";
     let ran = growbot_reading(&["plan", "--batch", "-", "--json", "--length-max", "700"], queries);
     assert_eq!(ran.code, Some(1), "{}", ran.err);

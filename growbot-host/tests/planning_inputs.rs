@@ -1,4 +1,4 @@
-//! The forms in which goals are given to `growbot plan`: positions alone, lists of them, batches, units.
+//! Forms of goals for `growbot plan`: positions alone, lists of them, batches, units.
 
 use crate::running;
 
@@ -49,7 +49,7 @@ fn another_direction_does_not_make_a_shorter_path() {
     let free = plan(&["--to", "300,0,100"])["length_mm"].as_f64().unwrap();
     for direction in ["0,0", "0,-45", "90,0", "180,45", "20,-20"] {
         let directed = plan(&["--to", &format!("300,0,100,{direction}")])["length_mm"].as_f64().unwrap();
-        // One of the directions may be the best one, and then the last digits differ.
+        // One of the directions may be the best one, so the last digits may differ.
         assert!(free <= directed * (1.0 + 1e-12), "{direction}: {directed} < {free}");
     }
 }
@@ -62,7 +62,7 @@ fn positions_on_the_way_come_from_options_or_a_file() {
     let lines = "x,y,z,heading,pitch\n200,0,400,,\n500,100,300,0,-45\n";
     let from_file = growbot_reading(&["plan", "--via-csv", "-", "--to", "800,0,0", "--json"], lines);
     assert_eq!(json(&from_file.out), options);
-    // What was written reads back.
+    // The output can be read again.
     assert_eq!(growbot_reading(&["layers", "-"], &from_file.out).code, Some(0));
     let refused = |text: &str, parts: &[&str]| {
         let ran = growbot_reading(&["plan", "--via-csv", "-", "--to", "800,0,0"], text);

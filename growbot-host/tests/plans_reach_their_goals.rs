@@ -1,5 +1,5 @@
-//! Plans and layers, checked by who knows only the published format: Eq 4 is written out here again, from the corrected
-//! form of Del Dottore et al. 2019, with matrices of its own, and shares nothing with growbot-core.
+//! Checks plans and layers from their published format alone. Eq 4 is implemented here independently, from the
+//! corrected form of Del Dottore et al. 2019 and with separate matrices, and shares nothing with growbot-core.
 
 #![expect(clippy::disallowed_methods, reason = "an independent check computes with another library")]
 
@@ -20,12 +20,12 @@ fn product(a: &Matrix, b: &Matrix) -> Matrix {
     c
 }
 
-/// One step of growth (Eq 4): bend direction `alpha + pi`, bend `phi`, arc length `s`, angles in degrees.
+/// Returns one step of growth (Eq 4): bend direction `alpha + pi`, bend `phi`, arc length `s`, angles in degrees.
 fn eq_4(alpha_deg: f64, phi_deg: f64, s: f64) -> Matrix {
     let (b, phi) = (alpha_deg.to_radians() + std::f64::consts::PI, phi_deg.to_radians());
     let (sb, cb) = b.sin_cos();
     let (sine, cosine) = phi.sin_cos();
-    // R_c (1 - C) and R_c S, by their series where R_c = s / phi is of no use.
+    // R_c (1 - C) and R_c S. They come from their series if R_c = s / phi is too inexact.
     let (aside, along) = if phi < 1e-3 {
         (s * phi / 2.0 * (1.0 - phi * phi / 12.0), s * (1.0 - phi * phi / 6.0))
     } else {
@@ -43,7 +43,7 @@ fn number(value: &Value, field: &str) -> f64 {
     value[field].as_f64().unwrap_or_else(|| panic!("no number {field} in {value}"))
 }
 
-/// `Rz(heading) Ry(90 deg - pitch)` at the position.
+/// Returns `Rz(heading) Ry(90 deg - pitch)` at the position.
 fn frame(pose: &Value) -> Matrix {
     let (sh, ch) = number(pose, "heading_deg").to_radians().sin_cos();
     let (sp, cp) = (90.0 - number(pose, "pitch_deg")).to_radians().sin_cos();
@@ -56,19 +56,19 @@ fn frame(pose: &Value) -> Matrix {
     frame
 }
 
-/// How far apart two frames are: mm, and radians between the directions of growth.
+/// Returns the distance of two frames, mm, and the angle between their directions of growth, rad.
 fn apart(a: &Matrix, b: &Matrix) -> (f64, f64) {
     let column = |m: &Matrix, j: usize| [m[0][j], m[1][j], m[2][j]];
     let norm = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
     let minus = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-    // The chord between unit vectors is their angle, as long as that is small.
+    // The chord between unit vectors equals their angle if it is small.
     (norm(minus(column(a, 3), column(b, 3))), norm(minus(column(a, 2), column(b, 2))))
 }
 
-/// Whatever is chained by Eq 4, lines, arcs and layers, ends this near the goal, mm.
+/// Tolerance at the goal for a chain of lines, arcs or layers by Eq 4, mm.
 const ARRIVED: f64 = 1e-6;
-/// A helicoidal arc may pass a second narrow neck on its way, where it amplifies the last digits of an integration: the
-/// segments of such plans are compared to this, mm. Their layers end as near as any.
+/// Tolerance at the goal for the segments of plans with a helicoidal arc, mm. Such an arc may pass a second narrow
+/// neck, where it amplifies the last digits of an integration. Layers of such plans have the usual tolerance.
 const INTEGRATED: f64 = 1e-5;
 
 fn assert_arrives(frame_at_end: &Matrix, plan: &Value, what: &str, limit: f64) {
@@ -76,7 +76,7 @@ fn assert_arrives(frame_at_end: &Matrix, plan: &Value, what: &str, limit: f64) {
     assert!(distance < limit && angle < 0.01 * limit, "{what} end {distance} mm and {angle} rad off: {plan}");
 }
 
-/// What this test knows of a robot.
+/// Properties of a robot that this test needs.
 struct Robot {
     name: &'static str,
     tip_radius: f64,
@@ -99,8 +99,8 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// The frame at the end of a helicoidal arc: `x'' = w x x'`, `w = m/|m|`, `m = m0 + p x x`, by the classical
-/// Runge-Kutta method; all three axes turn about w.
+/// Returns the frame at the end of a helicoidal arc: `x'' = w x x'`, `w = m/|m|`, `m = m0 + p x x`, by the classical
+/// Runge-Kutta method. All three axes turn about w.
 fn helicoid(start: &Matrix, segment: &Value, length: f64, radius: f64) -> Matrix {
     let (m0, p) = (three(&segment["m0"]), three(&segment["p"]));
     type State = [[f64; 3]; 4];
@@ -118,7 +118,7 @@ fn helicoid(start: &Matrix, segment: &Value, length: f64, radius: f64) -> Matrix
     let norm = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
     let mut left = length / radius;
     while left > 0.0 {
-        // Where m is small its direction turns fast.
+        // If m is small, its direction turns fast.
         let m = std::array::from_fn(|i| m0[i] + cross(p, state[3])[i]);
         let step = left.min(5e-4).min((0.01 * norm(m) / norm(p)).max(1e-7));
         left -= step;
@@ -140,7 +140,7 @@ fn helicoid(start: &Matrix, segment: &Value, length: f64, radius: f64) -> Matrix
     end
 }
 
-/// Chains the segments, through every pose on the way.
+/// Chains the segments and checks that they pass every pose on the path.
 fn check_segments(plan: &Value, radius: f64) {
     let mut at = frame(&plan["start"]);
     let mut length = 0.0;
@@ -167,7 +167,7 @@ fn check_segments(plan: &Value, radius: f64) {
             "straight" => "S",
             _ => "H",
         };
-        // A helicoidal arc may come in two segments.
+        // A helicoidal arc may consist of two segments.
         if !(letter == "H" && path_type.ends_with('H')) {
             path_type += letter;
         }
@@ -221,13 +221,12 @@ fn check_layers(plan: &Value, csv: &str, robot: &Robot) {
     assert_eq!(plan["layers"], count);
     assert_arrives(&at, plan, "the layers", ARRIVED);
     for (laid, segment) in laid.iter().zip(segments) {
-        // The layers of a helicoidal arc are arcs that end where it does: where its bend turns over within one of them,
-        // they are longer or shorter by a part of a layer.
+        // The layers of a helicoidal arc are arcs with the same end. If its bend reverses within a layer, their total
+        // length differs by a fraction of a layer.
         let off = if segment["kind"] == "helicoid" { robot.height } else { 1e-9 * laid };
         assert!((laid - number(segment, "length_mm")).abs() < off, "{laid} mm laid: {segment}");
     }
-    // Every segment of thin layers is named in the warnings, and no other. The layers of a planned path keep all
-    // limits.
+    // The warnings name every segment with thin layers, and no other. The layers of a planned path keep all limits.
     let all = plan["warnings"].as_array().unwrap();
     assert!(all.iter().all(|warning| warning["code"] != "layer-limit"), "{plan}");
     let warnings: Vec<&Value> = all.iter().filter(|warning| warning["code"] == "thin-layer").collect();
@@ -240,7 +239,7 @@ fn check_layers(plan: &Value, csv: &str, robot: &Robot) {
     }
 }
 
-/// Numbers for queries: splitmix64, so that a seed says it all.
+/// Random numbers for queries: splitmix64, which depends only on its seed.
 struct Random(u64);
 
 impl Random {
@@ -265,7 +264,7 @@ impl Random {
         [x, y, z, self.between(-180.0, 180.0), self.between(-90.0, 90.0)]
     }
 
-    /// Two poses, up to 40 radii apart in any direction.
+    /// Returns two poses, up to 40 radii apart in any direction.
     fn pair(&mut self, radius: f64) -> [[f64; 5]; 2] {
         let start = self.pose();
         let (up, round) = (self.between(-1.0, 1.0), self.between(0.0, std::f64::consts::TAU));
@@ -278,7 +277,7 @@ impl Random {
         [start, goal]
     }
 
-    /// Poses that make planes, lines or circles coincide, exactly or nearly.
+    /// Returns a pose for which planes, lines or circles coincide exactly or nearly.
     fn special_pose(&mut self) -> [f64; 5] {
         let mut coordinate = || self.one_of(&[0.0, 0.0, 1e-9, -1e-3, 100.0, -200.0, 400.0, 800.0]);
         let (x, y, z) = (coordinate(), coordinate(), coordinate());
@@ -300,7 +299,7 @@ fn queries(seed: u64, radius: f64, random: usize, special: usize) -> String {
     text
 }
 
-/// Plans of which the layers of one are checked too.
+/// One plan in this number also has its layers checked.
 const LAYERS_OF_ONE_IN: usize = 40;
 
 #[test]
@@ -312,7 +311,7 @@ fn segments_and_layers_of_every_plan_end_at_the_goal() {
         assert_eq!(rmin["robot"], robot.name);
         let queries = queries(seed, number(&rmin, "r_min_mm"), random, special);
         let ran = growbot_reading(&["plan", "--batch", "-", "--json", "--robot", robot.name], &queries);
-        // What takes long tells how far it is.
+        // A long command reports its progress.
         assert!(ran.err.lines().all(|line| line.ends_with("planned, 0 failed")), "{}", ran.err);
         assert_eq!(ran.code, Some(0));
         let lines: Vec<&str> = ran.out.lines().collect();
@@ -339,7 +338,7 @@ fn segments_and_layers_pass_through_every_pose_on_the_way() {
     let text = |pose: &[f64; 5]| pose.map(|number| number.to_string()).join(",");
     for round in 0..40 {
         let poses: Vec<[f64; 5]> = match round {
-            // Straight on, turned on the spot, there and back: legs that are nothing, a line, or nearly.
+            // Straight on, a turn at one place, there and back. Some legs are empty, a line, or nearly a line.
             0 => vec![[0.0, 0.0, 0.0, 30.0, 90.0], [0.0, 0.0, 300.0, 30.0, 90.0], [0.0, 0.0, 500.0, -70.0, 90.0]],
             1 => vec![[0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0], [400.0, 0.0, 0.0, 0.0, 0.0], [0.0; 5]],
             2 => (0..50).map(|i| [0.0, f64::from(i) * 20.0, 0.0, 90.0, 0.0]).collect(),

@@ -1,4 +1,4 @@
-//! `growbot reproduce` as researchers and scripts meet it: files, exit codes, messages.
+//! `growbot reproduce` as researchers and scripts run it: files, exit codes, messages.
 
 use crate::running;
 
@@ -40,7 +40,7 @@ fn files_are_whole_and_results_go_to_standard_output() {
     let all = ["figure7.svg", "growths.csv", "paths.csv", "report.html", "summary.csv", "table1.csv", "tests.csv"];
     assert_eq!(names(output.as_ref()), all);
     let before = fs::read(Path::new(output).join("report.html")).unwrap();
-    // Again, over what is there.
+    // A second run overwrites the files.
     assert_eq!(growbot(&[&run[..], &["--pdf"]].concat()).out, ran.out);
     assert!(fs::read(Path::new(output).join("figure7.pdf")).unwrap().starts_with(b"%PDF-"));
     fs::remove_file(Path::new(output).join("figure7.pdf")).unwrap();
@@ -86,7 +86,7 @@ fn bad_input_is_refused_before_anything_is_done() {
 #[test]
 fn what_cannot_be_written_leaves_no_half_of_a_file() {
     let directory = tempfile::tempdir().unwrap();
-    // A directory where a file is to be: nothing replaces it.
+    // A directory has the name of a file, and the command does not replace it.
     fs::create_dir(directory.path().join("report.html")).unwrap();
     let output = directory.path().to_str().unwrap();
     assert_refused(&growbot(&["reproduce", "--table", "3", "--repeat", "2", "-o", output]), "report.html");

@@ -1,7 +1,8 @@
-//! `growbot plan --scene` on scene files, meshes and clouds with something changed in them: read, or refused with one
-//! message and exit code 2, within 2 GiB of memory and without a panic.
+//! `growbot plan --scene` on changed scene files, meshes and clouds. They are read, or refused with one message and
+//! exit code 2, within 2 GiB of memory and without a panic.
 //!
-//! A hundred here; `GROWBOT_SCENE_FILES=1000 cargo test -p growbot-host --test it scene_files::` tries a thousand.
+//! The test tries a hundred. `GROWBOT_SCENE_FILES=1000 cargo test -p growbot-host --test it scene_files::` tries a
+//! thousand.
 #![cfg(target_os = "linux")]
 
 use crate::running;
@@ -22,10 +23,10 @@ const SCAN: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\np
                     end_header\n900 0 0\n910 0 0\n920 5 5\n";
 const PCD: &str = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\nHEIGHT 1\nPOINTS 2\n\
                    DATA ascii\n900 0 0\n910 0 0\n";
-/// Address space that the command may have, KiB.
+/// Limit of the command's address space, KiB.
 const MEMORY: u64 = 2 << 20;
 
-/// A triangle of a binary STL file, as open as one is, and what its header says.
+/// Returns a binary STL file: its header, and one triangle, which is an open surface.
 fn stl() -> Vec<u8> {
     let mut bytes = vec![0; 80];
     bytes.extend(1_u32.to_le_bytes());
@@ -36,7 +37,7 @@ fn stl() -> Vec<u8> {
     bytes
 }
 
-/// Changes some bytes or numbers, cuts, doubles or drops a stretch.
+/// Changes some bytes or numbers, or truncates, repeats or removes a part.
 fn mutate(bytes: &mut Vec<u8>, random: &mut Rng) {
     for _ in 0..=random.below(4) {
         let at = random.below(bytes.len() as u64 + 1) as usize;
@@ -57,7 +58,7 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Rng) {
     }
 }
 
-/// Plans through this scene; the exit code and whether it was refused in one message.
+/// Plans through this scene. Checks that a refusal is one message, and returns the exit code.
 fn plan(directory: &Path, scene: &str) -> i32 {
     let limited = format!("ulimit -v {MEMORY}; exec \"$0\" \"$@\"");
     let args = ["plan", "--to", "0,0,300", "--effort", "1", "--scene", scene];

@@ -1,4 +1,4 @@
-//! The JSON Schemas of `growbot schema`: real plans, run logs and results are valid by them, and slips are not.
+//! JSON Schemas of `growbot schema`. Real plans, run logs and results are valid, and changed ones are not.
 
 use crate::running;
 
@@ -7,7 +7,7 @@ use std::fs;
 use running::growbot;
 use serde_json::{Value, json};
 
-/// What of this value the schema does not allow, by the keywords that growbot's schemas use.
+/// Returns the places where a value violates the schema, by the keywords that growbot's schemas use.
 fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
     let mut found = Vec::new();
     for (keyword, said) in schema.as_object().unwrap() {
@@ -91,7 +91,7 @@ fn printed(args: &[&str]) -> Value {
     serde_json::from_str(&ran.out).unwrap_or_else(|_| panic!("{args:?}: {}{}", ran.out, ran.err))
 }
 
-/// Fails where this change of a value is allowed.
+/// Fails if the schema allows this change of a value.
 fn assert_slip(schema: &Value, value: &Value, change: impl FnOnce(&mut Value)) {
     let mut changed = value.clone();
     change(&mut changed);
@@ -134,7 +134,7 @@ fn settings_and_notices_are_valid_by_their_schemas_and_slips_are_not() {
     assert_slip(&settings, &written, |written| written["robots"]["lab"]["baud"] = json!(9600));
     assert_slip(&settings, &written, |written| written["robots"]["other"] = json!({ "pace": 1.0 }));
     let notices = schema("notice");
-    // As book/src/notify.md has it.
+    // The example of book/src/notify.md.
     let notice = json!({
         "version": 1, "event": "filament-runout", "time_utc": "2026-11-23T01:45:00.123Z", "robot": "lab",
         "simulated": false, "job": "20261122T214500123_lab", "laid": 212, "layers": 780, "fault": null, "message": "it"

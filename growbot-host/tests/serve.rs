@@ -1,4 +1,4 @@
-//! The service, as its users meet it: the program itself, killed and started again, asked rightly and wrongly.
+//! The service as its users meet it: the program itself, killed and restarted, with valid and invalid requests.
 
 use crate::lab;
 use crate::running;
@@ -18,14 +18,14 @@ use lab::{GOAL, LAYERS, Lab, http, wait_for};
 use running::command;
 use serde_json::{Value, json};
 
-/// Indices of the layers that a log says are laid, in order.
+/// Returns the indices of the layers that a log reports as laid, in order.
 fn laid(log: &Path) -> Vec<u64> {
     let text = fs::read_to_string(log).unwrap();
     let events = text.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
     events.filter(|event| event["event"] == "laid").map(|event| event["layer"].as_u64().unwrap()).collect()
 }
 
-/// The service is killed again and again, at moments that a seed draws: GROWBOT_KILLS=200 for the complete campaign.
+/// Kills the service repeatedly at random moments. GROWBOT_KILLS=200 runs the complete campaign.
 #[test]
 fn a_service_that_is_killed_finds_its_robot_and_lays_each_layer_once() {
     let kills: usize = std::env::var("GROWBOT_KILLS").map_or(6, |kills| kills.parse().unwrap());
@@ -47,7 +47,7 @@ fn a_service_that_is_killed_finds_its_robot_and_lays_each_layer_once() {
         growths += 1;
         let job = wait_for("the body is begun", || {
             let (status, job) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
-            // After some growths its journal is full.
+            // The journal is full after some growths.
             let is_too_hot = job["detail"].as_str().is_some_and(|why| why.ends_with("wait until it has cooled"));
             assert!(status == 201 || is_too_hot, "{status} {job}");
             (status == 201).then_some(job)
@@ -77,7 +77,7 @@ fn lab_log(lab: &Lab, job: &Value) -> PathBuf {
     lab.log(job["id"].as_str().unwrap())
 }
 
-/// A body is begun while the service still looks for the robot.
+/// A body is begun while the service still searches for the robot.
 #[test]
 fn a_job_that_is_begun_right_after_the_start_is_grown() {
     let mut lab = Lab::new(1000.0);
@@ -160,7 +160,7 @@ fn what_has_ended_stays_as_it_is() {
     let id = job["id"].as_str().unwrap();
     let done = lab.wait_for_end(id);
     assert_eq!(done["state"], "done", "{done}");
-    // The same request again is the same job.
+    // A repeated request returns the same job.
     assert_eq!(grow("lab"), (200, done.clone()));
     let (status, problem) = lab.ask("POST", &format!("/jobs/{id}/resume"), "{}");
     assert!(status == 409 && problem["detail"].as_str().unwrap().contains("is done"), "{status} {problem}");
@@ -173,7 +173,7 @@ fn what_has_ended_stays_as_it_is() {
     }
 }
 
-/// The other process that has this file open.
+/// Returns the identifier of the process that has this file open.
 fn who_has_open(file: &Path) -> String {
     let file = file.canonicalize().unwrap();
     let processes = fs::read_dir("/proc").unwrap().flatten();
@@ -191,7 +191,7 @@ fn an_emergency_stop_of_a_robot_that_is_silent_is_told_to_have_failed() {
     lab.wait_until_ready();
     let pid = who_has_open(&lab.directory.path().join("state/growbot/robots/lab/lock"));
     assert!(command("kill").args(["-STOP", &pid]).status().unwrap().success());
-    // The robot is silent until there is an answer.
+    // The robot stays silent until the service responds.
     let (status, problem) = lab.ask("POST", "/robots/lab/orders", r#"{"order":"emergency-stop"}"#);
     assert!(command("kill").args(["-CONT", &pid]).status().unwrap().success());
     assert!(status == 409 && problem["detail"].as_str().unwrap().contains("cut the power"), "{status} {problem}");
@@ -251,7 +251,7 @@ fn the_list_of_jobs_is_made_anew_from_the_run_logs() {
     let (_, job) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
     let id = job["id"].as_str().unwrap().to_owned();
     assert_eq!(lab.wait_for_end(&id)["state"], "done");
-    // One of another release: with what this one does not know, and of a form that it cannot read.
+    // One log of another release has an unknown event, and one has a format that this release cannot read.
     let log = fs::read_to_string(lab.log(&id)).unwrap();
     let newer = log.replacen("growbot-run/3", "growbot-run/4", 1);
     assert_ne!(newer, log);
@@ -301,7 +301,7 @@ fn a_command_that_talks_to_the_board_itself_borrows_its_line() {
     assert!(output.status.success() && text.contains("lends the line of simulated robot lab"), "{text}");
     assert!(text.contains("emergency-stop") && text.contains("cleared"), "{text}");
     lab.wait_until_ready();
-    // One that is killed gives it back, too.
+    // A console that is killed returns the line too.
     let mut killed = lab.command(&["console"]).stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
     wait_for("the line is lent", || trouble().is_string().then_some(()));
     killed.kill().unwrap();
@@ -310,7 +310,7 @@ fn a_command_that_talks_to_the_board_itself_borrows_its_line() {
     let page = lab.at("/robots/lab/lend");
     assert_eq!(lab.ask_page(&page, &["host: 127.0.0.1"], "POST", r#"{"to":"me"}"#), 403);
     assert_eq!(lab.ask_page(&lab.at("/addresses"), &["host: 127.0.0.1"], "GET", ""), 403);
-    // And a growth is watched on the service's page.
+    // A growth is watched on the page of the service.
     let (code, said) = lab.run(&["grow", "--to", GOAL, "--watch", "--pace", "3"]);
     assert!(code == Some(2) && said.contains("--pace is for growths without a service"), "{said}");
     let (code, said) = lab.run(&["grow", "--to", GOAL, "--watch"]);

@@ -1,7 +1,7 @@
-//! The service under attack: thousands of requests that are wrong in ways that a seed draws. Each is refused with the
-//! right status, none moves a robot, and the service has afterwards what it had before.
+//! Thousands of invalid requests to the service, drawn from a seed. Each is refused with the right status, and none
+//! moves a robot. Afterwards the state of the service is unchanged.
 //!
-//! GROWBOT_ATTACKS=50000 makes more of them than the 5,000 that every run makes.
+//! GROWBOT_ATTACKS=50000 sends more than the default 5,000.
 
 use crate::lab;
 
@@ -11,13 +11,13 @@ use growbot_core::random::Rng;
 use lab::{GOAL, Lab, http};
 use serde_json::json;
 
-/// A wrong request, and what it is to be answered with: one of these statuses, 0 for a connection that is closed.
+/// An invalid request and its expected statuses. 0 stands for a connection that is closed without a response.
 struct Attack {
     request: Vec<u8>,
     statuses: &'static [u16],
 }
 
-/// Draws attacks.
+/// Generator of attacks.
 struct Attacker<'a> {
     random: Rng,
     lab: &'a Lab,
@@ -54,7 +54,7 @@ impl Attacker<'_> {
         }
     }
 
-    /// An order that would be carried out, if it came from where it may.
+    /// Returns an order that would be executed if it came from an allowed origin.
     fn order(&mut self) -> (String, &'static str) {
         match self.below(3) {
             0 => ("robots/lab/orders".to_owned(), r#"{"order":"emergency-stop"}"#),
@@ -80,7 +80,7 @@ impl Attacker<'_> {
         Attack { request: post(&format!("/{token}/api/v1/{path}"), &["host: localhost"], body), statuses: &[404] }
     }
 
-    /// Another origin, or a name that only points here.
+    /// Draws a request with another origin, or with a host name that only resolves to this machine.
     fn wrong_origin(&mut self) -> Attack {
         let (path, body) = self.order();
         let headers: &[&str] = self.of(&[
@@ -107,7 +107,7 @@ impl Attacker<'_> {
             2 => self.lab.at(&format!("/robots/{up}{target}")),
             _ => format!("/{}/{up}{target}", self.lab.pages.as_ref().unwrap().1[0]),
         };
-        // What is no text is a wrong request, whatever it is for.
+        // A path that is not text is an invalid request for any target.
         Attack { request: ask("GET", &path, &["host: localhost"], ""), statuses: &[400, 404] }
     }
 
@@ -164,12 +164,12 @@ impl Attacker<'_> {
         let (path, _) = self.order();
         let path = self.lab.at(&format!("/{path}"));
         match self.below(3) {
-            // Only said: nothing of it is waited for.
+            // The length is only announced. The service refuses without waiting for the body.
             0 => {
                 let length = format!("content-length: {}", (17 << 20) + self.below(1 << 40));
                 Attack { request: head("POST", &path, &["host: localhost", JSON, &length]), statuses: &[413] }
             }
-            // Which of the two statuses it is depends on how much of it has come when it is looked at.
+            // The status depends on how much of the request has arrived when the service checks it.
             1 => {
                 let long = format!("x: {}", "a".repeat(500_000));
                 Attack { request: head("POST", &path, &["host: localhost", JSON, &long]), statuses: &[400, 431, 0] }
@@ -220,10 +220,10 @@ fn post(path: &str, headers: &[&str], body: &str) -> Vec<u8> {
     ask("POST", path, &[headers, &[JSON]].concat(), body)
 }
 
-/// The status that comes back, 0 where the connection is closed without.
+/// Returns the status of the response. 0 if the connection is closed without one.
 fn status(lab: &Lab, request: &[u8]) -> u16 {
     let mut stream = lab.page();
-    // It may refuse, and close, before it has everything.
+    // The service may refuse and close before it has received everything.
     let _ = stream.write_all(request);
     let mut answer = Vec::new();
     let mut part = [0; 4096];
@@ -272,7 +272,7 @@ fn wrong_requests_are_refused_and_nothing_is_done() {
     let orders = lab.orders();
     assert!(orders.iter().all(|order| order["refused"].is_string()), "{orders:?}");
     assert!(!lab.heard().contains("panicked"), "{}", lab.heard());
-    // Rightly asked, it does as it is told.
+    // The service still executes a valid request.
     let (status, job) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
     assert_eq!(status, 201, "{job}");
     assert_eq!(lab.wait_for_end(job["id"].as_str().unwrap())["state"], "done");

@@ -1,6 +1,6 @@
-//! How soon a robot on a serial line (a pty) obeys while it grows: orders by commands of another terminal and from the
-//! page, and the emergency stop while the service is frozen. Prints a table; GROWBOT_ORDERS=50 makes each median one of
-//! 50.
+//! Time until a robot on a serial line (a pty) obeys while it grows: orders by commands in another terminal and from
+//! the page, and the emergency stop while the service is frozen. Prints a table. GROWBOT_ORDERS=50 repeats each
+//! measurement 50 times.
 
 #[allow(dead_code, reason = "no test needs all of it")]
 use crate::emergency;
@@ -22,7 +22,7 @@ struct Growth {
 }
 
 impl Growth {
-    /// A body of hours, which grows.
+    /// Begins a body that takes hours, and waits until it grows.
     fn begin() -> Self {
         let bench = Bench::warm();
         let port = &bench.name;
@@ -41,7 +41,7 @@ impl Growth {
         wait_for(state.name(), || (self.bench.seen().state == state).then_some(()));
     }
 
-    /// Until a command has ended well.
+    /// Runs a command that must succeed, and returns its duration.
     fn command(&self, args: &[&str]) -> Duration {
         let began = Instant::now();
         let (code, said) = self.lab.run(args);
@@ -50,7 +50,7 @@ impl Growth {
         took
     }
 
-    /// Until the page has its answer.
+    /// Sends a request to the page, and returns the time until its response.
     fn page(&self, method: &str, path: &str, body: &str) -> Duration {
         let began = Instant::now();
         let status = self.lab.ask_page(&self.lab.at(path), &[], method, body);
@@ -63,7 +63,7 @@ impl Growth {
         self.page("POST", "/robots/lab/orders", &json!({ "order": order }).to_string())
     }
 
-    /// Until the emergency stop has switched everything off, and until who has sent it knows that.
+    /// Returns the time until the emergency stop has switched everything off, and the time until the sender knows it.
     fn emergency_stop(&self, send: impl FnOnce() -> Duration + Send) -> (Duration, Duration) {
         let (off, told) = std::thread::scope(|scope| {
             let began = Instant::now();
@@ -78,7 +78,7 @@ impl Growth {
     }
 }
 
-/// Median and max.
+/// Prints median and max.
 fn print(what: &str, mut times: Vec<Duration>) {
     times.sort();
     let ms = |time: &Duration| time.as_secs_f64() * 1e3;

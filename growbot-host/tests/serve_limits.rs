@@ -1,5 +1,5 @@
-//! What one client may take of the service: too many connections, and those that are too slow or too long, keep no
-//! order from a robot.
+//! Limits for a client of the service. Too many connections, slow requests and long requests do not prevent orders to a
+//! robot.
 
 use crate::lab;
 
@@ -13,14 +13,14 @@ use std::time::Duration;
 use lab::{GOAL, Lab, http, wait_for};
 use serde_json::{Value, json};
 
-/// Half-open connections.
+/// Number of half-open connections.
 const MANY: usize = 1500;
-/// As growbot-host/src/serve/limits.rs has them.
+/// Limits of growbot-host/src/serve/limits.rs.
 const CONNECTIONS: usize = 256;
 const STREAMS: usize = 64;
 const STOP: &str = r#"{"order":"emergency-stop"}"#;
 
-/// Has this process hold so many files.
+/// Raises the number of files that this process may open.
 fn raise_limit() {
     use rustix::process::{Resource, getrlimit, setrlimit};
     let mut limit = getrlimit(Resource::Nofile);
@@ -31,12 +31,12 @@ fn raise_limit() {
 #[test]
 fn half_open_connections_keep_nobody_out() {
     raise_limit();
-    // Half a request may take a day: whoever waits for one waits for ever.
+    // Half a request may take a day, so waiting for one would never end.
     let lab = Lab::with(100.0, "[serve]\nrequest_s = 86400\n");
     lab.wait_until_ready();
     let (port, _) = lab.pages.clone().unwrap();
     let half = |mut stream: TcpStream| {
-        // The service may have given its place to another already.
+        // The service may already have closed this connection for another.
         let _ = stream.write_all(b"GET / HT");
         stream
     };
@@ -45,7 +45,7 @@ fn half_open_connections_keep_nobody_out() {
     assert_eq!(lab.ask_page(&lab.at("/robots/lab/orders"), &[], "POST", STOP), 200);
     let files = lab.files();
     assert!((CONNECTIONS - 10..CONNECTIONS + 100).contains(&files), "{files} files are open");
-    // Commands have places of their own, and there as many strangers keep nobody out, either.
+    // Commands have their own connections, and the same number of half-open ones does not block them either.
     let open_there: Vec<_> = (0..MANY).map(|_| UnixStream::connect(lab.socket()).unwrap()).collect();
     let (code, said) = lab.run(&["estop"]);
     assert!(code == Some(0) && said.starts_with("emergency stop"), "{said}");
@@ -79,10 +79,10 @@ fn connections_of_those_who_may_ask_are_limited_too_and_commands_still_get_throu
     wait_for("there is room again", || (lab.ask_page(&lab.at("/robots"), &[], "GET", "") == 200).then_some(()));
 }
 
-/// The status of the response to a request that starts like this and then arrives slowly, without an end; 0 if the
-/// connection is closed without a response.
+/// Returns the status of the response to a request that starts like this and then arrives slowly, without an end. 0 if
+/// the connection is closed without a response.
 fn status_of(mut stream: TcpStream, request: &str) -> u16 {
-    // What was closed before it was asked takes nothing.
+    // The service may close the connection before the request is written.
     let _ = stream.write_all(request.as_bytes());
     stream.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
     let mut answer = Vec::new();
@@ -91,7 +91,7 @@ fn status_of(mut stream: TcpStream, request: &str) -> u16 {
         match stream.read(&mut part) {
             Ok(0) => break,
             Ok(read) => answer.extend_from_slice(&part[..read]),
-            // Slow, but never silent.
+            // The rest arrives slowly, but without a long silence.
             Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
                 if stream.write_all(b"x").is_err() {
                     break;
@@ -107,7 +107,7 @@ fn status_of(mut stream: TcpStream, request: &str) -> u16 {
     answer.split(' ').nth(1).and_then(|status| status.parse().ok()).unwrap_or(0)
 }
 
-/// The beginning of an order.
+/// Returns the head of an order.
 fn post(lab: &Lab, length: &str) -> String {
     let path = lab.at("/robots/lab/orders");
     format!("POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n{length}\r\n\r\n")
@@ -121,7 +121,7 @@ fn slow_requests_are_refused() {
         let head = scope.spawn(|| status_of(lab.page(), "GET / HTTP/1.1\r\nx: "));
         let body = scope.spawn(|| status_of(lab.page(), &post(&lab, "content-length: 1000")));
         let long = scope.spawn(|| status_of(lab.page(), &post(&lab, "content-length: 100000")));
-        // Some have it that 408 is said first.
+        // A connection may be closed without the response 408.
         assert!(matches!(head.join().unwrap(), 0 | 408));
         assert_eq!((body.join().unwrap(), long.join().unwrap()), (408, 408));
     });
@@ -135,7 +135,7 @@ fn long_requests_are_refused_and_keep_no_order_from_a_robot() {
     let chunk = format!("100000\r\n{}\r\n", "0".repeat(1 << 20)).repeat(17);
     assert_eq!(status_of(lab.page(), &(post(&lab, "transfer-encoding: chunked") + &chunk)), 413);
     assert_eq!(status_of(lab.page(), &post(&lab, "content-length: 17000000")), 413);
-    // Long ones are read two at a time; the next is refused, and no order, which is short, waits for them.
+    // The service reads two long requests at a time and refuses the next one. Orders are short, so they do not wait.
     let long = post(&lab, "transfer-encoding: chunked\r\nexpect: 100-continue");
     let read: Vec<_> = (0..2).map(|_| status_of_kept(&lab, &long)).collect();
     assert!(read.iter().all(|(_, status)| *status == 100));
@@ -168,7 +168,7 @@ fn status_of_kept(lab: &Lab, request: &str) -> (TcpStream, u16) {
     (stream, String::from_utf8_lossy(&answer[9..]).parse().unwrap())
 }
 
-/// Two people press at once.
+/// Several clients begin a job at the same time.
 #[test]
 fn of_jobs_that_are_begun_at_once_one_is() {
     let lab = Lab::new(100.0);
@@ -192,7 +192,7 @@ fn of_jobs_that_are_begun_at_once_one_is() {
             asked.collect::<Vec<_>>().into_iter().map(|asked| asked.join().unwrap()).collect()
         });
         let count = |status: u16| answers.iter().filter(|(of, _)| *of == status).count();
-        // The same request, made again, is answered with its job.
+        // A repeated request returns its job.
         let others = if key.is_some() { 200 } else { 409 };
         assert_eq!((count(201), count(others)), (1, 5), "{answers:?}");
         let began = answers.iter().find(|(status, _)| *status == 201).unwrap();
@@ -206,7 +206,7 @@ fn of_jobs_that_are_begun_at_once_one_is() {
             (lab.ask("POST", "/robots/lab/orders", r#"{"order":"cancel"}"#).0 == 200).then_some(())
         });
     }
-    // None of those that were refused begins later.
+    // No refused request begins a job later.
     sleep(Duration::from_secs(1));
     assert_eq!(lab.ask("GET", "/robots/lab", "").1["job"], Value::Null);
     let of = |order: &str| lab.orders().iter().filter(|of| of["order"] == order && of["refused"].is_null()).count();

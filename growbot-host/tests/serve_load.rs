@@ -1,6 +1,6 @@
 //! The service under load: eight simulated robots that grow one body after another, twenty pages that follow them, half
-//! of them on WebSockets, and two hundred requests a second. GROWBOT_LOAD_S=60 has it last a minute, 600 ten. It prints
-//! how long requests take, which is for a machine without other work.
+//! of them on WebSockets, and two hundred requests per second. GROWBOT_LOAD_S=60 sets a duration of a minute, 600 of
+//! ten. The test prints the duration of requests, which is meaningful on a machine without other work.
 
 use crate::lab;
 
@@ -18,26 +18,26 @@ use serde_json::{Value, json};
 
 const ROBOTS: usize = 8;
 const PAGES: usize = 20;
-/// Requests a second, by so many clients.
+/// Requests per second, by this many clients.
 const RATE: usize = 200;
 const CLIENTS: usize = 10;
 
-/// What all know.
+/// State that all threads share.
 struct Load<'a> {
     lab: &'a Lab,
     until: Instant,
-    /// The job that each robot has begun last.
+    /// Latest job of each robot.
     jobs: Vec<Mutex<Option<String>>>,
-    /// Growers that have not ended.
+    /// Number of robots that have not ended.
     growing: AtomicUsize,
-    /// Bodies that are finished.
+    /// Number of finished bodies.
     grown: AtomicUsize,
 }
 
-/// What a page was told of a job: the number of each line, and the line.
+/// Events of a job that a page received: the number and the text of each line.
 type Told = (String, Vec<(u64, String)>);
 
-/// One that grows has ended, whatever the reason.
+/// Decrements the number of growing robots when it is dropped, for any reason.
 struct Ended<'a>(&'a AtomicUsize);
 
 impl Drop for Ended<'_> {
@@ -47,14 +47,14 @@ impl Drop for Ended<'_> {
 }
 
 impl Load<'_> {
-    /// Has a robot grow one body after another. Gives how many.
+    /// Grows one body after another on a robot. Returns their number.
     fn grow(&self, robot: usize) -> usize {
         let _ended = Ended(&self.growing);
         let mut grown = 0;
         while Instant::now() < self.until {
             let path = format!("/robots/{}/jobs", name(robot));
             let (status, job) = self.lab.ask("POST", &path, &json!({ "to": GOAL }).to_string());
-            // After some growths its journal is full.
+            // The journal is full after some growths.
             if status == 409 && job["detail"].as_str().is_some_and(|why| why.ends_with("wait until it has cooled")) {
                 sleep(Duration::from_millis(100));
                 continue;
@@ -99,7 +99,7 @@ impl Load<'_> {
         reader
     }
 
-    /// Server-sent events, of which chunks hold whole lines.
+    /// Returns the server-sent events of a job. Their chunks contain whole lines.
     fn events(&self, job: &str) -> Vec<(u64, String)> {
         let reader = self.open(&format!("/jobs/{job}/events"), "connection: close\r\n");
         let (mut lines, mut data) = (Vec::new(), None);
@@ -115,7 +115,7 @@ impl Load<'_> {
         lines
     }
 
-    /// Messages on a WebSocket, to the frame that closes it.
+    /// Returns the messages on a WebSocket until the frame that closes it.
     fn socket(&self, job: &str) -> Vec<(u64, String)> {
         let headers = "connection: upgrade\r\nupgrade: websocket\r\nsec-websocket-version: 13\r\n\
                        sec-websocket-key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
@@ -130,15 +130,15 @@ impl Load<'_> {
                     lines.push((message["id"].as_u64().unwrap(), message["data"].to_string()));
                 }
                 8 => return lines,
-                // A question whether somebody is there.
+                // A ping.
                 9 => {}
                 kind => panic!("a frame of kind {kind}"),
             }
         }
     }
 
-    /// Asks at a steady rate, on one connection. Gives how long each answer took, and how many came before any body was
-    /// finished.
+    /// Sends requests at a steady rate on one connection. Returns the duration of each response, and how many came
+    /// before any body was finished.
     fn ask(&self, client: usize) -> (Vec<Duration>, usize) {
         let paths = ["/robots", "/jobs?max=20", "/robots/lab", "/openapi.json"].map(|path| self.lab.at(path));
         let (mut took, mut early) = (Vec::new(), 0);
@@ -159,7 +159,7 @@ impl Load<'_> {
     }
 }
 
-/// Reads a frame of a server: what it is, and what it holds.
+/// Reads a frame of a server. Returns its kind and content.
 fn frame(reader: &mut impl Read) -> (u8, Vec<u8>) {
     let mut head = [0; 2];
     reader.read_exact(&mut head).unwrap();
@@ -182,7 +182,7 @@ fn frame(reader: &mut impl Read) -> (u8, Vec<u8>) {
     (head[0] & 0xf, bytes)
 }
 
-/// Reads an answer whole; gives its status.
+/// Reads a whole response and returns its status.
 fn answer(reader: &mut impl BufRead) -> u16 {
     let (mut status, mut length) = (0, 0);
     loop {

@@ -1,5 +1,4 @@
-//! Who does not look is told: by a webhook and by a command. Whoever they are, and whatever they do, no robot waits for
-//! them.
+//! Notices of the service by a webhook and by a command. No receiver can delay a robot.
 
 use crate::lab;
 use crate::running;
@@ -38,7 +37,7 @@ impl Got {
         serde_json::from_str(&self.body).unwrap()
     }
 
-    /// Whether it is signed with this secret, at this time or later.
+    /// Returns true if the request is signed with this secret, at `since_s` or later.
     fn is_signed(&self, secret: &str, since_s: u64) -> bool {
         let key = STANDARD.decode(secret.trim().strip_prefix("whsec_").unwrap()).unwrap();
         let time = self.header("webhook-timestamp");
@@ -54,7 +53,7 @@ impl Got {
     }
 }
 
-/// The time of day, s.
+/// Returns the time since the Unix epoch, s.
 fn now_s() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs()
 }
@@ -77,7 +76,7 @@ fn read_request(stream: &mut TcpStream) -> Got {
     }
 }
 
-/// Receives on a listener, and answers with these statuses in turn, the last again and again.
+/// Receives requests on a listener, and responds with these statuses in turn. The last status is repeated.
 fn receive(listener: TcpListener, statuses: &'static [u16]) -> Receiver<Got> {
     let (sender, receiver): (Sender<Got>, _) = mpsc::channel();
     thread::spawn(move || {
@@ -120,7 +119,7 @@ fn wait_for_board(lab: &Lab, state: &str) {
     wait_for(state, || (lab.ask("GET", "/robots/lab", "").1["board"] == state).then_some(()));
 }
 
-/// A service that is killed before it has noted that something is told tells it again.
+/// Waits until no notice is pending. A service that is killed before it has recorded a delivery repeats it.
 fn wait_until_all_is_told(lab: &Lab) {
     let database = lab.directory.path().join("state/growbot/serve/jobs.sqlite");
     let database = rusqlite::Connection::open(database).unwrap();
@@ -130,7 +129,7 @@ fn wait_until_all_is_told(lab: &Lab) {
     });
 }
 
-/// Neither the address's secrets nor the key are said anywhere.
+/// Checks that the secrets of the address and the key appear in no output.
 fn nothing_is_given_away(lab: &Lab) {
     let secret = fs::read_to_string(lab.directory.path().join("state/growbot/serve/webhook-secret")).unwrap();
     let said = [lab.heard(), lab.ask("GET", "/robots", "").1.to_string(), lab.ask("GET", "/jobs", "").1.to_string()];
@@ -180,7 +179,7 @@ fn what_could_not_be_told_is_told_after_a_restart() {
     lab.start();
     let finish = got.recv_timeout(PATIENCE).unwrap().notice();
     assert_eq!((&finish["event"], &finish["job"], &finish["laid"]), (&json!("finish"), &json!(job), &json!(LAYERS)));
-    // And it is told no more.
+    // The notice is not repeated.
     wait_until_all_is_told(&lab);
     lab.kill();
     lab.start();
@@ -190,7 +189,7 @@ fn what_could_not_be_told_is_told_after_a_restart() {
     assert_eq!((&finish["event"], &finish["job"]), (&json!("finish"), &json!(next)));
 }
 
-/// A receiver that speaks no TLS gets nothing of a notice.
+/// A receiver without TLS gets nothing of a notice.
 #[test]
 fn by_https_nothing_is_said_before_the_receiver_has_shown_who_it_is() {
     let (listener, port) = local();
@@ -229,7 +228,7 @@ fn a_receiver_that_does_not_answer_delays_no_robot() {
     wait_for("it grows on", || (laid() > before + 3).then_some(()));
     order(&lab, "stop");
     assert_eq!(lab.wait_for_end(&job)["state"], "interrupted");
-    // Meanwhile it has waited for the answer: it has not broken off.
+    // The service still waits for the response and has not closed the connection.
     silent.set_nonblocking(true).unwrap();
     let error = silent.read(&mut [0; 16]).unwrap_err();
     assert_eq!(error.kind(), std::io::ErrorKind::WouldBlock, "{error}");

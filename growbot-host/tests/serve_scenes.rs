@@ -8,12 +8,12 @@ use growbot_client::run_log::RunRecord;
 use lab::{Lab, http};
 use serde_json::{Value, json};
 
-/// A ball beside the straight way up.
+/// A ball beside the straight path upwards.
 const BALL: &str = "format = \"growbot-scene/1\"\nmargin_mm = 5.0\n[[ball]]\ncenter_mm = [70, 0, 40]\nradius_mm = 40\n";
-/// A ball in it.
+/// A ball in that path.
 const IN_THE_WAY: &str = "format = \"growbot-scene/1\"\n[[ball]]\ncenter_mm = [0, 0, 90]\nradius_mm = 40\n";
 
-/// Besides, a robot that has sensors.
+/// Additional robot with sensors.
 const SENSED: &str = "[robots.sensed]\nport = \"sim:sensed\"\nrobot = \"growbot-a\"\npace = 3000.0\n";
 
 fn lab() -> Lab {
@@ -28,7 +28,7 @@ fn bodies_that_the_service_grows_are_kept_clear_of_their_scene() {
     let lab = lab();
     let scene = lab.directory.path().join("ball.toml");
     fs::write(&scene, BALL).unwrap();
-    // By the command: the service runs elsewhere, and finds the scene all the same.
+    // A command plans. The service runs in another directory, but finds the scene.
     let (code, said) =
         lab.run(&["plan", "--to", "0,0,60,0,90", "--scene", "ball.toml", "--robot", "growbot-a", "-o", "plan.json"]);
     assert_eq!(code, Some(0), "{said}");
@@ -38,7 +38,7 @@ fn bodies_that_the_service_grows_are_kept_clear_of_their_scene() {
     let (robot, of) = (record.own_robot().unwrap(), record.feedback.is_some());
     let plan = record.plan(&robot).unwrap();
     assert!(of && record.scene(&plan, &robot, None).unwrap().is_some(), "the log knows scene and feedback");
-    // In a scene that the plan knows nothing of.
+    // A scene that the plan does not know.
     fs::write(&scene, IN_THE_WAY).unwrap();
     let (_, said) = lab.run(&["plan", "--to", "0,0,60,0,90", "-o", "straight.json"]);
     let straight: Value =
@@ -97,7 +97,7 @@ fn a_page_sends_its_scenes_and_names_no_files_of_the_machine() {
     let (status, planned) = ask("/plans?robot=lab", &json!({ "to": "0,0,60,0,90", "scene": name }).to_string());
     assert_eq!(status, 200, "{planned}");
     assert!(planned["plan"]["scene"]["clearance_mm"].as_f64().unwrap() >= 5.0, "{planned}");
-    // The plan names the scene that was sent: it can be grown as it is.
+    // The plan names the scene that was sent, so it can be grown as it is.
     let (status, job) = ask("/robots/lab/jobs", &json!({ "plan": planned["plan"], "scene": name }).to_string());
     assert_eq!(status, 201, "{job}");
     assert_eq!(lab.wait_for_end(job["id"].as_str().unwrap())["state"], "done");

@@ -1,5 +1,5 @@
-//! Robot and port of commands that are given none: options, environment, growbot.toml, and plans that have their robot
-//! with them.
+//! Robot and port of commands without the options: from the environment, growbot.toml, and plans that contain their
+//! robot.
 
 use crate::running;
 
@@ -10,7 +10,7 @@ use running::{PROGRAM, Ran, command, in_lines};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// A directory for a project within one for a laboratory, and a user's configuration.
+/// Directories of a project within a laboratory, and a user's configuration.
 struct Place {
     root: TempDir,
     environment: Vec<(&'static str, String)>,
@@ -51,7 +51,7 @@ impl Place {
         serde_json::from_str(&ran.out).unwrap()
     }
 
-    /// The robot that a command without `--robot` takes.
+    /// Returns the robot of a command without `--robot`.
     fn robot(&self) -> String {
         let ran = self.run(&["rmin", "--json"]);
         assert_eq!(ran.code, Some(0), "{}", ran.err);
@@ -59,7 +59,7 @@ impl Place {
     }
 }
 
-/// A robot of one's own, by another name than any that is built in.
+/// Returns a robot file with a name that no built-in robot has.
 fn own_robot() -> String {
     include_str!("../../robots/growbot-a.toml").replacen("\"growbot-a\"", "\"ours\"", 1)
 }
@@ -75,7 +75,7 @@ fn an_option_beats_the_environment_which_beats_the_files_the_nearest_first() {
     is(&place, "growbot-a1", "user");
     place.write("lab/growbot.toml", "robot = \"growbot-a2\"\n");
     is(&place, "growbot-a2", "nearest");
-    // What the nearest file does not say, the user's says.
+    // A setting that the nearest file lacks comes from the user's file.
     assert_eq!(place.config()["port"]["value"], "tcp:localhost:1");
     place.write("lab/project/growbot.toml", "robot = \"growbot-a3\"\nport = \"sim\"\n");
     is(&place, "growbot-a3", "nearest");
@@ -85,7 +85,7 @@ fn an_option_beats_the_environment_which_beats_the_files_the_nearest_first() {
     is(&place, "growbot-b", "environment");
     assert_eq!(place.config()["port"]["variable"], "GROWBOT_PORT");
     assert!(place.run(&["rmin", "--robot", "growbot-c"]).out.starts_with("growbot-c"));
-    // An empty variable is none.
+    // An empty variable counts as not set.
     place.environment = vec![("GROWBOT_ROBOT", String::new()), ("GROWBOT_PORT", String::new())];
     is(&place, "growbot-a3", "nearest");
     let text = place.run(&["config"]).out;
@@ -103,7 +103,7 @@ fn a_port_from_a_file_is_used_and_a_safety_command_takes_it() {
     place.write("lab/growbot.toml", "port = \"tcp:127.0.0.1:1\"\n");
     let grown = place.run(&["grow", "--to", "0,0,5,0,90"]);
     assert!(grown.code == Some(2) && grown.err.contains("127.0.0.1:1"), "{}", grown.err);
-    // Alone, growbot shows a simulated robot, whatever is set.
+    // `growbot` without a command shows a simulated robot, regardless of the settings.
     place.write("lab/growbot.toml", "port = \"tcp:127.0.0.1:1\"\nrobot = \"growbot-c\"\n");
     let alone = place.run(&[]);
     assert!(alone.code == Some(0) && alone.out.contains("simulated growbot-a"), "{}{}", alone.out, alone.err);
@@ -137,7 +137,7 @@ fn what_is_wrong_in_a_file_is_told_and_stops_no_command_that_needs_no_file() {
                 ran.err
             );
         }
-        // The emergency stop of a robot that is named does not wait for anybody to mend a file.
+        // The emergency stop of a named robot does not need a valid file.
         assert_eq!(place.run(&["estop", "--port", "sim", "--robot", "growbot-a"]).code, Some(0));
         assert_eq!(place.run(&["rmin", "--robot", "growbot-a"]).code, Some(0));
         assert_eq!(place.run(&["estop"]).code, Some(1));
@@ -154,7 +154,7 @@ fn a_plan_has_its_robot_with_it_and_another_one_is_refused() {
     let written: Value = serde_json::from_str(&described).unwrap();
     assert_eq!(written["robot_description"]["name"], "ours");
     fs::remove_file(place.path("lab/project/deep/ours.toml")).unwrap();
-    // What is set for commands without a plan is not for those with one.
+    // The setting is for commands without a plan, so it does not apply here.
     place.write("lab/growbot.toml", "robot = \"growbot-b\"\n");
     assert_eq!(place.run(&["grow", "plan.json", "--log", "run.jsonl"]).code, Some(0));
     for args in [
@@ -172,7 +172,7 @@ fn a_plan_has_its_robot_with_it_and_another_one_is_refused() {
     }
     let resumed = place.run(&["resume", "run.jsonl", "--port", "sim", "--yes"]);
     assert_eq!(resumed.code, Some(1), "{}", resumed.err);
-    // The hash is checked against a robot that is given, and against the description that is there.
+    // The hash is checked against a given robot, and against the description in the plan.
     for (name, args, part) in [
         ("plan.json", &["--robot", "growbot-b"][..], "is for robot \"ours\""),
         ("other.json", &[], "the description has changed"),
@@ -186,7 +186,7 @@ fn a_plan_has_its_robot_with_it_and_another_one_is_refused() {
         let ran = place.run(&[&["layers", name], args].concat());
         assert!(ran.code == Some(2) && ran.err.contains(part), "{name}: {}", ran.err);
     }
-    // An older plan, which describes no robot.
+    // An older plan without a robot description.
     let mut older = written;
     older.as_object_mut().unwrap().remove("robot_description");
     place.write("lab/project/deep/older.json", &older.to_string());

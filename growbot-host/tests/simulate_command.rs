@@ -1,13 +1,13 @@
-//! `growbot simulate` as users and scripts meet it: results, exit codes, messages.
+//! `growbot simulate` as users and scripts run it: results, exit codes, messages.
 
 use crate::running;
 
 use running::growbot;
 use serde_json::Value;
 
-/// 643 mm of robot A, by the two planes, which do not change when a better planner does.
+/// A body of 643 mm of robot A. Better planners do not change the path in two planes.
 const GOAL: [&str; 5] = ["simulate", "--to", "200,100,600,0,45", "--planner", "two-plane"];
-/// A level body.
+/// A horizontal body.
 const LEVEL: [&str; 5] = ["simulate", "--from", "0,0,0,0,0", "--to", "1000,0,0,0,0"];
 
 const ROBOTS: [&str; 11] = [
@@ -82,7 +82,7 @@ fn a_growth_is_a_table_or_a_line_with_the_seed() {
     assert_eq!((&found["seed"], &found["layers"]), (&42.into(), &833.into()));
     let share = number(&found, "position_error_mm") / number(&found, "path_length_mm");
     assert!((number(&found, "normalized_position_error") / share - 1.0).abs() < 1e-12);
-    // 10 % of each of 833 layers, evenly: some 0.2 % of the whole.
+    // Uniform noise of 10 % on each of 833 layers gives about 0.2 % of the whole.
     assert!((1e-5..0.01).contains(&share), "{share}");
 }
 
@@ -100,7 +100,7 @@ fn the_same_seed_is_the_same_growth_and_another_is_another() {
 #[test]
 fn whole_steps_are_laid_as_the_paper_lays_them() {
     let straight = ["simulate", "--to", "0,0,100,0,90", "--slice", "whole"];
-    // 33 steps of 3.096 mm are 102.168 mm, 130 of the robot's own layers 100.62 mm.
+    // 33 steps of 3.096 mm are 102.168 mm, and 130 layers of the robot's height are 100.62 mm.
     for (more, layers, over) in [(&["--step", "3.096"][..], 33, 2.168), (&[], 130, 0.62)] {
         let found = json(&straight, more);
         assert_eq!(found["layers"], layers);
@@ -145,7 +145,7 @@ fn feedback_brings_a_biased_growth_nearer() {
     let found = &closed["feedback"];
     assert!((number(found, "growth_bias_percent") - 5.0).abs() < 2.0, "{found}");
     assert!(number(found, "position_sd_mm") > 0.0 && found["estimate"]["x_mm"].is_f64());
-    // What the loop cannot see: everything is a hundredth shorter than it is shown.
+    // The loop cannot detect this error: everything is 1 % shorter than measured.
     let scaled = json(&GOAL, &["--feedback", "--odometry-scale", "1"]);
     assert!((0.004..0.02).contains(&number(&scaled, "normalized_position_error")), "{scaled}");
 }
@@ -214,7 +214,7 @@ fn repetitions_are_summed_up() {
     {
         assert!(number(&all[field], "mean") >= 0.0);
     }
-    // The worst of them can be had alone.
+    // The worst growth can be repeated alone.
     let seed = all["worst_seed"].to_string();
     assert_eq!(json(&GOAL, &["--noise", "10", "--seed", &seed])["position_error_mm"], position["max"]);
 }
@@ -266,7 +266,7 @@ fn every_growth_is_a_row_of_the_samples() {
             rows.iter().map(|row| at(row, "seed")).collect::<Vec<_>>(),
             (5..25).map(f64::from).collect::<Vec<_>>()
         );
-        // To the bit what one of them alone gives.
+        // Each row equals the result of that growth alone, bit for bit.
         let alone = [&["--noise", "7", "--seed", "9"][..], loops].concat();
         let alone = json(&GOAL, &alone);
         for name in ["position_error_mm", "normalized_position_error", "heading_error_deg", "pitch_error_deg"]
@@ -282,7 +282,7 @@ fn every_growth_is_a_row_of_the_samples() {
         assert_eq!(max, number(&all["position_error_mm"], "max"));
         assert_eq!(names.iter().any(|name| name == "sag_mm"), !loops.is_empty());
     }
-    // A place where nothing can be written is told before anything is grown.
+    // A file that cannot be written is reported before anything is grown.
     let ran = growbot(&with(&GOAL, &["--repeat", "1000000", "--noise", "1", "--samples", "no/where/growths.csv"]));
     assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
     assert!(ran.err.contains("there is no directory"), "{}", ran.err);
@@ -313,7 +313,7 @@ fn a_simulated_body_is_a_file_in_the_format_of_its_ending() {
             ran.err
         );
     }
-    // The body ends where the result says.
+    // The body ends at the pose of the result.
     let found = json(&GOAL, &["--noise", "10", "--twist-noise", "0.5"]);
     let text = std::fs::read_to_string(file("body.csv")).unwrap();
     let last: Vec<f64> =

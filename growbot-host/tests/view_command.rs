@@ -1,4 +1,4 @@
-//! view, run as a user runs it: a page from a plan and from a growth, and everything that is neither.
+//! view, run as by a user: a page from a plan or a growth, and refusals of all other files.
 
 use crate::running;
 
@@ -13,7 +13,7 @@ fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// What the page was given.
+/// Returns the data of a page.
 fn data(page: &Path) -> Value {
     let page = fs::read_to_string(page).unwrap();
     let (_, rest) = page.split_once("<script type=\"application/json\" id=\"data\">").unwrap();
@@ -28,7 +28,7 @@ fn number<'a>(data: &'a Value, heading: &str, name: &str) -> &'a str {
     rows.iter().find(|row| row[0] == name).unwrap_or_else(|| panic!("no {name}: {rows:?}"))[1].as_str().unwrap()
 }
 
-/// One message, one line, exit 2, this in it, and no page.
+/// Checks for exit code 2, one message of one line that contains `parts`, and no page.
 fn assert_refused(ran: &Ran, parts: &[&str], page: &Path) {
     assert_eq!(ran.code, Some(2), "{}", ran.err);
     assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
@@ -38,7 +38,7 @@ fn assert_refused(ran: &Ran, parts: &[&str], page: &Path) {
     assert!(ran.out.is_empty() && !page.exists(), "{}", ran.out);
 }
 
-/// A directory, and a plan of 50 layers in it.
+/// Returns a directory with a plan of 50 layers, and the path of the plan.
 fn plan_of_50_layers(name: &str) -> (tempfile::TempDir, PathBuf) {
     let directory = tempfile::tempdir().unwrap();
     let plan = directory.path().join(name);
@@ -57,7 +57,7 @@ fn a_plan_becomes_one_page_that_asks_nobody_for_anything() {
     assert!(ran.out.is_empty() && ran.err.contains("plan.html"), "{}", ran.err);
 
     let html = fs::read_to_string(&page).unwrap();
-    // As book/src/see-it.md says.
+    // The size in book/src/see-it.md is right.
     let (_, said) =
         include_str!("../../book/src/see-it.md").split_once("one HTML file of about ").expect("the page says so");
     let megabytes: f64 = said.split(' ').next().unwrap_or_default().parse().unwrap();
@@ -75,7 +75,7 @@ fn a_plan_becomes_one_page_that_asks_nobody_for_anything() {
     assert_eq!(number(&data, "Plan", "Length"), "1006.4 mm");
     assert_eq!(number(&data, "Plan", "From the goal"), "0.000 mm");
     assert_eq!(number(&data, "Plan", "Clearance to itself"), "nowhere near");
-    // Straight up: the z axis of the start's frame.
+    // The z axis of the start's frame points upwards.
     assert_eq!(data["start"].as_array().unwrap().len(), 12);
     assert!((data["start"][8].as_f64().unwrap() - 1.0).abs() < 1e-12);
 }
@@ -94,13 +94,13 @@ fn a_growth_is_shown_beside_its_plan_even_if_its_log_was_cut_off() {
     assert_eq!(number(&whole, "Commanded, by the board's steps", "Layers"), "50 of 50");
     assert_eq!(whole["built_name"], "Laid (simulated)");
     assert_eq!(whole["built"].as_str().unwrap().len(), 24 * 50);
-    // The steps say that all is well; the tip, which had noise, knows better.
+    // By its steps the body arrived. The tip, which had noise, shows the true error.
     let result: Value = serde_json::from_str(ran.out.lines().last().unwrap()).unwrap();
     let error = result["position_error_mm"].as_f64().unwrap();
     assert!(error > 0.01, "{error}");
     assert_eq!(number(&whole, "Arrived, as the tip says", "From the goal"), format!("{error:.3} mm"));
     assert_eq!(whole["reached"][2], result["final"]["z_mm"]);
-    // The body that is shown ends there, and the commanded line beside it at the goal.
+    // The body ends at this distance from the goal, and the commanded line ends at the goal.
     assert_eq!(number(&whole, "Laid (simulated)", "From the goal"), format!("{error:.3} mm"));
     let commanded = whole["commanded"].as_array().unwrap().last().unwrap()[2].as_f64().unwrap();
     assert!((commanded - 38.7).abs() < 1e-3, "{commanded}");
@@ -128,7 +128,7 @@ fn of_a_growth_with_feedback_the_path_that_was_estimated_is_shown() {
     let grown = data(&path("run.html"));
     let estimated = grown["estimated"].as_array().unwrap();
     assert_eq!(estimated[0], serde_json::json!([0.0, 0.0, 0.0]));
-    // The steps were commanded a tenth shorter than the body is; the estimate knows better.
+    // The commanded steps are a tenth shorter than the body. The estimate includes this.
     let result: Value = serde_json::from_str(ran.out.lines().last().unwrap()).unwrap();
     let last = estimated.last().unwrap()[2].as_f64().unwrap();
     assert!((last - result["final"]["z_mm"].as_f64().unwrap()).abs() < 0.5, "{last}, {result}");

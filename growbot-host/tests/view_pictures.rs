@@ -1,5 +1,5 @@
-//! view --svg, --png and --plot, run as a user runs them; and the picture at the head of README.md, made anew by the
-//! commands below it.
+//! view --svg, --png and --plot, run as by a user. The picture at the head of README.md is compared with the output of
+//! the commands below it.
 
 use crate::running;
 
@@ -18,7 +18,7 @@ fn done(args: &[&str]) -> Ran {
     ran
 }
 
-/// One message, one line, exit 2, this in it, and no file.
+/// Checks for exit code 2, one message of one line that contains `parts`, and no file.
 fn assert_refused(args: &[&str], parts: &[&str], file: &Path) {
     let ran = growbot(args);
     assert_eq!((ran.code, ran.err.lines().count()), (Some(2), 1), "{args:?}: {}", ran.err);
@@ -28,7 +28,7 @@ fn assert_refused(args: &[&str], parts: &[&str], file: &Path) {
     assert!(ran.out.is_empty() && !file.exists(), "{args:?}");
 }
 
-/// A directory, and in it a plan with a bend, and the log of its growth with noise.
+/// Returns a directory, a plan with a bend in it, and the log of its growth with noise.
 fn plan_and_run() -> (tempfile::TempDir, PathBuf, PathBuf) {
     let directory = tempfile::tempdir().unwrap();
     let (plan, run) = (directory.path().join("plan.json"), directory.path().join("run.jsonl"));
@@ -37,7 +37,7 @@ fn plan_and_run() -> (tempfile::TempDir, PathBuf, PathBuf) {
     (directory, plan, run)
 }
 
-/// Width, height and colours.
+/// Returns width, height and colours.
 fn pixels(file: &Path) -> (u32, u32, Vec<u8>) {
     let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(file).unwrap()));
     let mut reader = decoder.read_info().unwrap();
@@ -47,10 +47,10 @@ fn pixels(file: &Path) -> (u32, u32, Vec<u8>) {
     (info.width, info.height, colours)
 }
 
-/// A picture that is made now is the one that is committed as this file of the book.
+/// Checks that a new picture equals the committed picture of this name in the book.
 fn assert_same_picture(name: &str, made: &Path) {
-    /// A pixel is another one if one of its colours differs by more than the first; the second is the max share of
-    /// these, as edges and letters fall a little otherwise with another release of what draws them.
+    /// Colour difference above which a pixel counts as different. `MAX_OTHERS` is the max fraction of different pixels,
+    /// because edges and letters move slightly with each release of the drawing libraries.
     const OTHER: u8 = 48;
     const MAX_OTHERS: f64 = 0.005;
     let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../book/src/pictures").join(name);
@@ -104,7 +104,7 @@ fn the_picture_of_the_readme_is_the_one_that_its_commands_make() {
     let [two_plane, shortest, made] =
         ["two-plane.json", "shortest.json", "compare.png"].map(|name| directory.join(name));
 
-    // As README.md says, in another directory.
+    // The commands of README.md, in another directory.
     let readme = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../README.md")).unwrap();
     for command in [
         "growbot plan --to 300,200,250,-45,-30 --planner two-plane -o two-plane.json ",
@@ -137,19 +137,19 @@ fn a_picture_says_what_it_shows_and_is_no_larger_than_a_paper_takes() {
         assert!(svg.contains(part), "{part}");
     }
     assert!(svg.len() < 500_000 && !svg.contains("NaN") && !svg.contains("inf"), "{}", svg.len());
-    // The ending says the format, and another side another picture.
+    // The extension selects the format, and `--look side` gives another picture.
     done(&["view", text(&plan), "-o", text(&path("side.svg")), "--look", "side"]);
     assert_ne!(fs::read_to_string(path("side.svg")).unwrap(), svg);
     done(&["view", text(&run), "--svg"]);
     let grown = fs::read_to_string(path("run.svg")).unwrap();
     assert!(grown.contains("off the goal, as the tip says") && grown.contains("stroke-dasharray"));
     assert!(grown.contains(">plan</text>") && !grown.contains(">estimated</text>"));
-    // A plan and its log are often called alike.
+    // A plan and its log often have the same name.
     fs::copy(&plan, path("run.json")).unwrap();
     done(&["view", "--compare", text(&path("run.json")), text(&run), "--svg"]);
     let alike = fs::read_to_string(path("run.json-run.jsonl.svg")).unwrap();
     assert!(alike.contains(">run.json</text>") && alike.contains(">run.jsonl</text>"), "both have one name");
-    // With feedback, the line along which the tip was taken to go, too.
+    // With feedback, the picture also has the estimated line.
     let followed = path("followed.jsonl");
     done(&["grow", text(&plan), "--bias", "20", "--feedback", "--log", text(&followed)]);
     done(&["view", "--compare", text(&run), text(&followed), "-o", text(&path("feedback.svg"))]);
@@ -161,7 +161,7 @@ fn a_picture_says_what_it_shows_and_is_no_larger_than_a_paper_takes() {
     done(&["view", "--compare", text(&plan), text(&run), "--png", "--width", "640"]);
     assert_eq!(pixels(&path("plan-run.png")).0, 640);
 
-    // No word and no caption falls off the drawing, from wherever it is seen.
+    // All texts are within the drawing from every side.
     let level = path("level.json");
     let many: Vec<String> = (1..9).map(|n| format!("--via={},0,{},0,0", 400 * n, 200 + 40 * (n % 2))).collect();
     let many: Vec<&str> = many.iter().map(String::as_str).collect();
@@ -237,7 +237,7 @@ fn a_picture_for_a_paper_has_axes_a_range_a_palette_and_no_title() {
     }
     assert!(!paper.contains("percentile") && !paper.contains("class=\"title\""));
     assert!(svg(&[text(&plan), "--palette", "cividis"]).contains("#00224e"));
-    // As many as are given, each with its name, in one drawing and at one scale.
+    // Several files are drawn in one drawing at one scale, each with its name.
     let five = svg(&["--compare", text(&plan), text(&run), text(&plan), text(&plan), text(&run)]);
     assert_eq!((five.matches("class=\"title\"").count(), five.matches("gc-heights").count()), (5, 2));
     for (args, part) in [
@@ -315,7 +315,7 @@ fn what_cannot_be_drawn_is_said_and_leaves_no_file() {
     view(&[text(&directory.path().join("none.json")), "--svg"], &["none.json", "cannot read"]);
     view(&[text(&plan), text(&run), "--svg"], &["--compare"]);
     view(&[text(&plan), "--png"], &["out.svg", "end it in .png"]);
-    // What the options themselves say takes more lines.
+    // Errors of the options' own parser take more lines.
     for args in [
         &["--plot", "heigth"][..],
         &["--svg", "--png"],

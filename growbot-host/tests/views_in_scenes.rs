@@ -1,5 +1,5 @@
 //! `view` and `export` of bodies among obstacles: pages, pictures and GLB with the scene and the narrowest place. The
-//! pages of growths among them, too.
+//! pages of growths show them too.
 
 use crate::fake_board;
 use crate::lab;
@@ -20,8 +20,8 @@ const ROOM: &str = "format = \"growbot-scene/1\"\nmargin_mm = 5.0\n[[ball]]\ncen
                     [[box]]\ncenter_mm = [150, 0, 100]\nsize_mm = [20, 200, 200]\n[[capsule]]\nfrom_mm = [-200, 90, 200]\n\
                     to_mm = [200, 90, 200]\nradius_mm = 15\n[[halfspace]]\npoint_mm = [0, 0, -40]\nnormal = [0, 0, 1]\n";
 
-/// A directory with `room.toml`, `straight.json`, which runs into its ball and knows nothing of it, `past.json`, which
-/// leads past it, and `run.jsonl`, in which that was grown.
+/// A directory with `room.toml`, `straight.json`, which runs into its ball and does not name the scene, `past.json`,
+/// which avoids the ball, and `run.jsonl`, the log of its growth.
 struct Fixture(TempDir);
 
 impl Fixture {
@@ -54,28 +54,28 @@ impl Fixture {
         ran
     }
 
-    /// What is made of a file of the directory.
+    /// Runs a command on a file of the directory, and returns its output file.
     #[track_caller]
     fn made(&self, command: &str, from: &str, to: &str, more: &[&str]) -> Vec<u8> {
         self.done(&[&[command, &self.path(from), "-o", &self.path(to)], more].concat());
         fs::read(self.path(to)).unwrap()
     }
 
-    /// The clearance that the plan past the ball says.
+    /// Returns the clearance in the plan that avoids the ball.
     fn clearance(&self) -> f64 {
         let plan: Value = serde_json::from_slice(&fs::read(self.path("past.json")).unwrap()).unwrap();
         plan["scene"]["clearance_mm"].as_f64().unwrap()
     }
 }
 
-/// The data of a page.
+/// Returns the data of a page.
 fn data(page: &[u8]) -> Value {
     let page = std::str::from_utf8(page).unwrap();
     let data = page.split_once("id=\"data\">").unwrap().1.split_once("</script>").unwrap().0;
     serde_json::from_str(data).unwrap()
 }
 
-/// The rows of the numbers under `Scene`.
+/// Returns the rows of the numbers under `Scene`.
 fn scene_numbers(data: &Value) -> Vec<(String, String)> {
     let groups = data["numbers"].as_array().unwrap().iter();
     let scene = groups.clone().find(|group| group[0] == "Scene").map(|group| group[1].clone());
@@ -86,7 +86,7 @@ fn value<'a>(rows: &'a [(String, String)], name: &str) -> &'a str {
     &rows.iter().find(|row| row.0 == name).unwrap_or_else(|| panic!("no {name} in {rows:?}")).1
 }
 
-/// The JSON of a GLB.
+/// Returns the JSON of a GLB.
 fn document(glb: &[u8]) -> Value {
     let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
     serde_json::from_slice(&glb[20..20 + length]).unwrap()
@@ -103,7 +103,7 @@ fn a_page_has_the_obstacles_and_the_narrowest_place_in_figures_and_words() {
     let rows = scene_numbers(&page);
     assert_eq!((value(&rows, "File"), value(&rows, "Obstacles")), ("room.toml", "4, all shown"));
     let told: f64 = value(&rows, "Clearance").trim_end_matches(" mm").parse().unwrap();
-    // Told to hundredths; the proof is repeated when the plan is read, to 0.001 mm.
+    // The page rounds to hundredths, and the proof is repeated to 0.001 mm when the plan is read.
     assert!((told - fixture.clearance()).abs() <= 0.0071, "{told}");
     let narrowest = &scene["narrowest"];
     let point = |name: &str| -> Vec<f64> { serde_json::from_value(narrowest[name].clone()).unwrap() };
@@ -111,7 +111,7 @@ fn a_page_has_the_obstacles_and_the_narrowest_place_in_figures_and_words() {
     let apart: f64 = body.iter().zip(&obstacle).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt();
     let outer = page["robot"]["outer_radius_mm"].as_f64().unwrap();
     assert!((apart - outer - told).abs() < 0.05, "{apart} mm, {told} mm and {outer} mm");
-    // Nothing of a scene where there is none.
+    // A page without a scene shows none of this.
     let page = data(&fixture.made("view", "straight.json", "straight.html", &[]));
     assert!(page["scene"].is_null() && scene_numbers(&page).is_empty());
 }
@@ -127,7 +127,7 @@ fn a_picture_has_them_for_those_who_see_and_those_who_do_not() {
     assert!(fixture.made("view", "past.json", "past.pdf", &[]).starts_with(b"%PDF"));
     let without = String::from_utf8(fixture.made("view", "straight.json", "straight.svg", &[])).unwrap();
     assert!(!without.contains("narrowest") && !without.contains("fill-opacity"));
-    // Side by side each has its own.
+    // Two views side by side have a label each.
     let pair = [&fixture.path("past.json"), "--scene", &fixture.path("room.toml"), "--compare"];
     let svg = String::from_utf8(fixture.made("view", "straight.json", "pair.svg", &pair.map(|it| it as &str))).unwrap();
     assert_eq!(svg.matches(">narrowest: ").count(), 4, "two labels, each with its edge");
@@ -183,7 +183,7 @@ fn a_scene_that_is_gone_refuses_a_plan_and_only_warns_of_a_growth() {
     let words = warned.err.replace("\n    ", " ");
     assert!(words.contains("warning: ") && words.contains("shown without it"), "{words}");
     assert!(data(&fs::read(fixture.path("bare.html")).unwrap())["scene"].is_null());
-    // Where it is now; another one is refused, also of a growth.
+    // The scene was moved. Another scene is refused for plans and growths.
     let moved = fixture.path("moved.toml");
     for file in ["past.json", "run.jsonl"] {
         let page = data(&fixture.made("view", file, "found.html", &["--scene", &moved]));
@@ -228,7 +228,7 @@ fn an_example_is_the_same_for_a_seed_and_a_tube_gets_through() {
             fixture.done(&["scene", kind, "--seed", seed, "-o", &scene]);
             assert_eq!(fs::read_to_string(&scene).unwrap(), text);
             assert!(text.contains(&format!("--from {from} --to {to} ")), "{text}");
-            // Nothing can be planned straight through, or there would be nothing to learn.
+            // A straight path must not be clear, because the example would then be trivial.
             let plan = fixture.path("through.json");
             fixture.done(&["plan", "--from", from, "--to", to, "-o", &plan]);
             let straight = growbot(&["grow", &plan, "--scene", &scene]);
@@ -240,7 +240,7 @@ fn an_example_is_the_same_for_a_seed_and_a_tube_gets_through() {
     assert_eq!(growbot(&["scene", "attic"]).code, Some(2));
 }
 
-/// The page of a growth, from the address that the growth has said.
+/// Returns the page of a growth, from the address that the growth prints.
 fn page_of(growing: &mut Child) -> String {
     let said = BufReader::new(growing.stderr.as_mut().unwrap());
     let address = said.lines().find_map(|line| {
@@ -260,7 +260,7 @@ fn page_of(growing: &mut Child) -> String {
 fn the_page_of_a_growth_shows_the_scene_and_so_it_does_when_it_is_resumed() {
     let fixture = Fixture::new();
     let board = FakeBoard::lasting("growbot-a");
-    // Its time hardly passes after these layers.
+    // The board's time almost stops after these layers.
     board.pause_after(3);
     let (plan, log) = (fixture.path("past.json"), fixture.path("run.jsonl"));
     for growth in [vec!["grow", &plan, "--log", &log], vec!["resume", &log, "--yes"]] {

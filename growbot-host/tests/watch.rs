@@ -1,5 +1,5 @@
-//! The page of a growth under way, asked over HTTP by all kinds of clients: only who knows the secret, on this machine,
-//! gets anything.
+//! The page of a growth in progress, requested over HTTP by all kinds of clients. It responds only to clients on this
+//! machine that know the secret.
 
 use crate::running;
 
@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 
 use running::{PATIENCE, growbot};
 
-/// A page of a body of 40 mm.
+/// Returns a page of a body of 40 mm.
 fn watch(orders: Option<Arc<Orders>>) -> Watch {
     let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
@@ -28,7 +28,7 @@ fn watch(orders: Option<Arc<Orders>>) -> Watch {
     Watch::start(&subject, &job, &[], orders, 0).unwrap()
 }
 
-/// Address of the server, and the path with the secret.
+/// Returns the server's address, and the path with the secret.
 fn parts(watch: &Watch) -> (SocketAddr, String) {
     let (address, path) = watch.address().strip_prefix("http://").unwrap().split_once('/').unwrap();
     (address.parse().unwrap(), format!("/{path}"))
@@ -49,7 +49,7 @@ fn send(address: SocketAddr, method: &str, path: &str, headers: &[(&str, &str)])
     stream
 }
 
-/// Status and body of an answer.
+/// Returns status and body of a response.
 fn ask(address: SocketAddr, method: &str, path: &str, headers: &[(&str, &str)]) -> (u16, String) {
     let mut answer = String::new();
     send(address, method, path, headers).read_to_string(&mut answer).unwrap();
@@ -87,7 +87,7 @@ fn who_knows_the_address_gets_the_page_and_nobody_else_gets_anything() {
             assert_eq!(ask(address, method, path, &[other]), nothing, "{method} {path} {other:?}");
         }
     }
-    // Through a forwarded port it has another number.
+    // A forwarded port has another number.
     let forwarded = [("Host", "localhost:8080"), ("Origin", "http://localhost:8080")];
     assert_eq!(ask(address, "GET", &path, &forwarded).0, 200);
 }
@@ -96,7 +96,7 @@ fn who_knows_the_address_gets_the_page_and_nobody_else_gets_anything() {
 fn the_page_is_on_the_loopback_interface_alone() {
     let watch = watch(None);
     let port = parts(&watch).0.port();
-    // The address that this machine has for others; nothing is sent.
+    // The address of this machine for others. Nothing is sent.
     let own = UdpSocket::bind("0.0.0.0:0").unwrap();
     let outside = own.connect("192.0.2.1:9").and_then(|()| own.local_addr()).map(|address| address.ip());
     match outside {
@@ -104,7 +104,7 @@ fn the_page_is_on_the_loopback_interface_alone() {
             let error = TcpStream::connect_timeout(&SocketAddr::new(ip, port), PATIENCE).unwrap_err();
             assert_eq!(error.kind(), ErrorKind::ConnectionRefused, "{ip}: {error}");
         }
-        // A machine without a network: that others could bind the port there shows that it is free.
+        // On a machine without a network, the test binds the port at another loopback address to show that it is free.
         _ => drop(TcpListener::bind(("127.0.0.2", port)).unwrap()),
     }
 }

@@ -1,4 +1,4 @@
-//! `growbot workspace --scene`: each goal has one of three answers, and what is told to be within reach has a plan.
+//! `growbot workspace --scene`. Each goal has one of three results, and a goal within reach has a plan.
 
 use crate::running;
 
@@ -7,7 +7,7 @@ use std::fs;
 use running::growbot;
 use serde_json::Value;
 
-/// A ball ahead, and a box round the place behind it, of six walls.
+/// Returns a scene with a ball ahead, and with six walls that enclose a space behind it.
 fn scene() -> String {
     let walls = (0..6).map(|side| {
         let (mut centre, mut size) = ([0.0, 0.0, 450.0], [260.0; 3]);
@@ -43,7 +43,7 @@ fn every_goal_has_one_of_three_answers() {
     assert_eq!(counted.iter().sum::<u64>(), 1000);
     let because = ["too_far", "too_near", "separated", "at_resolution", "not_clear"];
     assert_eq!(because.iter().map(|name| number(&told["none_because"], name)).sum::<u64>(), counted[1]);
-    // 1.5 % of the ball is within the walls, less what is too near to them.
+    // 1.5 % of the goals are within the walls, minus those that are too near to them.
     assert!(number(&told["none_because"], "separated") >= 1, "{told}");
     assert!(number(&told["none_because"], "too_near") > 20, "{told}");
     let bands = told["bands"].as_array().unwrap();
@@ -54,7 +54,7 @@ fn every_goal_has_one_of_three_answers() {
     assert_eq!(rows.len(), 1000);
     let with = |answer: &str| rows.iter().filter(|row| row[3] == answer).collect::<Vec<_>>();
     assert_eq!([with("path").len(), with("none").len(), with("not_found").len()].map(|count| count as u64), counted);
-    // What is told to be within reach has a plan of that length, at the most.
+    // A goal within reach has a plan of at most that length.
     for row in with("path").iter().step_by(200) {
         let (goal, length) = (row[..3].join(","), row[5].parse::<f64>().unwrap());
         let plan =

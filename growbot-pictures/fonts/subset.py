@@ -1,7 +1,7 @@
-"""Writes the fonts here from those of the npm package @fontsource/inter, whose files directory it is given.
+"""Writes the fonts here from those of the npm package @fontsource/inter. The argument is the package's files directory.
 
-Kept are the letters of western European languages and what numbers and units need, kerning, and figures of one width; what
-screens of few pixels need is left away.
+The fonts keep the letters of western European languages, the characters of numbers and units, kerning, and figures of
+one width. They drop the hints for screens of few pixels.
 """
 
 import sys
@@ -18,7 +18,7 @@ for weight, style in (400, "Regular"), (600, "SemiBold"):
     subsetter = Subsetter(options)
     subsetter.populate(unicodes=KEPT)
     subsetter.subset(font)
-    # One family, told apart by weight.
+    # All fonts are one family and differ in weight.
     for identifier, text in (1, "Inter"), (2, style), (6, f"Inter-{style}"):
         font["name"].setName(text, identifier, 3, 1, 0x409)
     font.flavor = None

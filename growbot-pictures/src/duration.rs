@@ -1,6 +1,7 @@
-//! Times as people read them.
+//! Durations as text.
 
-/// A time in the two units that matter. `durationText` of growbot-pictures/viewer/src/text.js is the same.
+/// Formats a duration in its two largest relevant units. `durationText` of growbot-pictures/viewer/src/text.js is
+/// equal.
 #[must_use]
 pub fn duration_text(seconds: f64) -> String {
     if seconds < 0.995 {

@@ -1,8 +1,8 @@
-//! Numbers as text: rounded for people, in full for programs.
+//! Numbers as text: rounded for people, exact for programs.
 
 use growbot_core::pose::Pose;
 
-/// A number with so many decimals; what rounds to 0 has no sign.
+/// Formats a number with `decimals` decimals. A number that is rounded to 0 has no sign.
 ///
 /// ```
 /// use growbot_pictures::figures::fixed;
@@ -18,7 +18,7 @@ pub fn fixed(number: f64, decimals: usize) -> String {
     }
 }
 
-/// The shortest text that reads back as the very same number; 0 has no sign.
+/// Formats a number as the shortest text that is read back as the same number. 0 has no sign.
 ///
 /// ```
 /// use growbot_pictures::figures::shortest;
@@ -33,7 +33,8 @@ pub fn shortest(number: f64) -> String {
     if plain.len() <= exponent.len() { plain } else { exponent }
 }
 
-/// A direction in words, with so many decimals: heading and pitch, or that it is vertical and so has no heading.
+/// Describes a direction by heading and pitch with `decimals` decimals. A vertical direction has no heading, so the
+/// text is "straight up" or "straight down".
 #[must_use]
 pub fn direction(pose: &Pose, decimals: usize) -> String {
     let [_, _, _, heading, pitch] = pose.to_degrees();

@@ -1,4 +1,4 @@
-//! The layers of a plan as CSV: what the head lays, turn by turn.
+//! The layers of a plan as CSV, in the order in which the head lays them.
 
 use std::io::{self, Write};
 
@@ -11,24 +11,24 @@ use growbot_core::slicing::{SlicedLayer, Slicing, layers};
 
 use crate::figures::shortest;
 
-/// The columns of a layer's own fields, as [`fields`] writes them.
+/// Columns of a layer's own fields, in the order of [`fields`].
 pub const FIELDS: &str = "alpha_deg,height_mm,tilt_deg";
 
-/// A layer's own fields in full precision: `alpha_deg` lies in `[0, 360)` and is 0 where the layer is straight.
+/// Formats a layer's own fields in full precision. `alpha_deg` is in `[0, 360)`, and 0 if the layer is straight.
 #[must_use]
 pub fn fields(layer: &Layer) -> String {
     let alpha = if layer.tilt > 0.0 { degrees_below_turn(layer.alpha) } else { 0.0 };
     [alpha, layer.height, degrees(layer.tilt)].map(shortest).join(",")
 }
 
-/// Writes the layers of a path, by exact slicing, in full precision: layers and segments count from 0, `alpha_deg` lies
-/// in `[0, 360)` and is 0 where a layer is straight.
+/// Writes the layers of a path, by exact slicing, in full precision. Layers and segments count from 0. `alpha_deg` is
+/// in `[0, 360)`, and 0 if a layer is straight.
 ///
 /// # Errors
-/// What `out` fails with.
+/// Errors of `out`.
 pub fn write_layers(out: &mut impl Write, path: &[Segment], robot: &Robot) -> io::Result<()> {
     writeln!(out, "layer,segment,{FIELDS}")?;
-    // The layers of a segment are alike: their numbers are put into text once.
+    // The layers of a segment are equal, so each text is formatted once.
     let mut last = Layer::default();
     let mut row = String::new();
     for (index, SlicedLayer { segment, layer }) in layers(path, robot, Slicing::Exact).enumerate() {

@@ -1,11 +1,11 @@
-//! Pictures of bodies and growths, and exports to other programs. This crate knows plans, run logs and scenes; it knows
-//! no ports, no service and no command line.
+//! Pictures of bodies and growths, and exports to other programs. This crate uses plans, run logs and scenes, but no
+//! ports, no service and no command line.
 //!
-//! - [`view`]: a body in three dimensions, as an HTML page or as a picture, and plots along it;
-//! - [`drawing`]: canvas, colours and charts, and conversion to PNG and PDF (feature `raster`);
-//! - [`export`]: STL, GLB, CSV and TUM, and MCAP (feature `mcap`);
-//! - [`layer_table`]: the layers of a plan as CSV;
-//! - [`figures`], [`duration`]: numbers and times as text.
+//! - [`view`]: a body in three dimensions, as an HTML page or as a picture, and plots along it
+//! - [`drawing`]: canvas, colours and charts, and conversion to PNG and PDF (feature `raster`)
+//! - [`export`]: STL, GLB, CSV and TUM, and MCAP (feature `mcap`)
+//! - [`layer_table`]: the layers of a plan as CSV
+//! - [`figures`], [`duration`]: numbers and times as text
 //!
 //! Lengths are in mm. Angles are in radians inside, and in degrees in texts and files.
 #![forbid(unsafe_code)]

@@ -1,5 +1,6 @@
-// Bundles the page's script: src/main.js and what it uses of three.js, into dist/viewer.js, with three.js's licence at its head and
-// beside it. The bytes depend on package-lock.json and src only; tests/run builds them again and compares.
+// Bundles the page's script: src/main.js and the parts of three.js that it uses become dist/viewer.js, with three.js's
+// licence at its head and in a file next to it. The bytes depend only on package-lock.json and src. tests/run builds
+// them again and compares.
 import { build } from "esbuild";
 import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { dirname, join } from "node:path";

@@ -1,4 +1,4 @@
-"""A campaign on two local workers of Dask; on a cluster, the address of its scheduler is all that changes."""
+"""A campaign on two local workers of Dask. On a cluster, only the address of the scheduler changes."""
 
 import sys
 

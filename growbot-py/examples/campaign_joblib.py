@@ -1,4 +1,4 @@
-"""The same campaign with joblib: chunks are plain functions, and merge in any order."""
+"""A campaign with joblib. Chunks are plain functions, and can be merged in any order."""
 
 import joblib
 

@@ -1,4 +1,4 @@
-"""Plans, looks, and grows on the simulated robot."""
+"""Plans a body, shows it, and grows it on the simulated robot."""
 
 import growbot
 

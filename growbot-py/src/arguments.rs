@@ -1,4 +1,4 @@
-//! Values from Python, checked: each refusal names the argument.
+//! Checked values from Python. Each error names the argument.
 
 use std::fs;
 use std::io::Read;
@@ -10,27 +10,27 @@ use pyo3::types::{PyAnyMethods, PyDict, PyFloat, PyInt};
 
 use crate::refused::{Kind, Refused, outside};
 
-/// No array has more rows, neither in nor out.
+/// Greatest number of rows of an array, given or returned.
 pub const MAX_ROWS: usize = 1_000_000;
 
-/// The name of an object's type.
+/// Returns the name of an object's type.
 pub fn type_name(value: &Bound<PyAny>) -> String {
     value.get_type().name().map_or_else(|_| "?".to_owned(), |name| name.to_string())
 }
 
-/// A value of a wrong type.
+/// Returns the error for a value of a wrong type.
 pub fn wrong_type(name: &str, value: &Bound<PyAny>, wanted: &str) -> Refused {
     let kind = type_name(value);
     Refused::with(Kind::Type, format!("{name} is of type {kind}: give {wanted}"), kind, wanted)
 }
 
-/// A real number. (NumPy makes real numbers of complex ones, with no more than a warning.)
+/// Returns a real number. `None` for complex numbers, which NumPy would convert with no more than a warning.
 pub fn plain(value: &Bound<PyAny>) -> Option<f64> {
     let known = value.is_exact_instance_of::<PyFloat>() || value.is_exact_instance_of::<PyInt>();
     (known || !type_name(value).contains("complex")).then(|| value.extract().ok()).flatten()
 }
 
-/// A number, which may be anything but NaN.
+/// Returns a number, which may be infinite but not NaN.
 pub fn number(name: &str, value: &Bound<PyAny>) -> Result<f64, Refused> {
     let number = plain(value).ok_or_else(|| wrong_type(name, value, "a number"))?;
     if number.is_nan() {
@@ -39,13 +39,13 @@ pub fn number(name: &str, value: &Bound<PyAny>) -> Result<f64, Refused> {
     Ok(number)
 }
 
-/// A number within limits.
+/// Returns a number within limits.
 pub fn within(name: &str, value: &Bound<PyAny>, [min, max]: [f64; 2], unit: &str) -> Result<f64, Refused> {
     let number = number(name, value)?;
     if (min..=max).contains(&number) { Ok(number) } else { Err(outside(name, number, [min, max], unit)) }
 }
 
-/// A whole number within limits.
+/// Returns an integer within limits.
 pub fn whole(name: &str, value: &Bound<PyAny>, min: u64, max: u64) -> Result<u64, Refused> {
     let wanted = "a whole number";
     let given: i128 = value.extract().map_err(|error: PyErr| {
@@ -65,7 +65,7 @@ pub fn whole(name: &str, value: &Bound<PyAny>, min: u64, max: u64) -> Result<u64
     }
 }
 
-/// A number of threads; all cores where none is given.
+/// Returns a number of threads. The default is one for each core.
 pub fn threads(value: Option<&Bound<PyAny>>) -> Result<usize, Refused> {
     match value {
         None => Ok(std::thread::available_parallelism().map_or(1, usize::from)),
@@ -73,29 +73,29 @@ pub fn threads(value: Option<&Bound<PyAny>>) -> Result<usize, Refused> {
     }
 }
 
-/// Whether something is so.
+/// Returns a boolean.
 pub fn flag(name: &str, value: &Bound<PyAny>) -> Result<bool, Refused> {
     value.extract().map_err(|_| wrong_type(name, value, "True or False"))
 }
 
-/// A text.
+/// Returns a text.
 pub fn text(name: &str, value: &Bound<PyAny>) -> Result<String, Refused> {
     value.extract().map_err(|_| wrong_type(name, value, "a str"))
 }
 
-/// No name is longer, bytes: as systems have it for files.
+/// Greatest length of a file name, bytes, as in operating systems.
 const LONGEST_NAME: usize = 4096;
-/// No word is, such as that of a planner.
+/// Greatest length of a word, such as the name of a planner, bytes.
 const LONGEST_WORD: usize = 400;
 
-/// A short text.
+/// Returns a short text.
 pub fn word(name: &str, value: &Bound<PyAny>) -> Result<String, Refused> {
     let word = text(name, value)?;
     check_length(name, word.len(), LONGEST_WORD)?;
     Ok(word)
 }
 
-/// A file's name.
+/// Returns the name of a file.
 pub fn path(name: &str, value: &Bound<PyAny>) -> Result<PathBuf, Refused> {
     let path: PathBuf = value.extract().map_err(|_| wrong_type(name, value, "a str or a pathlib.Path"))?;
     check_length(name, path.as_os_str().len(), LONGEST_NAME)?;
@@ -110,11 +110,11 @@ fn check_length(name: &str, length: usize, longest: usize) -> Result<(), Refused
     Err(Refused::with(Kind::Input, message, length as f64, longest as f64))
 }
 
-/// No plan and no description of a robot is longer, bytes (64 MiB).
+/// Greatest length of a plan or of a robot's description, bytes (64 MiB).
 const LONGEST_TEXT: u64 = 64 << 20;
 
-/// The text of a file, and how messages call it. (The client's own reading remembers what was read, so that a command does
-/// not write over it; a program that goes on may.)
+/// Returns the text of a file and its name for messages. The reader of growbot-client would record the file as an
+/// input, so that a command does not overwrite it. A Python program may overwrite its input.
 pub fn text_of_file(path: &Path) -> Result<(String, String), Refused> {
     let (bytes, name) = bytes_of_file(path, LONGEST_TEXT)?;
     let text = String::from_utf8(bytes)
@@ -122,7 +122,7 @@ pub fn text_of_file(path: &Path) -> Result<(String, String), Refused> {
     Ok((text, name))
 }
 
-/// The bytes of a file of at most this length.
+/// Returns the bytes of a file of at most `longest` bytes, with its name for messages.
 pub fn bytes_of_file(path: &Path, longest: u64) -> Result<(Vec<u8>, String), Refused> {
     let name = path.display().to_string();
     let failed = |error: std::io::Error| {
@@ -141,18 +141,18 @@ pub fn bytes_of_file(path: &Path, longest: u64) -> Result<(Vec<u8>, String), Ref
     Ok((bytes, name))
 }
 
-/// Rows of numbers from whatever NumPy makes an array of: of this many columns, or one flat row.
+/// Rows of numbers, from anything that NumPy converts to an array.
 pub struct Rows {
     /// Number of rows.
     pub count: usize,
-    /// Row by row.
+    /// Numbers, row by row.
     pub numbers: Vec<f64>,
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
 }
 
 impl Rows {
-    /// An array of shape `(n, width)`, or of one of several widths.
+    /// Reads an array of shape `(n, width)` for one of the given widths.
     pub fn read(name: &str, value: &Bound<PyAny>, widths: &[usize]) -> Result<Self, Refused> {
         let wanted = widths.iter().map(|width| format!("(n, {width})")).collect::<Vec<_>>().join(" or ");
         let wanted = format!("an array of shape {wanted}");
@@ -167,7 +167,7 @@ impl Rows {
         }
     }
 
-    /// A flat array, or a single number.
+    /// Reads a flat array or a single number.
     pub fn flat(name: &str, value: &Bound<PyAny>) -> Result<Self, Refused> {
         let wanted = "a number or an array of shape (n,)";
         let array = array_of(name, value, wanted)?;
@@ -182,7 +182,7 @@ impl Rows {
     }
 }
 
-/// An array of exactly this shape.
+/// Reads an array of exactly this shape.
 pub fn fixed<const N: usize>(name: &str, value: &Bound<PyAny>, shape: &[usize]) -> Result<[f64; N], Refused> {
     let wanted = format!("numbers of shape {}", in_words(shape));
     let array = array_of(name, value, &wanted)?;
@@ -197,7 +197,7 @@ pub fn fixed<const N: usize>(name: &str, value: &Bound<PyAny>, shape: &[usize]) 
     numbers.try_into().map_err(|_| wrong_shape(name, shape, &wanted))
 }
 
-/// Whether so many rows are too many.
+/// Returns an error if there are too many rows.
 pub fn check_rows(name: &str, count: usize) -> Result<(), Refused> {
     if count <= MAX_ROWS {
         return Ok(());
@@ -206,7 +206,7 @@ pub fn check_rows(name: &str, count: usize) -> Result<(), Refused> {
     Err(Refused::with(Kind::Input, message, count as f64, MAX_ROWS as f64))
 }
 
-/// Any array, of any numbers, without copying what is one.
+/// Returns an array of any type. A value that is an array already is not copied.
 fn array_of<'py>(name: &str, value: &Bound<'py, PyAny>, wanted: &str) -> Result<Bound<'py, PyUntypedArray>, Refused> {
     if let Ok(array) = value.cast::<PyUntypedArray>() {
         return Ok(array.clone());
@@ -216,7 +216,7 @@ fn array_of<'py>(name: &str, value: &Bound<'py, PyAny>, wanted: &str) -> Result<
     array.cast_into().map_err(|_| wrong_type(name, value, wanted))
 }
 
-/// The numbers of an array whose size was checked, in order.
+/// Returns the numbers of an array in order. The caller has checked its size.
 fn numbers(name: &str, array: &Bound<PyUntypedArray>, wanted: &str) -> Result<Vec<f64>, Refused> {
     let py = array.py();
     let kind: String = array.dtype().getattr("kind")?.extract()?;
@@ -232,7 +232,7 @@ fn numbers(name: &str, array: &Bound<PyUntypedArray>, wanted: &str) -> Result<Ve
     Ok(array.readonly().as_slice().map_err(|_| Refused::new(Kind::Type, format!("{name} is no plain array")))?.to_vec())
 }
 
-/// An array of the wrong shape.
+/// Returns the error for an array of the wrong shape.
 pub fn wrong_shape(name: &str, shape: &[usize], wanted: &str) -> Refused {
     let shape = in_words(shape);
     Refused::with(Kind::Type, format!("{name} has shape {shape}: give {wanted}"), shape, wanted)

@@ -1,6 +1,7 @@
-//! Growths on a board: `python/growbot/_board.py` makes context managers and typed events of these.
+//! Growths on a board. `python/growbot/_board.py` wraps them in context managers and typed events.
 //!
-//! A thread has the line. It is asked by messages, so that Python stays free, and heeds Ctrl-C, while a body grows.
+//! A thread owns the connection and receives requests as messages. So Python threads can run, and Ctrl-C has an effect,
+//! while a body grows.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
@@ -32,12 +33,12 @@ use crate::run::json_of;
 use crate::scene::Scene;
 use crate::simulate::seed_of;
 
-/// How often Ctrl-C is looked for.
+/// Interval at which Ctrl-C is polled.
 const LOOK: Duration = Duration::from_millis(50);
-/// Events that a simulated robot is ahead of its reader; a robot waits for nobody.
+/// Number of events by which a simulated robot may be ahead of its reader. A real robot does not wait for its reader.
 const AHEAD: usize = 10_000;
 
-/// What is asked of the thread that has the line.
+/// A request to the thread that owns the connection.
 enum Asked {
     Hello(Sender<Result<String, Refused>>),
     Status(Sender<Result<String, Refused>>),
@@ -46,11 +47,11 @@ enum Asked {
     Grow(Box<Task>),
 }
 
-/// A growth that is asked for.
+/// A requested growth.
 struct Task {
     plan: Plan,
     conditions: Conditions,
-    /// What corrections are kept off.
+    /// Scene from which corrections stay clear.
     around: Option<Scene>,
     seed: u64,
     log: Option<PathBuf>,
@@ -59,21 +60,21 @@ struct Task {
     orders: Arc<Orders>,
 }
 
-/// What comes of it.
+/// A message from a growth.
 enum Told {
     Event(String),
-    /// The result as JSON, and why it is none that was wished for.
+    /// The end: the result as JSON, and the error unless the growth ended as requested.
     End(Option<String>, Option<Refused>),
 }
 
-/// Where events go.
+/// Sender of a growth's messages.
 enum Events {
     Ahead(mpsc::SyncSender<Told>),
     Now(Sender<Told>),
 }
 
 impl Events {
-    /// Whether somebody listens.
+    /// Sends a message. Returns false if the receiver is gone.
     fn send(&self, told: Told) -> bool {
         match self {
             Self::Ahead(sender) => sender.send(told).is_ok(),
@@ -88,7 +89,7 @@ struct Line {
     simulation: Option<Box<dyn Simulation>>,
 }
 
-/// The thread that has the line.
+/// The thread that owns the connection.
 struct Worker {
     robot: Arc<Described>,
     port: PortName,
@@ -115,7 +116,7 @@ impl Worker {
     }
 
     fn open(&mut self, settings: &TipSettings) -> Result<&mut Line, Refused> {
-        // One program at a time has a robot's line.
+        // Only one program at a time can use a robot's port.
         self.line = None;
         let Opened { port, simulation } = open(&self.port, &self.robot, settings).map_err(board_error)?;
         let name = if self.port.is_simulated() { format!("{} (simulated)", self.name) } else { self.name.clone() };
@@ -161,7 +162,7 @@ impl Worker {
         events.send(Told::End(result, refused));
     }
 
-    /// Grows a body: its result, and why it is not done.
+    /// Grows a body. Returns the result, and the error unless the growth ended as requested.
     fn grown(&mut self, task: &Task) -> Result<(GrowthResult, Option<Refused>), Refused> {
         let Task { plan: Plan { inner: plan, robot }, conditions, around, seed, orders, .. } = task;
         let simulated = self.port.is_simulated();
@@ -206,7 +207,7 @@ impl Worker {
             line.simulation.as_mut(),
             &job,
             &mut |event| {
-                // A line that cannot be written waits, and is counted at the end.
+                // A line that cannot be written is retried later. Lines that are still missing at the end are counted.
                 let _ = log.record(event);
                 for event in events_of(event, &mut tip) {
                     if !task.events.send(Told::Event(json_of(event))) {
@@ -242,7 +243,7 @@ impl Worker {
     }
 }
 
-/// Why an end is none that was wished for.
+/// Returns the error if a growth ended in another way than done or stopped, or if its log is incomplete.
 fn unwished(result: &GrowthResult) -> Option<Refused> {
     let outcome = result.outcome.name();
     let why = match (result.outcome, result.log_lines_missing) {
@@ -259,12 +260,12 @@ fn unwished(result: &GrowthResult) -> Option<Refused> {
     Some(Refused::with(Kind::Board, why, outcome, "done"))
 }
 
-/// A robot at the end of a port.
+/// A robot at a port.
 #[pyclass(frozen, module = "growbot._growbot")]
 pub struct Board {
     asks: Mutex<Option<Sender<Asked>>>,
     thread: Mutex<Option<JoinHandle<()>>>,
-    /// Those of the growth under way, or of the latest.
+    /// Commands for the current or the latest growth.
     orders: Mutex<Arc<Orders>>,
     simulated: bool,
 }
@@ -279,7 +280,7 @@ impl Board {
         lock(&self.asks).as_ref().ok_or_else(closed)?.send(asked).map_err(|_| closed())
     }
 
-    /// Asks, and waits for the answer; Ctrl-C ends that.
+    /// Sends a request and waits for the response. Ctrl-C ends the wait.
     fn answer(
         &self,
         py: Python<'_>,
@@ -371,7 +372,7 @@ impl Board {
         let replace = replace_log.map_or(Ok(false), |value| flag("replace_log", value))?;
         let force = force.map_or(Ok(false), |value| flag("force", value))?;
         check(&plan, &conditions, self.simulated, force)?;
-        // Grown by force, it is not kept off anything.
+        // With force, the growth ignores the scene.
         let around = if force { None } else { surroundings(&plan, scene)? };
         let (events, told) = if self.simulated {
             let (sender, receiver) = mpsc::sync_channel(AHEAD);
@@ -395,19 +396,19 @@ impl Board {
         Ok(Growth { told: Mutex::new(Some(told)), orders, result: Mutex::new(None) })
     }
 
-    /// Stops what grows, and disconnects.
+    /// Stops the current growth, and disconnects.
     fn close(&self, py: Python<'_>) {
         lock(&self.orders).give(Order::Stop);
         drop(lock(&self.asks).take());
         let thread = lock(&self.thread).take();
         if let Some(thread) = thread {
-            // A panic there has been printed.
+            // A panic of the thread has been printed already.
             py.detach(|| drop(thread.join()));
         }
     }
 }
 
-/// A growth under way.
+/// A growth in progress.
 #[pyclass(frozen, module = "growbot._growbot")]
 pub struct Growth {
     told: Mutex<Option<Receiver<Told>>>,
@@ -416,7 +417,7 @@ pub struct Growth {
 }
 
 impl Growth {
-    /// Takes in the end.
+    /// Records the end.
     fn end(&self, result: Option<String>, refused: Option<Refused>) -> Result<(), Refused> {
         drop(lock(&self.told).take());
         *lock(&self.result) = result;
@@ -426,7 +427,7 @@ impl Growth {
 
 #[pymethods]
 impl Growth {
-    /// The next event as JSON; None at the end.
+    /// Returns the next event as JSON, or None at the end.
     fn next_json(&self, py: Python<'_>) -> Result<Option<String>, Refused> {
         let mut interrupted = None;
         loop {
@@ -445,7 +446,7 @@ impl Growth {
                 }
             }
             if let Err(error) = py.check_signals() {
-                // The first stops the robot; a second one gives the emergency stop.
+                // The first Ctrl-C stops the robot. A second one sends the emergency stop.
                 self.orders.give(if interrupted.is_some() { Order::EmergencyStop } else { Order::Stop });
                 interrupted = Some(error);
             }
@@ -462,7 +463,7 @@ impl Growth {
         lock(&self.result).clone()
     }
 
-    /// Gives an order by its name.
+    /// Sends a command by its name.
     #[pyo3(signature = (name))]
     fn order(&self, name: &Bound<PyAny>) -> Result<(), Refused> {
         let name = word("name", name)?;

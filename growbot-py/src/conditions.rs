@@ -1,5 +1,5 @@
-//! How simulated layers and measurements are off, and whether a loop is closed: `growbot.Conditions`, as the command's
-//! options have them.
+//! Errors of simulated layers and measurements, and feedback: `growbot.Conditions`, with the names and limits of the
+//! command's options.
 
 use growbot_client::feedback::ASSUMED;
 use growbot_core::angle::radians;
@@ -16,15 +16,15 @@ use crate::arguments::{flag, within, word, wrong_type};
 use crate::plan::Plan;
 use crate::refused::{Kind, Refused};
 
-/// Limits of shares, percent, and of angles, degrees, as the command has them.
+/// Limits of shares, percent, and of angles, degrees, equal to the command's.
 const SIGNED: [f64; 2] = [-90.0, 90.0];
 const UNSIGNED: [f64; 2] = [0.0, 90.0];
-/// Heights of whole steps that are taken, mm.
+/// Limits of the height of whole steps, mm.
 const STEPS_MM: [f64; 2] = [0.01, 1e4];
-/// No body that is simulated has more layers: it would take minutes.
+/// Greatest number of layers of a simulated body. More would take minutes.
 const MAX_LAYERS: usize = 50_000_000;
 
-/// The conditions of a growth without a board.
+/// Conditions of a growth without a board.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Conditions {
     disturbance: Disturbance,
@@ -36,7 +36,7 @@ pub struct Conditions {
 }
 
 impl Conditions {
-    /// Reads a `growbot.Conditions`; none is given for nothing that is off.
+    /// Reads a `growbot.Conditions`. `None` stands for no errors.
     pub fn read(value: Option<&Bound<PyAny>>) -> Result<Self, Refused> {
         static CLASS: PyOnceLock<Py<PyType>> = PyOnceLock::new();
         let Some(value) = value else { return Ok(Self::default()) };
@@ -102,17 +102,17 @@ impl Conditions {
         Ok(Self { disturbance, noise: odometry, direction, sensors, sag: is("sag")?, whole_steps })
     }
 
-    /// The errors of layers.
+    /// Returns the errors of layers.
     pub fn disturbance(&self) -> Disturbance {
         self.disturbance
     }
 
-    /// What the sensors of a simulated tip measure: exactly, unless said otherwise.
+    /// Returns the noise of a simulated tip's sensors. The default is 0.
     pub fn sensor_noise(&self) -> SensorNoise {
         SensorNoise { odometry: self.noise.unwrap_or(0.0), direction: self.direction.unwrap_or(0.0) }
     }
 
-    /// What a robot's sensors are taken for.
+    /// Returns the assumed noise of a robot's sensors.
     pub fn assumed_noise(&self) -> SensorNoise {
         SensorNoise {
             odometry: self.noise.unwrap_or(ASSUMED.odometry),
@@ -120,12 +120,12 @@ impl Conditions {
         }
     }
 
-    /// Whether a loop is closed.
+    /// Returns true with feedback.
     pub fn feedback(&self) -> bool {
         self.sensors.is_some()
     }
 
-    /// Whether something is asked for that only growths without a board have.
+    /// Returns true if a condition applies only to growths without a board.
     pub fn is_for_simulations_alone(&self) -> bool {
         let scaled = self
             .sensors
@@ -133,7 +133,7 @@ impl Conditions {
         self.sag || self.whole_steps.is_some() || scaled
     }
 
-    /// The growth of a plan under these conditions.
+    /// Returns the simulation of a plan under these conditions.
     pub fn simulation<'a>(&self, plan: &'a Plan) -> Result<Simulation<'a>, Refused> {
         let robot: &Robot = &plan.robot;
         let layers = plan.inner.needs.layers;

@@ -1,25 +1,25 @@
-//! Places along a path.
+//! Positions along a path.
 
 use growbot_core::helicoid::Walk;
 use growbot_core::path::Segment;
 use growbot_core::pose::Frame;
 
-/// The frames of the tip (base from tip, mm) at these lengths along a path, mm, which lie on it. Lengths that do not
-/// decrease are quickest.
+/// Returns the tip's frames (base from tip, mm) at lengths along a path. The lengths are in mm and within the path.
+/// Lengths in ascending order are fastest.
 pub fn frames(path: &[Segment], start: &Frame, lengths: &[f64]) -> Vec<Frame> {
     let mut course = Course { path, index: 0, begun: 0.0, base: *start, start: *start, walk: None };
     lengths.iter().map(|length| course.at(*length)).collect()
 }
 
-/// A tip on its way along a path.
+/// A tip that moves along a path.
 struct Course<'a> {
     path: &'a [Segment],
-    /// The segment under way, where it begins (mm), and the frame there.
+    /// The current segment, the length at which it begins (mm), and the frame there.
     index: usize,
     begun: f64,
     base: Frame,
     start: Frame,
-    /// The way along a helicoidal arc, and how far it has come, radii.
+    /// State of a walk along a helicoidal arc, and its length so far, radii.
     walk: Option<(Walk, f64)>,
 }
 
@@ -41,7 +41,7 @@ impl Course<'_> {
         self.base
     }
 
-    /// `start_from_tip` after a part of a segment, mm.
+    /// Returns `start_from_tip` after `within` mm of a segment.
     fn part(&mut self, segment: &Segment, within: f64) -> Frame {
         match *segment {
             Segment::Arc { alpha, bend, length } => {

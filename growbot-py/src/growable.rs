@@ -1,4 +1,4 @@
-//! Whether a plan may be grown, and the scene that it leads through.
+//! Checks before a growth, and the scene around a plan.
 
 use std::path::PathBuf;
 
@@ -17,8 +17,8 @@ use crate::plan::Plan;
 use crate::refused::{Kind, Refused};
 use crate::scene::Scene;
 
-/// The scene that a plan is to be grown in: the given one, if the plan is clear there; or the one that it was planned
-/// through.
+/// Returns the scene for the growth of a plan. If a scene is given, the plan must be clear in it. Otherwise it is the
+/// scene through which the plan was made.
 pub fn surroundings(plan: &Plan, scene: Option<&Bound<PyAny>>) -> Result<Option<Scene>, Refused> {
     if let Some(scene) = scene {
         let scene = Scene::given(scene)?;
@@ -29,7 +29,7 @@ pub fn surroundings(plan: &Plan, scene: Option<&Bound<PyAny>>) -> Result<Option<
     through(&plan.inner)
 }
 
-/// The scene that a plan leads through.
+/// Returns the scene through which a plan was made.
 fn through(plan: &client::Plan) -> Result<Option<Scene>, Refused> {
     let Some(through) = &plan.scene else { return Ok(None) };
     let found = Scene::read(PathBuf::from(&through.file))
@@ -42,7 +42,8 @@ fn through(plan: &client::Plan) -> Result<Option<Scene>, Refused> {
     Err(Refused::with(Kind::File, message, written_hash(found.loaded.hash), written_hash(through.hash)))
 }
 
-/// The page of a body, with the scene that it leads through, as long as that is as it was.
+/// Returns the page of a body, with the scene through which it was planned. The page has no scene if the files have
+/// changed.
 pub fn page_of(py: Python<'_>, subject: &Subject) -> Result<String, Refused> {
     py.detach(|| {
         let scene = match subject.run {
@@ -56,7 +57,7 @@ pub fn page_of(py: Python<'_>, subject: &Subject) -> Result<String, Refused> {
     .map_err(|error| Refused::new(Kind::Input, error))
 }
 
-/// Whether a growth may be asked for.
+/// Returns an error if the plan cannot be grown under these conditions.
 pub fn check(plan: &Plan, conditions: &Conditions, simulated: bool, force: bool) -> Result<(), Refused> {
     let warnings = plan.inner.warnings.iter();
     let preventing: Vec<&str> =

@@ -1,11 +1,14 @@
-//! The module `growbot._growbot`: growbot's crates as Python sees them. What users import is `growbot`, in `python/`.
+//! The module `growbot._growbot`: growbot's crates for Python. Users import the package `growbot`, in `python/`.
 //!
-//! - `robot`, `pose`, `scene`, `plan`: what goes in, and what a plan is; `course`: places along a path;
-//! - `conditions`, `simulate`, `summary`: growths without a board, one, many, and what many came to;
-//! - `run`: logs of growths; `board`: growths on a board;
-//! - `arguments`: values from Python, checked; `refused`: exceptions.
+//! - `robot`, `pose`, `scene`, `plan`: the inputs and plans
+//! - `course`: positions along a path
+//! - `conditions`, `simulate`, `summary`: growths without a board, one or many, and their statistics
+//! - `run`: logs of growths
+//! - `board`: growths on a board
+//! - `arguments`: checked values from Python
+//! - `refused`: exceptions
 //!
-//! Long work leaves the interpreter to other threads, and heeds Ctrl-C.
+//! Long computations release the interpreter for other threads, and Ctrl-C ends them.
 
 mod arguments;
 mod board;
@@ -24,7 +27,7 @@ mod summary;
 
 use pyo3::prelude::*;
 
-/// growbot's crates as Python sees them.
+/// growbot's crates for Python.
 #[pymodule]
 mod _growbot {
     #[pymodule_export]

@@ -30,12 +30,13 @@ use crate::scene::Scene;
 use crate::simulate::{Simulated, interruptible};
 use crate::state::{self, PlanState};
 
-/// No table of layers is longer.
+/// Greatest number of rows of a table of layers.
 const MAX_LAYERS: usize = 20_000_000;
 
-/// A path that has been checked to end at its goal, with all that is said about it.
+/// A path that has been checked to end at its goal, with its properties.
 ///
-/// growbot.plan makes them; so do Plan.load, of files that `growbot plan -o` or save wrote, and pickle.
+/// growbot.plan returns plans. Plan.load reads them from files that `growbot plan -o` or save wrote. Plans can be
+/// pickled.
 #[pyclass(frozen, module = "growbot")]
 #[derive(Clone)]
 pub struct Plan {
@@ -49,15 +50,15 @@ pub struct Plan {
 pub struct Segment {
     /// "arc", "straight" or "helicoid".
     kind: String,
-    /// Length along it, mm.
+    /// Length along the segment, mm.
     length_mm: f64,
-    /// Of an arc: angle of greatest deposition in the tip's frame, degrees; the tube bends away from it.
+    /// Angle of greatest deposition in the tip's frame, degrees. The tube bends away from it. None unless it is an arc.
     alpha_deg: Option<f64>,
-    /// Of an arc: its angle, degrees.
+    /// Angle of the arc, degrees. None unless it is an arc.
     beta_deg: Option<f64>,
-    /// Of a helicoidal arc, `x'' = w x x'`, `w = m/|m|`, `m = m0 + p x x`: m0, in world axes, lengths in radii.
+    /// m0 of a helicoidal arc, `x'' = w x x'`, `w = m/|m|`, `m = m0 + p x x`, in world axes, lengths in radii.
     m0: Option<[f64; 3]>,
-    /// Of a helicoidal arc: p.
+    /// p of a helicoidal arc.
     p: Option<[f64; 3]>,
 }
 
@@ -77,7 +78,7 @@ impl From<&WrittenSegment> for Segment {
     }
 }
 
-/// The fields of a segment.
+/// Fields of a segment.
 type SegmentState = (String, f64, Option<f64>, Option<f64>, Option<[f64; 3]>, Option<[f64; 3]>);
 
 #[pymethods]
@@ -106,17 +107,17 @@ impl Segment {
     }
 }
 
-/// What speaks against growing a plan.
+/// A reason against growing a plan.
 #[pyclass(frozen, module = "growbot", get_all, eq)]
 #[derive(Clone, PartialEq)]
 pub struct PlanWarning {
     /// "thin-layer", "self-collision", "filament-short" or "layer-limit".
     code: String,
-    /// In words.
+    /// Text of the warning.
     message: String,
-    /// The value found.
+    /// Value found.
     value: f64,
-    /// The limit that it passes.
+    /// Limit that the value violates.
     limit: f64,
 }
 
@@ -142,7 +143,7 @@ impl PlanWarning {
     }
 }
 
-/// A planner by its name.
+/// Returns a planner by its name.
 fn planner_of(value: Option<&Bound<PyAny>>) -> Result<Planner, Refused> {
     let Some(value) = value else { return Ok(Planner::Shortest) };
     let name = word("planner", value)?;
@@ -153,7 +154,7 @@ fn planner_of(value: Option<&Bound<PyAny>>) -> Result<Planner, Refused> {
     })
 }
 
-/// The search that is asked for.
+/// Returns the search options of these arguments.
 fn search_of(
     robot: &Described,
     radius_mm: Option<&Bound<PyAny>>,
@@ -170,7 +171,7 @@ fn search_of(
     })
 }
 
-/// A scene, and how hard to try.
+/// A scene, with the effort of the search through it.
 struct Room {
     scene: Scene,
     effort: u64,
@@ -203,12 +204,12 @@ fn room_of(
 /// Plans the shortest path from a start to a goal that the planner finds.
 ///
 /// start and goal are poses: growbot.Pose, or (x_mm, y_mm, z_mm, heading_deg, pitch_deg). A goal (x_mm, y_mm, z_mm) may
-/// be reached in any direction. via are poses or positions on the way, in order. radius_mm is that of the bends [default:
-/// the robot's planning_radius_mm]. planner is "shortest" or "two-plane". With clear_of_self, the path is the shortest
-/// that does not run into the body. Through a scene, effort bounds the search by its work (some 0.1 s each), with the
-/// same result on every machine, and time_limit_s by time.
+/// be reached in any direction. via are poses or positions on the way, in order. radius_mm is that of the bends
+/// [default: the robot's planning_radius_mm]. planner is "shortest" or "two-plane". With clear_of_self, the path is the
+/// shortest that does not run into the body. Through a scene, effort limits the work of the search (about 0.1 s per
+/// unit), with the same result on every machine. time_limit_s limits its time.
 ///
-/// Raises InputError (a radius below R_min, say), and NoPathError where nothing leads there.
+/// Raises InputError for a wrong argument (a radius below R_min, for example), and NoPathError if no path is found.
 #[pyfunction]
 #[pyo3(signature = (start, goal, *, robot = None, radius_mm = None, planner = None, via = None, clear_of_self = None, scene = None, effort = None, time_limit_s = None))]
 #[expect(clippy::too_many_arguments, reason = "Python's keywords")]
@@ -262,11 +263,11 @@ fn goals_on_the_way(via: &Bound<PyAny>) -> Result<Vec<Goal>, Refused> {
     Ok(goals)
 }
 
-/// Plans from starts to goals, on all cores; the list of plans is in the order of the rows.
+/// Plans from starts to goals, on all cores. Returns a list of plans in the order of the rows.
 ///
-/// starts has shape (n, 5): x_mm, y_mm, z_mm, heading_deg, pitch_deg; or it is one pose for all. goals has shape (n, 5),
-/// or (n, 3) for any directions. The other arguments are those of plan. The first row that has no plan is raised, with
-/// its number.
+/// starts has shape (n, 5): x_mm, y_mm, z_mm, heading_deg, pitch_deg. One pose stands for all rows. goals has shape
+/// (n, 5), or (n, 3) for any directions. The other arguments are those of plan. Raises the error of the first row that
+/// has no plan, with its number.
 #[pyfunction]
 #[pyo3(signature = (starts, goals, *, robot = None, radius_mm = None, planner = None, clear_of_self = None, threads = None))]
 #[expect(clippy::too_many_arguments, reason = "Python's keywords")]
@@ -303,7 +304,7 @@ pub fn plan_many<'py>(
     Ok(PyList::new(py, plans)?)
 }
 
-/// One start for all, or one for each goal.
+/// Returns one start for all goals, or one for each.
 fn starts_of(starts: &Bound<PyAny>, goals: usize) -> Result<Vec<CorePose>, Refused> {
     if starts.is_instance_of::<Pose>() {
         return Ok(vec![as_pose("starts", starts)?]);
@@ -326,7 +327,7 @@ fn starts_of(starts: &Bound<PyAny>, goals: usize) -> Result<Vec<CorePose>, Refus
         .collect()
 }
 
-/// Layers as columns of one structured array.
+/// Returns layers as a structured array.
 pub fn table<'py>(
     py: Python<'py>,
     count: usize,
@@ -355,14 +356,14 @@ pub fn table<'py>(
     Ok(array)
 }
 
-/// A structured array that is to be filled.
+/// Returns a structured array whose values are still to be set.
 pub fn structured<'py>(py: Python<'py>, rows: usize, fields: &[(&str, &str)]) -> PyResult<Bound<'py, PyAny>> {
     let arguments = PyDict::new(py);
     arguments.set_item("dtype", fields.to_vec())?;
     py.import("numpy")?.call_method("empty", (rows,), Some(&arguments))
 }
 
-/// A page in a frame of its own, for a notebook.
+/// Returns a page in a frame of its own, for a notebook.
 pub fn framed(page: &str) -> String {
     let page = page.replace('&', "&amp;").replace('"', "&quot;");
     format!(
@@ -370,7 +371,7 @@ pub fn framed(page: &str) -> String {
     )
 }
 
-/// Writes a whole file or none.
+/// Writes a whole file, or leaves it unchanged.
 pub fn write_whole(file: &Path, contents: &[u8]) -> Result<(), Refused> {
     replace_file(file, contents).map_err(|error| Refused::new(Kind::File, error))
 }
@@ -434,25 +435,25 @@ impl Plan {
         Robot { inner: Arc::clone(&self.robot) }
     }
 
-    /// Where the tip starts.
+    /// Start of the tip.
     #[getter]
     fn start(&self) -> Pose {
         self.inner.start.into()
     }
 
-    /// Where it is to arrive; a direction that was free is the one that was chosen.
+    /// Goal of the tip. If its direction was free, it is the one that the planner selected.
     #[getter]
     fn goal(&self) -> Pose {
         self.inner.goal.into()
     }
 
-    /// The poses on the way.
+    /// Poses on the way.
     #[getter]
     fn via(&self) -> Vec<Pose> {
         self.inner.via().into_iter().map(Pose::from).collect()
     }
 
-    /// How the path was found: "shortest" or "two-plane".
+    /// Planner that found the path: "shortest" or "two-plane".
     #[getter]
     fn planner(&self) -> &'static str {
         planner_name(self.inner.planner)
@@ -476,31 +477,31 @@ impl Plan {
         self.inner.needs.layers
     }
 
-    /// Time to lay them, s.
+    /// Time to lay the layers, s.
     #[getter]
     fn duration_s(&self) -> f64 {
         self.inner.needs.duration
     }
 
-    /// Filament, mm.
+    /// Length of filament, mm.
     #[getter]
     fn filament_mm(&self) -> f64 {
         self.inner.needs.filament
     }
 
-    /// The kinds of the pieces: C for an arc, S for a straight line, H for a helicoidal arc.
+    /// Types of the segments: C for an arc, S for a straight line, H for a helicoidal arc.
     #[getter]
     fn path_type(&self) -> String {
         self.inner.path_type()
     }
 
-    /// The pieces of the path, in order.
+    /// Segments of the path, in order.
     #[getter]
     fn segments(&self) -> Vec<Segment> {
         PlanFile::from(&*self.inner).segments.iter().map(Segment::from).collect()
     }
 
-    /// What speaks against growing it.
+    /// Reasons against growing the plan.
     #[getter]
     fn warnings(&self) -> Vec<PlanWarning> {
         let warning = |warning: &growbot_client::warning::Warning| PlanWarning {
@@ -512,14 +513,14 @@ impl Plan {
         self.inner.warnings.iter().map(warning).collect()
     }
 
-    /// Proven min clearance between the outside of the tube and everything in the scene, mm; None without a scene.
+    /// Proven min clearance between the outside of the tube and everything in the scene, mm. None without a scene.
     #[getter]
     fn clearance_mm(&self) -> Option<f64> {
         self.inner.scene.as_ref().map(|scene| scene.clearance)
     }
 
-    /// n places at equal distances along the path, both ends included: positions (n, 3), mm, and directions of growth
-    /// (n, 3), unit vectors.
+    /// Returns n points at equal distances along the path, both ends included: positions (n, 3), mm, and directions of
+    /// growth (n, 3), unit vectors.
     #[pyo3(signature = (n))]
     fn sample<'py>(
         &self,
@@ -538,8 +539,8 @@ impl Plan {
         Ok((flat(|frame| frame.translation.vector)?, flat(tip_direction)?))
     }
 
-    /// The frames of the tip (base from tip, mm) at lengths s_mm along the path: shape (n, 4, 4). s_mm is a number or has
-    /// shape (n,), within 0 and length_mm.
+    /// Returns the tip's frames (base from tip, mm) at lengths s_mm along the path: shape (n, 4, 4). s_mm is a number
+    /// or has shape (n,), from 0 to length_mm.
     #[pyo3(signature = (s_mm))]
     fn frames<'py>(&self, py: Python<'py>, s_mm: &Bound<'py, PyAny>) -> Result<Bound<'py, PyArray3<f64>>, Refused> {
         let lengths = Rows::flat("s_mm", s_mm)?.numbers;
@@ -552,31 +553,32 @@ impl Plan {
         Ok(PyArray1::from_vec(py, numbers).reshape([lengths.len(), 4, 4])?)
     }
 
-    /// The layers: a structured array of shape (n,) with the fields layer, segment, alpha_deg, height_mm and tilt_deg.
+    /// Returns the layers: a structured array of shape (n,) with the fields layer, segment, alpha_deg, height_mm and
+    /// tilt_deg.
     fn layers<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Refused> {
         let all = layers(&self.inner.path, &self.robot, Slicing::Exact).map(|sliced| (sliced.segment, sliced.layer));
         table(py, self.inner.needs.layers, all)
     }
 
-    /// The plan as JSON, as `growbot plan -o` writes it.
+    /// Returns the plan as JSON, in the format of `growbot plan -o`.
     fn to_json(&self) -> String {
         PlanFile::with_robot(&self.inner, &self.robot).to_text()
     }
 
-    /// Writes the plan to a file (.json), which growbot and Plan.load read.
+    /// Writes the plan to a file (.json) that growbot and Plan.load read.
     #[pyo3(signature = (file))]
     fn save(&self, file: &Bound<PyAny>) -> Result<(), Refused> {
         write_whole(&arguments::path("file", file)?, self.to_json().as_bytes())
     }
 
-    /// The page that shows the body: HTML that needs no network.
+    /// Returns the page that shows the body: HTML that needs no network.
     fn html(&self, py: Python<'_>) -> Result<String, Refused> {
         let subject =
             Subject { name: "plan", robot: &self.robot, plan: &self.inner, run: None, laid: None, scene: None };
         page_of(py, &subject)
     }
 
-    /// Writes the page to a file [default: a temporary one], and opens it in the browser. Returns where it is.
+    /// Writes the page to a file [default: a temporary one], and opens it in the browser. Returns the path of the file.
     #[pyo3(signature = (file = None, *, browser = None))]
     fn view(
         slf: &Bound<Self>,
@@ -591,8 +593,8 @@ impl Plan {
         Ok(view.call((slf, file), Some(&keywords))?.unbind())
     }
 
-    /// Grows the plan without a board, layer by layer, under conditions (growbot.Conditions) [default: nothing is off].
-    /// The same seed gives the same growth.
+    /// Grows the plan without a board, layer by layer, under conditions (growbot.Conditions) [default: no errors].
+    /// Equal seeds give equal growths.
     #[pyo3(signature = (*, seed = None, conditions = None))]
     fn simulate(
         &self,

@@ -12,13 +12,13 @@ use pyo3::types::{PySequence, PyType};
 use crate::arguments::{fixed, number, plain, wrong_shape, wrong_type};
 use crate::refused::{Kind, Refused};
 
-/// How far a rotation may be from one, and a direction from length 0.
+/// Tolerance of a rotation matrix, and smallest length of a direction.
 const ROTATION: f64 = 1e-6;
 
 /// The position of a tip and its direction of growth.
 ///
-/// Pose(x_mm, y_mm, z_mm, heading_deg, pitch_deg). Heading is the direction's angle in the x-y plane, pitch that above it:
-/// 90 is straight up. Wherever a pose is asked for, five such numbers will do.
+/// Pose(x_mm, y_mm, z_mm, heading_deg, pitch_deg). Heading is the direction's angle in the x-y plane, and pitch its
+/// angle above that plane: 90 is straight up. Five such numbers can replace a pose in every argument.
 #[pyclass(frozen, module = "growbot", eq)]
 #[derive(Clone, PartialEq)]
 pub struct Pose {
@@ -31,13 +31,13 @@ impl From<Inner> for Pose {
     }
 }
 
-/// A pose of five numbers, as the command reads them.
+/// Returns a pose of five numbers, as the command reads them.
 pub fn pose_of(numbers: [f64; 5]) -> Result<Inner, Refused> {
-    // -0 is 0, as it is typed.
+    // -0 becomes 0, as in typed numbers.
     Ok(pose_of_numbers(numbers.map(|number| number + 0.0))?)
 }
 
-/// A goal of three or five numbers.
+/// Returns a goal of three or five numbers.
 pub fn goal_of(numbers: &[f64]) -> Result<Goal, Refused> {
     match *numbers {
         [x, y, z] => Ok(Goal::Position(Position::new(Vector3::new(x + 0.0, y + 0.0, z + 0.0))?)),
@@ -46,7 +46,7 @@ pub fn goal_of(numbers: &[f64]) -> Result<Goal, Refused> {
     }
 }
 
-/// The numbers of a sequence of that many, without NumPy for plain ones.
+/// Returns the numbers of a sequence of one of these lengths. NumPy is not needed for plain sequences.
 fn few(name: &str, value: &Bound<PyAny>, counts: &[usize]) -> Result<Vec<f64>, Refused> {
     let wanted = if counts.contains(&3) {
         "a growbot.Pose, (x_mm, y_mm, z_mm, heading_deg, pitch_deg), or (x_mm, y_mm, z_mm) for any direction"
@@ -55,7 +55,7 @@ fn few(name: &str, value: &Bound<PyAny>, counts: &[usize]) -> Result<Vec<f64>, R
     };
     let sequence = match value.cast::<PySequence>() {
         Ok(sequence) => sequence.as_any().clone(),
-        // An array is no sequence to Python.
+        // For Python, an array is not a sequence.
         Err(_) if value.hasattr("__array__")? && value.hasattr("__len__")? => value.clone(),
         Err(_) => return Err(wrong_type(name, value, wanted)),
     };
@@ -71,7 +71,7 @@ fn few(name: &str, value: &Bound<PyAny>, counts: &[usize]) -> Result<Vec<f64>, R
         .collect()
 }
 
-/// A pose, or five numbers.
+/// Converts a pose or five numbers to a pose.
 pub fn as_pose(name: &str, value: &Bound<PyAny>) -> Result<Inner, Refused> {
     if let Ok(pose) = value.cast::<Pose>() {
         return Ok(pose.get().inner);
@@ -82,7 +82,7 @@ pub fn as_pose(name: &str, value: &Bound<PyAny>) -> Result<Inner, Refused> {
     }
 }
 
-/// A pose, five numbers, or three for a position.
+/// Converts a pose, five numbers, or three for a position, to a goal.
 pub fn as_goal(name: &str, value: &Bound<PyAny>) -> Result<Goal, Refused> {
     match value.cast::<Pose>() {
         Ok(pose) => Ok(Goal::Pose(pose.get().inner)),
@@ -90,7 +90,7 @@ pub fn as_goal(name: &str, value: &Bound<PyAny>) -> Result<Goal, Refused> {
     }
 }
 
-/// A frame as rows of a 4x4 matrix.
+/// Returns a frame as rows of a 4x4 matrix.
 pub fn rows_of(frame: &Frame) -> [f64; 16] {
     let matrix = frame.to_homogeneous();
     std::array::from_fn(|index| matrix[(index / 4, index % 4)])
@@ -117,8 +117,8 @@ impl Pose {
         Ok(pose_of(numbers)?.into())
     }
 
-    /// The pose of a tip whose frame is this 4x4 matrix (base from tip, mm). Its z axis is the direction of growth; its
-    /// roll about that axis is not kept.
+    /// Returns the pose of a tip with this 4x4 matrix as its frame (base from tip, mm). Its z axis is the direction of
+    /// growth. Its roll about that axis is dropped.
     #[classmethod]
     #[pyo3(signature = (matrix))]
     fn from_matrix(_cls: &Bound<PyType>, matrix: &Bound<PyAny>) -> Result<Self, Refused> {
@@ -137,7 +137,7 @@ impl Pose {
         directed([m[(0, 3)], m[(1, 3)], m[(2, 3)]], [m[(0, 2)], m[(1, 2)], m[(2, 2)]])
     }
 
-    /// The pose at a position (3,), mm, that points in a direction (3,), of any length.
+    /// Returns the pose at a position (3,), mm, with a direction (3,) of any length.
     #[classmethod]
     #[pyo3(signature = (position_mm, direction))]
     fn from_direction(
@@ -157,49 +157,49 @@ impl Pose {
         Ok((slf.get_type().getattr("_from_radians")?.unbind(), (state_of(&slf.get().inner),)))
     }
 
-    /// x, mm.
+    /// x coordinate, mm.
     #[getter]
     fn x_mm(&self) -> f64 {
         self.inner.position().x
     }
 
-    /// y, mm.
+    /// y coordinate, mm.
     #[getter]
     fn y_mm(&self) -> f64 {
         self.inner.position().y
     }
 
-    /// z, mm.
+    /// z coordinate, mm.
     #[getter]
     fn z_mm(&self) -> f64 {
         self.inner.position().z
     }
 
-    /// The direction's angle in the x-y plane, degrees, in (-180, 180].
+    /// Angle of the direction in the x-y plane, degrees, in (-180, 180].
     #[getter]
     pub fn heading_deg(&self) -> f64 {
         shortest_heading(self.inner.heading()) + 0.0
     }
 
-    /// The direction's angle above the x-y plane, degrees, in [-90, 90].
+    /// Angle of the direction above the x-y plane, degrees, in [-90, 90].
     #[getter]
     pub fn pitch_deg(&self) -> f64 {
         shortest_degrees(self.inner.pitch()) + 0.0
     }
 
-    /// The position, shape (3,), mm.
+    /// Position, shape (3,), mm.
     #[getter]
     fn position_mm<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_slice(py, self.inner.position().as_slice())
     }
 
-    /// The direction of growth, a unit vector, shape (3,).
+    /// Direction of growth, a unit vector, shape (3,).
     #[getter]
     fn direction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_slice(py, self.inner.direction().as_slice())
     }
 
-    /// Base from tip, shape (4, 4), mm: the frame with no roll.
+    /// Frame without roll (base from tip), shape (4, 4), mm.
     #[getter]
     fn matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         use numpy::PyArrayMethods;
@@ -208,7 +208,7 @@ impl Pose {
 
     fn __hash__(&self) -> u64 {
         let (x, y, z, heading, pitch) = state_of(&self.inner);
-        // Equal numbers have equal hashes: -0 counts as 0.
+        // Equal numbers have equal hashes, and -0 counts as 0.
         [x, y, z, heading, pitch].iter().fold(7, |hash: u64, number| {
             (hash ^ (number + 0.0).to_bits()).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(31)
         })
@@ -221,7 +221,7 @@ impl Pose {
     }
 }
 
-/// A pose at a position, in a direction.
+/// Returns a pose at a position with a direction.
 fn directed(position: [f64; 3], direction: [f64; 3]) -> Result<Pose, Refused> {
     let direction = Vector3::from(direction);
     let norm = direction.norm();
@@ -238,13 +238,13 @@ fn directed(position: [f64; 3], direction: [f64; 3]) -> Result<Pose, Refused> {
     Ok(Inner::new(Vector3::from(position), free.heading(), free.pitch())?.into())
 }
 
-/// x, y, z in mm, heading and pitch in radians.
+/// Returns x, y, z in mm, and heading and pitch in radians.
 pub fn state_of(pose: &Inner) -> (f64, f64, f64, f64, f64) {
     let at = pose.position();
     (at.x, at.y, at.z, pose.heading(), pose.pitch())
 }
 
-/// The pose of such a state.
+/// Returns the pose of such a state.
 pub fn pose_from((x, y, z, heading, pitch): (f64, f64, f64, f64, f64)) -> Result<Inner, Refused> {
     Ok(Inner::new(Vector3::new(x, y, z), heading, pitch)?)
 }

@@ -1,4 +1,4 @@
-//! Exceptions: what was refused, the value, the limit, and what to do. The classes are in `python/growbot/_errors.py`.
+//! Exceptions with a message, the value, the limit and the remedy. The classes are in `python/growbot/_errors.py`.
 
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
@@ -10,27 +10,27 @@ use growbot_core::number::Short;
 use growbot_core::plan::PlanError;
 use growbot_core::pose::PoseError;
 
-/// Which exception it becomes.
+/// Class of the exception.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// A value that cannot be.
+    /// A value that is not possible.
     Input,
     /// A value of a wrong type or shape.
     Type,
-    /// A file that is missing, or is not what it should be.
+    /// A file that is missing or not valid.
     File,
-    /// There is no path.
+    /// The planner found no path.
     NoPath,
-    /// A board that is silent, refuses, or has a fault.
+    /// A board that does not respond, rejects a request, or has a fault.
     Board,
 }
 
 /// A value or a limit.
 #[derive(Debug, Clone)]
 pub enum Told {
-    /// In the unit of the message.
+    /// A number in the unit of the message.
     Number(f64),
-    /// In words.
+    /// A text.
     Words(String),
 }
 
@@ -52,36 +52,36 @@ impl From<String> for Told {
     }
 }
 
-/// What was asked for cannot be had.
+/// Reason why a request failed.
 #[derive(Debug)]
 pub enum Refused {
-    /// For a reason of growbot's.
+    /// An error of growbot.
     Because {
-        /// Which exception.
+        /// Class of the exception.
         kind: Kind,
-        /// What failed, the value, the limit and the remedy.
+        /// Message with the failure, the value, the limit and the remedy.
         message: String,
-        /// The value.
+        /// Value, if there is one.
         value: Option<Told>,
-        /// The limit.
+        /// Limit, if there is one.
         limit: Option<Told>,
     },
-    /// Python's own, such as Ctrl-C.
+    /// An exception of Python, such as Ctrl-C.
     Python(PyErr),
 }
 
 impl Refused {
-    /// Without a value that could be told.
+    /// Returns an error without value and limit.
     pub fn new(kind: Kind, message: impl ToString) -> Self {
         Self::Because { kind, message: message.to_string(), value: None, limit: None }
     }
 
-    /// With value and limit.
+    /// Returns an error with value and limit.
     pub fn with(kind: Kind, message: impl ToString, value: impl Into<Told>, limit: impl Into<Told>) -> Self {
         Self::Because { kind, message: message.to_string(), value: Some(value.into()), limit: Some(limit.into()) }
     }
 
-    /// The same, about one of many.
+    /// Adds the number of the row to the error.
     pub fn of_row(self, row: usize) -> Self {
         match self {
             Self::Because { kind, message, value, limit } => {
@@ -92,7 +92,7 @@ impl Refused {
     }
 }
 
-/// A refusal as the exception of its kind.
+/// Returns the exception of an error.
 fn exception(py: Python<'_>, kind: Kind, message: String, value: Option<Told>, limit: Option<Told>) -> PyResult<PyErr> {
     static CLASSES: [PyOnceLock<Py<PyType>>; 5] = [const { PyOnceLock::new() }; 5];
     let name = ["InputError", "InputTypeError", "FileError", "NoPathError", "BoardError"];
@@ -170,7 +170,7 @@ impl From<ThroughError> for Refused {
     }
 }
 
-/// A number that lies outside of these limits.
+/// Returns the error for a number outside of these limits.
 pub fn outside(name: &str, value: f64, [min, max]: [f64; 2], unit: &str) -> Refused {
     let limit = if value < min { min } else { max };
     let message =

@@ -12,20 +12,20 @@ use crate::arguments::{path, text, text_of_file, wrong_type};
 use crate::refused::{Kind, Refused};
 use growbot_core::robot::Robot as Described;
 
-/// Max letters of a reason that is quoted.
+/// Greatest number of letters of a quoted reason.
 const MAX_REASON: usize = 300;
 
-/// A robot: its description, checked.
+/// A robot with its checked description.
 ///
-/// Robot() is the paper's robot A; Robot("growbot-b") another one that is built in (Robot.names()); Robot("my.toml") one
-/// from a file.
+/// Robot() is the paper's robot A. Robot("growbot-b") is another built-in robot (Robot.names()). Robot("my.toml") is
+/// read from a file.
 #[pyclass(frozen, module = "growbot", eq)]
 #[derive(Clone, PartialEq)]
 pub struct Robot {
     pub inner: Arc<Described>,
 }
 
-/// The robot where none is named; read once.
+/// Returns the default robot, which is read only once.
 pub fn default_robot() -> Result<Arc<Described>, Refused> {
     static DEFAULT: OnceLock<Arc<Described>> = OnceLock::new();
     if let Some(robot) = DEFAULT.get() {
@@ -41,12 +41,12 @@ fn load(name_or_file: &Path) -> Result<Described, Refused> {
         Ok((text, file)) if name_or_file.to_str().is_none_or(|name| !robot_file::is_built_in(name)) => {
             robot_file::parse(&text, &file).map_err(failed)
         }
-        // A built-in one; or the names that there are.
+        // Loads a built-in robot. If the name is unknown, the error lists the names.
         _ => robot_file::load(name_or_file).map_err(failed),
     }
 }
 
-/// A robot, the name of one, or none for the default.
+/// Returns a robot from a Robot, a name or a file. `None` stands for the default.
 pub fn robot_of(value: Option<&Bound<PyAny>>) -> Result<Arc<Described>, Refused> {
     let Some(value) = value else { return default_robot() };
     if let Ok(robot) = value.cast::<Robot>() {
@@ -64,13 +64,13 @@ impl Robot {
         Ok(Self { inner: robot_of(name_or_file)? })
     }
 
-    /// The names of the robots that are built in.
+    /// Returns the names of the built-in robots.
     #[staticmethod]
     fn names() -> Vec<&'static str> {
         robot_file::names().collect()
     }
 
-    /// The robot that the text of a robot file (TOML) describes.
+    /// Returns the robot that the text of a robot file (TOML) describes.
     #[classmethod]
     #[pyo3(signature = (toml))]
     fn from_toml(_cls: &Bound<PyType>, toml: &Bound<PyAny>) -> Result<Self, Refused> {
@@ -79,7 +79,8 @@ impl Robot {
         Ok(Self { inner: Arc::new(robot) })
     }
 
-    /// The robot of a description, a dict as description gives it: say a built-in one with other numbers.
+    /// Returns the robot with a description: a dict in the format of description, for example a built-in robot with
+    /// other numbers.
     #[classmethod]
     #[pyo3(signature = (description))]
     fn from_description(cls: &Bound<PyType>, description: &Bound<PyAny>) -> Result<Self, Refused> {
@@ -95,7 +96,7 @@ impl Robot {
     fn _from_description(_cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Refused> {
         let json = text("json", json)?;
         let description = serde_json::from_str(&json).map_err(|error| {
-            // What it quotes may be as long as what was given.
+            // The reason may quote the input, which can be long.
             let reason: String = error.to_string().chars().take(MAX_REASON).collect();
             Refused::new(Kind::Input, format!("it is no description ({reason}): give one as Robot.description has it"))
         })?;
@@ -108,20 +109,20 @@ impl Robot {
         Ok((slf.get_type().getattr("_from_description")?.unbind(), (json,)))
     }
 
-    /// The description as a dict, with the keys of a robot file.
+    /// Description as a dict, with the keys of a robot file.
     #[getter]
     fn description(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         let json = serde_json::to_string(self.inner.description()).unwrap_or_default();
         Ok(py.import("json")?.call_method1("loads", (json,))?.unbind())
     }
 
-    /// The robot's name.
+    /// Name of the robot.
     #[getter]
     fn name(&self) -> &str {
         self.inner.name()
     }
 
-    /// Hash of the whole description, 16 hexadecimal digits: equal hashes mean the same machine.
+    /// Hash of the whole description, 16 hexadecimal digits. Equal hashes mean equal machines.
     #[getter]
     fn hash(&self) -> String {
         written_hash(self.inner.hash())
@@ -133,13 +134,13 @@ impl Robot {
         self.inner.min_radius()
     }
 
-    /// The radius of bends where none is given, mm.
+    /// Default radius of bends, mm.
     #[getter]
     fn planning_radius_mm(&self) -> f64 {
         self.inner.description().planning_radius_mm
     }
 
-    /// From the centreline to where material is laid, mm.
+    /// Distance from the centreline to the deposited material, mm.
     #[getter]
     fn tip_radius_mm(&self) -> f64 {
         self.inner.tip_radius()

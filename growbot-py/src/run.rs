@@ -16,7 +16,7 @@ use crate::growable::page_of;
 use crate::plan::{Plan, framed, table};
 use crate::refused::{Kind, Refused};
 
-/// The log of a growth, as `growbot grow --log` and Board.grow write it: what can be read of it.
+/// The log of a growth, as written by `growbot grow --log` and Board.grow, as far as it can be read.
 #[pyclass(frozen, module = "growbot._growbot", subclass)]
 pub struct RunLog {
     name: String,
@@ -26,7 +26,7 @@ pub struct RunLog {
     robot: Arc<Described>,
 }
 
-/// An event as JSON.
+/// Returns an event as JSON.
 pub fn json_of(event: RunEvent) -> String {
     serde_json::to_string(&RunLine { event, utc: None }).unwrap_or_default()
 }
@@ -57,36 +57,36 @@ impl RunLog {
         self.record.plan_id
     }
 
-    /// The plan.
+    /// Plan of the growth.
     #[getter]
     fn plan(&self) -> Plan {
         Plan { inner: Arc::clone(&self.plan), robot: Arc::clone(&self.robot) }
     }
 
-    /// How the growth ended: "done", "stopped", "fault", ...; "unfinished" where the log has no end.
+    /// Outcome of the growth: "done", "stopped", "fault", ... It is "unfinished" if the log has no end.
     #[getter]
     fn outcome(&self) -> &'static str {
         self.record.outcome().name()
     }
 
-    /// Whether the body was grown by a simulated robot.
+    /// True if a simulated robot grew the body.
     #[getter]
     fn simulated(&self) -> bool {
         self.record.is_simulated()
     }
 
-    /// What could not be read, in words; None where all could.
+    /// Description of the parts that could not be read. None for a complete log.
     #[getter]
     fn damage(&self) -> Option<String> {
         self.record.damage.in_words(&self.name)
     }
 
-    /// The layers as the board's steps have built them: a structured array of shape (n,), as Plan.layers().
+    /// Returns the layers as the board's steps have built them: a structured array of shape (n,), as in Plan.layers().
     fn layers<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Refused> {
         table(py, self.record.as_built.len(), self.record.commanded().map(|layer| (0, decode(&layer))))
     }
 
-    /// Of a simulated robot, the layers as its plastic lies, as layers(); None of a robot.
+    /// Returns the layers as the plastic of a simulated robot lies, as in layers(). None for a real robot.
     fn simulated_layers<'py>(&self, py: Python<'py>) -> Result<Option<Bound<'py, PyAny>>, Refused> {
         let Some(layers) = self.record.simulated() else { return Ok(None) };
         table(py, layers.len(), layers.iter().map(|layer| (0, *layer))).map(Some)
@@ -100,7 +100,7 @@ impl RunLog {
         self.record.result.as_ref().and_then(|result| serde_json::to_string(result).ok())
     }
 
-    /// The page that shows the body: HTML that needs no network.
+    /// Returns the page that shows the body: HTML that needs no network.
     fn html(&self, py: Python<'_>) -> Result<String, Refused> {
         let subject = Subject {
             name: &self.name,

@@ -22,7 +22,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// What was given as a scene.
+    /// Returns the scene in an argument.
     pub fn given(scene: &Bound<PyAny>) -> Result<Self, Refused> {
         Ok(scene.cast::<Self>().map_err(|_| wrong_type("scene", scene, "a growbot.Scene"))?.get().clone())
     }
@@ -45,7 +45,7 @@ impl Scene {
         (slf.get_type(), (slf.get().file.clone(),))
     }
 
-    /// The scene's file.
+    /// Name of the scene's file.
     #[getter]
     fn file(&self) -> String {
         self.file.display().to_string()
@@ -57,13 +57,14 @@ impl Scene {
         written_hash(self.loaded.hash)
     }
 
-    /// How far the outside of the tube must keep from everything, mm.
+    /// Required clearance between the outside of the tube and all obstacles, mm.
     #[getter]
     fn margin_mm(&self) -> f64 {
         self.loaded.margin
     }
 
-    /// Distances of points (n, 3), mm, from the nearest obstacle, shape (n,), mm: negative inside of one.
+    /// Returns the distances of points (n, 3), mm, from the nearest obstacle, shape (n,), mm. They are negative inside
+    /// of one.
     #[pyo3(signature = (points_mm))]
     fn distances<'py>(
         &self,

@@ -21,10 +21,10 @@ use crate::plan::{Plan, framed, structured, table};
 use crate::pose::Pose;
 use crate::refused::{Kind, Refused};
 
-/// How often Ctrl-C is looked for.
+/// Interval at which Ctrl-C is polled.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Does the same work on many items, on that many threads, without the interpreter; Ctrl-C ends it soon.
+/// Calls `work` for many items, on this number of threads, without the interpreter. Ctrl-C ends the work soon.
 pub fn interruptible<T: Sync, U: Send>(
     py: Python<'_>,
     threads: usize,
@@ -54,7 +54,7 @@ pub fn interruptible<T: Sync, U: Send>(
     }
 }
 
-/// Does all work on this thread: one of its own would begin with memory that the system has to give first.
+/// Does all work on the calling thread. A new thread would have to request memory from the system first.
 fn here<T, U>(items: &[T], work: impl Fn(&T) -> U, look: &mut impl FnMut()) -> Vec<U> {
     let mut looked = Instant::now();
     let mut one = |item: &T| {
@@ -100,14 +100,14 @@ impl Simulated {
     }
 }
 
-/// Where chance comes from; 1 unless it is given.
+/// Returns the seed of the random errors. The default is 1.
 pub fn seed_of(value: Option<&Bound<PyAny>>) -> Result<u64, Refused> {
     value.map_or(Ok(1), |value| whole("seed", value, 0, u64::MAX))
 }
 
 #[pymethods]
 impl Simulated {
-    /// The same growth again: what pickle keeps is plan, seed and conditions.
+    /// Grows the body again. pickle stores only plan, seed and conditions.
     #[staticmethod]
     fn _again(
         py: Python<'_>,
@@ -125,13 +125,13 @@ impl Simulated {
         Ok((slf.get_type().getattr("_again")?.unbind(), (plan, *seed, conditions)))
     }
 
-    /// Where chance came from.
+    /// Seed of the random errors.
     #[getter]
     fn seed(&self) -> u64 {
         self.seed
     }
 
-    /// Layers laid.
+    /// Number of layers laid.
     #[getter]
     fn layer_count(&self) -> u64 {
         self.outcome.grown.layers
@@ -143,7 +143,7 @@ impl Simulated {
         self.outcome.grown.length
     }
 
-    /// Where the tip is.
+    /// Pose of the tip at the end.
     #[getter]
     fn final_pose(&self) -> Pose {
         self.outcome.arrival.final_pose.into()
@@ -155,13 +155,13 @@ impl Simulated {
         self.outcome.arrival.position_error_mm
     }
 
-    /// That, over the length of the planned path; 0 for a path of no length.
+    /// position_error_mm divided by the length of the planned path. 0 for a path of length 0.
     #[getter]
     fn normalized_position_error(&self) -> f64 {
         self.outcome.arrival.normalized_position_error
     }
 
-    /// Difference of the headings, degrees; None where tip or goal is vertical.
+    /// Difference of the headings, degrees. None if tip or goal is vertical.
     #[getter]
     fn heading_error_deg(&self) -> Option<f64> {
         self.outcome.arrival.heading_error_deg
@@ -179,38 +179,38 @@ impl Simulated {
         self.outcome.arrival.direction_error_deg
     }
 
-    /// With feedback, where the loop takes the tip to be; else None.
+    /// Pose of the tip as feedback estimates it. None without feedback.
     #[getter]
     fn estimated_pose(&self) -> Option<Pose> {
         let estimate = self.outcome.grown.estimate.as_ref()?;
         Some(growbot_core::pose::Pose::from_frame(&estimate.base_from_tip).into())
     }
 
-    /// With feedback, one standard deviation of the estimated position, mm; else None.
+    /// Standard deviation of the estimated position, mm. None without feedback.
     #[getter]
     fn position_sd_mm(&self) -> Option<f64> {
         self.outcome.grown.estimate.as_ref().map(|estimate| estimate.position_deviation)
     }
 
-    /// With feedback, the estimated systematic error of the growth, percent; else None.
+    /// Estimated systematic error of the growth, percent. None without feedback.
     #[getter]
     fn growth_bias_percent(&self) -> Option<f64> {
         self.outcome.grown.estimate.as_ref().map(|estimate| 100.0 * estimate.systematic_errors.growth)
     }
 
-    /// With sag, how far the tip hangs below where it would be without weight, mm; else None.
+    /// Distance by which the tip hangs below its position without weight, mm. None without sag.
     #[getter]
     fn sag_mm(&self) -> Option<f64> {
         self.outcome.hung.map(|hung| hung.deflection)
     }
 
-    /// The layers as they were laid: a structured array of shape (n,) with the fields layer, segment (always 0),
-    /// alpha_deg, height_mm and tilt_deg.
+    /// Returns the layers as they were laid: a structured array of shape (n,) with the fields layer, segment (always
+    /// 0), alpha_deg, height_mm and tilt_deg.
     fn layers<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Refused> {
         table(py, self.laid.len(), self.laid.iter().map(|layer| (0, *layer)))
     }
 
-    /// The page that shows the body as it was laid: HTML that needs no network.
+    /// Returns the page that shows the body as it was laid: HTML that needs no network.
     fn html(&self, py: Python<'_>) -> Result<String, Refused> {
         let subject = Subject {
             name: "simulated growth",
@@ -248,7 +248,7 @@ impl Simulated {
     }
 }
 
-/// The fields of a row of [`simulate_many`].
+/// Fields of a row of [`simulate_many`].
 const FIELDS: [(&str, &str); 14] = [
     ("plan", "<i8"),
     ("seed", "<u8"),
@@ -268,10 +268,10 @@ const FIELDS: [(&str, &str); 14] = [
 
 /// Grows plans without a board, once for each seed, on all cores.
 ///
-/// plans is one plan for all seeds, or a list of as many as there are seeds; seeds are whole numbers, shape (n,). Returns
-/// a structured array of shape (n,): plan (its index), seed, layers, length_mm, x_mm, y_mm, z_mm, heading_deg, pitch_deg
-/// (where the tip is), position_error_mm, normalized_position_error, heading_error_deg (NaN where tip or goal is
-/// vertical), pitch_error_deg and direction_error_deg. Each row is that of `growbot simulate` with its seed.
+/// plans is one plan for all seeds, or a list of as many as there are seeds. seeds are integers, shape (n,). Returns a
+/// structured array of shape (n,): plan (its index), seed, layers, length_mm, x_mm, y_mm, z_mm, heading_deg, pitch_deg
+/// (the pose of the tip), position_error_mm, normalized_position_error, heading_error_deg (NaN if tip or goal is
+/// vertical), pitch_error_deg and direction_error_deg. Each row equals the result of `growbot simulate` with its seed.
 #[pyfunction]
 #[pyo3(signature = (plans, seeds, *, conditions = None, threads = None))]
 pub fn simulate_many<'py>(
@@ -292,7 +292,7 @@ pub fn simulate_many<'py>(
     rows(py, &tasks, &grown)
 }
 
-/// The outcomes as a structured array.
+/// Returns the outcomes as a structured array.
 pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[Outcome]) -> Result<Bound<'py, PyAny>, Refused> {
     let array = structured(py, grown.len(), &FIELDS)?;
     let set = |name: &str, of: &dyn Fn(&Outcome) -> f64| {
@@ -316,7 +316,7 @@ pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[Outcome]) -> 
     Ok(array)
 }
 
-/// Seeds: a list, a range, or an array of whole numbers.
+/// Reads seeds: a list, a range, or an array of integers.
 fn seeds_of(seeds: &Bound<PyAny>) -> Result<Vec<u64>, Refused> {
     let wanted = "whole numbers that are not negative, shape (n,)";
     let numpy = seeds.py().import("numpy")?;
@@ -340,7 +340,7 @@ fn seeds_of(seeds: &Bound<PyAny>) -> Result<Vec<u64>, Refused> {
     Ok(array.call_method1("astype", ("uint64",))?.extract::<Vec<u64>>()?)
 }
 
-/// One plan for all, or one for each seed.
+/// Returns one plan for all seeds, or one for each.
 fn plans_of(plans: &Bound<PyAny>, seeds: usize) -> Result<Vec<Plan>, Refused> {
     let wanted = "a growbot.Plan or a list of them";
     if let Ok(plan) = plans.cast::<Plan>() {

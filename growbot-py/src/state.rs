@@ -1,4 +1,4 @@
-//! A plan as plain values, to the bit: what pickle keeps. (In a plan's JSON, angles are in degrees.)
+//! A plan as plain values, exact to the bit, for pickle. (In a plan's JSON, angles are in degrees.)
 
 use growbot_client::plan::{Choice, Plan, SceneClearance};
 use growbot_client::warning::warnings;
@@ -12,12 +12,12 @@ use crate::pose::{pose_from, state_of};
 use crate::refused::{Kind, Refused};
 
 type Numbers = (f64, f64, f64, f64, f64);
-/// The goal of a leg, its segments, what it was chosen from, and whether its direction was free.
+/// Goal of a leg, number of its segments, statistics of its search, and whether its direction was free.
 type LegState = (Numbers, usize, Option<(usize, usize, f64)>, bool);
 /// Planner, radius, start, legs, the numbers of each segment, and the scene.
 pub type PlanState = (bool, f64, Numbers, Vec<LegState>, Vec<Vec<f64>>, Option<(String, u64, f64)>);
 
-/// The values of a plan.
+/// Returns the values of a plan.
 pub fn of(plan: &Plan) -> PlanState {
     let legs = plan.legs.iter().zip(&plan.choices).zip(&plan.free_directions).map(|((leg, choice), free)| {
         let choice = choice.map(|choice| (choice.candidates, choice.passed_over, choice.two_plane_length));
@@ -35,7 +35,7 @@ pub fn of(plan: &Plan) -> PlanState {
     (shortest, plan.radius, state_of(&plan.start), legs.collect(), segments.collect(), scene)
 }
 
-/// The plan of these values.
+/// Returns the plan of these values.
 pub fn plan(robot: &Robot, (shortest, radius, start, legs, segments, scene): PlanState) -> Result<Plan, Refused> {
     let path = segments.iter().map(|numbers| segment(numbers)).collect::<Result<Vec<_>, _>>()?;
     let start = pose_from(start)?;

@@ -1,4 +1,4 @@
-//! What many growths came to, in a memory that does not grow with them; sums are exact, so that parts merge in any order.
+//! Statistics over many growths, in constant memory. Sums are exact, so partial results can be merged in any order.
 
 use growbot_client::plan_file::written_hash;
 use growbot_core::hash::Hasher;
@@ -15,19 +15,19 @@ use crate::plan::Plan;
 use crate::refused::{Kind, Refused};
 use crate::simulate::{interruptible, rows, seed_of};
 
-/// Growths whose outcomes are stored at a time, and after which Ctrl-C is looked for.
+/// Number of growths whose outcomes are stored at a time. Ctrl-C is polled after each batch.
 const BATCH: u64 = 16_384;
 
-/// What many simulated growths came to: the numbers of `growbot simulate --repeat`.
+/// Statistics over many simulated growths: the numbers of `growbot simulate --repeat`.
 ///
-/// Summaries of parts merge to the same bits in any order.
+/// Merging summaries of parts gives the same bits in any order.
 #[pyclass(frozen, module = "growbot", eq)]
 #[derive(Clone, PartialEq)]
 pub struct Summary {
     inner: Campaign,
 }
 
-/// Grows a plan repeat times without a board, with the seeds seed, seed + 1, ..., as `growbot simulate --repeat` does.
+/// Grows a plan repeat times without a board, with the seeds seed, seed + 1, ..., like `growbot simulate --repeat`.
 #[pyfunction]
 #[pyo3(signature = (plan, repeat, *, seed = None, conditions = None, threads = None))]
 pub fn repeat(
@@ -44,7 +44,7 @@ pub fn repeat(
     Ok(Summary { inner: whole })
 }
 
-/// As repeat, with every growth as a row of simulate_many.
+/// Like repeat, but also returns every growth as a row of simulate_many.
 #[pyfunction]
 #[pyo3(signature = (plan, repeat, *, seed = None, conditions = None, threads = None))]
 pub fn _repeat_rows<'py>(
@@ -66,7 +66,7 @@ pub fn _repeat_rows<'py>(
     Ok((Summary { inner: whole }, rows(py, &tasks, &grown)?))
 }
 
-/// Growths of one plan that are asked for.
+/// Requested growths of one plan.
 struct Task {
     plan: Plan,
     repeat: u64,
@@ -92,7 +92,7 @@ impl Task {
         })
     }
 
-    /// Grows; `each` is given the seeds and the outcomes of a batch.
+    /// Grows the bodies, and calls `each` with the seeds and the outcomes of each batch.
     fn run(&self, py: Python<'_>, mut each: impl FnMut(&[u64], Vec<Outcome>)) -> Result<(), Refused> {
         let simulation = self.conditions.simulation(&self.plan)?;
         let mut done = 0;
@@ -107,7 +107,7 @@ impl Task {
     }
 }
 
-/// Adds outcomes on several threads: the sums do not depend on how.
+/// Adds outcomes on several threads. The sums do not depend on their division.
 fn add_all(whole: &mut Campaign, seeds: &[u64], outcomes: &[Outcome], threads: usize) {
     let pairs: Vec<(&u64, &Outcome)> = seeds.iter().zip(outcomes).collect();
     let parts: Vec<_> = pairs.chunks(pairs.len().div_ceil(threads).max(1)).collect();
@@ -119,7 +119,7 @@ fn add_all(whole: &mut Campaign, seeds: &[u64], outcomes: &[Outcome], threads: u
     parallel::map_on(threads.min(parts.len()), &parts, part, |_| ()).iter().for_each(|part| whole.merge(part));
 }
 
-/// The numbers of an error, as the command has them.
+/// Returns the statistics of an error, with the command's names.
 fn statistics<'py>(py: Python<'py>, of: &Statistics) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     let numbers = [
@@ -138,13 +138,13 @@ fn statistics<'py>(py: Python<'py>, of: &Statistics) -> PyResult<Bound<'py, PyDi
 
 #[pymethods]
 impl Summary {
-    /// A summary of nothing, to merge others into.
+    /// Returns an empty summary, into which others can be merged.
     #[new]
     fn new() -> Self {
         Self { inner: Campaign::default() }
     }
 
-    /// The summary that to_json has written.
+    /// Reads a summary from the JSON of to_json.
     #[classmethod]
     #[pyo3(signature = (json))]
     fn from_json(_cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Refused> {
@@ -155,7 +155,7 @@ impl Summary {
         Ok(Self { inner })
     }
 
-    /// All sums as JSON: equal summaries give the same bytes.
+    /// Returns all sums as JSON. Equal summaries give equal bytes.
     fn to_json(&self) -> String {
         serde_json::to_string(&self.inner).unwrap_or_default()
     }
@@ -170,7 +170,7 @@ impl Summary {
         Ok((slf.get_type().getattr("from_json")?.unbind(), (slf.get().to_json(),)))
     }
 
-    /// This and another summary put together.
+    /// Returns the merged summary of this and another one.
     #[pyo3(signature = (other))]
     fn merged(&self, py: Python<'_>, other: &Bound<PyAny>) -> Result<Self, Refused> {
         let other = other.cast::<Self>().map_err(|_| wrong_type("other", other, "a growbot.Summary"))?.get();
@@ -179,7 +179,7 @@ impl Summary {
         Ok(Self { inner })
     }
 
-    /// How many growths.
+    /// Number of growths.
     #[getter]
     fn growths(&self) -> u64 {
         self.inner.runs
@@ -191,13 +191,13 @@ impl Summary {
         statistics(py, &self.inner.position_error_mm)
     }
 
-    /// Statistics of that, over the length of the planned path.
+    /// Statistics of the distance from the goal divided by the length of the planned path.
     #[getter]
     fn normalized_position_error<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         statistics(py, &self.inner.normalized_position_error)
     }
 
-    /// Statistics of the difference of the headings, degrees; None where no growth has one.
+    /// Statistics of the difference of the headings, degrees. None if no growth has one.
     #[getter]
     fn heading_error_deg<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
         let of = &self.inner.heading_error_deg;
@@ -222,13 +222,13 @@ impl Summary {
         statistics(py, &self.inner.layers)
     }
 
-    /// Seed of the growth that ended farthest from the goal; None of no growths.
+    /// Seed of the growth that ended farthest from the goal. None without growths.
     #[getter]
     fn worst_seed(&self) -> Option<u64> {
         self.inner.farthest.map(|farthest| farthest.seed)
     }
 
-    /// With sag, the max of how far a tip hangs, mm; else None.
+    /// Greatest distance by which a tip hangs below its position without weight, mm. None without sag.
     #[getter]
     fn max_sag_mm(&self) -> Option<f64> {
         self.inner.hung.map(|hung| hung.deflection)

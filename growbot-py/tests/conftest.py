@@ -1,4 +1,4 @@
-"""What the tests share: goals, and the command."""
+"""Goals and the command for the tests."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ import growbot
 ROOT = Path(__file__).resolve().parents[2]
 START = (0.0, 0.0, 0.0, 0.0, 90.0)
 
-# A shell starts what runs in its background with Ctrl-C ignored, and programs inherit that.
+# A shell starts background processes with Ctrl-C ignored, and their programs inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
 def command() -> Path:
-    """The growbot command: GROWBOT names it, as tests/python/run does."""
+    """Returns the growbot command. The variable GROWBOT names it, as set by tests/python/run."""
     return Path(os.environ.get("GROWBOT", ROOT / "target/release/growbot"))
 
 
@@ -32,7 +32,7 @@ def plan() -> growbot.Plan:
 
 
 def goals(count: int, seed: int = 2026) -> npt.NDArray[np.float64]:
-    """Goals all round the start, 0.5 to 12 radii away."""
+    """Returns goals around the start, 0.5 to 12 radii away."""
     random = np.random.default_rng(seed)
     direction = random.normal(size=(count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)

@@ -1,10 +1,10 @@
-"""Prints what Python costs beside Rust, and how much two threads gain. It is for a machine without other work, and checks
-nothing.
+"""Prints the cost of Python compared with Rust, and the gain of two threads. Run it on a machine without other work. It
+checks nothing.
 
     cargo build --release --manifest-path growbot-py/Cargo.toml -p rust-loop
     python growbot-py/tests/cost.py [RUST_LOOP]
 
-Each batch of work takes a millisecond or so, and counts with the min of its rounds, which are by turns.
+Each batch of work takes about a millisecond. The rounds alternate, and the min of a batch's rounds counts.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def seconds(work: Callable[[], object]) -> float:
 
 
 def plans(loop: str, directory: Path) -> None:
-    # Far goals: they take the planner least, so that Python shows.
+    # The planner is fastest for distant goals, so the cost of Python is visible.
     wanted = goals(GOALS, seed=11) * [3, 3, 3, 1, 1]
     file = directory / "goals.csv"
     file.write_text("".join(",".join(repr(float(number)) for number in goal) + "\n" for goal in wanted))

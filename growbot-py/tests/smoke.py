@@ -1,4 +1,4 @@
-"""Imports growbot in a fresh environment, and uses it; prints how many modules the import loads beside numpy's."""
+"""Imports growbot in a fresh environment and uses it. Prints the number of modules that it loads besides numpy's."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The same numbers as the command's, to the last bit."""
+"""Python's results equal the command's to the last bit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 import growbot
 from conftest import START, goals, run
 
-#: Goals whose layers and growths are compared too; all of them with GROWBOT_PYTHON=complete.
+#: Goals whose layers and growths are compared too. With GROWBOT_PYTHON=complete all are.
 LAYERS = 1000 if os.environ.get("GROWBOT_PYTHON") == "complete" else 100
 NOISY = growbot.Conditions(noise_percent=10, tilt_noise_deg=0.02, twist_bias_deg=0.01)
 NOISY_OPTIONS = ("--noise", "10", "--tilt-noise", "0.02", "--twist-bias", "0.01")
@@ -37,7 +37,7 @@ def test_a_thousand_goals(command: Path, tmp_path: Path) -> None:
     def compare(index: int) -> None:
         plan, file = plans[index], str(tmp_path / f"{index}.json")
         plan.save(file)
-        # A plan's file has its angles in degrees: both read them.
+        # A plan's file has its angles in degrees, and both read them.
         read = growbot.Plan.load(file)
         assert read.length_mm == plan.length_mm
         rows = list(csv.reader(io.StringIO(run(command, "layers", file))))
@@ -46,7 +46,7 @@ def test_a_thousand_goals(command: Path, tmp_path: Path) -> None:
         assert np.array_equal(np.array(rows[1:], dtype=float), np.array(layers.tolist(), dtype=float))
         options = ("--json", "--seed", str(index), *NOISY_OPTIONS)
         assert_same_growth(read.simulate(seed=index, conditions=NOISY), json.loads(run(command, "simulate", file, *options)))
-        # And without a file between.
+        # The same comparison without a file.
         to = "--to=" + ",".join(repr(float(number)) for number in wanted[index])
         said = json.loads(run(command, "simulate", to, "--planner", "shortest", *options))
         assert_same_growth(plan.simulate(seed=index, conditions=NOISY), said)
@@ -92,7 +92,7 @@ def test_all_conditions(command: Path, tmp_path: Path) -> None:
 def test_repeat(command: Path, tmp_path: Path) -> None:
     growbot.plan(START, (100, 0, 300, 20, 30)).save(tmp_path / "plan.json")
     plan = growbot.Plan.load(tmp_path / "plan.json")
-    # More than what is stored at a time.
+    # More growths than are stored at a time.
     said = json.loads(run(command, "simulate", str(tmp_path / "plan.json"), "--json", "--repeat", "20000", "--seed", "5", *NOISY_OPTIONS))
     summary = growbot.repeat(plan, 20_000, seed=5, conditions=NOISY)
     for name in ("layers", "position_error_mm", "normalized_position_error", "heading_error_deg", "pitch_error_deg", "direction_error_deg"):

@@ -44,7 +44,7 @@ def test_a_growth_is_its_events(tmp_path: Path) -> None:
     ]
     assert isinstance(of_log[-1], growbot.events.Ended) and "simulated" in run.html()
     assert pickle.loads(pickle.dumps(run)) == run
-    # The board lays what the command's does; without a board it is the same noise, and the layers are not in steps.
+    # The board lays the same layers as the command's. Without one the noise is the same, but layers are not in steps.
     assert abs(PLAN.simulate(seed=3, conditions=conditions).position_error_mm - result["position_error_mm"]) < 0.5
     with growbot.connect() as board, pytest.raises(growbot.FileError, match="there already.*replace_log=True"):
         board.grow(PLAN, log=log).wait()
@@ -132,7 +132,7 @@ def test_ctrl_c_ends_long_work() -> None:
 
 
 def test_the_emulator(command: Path) -> None:
-    """The firmware in QEMU, in real time: it heats, and with GROWBOT_PYTHON=complete it grows."""
+    """The firmware in QEMU heats in real time. With GROWBOT_PYTHON=complete it also grows."""
     image = Path(__file__).resolve().parents[2] / "target/thumbv7em-none-eabihf/firmware/an386"
     if not image.exists():
         raise AssertionError("build the image: cargo build-an386")

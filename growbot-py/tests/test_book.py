@@ -1,4 +1,4 @@
-"""The code of the book's two pages on Python runs, from its first block to its last."""
+"""Runs the code of the book's two pages on Python, from the first block to the last."""
 
 from __future__ import annotations
 

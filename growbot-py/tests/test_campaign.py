@@ -1,4 +1,4 @@
-"""Campaigns: the same bytes by threads, by Dask, by joblib, in any order, and whatever workers are lost."""
+"""Campaigns give the same bytes with threads, Dask and joblib, in any order, and with lost workers."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_a_cell_without_a_plan_is_told() -> None:
     assert result.growths == 3 and np.isnan(result.table()["mean_mm"][1])
 
 
-#: Runs in a process of its own: a cluster of two workers that are processes.
+#: Program for a separate process: a cluster of two workers that are processes.
 DASK = """
 import os, signal, sys, time
 import growbot
@@ -121,7 +121,7 @@ def by_dask(tmp_path: Path, growths: int, layers: int, kills: int) -> list[str]:
 
 
 def test_dask_and_lost_workers_change_no_byte(tmp_path: Path) -> None:
-    """With GROWBOT_PYTHON=complete: 1e6 growths of 500 layers."""
+    """Grows 1e6 bodies of 500 layers. Only with GROWBOT_PYTHON=complete."""
     growths, layers = (1_000_000, 500) if COMPLETE else (20_000, 50)
     robot = growbot.Robot()
     height = robot.description["layer"]["height_mm"]

@@ -1,4 +1,4 @@
-"""What Python adds to the work in Rust, in counts: calls, objects and threads. `cost.py` has the time."""
+"""Overhead of Python over Rust, in counts: calls, objects and threads. `cost.py` measures the time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 import growbot
 from conftest import START, goals
 
-#: Runs in a process of its own: growths without an end on two threads, and meanwhile a plan.
+#: Program for a separate process: endless growths on two threads, and a plan at the same time.
 BESIDE = """
 import os, threading
 import growbot
@@ -31,7 +31,7 @@ os._exit(0)
 
 
 def calls(work: Callable[[], object]) -> int:
-    """How many functions the interpreter calls."""
+    """Returns the number of functions that the interpreter calls."""
     count = 0
 
     def profile(frame: object, event: str, argument: Any) -> None:
@@ -52,7 +52,7 @@ def test_a_plan_takes_one_call_and_many_take_no_more() -> None:
     pose = growbot.Pose(*wanted[0])
     assert calls(lambda: growbot.plan(start, pose)) - nothing == 1
     assert calls(lambda: (growbot.plan(start, pose), growbot.plan(start, pose))) - nothing == 2
-    # The first time, numpy loads more of itself.
+    # The first call makes numpy load more modules.
     growbot.plan_many(start, wanted[:10], threads=1)
     few, many = (calls(lambda: growbot.plan_many(start, wanted[:count], threads=1)) for count in (10, 1000))
     assert few == many

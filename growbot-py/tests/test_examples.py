@@ -1,4 +1,4 @@
-"""The examples and the notebooks run."""
+"""Runs the examples and the notebooks."""
 
 from __future__ import annotations
 

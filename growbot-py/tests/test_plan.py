@@ -1,4 +1,4 @@
-"""Poses, robots, plans, and what they are made of."""
+"""Poses, robots, plans, and their parts."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_a_plan_arrives_and_survives_pickle(start: growbot.Pose, goal: growbot.P
     assert (steps <= plan.length_mm / 49 * (1 + 1e-9)).all()
     layers = plan.layers()
     assert len(layers) == plan.layer_count
-    # The layers of a helicoidal arc are arcs that end where it does: a little shorter or longer.
+    # The layers of a helicoidal arc are arcs with the same end, so their length differs a little.
     near_layers = 1e-4 * plan.length_mm if "H" in plan.path_type else near
     assert abs(layers["height_mm"].sum() - plan.length_mm) < near_layers
     assert abs(sum(segment.length_mm for segment in plan.segments) - plan.length_mm) < near

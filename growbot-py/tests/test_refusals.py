@@ -1,4 +1,4 @@
-"""Whatever is given to whatever function: a result, or a growbot.Error; never an abort, never a leak."""
+"""Every function returns a result or raises a growbot.Error for any argument. None aborts or leaks memory."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PLAN = growbot.plan(START, (0, 100, 400, 0, 45))
 SPEC = growbot.CampaignSpec([growbot.Robot()], [(0, 0, 100)], [growbot.Conditions()], growths=2)
 SUMMARY = growbot.repeat(PLAN, 1)
 
-#: Every function, by one argument each that is given anything.
+#: All functions, with one argument each that takes any value.
 FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "plan.start": lambda it: growbot.plan(it, (0, 0, 400)),
     "plan.goal": lambda it: growbot.plan(START, it),
@@ -78,7 +78,7 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
 }
 
 NUMBERS: list[Any] = [math.nan, math.inf, -math.inf, -1, 0, 1e300, -1e300, 2**70, -(2**70), 10**400, 1e-320, True]
-#: Arrays of any shape, some without memory behind them.
+#: Arrays of many shapes, some without memory.
 ARRAYS: list[Any] = [
     np.zeros((0, 5)), np.zeros((0,)), np.zeros((3, 3, 3)), np.full((2, 5), np.nan), np.zeros((2, 5), dtype=complex),
     np.array([["a", "b"]]), np.zeros((2, 5), dtype=object), np.broadcast_to(0.0, (10**11, 5)), np.zeros(5)[::-1],
@@ -147,7 +147,7 @@ def test_refusals_tell_value_limit_and_remedy() -> None:
 
 
 def resident() -> int:
-    """Memory of this process, bytes."""
+    """Returns the memory of this process, bytes."""
     with open("/proc/self/statm") as file:
         return int(file.read().split()[1]) * resource.getpagesize()
 
@@ -181,5 +181,5 @@ def test_nothing_leaks() -> None:
         for _ in range(each):
             function()
     gc.collect()
-    # Less than a small object for each call.
+    # The limit is less than a small object for each call.
     assert resident() - before < max(calls * 24, 2_000_000)

@@ -1,4 +1,4 @@
-"""Robots that stay on: simulated ones in processes of their own, and those that `growbot serve` owns."""
+"""Robots that keep running: simulated ones in separate processes, and those that `growbot serve` owns."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def wait_for_state(board: growbot.Board, state: str) -> None:
 
 @pytest.fixture
 def lab(command: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A service that owns the simulated robot sim:lab."""
+    """Starts a service that owns the simulated robot sim:lab."""
     (tmp_path / "growbot.toml").write_text(SETTINGS)
     for key, name in [("XDG_STATE_HOME", "state"), ("XDG_RUNTIME_DIR", "run")]:
         monkeypatch.setenv(key, str(tmp_path / name))
@@ -86,7 +86,7 @@ def test_a_growth_can_be_left_and_met_again(lab: Path) -> None:
         growth.order("continue")
         with pytest.raises(growbot.InputError, match="there is no order"):
             growth.order("jump")
-    # Leaving the block has stopped it.
+    # The end of the block has stopped the growth.
     assert growth.ended and growth.result is not None and growth.result["outcome"] == "stopped"
 
 
@@ -100,7 +100,7 @@ def test_the_service_grows_in_the_scene_that_is_given(lab: Path, monkeypatch: py
             board.grow(PLAN, scene=growbot.Scene("wall.toml"))
         aside = growbot.Scene("aside.toml")
         assert board.grow(PLAN, scene=aside).wait()["outcome"] == "done"
-        # The plan names the file from this directory, and the service runs elsewhere.
+        # The file's name in the plan is relative to this directory, but the service runs in another one.
         plan = growbot.plan(START, (0, 0, 40, 0, 90), robot=ROBOT, scene=aside)
         assert board.grow(plan).wait()["outcome"] == "done"
 

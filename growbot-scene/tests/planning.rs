@@ -97,7 +97,7 @@ fn more_effort_never_gives_a_longer_path() {
         for work in [30_000, 100_000, 300_000] {
             let budget = SearchBudget { max_queries: work, deadline: None, stop_at_first: false };
             let SearchOutcome::Found(chain) = plan(&drawn, Goal::Pose(drawn.goal), &budget) else { continue };
-            // One position less on the way is worth a ten-thousandth of the distance.
+            // A position fewer on the path is worth a ten-thousandth of the distance.
             let price = 1e-4 * (drawn.goal.position - drawn.start.position).norm();
             let cost = chain.length + price * chain.via.len() as f64;
             assert!(cost <= before, "{family:?}: {cost} after {before}");

@@ -40,16 +40,16 @@ pub fn of_image(image: &[u8]) -> Result<Vec<u8>, String> {
     Ok(file)
 }
 
-/// Whether a file begins as UF2 files do.
+/// Returns true if a file begins like a UF2 file.
 #[must_use]
 pub fn is_uf2(file: &[u8]) -> bool {
     file.starts_with(&MAGIC[0].to_le_bytes())
 }
 
-/// Checks that a UF2 file is whole and for the RP2040: every block is there, behind the one before.
+/// Checks that a UF2 file is complete and for the RP2040. Every block must come after the previous one.
 ///
 /// # Errors
-/// In words, what is wrong with it.
+/// Returns a message that describes the problem.
 pub fn check(file: &[u8]) -> Result<(), String> {
     let (blocks, rest) = file.as_chunks::<BLOCK>();
     if blocks.is_empty() || !rest.is_empty() {
@@ -145,7 +145,7 @@ mod tests {
         let image: Vec<u8> = (0..1000_u32).map(|at| (at * 7 + 1) as u8).collect();
         let from = 0x1000_0080;
         let file = of_image(&elf(from, &image)).unwrap();
-        // 0x80 bytes of the first page are not its own.
+        // 0x80 bytes of the first page do not belong to the image.
         assert_eq!(file.len(), 5 * BLOCK);
         let mut flash = vec![0_u8; 2048];
         for (number, block) in file.chunks(BLOCK).enumerate() {
@@ -187,7 +187,7 @@ mod tests {
         };
         refused(&[], "0 bytes");
         refused(&file[..file.len() - 1], "no whole blocks");
-        // One that is cut short, or lacks its begin, has other numbers than it says.
+        // A file that is cut off, or lacks its beginning, has other numbers than its blocks state.
         refused(&file[..file.len() - BLOCK], "block 0 of 7");
         refused(&file[BLOCK..], "block 0 of 7");
         for at in [0, 4, 8, 12, 16, 20, 24, 28, 508] {

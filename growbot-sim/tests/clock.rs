@@ -1,5 +1,5 @@
-//! The board's clock beside the host's while a body grows: a board whose clock is wrong is stopped, a healthy one on a
-//! bad line is not.
+//! The board's clock compared with the host's while a body grows. A board with a wrong clock is stopped. A good board
+//! on a bad connection is not.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -15,17 +15,17 @@ use growbot_core::pose::Pose;
 use growbot_core::random::Rng;
 use growbot_sim::port::sim::Sim;
 
-/// A simulated robot whose clock runs faster than its host's by a factor, on a line that delays answers.
+/// A simulated robot whose clock runs faster than its host's by a factor, on a connection that delays responses.
 struct Skewed {
     sim: Rc<RefCell<Sim>>,
     rate: f64,
-    /// Answers are delayed by up to so much, s, of the host's time.
+    /// Greatest delay of responses, s of the host's time.
     jitter: f64,
     random: Rng,
 }
 
 impl Skewed {
-    /// What is so long on the host's clock, on the board's.
+    /// Converts a duration from the host's clock to the board's.
     fn on_board(&self, time: Duration) -> Duration {
         time.mul_f64(self.rate)
     }
@@ -48,7 +48,8 @@ impl Port for Skewed {
     }
 }
 
-/// Grows 20 upright layers, which takes six minutes. Also how the board is left, and the host's time then, s.
+/// Grows 20 upright layers, which takes six minutes. Also returns the state of the board and the host's time at the
+/// end, s.
 fn grow(rate: f64, jitter: f64) -> (Grown, State, f64) {
     let robot = robot_file::load("growbot-a".as_ref()).unwrap();
     let path = [Segment::Straight { length: 20.0 * 0.774 }];
@@ -72,7 +73,7 @@ fn a_board_whose_clock_is_wrong_is_stopped() {
             println!("rate {rate}, jitter {jitter} s: stopped after {seconds:.0} s: {drift}");
             assert_eq!((state, grown.outcome.name()), (State::Stopped, "clock-drift"), "{rate}, {jitter}");
             assert!(drift.to_string().contains(way) && (1.9..6.0).contains(&drift.percent().abs()), "{drift}");
-            // Two windows of half a minute, and what the delays add.
+            // The limit is two windows of half a minute, and the delays.
             assert!(seconds < 90.0, "{rate}, {jitter}: {seconds} s");
         }
     }

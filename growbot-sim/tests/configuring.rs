@@ -1,4 +1,4 @@
-//! A simulated board that gets another robot description, also while its power is cut.
+//! A simulated board that receives another robot description, even with power cuts in between.
 
 use std::time::Duration;
 
@@ -57,7 +57,7 @@ fn a_board_without_a_description_is_found_out_and_configured() {
     client.hello_robot(&robot("growbot-b")).unwrap();
 }
 
-/// Bytes of an erasure between two cuts that are tried.
+/// Number of bytes of an erasure between two power cuts that are tested.
 const EVERY: usize = 256;
 
 #[test]
@@ -97,7 +97,7 @@ fn a_power_cut_while_it_is_configured_over_the_link_is_survived() {
         flash.lose_power_after(cut, cut as u64);
         let refused = client.configure(&new).unwrap_err();
         assert!(matches!(refused, ClientError::Refused { .. }), "cut at byte {cut}: {refused}");
-        // The power goes with the next tick.
+        // The power fails at the next tick.
         client.pass(Duration::from_millis(100)).unwrap();
         assert_eq!(client.hello().unwrap().robot_hash, old.hash(), "cut at byte {cut}");
         assert_eq!(client.configure(&new).unwrap().robot_hash, new.hash(), "cut at byte {cut}");

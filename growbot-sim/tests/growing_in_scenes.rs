@@ -1,15 +1,15 @@
-//! Noisy growths through scenes drawn at random, in closed and in open loop: how many touch an obstacle, and how many
-//! pause.
+//! Noisy growths through random scenes, with and without feedback. The tests count the growths that touch an obstacle
+//! and those that pause.
 //!
-//! In CI there are 5 growths in each of 4 scenes. All thousand:
+//! CI runs 5 growths in each of 4 scenes. This command runs all thousand:
 //!
 //! ```sh
 //! GROWBOT_SCENES=20 GROWBOT_GROWTHS=50 cargo test --release -p growbot-sim --test it growing_in_scenes:: -- --nocapture
 //! ```
 //!
-//! Layers come out up to 10 % too high or low, by chance; and the same again where in addition all of a growth's are
-//! 10 % too high (in every second scene) or too low. The sensors are those that feedback assumes: odometry to 1 % of a
-//! layer, gravity's direction to 0.5 degrees. The scenes have a planted path, for robot A with a margin of 5 mm.
+//! The heights of layers have random errors of up to 10 %. A second set adds a bias of +10 % (in every second scene) or
+//! -10 % to all layers of a growth. The sensors are those that feedback assumes: odometry to 1 % of a layer, gravity's
+//! direction to 0.5 degrees. The scenes have a planted path, for robot A with a margin of 5 mm.
 
 use growbot_client::feedback::ASSUMED;
 use growbot_client::plan::{Goal, Plan, Search};
@@ -31,7 +31,7 @@ const MARGIN: f64 = 5.0;
 const RADIUS: f64 = 100.0;
 const EFFORT: u64 = 5;
 
-/// A number from the environment.
+/// Returns a number from the environment.
 fn number(name: &str, default: u64) -> u64 {
     std::env::var(name).map_or(default, |text| text.parse().unwrap_or_else(|_| panic!("{name} is {text}, no number")))
 }
@@ -45,19 +45,19 @@ fn no_growth_in_closed_loop_touches_an_obstacle() {
     assert_eq!(noise.closed.contacts, 0);
     let bias = table(&robot, scenes, growths, true);
     assert_eq!(bias.closed.contacts, 0);
-    // Else the scenes would show nothing.
+    // Without contacts, the scenes would test nothing.
     assert!(bias.open.contacts > 0);
-    // A growth that always paused would touch nothing either.
+    // A growth that always pauses would touch nothing either.
     assert!(20 * (noise.closed.pauses + bias.closed.pauses) <= 2 * scenes * growths);
 }
 
-/// What became of the growths in all scenes.
+/// Results of the growths in all scenes.
 struct Both {
     closed: ManyAmong,
     open: ManyAmong,
 }
 
-/// Prints a row for each scene, and gives their sum.
+/// Prints a row for each scene, and returns their sum.
 fn table(robot: &Robot, scenes: u64, growths: u64, biased: bool) -> Both {
     println!("{}", if biased { "\nnoise of 10 %, bias of +10 or -10 %" } else { "\nnoise of 10 %" });
     println!("scene           length  clear   closed: contact  pause  detour  min clear   open: contact  min clear");
@@ -104,11 +104,11 @@ fn among(simulation: &Simulation, growths: u64, threads: usize) -> ManyAmong {
     Campaign::run(simulation, 1, growths, threads, |_| ()).among.unwrap()
 }
 
-/// The scene of this number, with a plan through it.
+/// Returns the scene with this number, with a plan through it.
 fn scene(robot: &Robot, index: u64) -> (String, LoadedScene, Plan) {
     let count = FAMILIES.len() as u64;
     let (family, number) = (FAMILIES[(index % count) as usize], index / count);
-    // Of ten numbers, the first five have a planted path.
+    // The first five of every ten numbers have a planted path.
     let number = number / 5 * 10 + number % 5;
     let body = TubeLimits { radius: RADIUS, clearance: 0.5 * robot.outer_diameter() + MARGIN + 0.1 };
     let drawn = random_scenes::random_scene(family, number, &body);

@@ -1,4 +1,4 @@
-//! Orders given while a body grows on the simulated robot: it pauses, continues and stops, and lays each layer once.
+//! Commands during a growth on the simulated robot: it pauses, continues and stops, and lays each layer once.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -15,18 +15,18 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_sim::port::sim::Sim;
 
-/// Grows 20 upright layers; `order` sees all events and gives orders. Also what was told.
+/// Grows 20 upright layers. `order` receives all events and sends commands. Also returns the events.
 fn grow(order: impl FnMut(&JobEvent, &Orders)) -> (Grown, Vec<JobEvent>) {
     grow_over(order, |sim| Box::new(sim))
 }
 
-/// The same, over another line.
+/// Like [`grow`], over another connection.
 fn grow_over(order: impl FnMut(&JobEvent, &Orders), line: impl FnOnce(Sim) -> Box<dyn Port>) -> (Grown, Vec<JobEvent>) {
     let (grown, told) = try_to_grow(order, line);
     (grown.unwrap(), told)
 }
 
-/// The same, which may come to nothing.
+/// Like [`grow_over`], but the growth may fail.
 fn try_to_grow(
     order: impl FnMut(&JobEvent, &Orders),
     line: impl FnOnce(Sim) -> Box<dyn Port>,
@@ -34,7 +34,7 @@ fn try_to_grow(
     try_to_grow_in(HostSilencePolicy::Pause.into(), order, line)
 }
 
-/// The same, in this manner.
+/// Like [`try_to_grow`], with these options.
 fn try_to_grow_in(
     manner: Manner,
     mut order: impl FnMut(&JobEvent, &Orders),
@@ -82,7 +82,7 @@ fn a_parked_growth_waits_where_somebody_can_continue_it_and_ends_elsewhere() {
             manner,
             |event, orders| match event {
                 JobEvent::Laid { index: 4, .. } => orders.give(Order::Pause),
-                // Only after it was seen to wait, by a status in quiet times.
+                // Continues only after a status without other events has reported that the board waits.
                 JobEvent::Status(status) if status.state == State::Parked => orders.give(Order::Continue),
                 _ => {}
             },
@@ -114,7 +114,7 @@ fn a_growth_stops_as_ordered_and_at_once_where_it_must() {
     }
 }
 
-/// A line that breaks for good under whatever is sent, but for the emergency stop.
+/// A connection that fails permanently for everything but the emergency stop.
 struct Stalled {
     sim: Rc<RefCell<Sim>>,
     is_stalled: Rc<Cell<bool>>,
@@ -162,10 +162,10 @@ fn a_stop_that_does_not_get_through_becomes_an_emergency_stop() {
     assert_eq!(board.take().map(|sim| sim.borrow().state()), Some(State::EmergencyStop));
 }
 
-/// A line that carries nothing to the board while it is cut.
+/// A connection that loses all bytes to the board while it is cut.
 struct Disconnecting {
     sim: Sim,
-    /// So many times more something is to be sent and lost.
+    /// Number of further sends that are lost.
     losses: Rc<Cell<u32>>,
 }
 
@@ -191,7 +191,7 @@ impl Port for Disconnecting {
 
 #[test]
 fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
-    // More than the tries of an order have, fewer than those of all calls.
+    // The losses exceed the retries of a command, but not those of all requests.
     for (order, losses) in [(Order::Pause, 150), (Order::Stop, 150), (Order::EmergencyStop, 50)] {
         let cut = Rc::new(Cell::new(0));
         let mut given = false;
@@ -202,7 +202,7 @@ fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
                     cut.set(losses);
                     orders.give(order);
                 }
-                // It holds by now, as asked to or as its host was silent.
+                // The board holds by now, because of the command or because its host was silent.
                 JobEvent::Status(status) if status.state == State::Paused => orders.give(Order::Continue),
                 _ => {}
             },
@@ -215,12 +215,12 @@ fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
     }
 }
 
-/// A line on which the requests to start are counted.
+/// A connection that counts the requests to start.
 struct Overheard {
     sim: Sim,
     receiver: FrameDecoder,
     starts: Rc<Cell<u32>>,
-    /// From the first of them on, nothing comes back.
+    /// True to deliver no bytes to the host after the first of these requests.
     goes_deaf: bool,
 }
 
@@ -290,7 +290,7 @@ fn an_order_in_any_state_leaves_the_body_whole() {
     }
 }
 
-/// A new spool is loaded by orders alone, as the page and the terminal give them.
+/// Loads a new spool only with commands, as the page and the terminal send them.
 #[test]
 fn a_growth_out_of_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
     let board = Rc::new(RefCell::new(None::<Rc<RefCell<Sim>>>));
@@ -301,7 +301,7 @@ fn a_growth_out_of_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
         manner,
         |event, orders| match event {
             JobEvent::NotObeyed(why) => {
-                // Still moving: asked again with the next status.
+                // The board is still moving, so the command is sent again with the next status.
                 refused.push(why.clone());
                 steps.push(orders_of(why));
             }
@@ -332,7 +332,7 @@ fn a_growth_out_of_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
     );
 }
 
-/// The order that was refused for this reason.
+/// Returns the command that was rejected for this reason.
 fn orders_of(why: &str) -> Order {
     if why.contains("to start") { Order::Continue } else { Order::Load }
 }

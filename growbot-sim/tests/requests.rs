@@ -1,4 +1,4 @@
-//! Requests to a simulated board, over lines that carry only some of them.
+//! Requests to a simulated board, over connections that deliver only some of them.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -56,7 +56,7 @@ fn on_a_clean_line_most_of_what_is_sent_is_layers() {
     assert_eq!(client.repeated(), 0);
 }
 
-/// A line that carries nothing to the board but the emergency stop.
+/// A connection that delivers only the emergency stop to the board.
 struct OnlyStops(Rc<RefCell<Sim>>);
 
 impl Port for OnlyStops {

@@ -1,13 +1,13 @@
-//! Makes `tests/best_known.csv`, the table of the shortest known lengths: the same numbers, the same table.
+//! Makes `tests/best_known.csv`, the table of the shortest known lengths. The same arguments produce the same table.
 //!
 //! ```text
 //! cargo run --release -p growbot-tests --example best_known -- DATE SEED PASSES COUNT... \
 //!     > tests/best_known.csv
 //! ```
 //!
-//! DATE goes into the comments; each COUNT is how many cases of a stratum there shall be, in the order of
-//! `Stratum::ALL`. Every case is searched PASSES times, each time with random numbers of its own, and the shortest
-//! curve is taken; what each pass added to those before goes to the standard error, and into the table's comments.
+//! DATE goes into the comments of the table. Each COUNT is the number of cases of a stratum, in the order of
+//! `Stratum::ALL`. Every case is searched PASSES times with different random numbers, and the shortest curve is taken.
+//! Improvements by each pass go to the standard error, and into the comments of the table.
 
 use std::time::Instant;
 
@@ -16,7 +16,7 @@ use growbot_tests::slow_shortest::table::{COLUMNS, Row, Stratum};
 use growbot_tests::slow_shortest::{Best, Effort, helicoid, shortest};
 
 const USAGE: &str = "DATE, then whole numbers: SEED PASSES COUNT...";
-/// A pass improved a case if it is shorter than all before by more than this, radii.
+/// Min difference by which a pass must shorten a case to count as an improvement, radii.
 const IMPROVED: f64 = 1e-6;
 
 fn effort(stratum: Stratum) -> Effort {
@@ -61,9 +61,9 @@ fn print_head(date: &str, passes: u64, arguments: &str) {
     );
 }
 
-/// What the cases of a stratum came to.
+/// Results of the cases of a stratum.
 struct Tally {
-    /// By each pass, cases that it has improved.
+    /// Number of cases that each pass improved.
     improved: Vec<u64>,
     helicoidal: u64,
     refused: u64,
@@ -76,7 +76,7 @@ impl Tally {
         Self { improved: vec![0; passes as usize], helicoidal: 0, refused: 0, left_out: 0, slack: f64::INFINITY }
     }
 
-    /// Searches a case in all passes. None if its best is not known.
+    /// Searches a case in all passes. `None` if its best is not known.
     fn case(&mut self, stratum: Stratum, seed: u64, number: u64) -> Option<Row> {
         let problem = stratum.case(seed, number);
         let mut best: Option<Best> = None;

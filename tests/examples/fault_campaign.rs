@@ -1,5 +1,5 @@
-//! The whole fault campaign: every fault, every onset, COPIES copies of the robot (50) with each plant. Prints the
-//! table of docs/safety-evidence.md.
+//! Runs the whole fault campaign: every fault, every onset, and COPIES variations of the robot with each plant, by
+//! default 50. Prints the table of docs/safety-evidence.md.
 //!
 //! ```text
 //! cargo fault-campaign [COPIES]

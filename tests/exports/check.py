@@ -1,9 +1,9 @@
-"""Exports bodies with growbot and reads them back: STL and GLB by trimesh, MCAP by its own reader and, in the types of
-ROS 2, by rosbags and mcap-ros2-support, TUM by evo, CSV by Python's.
+"""Exports bodies with growbot and reads them back. trimesh reads STL and GLB, evo reads TUM, and Python reads CSV. The
+`mcap` package reads MCAP, and rosbags and mcap-ros2-support read its types of ROS 2.
 
     check.py GROWBOT
 
-What does not hold ends it with a message and exit code 1. Called by tests/exports/run.
+A failed check ends the program with a message and exit code 1. tests/exports/run calls it.
 """
 
 import csv
@@ -28,12 +28,12 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 GROWBOT = sys.argv[1]
-# Without the port of a robot that is configured here: no check is to move that.
+# Environment without the configured port of a robot, so that no check moves it.
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "GROWBOT_PORT"}
-# What a wall's volume may be off by, as a share of the filament used.
+# Max error of a wall's volume, as a fraction of the filament used.
 VOLUME = 0.005
 
-# Name, what growbot plans, what it is exported with.
+# Name, arguments for planning, arguments for the export.
 PLANS = [
     ("643 mm", ["--to", "200,100,600,0,45"], []),
     ("helicoidal", ["--to", "60,50,40,100,-20"], []),
@@ -43,7 +43,7 @@ PLANS = [
     ("8 chords, rings at every 9th", ["--to", "200,100,600,0,45"], ["--segments", "8", "--every", "9"]),
     ("10,000 layers, every 2nd", ["--to", "1000,500,7700,0,45"], ["--segments", "32", "--every", "2"]),
 ]
-# Name and what growbot grows.
+# Name, and arguments for growing.
 RUNS = [
     ("52 layers as built", ["--robot", "growbot-a2", "--to", "0,0,40,0,90"]),
     ("with noise and feedback", ["--to", "100,50,300,0,45", "--noise", "10", "--feedback"]),
@@ -62,11 +62,11 @@ def growbot(*args, code=0):
 
 
 def check_mesh(name, mesh, volume):
-    """A closed surface, wound outwards, that holds this volume, mm^3; gives by how much it does not."""
+    """Checks that a mesh is a closed surface, wound outwards, with this volume, mm^3. Returns its relative error."""
     uses = numpy.unique(mesh.edges_sorted, axis=0, return_counts=True)[1]
     demand(mesh.is_watertight and (uses == 2).all(), f"{name}: not every edge is shared by two faces")
     demand(mesh.is_winding_consistent, f"{name}: faces disagree about outside")
-    # A torus: one hole, from rim to rim.
+    # The body is a torus, because it has one hole from rim to rim.
     demand(mesh.euler_number == 0, f"{name}: Euler characteristic {mesh.euler_number}")
     off = mesh.volume / volume - 1
     demand(abs(off) <= VOLUME, f"{name}: volume off by {100 * off:.3f} %")
@@ -85,11 +85,11 @@ def check_wall(name, directory, source, options, volume, parts=0):
     demand(len(content) == 84 + 50 * len(in_mm.faces), f"{name}: faces of the STL were dropped or merged")
     off = check_mesh(f"{name}, STL", in_mm, volume)
     scene = trimesh.load_scene(glb)
-    # Beside a body that was laid elsewhere than commanded stands the commanded one, under its name.
+    # If a body was laid elsewhere than commanded, the GLB has the commanded body too, under its own name.
     beside = set(scene.geometry) - {"wall"}
     demand(beside <= {"wall, commanded"} and "wall" in scene.geometry, f"{name}: GLB of {set(scene.geometry)}")
     demand(len(beside) == parts, f"{name}: GLB with {len(beside)} bodies beside the one")
-    # The heights of the layers are colours of the vertices.
+    # The vertices' colours are the heights of the layers.
     colours = scene.geometry["wall"].visual.vertex_attributes["color"]
     layers = {(row["height_mm"], row["tilt_deg"]) for row in table(source)[1:]}
     demand(len(colours) == len(scene.geometry["wall"].vertices), f"{name}: vertices without a colour")
@@ -98,7 +98,7 @@ def check_wall(name, directory, source, options, volume, parts=0):
     demand(len(scene.graph.nodes_geometry) == 1, f"{name}: GLB of more than one body")
     in_metres = scene.to_mesh()
     check_mesh(f"{name}, GLB", in_metres, volume / 1e9)
-    # y up again becomes z up, metres mm.
+    # Converts y up to z up, and metres to mm.
     turned = in_metres.bounds * 1000
     (x0, y0, z0), (x1, y1, z1) = turned
     far = numpy.abs(numpy.array([[x0, -z1, y0], [x1, -z0, y1]]) - in_mm.bounds).max()
@@ -139,7 +139,7 @@ def filament_diameter(robot):
 
 
 def read_recording(name, path):
-    """The messages by topic, each with its time in s, checked against their schemas."""
+    """Returns the messages by topic, each with its time in s, checked against their schemas."""
     messages = {}
     with open(path, "rb") as file:
         reader = make_reader(file, validate_crcs=True)
@@ -182,7 +182,7 @@ def check_recording(name, directory, log):
     return messages
 
 
-# How far a pose may be from the one of the CSV file: m, and of a unit vector.
+# Max difference of a pose from the CSV file: m, and of a unit vector.
 POSE = 1e-12
 # Types of the topics of ROS 2.
 ROS2 = {
@@ -199,13 +199,13 @@ ROS2 = {
 
 
 def poses_of(rows):
-    """Positions in m and directions, from the table of a body."""
+    """Returns positions in m and directions, from the table of a body."""
     positions = [[mm / 1000 for mm in numbers(row, "x_mm", "y_mm", "z_mm")] for row in rows]
     return positions, [numbers(row, "direction_x", "direction_y", "direction_z") for row in rows]
 
 
 def demand_poses(name, poses, rows):
-    """Poses, each a position (m) and a quaternion (x, y, z, w), are those of the table."""
+    """Checks that poses, each a position (m) and a quaternion (x, y, z, w), equal those of the table."""
     demand(len(poses) == len(rows), f"{name}: {len(poses)} poses of {len(rows)}")
     for (position, (x, y, z, w)), at, to in zip(poses, *poses_of(rows)):
         demand(math.dist(position, at) <= POSE, f"{name}: {position} is {math.dist(position, at)} m from {at}")
@@ -225,9 +225,9 @@ def nanoseconds(header):
 
 
 def same(one, other):
-    """Whether two readers have found the same in a message."""
+    """Returns true if two readers decode the same values in a message."""
     if hasattr(one, "__msgtype__"):
-        # Constants, in capitals, are in no message.
+        # Constants, in capitals, are not in the message.
         fields = [field for field in one.__dataclass_fields__ if field[0] != "_" and not field.isupper()]
         return all(same(getattr(one, field), getattr(other, field)) for field in fields)
     if isinstance(one, (list, numpy.ndarray)):
@@ -238,7 +238,7 @@ def same(one, other):
 
 
 def check_ros2(name, directory, log):
-    """All messages in the types of ROS 2, as two readers decode them, and the poses in them."""
+    """Checks all messages in the types of ROS 2, as two readers decode them, and the poses in them."""
     bag = directory / "bag.mcap"
     growbot("export", log, "-o", bag, "--ros2")
     known = get_typestore(Stores.ROS2_JAZZY)
@@ -247,7 +247,7 @@ def check_ros2(name, directory, log):
         for connection in reader.connections:
             demand(ROS2[connection.topic] == connection.msgtype, f"{name}: {connection.topic} is {connection.msgtype}")
             demand(connection.msgdef.format.name == "MSG", f"{name}: {connection.topic} has no ros2msg schema")
-            # The definition in the file is that of ROS 2, by its hash; it is what decodes the messages.
+            # The definition in the file decodes the messages. By its hash it is that of ROS 2.
             own = get_typestore(Stores.EMPTY)
             own.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
             kind = connection.msgtype
@@ -308,7 +308,7 @@ def check_ros2_messages(name, messages, log):
 
 
 def check_tum(name, directory, log):
-    """evo reads the trajectory, and its error against itself as evo writes it is 0."""
+    """Checks that evo reads the trajectory, and that its error against the copy that evo writes is 0."""
     file, written = directory / "tip.tum", directory / "written.tum"
     growbot("export", log, "-o", file)
     trajectory = file_interface.read_tum_trajectory_file(str(file))
@@ -345,7 +345,7 @@ def check_run(name, directory, grow_args):
 
 
 def check_fault(directory):
-    """A log that was cut off after a fault."""
+    """Checks the export of a log that was cut off after a fault."""
     whole, cut = directory / "whole.jsonl", directory / "cut.jsonl"
     growbot("grow", "--robot", "growbot-a2", "--to", "0,0,40,0,90", "--log", whole)
     lines = whole.read_text().splitlines(keepends=True)
@@ -387,12 +387,12 @@ def check_refusals(directory):
     demand(sorted(directory.iterdir()) == before and kept.read_text() == "kept", "something was left of what was refused")
 
 
-# What obstacles hold, mm^3, as exact as their facets are.
+# Max relative error of the volume of obstacles, which their facets cause.
 FACETS = 0.03
 
 
 def check_scene(directory):
-    """The scene around a body: obstacles of their size at their place, translucent, and a mark that ends at one."""
+    """Checks the scene around a body: obstacles of the right size and place, translucent, and a mark at one."""
     room, plan, glb = directory / "room.toml", directory / "plan.json", directory / "body.glb"
     ball, box = ([0, 0, 300], 60), ([150, 0, 300], [30, 200, 300])
     room.write_text(
@@ -412,7 +412,8 @@ def check_scene(directory):
     volume = 4 / 3 * math.pi * ball[1] ** 3 + math.prod(box[1])
     off = obstacles.volume * 1e9 / volume - 1
     demand(-FACETS < off < 1e-6, f"scene: volume of the obstacles off by {100 * off:.2f} %")
-    # From where the plan starts, which is the origin; x, y and z are the base's before the node turns them.
+    # Relative to the start of the plan, which is the origin. x, y and z are in the base's frame before the node's
+    # rotation.
     ends = numpy.array([[-60, -100, 150], [165, 100, 450]])
     far = numpy.abs(obstacles.bounds * 1000 - ends).max()
     demand(far < 0.6, f"scene: the obstacles are {far} mm from where they should be")

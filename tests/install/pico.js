@@ -1,9 +1,9 @@
-// Starts a Pico in rp2040js from the UF2 file that has been copied to its drive. `growbot` configures it and looks at it:
-// the image is sound, nothing is wrong, and an emergency stop is obeyed.
+// Starts a Pico in rp2040js from the UF2 file that was copied to its drive. `growbot` configures it and checks that the
+// image is sound and without a fault, and that the board obeys an emergency stop.
 //
 //   node pico.js UF2 GROWBOT [ARGUMENT...]
 //
-// What follows the file is the command that is growbot.
+// The arguments after the file are the command that runs growbot.
 
 import assert from 'node:assert/strict';
 import { execFile } from 'node:child_process';

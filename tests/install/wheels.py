@@ -1,4 +1,4 @@
-"""Checks wheels: the symbols of the C library that they need, the licences in them, and where their description links.
+"""Checks wheels: required symbols of the C library, the licences in them, and the links of their descriptions.
 
 python3 wheels.py WHEEL...
 """
@@ -9,7 +9,7 @@ import zipfile
 
 # manylinux_2_28.
 NEWEST_GLIBC = (2, 28)
-# The e_machine of ELF files.
+# Values of e_machine in ELF files.
 MACHINES = {"x86_64": 62, "aarch64": 183}
 
 for path in sys.argv[1:]:

@@ -1,19 +1,20 @@
 #!/usr/bin/env python3
-"""Compares the mutants that survived with the list of those that are equivalent.
+"""Compares the mutants that survived with the list of equivalent mutants.
 
     check.py EQUIVALENT.TOML REPOSITORY OUTPUT...
 
-Each OUTPUT is what tests/mutants/run left of a group: all.json, and the reports own/ and all/ of cargo-mutants. An entry of the list is
+Each OUTPUT is the directory that tests/mutants/run wrote for a group: all.json, and the reports own/ and all/ of
+cargo-mutants. An entry of the list is
 
     [[mutant]]
     file = "growbot-firmware/src/heater/supervision.rs"
     mutation = "replace > with >= in Supervision::drops"
-    line = "the line of the code, without the blanks round it"
-    column = 3      # which of several in that line, counted from 1; 1 if it is left out
+    line = "the line of the code, without the blanks around it"
+    column = 3      # the number of the mutant among those in that line, counted from 1, by default 1
     reason = "..."
 
-so that it still names its mutant when lines above it come or go. Exit code 0 where every survivor is listed, and every listed mutant of the
-groups that were run exists and has survived; otherwise 1.
+An entry therefore still identifies its mutant after lines above it were added or removed. The exit code is 0 if every
+survivor is listed, and if every listed mutant of the groups that were run exists and has survived. Otherwise it is 1.
 """
 
 import json
@@ -23,7 +24,7 @@ from pathlib import Path
 
 
 class Mutants:
-    """Names mutants by file, mutation, line of code and occurrence in that line."""
+    """Identifies mutants by file, mutation, line of code and occurrence in that line."""
 
     def __init__(self, repository, listed):
         self.lines = {}
@@ -48,7 +49,7 @@ class Mutants:
 
 
 def outcomes(report):
-    """The mutants of a report with what became of them."""
+    """Yields the mutants of a report with their outcomes."""
     path = report / "outcomes.json"
     if not path.exists():
         return

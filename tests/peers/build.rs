@@ -1,4 +1,4 @@
-//! Compiles the C library behind the Python package `dubins`, whose unpacked source package `DUBINS_SOURCE` names.
+//! Compiles the C library behind the Python package `dubins`. `DUBINS_SOURCE` is its unpacked source package.
 
 use std::env;
 use std::path::PathBuf;

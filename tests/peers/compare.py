@@ -1,7 +1,7 @@
-"""Compares growbot's planners with others and prints one table. Called by tests/peers/run, which sets everything up.
+"""Compares growbot's planners with others and prints one table. tests/peers/run sets everything up and calls this.
 
-All planners get the same queries, in one run. Times are taken in batches, one planner's after the other's, round after
-round; a ratio is the median of the rounds' ratios.
+All planners get the same queries in one run. In each round, the planners are timed in batches, one after the other. A
+ratio is the median of the rounds' ratios.
 """
 
 import argparse
@@ -22,14 +22,14 @@ import time
 import growbot
 from ompl import base, util
 
-# A path is too long if it is longer than the best known by more than this, radii...
+# Max excess of a path's length over the best known length, radii. A longer path is too long.
 TOO_LONG = 1e-9
-# ...and arrives if it ends this close to the goal, radii and radians: close enough to be no shorter for it by TOO_LONG.
+# Tolerance at the goal, radii and radians. It is so small that a path cannot save TOO_LONG by it.
 ARRIVES = 1e-10
-# So many queries of a family are timed, again and again: few enough that all planners find them in the processor's
-# cache, however they keep them.
+# Number of queries of a family that are timed repeatedly. They are few enough to stay in the processor's cache for all
+# planners, in any form.
 TIMED = 500
-# Interpolation at 1 returns the goal itself, wherever the path ends: it is asked for this much less.
+# Interpolation parameter just below 1. Interpolation at 1 returns the goal itself, wherever the path ends.
 NEARLY_ALL = 1 - 2.0**-40
 
 OMPL = importlib.metadata.version("ompl")
@@ -39,12 +39,12 @@ WORDS = ("LSL", "RSR", "LSR", "RSL", "LRL", "RLR")
 
 
 def wrapped(angle):
-    """An angle, between -pi and pi."""
+    """Returns the angle between -pi and pi."""
     return math.remainder(angle, math.tau)
 
 
 def laid_out(start, word, lengths):
-    """Where a path in the plane ends."""
+    """Returns the end of a path in the plane."""
     x, y, heading = start
     for piece, length in zip(word, lengths):
         turn = SIDES[piece] * length
@@ -75,7 +75,7 @@ def known(start, word, lengths):
 
 
 def pieces(rng, words, least=0.0, most=math.tau):
-    """Arcs of these angles and straight lines, up to 10 R long."""
+    """Returns a path with arcs of random angles in this range and straight lines of up to 10 R."""
     word = rng.choice(words)
     lengths = [rng.uniform(0, 10) if piece == "S" else rng.uniform(least, most) for piece in word]
     return known(ORIGIN, word, lengths)
@@ -113,7 +113,7 @@ DISTANCES = (0.5, 1, 2, 3, 4, 8, 16, 32)
 
 
 def direction(rng):
-    """A direction in space, all alike: heading and pitch."""
+    """Returns a direction in space, uniformly distributed: heading and pitch."""
     return rng.uniform(-math.pi, math.pi), math.asin(rng.uniform(-1, 1))
 
 
@@ -127,7 +127,7 @@ def pair_of_poses(rng, distance):
 
 
 class Helper:
-    """The program that finds and times growbot's paths, dubins_paths', and the C library's."""
+    """The program that finds and times paths of growbot, dubins_paths and the C library."""
 
     def __init__(self, program):
         self.process = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -146,7 +146,7 @@ class Helper:
 
 
 class Helped:
-    """A planner asked through the helper. Found paths are (length, how far from the goal it ends) or None."""
+    """A planner in the helper program. Paths found are (length, distance of its end from the goal) or None."""
 
     call = None
 
@@ -169,7 +169,7 @@ class Helped:
 
 
 class Ompl:
-    """A planner of OMPL's, asked through its Python package."""
+    """A planner of OMPL, called through its Python package."""
 
     def __init__(self, space, dimension, starts, goals):
         bounds = base.RealVectorBounds(dimension)
@@ -179,7 +179,7 @@ class Ompl:
         space.setup()
         self.space = space
         self.starts, self.goals = [self.state(at) for at in starts], [self.state(at) for at in goals]
-        # A call of the same shape, two states in and a number out, by a space whose distance takes no time.
+        # A call of the same form, two states in and a number out, with a space whose distance takes no time.
         self.trivial = base.SO2StateSpace()
         self.trivial_states = [self.trivial.allocState() for _ in starts]
 
@@ -222,9 +222,9 @@ class Ompl:
 
 
 def python_call(loop, rounds=10, count=4000, batch=50):
-    """What growbot.plan takes beyond the planner in Rust, nanoseconds a call: goals 3 to 30 radii away.
+    """Returns the additional time of growbot.plan over the planner in Rust, ns per call, for goals 3 to 30 radii away.
 
-    Each batch counts with the min of its rounds, so that other work on the machine does not matter.
+    The time of a batch is the min of its rounds, so that other work on the machine has no effect.
     """
     generator = random.Random(2026)
     goals = [
@@ -246,7 +246,7 @@ def python_call(loop, rounds=10, count=4000, batch=50):
 
 
 def timed(function, starts, goals, passes):
-    """Nanoseconds for a call: as little Python around it as there can be."""
+    """Returns nanoseconds per call, with as little Python around it as possible."""
     gc.disable()
     began = time.perf_counter_ns()
     for _ in range(passes):
@@ -257,14 +257,14 @@ def timed(function, starts, goals, passes):
 
 
 def in_plane(helper, pairs):
-    """All planners in the plane, by name."""
+    """Returns all planners in the plane by name."""
     helper.ask(do="load_plane", pairs=pairs)
     planners = {name: Helped(helper, name, pairs) for name in ("growbot", "dubins_paths", "dubins")}
     return planners | {"ompl": Ompl(base.DubinsStateSpace(1.0), 2, *zip(*pairs))}
 
 
 def in_space(helper, ours, pairs):
-    """All planners in space, by name."""
+    """Returns all planners in space by name."""
     helper.ask(do="load_space", pairs=pairs)
     planners = {name: Helped(helper, name, pairs) for name in ours}
     spaces = {"vana": base.VanaStateSpace, "vana-owen": base.VanaOwenStateSpace}
@@ -272,10 +272,10 @@ def in_space(helper, ours, pairs):
 
 
 def compare(load, pairs, bounds, rounds, batch):
-    """Asks all planners for all paths, and times them.
+    """Requests all paths from all planners, and times them.
 
-    `load` gives the planners of some pairs of start and goal, `bounds` are lengths of paths known beforehand, a batch
-    is in ns.
+    `load` returns the planners for pairs of start and goal. `bounds` are lengths of paths that are known beforehand.
+    `batch` is the duration of a batch, ns.
     """
     found = {name: list(planner.found()) for name, planner in load(pairs).items()}
     best = [
@@ -340,7 +340,7 @@ HEADER = (
 
 
 def row(goals, ours_name, theirs_name, ours, theirs):
-    """One line of the table: one planner of growbot's beside one other, for one family of queries."""
+    """Returns one line of the table: a planner of growbot and another planner, for one family of queries."""
     both = [(a, b) for a, b in zip(ours["arriving"], theirs["arriving"]) if a is not None and b is not None]
     differences = [0.0 if abs(a - b) <= TOO_LONG else (a - b) / b if b > 0 else math.inf for a, b in both]
     whole = statistics.median(a / b for a, b in zip(ours["ns"], theirs["ns"]))
@@ -363,7 +363,7 @@ def row(goals, ours_name, theirs_name, ours, theirs):
 
 
 def printed(rows):
-    """A table in Markdown, its columns aligned."""
+    """Returns a table in Markdown with aligned columns."""
     widths = [max(len(cells[column]) for cells in (HEADER, *rows)) for column in range(len(HEADER))]
     rule = ["-" * widths[c] if c < 3 else "-" * (widths[c] - 1) + ":" for c in range(len(HEADER))]
     lines = [HEADER, rule, *rows]

@@ -2,10 +2,10 @@
 
     scenes.py DIRECTORY_1_S DIRECTORY_10_S
 
-Called by `tests/peers/run --scenes`. The directories hold scenes and growbot's paths through them, as the example
-`families` of growbot-scene writes them with `best`, found within 1 s and 10 s. The scenes that count have a planted
-path and a goal with a direction. OMPL tests states at its own resolution (a hundredth of the space's extent); here each
-of its paths is looked at again, every 0.5 mm.
+`tests/peers/run --scenes` calls it. The directories contain scenes and growbot's paths through them, found within 1 s
+and 10 s. The example `families` of growbot-scene writes them with `best`. Only scenes with a planted path and a goal
+with a direction count. OMPL tests states at its own resolution (a hundredth of the space's extent). This program checks
+each of its paths again, every 0.5 mm.
 """
 
 import collections
@@ -19,16 +19,16 @@ import numpy
 from ompl import base, geometric, util
 from scipy.spatial import cKDTree
 
-# How much larger than scene, start and goal the space is in which OMPL draws states, mm.
+# Margin of the space in which OMPL draws states, beyond scene, start and goal, mm.
 ROOM = 300
-# Between two points at which a path is looked at again, mm.
+# Distance between two checked points of a path, mm.
 APART = 0.5
 PLANNERS = {"RRT*": geometric.RRTstar, "BIT*": geometric.BITstar}
 SPACES = {"Vana": base.VanaStateSpace, "Vana-Owen": base.VanaOwenStateSpace}
 
 
 class Obstacles:
-    """How far a point is from the nearest obstacle; inside a mesh, from its surface."""
+    """Distance of a point from the nearest obstacle. Inside a mesh it is the distance from the surface."""
 
     def __init__(self, scene):
         shapes = collections.defaultdict(list)
@@ -100,7 +100,7 @@ def bounds_of(scene):
 
 
 def setup_of(scene, space_of, planner_of):
-    """The problem for OMPL."""
+    """Returns the problem for OMPL."""
     obstacles, need = Obstacles(scene), scene["need"]
     space = space_of(scene["radius"], math.pi / 2)
     space.setBounds(bounds_of(scene))
@@ -119,7 +119,7 @@ def setup_of(scene, space_of, planner_of):
 
 
 def nearest(setup, space, obstacles, at):
-    """The least distance from an obstacle along the path that was found, looked at every 0.5 mm."""
+    """Returns the min distance from an obstacle along the path found, checked every 0.5 mm."""
     states = setup.getSolutionPath().getStates()
     here, least = space.allocState(), math.inf
     for start, end in zip(states, states[1:]):

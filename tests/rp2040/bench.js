@@ -1,28 +1,30 @@
-// The other end of growbot's port `rp2040` (growbot-sim/src/port/rp2040.rs): runs a Pico as far as it is told, over
-// standard input and output.
+// The other end of growbot's port `rp2040` (growbot-sim/src/port/rp2040.rs). It runs a Pico step by step, on requests
+// over standard input and output.
 //
 //   node bench.js IMAGE [LINE]
 //
-// LINE, `uart` or `usb`, is the line of the link (`uart`, if not said).
+// LINE is the line of the link, `uart` or `usb`, by default `uart`.
 //
-// A message is its length (32 bits) and its bytes; numbers are little-endian. A request begins with its kind:
+// A message is its length (32 bits) and its bytes. Numbers are little-endian. A request begins with its kind:
 //
-// - 0, run: until when (f64, ns since the power came on); so many head steps and feed steps at most (2 x u32); counts
-//   at the thermistor's and the supply's channel (2 x u16; 65535: the converter never gets ready); levels of INPUTS, a
-//   bit each (u8); gravity along the orientation sensor's axes, 1/1000 g (3 x i16; -32768: it does not answer); bytes
-//   for the link.
-// - 1, lose power: after so many more bytes of flash programmed or erased (u32).
+// - 0, run. Its fields are the end (f64, ns since the power came on), max head steps and feed steps (2 x u32), and
+//   counts at the thermistor's and the supply's channel (2 x u16, 65535: the converter never gets ready). Then come
+//   levels of INPUTS, a bit each (u8), gravity along the orientation sensor's axes, 1/1000 g (3 x i16, -32768: the
+//   sensor does not respond), and bytes for the link.
+// - 1, lose power after this many more bytes of flash are programmed or erased (u32).
 // - 2, power up.
-// - 3, slow flash: how many times as long as typical its work takes (f64).
-// - 4, crash: the main loop hangs (0), the processor faults (1), or the crystal stops (2) from now on (u8).
-// - 5, keep the flash as it is; 6, put into it what was kept: the power goes and comes again.
+// - 3, slow flash: ratio of the duration of its operations to the typical one (f64).
+// - 4, crash (u8): the main loop hangs (0), the processor faults (1), or the crystal stops (2) from now on.
+// - 5, save the contents of the flash.
+// - 6, restore these contents: the power goes and comes again.
 //
-// Each is answered: the time (f64, ns); shares of the time since the last answer in which heater and fan were on
-// (2 x f64); instructions executed so far (f64); resets by the watchdog (u32); bytes of flash changed (u32); whether its power is lost (u32); number of
-// edges (u32), each: its time after the last answer (u32, ns) and which of OUTPUTS, times 4, plus 0 for low, 1 for
-// high, 2 for not driven (u32); bytes from the link.
+// Each response has the time (f64, ns), the fractions of the time since the last response in which heater and fan were
+// on (2 x f64), and the instructions executed so far (f64). Then come resets by the watchdog (u32), bytes of flash
+// changed (u32), whether power is lost (u32), and the number of edges (u32). Each edge is its time after the last
+// response (u32, ns) and a code (u32): the index in OUTPUTS times 4, plus 0 for low, 1 for high, 2 for not driven.
+// Bytes from the link come last.
 //
-// RP2040_FIGURES=FILE has it write what the step interrupt and the stack cost (figures.js).
+// With RP2040_FIGURES=FILE it writes the cost of the step interrupt and the depth of the stack (figures.js).
 import { readSync, writeSync } from 'node:fs';
 import { Board } from './board.js';
 import { measure } from './figures.js';
@@ -33,14 +35,14 @@ const SILENT = 0xffff;
 
 const board = new Board(process.argv[2], process.argv[3]);
 if (process.env.RP2040_FIGURES) measure(board.chip.core, process.env.RP2040_FIGURES);
-/** Edges since the last answer: times and codes. */
+/** Edges since the last response: times and codes. */
 let edges = [];
 let begun = 0;
-/** What the flash once held. */
+/** Saved contents of the flash. */
 let kept;
-/** How many steps of head and feed there may still be. */
+/** Remaining numbers of steps of head and feed. */
 const left = [Infinity, Infinity];
-/** For heater and fan: since when it is on, null while it is off; and how long it was on, ns. */
+/** For heater and fan: the time since which it is on, null while it is off, and the time for which it was on, ns. */
 const power = new Map([HEATER, FAN].map((pin) => [pin, { since: null, ns: 0 }]));
 const signals = new Map(OUTPUTS.map((pin, index) => [pin, index]));
 const STEPS = [OUTPUTS[0], OUTPUTS[3]];
@@ -56,7 +58,7 @@ board.onPin = (pin, state) => {
     const signal = signals.get(pin);
     if (signal === undefined) return;
     const axis = STEPS.indexOf(pin);
-    // That a step's pulse ends tells nothing.
+    // The end of a step's pulse is not reported.
     if (axis >= 0 && state !== HIGH) return;
     edges.push(Math.floor(ns - begun), (signal << 2) | state);
     if (axis >= 0 && --left[axis] <= 0) board.interrupted = true;
@@ -92,7 +94,7 @@ function run(request) {
     board.runUntil(until);
 }
 
-/** The share of a time in which a pin was on. */
+/** Returns the fraction of a time in which a pin was on. */
 function share(pin, time) {
     const powered = power.get(pin);
     if (powered.since !== null) {

@@ -1,7 +1,7 @@
-// A Pico in rp2040js: the ELF image as the linker made it, or a UF2 file, in virtual time. The image starts at its vector table,
-// behind the second-stage loader. Of the boot ROM there is what changes flash (rom.js).
+// A Pico in rp2040js in virtual time, with an ELF image or a UF2 file. The image starts at its vector table, after the
+// second-stage loader. The boot ROM has only the functions that change flash (rom.js).
 //
-// The watchdog's reset is the chip's: all of it starts anew but for what its memory holds.
+// A reset by the watchdog resets the whole chip, except for its memory.
 import { readFileSync } from 'node:fs';
 import { GPIOPinState, RP2040 } from 'rp2040js';
 import { BYTES, Flash } from './flash.js';
@@ -13,9 +13,9 @@ import { UsbHost } from './usb.js';
 
 const FLASH = 0x10000000;
 const VECTORS = FLASH + 0x100;
-/** ns of a clock at 125 MHz. */
+/** Duration of a clock at 125 MHz, ns. */
 const CLOCK_NS = 8;
-/** ns of a byte on the link, at 115200 baud. */
+/** Duration of a byte on the link at 115200 baud, ns. */
 const BYTE_NS = 1e10 / 115200;
 const PINS = 30;
 /** Key of the watchdog among the emulator's peripherals. */
@@ -23,21 +23,21 @@ const WATCHDOG = 0x40058;
 /** Key of the timer, and its registers of the time. */
 const TIMER = 0x40054;
 const TIMES = [0x24, 0x28];
-/** Instructions that wait for an interrupt, again and again, and where they are put: in the ROM. */
+/** Instructions that wait for an interrupt in a loop, and their address in the ROM. */
 const [HANG, HANG_AT] = [0xe7fdbf30, 0x400];
-/** The exception's number. */
+/** Number of the exception. */
 const HARD_FAULT = 3;
 
-/** What a block of a UF2 file begins with, and its bytes. */
+/** First words of a block of a UF2 file, and its size in bytes. */
 const [UF2, BLOCK] = [0x0a324655, 512];
 
-/** What an image, a UF2 file or a 32-bit ELF image, puts into the flash: address and bytes. */
+/** Returns the parts of an image, a UF2 file or a 32-bit ELF image, for the flash: address and bytes. */
 function parts(image) {
     const isUf2 = image.length >= BLOCK && image.readUInt32LE(0) === UF2;
     return isUf2 ? blocks(image) : segments(image);
 }
 
-/** The blocks of a UF2 file. */
+/** Returns the blocks of a UF2 file. */
 function blocks(uf2) {
     return Array.from({ length: uf2.length / BLOCK }, (_, index) => {
         const at = index * BLOCK;
@@ -45,7 +45,7 @@ function blocks(uf2) {
     });
 }
 
-/** The loaded segments of an ELF image. */
+/** Returns the loaded segments of an ELF image. */
 function segments(elf) {
     const view = new DataView(elf.buffer, elf.byteOffset, elf.byteLength);
     const [table, size, count] = [view.getUint32(28, true), view.getUint16(42, true), view.getUint16(44, true)];
@@ -58,7 +58,8 @@ function segments(elf) {
         });
 }
 
-/** What the emulator does not know ends the emulation, but for the reset's cause, which it answers with ones. */
+/** Accesses that the emulator does not support end the emulation. The exception is the cause of the reset, which the
+ * emulator reads as ones. */
 const LOGGER = {
     debug() {},
     info() {},
@@ -71,7 +72,7 @@ const LOGGER = {
 };
 
 export class Board {
-    /** A board with an image, whose power comes on. The line to it is `uart` or `usb`; USB is plugged in for `usb`. */
+    /** Creates a board with an image and switches its power on. The line is `uart` or `usb`, and `usb` plugs USB in. */
     constructor(image, line = 'uart') {
         [this.line, this.plugged] = [line, line === 'usb'];
         /** Bytes that the board has sent on the other line. */
@@ -81,29 +82,29 @@ export class Board {
         this.flash = new Flash(cells);
         /** Bytes that the board has sent. */
         this.sent = [];
-        /** Bytes on their way to it, and when the next one arrives, ns of the chip. */
+        /** Bytes on their way to the board, and the time at which the next one arrives, ns of the chip. */
         [this.coming, this.nextByte] = [[], 0];
-        /** Resets by the watchdog. */
+        /** Number of resets by the watchdog. */
         this.resets = 0;
-        /** Instructions executed. */
+        /** Number of instructions executed. */
         this.instructions = 0;
         /** Levels at the pins, from outside. */
         this.levels = new Array(PINS).fill(false);
         /** Counts at the converter's channels. */
         this.counts = [0, 0, 0, 0, 0];
         this.orientation = new Orientation();
-        /** The stepper drivers at UART1. */
+        /** Stepper drivers at UART1. */
         this.driverLine = new DriverLine();
         /** Called with a pin and its new state: driven low (0), driven high (1), not driven (2). */
         this.onPin = () => {};
-        /** Ends [run] before its time. */
+        /** Ends `run` early. */
         this.interrupted = false;
-        /** ns that passed before the chip's latest start. */
+        /** Time that passed before the chip's latest start, ns. */
         this.before = 0;
         this.#start();
     }
 
-    /** The lines of the orientation sensor, at which both it and the board may pull. */
+    /** Updates the lines of the orientation sensor, which both the sensor and the board may pull low. */
     #orientationBus() {
         const { orientation } = this;
         const [clock, data] = [ORIENTATION_CLOCK, ORIENTATION_DATA].map((pin) => !this.isLow(pin));
@@ -112,7 +113,7 @@ export class Board {
         this.put(ORIENTATION_DATA, orientation.data);
     }
 
-    /** Starts the chip: with the memory of the chip before, if it has been reset. */
+    /** Starts the chip. After a reset it has the memory of the previous chip. */
     #start(reset) {
         if (reset) this.before += reset.clock.nanos;
         const chip = new RP2040();
@@ -129,7 +130,7 @@ export class Board {
         const watchdog = chip.peripherals[WATCHDOG];
         watchdog.onWatchdogTrigger = () => {
             this.triggered = true;
-            // Else it would trigger again at the same time, for ever.
+            // Otherwise it would trigger repeatedly at the same time.
             watchdog.alarm.enable = false;
         };
         chip.adc.channelValues = this.counts;
@@ -143,8 +144,8 @@ export class Board {
             chip.gpio[pin].addListener(() => this.#orientationBus());
         }
         const { core } = chip;
-        // The emulator enters a handler with the thumb bit in its program counter, which jump tables then take for an
-        // odd place.
+        // The emulator enters a handler with the thumb bit in its program counter. Jump tables would then read an odd
+        // address.
         const enter = core.exceptionEntry.bind(core);
         core.exceptionEntry = (exception) => {
             enter(exception);
@@ -159,12 +160,12 @@ export class Board {
         [this.coming, this.nextByte] = [[], 0];
     }
 
-    /** Time since the power first came on, ns. */
+    /** Returns the time since the power first came on, ns. */
     get ns() {
         return this.before + this.chip.clock.nanos;
     }
 
-    /** Runs until a time, ns, or until something interrupts it; sleep and the flash's work are skipped. */
+    /** Runs until a time, ns, or until it is interrupted. Sleep and flash operations are skipped. */
     runUntil(ns) {
         this.interrupted = false;
         while (this.ns < ns && !this.interrupted && !this.flash.lostPower) {
@@ -218,7 +219,7 @@ export class Board {
         else this.unheard += bytes.length;
     }
 
-    /** Puts bytes onto the line to the board, behind those that are there. */
+    /** Queues bytes for the board. */
     send(bytes) {
         if (this.line === 'usb') {
             this.host.send(bytes);
@@ -228,30 +229,30 @@ export class Board {
         this.coming.push(...bytes);
     }
 
-    /** Whether bytes for it are still on their way. */
+    /** Returns true if bytes for the board are still on their way. */
     get isSentTo() {
         return (this.line === 'usb' ? this.host.waiting : this.coming).length > 0;
     }
 
-    /** Drops what is on its way to it. */
+    /** Drops the bytes on their way to the board. */
     dropUnsent() {
         this.coming = [];
         if (this.host) this.host.waiting = [];
     }
 
-    /** Puts a level to a pin. */
+    /** Sets the level of a pin. */
     put(pin, high) {
         if (this.levels[pin] === high) return;
         this.levels[pin] = high;
         this.chip.gpio[pin].setInputValue(high);
     }
 
-    /** Puts counts to a channel of the converter; with null it never gets ready. */
+    /** Sets the counts of a channel of the converter. With null the channel never gets ready. */
     convert(channel, counts) {
         this.counts[channel] = counts;
     }
 
-    /** The power has been off and comes on again: all is lost but the flash, and memory holds anything. */
+    /** Switches the power off and on. Only the flash is kept, and memory has random contents. */
     powerUp() {
         this.flash.bytesLeft = Infinity;
         this.driverLine.drivers.forEach((driver) => driver.startAnew());
@@ -262,7 +263,7 @@ export class Board {
         for (let at = 0; at < sram.length; at++) sram[at] = Math.imul(at + this.before, 0x9e3779b1) >>> 24;
     }
 
-    /** Has the main loop run into something at once, behind the interrupt that may be at work. */
+    /** Makes the main loop run code at once, after an interrupt that may be running. */
     #derail(work) {
         const { core } = this.chip;
         while (core.IPSR !== 0) this.runUntil(this.ns + CLOCK_NS);
@@ -270,18 +271,18 @@ export class Board {
         work(core);
     }
 
-    /** The main loop hangs from now on. It does not feed the watchdog any more. */
+    /** Makes the main loop hang, so that it no longer feeds the watchdog. */
     hang() {
         new DataView(this.chip.bootrom.buffer).setUint32(HANG_AT, HANG, true);
         this.#derail((core) => (core.PC = HANG_AT));
     }
 
-    /** The processor faults. */
+    /** Makes the processor fault. */
     fault() {
         this.#derail((core) => core.exceptionEntry(HARD_FAULT));
     }
 
-    /** The crystal stops: the timer and the watchdog stand. The processor's clock goes on, as its PLL may. */
+    /** Stops the crystal, so that the timer and the watchdog stand. The processor's clock continues, as its PLL may. */
     stopCrystal() {
         const timer = this.chip.peripherals[TIMER];
         const stands = new Map(TIMES.map((register) => [register, timer.readUint32(register)]));

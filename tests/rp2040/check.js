@@ -1,6 +1,6 @@
-// Runs the firmware of the Pico in rp2040js, in step with the clock on the wall, and lets `growbot` talk to it over
-// TCP: at its start and after an emergency stop the heater, the fan and both drivers are off; what lies at the pins and at
-// the converter's channels is what the board tells its host; a driver's fault is one.
+// Runs the firmware of the Pico in rp2040js in real time, and connects `growbot` over TCP. At the start and after an
+// emergency stop, heater, fan and both drivers must be off. The board must report the signals at its pins and channels,
+// and a driver's fault.
 //
 //   node check.js GROWBOT IMAGE
 
@@ -57,7 +57,7 @@ try {
     second.stop();
 }
 
-// Both lines are there: the board answers on the one on which it is asked, and only there.
+// With both lines connected, the board responds only on the line of the request.
 const plugged = new Board(image, "usb");
 rest(plugged);
 plugged.run(3000);

@@ -1,10 +1,10 @@
-// Power is lost while the journal is erased and while the beginning of a job is written to it: the board starts again
-// at rest and without a fault.
+// Losses of power while the journal is erased, and while the beginning of a job is written to it. The board must start
+// again at rest and without a fault.
 //
 //   node cut.js GROWBOT IMAGE [SAMPLES]
 //
-// Losses are after every 256 bytes of the first block erased, and after every byte of the page with the record; SAMPLES
-// of each (3, if not said; `all` takes some ten minutes).
+// Losses are after every 256 bytes of the first block erased, and after every byte of the page with the record. SAMPLES
+// is the number of each, by default 3. `all` takes about ten minutes.
 
 import assert from 'node:assert/strict';
 import { execFile } from 'node:child_process';
@@ -18,13 +18,13 @@ const run = promisify(execFile);
 
 const { work, boardAt } = await begunJob(growbot, image);
 
-/** So many of these numbers, evenly. */
+/** Returns SAMPLES of these numbers, evenly spread. */
 function some(numbers) {
     const count = samples === 'all' ? numbers.length : Math.min(Number(samples), numbers.length);
     return Array.from({ length: count }, (_, index) => numbers[Math.floor(((index + 0.5) * numbers.length) / count)]);
 }
 
-/** A board whose power was lost after so many bytes of work that begins at a time, and has come again. */
+/** Returns a board that lost power after `bytes` bytes of work that begins at `from`, and whose power is on again. */
 function cut(from, bytes) {
     const board = boardAt(from - 1000);
     assert(board.rom.busyUntil === null || board.chip.clock.nanos < from);
@@ -36,7 +36,7 @@ function cut(from, bytes) {
     return board;
 }
 
-/** What the board says of itself. */
+/** Returns the status of the board. */
 async function said(board) {
     const { port, stop } = await serve(board);
     try {

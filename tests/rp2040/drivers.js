@@ -1,6 +1,7 @@
-// An SKR Pico in rp2040js, configured over the line: its drivers get what the robot file says, and again after they
-// have lost it at rest. One that does not answer, stalls, is shorted or starts anew while the robot works is a
-// `driver-fault` that says so, with everything off. No motor is energised before both drivers are configured.
+// An SKR Pico in rp2040js that is configured over the line. Its drivers get the settings of the robot file, and get
+// them again after they have lost them at rest. While the robot works, a driver that does not respond, stalls, is
+// shorted or restarts causes a specific `driver-fault`, with everything off. No motor is energised before both drivers
+// are configured.
 //
 //   node drivers.js GROWBOT IMAGE
 //
@@ -23,7 +24,7 @@ const run = promisify(execFile);
 
 /** Addresses of the drivers of head and feed. */
 const [HEAD, FEED] = [0, 3];
-/** Pins of the SKR Pico, as growbot-core/src/robot/board.rs has them. */
+/** Pins of the SKR Pico from growbot-core/src/robot/board.rs. */
 const PINS = {
     head_enable: 12,
     feed_enable: 15,
@@ -42,7 +43,7 @@ const { Board } = await import('./board.js');
 /** Levels while all is off. EN is low when on. */
 const OFF = { low: [PINS.heater, PINS.heater_enable, PINS.fan], high: [PINS.head_enable, PINS.feed_enable] };
 const LOW = 0;
-/** Max time of the chip from a driver's trouble to everything off, ms: a few readings, then two looks at 10 Hz. */
+/** Max time of the chip from a driver's trouble to everything off, ms: a few readings, then two polls at 10 Hz. */
 const FOUND_MS = 400;
 
 /** Robot A on an SKR Pico. */
@@ -54,11 +55,11 @@ const ROBOT = readFileSync(new URL('../../robots/growbot-a.toml', import.meta.ur
         '[feed.driver]\ncurrent_a = 0.5\nmicrosteps = 32\nmode = "spreadcycle"\n',
     );
 
-/** A board with this flash, whose power comes on. */
+/** Returns a board with this flash, whose power is on. */
 function newBoard(flash, prepare = () => {}) {
     const board = new Board(image);
     if (flash) board.chip.flash.set(flash);
-    // 25 C; no mark; filament; stop not pressed.
+    // 25 C, off the index mark, with filament, stop not pressed.
     board.convert(PINS.thermistor - 26, 3911);
     board.put(PINS.index, true);
     board.put(PINS.filament_presence, false);
@@ -72,7 +73,7 @@ const file = join(folder, 'skr.toml');
 writeFileSync(file, ROBOT);
 process.on('exit', () => rmSync(folder, { recursive: true }));
 
-/** Configures a board, and gives its flash. */
+/** Configures a board, and returns its flash. */
 async function configured() {
     const board = newBoard();
     board.run(3000);
@@ -90,11 +91,12 @@ function assertOff(board, when) {
     for (const pin of OFF.high) assert(board.isHigh(pin), `${when}: pin ${pin} is not high`);
 }
 
-/** GSTAT cleared; GCONF: line and registers decide; IHOLD and IRUN; CHOPCONF with microsteps; SGTHRS. */
+/** Checks the registers: GSTAT cleared, GCONF for control by line and registers, IHOLD and IRUN, CHOPCONF with
+ * microsteps, and SGTHRS. */
 function assertConfigured({ drivers }) {
     const found = (node) =>
         [GSTAT, GCONF, IHOLD_IRUN, CHOPCONF, SGTHRS].map((register) => drivers[node].registers.get(register));
-    // 26 of 32 parts of 0.98 A; 16 microsteps. 16 of 32; 32 microsteps, SpreadCycle.
+    // Head: 26/32 of 0.98 A, 16 microsteps. Feed: 16/32, 32 microsteps, SpreadCycle.
     assert.deepEqual(found(HEAD), [0, 0x1c0, 0x11919, 0x14028053, 50]);
     assert.deepEqual(found(FEED), [0, 0x1c4, 0x10f0f, 0x13028053, 0]);
 }
@@ -113,7 +115,7 @@ function configures(flash) {
     assertOff(board, 'with its drivers configured');
 }
 
-/** Has a growth begin on a board, breaks a driver, and looks at the fault. Gives the time until all is off, ms. */
+/** Begins a growth on a board, breaks a driver, and checks the fault. Returns the time until all is off, ms. */
 async function breaks(what, board, change, trouble) {
     let [energised, off] = [false, 0];
     board.run(3000);

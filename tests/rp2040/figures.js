@@ -1,15 +1,15 @@
-// What the step interrupt costs, in cycles, and how deep the stack gets. Both are written to a file every few seconds.
+// Cost of the step interrupt, in cycles, and depth of the stack. Both are written to a file every few seconds.
 import { writeFileSync } from 'node:fs';
 
-/** The exception's number of PWM_IRQ_WRAP. */
+/** Exception number of PWM_IRQ_WRAP. */
 const STEP = 16 + 4;
-/** Cycles of the processor to enter an exception and to leave it, which the emulator does not count. */
+/** Cycles of the processor for entry and exit of an exception, which the emulator does not count. */
 const ENTRY_AND_RETURN = 15 + 15;
-/** The top of the stack (growbot-firmware/memory/pico.x), and how often the file is written, interrupts. */
+/** Top of the stack (growbot-firmware/memory/pico.x), and number of interrupts between two writes of the file. */
 const STACK = 0x20010000;
 const EVERY = 5_000;
 
-/** Has a core measure from now on. */
+/** Starts the measurement of a core. */
 export function measure(core, file) {
     const execute = core.executeInstruction.bind(core);
     let [cycles, interrupts, total, longest, lowest, instructions] = [0, 0, 0, 0, STACK, 0];

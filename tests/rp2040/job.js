@@ -1,11 +1,11 @@
-// A job that is begun on a board whose journal is full, so that it has to be erased. What `growbot` sends is recorded,
-// with the chip's times, and played to new boards: each does the same.
+// A job that begins on a board whose journal is full, so that it has to be erased. The messages of `growbot` are
+// recorded with the chip's times, and replayed to new boards, which all behave the same.
 import assert from 'node:assert/strict';
 import { spawn } from 'node:child_process';
 import { Board } from './board.js';
 import { rest, serve } from './serve.js';
 
-/** Where the journal is in the flash (growbot-firmware/memory/pico.x). */
+/** Address range of the journal in the flash (growbot-firmware/memory/pico.x). */
 export const JOURNAL = [0x1c0000, 0x200000];
 
 function newBoard(image, line) {
@@ -15,7 +15,7 @@ function newBoard(image, line) {
     return board;
 }
 
-/** Has growbot begin a job. Gives what it sent, and the flash's work: what, from when and until when, ns. */
+/** Begins a job with growbot. Returns the messages sent, and the flash operations: kind, begin and end, ns. */
 async function record(growbot, image, line) {
     const board = newBoard(image, line);
     const work = [];
@@ -34,7 +34,7 @@ async function record(growbot, image, line) {
     return { sent, work };
 }
 
-/** A board that has come to a time, by what was sent to it. */
+/** Returns a board that has received the recorded messages up to a time. */
 function boardAt(image, line, sent, ns) {
     const board = newBoard(image, line);
     for (const [when, bytes] of sent) {
@@ -46,7 +46,7 @@ function boardAt(image, line, sent, ns) {
     return board;
 }
 
-/** Begins the job once, over a line. Gives the flash's work, and boards that have come to a time of it, ns. */
+/** Begins the job once over a line. Returns the flash operations, and functions that create boards at a time, ns. */
 export async function begunJob(growbot, image, line = 'uart') {
     const { sent, work } = await record(growbot, image, line);
     return { work, newBoard: () => newBoard(image, line), boardAt: (ns) => boardAt(image, line, sent, ns) };

@@ -1,24 +1,24 @@
-// The orientation sensor, a BMI160 at address 0x68, as far as its I2C interface and its acceleration go (data sheet,
-// 2.11 and 3.2.1). Both lines are high where neither side holds them down.
+// The orientation sensor, a BMI160 at address 0x68: only its I2C interface and its acceleration (data sheet, 2.11 and
+// 3.2.1). Both lines are high unless one side pulls them low.
 
 const ADDRESS = 0x68;
 const [CHIP_ID, PMU_STATUS, ACCELERATION, RANGE, COMMAND] = [0x00, 0x03, 0x12, 0x41, 0x7e];
 const ACCELERATION_ON = 0x11;
-/** Counts of 1/1000 g at a range of 2 g. */
+/** Counts per 1/1000 g at a range of 2 g. */
 const COUNTS = 16.384;
 
 export class Orientation {
     constructor() {
         this.registers = new Uint8Array(256);
         [this.registers[CHIP_ID], this.registers[RANGE]] = [0xd1, 0x03];
-        /** Gravity along its axes, 1/1000 g; null where there is no sensor that answers. */
+        /** Gravity along the axes, 1/1000 g. It is null if no sensor responds. */
         this.gravity = null;
-        /** It holds the data line down. */
+        /** True while the sensor pulls the data line low. */
         this.holdsData = false;
         this.register = 0;
-        /** Levels as they were. */
+        /** Previous levels of the lines. */
         [this.clock, this.data] = [true, true];
-        /** What it does next: idle, takes `what`, acknowledges it, sends, or listens whether more is wanted. */
+        /** Phase: idle, receives `what`, acknowledges it, sends, or waits for an acknowledgement. */
         this.phase = 'idle';
     }
 
@@ -37,7 +37,7 @@ export class Orientation {
         this.bits += 1;
     }
 
-    /** Readings are those of one time. */
+    /** Latches a reading, so that all its bytes are from one time. */
     #measure() {
         const view = new DataView(this.registers.buffer);
         this.gravity?.forEach((milliG, axis) => {
@@ -46,7 +46,7 @@ export class Orientation {
         });
     }
 
-    /** A byte has come. Gives what comes after it; null where it is not acknowledged. */
+    /** Handles a received byte. Returns what comes after it, or null if it is not acknowledged. */
     #taken() {
         const { what, byte } = this;
         if (what === 'address') {
@@ -88,7 +88,7 @@ export class Orientation {
         if (this.phase === 'listen') this.wanted = !data;
     }
 
-    /** Sees the lines as the board leaves them: true where it does not hold them down. */
+    /** Handles new levels of the lines from the board. True means that the board does not pull a line low. */
     see(clock, boardsData) {
         const data = boardsData && !this.holdsData;
         if (this.clock && clock && data !== this.data) {

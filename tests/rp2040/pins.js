@@ -1,5 +1,5 @@
-// The pins of the board: those of a Pico, as growbot-core/src/robot/board.rs has them, or what RP2040_PINS says, which is
-// JSON: a number for each signal that there is.
+// Pins of the board: those of a Pico from growbot-core/src/robot/board.rs, or those of RP2040_PINS. It is JSON with a
+// number for each existing signal.
 
 const PICO = {
     head_step: 2,
@@ -34,7 +34,7 @@ export const OUTPUTS = [
     pins.feed_enable,
     pins.heater_enable,
 ];
-/** Index sensor, filament encoder, filament presence, drivers' fault, emergency stop; undefined where there is none. */
+/** Index sensor, filament encoder, filament presence, drivers' fault, emergency stop. Missing ones are undefined. */
 export const INPUTS = [
     pins.index,
     pins.filament_motion,
@@ -42,10 +42,10 @@ export const INPUTS = [
     pins.driver_fault,
     pins.emergency_stop,
 ];
-/** Channels of the converter: thermistor and supply; undefined where there is none. */
+/** Channels of the converter: thermistor and supply. Missing ones are undefined. */
 export const ADC = [pins.thermistor, pins.supply].map((pin) => (pin === undefined ? undefined : pin - 26));
 export const HEATER = pins.heater;
 export const FAN = pins.fan;
-/** The orientation sensor's bus. */
+/** Bus of the orientation sensor. */
 export const ORIENTATION_DATA = pins.orientation_data;
 export const ORIENTATION_CLOCK = pins.orientation_clock;

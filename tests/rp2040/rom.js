@@ -1,32 +1,32 @@
-// The boot ROM as far as the firmware uses it (data sheet of the RP2040, 2.8.3): a table of functions at 0x14, a
-// function at 0x18 that searches it, and the functions that change flash. Each is a breakpoint, at which JavaScript
-// does the work. Interrupts are taken while the flash is busy.
+// The part of the boot ROM that the firmware uses (data sheet of the RP2040, 2.8.3): a table of functions at 0x14, a
+// function at 0x18 that searches it, and the functions that change flash. Each function is a breakpoint at which
+// JavaScript does the work. Interrupts are taken while the flash is busy.
 //
-// From `connect_internal_flash` until the second-stage loader has set the flash's interface up again, nothing can be
-// read from flash: the emulation ends with an error that says what did.
+// From `connect_internal_flash` until the second-stage loader has set up the flash's interface again, nothing can be
+// read from flash. Such a read ends the emulation with an error that names the reader.
 import { BYTES, ERASE_SECTOR, PAGE, SECTOR } from './flash.js';
 
 const TABLE = 0x100;
 const CODE = 0x200;
 const BREAKPOINT = 0xbe00;
 const RETURN = 0x4770;
-/** Offsets of the flash's interface: its control and its switch; and the control that the loader ends with. */
+/** Offsets of the flash's interface, its control and its switch, and the control value that the loader ends with. */
 const [SSI_CONTROL, SSI_ENABLE] = [0x00, 0x08];
 const EXECUTE_IN_PLACE = 0x005f0300;
 
 const code = (name) => name.charCodeAt(0) | (name.charCodeAt(1) << 8);
 
 export class Rom {
-    /** Puts a ROM into a chip whose flash is this one. */
+    /** Adds a ROM to a chip that has this flash. */
     constructor(chip, flash) {
         Object.assign(this, { chip, flash });
-        /** Until when the flash is busy, ns; null while it is idle. */
+        /** Time until which the flash is busy, ns. It is null while the flash is idle. */
         this.busyUntil = null;
-        /** The processor waits for that. */
+        /** True while the processor waits for the flash. */
         this.waits = false;
-        /** Called as the flash begins to `erase` or to `program`, with the times of begin and end, ns of the chip. */
+        /** Called when the flash begins to `erase` or to `program`, with begin and end, ns of the chip. */
         this.onWork = () => {};
-        /** The flash has been connected, and its execution in place ended. */
+        /** True if the flash has been connected, and if its execution in place has ended. */
         [this.connected, this.exited] = [false, false];
         this.mapped = { flash: chip.flash, flashView: chip.flashView };
         this.functions = [
@@ -93,7 +93,7 @@ export class Rom {
         }
     }
 
-    /** The whole range is one time of waiting. */
+    /** The whole range is one wait. */
     #erase([offset, bytes, block, command]) {
         this.#check('flash_range_erase', offset, bytes, SECTOR);
         let ns = 0;
@@ -131,7 +131,7 @@ export class Rom {
         this.#map();
     }
 
-    /** Sees the loader set the interface up. */
+    /** Detects that the loader sets up the interface. */
     #watchInterface() {
         const ssi = this.chip.peripherals[0x18000];
         const write = ssi.writeUint32.bind(ssi);

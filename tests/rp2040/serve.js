@@ -1,19 +1,19 @@
 // A board in rp2040js behind a TCP port, with the signals of a robot at rest.
 import { createServer } from "node:net";
 
-/** Puts the signals of a robot at rest to the board, at 25 C and 12 V. */
+/** Applies the signals of a robot at rest, at 25 C and 12 V. */
 export function rest(board) {
-    // 100 kOhm below 4.7 kOhm; 12 V of 36.3 V.
+    // 100 kOhm below 4.7 kOhm, and 12 V of 36.3 V.
     board.convert(0, 3911);
     board.convert(1, 1354);
-    // Drivers well; filament; no mark; stop not pressed.
+    // Drivers without a fault, with filament, off the index mark, stop not pressed.
     board.put(11, true);
     board.put(12, false);
     board.put(14, true);
     board.put(15, false);
 }
 
-/** Puts a board behind a TCP port, and lets it live as time passes. Bytes for it are told before it gets them. */
+/** Serves a board on a TCP port in real time. `onBytes` is called with bytes for the board before it receives them. */
 export async function serve(board, onBytes = () => {}) {
     let line;
     const arrived = [];

@@ -1,12 +1,12 @@
-// An emergency stop by the link switches off within a millisecond of the chip's time: while the flash erases a sector
-// or programs a page, behind a full queue, and with the main loop hung. The bench switches heater and drivers on
-// before.
+// Emergency stops by the link switch everything off within a millisecond of the chip's time: while the flash erases a
+// sector or programs a page, after a full queue, and while the main loop hangs. The bench switches heater and drivers
+// on before.
 //
 //   node stop.js GROWBOT IMAGE [MOMENTS [LINE]]
 //
-// `growbot` begins a job on a board whose journal is full, so that it has to be erased. What it sends is recorded, with
-// the chip's times, and played to a new board for each of the moments (4 each, if not said). The line is `uart` or `usb` (both,
-// if not said).
+// `growbot` begins a job on a board whose journal is full, so that it has to be erased. Its messages are recorded with
+// the chip's times, and replayed to a new board for each of the moments, by default 4 of each kind. The line is `uart`
+// or `usb`, by default both.
 
 import assert from 'node:assert/strict';
 import { begunJob } from './job.js';
@@ -20,10 +20,10 @@ const STOP = [0x00, 0xe5, 0x70, 0x9e, 0xe5, 0x70, 0x9e, 0x00];
 const LIMIT_NS = 1e6;
 const [HEAD_ENABLE, FEED_ENABLE, HEATER_ENABLE] = [OUTPUTS[2], OUTPUTS[5], OUTPUTS[6]];
 const [SIO_SET, SIO_CLEAR, PWM_HEATER] = [0xd0000014, 0xd0000018, 0x40050000 + (HEATER / 2) * 0x14 + 0xc];
-/** More bytes than the board's queue holds. */
+/** Number of bytes that overflows the board's queue. */
 const FLOOD = 6000;
 
-/** A board whose main loop hangs from a time on. Its watchdog is not fed any more. */
+/** Returns a board whose main loop hangs from a time on, so that its watchdog is not fed any more. */
 function hung(boardAt, ns) {
     const board = boardAt(ns);
     board.hang();
@@ -40,12 +40,12 @@ const isOff = (board) =>
     [HEATER, FAN, HEATER_ENABLE].every((pin) => board.isLow(pin)) &&
     [HEAD_ENABLE, FEED_ENABLE].every((pin) => board.isHigh(pin));
 
-/** Stops a board; gives the time from the last byte until all is off, ns. */
+/** Sends a stop to a board, and returns the time from the last byte until all is off, ns. */
 function stopped(board) {
     board.dropUnsent();
     board.send(STOP);
     while (board.coming.length) board.runUntil(Math.max(board.ns + 8, board.before + board.nextByte));
-    // Over USB, the time from when the host has them to send.
+    // Over USB the time starts when the host has the bytes to send.
     const from = board.ns;
     assert(!isOff(board), 'all was off before the stop');
     while (!isOff(board)) {
@@ -53,13 +53,13 @@ function stopped(board) {
         board.runUntil(board.ns + 1000);
     }
     const took = board.ns - from;
-    // It stays off: neither the step interrupt nor the main loop switches on again.
+    // Everything stays off, so neither the step interrupt nor the main loop switches on again.
     board.run(5);
     assert(isOff(board), 'it was switched on again');
     return took;
 }
 
-/** The longest times over a line, ns. */
+/** Returns the longest times over a line, ns. */
 async function longestOver(line) {
     const { boardAt, work } = await begunJob(growbot, image, line);
     const longest = {};
@@ -70,8 +70,8 @@ async function longestOver(line) {
         const { from, until } = work.find((one) => one.what === what);
         for (let moment = 0; moment < moments; moment++) {
             const last = from + ((until - from) * (moment + 0.5)) / moments;
-            // On the UART the stop's bytes take 0.7 ms, longer than a page: with some of them before, its last byte
-            // meets the work.
+            // On the UART the stop's bytes take 0.7 ms, longer than programming a page. The first bytes are sent
+            // before, so that the last byte arrives during the operation.
             const board = boardAt(line === 'usb' ? last : last - (STOP.length * 1e10) / 115200);
             switchOn(board);
             note(what, stopped(board));

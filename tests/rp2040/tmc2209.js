@@ -1,9 +1,9 @@
-// Four TMC2209 stepper drivers on one wire at UART1, addresses 0 to 3: their registers, the count of writes that they
-// took, and answers at the line's pace (data sheet, rev. 1.09, 4.1). What the board sends comes back to it.
+// Four TMC2209 stepper drivers on one wire at UART1, addresses 0 to 3: their registers, their counters of writes, and
+// responses at the line's rate (data sheet, rev. 1.09, 4.1). The board receives an echo of its own bytes.
 //
-// The motors are not modelled: a test sets what a driver says of its own, in `registers`.
+// The motors are not modelled. A test sets the driver's measurements in `registers`.
 
-/** ns of a byte at 115200 baud, and of the pause of 3 times 8 bits before an answer. */
+/** Duration of a byte at 115200 baud, and of the pause of 3 times 8 bits before a response, ns. */
 const BYTE_NS = 1e10 / 115200;
 const PAUSE_NS = (24 * 1e9) / 115200;
 const [SYNC, TO_THE_BOARD, WRITE] = [0x05, 0xff, 0x80];
@@ -24,7 +24,7 @@ const { GSTAT, IFCNT, TSTEP, SG_RESULT, DRV_STATUS } = REGISTERS;
 export const STANDS = 0xc0000000;
 export const TURNS = 0x40000000;
 
-/** The CRC of a datagram. */
+/** Returns the CRC of a datagram. */
 function crc(bytes) {
     let value = 0;
     for (let byte of bytes) {
@@ -38,12 +38,12 @@ function crc(bytes) {
 
 class Driver {
     constructor() {
-        /** It gives no answer and takes nothing. */
+        /** True if the driver does not respond and takes no writes. */
         this.silent = false;
         this.startAnew();
     }
 
-    /** Its supply comes on. */
+    /** Resets the driver, as when its supply comes on. */
     startAnew() {
         this.registers = new Map([
             [GSTAT, 1],
@@ -74,7 +74,7 @@ export class DriverLine {
         this.drivers = [0, 1, 2, 3].map(() => new Driver());
     }
 
-    /** Joins the line to a chip, which has just started. The drivers stay as they are. */
+    /** Connects the line to a chip that has just started. The drivers keep their state. */
     join({ clock, uart }) {
         const line = uart[1];
         const coming = [];

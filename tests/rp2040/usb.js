@@ -1,20 +1,20 @@
-// The host's end of the board's USB: it finds the serial port as an operating system does, checks what the board
-// answers, opens the port and moves bytes.
+// The host's end of the board's USB. It detects the serial port like an operating system, checks the board's responses,
+// opens the port and transfers bytes.
 import assert from 'node:assert/strict';
 
-/** ns between a transfer's end and the next one. */
+/** Pause between the end of a transfer and the next one, ns. */
 const PAUSE_NS = 50_000;
-/** ns within which a request is refused. */
+/** Time within which a request is refused, ns. */
 const REFUSED_NS = 1_000_000;
 const PACKET = 64;
 const ADDRESS = 7;
-/** The endpoint of bytes, in both directions (growbot-firmware/src/usb_serial.rs). */
+/** Endpoint of bytes, in both directions (growbot-firmware/src/usb_serial.rs). */
 const BYTES = 2;
 const [DEVICE, CONFIGURATION, STRING, QUALIFIER] = [1, 2, 3, 6];
 /** 9600 baud, 8N1. */
 const CODING = [0x80, 0x25, 0, 0, 0, 0, 8];
 
-/** Requests: kind, request, value, length, and what they are checked by or the bytes that are sent. */
+/** Requests: kind, request, value, length, and either the check of the response or the bytes that are sent. */
 const describe = (type, length, check, index = 0) => ({ setup: [0x80, 6, (type << 8) | index, length], check });
 const REQUESTS = [
     describe(DEVICE, 64, (data) => assert.equal(data.length, 18)),
@@ -29,22 +29,22 @@ const REQUESTS = [
     { setup: [0x80, 8, 0, 1], check: (data) => assert.deepEqual(data, [1]) },
     { setup: [0x21, 0x20, 0, 7], bytes: CODING },
     { setup: [0xa1, 0x21, 0, 7], check: (data) => assert.deepEqual(data, CODING) },
-    // Opens the port.
+    // This request opens the port.
     { setup: [0x21, 0x22, 3, 0] },
 ];
 
 export class UsbHost {
-    /** Plugs a chip in. Bytes that come are handed over; bytes for it wait until the port is open. */
+    /** Connects a chip. `onBytes` gets bytes from the board, and bytes for the board wait until the port is open. */
     constructor(chip, onBytes) {
         this.usb = chip.usbCtrl;
         this.onBytes = onBytes;
-        /** The port has been opened. */
+        /** True if the port is open. */
         this.open = false;
-        /** Bytes for the board, and whether it takes a packet. */
+        /** Bytes for the board, and true if the board takes a packet. */
         [this.waiting, this.takes] = [[], false];
         this.requests = [...REQUESTS];
         this.next = chip.clock.createAlarm(() => this.#begin());
-        // The emulator tells the board that a packet is sent some time before the packet comes.
+        // The emulator reports a packet to the board some time before the packet comes.
         this.ending = chip.clock.createAlarm(() => this.#end());
         this.deadline = chip.clock.createAlarm(() => this.#expectRefused());
         this.usb.onUSBEnabled = () => this.usb.resetDevice();
@@ -101,7 +101,7 @@ export class UsbHost {
         if (!toHost) this.#end();
     }
 
-    /** The board takes a packet. */
+    /** Handles that the board takes a packet. */
     #offer(endpoint, size) {
         if (endpoint === BYTES) {
             assert.equal(size, PACKET);
@@ -110,7 +110,7 @@ export class UsbHost {
         } else if (this.request.bytes) {
             this.usb.endpointReadDone(0, Uint8Array.from(this.request.bytes));
         } else {
-            // The end of a request whose answer has come.
+            // The status stage of a request after its response has come.
             this.usb.endpointReadDone(0, new Uint8Array(0));
             this.ending.schedule(PAUSE_NS);
         }

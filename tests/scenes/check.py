@@ -2,9 +2,9 @@
 
     check.py DIRECTORY COUNT
 
-Each path is laid again from its start, piece by piece, by the angle that each arc turns; its pieces have to join, to
-bend no more than allowed, and to end at the goal; and no point of it, every 0.5 mm, may be nearer to an obstacle than
-the body needs. What does not hold ends it with a message and exit code 1.
+The program computes each path again from its start, segment by segment, from the angle of each arc. The segments must
+join, bend no more than allowed, and end at the goal. No point of the path, every 0.5 mm, may be nearer to an obstacle
+than the body needs. A failed check ends the program with a message and exit code 1.
 """
 
 import collections
@@ -18,11 +18,11 @@ import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-# Between two points of a path, mm, and what rounding may add up to, mm and radians.
+# Distance between two points of a path, mm, and max rounding errors, mm and radians.
 APART = 0.5
 ROUNDING = 1e-6
 REACHED = 1e-6
-# Of the planted paths, so many are to be found within 1 s; within 10 s all.
+# Min fraction of the planted paths that are found within 1 s. All must be found within 10 s.
 SOON, WITHIN = 0.95, 10
 
 
@@ -32,7 +32,7 @@ def demand(holds, message):
 
 
 def centreline(name, scene):
-    """Points of the path, and its last direction."""
+    """Returns points of the path, and its last direction."""
     position, direction = map(numpy.array, scene["start"])
     points = [position]
     for piece in scene["path"]:
@@ -44,7 +44,7 @@ def centreline(name, scene):
         if curvature == 0:
             points.extend(position + direction * at for at in along)
         else:
-            # A turn about the axis through the bend's centre.
+            # The arc is a rotation about the axis through its centre.
             towards = numpy.array(piece["towards"])
             demand(abs(towards @ direction) < ROUNDING, f"{name}: an arc bends along itself")
             centre, axis = position + towards / curvature, numpy.cross(direction, towards)
@@ -56,10 +56,10 @@ def centreline(name, scene):
 
 
 def distance_from_shape(shape, points):
-    """How far points are from a shape, 0 within; boxes and capsules of SciPy's and NumPy's making."""
+    """Returns distances of points from a shape, 0 inside, computed by SciPy and NumPy."""
     if shape["kind"] == "box":
         turn = numpy.array(shape["rotation_by_columns"]).reshape(3, 3)
-        # By columns: each row here is an axis of the box.
+        # The matrix is stored by columns, so each row here is an axis of the box.
         inside = (points - shape["centre"]) @ turn.T
         return numpy.linalg.norm(numpy.maximum(numpy.abs(inside) - shape["half"], 0), axis=1)
     if shape["kind"] == "ball":
@@ -70,7 +70,7 @@ def distance_from_shape(shape, points):
 
 
 def clearance(scene, points):
-    """The least distance of the points from anything, mm."""
+    """Returns the min distance of the points from all obstacles, mm."""
     least = [distance_from_shape(shape, points).min() for shape in scene["shapes"]]
     if scene["points"]:
         least.append(cKDTree(scene["points"]).query(points)[0].min() - scene["point_radius"])
@@ -82,7 +82,7 @@ def clearance(scene, points):
 
 
 def check(name, scene):
-    """The clearance that is left over, mm."""
+    """Checks a path and returns the clearance beyond the needed one, mm."""
     points, direction = centreline(name, scene)
     goal, towards = scene["goal"]
     demand(math.dist(points[-1], goal) < REACHED, f"{name}: ends {math.dist(points[-1], goal)} mm from the goal")

@@ -1,5 +1,5 @@
-//! What the tests that cross crates share: where the firmware's images are, the robot's board in the emulator, faults and
-//! long growths of simulated robots, growths that are interrupted, a slow search for shortest paths, and the table of pins.
+//! Code that the tests across crates share: paths of firmware images, the robot's board in the emulator, campaigns of
+//! faults and long growths, interrupted growths, a slow search for shortest paths, and the table of pins.
 
 pub mod fault_campaign;
 pub mod netduinoplus2;
@@ -17,7 +17,7 @@ use std::process::Command;
 /// Builds an image by one of the aliases in `.cargo/config.toml`.
 ///
 /// # Panics
-/// If it does not build.
+/// Panics if the build fails.
 pub fn build_image(alias: &str) {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let cargo = env::var_os("CARGO").unwrap_or("cargo".into());
@@ -25,10 +25,11 @@ pub fn build_image(alias: &str) {
     assert!(status.is_ok_and(|status| status.success()), "cargo {alias} failed");
 }
 
-/// The image of a board (`an386` or `stm32f405`), as `cargo build-an386` and `cargo build-robot` leave it.
+/// Returns the path of a board's image (`an386` or `stm32f405`), as `cargo build-an386` and `cargo build-robot` build
+/// it.
 ///
 /// # Panics
-/// If it has not been built: a test without its image has nothing to say.
+/// Panics if the image has not been built, because a test without its image proves nothing.
 #[must_use]
 pub fn firmware(board: &str) -> PathBuf {
     let image = target().join("thumbv7em-none-eabihf/firmware").join(board);
@@ -40,10 +41,10 @@ pub fn firmware(board: &str) -> PathBuf {
     image
 }
 
-/// The image of the Pico's firmware for a robot.
+/// Returns the path of the Pico's image for a robot.
 ///
 /// # Panics
-/// If it has not been built.
+/// Panics if the image has not been built.
 #[must_use]
 pub fn pico_firmware(robot: &str) -> PathBuf {
     let image = target().join("thumbv6m-none-eabi/firmware").join(format!("pico-{robot}"));

@@ -1,11 +1,12 @@
 //! Boots the robot's own image, unmodified, on QEMU's netduinoplus2 (an STM32F405).
 //!
-//! QEMU's clock controller is plain storage there: nothing in it ever becomes ready, and firmware that sets its clocks waits for
-//! ever. So the emulator is started halted, the bits that hardware would set are set from outside, and only then the board runs.
+//! QEMU's clock controller is plain storage on this machine. Nothing in it ever becomes ready, so firmware that sets
+//! its clocks waits forever. Therefore the emulator starts halted. The tests set the bits that hardware would set, and
+//! only then the board runs.
 //!
-//! What this shows: start-up, clocks, interrupts, SysTick, and the link. What it cannot: timers run at a rate of their own, and pins,
-//! the ADC and the watchdog are absent. What the firmware writes to their registers is seen all the same, by the
-//! emulator's trace.
+//! This covers start-up, clocks, interrupts, SysTick and the link. It does not cover timing, pins, the ADC and the
+//! watchdog, because timers run at another rate and the rest is absent. The emulator's trace still shows what the
+//! firmware writes to their registers.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
@@ -16,29 +17,29 @@ use growbot_sim::port::qemu::{Line, Qemu, QemuError, doing};
 
 /// Clock control register.
 pub const RCC_CR: u32 = 0x4002_3800;
-/// The internal oscillator is on as after reset, and the PLL ready.
+/// The internal oscillator is on, as after reset, and the PLL is ready.
 const CLOCKS_READY: u32 = 0x0200_0083;
 /// The crystal is ready (HSERDY).
 const CRYSTAL_READY: u32 = 1 << 17;
-/// Clock configuration register, and what says that the PLL is the system clock.
+/// Clock configuration register, and the value that reports the PLL as system clock.
 const RCC_CFGR: (u32, u32) = (0x4002_3808, 0x0000_0008);
 
-/// How long QEMU may take to answer a command.
+/// Timeout of a response from QEMU.
 const ANSWER: Duration = Duration::from_secs(120);
 
-/// What the board is like.
+/// Options of the emulated board.
 #[derive(Debug, Clone, Default)]
 pub struct Setup {
-    /// The crystal never gets ready.
+    /// True if the crystal never gets ready.
     pub without_crystal: bool,
-    /// Where to write down each write to a register; see [`writes`].
+    /// File for a trace of all writes to registers, see [`writes`]. `None` writes no trace.
     pub trace: Option<PathBuf>,
 }
 
-/// The running board; killed when dropped.
+/// A running board. Dropping it kills the emulator.
 pub struct Board {
     _qemu: Qemu,
-    // Held open: QEMU ends when they close.
+    // This connection stays open because QEMU ends when it closes.
     control: TcpStream,
     registers: TcpStream,
     /// USART2, the robot's link.
@@ -49,25 +50,26 @@ impl Board {
     /// Writes a register from outside, as hardware would.
     ///
     /// # Errors
-    /// The emulator does not answer.
+    /// Returns an error if the emulator does not respond.
     pub fn write(&self, address: u32, value: u32) -> Result<(), QemuError> {
         self.command(&format!("writel {address:#x} {value:#x}"))
     }
 
-    /// Has the clocks be ready, with the crystal's or without. A reset of the board takes that away.
+    /// Makes the clocks ready, with or without the crystal's. A reset of the board undoes this.
     ///
     /// # Errors
-    /// The emulator does not answer.
+    /// Returns an error if the emulator does not respond.
     pub fn make_clocks_ready(&self, crystal: bool) -> Result<(), QemuError> {
         self.write(RCC_CR, CLOCKS_READY | if crystal { CRYSTAL_READY } else { 0 })?;
         let (address, value) = RCC_CFGR;
         self.write(address, value)
     }
 
-    /// Raises the interrupt that cannot be masked. On the robot's board that is the clock security system's: the crystal has stopped.
+    /// Raises the non-maskable interrupt. On the robot's board the clock security system raises it when the crystal has
+    /// stopped.
     ///
     /// # Errors
-    /// The emulator does not answer.
+    /// Returns an error if the emulator does not respond.
     pub fn raise_nmi(&self) -> Result<(), QemuError> {
         // ICSR, NMIPENDSET.
         self.write(0xE000_ED04, 1 << 31)
@@ -81,13 +83,13 @@ impl Board {
 /// A write to a register.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RegisterWrite {
-    /// The register's address.
+    /// Address of the register.
     pub address: u32,
-    /// What was written.
+    /// Value that was written.
     pub value: u32,
 }
 
-/// The writes to registers in a trace, in order. A line that is only half there yet is left out.
+/// Returns the writes to registers in a trace, in order. An incomplete line is left out.
 #[must_use]
 pub fn writes(trace: &str) -> Vec<RegisterWrite> {
     let whole = trace.rsplit_once('\n').map_or("", |(whole, _)| whole);
@@ -97,7 +99,7 @@ pub fn writes(trace: &str) -> Vec<RegisterWrite> {
         .collect()
 }
 
-/// The hexadecimal number behind a word.
+/// Returns the hexadecimal number after a word.
 fn number(line: &str, word: &str) -> Option<u32> {
     let mut words = line.split_ascii_whitespace().skip_while(|found| *found != word);
     u64::from_str_radix(words.nth(1)?.strip_prefix("0x")?, 16).ok().map(|number| number as u32)
@@ -106,22 +108,22 @@ fn number(line: &str, word: &str) -> Option<u32> {
 /// Boots a firmware image and returns once the processor runs.
 ///
 /// # Errors
-/// QEMU is missing, or does not do as it should.
+/// Returns an error if QEMU is missing or fails.
 pub fn boot(firmware: &Path) -> Result<Board, QemuError> {
     boot_with(firmware, &Setup::default())
 }
 
-/// Boots a firmware image on such a board.
+/// Boots a firmware image on a board with these options.
 ///
 /// # Errors
-/// As [`boot`].
+/// Returns the same errors as [`boot`].
 pub fn boot_with(firmware: &Path, setup: &Setup) -> Result<Board, QemuError> {
     let trace = setup.trace.as_ref().map(|file| file.to_string_lossy().into_owned());
     let (serial, control, registers) =
         (Line::open("serial line")?, Line::open("control line")?, Line::open("register line")?);
     let (serial_to, control_to, registers_to) = (serial.argument()?, control.argument()?, registers.argument()?);
     let mut arguments = vec![
-        // USART1 is left alone: in QEMU 10.0 the reset of any peripheral on its bus ends the emulator.
+        // USART1 is not used, because in QEMU 10.0 the reset of any peripheral on its bus ends the emulator.
         "-serial",
         "null",
         "-serial",
@@ -149,7 +151,7 @@ pub fn boot_with(firmware: &Path, setup: &Setup) -> Result<Board, QemuError> {
     let control = &board.control;
     let mut answers = reader(control)?;
     for command in [r#"{"execute":"qmp_capabilities"}"#, r#"{"execute":"cont"}"#] {
-        // Between the greeting and the answers there may be events; they begin otherwise.
+        // Events may come between the greeting and the responses. They begin with other text.
         ask(control, &mut answers, command, r#"{"return""#, r#"{"error""#)?;
     }
     Ok(board)
@@ -160,7 +162,7 @@ fn reader(stream: &TcpStream) -> Result<BufReader<TcpStream>, QemuError> {
     stream.try_clone().map(BufReader::new).map_err(doing("share the emulator's line"))
 }
 
-/// Sends a command and waits for its answer, passing over whatever else comes.
+/// Sends a command and waits for its response. Other lines are skipped.
 fn ask(mut to: &TcpStream, from: &mut impl BufRead, command: &str, yes: &str, no: &str) -> Result<(), QemuError> {
     writeln!(to, "{command}").map_err(doing("send the emulator a command"))?;
     loop {

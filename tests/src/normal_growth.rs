@@ -1,4 +1,4 @@
-//! Growths in which nothing is wrong: no copy of a robot may raise a fault, and the nozzle must keep its temperature.
+//! Growths without faults. No variation of a robot may raise a fault, and the nozzle must keep its temperature.
 
 use std::ops::Range;
 use std::sync::Mutex;
@@ -11,41 +11,41 @@ use crate::fault_campaign::growth::{Plant, copy, robot};
 use crate::fault_campaign::rig::Rig;
 use growbot_core::random::Rng;
 
-/// Between two looks at the nozzle, s.
+/// Interval at which the nozzle is sampled, s.
 const LOOK: f64 = 0.1;
-/// Layers of a growth: with its holds an hour or so.
+/// Layers of a growth. With its pauses it takes about an hour.
 const LAYERS: u32 = 180;
 
-/// What was seen in one growth or several.
+/// Observations of one or several growths.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Seen {
     /// Simulated time, s.
     pub seconds: f64,
     /// Layers laid.
     pub layers: u32,
-    /// Seed and fault of every growth that was broken off.
+    /// Seed and fault of every growth that a fault ended.
     pub false_alarms: Vec<(u64, Option<Fault>)>,
-    /// Where the nozzle was furthest from its target while layers were laid.
+    /// Largest deviation of the nozzle from its target while layers were laid.
     pub furthest: Furthest,
-    /// How far it was above its target at any time but while it cools to standby, at most, degrees.
+    /// Max temperature above the target, degrees. The time in which the nozzle cools to standby does not count.
     pub overshoot_c: f64,
 }
 
-/// Where the nozzle was furthest from its target.
+/// Largest deviation of the nozzle from its target.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Furthest {
-    /// How far, degrees: above it if positive.
+    /// Deviation, degrees. It is positive above the target.
     pub above_c: f64,
-    /// The growth's seed.
+    /// Seed of the growth.
     pub seed: u64,
-    /// The time in it, s.
+    /// Time in the growth, s.
     pub at_s: f64,
-    /// The layer under way.
+    /// Layer in progress.
     pub layer: u32,
 }
 
 impl Furthest {
-    /// The further of the two.
+    /// Returns the larger deviation of the two.
     fn or(self, other: Self) -> Self {
         if other.above_c.abs() > self.above_c.abs() { other } else { self }
     }
@@ -61,10 +61,10 @@ impl Seen {
     }
 }
 
-/// Lets copies of the robot with this plant grow, on all cores, until this many hours are simulated.
+/// Grows with variations of the robot with this plant, on all cores, until this many hours are simulated.
 ///
 /// # Panics
-/// If a growth cannot be run at all.
+/// Panics if a growth cannot be run.
 #[must_use]
 pub fn run(plant: Plant, hours: f64) -> Seen {
     let (next, sum) = (AtomicU64::new(0), Mutex::new(Seen::default()));
@@ -81,8 +81,8 @@ pub fn run(plant: Plant, hours: f64) -> Seen {
     sum.into_inner().expect("all growths have ended")
 }
 
-/// One growth: layers of many heights, handed over in portions, so that it holds in between: hot, at standby, or
-/// parked.
+/// Runs one growth. Its layers have many heights and are sent in portions, so it pauses between them: hot, at standby,
+/// or parked.
 fn grow(plant: Plant, seed: u64) -> Seen {
     let mut random = Rng::new(&[seed, 2]);
     let variation = copy(plant, &mut random, seed);
@@ -103,7 +103,7 @@ fn grow(plant: Plant, seed: u64) -> Seen {
             if alarm(&rig) || rig.state() == State::Done {
                 break;
             }
-            // Mostly short; one pause in eight is long enough for standby, and one in sixteen for parking.
+            // Most pauses are short. One in eight is long enough for standby, and one in sixteen for parking.
             let pause = match random.uniform_between(0.0, 16.0) {
                 ..1.0 => 300.0..400.0,
                 1.0..2.0 => 60.0..200.0,
@@ -111,7 +111,7 @@ fn grow(plant: Plant, seed: u64) -> Seen {
             };
             let Range { start, end } = pause;
             watch(&mut rig, seed, random.uniform_between(start, end), &mut seen, alarm);
-            // The supply of a workshop goes up and down.
+            // The supply voltage of a workshop varies.
             rig.sim.borrow_mut().simulated_tip().set_supply_v(random.uniform_between(10.8, 13.2));
         }
         Ok(())
@@ -125,7 +125,7 @@ fn grow(plant: Plant, seed: u64) -> Seen {
     seen
 }
 
-/// Lets time pass and looks at the nozzle.
+/// Lets time pass and samples the nozzle.
 fn watch(rig: &mut Rig, seed: u64, seconds: f64, seen: &mut Seen, until: impl Fn(&Rig) -> bool) {
     let end = rig.seconds() + seconds;
     let mut cooling = false;
@@ -140,7 +140,7 @@ fn watch(rig: &mut Rig, seed: u64, seconds: f64, seen: &mut Seen, until: impl Fn
         if rig.state() == State::Growing {
             seen.furthest = seen.furthest.or(Furthest { above_c: above, seed, at_s: rig.seconds(), layer });
         }
-        // On the way down to standby it is above the target until it has been there once.
+        // While it cools to standby, the nozzle is above the target until it has reached it once.
         cooling = target < target_c && (cooling || above > 10.0) && above > 0.0;
         if !cooling {
             seen.overshoot_c = seen.overshoot_c.max(above);

@@ -1,35 +1,35 @@
-//! How deep the stack of an image can get, from its code alone.
+//! Max stack depth of an image, computed from its code alone.
 //!
-//! Reads the Thumb-2 instructions of every function: what it takes of the stack, and whom it calls. A tail call counts
-//! as a call. A call through a pointer counts as one of the deepest function of all whose address is taken anywhere.
-//! Recursion has no depth, and is refused.
+//! The Thumb-2 instructions of every function show how much stack it uses and which functions it calls. A tail call
+//! counts as a call. A call through a pointer counts as a call of the deepest function whose address is taken anywhere.
+//! Recursion has no bound and is rejected.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
-/// A function, as far as the stack goes.
+/// Properties of a function that matter for the stack.
 #[derive(Debug, Default)]
 struct Function {
     name: String,
     end: u64,
-    /// Bytes that it takes itself.
+    /// Stack of the function itself, bytes.
     own: u64,
     calls: BTreeSet<u64>,
-    /// Whether it calls through a pointer.
+    /// True if the function calls through a pointer.
     indirect: bool,
 }
 
-/// One function of a chain of calls.
+/// A function in a chain of calls.
 #[derive(Debug, Clone)]
 pub struct Step {
-    /// Its name.
+    /// Name of the function.
     pub function: String,
-    /// Bytes of stack that it takes itself.
+    /// Stack of the function itself, bytes.
     pub own: u64,
 }
 
-/// An image, taken apart.
+/// A decoded image.
 #[derive(Debug)]
 pub struct Image {
     functions: BTreeMap<u64, Function>,
@@ -43,11 +43,11 @@ fn word(bytes: &[u8]) -> u32 {
     u32::from_le_bytes(bytes.try_into().unwrap())
 }
 
-/// What the symbols of an image say.
+/// Symbols of an image.
 struct Symbols {
     functions: BTreeMap<u64, Function>,
     named: BTreeMap<String, u64>,
-    /// Where code begins (true) and where data (false), by the symbols that the assembler leaves.
+    /// Addresses at which code (true) or data (false) begins, from the assembler's mapping symbols.
     kinds: BTreeMap<u64, bool>,
 }
 
@@ -69,7 +69,7 @@ impl Symbols {
                 function.name = name.to_owned();
             }
         }
-        // What has no size ends where the next function begins.
+        // A symbol without a size ends at the next function.
         let starts: Vec<u64> = all.functions.keys().copied().collect();
         let text = file.section_by_name(".text").unwrap();
         let text_end = text.address() + text.size();
@@ -82,12 +82,12 @@ impl Symbols {
     }
 }
 
-/// Reads the instructions of a function: ARMv7-M Architecture Reference Manual, A5.
+/// Decoder of a function's instructions (ARMv7-M Architecture Reference Manual, A5).
 struct Decoder<'a> {
     start: u64,
     function: &'a mut Function,
     pointers: &'a mut BTreeSet<u32>,
-    /// Lower halves that `movw` has put into the registers.
+    /// Lower halves that `movw` has written to the registers.
     halves: [u32; 16],
     saved: u64,
 }
@@ -125,7 +125,7 @@ impl Decoder<'_> {
         }
     }
 
-    /// An instruction of 16 bits.
+    /// Decodes an instruction of 16 bits.
     fn narrow(&mut self, at: u64, high: u32) {
         match high {
             _ if high & 0xFE00 == 0xB400 => self.function.own += 4 * u64::from((high & 0x1FF).count_ones()),
@@ -140,7 +140,7 @@ impl Decoder<'_> {
         }
     }
 
-    /// An instruction of 32 bits.
+    /// Decodes an instruction of 32 bits.
     fn wide(&mut self, at: u64, high: u32, low: u32) {
         let function = &mut *self.function;
         let register = (low >> 8 & 0xF) as usize;
@@ -148,7 +148,7 @@ impl Decoder<'_> {
         match high {
             0xE92D => function.own += 4 * u64::from(low.count_ones()),
             _ if high & 0xFFBF == 0xED2D && low & 0x0E00 == 0x0A00 => function.own += 4 * u64::from(low & 0xFF),
-            // Outlined code is called with the return address saved for as long as the call lasts.
+            // A call of outlined code saves the return address on the stack until the code returns.
             0xF84D if low & 0x0F00 == 0x0D00 => self.saved = self.saved.max(u64::from(low & 0xFF)),
             _ if high & 0xFBEF == 0xF1AD && register == 13 => function.own += expanded(high >> 10 & 1, low),
             _ if high & 0xFBFF == 0xF2AD && register == 13 => {
@@ -170,7 +170,7 @@ impl Decoder<'_> {
     }
 }
 
-/// How far a conditional branch of 32 bits leads.
+/// Returns the offset of a conditional branch of 32 bits.
 fn conditional_offset(high: u32, low: u32) -> i64 {
     let bits = (high >> 10 & 1) << 20
         | (low >> 11 & 1) << 19
@@ -180,7 +180,7 @@ fn conditional_offset(high: u32, low: u32) -> i64 {
     i64::from((bits << 11).cast_signed() >> 11)
 }
 
-/// The number that the instruction set packs into twelve bits.
+/// Returns the number that the instruction set encodes in twelve bits.
 fn expanded(i: u32, low: u32) -> u64 {
     let (code, byte) = ((i << 11 | (low >> 12 & 7) << 8 | low & 0xFF) >> 7, low & 0xFF);
     let pattern = i << 3 | low >> 12 & 7;
@@ -193,7 +193,7 @@ fn expanded(i: u32, low: u32) -> u64 {
     })
 }
 
-/// How far a 32-bit branch leads.
+/// Returns the offset of a 32-bit branch.
 fn branch_offset(high: u32, low: u32) -> i64 {
     let sign = high >> 10 & 1;
     let (i1, i2) = (!(low >> 13 ^ sign) & 1, !(low >> 11 ^ sign) & 1);
@@ -202,10 +202,10 @@ fn branch_offset(high: u32, low: u32) -> i64 {
 }
 
 impl Image {
-    /// Takes an ELF image of a Cortex-M4 apart.
+    /// Decodes an ELF image of a Cortex-M4.
     ///
     /// # Panics
-    /// If it is none, or does something to its stack pointer that this program does not understand.
+    /// Panics if the image is invalid, or changes its stack pointer in a way that the decoder does not know.
     #[must_use]
     pub fn parse(image: &[u8]) -> Self {
         let file = object::File::parse(image).unwrap();
@@ -213,7 +213,7 @@ impl Image {
         let data = |name: &str| file.section_by_name(name).unwrap().data().unwrap();
         let words = |bytes: &[u8]| bytes.chunks_exact(4).map(word).collect::<Vec<_>>();
         let mut pointers: BTreeSet<u32> = [".rodata", ".data"].into_iter().flat_map(|name| words(data(name))).collect();
-        // Some code runs from memory, so that it may erase the flash.
+        // Some code runs from RAM, so that it can erase the flash.
         let sections = [".text", ".data"].map(|name| (file.section_by_name(name).unwrap().address(), data(name)));
         for (start, function) in &mut functions {
             let within = |(base, code): &&(u64, &[u8])| (*base..*base + code.len() as u64).contains(start);
@@ -225,20 +225,20 @@ impl Image {
         Self { functions, pointed_at, symbols: named, vectors: words(data(".vector_table")) }
     }
 
-    /// Address of a symbol.
+    /// Returns the address of a symbol.
     ///
     /// # Panics
-    /// If there is none of this name.
+    /// Panics if the symbol does not exist.
     #[must_use]
     pub fn symbol(&self, name: &str) -> u64 {
         *self.symbols.get(name).unwrap_or_else(|| panic!("no symbol {name}"))
     }
 
-    /// Where the program begins, and the handlers of exceptions and interrupts, without that of faults, which begins a
-    /// stack of its own.
+    /// Returns the entry point and the handlers of exceptions and interrupts. The handler of faults is left out,
+    /// because it starts a stack of its own.
     pub fn entries(&self) -> (u64, impl Iterator<Item = (&str, u64)>) {
         let handler = |vector: &u32| u64::from(vector & !1);
-        // These end the program: how much of the stack they need is another question.
+        // These handlers end the program, so their use of the stack does not count here.
         let named = |name| self.symbols.get(name).map_or(0, |at| at & !1);
         let none = [0, named("DefaultHandler_"), named("DefaultHandler"), self.symbol("HardFault") & !1];
         let handlers: BTreeSet<u64> =
@@ -247,10 +247,10 @@ impl Image {
         (self.vectors.get(1).map_or(0, handler), named)
     }
 
-    /// The chain of calls that takes most of the stack, from a function on.
+    /// Returns the chain of calls from a function that uses the most stack.
     ///
     /// # Panics
-    /// If there is recursion.
+    /// Panics on recursion.
     #[must_use]
     pub fn deepest(&self, entry: u64) -> Vec<Step> {
         self.deepest_of(entry, &mut BTreeMap::new(), &mut Vec::new()).1
@@ -265,7 +265,7 @@ impl Image {
         if let Some(found) = known.get(&at) {
             return found.clone();
         }
-        // A branch into the middle of a function is one to that function.
+        // A branch into the middle of a function counts as one to that function.
         let Some((start, function)) = self.functions.range(..=at).next_back() else { return (0, Vec::new()) };
         let names = |chain: &[u64]| chain.iter().map(|at| self.functions[at].name.clone()).collect::<Vec<_>>();
         assert!(!callers.contains(start), "recursion: {:?} calls {}", names(callers), function.name);

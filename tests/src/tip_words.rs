@@ -1,4 +1,4 @@
-//! The words that the emulated board shares with its tip, read and written from the side.
+//! Tests read and write the words that the emulated board shares with its tip.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -8,26 +8,26 @@ use growbot_firmware::emulated_tip as table;
 use growbot_sim::port::emulator::{BoardClock, Emulator};
 use growbot_sim::tip::Motor;
 
-/// How long the board may take to a reset, to look through its stack, or to switch off, s of its clock. It takes some
-/// 100 ms.
+/// Time limit for a reset, a scan of the board's stack, or switching off, s of the board's clock. Each takes about 100
+/// ms.
 const LIMIT_S: u32 = 120;
-/// How often the board is looked at.
+/// Interval at which the board is polled.
 const LOOK: Duration = Duration::from_millis(2);
-/// How long the board's clock may stand: as long as a busy machine may leave the emulator waiting. It stands while the
-/// board is reset, and while a board that hangs waits for its watchdog, 20 s.
+/// Max time without progress of the board's clock. A busy machine may pause the emulator for a while. The clock also
+/// stands while the board is reset, and while a board that hangs waits for its watchdog, 20 s.
 const STANDING: Duration = Duration::from_secs(300);
 
-/// The memory that the board shares with its tip, by the byte offsets of `growbot_firmware::emulated_tip`.
+/// Memory that the board shares with its tip, addressed by the byte offsets of `growbot_firmware::emulated_tip`.
 pub struct Words {
     memory: File,
     clock: BoardClock,
 }
 
 impl Words {
-    /// Those of a running board.
+    /// Returns the words of a running board.
     ///
     /// # Panics
-    /// If the system gives no second handle of the memory.
+    /// Panics if the system does not duplicate the handle of the memory.
     #[must_use]
     pub fn of(emulator: &mut Emulator) -> Self {
         Self { memory: another(emulator.board().tip().file()), clock: emulator.clock() }
@@ -36,7 +36,7 @@ impl Words {
     /// Reads a word.
     ///
     /// # Panics
-    /// If it is not in the memory.
+    /// Panics if the offset is outside of the memory.
     #[must_use]
     pub fn read(&self, offset: usize) -> u32 {
         let mut bytes = [0; 4];
@@ -47,15 +47,15 @@ impl Words {
     /// Writes a word.
     ///
     /// # Panics
-    /// If the memory cannot be written.
+    /// Panics if the memory cannot be written.
     pub fn write(&self, offset: usize, value: u32) {
         self.memory.write_all_at(&value.to_le_bytes(), offset as u64).expect("the tip's memory can be written");
     }
 
-    /// Waits until the words are as they should be.
+    /// Waits until `until` returns true.
     ///
     /// # Panics
-    /// If they are not within two minutes of the board's clock; `what` says what was waited for.
+    /// Panics after two minutes of the board's clock. `what` describes the condition in the message.
     pub fn wait(&self, what: &str, mut until: impl FnMut(&Self) -> bool) {
         let mut limit = BoardLimit::new(self, LIMIT_S);
         while !until(self) {
@@ -66,7 +66,7 @@ impl Words {
 }
 
 impl Words {
-    /// Lets some of the board's time pass.
+    /// Lets a short time pass on the board.
     fn pass(&self) {
         self.clock.pass(LOOK).expect("the emulator runs");
     }
@@ -76,21 +76,20 @@ fn another(memory: &File) -> File {
     memory.try_clone().expect("a second handle of the tip's memory")
 }
 
-/// A limit of the board's own clock, for who waits for the board: a busy machine stretches that clock, so that no limit
-/// of the desktop's clock is a measure.
+/// Time limit by the board's own clock. The desktop's clock is unsuitable, because a busy machine slows the board down.
 pub struct BoardLimit {
     words: Words,
     limit_s: u32,
-    /// The clock that was read last, ticks since the board's boot.
+    /// Last reading of the clock, ticks since the board's boot.
     clock: u32,
-    /// Time of the board that has passed, ticks.
+    /// Time that has passed on the board, ticks.
     passed: u64,
-    /// When the clock has moved last.
+    /// Time of the last progress of the clock.
     moved: Instant,
 }
 
 impl BoardLimit {
-    /// A limit that begins now, s.
+    /// Returns a limit of `limit_s` seconds that starts now.
     #[must_use]
     pub fn new(words: &Words, limit_s: u32) -> Self {
         let clock = words.read(table::TICKS_LO);
@@ -98,10 +97,11 @@ impl BoardLimit {
         Self { words, limit_s, clock, passed: 0, moved: Instant::now() }
     }
 
-    /// Looks at the board's clock.
+    /// Reads the board's clock.
     ///
     /// # Panics
-    /// If the limit has passed, or the clock has been standing for five minutes; `what` says what was waited for.
+    /// Panics if the limit has passed, or if the clock has made no progress for five minutes. `what` describes the
+    /// condition in the message.
     pub fn check(&mut self, what: impl std::fmt::Display) {
         let now = self.words.read(table::TICKS_LO);
         if now == self.clock {
@@ -109,7 +109,7 @@ impl BoardLimit {
             assert!(stood < STANDING, "{what}: the board's clock has been standing for {stood:?}");
             return;
         }
-        // After a reset it counts from zero.
+        // The clock restarts at 0 after a reset.
         self.passed += u64::from(now.checked_sub(self.clock).unwrap_or(now));
         (self.clock, self.moved) = (now, Instant::now());
         let limit = u64::from(self.limit_s) * u64::from(self.words.read(table::TICK_HZ).max(1));
@@ -117,11 +117,11 @@ impl BoardLimit {
     }
 }
 
-/// Waits until heater and motors of the tip are off. Its player sees what the board does some milliseconds
-/// later, or more on a busy machine.
+/// Waits until heater and motors of the tip are off. The simulation of the tip sees changes of the board after some
+/// milliseconds, or later on a busy machine.
 ///
 /// # Panics
-/// If they are not off within two minutes of the board's clock; `what` says after what they should be.
+/// Panics if they are not off within two minutes of the board's clock. `what` is in the message.
 pub fn all_off_at_the_tip(emulator: &mut Emulator, what: &str) {
     let mut limit = BoardLimit::new(&Words::of(emulator), LIMIT_S);
     loop {

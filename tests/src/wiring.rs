@@ -1,25 +1,25 @@
 //! The table of pins in WIRING.md.
 
-/// The document.
+/// Text of the document.
 pub const WIRING: &str = include_str!("../../WIRING.md");
 
 /// A row of the table: a signal and its wire.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Row {
-    /// What the signal is called.
+    /// Name of the signal.
     pub signal: String,
-    /// Its pins, as "PA2": one, but for the oscillator and the debug probe.
+    /// Pins of the signal, such as "PA2". Only the oscillator and the debug probe have several.
     pub pins: Vec<String>,
-    /// What the pin is.
+    /// Type of the pin.
     pub kind: String,
-    /// The level at which it does no harm; empty for an input.
+    /// Safe level. Empty for an input.
     pub safe: String,
 }
 
-/// All rows.
+/// Returns all rows.
 ///
 /// # Panics
-/// If there is no such table.
+/// Panics if the table does not exist.
 #[must_use]
 pub fn rows() -> Vec<Row> {
     let lines = WIRING.lines().skip_while(|line| !line.starts_with("<!-- pins")).skip(3);
@@ -38,20 +38,21 @@ pub fn rows() -> Vec<Row> {
     rows
 }
 
-/// The pin of a signal.
+/// Returns the pin of a signal.
 ///
 /// # Panics
-/// If there is no such signal.
+/// Panics if the signal does not exist.
 #[must_use]
 pub fn pin_of(signal: &str) -> String {
     let row = rows().into_iter().find(|row| row.signal == signal);
     row.and_then(|row| row.pins.into_iter().next()).unwrap_or_else(|| panic!("WIRING.md has no signal {signal:?}"))
 }
 
-/// The rows of the table of boards with an RP2040: signal, key, pin of the Pico, pin and terminal of the SKR Pico.
+/// Returns the rows of the table of boards with an RP2040: signal, key, pin of the Pico, pin and terminal of the SKR
+/// Pico.
 ///
 /// # Panics
-/// If a row has another shape.
+/// Panics if a row has another number of cells.
 #[must_use]
 pub fn rp2040_rows() -> Vec<[String; 4]> {
     let lines = WIRING.lines().skip_while(|line| !line.starts_with("<!-- rp2040")).skip(3);

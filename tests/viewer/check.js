@@ -1,11 +1,12 @@
-// Opens what `growbot view` writes in Debian's Chromium, without a window, as CI has it, and looks at it: bodies of 1,300 and of 10,000
-// layers, growths, and two side by side; first picture, size, slider, buttons, keys; nothing on the console, no request; and the picture, compared with
-// the one that is committed. Every page works with a finger, too: the last is opened as on a phone.
+// Opens the pages of `growbot view` in Debian's Chromium, without a window as in CI. The bodies have 1,300 and 10,000
+// layers. Other pages show growths, and two bodies side by side. The checks cover the first picture, the size, the
+// slider, the buttons and the keys. The console must be empty, and no page may send a request. The picture is compared
+// with the committed one. Every page also works by touch, and the last is opened as on a phone.
 //
 //   node check.js GROWBOT            checks
-//   node check.js GROWBOT --bless    writes the picture anew
+//   node check.js GROWBOT --bless    writes the picture again
 //
-// The browser is `chromium`, or what CHROMIUM names.
+// The browser is `chromium`, or the value of CHROMIUM.
 
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
@@ -23,8 +24,8 @@ const growbot = resolve(program);
 const PICTURE = join(here, "picture.png");
 const PATIENCE_MS = 600_000;
 const MAX_BYTES = 2_000_000;
-/** A pixel differs by more than the first in one of its colours; the second is the max share of such pixels: edges fall otherwise with another release of the renderer, and
- * letters with other fonts (1 % with all of them in another one). The body is 6 %. */
+/** Colour difference above which a pixel counts as different, and max fraction of such pixels. Edges move with another
+ * release of the renderer, and letters with other fonts (1 % if all are in another font). The body is 6 %. */
 const [DIFFERENT, MAX_DIFFERENT] = [48, 0.02];
 
 const directory = mkdtempSync(join(tmpdir(), "growbot-view-"));
@@ -51,14 +52,14 @@ async function open(browser, name, options) {
   return page;
 }
 
-/** The page is as wide as the phone, and its pictures too. */
+/** Checks that the page is as wide as the phone, and its pictures too. */
 async function fitsPhone(page) {
   assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "wider than a phone");
   const widths = await page.$$eval(".stage", (stages) => stages.map((stage) => stage.clientWidth / innerWidth));
   assert.ok(widths.every((share) => share > 0.95), `pictures take ${widths} of a phone's width`);
 }
 
-/** The next picture is drawn. */
+/** Waits until the next picture is drawn. */
 const settled = (page) => page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
 const slider = (page) => page.$eval("#slider", (element) => Number(element.value));
 const picture = async (page) => {
@@ -66,7 +67,7 @@ const picture = async (page) => {
   return PNG.sync.read(await page.locator("#stages").screenshot());
 };
 
-/** The share of pixels that differ. */
+/** Returns the fraction of pixels that differ. */
 function difference(a, b) {
   assert.deepEqual([a.width, a.height], [b.width, b.height], "the pictures are of different sizes");
   let count = 0;
@@ -121,7 +122,7 @@ async function checkControls(page, layers) {
   assert.ok(difference(whole, await picture(page)) > 0.005, "dragging does not turn the view");
 }
 
-/** Two side by side: one slider grows both, and turning one turns the other. */
+/** Two bodies side by side. One slider grows both, and turning one turns the other. */
 async function checkPair(browser) {
   run("view", "--compare", "1300.json", "run.jsonl", "-o", "pair.html");
   const page = await open(browser, "pair", { viewport: { width: 1100, height: 600 } });
@@ -165,7 +166,7 @@ async function checkPair(browser) {
   await fitsPhone(phone);
 }
 
-/** A body among obstacles: they are seen and can be hidden, and the narrowest place is told beside the picture, too. */
+/** A body among obstacles. They can be seen and hidden, and the narrowest place is also stated beside the picture. */
 async function checkScene(browser) {
   run("scene", "pipe-rack", "-o", "rack.toml");
   plan("rack", "--to", "0,0,960", "--scene", "rack.toml");
@@ -182,14 +183,14 @@ async function checkScene(browser) {
   await fitsPhone(dark);
 }
 
-/** The browser, without a window. There is no sandbox for root. */
+/** Starts the browser without a window. The root user has no sandbox. */
 const launch = (...args) =>
   chromium.launch({
     executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
     args: [...args, ...(process.getuid() === 0 ? ["--no-sandbox"] : [])],
   });
 
-/** Where there is no 3D, the page says so and has its numbers all the same. */
+/** Without 3D, the page states this and still shows its numbers. */
 async function checkWithoutPicture() {
   const browser = await launch("--disable-3d-apis");
   try {
@@ -204,7 +205,7 @@ async function checkWithoutPicture() {
   }
 }
 
-// No graphics card: drawn by the processor, the same everywhere.
+// The processor draws instead of a graphics card, so the picture is the same everywhere.
 const browser = await launch("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader");
 try {
   plan("1300", "--to", "550,345,610,120,-25", "--planner", "two-plane");
@@ -216,7 +217,7 @@ try {
   run("view", "fed.jsonl");
 
   const middle = await open(browser, "1300");
-  // Whatever this machine's fonts are, the picture is of one size.
+  // The picture has the same size with any fonts.
   await middle.addStyleTag({ content: "header { height: 48px; overflow: hidden } #bar { height: 52px; overflow: hidden }" });
   await settled(middle);
   await middle.click("[data-look=corner]");

@@ -1,5 +1,4 @@
-// What programs that the checks start know of this machine: all but the port of a robot that is configured here, which
-// no check is to move.
+// Environment of programs that the checks start. It lacks the configured port of a robot, so that no check moves it.
 
 const { GROWBOT_PORT: _, ...others } = process.env;
 

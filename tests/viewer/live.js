@@ -1,13 +1,13 @@
-// Follows growths on the simulated robot in Debian's Chromium, on the page that `growbot grow --watch` serves: it grows as the robot
-// does, pauses and continues and stops by its buttons, tells how it ended, and asks for nothing but its own updates. Without --control there are
-// no buttons.
+// Follows growths on the simulated robot in Debian's Chromium, on the page of `growbot grow --watch`. The page grows
+// with the robot, its buttons pause, continue and stop the growth, and it reports the end. It requests nothing but its
+// own updates. Without --control there are no buttons.
 //
 //   node live.js GROWBOT
 //
-// Time passes for the robot while the browser works, so nothing here may need the browser to be quick: the robot waits for a day before it
-// parks, and a growth takes minutes. Both growths run at the same time.
+// Time passes for the robot while the browser works, so the test must not need a fast browser. The robot waits for a
+// day before it parks, and a growth takes minutes. Both growths run at the same time.
 //
-// The browser is `chromium`, or what CHROMIUM names.
+// The browser is `chromium`, or the value of CHROMIUM.
 
 import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
@@ -31,7 +31,7 @@ const parksAfter = /^off_after_s = .*$/m;
 assert.match(described, parksAfter);
 await writeFile(patient, described.replace(parksAfter, "off_after_s = 86400.0"));
 
-/** A growth of 400 mm that is watched: its process and the page's address. */
+/** Starts a growth of 400 mm with a page. Returns the promise of its exit code, and the page's address. */
 async function grow(...args) {
   const growth = ["grow", "--robot", patient, "--to", "60,40,390,30,60", "--watch", ...args];
   const child = spawn(growbot, growth, { env: environment, stdio: ["ignore", "ignore", "pipe"] });
@@ -47,7 +47,7 @@ async function grow(...args) {
   throw new Error(`growbot ended with ${await ended} and told no address`);
 }
 
-/** Opens the page; with `update`, as if growbot had said that. */
+/** Opens the page. With `update`, the page gets this update instead of growbot's. */
 async function open(browser, address, update) {
   const page = await browser.newPage({ viewport: { width: 1200, height: 760 }, colorScheme: "light" });
   const said = { contentType: "text/event-stream", body: `data: ${JSON.stringify(update)}\n\n` };
@@ -94,12 +94,12 @@ try {
   await page.click("#order-continue");
   await comesTo(page, held + 3);
   if (process.env.PICTURES) await page.screenshot({ path: `${process.env.PICTURES}/live.png` });
-  // A page that comes later knows all of it.
+  // A page that is opened later shows everything too.
   const second = await open(browser, controlled.address);
   await comesTo(second, held + 3);
   await second.waitForFunction((min) => Number(document.querySelector("#slider").max) >= min, held + 3);
   await second.close();
-  // A board that was stopped for its clock: as the end says.
+  // A board that was stopped because of its clock, as reported at the end.
   const drift = { message: "the board's clock is 5.0 % slow (limit 2 %)", remedy: "check the board's crystal" };
   const drifted = await open(browser, controlled.address, {
     state: "stopped",

@@ -1,10 +1,11 @@
-// Uses the page of all robots, which `growbot serve` has, in Debian's Chromium, with a simulated robot: plans, looks, grows,
-// pauses, loses the service and finds it again, stops; all by keyboard where a person might; also on a phone.
+// Uses the page of all robots of `growbot serve` in Debian's Chromium, with a simulated robot. It plans, previews,
+// grows, pauses, loses the service and finds it again, and stops. It uses the keyboard where a person might, and also a
+// phone.
 //
 //   node robots.js GROWBOT [PICTURES]
 //
-// PICTURES is a directory for pictures of what it sees. Nothing here needs the browser to be quick. The browser is `chromium`, or what CHROMIUM
-// names.
+// PICTURES is a directory for pictures of the page. The test does not need a fast browser. The browser is `chromium`,
+// or the value of CHROMIUM.
 
 import assert from "node:assert/strict";
 import { spawn, spawnSync } from "node:child_process";
@@ -30,7 +31,7 @@ const ball = 'format = "growbot-scene/1"\n[[ball]]\ncenter_mm = [0, 0, 200]\nrad
 await writeFile(join(directory, "ball.toml"), ball);
 await writeFile(join(directory, "wrong.toml"), "a ball");
 
-/** Starts the service on a port; gives it and its addresses. */
+/** Starts the service on a port. Returns its process and its addresses. */
 async function serve(port) {
   const service = spawn(growbot, ["serve", "--page-port", String(port)], { ...known, stdio: ["ignore", "pipe", "ignore"] });
   const addresses = {};
@@ -86,7 +87,7 @@ try {
   assert.match(await robot.innerText(), /lab[^]*simulated, 3 times as fast/);
   assert.ok(await robot.getByRole("button", { name: "Pause" }).isDisabled());
 
-  // A goal is typed and looked at, without and with a scene.
+  // A goal is typed and previewed, without and with a scene.
   await robot.locator("details.new summary").focus();
   await page.keyboard.press("Enter");
   await robot.locator("[name=to]").focus();
@@ -107,7 +108,7 @@ try {
   await picture(page, "preview-scene");
   await page.keyboard.press("Escape");
 
-  // It grows, pauses and continues.
+  // The robot grows, pauses and continues.
   await press("Grow");
   await state("growing");
   await grows();
@@ -118,7 +119,7 @@ try {
   await press("Continue");
   await state("growing");
 
-  // The service is killed: the robot goes on, and the page finds the next one.
+  // The service is killed. The robot continues, and the page connects to the next service.
   const before = await laid();
   const port = new URL(addresses.operate).port;
   await kill(service);
@@ -129,7 +130,7 @@ try {
   await grows();
   assert.ok((await laid()) > before);
 
-  // Who may look gives no orders; on a phone nothing is wider than it.
+  // The read-only address allows no orders. On a phone nothing is wider than the screen.
   const look = await open(addresses.look, { viewport: { width: 375, height: 740 }, colorScheme: "dark" });
   await look.locator("section.robot .state", { hasText: "growing" }).waitFor();
   await picture(look, "phone");
@@ -143,7 +144,7 @@ try {
   await picture(phone, "phone-body");
   await phone.close();
 
-  // It is stopped, and can be looked at.
+  // The growth is stopped and can be viewed.
   await press("Stop");
   await state("stopped");
   const job = page.locator("#job-rows tr").first();
@@ -154,7 +155,7 @@ try {
   const log = await page.request.get(await job.getByRole("link", { name: "Run log" }).evaluate((link) => link.href));
   assert.match(await log.text(), /^\{"event":"header"/);
 
-  // And the emergency stop, from a growth that is resumed.
+  // The emergency stop of a growth that is resumed.
   await job.getByRole("button", { name: "Resume" }).click();
   await state("heating|homing|growing");
   await press("Emergency stop");

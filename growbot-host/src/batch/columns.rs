@@ -1,44 +1,44 @@
-//! The header of a batch: the place of each column, in any order.
+//! Header of a batch, which gives the position of each column. The columns can be in any order.
 
 use csv::ByteRecord;
 use growbot_client::suggest::did_you_mean;
 
-/// The columns that every batch has: the query's name, and the goal's position.
+/// Columns that every batch has: the query's name and the goal's position.
 pub const REQUIRED: [&str; 4] = ["id", "to_x_mm", "to_y_mm", "to_z_mm"];
-/// The goal's direction. Without these columns, or where both are empty, any direction will do.
+/// Columns of the goal's direction. Without them, or if both are empty, any direction is allowed.
 pub const DIRECTION: [&str; 2] = ["to_heading_deg", "to_pitch_deg"];
-/// The start. Without these columns, or where all are empty, the command's own start applies.
+/// Columns of the start. Without them, or if all are empty, the command's own start applies.
 pub const START: [&str; 5] = ["from_x_mm", "from_y_mm", "from_z_mm", "from_heading_deg", "from_pitch_deg"];
-/// More columns that a batch may have; where one is absent or empty, the command's own setting applies.
+/// Optional columns. If one is absent or empty, the command's own setting applies.
 pub const OPTIONAL: [&str; 2] = ["radius_mm", "planner"];
 
-/// Why a header is refused.
+/// Errors of a header.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum HeaderError {
-    /// A column that no batch has.
+    /// A column is unknown.
     #[error(
         "the header has an unknown column {name:?}{}; it must have {}, and may have {}, {}, {}",
         suggestion(.name), REQUIRED.join(","), DIRECTION.join(","), START.join(","), OPTIONAL.join(",")
     )]
     Unknown {
-        /// Its name.
+        /// Name of the column.
         name: String,
     },
-    /// A column is not there.
+    /// A column is missing.
     #[error("the header has no column {name}; it must have {}{}", REQUIRED.join(","), together(.name))]
     Missing {
-        /// Its name.
+        /// Name of the column.
         name: &'static str,
     },
-    /// A column is there twice.
+    /// A column occurs twice.
     #[error("the header has column {name} twice: remove one")]
     Twice {
-        /// Its name.
+        /// Name of the column.
         name: &'static str,
     },
 }
 
-/// All columns that there are.
+/// Returns all known columns.
 fn known() -> impl Iterator<Item = &'static str> {
     REQUIRED.into_iter().chain(DIRECTION).chain(START).chain(OPTIONAL)
 }
@@ -47,37 +47,37 @@ fn suggestion(name: &str) -> String {
     did_you_mean(name, known())
 }
 
-/// Of a column that others need, which these are.
+/// Returns the part of a message that names the columns which are required together with this one.
 fn together(name: &&'static str) -> String {
     let group = [&DIRECTION[..], &START].into_iter().find(|group| group.contains(name));
     group.map_or_else(String::new, |group| format!(", and all of {} or none", group.join(",")))
 }
 
-/// Where each column stands.
+/// Positions of the columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Columns {
-    /// How many there are.
+    /// Number of columns.
     pub count: usize,
-    /// `id`.
+    /// Index of `id`.
     pub id: usize,
-    /// The start: x, y, z, heading, pitch.
+    /// Columns of the start: x, y, z, heading, pitch.
     pub from: Option<[Column; 5]>,
-    /// The goal's position: x, y, z.
+    /// Columns of the goal's position: x, y, z.
     pub to: [Column; 3],
-    /// The goal's heading and pitch.
+    /// Columns of the goal's heading and pitch.
     pub direction: Option<[Column; 2]>,
-    /// `radius_mm`.
+    /// Column `radius_mm`.
     pub radius: Option<Column>,
-    /// `planner`.
+    /// Column `planner`.
     pub planner: Option<Column>,
 }
 
-/// A column: its name and where it stands.
+/// A column with its name and position.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Column {
-    /// As in the header.
+    /// Name in the header.
     pub name: &'static str,
-    /// From 0.
+    /// Index, from 0.
     pub index: usize,
 }
 
@@ -85,7 +85,7 @@ impl Columns {
     /// Finds the columns in a header.
     ///
     /// # Errors
-    /// A column that is unknown, missing, or there twice.
+    /// A column is unknown, missing, or occurs twice.
     pub fn find(header: &ByteRecord) -> Result<Self, HeaderError> {
         let names: Vec<String> = header.iter().map(|name| String::from_utf8_lossy(name).trim().to_owned()).collect();
         let mut found = Vec::with_capacity(names.len());
@@ -111,7 +111,7 @@ impl Columns {
     }
 }
 
-/// The columns of these names.
+/// Returns the columns with these names.
 fn all<const N: usize>(found: &[Column], names: [&'static str; N]) -> Result<[Column; N], HeaderError> {
     let mut columns = [Column::default(); N];
     for (column, name) in columns.iter_mut().zip(names) {
@@ -121,7 +121,7 @@ fn all<const N: usize>(found: &[Column], names: [&'static str; N]) -> Result<[Co
     Ok(columns)
 }
 
-/// The columns of these names, if there is one of them.
+/// Returns the columns with these names if at least one of them is there.
 fn all_or_none<const N: usize>(found: &[Column], names: [&'static str; N]) -> Result<Option<[Column; N]>, HeaderError> {
     if found.iter().any(|column| names.contains(&column.name)) { all(found, names).map(Some) } else { Ok(None) }
 }

@@ -1,7 +1,7 @@
-//! Many plans from a stream of queries in CSV, in the order of the queries.
+//! Planning of many queries from a CSV stream, in the order of the queries.
 //!
-//! One query is in memory at a time, so that a stream may be as long as it likes. A query that is at fault has an error
-//! of its own and the rest continue; a header that is at fault is refused before the first query.
+//! Only one query is in memory at a time, so a stream can have any length. An invalid query has its own error, and the
+//! rest continues. An invalid header is rejected before the first query.
 
 mod columns;
 
@@ -25,90 +25,90 @@ pub use columns::HeaderError;
 use columns::{Column, Columns};
 use growbot_pictures::figures::shortest;
 
-/// Why a batch ends early.
+/// Errors that end a batch early.
 #[derive(Debug, thiserror::Error)]
 pub enum BatchError {
-    /// The header is at fault.
+    /// The header is invalid.
     #[error(transparent)]
     Header(#[from] HeaderError),
-    /// Reading broke off.
+    /// The source cannot be read any further.
     #[error("reading broke off: {0}")]
     Reading(#[source] csv::Error),
 }
 
-/// Why a query has no plan.
+/// Errors of a single query.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum QueryError {
     /// The line has more or fewer fields than the header.
     #[error("the line has {found} fields, and the header has {expected}")]
     Fields {
-        /// Fields of the line.
+        /// Number of fields of the line.
         found: usize,
-        /// Fields of the header.
+        /// Number of fields of the header.
         expected: usize,
     },
-    /// Bytes that are no text.
+    /// A field is not UTF-8.
     #[error("field {field} of the line is no UTF-8 text (at its byte {position}): save the batch as UTF-8")]
     NotText {
-        /// Which field, from 1.
+        /// Number of the field, from 1.
         field: usize,
-        /// Where in it the first byte that is no text stands, from 0.
+        /// Position of the first invalid byte in the field, from 0.
         position: usize,
     },
-    /// A field is no number.
+    /// A field is not a number.
     #[error("{column} is {text:?}, which is no number: write it like -120 or 0.5")]
     NotANumber {
-        /// The column.
+        /// Name of the column.
         column: &'static str,
-        /// Its text.
+        /// Text of the field.
         text: String,
     },
-    /// There is no such planner.
+    /// The planner does not exist.
     #[error("planner: {reason}")]
     Planner {
-        /// What there is instead.
+        /// Explanation with the existing planners.
         reason: String,
     },
-    /// Half a direction.
+    /// Only one of the two angles is given.
     #[error("{column} is empty, and the other angle is not: write both, or leave both empty for any direction")]
     HalfADirection {
-        /// The column.
+        /// Name of the column that is empty.
         column: &'static str,
     },
-    /// The numbers are no pose.
+    /// The numbers are not a valid pose.
     #[error("{which}: {error}")]
     Pose {
-        /// From or to.
+        /// `from` or `to`.
         which: &'static str,
-        /// What is wrong.
+        /// Error of the pose.
         #[source]
         error: PoseError,
     },
-    /// There is no path.
+    /// No path exists.
     #[error(transparent)]
     Plan(#[from] PlanError),
-    /// The path is longer than it may be.
+    /// The path is longer than allowed.
     #[error(transparent)]
     TooLong(#[from] TooLong),
 }
 
-/// A path is longer than it may be.
+/// Error of a path that is longer than allowed.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error(
     "the shortest path found is {found:.1} mm long, and --length-max is {} mm: allow a longer body, a smaller radius, \
      or another goal", CompactNumber(.max)
 )]
 pub struct TooLong {
-    /// How long it is, mm.
+    /// Length of the path, mm.
     found: f64,
-    /// How long it may be, mm.
+    /// Maximum length, mm.
     max: f64,
 }
 
-/// The plan, unless it is longer than it may be (mm).
+/// Returns the plan if it is not longer than `length_max`, mm.
 ///
 /// # Errors
-/// If it is.
+/// [`TooLong`] if it is longer.
 pub fn short_enough(plan: Plan, length_max: Option<f64>) -> Result<Plan, TooLong> {
     let found = plan.needs.length;
     match length_max.filter(|max| found > *max) {
@@ -117,18 +117,18 @@ pub fn short_enough(plan: Plan, length_max: Option<f64>) -> Result<Plan, TooLong
     }
 }
 
-/// What became of one query.
+/// Result of one query.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Answer {
-    /// The query's name.
+    /// Name of the query.
     pub id: String,
-    /// Its plan, or why there is none.
+    /// Plan of the query, or the error.
     pub outcome: Result<Plan, QueryError>,
 }
 
 impl Answer {
-    /// The answer as a row of CSV under [`ANSWERS`], with its newline: numbers in full precision, the codes of warnings
-    /// with spaces between; of a query that failed, `id` and `error` alone.
+    /// Returns the result as a row of CSV under [`ANSWERS`], with its newline. Numbers have full precision, and codes
+    /// of warnings are separated by spaces. A query that failed has only `id` and `error`.
     #[must_use]
     pub fn to_row(&self) -> String {
         let mut fields = vec![self.id.clone()];
@@ -155,12 +155,12 @@ impl Answer {
             }
         }
         let mut writer = csv::Writer::from_writer(Vec::new());
-        // Writing to memory cannot fail, and one row has one length.
+        // Writing to memory cannot fail, and a single row has the right length.
         let _ = writer.write_record(&fields);
         writer.into_inner().ok().and_then(|row| String::from_utf8(row).ok()).unwrap_or_default()
     }
 
-    /// The answer as one line of JSON, with its newline: the plan and `"id"`, or `"id"` and `"error"`.
+    /// Returns the result as one line of JSON, with its newline: the plan with `"id"`, or `"id"` and `"error"`.
     #[must_use]
     pub fn to_line(&self, robot: &Robot) -> String {
         #[derive(Serialize)]
@@ -178,22 +178,22 @@ impl Answer {
     }
 }
 
-/// What applies where a query does not say.
+/// Values for fields that a query omits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Defaults {
-    /// Where the tip starts.
+    /// Start pose of the tip.
     pub start: Pose,
-    /// How paths are looked for.
+    /// Parameters of the path search.
     pub search: Search,
-    /// The body may be this long, mm.
+    /// Maximum length of the body, mm. `None` for any length.
     pub length_max: Option<f64>,
 }
 
-/// The header of answers as CSV.
+/// Header of the results as CSV.
 pub const ANSWERS: &str = "id,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg,direction_free,planner,radius_mm,\
                            path_type,length_mm,layers,duration_s,filament_mm,warnings,error\n";
 
-/// A batch under way.
+/// A batch that is being planned.
 pub struct Batch<R> {
     reader: Reader<R>,
     columns: Columns,
@@ -202,25 +202,25 @@ pub struct Batch<R> {
 }
 
 impl<R: Read> Batch<R> {
-    /// Reads the header. Queries are planned by these defaults where they do not say.
+    /// Reads the header. `defaults` are for fields that a query omits.
     ///
     /// # Errors
-    /// A header that is at fault, or nothing to read.
+    /// The header is missing or invalid, or the source cannot be read.
     pub fn open(source: R, defaults: Defaults) -> Result<Self, BatchError> {
         let mut reader = ReaderBuilder::new().flexible(true).from_reader(source);
         let columns = Columns::find(reader.byte_headers().map_err(BatchError::Reading)?)?;
         Ok(Self { reader, columns, record: ByteRecord::new(), defaults })
     }
 
-    /// Bytes read so far.
+    /// Returns the number of bytes read so far.
     pub fn bytes_read(&self) -> u64 {
         self.reader.position().byte()
     }
 
-    /// Answers the next query; none at the end.
+    /// Plans the next query. `None` at the end.
     ///
     /// # Errors
-    /// [`BatchError::Reading`] where the source fails.
+    /// [`BatchError::Reading`] if the source fails.
     pub fn next(&mut self, robot: &Robot) -> Result<Option<Answer>, BatchError> {
         if !self.reader.read_byte_record(&mut self.record).map_err(BatchError::Reading)? {
             return Ok(None);
@@ -293,18 +293,18 @@ impl<R: Read> Batch<R> {
         parse_number(text).ok_or_else(|| QueryError::NotANumber { column: column.name, text: text.to_owned() })
     }
 
-    /// A field without the spaces round it.
+    /// Returns the text of a field without surrounding spaces.
     fn text(&self, column: Column) -> &str {
         text_of(self.record.get(column.index)).trim()
     }
 }
 
-/// A field as text; empty where it is not UTF-8, which is refused earlier.
+/// Returns a field as text. It is empty if the field is not UTF-8, which is rejected earlier.
 fn text_of(field: Option<&[u8]>) -> &str {
     str::from_utf8(field.unwrap_or_default()).unwrap_or_default()
 }
 
-/// The planner of this name, as in plan files.
+/// Returns the planner with this name, as in plan files.
 fn planner_of_name(name: &str) -> Result<Planner, QueryError> {
     let name: StrDeserializer<ValueError> = name.into_deserializer();
     Planner::deserialize(name).map_err(|error| QueryError::Planner { reason: error.to_string() })
@@ -425,7 +425,7 @@ mod tests {
         let mut next = || batch.next(&robot).unwrap();
         let (coordinate, id, sound) = (next().unwrap(), next().unwrap(), next().unwrap());
         assert_eq!(coordinate.outcome, Err(QueryError::NotText { field: 9, position: 1 }));
-        // A name that is no text is no name: it is not replaced by another.
+        // A name that is not UTF-8 counts as no name. It is not replaced by another one.
         assert_eq!((id.id.as_str(), id.outcome), ("", Err(QueryError::NotText { field: 1, position: 0 })));
         assert!(sound.outcome.is_ok() && next().is_none());
     }

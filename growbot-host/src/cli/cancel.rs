@@ -1,4 +1,4 @@
-//! `growbot cancel`: give up the body that the board knows.
+//! `growbot cancel`: discards the body that the board stores.
 
 use clap::Args;
 use growbot_core::link::message::{Cancel, Message};
@@ -7,9 +7,10 @@ use growbot_host::output::print;
 use super::service::owner;
 use super::{Failure, RobotArg, RobotPortArg};
 
-/// Give up the body under way: heater and steppers off, and the board forgets it
+/// Discard the body under way: heater and steppers go off, and the board forgets it
 ///
-/// After a stop, a fault or a reset the board stores what it knows of an unfinished body, for `growbot resume`.
+/// After a stop, a fault or a reset the board stores its data of an unfinished body, so that `growbot resume` can
+/// continue it.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot cancel --port /dev/ttyACM0")]
 pub struct CancelArgs {

@@ -1,4 +1,4 @@
-//! `growbot completions`: Tab in a shell.
+//! `growbot completions`: prints the completions of a shell.
 
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Command, CommandFactory};
@@ -10,7 +10,7 @@ use super::{Cli, Failure, ROBOT};
 
 /// Print the completions of a shell: commands, options, names of robots
 ///
-/// Where a robot is asked for, bash, zsh and fish offer the built-in names; bash offers files too, once no name fits.
+/// For a robot, bash, zsh and fish offer the built-in names. If no name matches, bash offers files.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -33,7 +33,7 @@ pub fn run(args: &CompletionsArgs) -> Result<(), Failure> {
     Ok(print(&String::from_utf8_lossy(&script))?)
 }
 
-/// The command, with the built-in robots as what its arguments that name a robot may be.
+/// Returns the command with the names of the built-in robots as possible values of each argument that names a robot.
 fn with_names_of_robots(command: Command) -> Command {
     command.mut_args(|arg| match arg.get_value_names() {
         Some([name]) if name == ROBOT => arg.value_parser(PossibleValuesParser::new(robot_file::names())),

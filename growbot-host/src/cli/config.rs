@@ -1,4 +1,4 @@
-//! `growbot config`: what is set for all commands, and where.
+//! `growbot config`: shows the settings of all commands and their origins.
 
 use std::path::Path;
 
@@ -10,12 +10,13 @@ use serde_json::{Map, Value, json};
 
 use super::Failure;
 
-/// Show robot and port of commands that are given none, and where they are set
+/// Show the default robot and port of commands, and where they are set
 ///
-/// An option comes first, then the environment (GROWBOT_ROBOT, GROWBOT_PORT), then the nearest growbot.toml, which is
-/// searched from this directory upwards, then that of the user's configuration ($XDG_CONFIG_HOME/growbot/growbot.toml,
-/// or ~/.config/growbot/growbot.toml), then what is built in. Paths in a growbot.toml are relative to it. A plan has
-/// its robot with it, whatever is set here.
+/// An option has the highest priority. The environment (GROWBOT_ROBOT, GROWBOT_PORT) comes second. The nearest
+/// growbot.toml comes third: it is searched from this directory upwards. The growbot.toml of the user's configuration
+/// ($XDG_CONFIG_HOME/growbot/growbot.toml, or ~/.config/growbot/growbot.toml) comes fourth. The built-in value comes
+/// last. Paths in a growbot.toml are relative to that file. A plan contains its robot, so these settings do not change
+/// it.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -49,13 +50,13 @@ pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
     Ok(print(&text)?)
 }
 
-/// The value, after it is said where it comes from.
+/// Returns the value of a setting, and prints its origin if messages are verbose.
 pub fn told(key: Key, setting: Setting) -> String {
     growbot_host::detail!("{} {}, from: {}", key.name(), setting.value, in_words(&setting.origin));
     setting.value
 }
 
-/// Where a value comes from, as messages call it.
+/// Returns the origin of a value as text for messages.
 fn in_words(origin: &Origin) -> String {
     match origin {
         Origin::Environment(variable) => (*variable).to_owned(),

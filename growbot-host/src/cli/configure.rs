@@ -1,4 +1,4 @@
-//! `growbot configure`: another robot description for a board.
+//! `growbot configure`: sends another robot description to a board.
 
 use std::path::PathBuf;
 use std::thread::sleep;
@@ -19,16 +19,17 @@ use super::service::borrow_line;
 use super::status::is_configured;
 use super::{ChosenPort, Failure, ROBOT, RobotPortArg};
 
-/// A board is there again within this after it has stored a description.
+/// Maximum time that a board takes to restart after it has stored a description.
 const RESTART: Duration = Duration::from_secs(10);
-/// It is looked for so often.
+/// Interval between attempts to reconnect.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// Send a robot's description to its board, which checks it, keeps it and restarts with it
+/// Send a robot's description to its board, which checks it, stores it and restarts with it
 ///
-/// The board keeps the description over resets and losses of power, and over new firmware that still reads it. It takes another one only
-/// while nothing heats or moves, with the nozzle cold and without a body that is not done; one that is not valid it
-/// refuses, and keeps the one that it has. Every limit of the robot is then the board's.
+/// The board keeps the description over resets and losses of power, and over new firmware that can still read it. The
+/// board accepts a new description only while nothing heats or moves, with the nozzle cold and without an unfinished
+/// body. It refuses an invalid description, and keeps its present one. From then on the board enforces every limit of
+/// the robot.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot configure my-robot.toml --port /dev/ttyACM0")]
 pub struct ConfigureArgs {
@@ -48,7 +49,7 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
     robot.check_for_board().map_err(ClientError::Description)?;
     let port = args.port.choose()?;
     let _lent = borrow_line(&port, "growbot configure")?;
-    // A simulated robot that begins with this command has a board with a description, as one that was flashed.
+    // A simulated robot that starts with this command has a board with a description, like a board that was flashed.
     let mut client = port.client(&robot_file::load(robot_file::DEFAULT.as_ref())?)?;
     let before = client.hello()?;
     let now = match client.configure(&robot) {
@@ -88,7 +89,7 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Looks for the board at its port anew: a serial port over USB goes while its board restarts, and comes back.
+/// Reconnects to the board at its port. A serial port over USB disappears while its board restarts, and comes back.
 fn after_restart(port: &ChosenPort, robot: &Robot) -> Result<BoardInfo, Failure> {
     let began = Instant::now();
     while began.elapsed() < RESTART {

@@ -8,8 +8,8 @@ use growbot_host::output::is_standard_output;
 
 use super::Failure;
 
-/// Makes the directory, where it is not there. Before anything is done, so that a place where nothing can be written is
-/// not found out at the end.
+/// Creates the directory if it does not exist. Commands call this first, so that a place that cannot be written is
+/// reported at once and not at the end.
 pub fn make(directory: &Path) -> Result<(), Failure> {
     if directory.is_dir() {
         return Ok(());
@@ -31,7 +31,7 @@ pub fn make(directory: &Path) -> Result<(), Failure> {
         .map_err(|error| Failure::from(FileError::File { file: directory.display().to_string(), error }))
 }
 
-/// Writes these files into the directory, over those of the same names, and says so.
+/// Writes these files into the directory, over those of the same names, and prints a note.
 pub fn fill<'a>(directory: &Path, files: impl IntoIterator<Item = (&'a str, &'a [u8])>) -> Result<(), Failure> {
     let mut count = 0;
     for (name, contents) in files {

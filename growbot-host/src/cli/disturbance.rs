@@ -1,4 +1,4 @@
-//! What goes wrong where nothing is a real robot: the layers' errors, the sensors' noise, and the seed of both.
+//! Errors of simulated robots: the layers' errors, the sensors' noise, and the seed of both.
 
 use clap::Args;
 use growbot_client::pose_text::{parse_angle, parse_number};
@@ -11,51 +11,47 @@ const MAX_PERCENT: f64 = 90.0;
 /// Greatest error of a layer or of a direction, degrees.
 const MAX_DEG: f64 = 90.0;
 
-/// How simulated layers and sensors are off.
+/// Errors of simulated layers and sensors.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Disturbances of a simulated tip")]
 pub struct DisturbanceArgs {
-    /// Noise of each layer's growth, tilt kept: uniform, of this half-width
+    /// Half-width of the uniform noise of each layer's growth, with its tilt kept
     #[arg(long, value_name = "PERCENT", default_value = "0", allow_hyphen_values = true, value_parser = percent)]
     noise: f64,
-    /// Over-deposition, the same in every layer; under-deposition if negative
+    /// Over-deposition, or under-deposition if negative, the same in every layer
     #[arg(long, value_name = "PERCENT", default_value = "0", allow_hyphen_values = true, value_parser = signed_percent)]
     bias: f64,
-    /// Noise of each layer's tilt, a lean about either axis: uniform, of this
-    /// half-width
+    /// Half-width of the uniform noise of each layer's tilt, a lean about either axis
     #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = deg)]
     tilt_noise: f64,
-    /// How much more every layer tilts
+    /// Excess of tilt, the same in every layer
     #[arg(long, value_name = "PERCENT", default_value = "0", allow_hyphen_values = true, value_parser = signed_percent)]
     tilt_bias: f64,
-    /// Noise of each layer's deposition angle: uniform, of this half-width
+    /// Half-width of the uniform noise of each layer's deposition angle
     #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = deg)]
     alpha_noise: f64,
     /// Offset of the deposition angle, the same in every layer
     #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = signed_deg)]
     alpha_bias: f64,
-    /// Noise of the twist about the tip's axis in each layer: uniform, of this
-    /// half-width
+    /// Half-width of the uniform noise of the twist about the tip's axis in each layer
     #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = deg)]
     twist_noise: f64,
     /// Twist about the tip's axis, the same in every layer, counter-clockwise
     #[arg(long, value_name = "DEG", default_value = "0", allow_hyphen_values = true, value_parser = signed_deg)]
     twist_bias: f64,
-    /// Noise of the odometry in each layer, of its growth: normal, of this standard
-    /// deviation
+    /// Standard deviation of the normal noise of the odometry in each layer, of its growth
     #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_parser = percent)]
     odometry_noise: Option<f64>,
-    /// Noise of the measured direction about either axis: normal, of this standard
-    /// deviation
+    /// Standard deviation of the normal noise of the measured direction about either axis
     #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = deg)]
     direction_noise: Option<f64>,
-    /// Where all noise comes from: the same seed gives the same run
+    /// Seed of all noise: the same seed gives the same run
     #[arg(long, value_name = "N", default_value = "1", allow_negative_numbers = true)]
     pub seed: u64,
 }
 
 impl DisturbanceArgs {
-    /// How layers come out.
+    /// Returns the errors of the layers.
     pub fn disturbance(&self) -> Disturbance {
         Disturbance {
             growth_noise: self.noise / 100.0,
@@ -69,12 +65,12 @@ impl DisturbanceArgs {
         }
     }
 
-    /// How far measurements are off: not at all, unless given.
+    /// Returns the noise of the measurements. It is 0 by default.
     pub fn sensor_noise(&self) -> SensorNoise {
         self.sensor_noise_or(SensorNoise { odometry: 0.0, direction: 0.0 })
     }
 
-    /// How far measurements are off, or else are taken to be.
+    /// Returns the noise of the measurements, with `assumed` for values that are not given.
     pub fn sensor_noise_or(&self, assumed: SensorNoise) -> SensorNoise {
         SensorNoise {
             odometry: self.odometry_noise.map_or(assumed.odometry, |percent| percent / 100.0),
@@ -82,33 +78,33 @@ impl DisturbanceArgs {
         }
     }
 
-    /// Whether layers come out otherwise than asked for.
+    /// Returns true if layers have errors.
     pub fn disturbs(&self) -> bool {
         self.disturbance() != Disturbance::default()
     }
 
-    /// Whether anything is said of the sensors.
+    /// Returns true if a noise of the sensors is given.
     pub fn knows_sensors(&self) -> bool {
         self.odometry_noise.is_some() || self.direction_noise.is_some()
     }
 }
 
-/// A share without a sign, percent.
+/// Parses a share that is not negative, percent.
 fn percent(text: &str) -> Result<f64, String> {
     within(percentage(text)?, 0.0, MAX_PERCENT, "percent")
 }
 
-/// A share to either side, percent.
+/// Parses a share of either sign, percent.
 pub fn signed_percent(text: &str) -> Result<f64, String> {
     within(percentage(text)?, -MAX_PERCENT, MAX_PERCENT, "percent")
 }
 
-/// An angle without a sign, degrees.
+/// Parses an angle that is not negative, degrees.
 fn deg(text: &str) -> Result<f64, String> {
     within(angle(text)?, 0.0, MAX_DEG, "degrees")
 }
 
-/// An angle to either side, degrees.
+/// Parses an angle of either sign, degrees.
 fn signed_deg(text: &str) -> Result<f64, String> {
     within(angle(text)?, -MAX_DEG, MAX_DEG, "degrees")
 }

@@ -1,5 +1,5 @@
-//! The commands that README.md and the book name are commands: each is read by the very definitions of the command
-//! line, those too that need a robot, an emulator or a long time. (`tests/documents.rs` runs the others.)
+//! Tests that the commands in README.md and the book exist. The definitions of the command line parse each command,
+//! even if it needs a robot, an emulator or a long time. (`tests/documents.rs` runs the others.)
 
 #[path = "../../tests/documents/blocks.rs"]
 #[expect(dead_code, reason = "tests/documents.rs uses the rest")]
@@ -14,7 +14,7 @@ use pulldown_cmark::Event;
 
 use super::Cli;
 
-/// The words of each simple command of a shell's line, without redirections and comments.
+/// Returns the words of each simple command of a shell line, without redirections and comments.
 fn simple_commands(line: &str) -> Vec<Vec<String>> {
     let mut commands = vec![Vec::new()];
     let mut word: Option<String> = None;
@@ -52,7 +52,7 @@ fn simple_commands(line: &str) -> Vec<Vec<String>> {
     commands
 }
 
-/// What growbot is called with, if it is: by its name, or by cargo.
+/// Returns the words of a call of growbot, by its name or by cargo. `None` for another command.
 fn growbot(words: &[String]) -> Option<Vec<&str>> {
     let words: Vec<_> = words.iter().map(String::as_str).skip_while(|word| word.contains('=')).collect();
     match words.as_slice() {
@@ -62,7 +62,7 @@ fn growbot(words: &[String]) -> Option<Vec<&str>> {
     }
 }
 
-/// Why this is no command of growbot's.
+/// Returns the error if this is not a command of growbot.
 fn wrong(words: &[&str]) -> Option<String> {
     match Cli::try_parse_from(words) {
         Ok(_) => None,
@@ -71,7 +71,8 @@ fn wrong(words: &[&str]) -> Option<String> {
     }
 }
 
-/// Commands of blocks with their lines. What a document shows to be refused for its usage is left out: that is run.
+/// Returns the commands of blocks with their lines. It omits commands whose exit code a document shows, because they
+/// are run.
 fn commands(document: &Document) -> Vec<(usize, Vec<String>)> {
     let mut found = Vec::new();
     for block in document.blocks() {
@@ -86,7 +87,7 @@ fn commands(document: &Document) -> Vec<(usize, Vec<String>)> {
     found
 }
 
-/// Code within the lines of a document.
+/// Returns the code within the lines of a document.
 fn inline_code(document: &Document) -> Vec<(usize, String)> {
     let code = |(event, line)| if let Event::Code(code) = event { Some((line, code.to_string())) } else { None };
     document.events().filter_map(code).collect()

@@ -1,4 +1,4 @@
-//! Boards that are flashed by drag and drop: the UF2 file of an image, and the drive as which the board shows itself.
+//! Boards that are flashed by drag and drop: the UF2 file of an image, and the drive that the board presents.
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
@@ -13,20 +13,20 @@ use growbot_sim::uf2;
 
 use super::Failure;
 
-/// The name of the drive.
+/// Name of the drive.
 const DRIVE: &str = "RPI-RP2";
-/// A file that is on it.
+/// File that identifies the drive of a board.
 const MARK: &str = "INFO_UF2.TXT";
 /// Directories in which drives, or the directories of a user's drives, are mounted.
 const MOUNTS: [&str; 4] = ["/media", "/run/media", "/mnt", "/Volumes"];
-/// The end of a file: with it the board has every block, and may restart before it has answered.
+/// Length of the end of a file, bytes. With it the board has every block, and may restart before the write returns.
 const END: usize = 512;
-/// It is looked so often whether the drive has gone,
+/// Maximum number of checks whether the drive has disappeared.
 const LOOKS: u32 = 30;
-/// with such pauses: the system takes a moment to notice.
+/// Pause between two checks. The system takes a moment to notice.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Writes an image, or the UF2 file of one, as a UF2 file: to this file, or to the drive of the board.
+/// Writes an image, or its UF2 file, as a UF2 file: to `file`, or to the drive of the board.
 pub fn write(image: &Path, file: Option<&Path>, drive: Option<&Path>, way: &str) -> Result<(), Failure> {
     let failed = |reason| Failure::bad_input(format!("{} cannot be flashed: {reason}", image.display()));
     let bytes = fs::read(image).map_err(|error| failed(error.to_string()))?;
@@ -57,9 +57,9 @@ pub fn write(image: &Path, file: Option<&Path>, drive: Option<&Path>, way: &str)
     Ok(())
 }
 
-/// Writes a UF2 file to a drive, and waits until it is there.
+/// Writes a UF2 file to a drive, and waits until it is written.
 fn put(uf2: &[u8], drive: &Path) -> Result<(), Failure> {
-    // Not by another name first: the board takes what is written, and goes.
+    // A temporary file is impossible, because the board takes the data as they are written and then disappears.
     let onto = drive.join("growbot.uf2");
     let failed = |error: io::Error| {
         Failure::bad_input(format!(
@@ -76,7 +76,7 @@ fn put(uf2: &[u8], drive: &Path) -> Result<(), Failure> {
     }
 }
 
-/// Whether a drive goes, as it does when its board has every block.
+/// Returns true if a drive disappears within some 3 s, as it does when its board has every block.
 fn goes(drive: &Path) -> bool {
     (0..LOOKS).any(|look| {
         thread::sleep(if look == 0 { Duration::ZERO } else { LOOK });
@@ -88,7 +88,7 @@ fn is_board(directory: &Path) -> bool {
     directory.join(MARK).is_file()
 }
 
-/// The drive, if there is no other.
+/// Returns the only drive. Several drives are an error.
 fn only(mut drives: Vec<PathBuf>) -> Result<Option<PathBuf>, Failure> {
     if drives.len() > 1 {
         let list: Vec<String> = drives.iter().map(|drive| drive.display().to_string()).collect();
@@ -101,7 +101,7 @@ fn only(mut drives: Vec<PathBuf>) -> Result<Option<PathBuf>, Failure> {
     Ok(drives.pop())
 }
 
-/// The drives, where they are mounted.
+/// Returns the mounted drives of boards.
 fn find(mounts: &[&Path]) -> Vec<PathBuf> {
     let within = |directory: &Path| -> Vec<PathBuf> {
         fs::read_dir(directory).into_iter().flatten().flatten().map(|entry| entry.path()).collect()
@@ -119,7 +119,8 @@ fn whole(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| path.to_owned())
 }
 
-/// Whether a drive is called so; the system gives a second one a number: `RPI-RP21`, `RPI-RP2 1`.
+/// Returns true if this is the name of a board's drive. The system gives a second one a number: `RPI-RP21`, `RPI-RP2
+/// 1`.
 fn is_name(name: Option<&OsStr>) -> bool {
     let number = name.and_then(OsStr::to_str).and_then(|name| name.strip_prefix(DRIVE));
     number.is_some_and(|number| number.chars().all(|c| c.is_ascii_digit() || " -_".contains(c)))

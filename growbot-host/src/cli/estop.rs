@@ -16,7 +16,7 @@ use super::{ChosenPort, Failure, RobotArg, RobotPortArg, usage};
 
 /// Emergency stop: heater and steppers off before the board does anything else
 ///
-/// The command sends eight bytes that the board recognises as they arrive, again and again for three seconds, until the
+/// The command sends eight bytes that the board recognises as they arrive. It repeats them for three seconds, until the
 /// board acknowledges them. It works beside another host or program that owns the board or the port, and ahead of all
 /// queued bytes. The board stays off until the stop is cleared (`clear` in `growbot console`).
 #[derive(Args)]
@@ -31,29 +31,28 @@ pub struct EstopArgs {
     robot: RobotArg,
 }
 
-/// Runs the command. On any failure its exit code is 1, and it says to cut the power.
+/// Runs the command. On any failure its exit code is 1, and its message advises to cut the power.
 pub fn run(args: &EstopArgs) -> Result<(), Failure> {
     let port = args.port.choose().map_err(|failure| cut_the_power(failure.message()))?;
-    // A service that cannot be asked is no reason to wait.
+    // A service that does not respond must not delay the stop.
     let by_service = owner_in_emergency(&port).is_some_and(|owned| owned.emergency_stop());
     if !by_service {
         stop(&port, &args.robot).map_err(cut_the_power)?;
     }
     let done = format!("emergency stop: heater and steppers of the {}robot are off\n", port.kind());
     if print(&done).is_err() {
-        // The board has obeyed, whether or not anybody can read it.
+        // The board has stopped, even if the result cannot be printed.
         growbot_host::warning!("{}", done.trim_end());
     }
     Ok(())
 }
 
-/// Why nobody has acknowledged the stop, and what to do.
+/// Returns the failure for a stop that the board did not acknowledge, with the advice to cut the power.
 fn cut_the_power(why: impl Display) -> Failure {
     Failure::answered_no(format!("NOBODY HAS ACKNOWLEDGED THE EMERGENCY STOP: cut the power of the robot now ({why})"))
 }
 
-/// What a command line that cannot be understood ends with. An emergency stop that is mistyped stops nothing, and that
-/// is said.
+/// Reports a command line that cannot be parsed. For an emergency stop, the message states that none was sent.
 pub fn usage_error(error: &clap::Error) -> ExitCode {
     let is_estop = std::env::args_os().any(|argument| argument == "estop");
     if !is_estop {
@@ -62,7 +61,7 @@ pub fn usage_error(error: &clap::Error) -> ExitCode {
     cut_the_power(format_args!("none was sent: {}", usage::message(error))).report()
 }
 
-/// Has the board stop, or tells why nobody knows whether it has.
+/// Stops the board. Returns the reason if the board did not acknowledge the stop.
 fn stop(port: &ChosenPort, robot: &RobotArg) -> Result<(), String> {
     let mut attempts = 0;
     if port.ends_with_program() {
@@ -81,7 +80,7 @@ fn stop(port: &ChosenPort, robot: &RobotArg) -> Result<(), String> {
     let left = || EMERGENCY_LIMIT.saturating_sub(elapsed());
     let mut why: Option<OpenError> = None;
     loop {
-        // A line that breaks or is not there may come back: it is opened anew for as long as a stop is tried.
+        // A port that fails or does not exist may come back, so it is opened again until the time is over.
         let error = match port::open_for_emergency_stop(port.name(), left()) {
             Err(error) => {
                 attempts += 1;
@@ -97,7 +96,7 @@ fn stop(port: &ChosenPort, robot: &RobotArg) -> Result<(), String> {
             },
         };
         let is_over = left().is_zero();
-        // That the time was over in the midst of the last attempt is no reason where there was one before.
+        // An error because the time ran out does not replace the error of an earlier attempt.
         let latest = match why {
             Some(before) if is_over => before,
             _ => error,
@@ -110,13 +109,13 @@ fn stop(port: &ChosenPort, robot: &RobotArg) -> Result<(), String> {
     }
 }
 
-/// A reason, how often a stop was tried and for how long.
+/// Returns the reason with the number of attempts and their duration.
 fn tried(why: &str, attempts: u32, time: Duration) -> String {
     let times = if attempts == 1 { "once" } else { &format!("{attempts} times") };
     format!("{why}; tried {times} in {:.1} s", time.as_secs_f64())
 }
 
-/// The bytes were sent for as long as they are, and no answer came.
+/// Returns the reason for a stop that was sent for the whole time without a response.
 fn unheard(port: &ChosenPort) -> String {
     let mut why = format!("{} has not answered for {} s", port.text(), EMERGENCY_LIMIT.as_secs());
     if matches!(port.name(), PortName::Tcp(_)) {

@@ -18,30 +18,30 @@ use super::subject::Subject;
 
 /// Write a body in the format of another tool: STL, GLB, CSV, TUM or MCAP
 ///
-/// A plan is exported as planned, the log of a growth as built, up to the last layer that it tells of: on a robot as
-/// the steps that the board has made say; on a simulated tip as its plastic lies, which is called laid (simulated),
-/// beside the commanded body.
+/// A plan is exported as planned. The log of a growth is exported as built, up to its last layer. On a robot, the body
+/// follows from the steps that the board has made. On a simulated tip, the body is the plastic as it lies. It is called
+/// laid (simulated), and the commanded body is beside it.
 ///
 /// STL (binary, mm, z up) and GLB (glTF 2.0: metres, z up turned into y up by the node's matrix) have the printed wall
 /// as a closed surface: outer and inner side and both rims. Layers of less than a few micrometres vanish between their
 /// neighbours there.
 ///
-/// Of a body among obstacles GLB has those, too, translucent, and its narrowest place: of the scene that the plan leads
-/// through, or --scene.
+/// GLB also has the obstacles of a scene, translucent, and the narrowest place of the body among them. The scene is
+/// that of the plan, or --scene.
 ///
-/// CSV has a row for the start and one for each layer: where the tip then is (mm) and points, and the layer (alpha_deg,
-/// height_mm, tilt_deg), in full precision.
+/// CSV has a row for the start and one for each layer, in full precision. A row has the position (mm) and the direction
+/// of the tip after the layer, and the layer (alpha_deg, height_mm, tilt_deg).
 ///
-/// TUM is the tip's trajectory, for evo and others: a line after each layer, time (s), position (m), quaternion.
+/// TUM is the tip's trajectory, for evo and other tools. It has a line after each layer: time (s), position (m),
+/// quaternion.
 ///
 /// MCAP, from a log only, is a recording for Foxglove: tip, layers, temperatures, states and faults over time. Time is
-/// the board's, as far as the log has it, from 0. With --ros2 its messages are those of ROS 2, in CDR: PoseStamped,
-/// Path, TFMessage, Marker and DiagnosticArray.
+/// that of the board, as far as the log has it, from 0. With --ros2 the messages are those of ROS 2, in CDR:
+/// PoseStamped, Path, TFMessage, Marker and DiagnosticArray.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ExportArgs {
-    /// The plan, as `growbot plan -o` writes it, or the run log, as `growbot grow
-    /// --log` does (- for standard input)
+    /// The plan from `growbot plan -o`, or the run log from `growbot grow --log` (- for standard input)
     #[arg(value_name = "PLAN|RUN")]
     body: PathBuf,
     /// The format [default: by the extension of the file]
@@ -50,24 +50,22 @@ pub struct ExportArgs {
     /// Write to this file [default: standard output]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// STL and GLB: chords round the tube
+    /// STL and GLB: number of chords round the tube
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(8..=1024))]
     segments: u32,
-    /// STL and GLB: a ring of vertices at every Nth layer; more where it bends
+    /// STL and GLB: a ring of vertices at every Nth layer, and more rings in bends
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
-    /// MCAP: messages of ROS 2 in CDR, not JSON
+    /// MCAP: messages of ROS 2 in CDR instead of JSON
     #[arg(long)]
     ros2: bool,
-    /// CSV, STL, GLB and TUM: which body of a growth
+    /// CSV, STL, GLB and TUM: body of a growth to export
     #[arg(long = "body", value_enum, value_name = "BODY", default_value_t = Which::Laid)]
     which: Which,
-    /// The robot: a built-in name or a TOML file [default: the one
-    /// that the plan describes]
+    /// The robot: a built-in name or a TOML file [default: the one that the plan describes]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
-    /// GLB: with the obstacles of this scene [default: the one that the plan
-    /// leads through]
+    /// GLB: scene file with the obstacles [default: the scene of the plan]
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
 }
@@ -81,7 +79,7 @@ Examples:
   growbot export run.jsonl -o tip.tum
   growbot plan --to 0,0,500,0,90 --json | growbot export - --format csv";
 
-/// The formats.
+/// Export formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Format {
     /// The wall: binary STL, mm
@@ -96,14 +94,13 @@ enum Format {
     Mcap,
 }
 
-/// Which body of a growth is exported.
+/// Body of a growth to export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Which {
-    /// As it was laid: on a simulated tip where the plastic is, with the
-    /// commanded body beside it in CSV, and in GLB where the two part; on a
-    /// robot as the steps say
+    /// The body as laid. On a simulated tip it is the plastic, with the commanded body beside it in CSV, and in GLB if
+    /// the two differ. On a robot it follows from the board's steps
     Laid,
-    /// As the board's steps say
+    /// The body that follows from the board's steps
     Commanded,
 }
 
@@ -121,7 +118,7 @@ impl Format {
     }
 }
 
-/// Bodies that part by less, mm, are one to see.
+/// Bodies that differ by less look like one, mm.
 const APART: f64 = 0.05;
 
 /// Runs the command.
@@ -145,7 +142,7 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     }
     let subject = Subject::open(&args.body, args.robot.as_deref(), args.scene.as_deref())?;
     let bytes = args.encode(format, &subject)?;
-    // Not every format, and no body without layers, has room to say that nobody has grown it.
+    // Some formats, and bodies without layers, cannot state that the body is simulated.
     let simulated = args.kind(&subject).filter(|kind| *kind != BodyKind::AsBuilt).map(BodyKind::name);
     let Some(path) = to else {
         if let Some(kind) = simulated {
@@ -159,13 +156,13 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Whether it is no text.
+/// Returns true if the format is not text.
 fn is_unreadable(format: Format) -> bool {
     !matches!(format, Format::Csv | Format::Tum)
 }
 
 impl ExportArgs {
-    /// As it is asked for, or else as the file ends.
+    /// Returns the format of `--format`, or else that of the file's extension.
     fn format(&self) -> Result<Format, Failure> {
         let asked = self.format.map(|format| [format.ending()]);
         let formats: &[&str] = asked.as_ref().map_or(&Format::ENDINGS, |format| format);
@@ -177,7 +174,7 @@ impl ExportArgs {
         })
     }
 
-    /// What is known of the body that is exported; none of a plan.
+    /// Returns the kind of the exported body. `None` for a plan.
     fn kind(&self, subject: &Subject) -> Option<BodyKind> {
         let (record, _) = subject.run.as_ref()?;
         Some(match (self.which, record.body_kind()) {
@@ -194,7 +191,7 @@ impl ExportArgs {
         let laid = laid.and_then(|record| Body::simulated(robot, &plan.start, record));
         let commanded = record.map(|record| Body::as_built(robot, &plan.start, record));
         let name = kind.map_or("planned", BodyKind::name);
-        // The one that is exported, and another one beside it, which has layers to be told from its own.
+        // The exported body, and a second one beside it if it has layers.
         let (body, beside) = match (laid, commanded) {
             (Some(laid), commanded) => (laid, commanded.filter(|commanded| !commanded.layers.is_empty())),
             (None, Some(commanded)) => (commanded, None),

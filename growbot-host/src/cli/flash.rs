@@ -1,6 +1,6 @@
 //! `growbot flash`: puts the firmware on a robot's board, through a debug probe or as a UF2 file.
 //!
-//! Two tools do the work, cargo and probe-rs; what they say goes straight to the terminal, and Ctrl-C reaches them too.
+//! Two tools do the work, cargo and probe-rs. Their output goes straight to the terminal, and Ctrl-C reaches them too.
 
 use std::ffi::{OsStr, OsString};
 use std::fmt;
@@ -19,20 +19,21 @@ use growbot_sim::uf2;
 
 use super::{Failure, RobotArg, drive};
 
-/// The robot's processor, as probe-rs calls it.
+/// The robot's processor, by its name in probe-rs.
 const CHIP: &str = "STM32F405RGTx";
-/// The board runs on after a fault or a reset of its processor: halted by the probe, it could not make the tip safe.
+/// Options that let the board run on after a fault or a reset of its processor. If the probe halted the processor, the
+/// board could not make the tip safe.
 const NO_VECTOR_CATCH: [&str; 2] = ["--no-catch-reset", "--no-catch-hardfault"];
-/// What is left to do.
+/// Note about the last step, which the user does by hand.
 const POWER_CYCLE: &str = "once it is flashed, unplug the probe and take the board's power away for a \
                            moment: a probe leaves the processor in debug mode, in which the firmware does not heat";
-/// Where the firmware's image lies, from cargo's target directory.
+/// Path of the firmware image in cargo's target directory.
 const IMAGE: &str = "thumbv7em-none-eabihf/firmware/stm32f405";
 
 /// The boards that can be flashed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 enum FlashedBoard {
-    /// The robot's, through a debug probe
+    /// The robot's board, through a debug probe
     #[default]
     Stm32f405,
     /// The Raspberry Pi Pico, by a UF2 file (experimental)
@@ -42,7 +43,7 @@ enum FlashedBoard {
 }
 
 impl FlashedBoard {
-    /// The alias by which cargo builds its image.
+    /// Returns the alias by which cargo builds the image.
     fn build(self) -> &'static str {
         match self {
             Self::Stm32f405 => "build-robot",
@@ -50,7 +51,7 @@ impl FlashedBoard {
         }
     }
 
-    /// Where its image lies, from cargo's target directory.
+    /// Returns the path of the image in cargo's target directory.
     fn image(self) -> &'static str {
         match self {
             Self::Stm32f405 => IMAGE,
@@ -58,7 +59,7 @@ impl FlashedBoard {
         }
     }
 
-    /// How it becomes a drive.
+    /// Returns the instruction that makes the board a drive.
     fn way_to_drive(self) -> &'static str {
         match self {
             Self::SkrPico => "set the jumper BOOT and press RESET",
@@ -74,8 +75,8 @@ impl FlashedBoard {
         }
     }
 
-    /// The robot that its image is built for. Without a word of the board in its description, the signals of a robot
-    /// are not where an SKR Pico has them: then the image is for none, and the board is configured once it runs.
+    /// Returns the robot that the image is built for. The signals of a description without a board are not those of an
+    /// SKR Pico. In that case the image is for no robot, and the board is configured once it runs.
     fn built_for(self, robot: &Robot, name: &Path) -> Result<OsString, Failure> {
         match robot.description().board {
             Some(Board { kind, .. }) if kind != self.kind() => Err(Failure::bad_input(format!(
@@ -91,14 +92,14 @@ impl FlashedBoard {
 
 /// Put the firmware on a robot's board, through a debug probe or as a UF2 file
 ///
-/// In growbot's source tree the firmware is built first, for the robot that is named; elsewhere, give a firmware image.
-/// The image gets a seal, by which the board checks it at each start: one that is damaged does not heat. Then probe-rs
-/// writes it to the board and shows its log, until Ctrl-C. Afterwards the board's power must go for a moment: a probe
-/// leaves the processor in debug mode, in which the firmware does not heat.
+/// In growbot's source tree the command first builds the firmware for the given robot. Elsewhere, give a firmware
+/// image. The image gets a seal, which the board checks at each start. A board with a damaged image does not heat. Then
+/// probe-rs writes the image to the board and shows its log, until Ctrl-C. Afterwards take the board's power away for a
+/// moment, because a probe leaves the processor in debug mode, in which the firmware does not heat.
 ///
-/// A Pico needs no probe: plugged in with BOOTSEL held (an SKR Pico: with the BOOT jumper set) it is a drive, to which a
-/// UF2 file is copied. Without a robot file that names its board, an SKR Pico gets an image for no robot, and its robot
-/// by `growbot configure`.
+/// A Pico needs no probe. Plugged in with BOOTSEL held (an SKR Pico: with the BOOT jumper set) it is a drive, to which
+/// a UF2 file is copied. If the robot file does not name its board, an SKR Pico gets an image for no robot, and its
+/// robot by `growbot configure`.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  growbot flash --robot growbot-b\n  growbot flash --firmware stm32f405 --no-log\n  \
@@ -107,22 +108,22 @@ impl FlashedBoard {
 pub struct FlashArgs {
     #[command(flatten)]
     robot: RobotArg,
-    /// Write this image, an ELF or UF2 file; build nothing (the robot is the one it was built for)
+    /// Write this image, an ELF or UF2 file, and build nothing (the robot is the one it was built for)
     #[arg(long, value_name = "FILE", conflicts_with = "robot")]
     firmware: Option<PathBuf>,
     /// The board
     #[arg(long, value_enum, default_value_t)]
     board: FlashedBoard,
-    /// Of a pico or skr-pico: write the UF2 file, and leave it to you to copy it
+    /// Write the UF2 file here, for you to copy, instead of flashing (pico and skr-pico only)
     #[arg(long, value_name = "FILE", conflicts_with_all = ["no_log", "seal_only", "drive"])]
     uf2: Option<PathBuf>,
-    /// Of a pico or skr-pico: its drive [default: the one that is mounted as RPI-RP2]
+    /// Drive of a pico or skr-pico [default: the one that is mounted as RPI-RP2]
     #[arg(long, value_name = "DIR", conflicts_with_all = ["no_log", "seal_only"])]
     drive: Option<PathBuf>,
-    /// Start the firmware and leave, without its log
+    /// Start the firmware and leave without showing its log
     #[arg(long)]
     no_log: bool,
-    /// Only seal the image, so that the board can check it; flash nothing
+    /// Only seal the image, so that the board can check it, and flash nothing
     #[arg(long, conflicts_with = "no_log")]
     seal_only: bool,
     /// Print the commands that would be run
@@ -146,7 +147,7 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
             (Some(build), image)
         }
     };
-    // The image in a UF2 file has its seal.
+    // The image in a UF2 file is sealed already.
     let is_uf2 = args.firmware.as_ref().is_some_and(|file| fs::read(file).is_ok_and(|bytes| uf2::is_uf2(&bytes)));
     if is_uf2 && (args.seal_only || !is_drive) {
         return Err(Failure::bad_input(format!(
@@ -189,28 +190,28 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
         note!("{POWER_CYCLE}");
         return Ok(());
     }
-    // First, since Ctrl-C ends the log and this program.
+    // The note is printed first, because Ctrl-C ends the log and this program.
     note!("{POWER_CYCLE}");
     flash.iter().try_for_each(Step::run)
 }
 
-/// Images that may have been built last in this source tree.
+/// Returns images that may have been built last in this source tree.
 pub fn built_images() -> Vec<PathBuf> {
     let target = target_in(&source_tree().unwrap_or_else(|| ".".into()));
     [IMAGE, growbot_sim::port::emulator::FIRMWARE].map(|image| target.join(image)).into()
 }
 
-/// Cargo's target directory, where cargo is run in this one.
+/// Returns cargo's target directory if cargo runs in this directory.
 fn target_in(directory: &Path) -> PathBuf {
     directory.join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
 }
 
-/// A tool's run.
+/// A call of a tool.
 struct Step {
     tool: &'static str,
-    /// How to come by the tool.
+    /// Instructions to install the tool.
     remedy: &'static str,
-    /// What it means that the tool fails.
+    /// Meaning of a failure of the tool.
     failed: &'static str,
     arguments: Vec<OsString>,
     robot: Option<OsString>,
@@ -218,9 +219,9 @@ struct Step {
 }
 
 impl Step {
-    /// Builds the firmware for a robot.
+    /// Returns the step that builds the firmware for a robot.
     fn build(robot: &RobotArg, board: FlashedBoard) -> Result<Self, Failure> {
-        // A robot that is none is better said before a minute of building.
+        // An invalid robot is reported before the build, which takes a minute.
         let (name, robot) = (robot.name()?, robot.load()?);
         let checked = robot.check_for_board();
         checked.map_err(|error| Failure::bad_input(format!("{}: {error}", name.display())))?;
@@ -241,7 +242,7 @@ impl Step {
         })
     }
 
-    /// Writes an image to the board, and starts it.
+    /// Returns the steps that write an image to the board and start it.
     fn flash(image: &Path, no_log: bool) -> Vec<Self> {
         let probe_rs = |subcommand: &str, options: &[&str], image: Option<&Path>| {
             let arguments = [subcommand, "--chip", CHIP].into_iter().chain(options.iter().copied()).map(OsString::from);
@@ -263,7 +264,7 @@ impl Step {
         }
     }
 
-    /// Cargo's target directory, for a step of cargo.
+    /// Returns cargo's target directory, for a step of cargo.
     fn target(&self) -> PathBuf {
         target_in(self.directory.as_deref().unwrap_or(Path::new(".")))
     }
@@ -291,7 +292,7 @@ impl Step {
 }
 
 impl fmt::Display for Step {
-    /// As it is typed in a shell.
+    /// Formats the step as a line for a shell.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(directory) = &self.directory {
             write!(f, "cd {} && ", quoted(directory.as_os_str()))?;
@@ -304,7 +305,7 @@ impl fmt::Display for Step {
     }
 }
 
-/// A word for a shell.
+/// Quotes a word for a shell.
 fn quoted(word: &OsStr) -> String {
     let word = word.to_string_lossy();
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./:@%+=,".contains(c);
@@ -315,7 +316,7 @@ fn quoted(word: &OsStr) -> String {
     }
 }
 
-/// What `GROWBOT_ROBOT` has to be: a built-in name, or a file by its whole path, since cargo runs elsewhere.
+/// Returns the value of `GROWBOT_ROBOT`: a built-in name, or the absolute path of a file, because cargo runs elsewhere.
 fn named(robot: &Path) -> Result<OsString, Failure> {
     if robot.to_str().is_some_and(robot_file::is_built_in) {
         return Ok(robot.as_os_str().to_owned());
@@ -330,7 +331,7 @@ fn named(robot: &Path) -> Result<OsString, Failure> {
     whole.map(PathBuf::into_os_string).map_err(|error| Failure::bad_input(format!("{}: {error}", robot.display())))
 }
 
-/// The source tree that the current directory is in.
+/// Returns the source tree that contains the current directory.
 fn source_tree() -> Option<PathBuf> {
     let here = std::env::current_dir().ok()?;
     here.ancestors().find(|folder| folder.join("growbot-firmware/Cargo.toml").is_file()).map(Path::to_path_buf)

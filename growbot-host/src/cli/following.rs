@@ -1,4 +1,4 @@
-//! A growth as the command line shows it: progress, log, result and exit code.
+//! Growth on the command line: progress, log, result and exit code.
 
 use std::fmt::Display;
 
@@ -21,10 +21,10 @@ use time::OffsetDateTime;
 use super::keyboard::{Keyboard, what_to_do};
 use super::{Failure, growth_table, kind};
 
-/// What the board does when it no longer hears from its host.
+/// Behaviour of the board when it loses contact with its host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum OnSilence {
-    /// Finish the layer and pause; heater off after some minutes
+    /// Finish the layer and pause, with the heater off after some minutes
     Pause,
     /// Continue to the last layer that the board stores
     Continue,
@@ -39,57 +39,57 @@ impl From<OnSilence> for HostSilencePolicy {
     }
 }
 
-/// How a result is printed.
+/// Format of the printed result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Print {
-    /// As a table.
+    /// A table.
     Table,
-    /// As a line of JSON.
+    /// A line of JSON.
     Json,
-    /// Not: the run log goes to standard output, and ends with it.
+    /// Nothing, because the run log goes to standard output and ends with the result.
     Nothing,
 }
 
 impl Print {
-    /// As `--json` says.
+    /// Returns JSON for `--json`, or else the table.
     pub fn of(json: bool) -> Self {
         if json { Self::Json } else { Self::Table }
     }
 }
 
-/// A growth under way.
+/// A growth under way, with everything that shows it.
 pub struct Following<'a> {
     /// The robot.
     pub robot: &'a Robot,
     /// The plan.
     pub plan: &'a Plan,
-    /// Its log.
+    /// Log of the growth.
     pub log: RunLog,
-    /// The page that follows it.
+    /// Page that follows the growth.
     pub watch: Option<Watch>,
-    /// How the result is printed.
+    /// Format of the printed result.
     pub print: Print,
-    /// Layers laid before.
+    /// Number of layers that were laid before.
     pub laid: usize,
-    /// Where chance comes from; none where nothing is drawn by chance.
+    /// Seed of the random errors. `None` if nothing is random.
     pub seed: Option<u64>,
-    /// Whether the robot is a simulated one.
+    /// True if the robot is simulated.
     pub simulated: bool,
-    /// How fast its clock runs, in multiples of real time; none where that is not known.
+    /// Speed of the robot's clock, in multiples of real time. `None` if it is not known.
     pub pace: Option<f64>,
-    /// Where orders can be typed.
+    /// Keyboard for commands of the user.
     pub keyboard: Keyboard,
-    /// Whether the page may give orders.
+    /// True if the page may send commands.
     pub page_controls: bool,
 }
 
 impl Following<'_> {
-    /// What a board that parks means: it waits where somebody can order it to continue.
+    /// Returns the effect of a parked board: the growth waits if the user can let it continue, or else it ends.
     pub fn when_parked(&self) -> WhenParked {
         if self.keyboard.is_there() || self.page_controls { WhenParked::Waits } else { WhenParked::Ends }
     }
 
-    /// Shows a growth while it is grown, and what came of it.
+    /// Shows a growth while it runs, and prints its result.
     pub fn follow(
         mut self,
         grow: impl FnOnce(&mut dyn FnMut(&JobEvent)) -> Result<Grown, GrowthError>,
@@ -122,7 +122,7 @@ impl Following<'_> {
             Err(GrowthError::During(error)) => {
                 let mut result = self.nothing_grown(ResultOutcome::Lost, &error);
                 let logged = self.end(&mut result);
-                // That the robot is lost is printed whether or not the result can be.
+                // The loss of the robot is printed even if the result cannot be.
                 if self.print == Print::Json
                     && let Err(error) = print(&json_line(&result))
                 {
@@ -150,13 +150,14 @@ impl Following<'_> {
         }
     }
 
-    /// The result of a growth that has not begun, or of which nothing is known.
+    /// Returns the result of a growth that has not started, or whose outcome is not known.
     fn nothing_grown(&self, outcome: ResultOutcome, error: &dyn Display) -> GrowthResult {
         let nothing = GrowthResult::nothing_grown(outcome, self.plan, self.seed, self.simulated);
         GrowthResult { error: Some(error.to_string()), ..nothing }
     }
 
-    /// Ends log and page. A log that lacks lines is no reason not to print the result, which says so.
+    /// Ends log and page. An incomplete log does not prevent the printing of the result, which states the missing
+    /// lines.
     fn end(&mut self, result: &mut GrowthResult) -> Result<(), Failure> {
         let written = self.log.end(result);
         let missing = self.log.missing();
@@ -181,7 +182,7 @@ impl Following<'_> {
             Print::Table => print(&growth_table::table(self.plan, self.robot, grown, self.seed, self.simulated)),
             Print::Nothing => Ok(()),
         };
-        // A growth that is done has no other failure to tell.
+        // After a complete growth, a failure of log or output is the only one.
         match (grown.outcome, logged) {
             (Outcome::Done, logged) => logged.and_then(|()| Ok(printed?)),
             (outcome, logged) => {
@@ -194,17 +195,17 @@ impl Following<'_> {
     }
 }
 
-/// A robot, simulated or not, was stopped because its board's clock is wrong.
+/// Returns the failure for a robot, simulated or not, that was stopped because its board's clock is wrong.
 pub fn stopped_for(drift: &ClockDrift, simulated: bool) -> Failure {
     Failure::answered_no(format!("{drift}: the robot was stopped, {}; {}", all_off(simulated), ClockDrift::REMEDY))
 }
 
-/// What is off after a stop.
+/// Returns a text about the parts that are off after a stop.
 fn all_off(simulated: bool) -> &'static str {
     if simulated { "heater and steppers of the simulated robot are off" } else { "heater and steppers are off" }
 }
 
-/// A growth that came to no end that could be measured.
+/// Returns the failure for a growth without an outcome that could be measured.
 pub fn failed(error: GrowthError, simulated: bool) -> Failure {
     match error {
         GrowthError::During(error) if simulated => {
@@ -214,8 +215,8 @@ pub fn failed(error: GrowthError, simulated: bool) -> Failure {
     }
 }
 
-/// Whether such an end is a success or a failure; `emergency` where the emergency stop was given,
-/// `simulated` where no robot has grown.
+/// Returns success or failure for an outcome. `emergency` is true after an emergency stop. `simulated` is true if no
+/// real robot has grown.
 pub fn judged(outcome: Outcome, emergency: bool, simulated: bool) -> Result<(), Failure> {
     let (kind, off) = (kind(simulated), all_off(simulated));
     match outcome {
@@ -243,7 +244,7 @@ pub fn judged(outcome: Outcome, emergency: bool, simulated: bool) -> Result<(), 
     }
 }
 
-/// Whether the run log can be written: what changes is said at once, on the terminal and on the page.
+/// Watches whether the run log can be written. A change is reported at once, on the terminal and on the page.
 #[derive(Default)]
 struct Logging {
     fails: bool,
@@ -272,7 +273,7 @@ impl Logging {
     }
 }
 
-/// The line of JSON of a growth that did not begin. Why it did not is printed whether or not this can be.
+/// Prints the line of JSON of a growth that did not start. The reason is printed even if this line cannot be.
 pub fn refuse(result: &GrowthResult) {
     if let Err(error) = print(&json_line(result)) {
         Failure::from(error).say();
@@ -283,20 +284,20 @@ pub fn refuse(result: &GrowthResult) {
 struct Show {
     progress: Progress,
     layers: usize,
-    /// And before the latest amendment.
+    /// Number of layers before the latest amendment.
     layers_before: usize,
     laid: u64,
     forecast: Option<Forecast>,
     state: &'static str,
-    /// The emergency stop was given here, or pressed.
+    /// True if the emergency stop was given here, or pressed.
     emergency: bool,
-    /// Why the board has not taken an amendment, as it was said last.
+    /// Latest printed reason why the board did not accept an amendment.
     not_amended: Option<String>,
-    /// The robot waits for filament, and that was said.
+    /// True if the robot waits for filament and the warning was printed.
     out_of_filament: bool,
 }
 
-/// What is to be done about a robot that waits for filament.
+/// Instructions for a robot that waits for filament.
 const OUT_OF_FILAMENT: &str = "out of filament: push the new one in up to the feed, then `preheat`, `load`, `purge` (here \
                                or on the page), and `continue`; the robot waits for an hour with its nozzle at standby";
 
@@ -371,7 +372,7 @@ impl Show {
         });
     }
 
-    /// Something that must be seen, beside a bar too.
+    /// Prints a warning, even if a progress bar is shown.
     fn warn(&self, words: &str) {
         self.progress.warn(words);
     }

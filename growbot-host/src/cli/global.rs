@@ -1,4 +1,4 @@
-//! Options of all commands: which messages are shown, and how.
+//! Options of all commands: level and colours of messages.
 
 use std::env;
 
@@ -7,22 +7,22 @@ use growbot_host::messages::{self, Colour, Level};
 
 use super::Cli;
 
-/// Which messages are shown, and how.
+/// Level and colours of messages.
 #[derive(Args)]
 #[command(next_help_heading = "All commands")]
 pub struct GlobalArgs {
-    /// Colour messages and help: on terminals unless NO_COLOR is set, or as said
+    /// Colour messages and help: auto does so on terminals, unless NO_COLOR is set
     #[arg(long, global = true, value_name = "WHEN", value_enum, default_value_t = When::Auto)]
     color: When,
-    /// Show errors and warnings, no notes and no progress
+    /// Show only errors and warnings, without notes and progress
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
-    /// Show where robot and port come from, too
+    /// Also show where robot and port come from
     #[arg(short, long, global = true)]
     verbose: bool,
 }
 
-/// When messages are coloured.
+/// Colouring of messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum When {
     Auto,
@@ -30,8 +30,8 @@ enum When {
     Never,
 }
 
-/// Reads the command line, and sets how messages are shown: as far as it can be, also where the rest cannot be
-/// understood.
+/// Parses the command line, and sets level and colours of messages. The colours also apply if the rest of the command
+/// line cannot be parsed.
 pub fn parse() -> Result<Cli, clap::Error> {
     let when = asked_for();
     messages::set(Level::Normal, when.into());
@@ -47,7 +47,7 @@ pub fn parse() -> Result<Cli, clap::Error> {
     Ok(cli)
 }
 
-/// What `--color` says, before the command line is understood.
+/// Returns the value of `--color` before the command line is parsed. `Auto` if the value is missing or unknown.
 fn asked_for() -> When {
     let words: Vec<String> = env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
     let told = words.iter().enumerate().find_map(|(index, word)| match word.strip_prefix("--color") {

@@ -1,4 +1,4 @@
-//! What is to be grown: a plan from a file, or one that is made for a goal.
+//! The plan that a command grows: from a file, or made for a goal.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ use super::scene::SceneArgs;
 use super::search::SearchArgs;
 use super::{Failure, RobotArg};
 
-/// The options that make a plan, and so have no place beside one.
+/// Options that make a plan, and so conflict with a plan from a file.
 const CONFLICTING: [&str; 9] =
     ["from", "via", "via_csv", "to", "planner", "radius", "clear_of_self", "effort", "time_limit"];
 
@@ -25,32 +25,32 @@ pub struct GoalArgs {
     /// The plan, as `growbot plan -o` writes it
     #[arg(value_name = "PLAN", conflicts_with_all = CONFLICTING)]
     plan: Option<PathBuf>,
-    /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH; pointing
-    /// anywhere: X,Y,Z
+    /// Goal pose X,Y,Z,HEADING,PITCH, or goal position X,Y,Z with any direction
     #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_goal)]
     to: Option<TypedGoal>,
     #[command(flatten)]
     search: SearchArgs,
-    /// Take the shortest path that does not run into the body; so it is without
-    /// --planner, which alone gives the shortest path of all
+    /// Take the shortest path that does not run into the body. This is the default without --planner. With --planner
+    /// alone, the path is the shortest of all
     #[arg(long)]
     clear_of_self: bool,
     #[command(flatten)]
     scene: SceneArgs,
-    /// The robot: a built-in name or a TOML file [default: the plan's; without a
-    /// plan what GROWBOT_ROBOT or growbot.toml says, or else growbot-a]
+    /// The robot: a built-in name or a TOML file [default: the plan's, or without a plan GROWBOT_ROBOT, then
+    /// growbot.toml, then growbot-a]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
 }
 
 impl GoalArgs {
-    /// How what is grown is called: by its file, where it has one, or by the command.
+    /// Returns the name of the growth: that of the plan's file, or else the command.
     pub fn name(&self, command: &str) -> String {
         let file = self.plan.as_ref().and_then(|plan| plan.file_name());
         file.map_or_else(|| command.to_owned(), |file| file.to_string_lossy().into_owned())
     }
 
-    /// The whole path of the scene that a plan leads through, for a program that runs in another directory.
+    /// Returns the absolute path of the plan's scene, for a program in another directory. `None` if the plan has no
+    /// scene.
     pub fn place_of_scene(&self, plan: &Plan) -> Result<Option<String>, Failure> {
         let Some(scene) = &plan.scene else { return Ok(None) };
         let beside = self.plan.as_ref().and_then(|plan| plan.parent()).map(|parent| parent.join(&scene.file));
@@ -60,13 +60,13 @@ impl GoalArgs {
         Ok(Some(path.display().to_string()))
     }
 
-    /// How the scene is called: by the file that is given, or as the plan calls it.
+    /// Returns the name of the scene: the given file, or else the name in the plan.
     pub fn scene_file(&self, plan: &Plan) -> String {
         let given = self.scene.scene.as_ref().map(|file| file.display().to_string());
         given.or_else(|| plan.scene.as_ref().map(|scene| scene.file.clone())).unwrap_or_default()
     }
 
-    /// Reads the plan, or makes it; the robot is its own, and the scene the one that it leads through, or that is given.
+    /// Reads the plan, or makes it. Robot and scene are those of the plan, unless others are given.
     pub fn open(&self, json: bool) -> Result<ToGrow, Failure> {
         let given = self.scene.scene.as_deref();
         if let Some(path) = &self.plan {
@@ -77,7 +77,7 @@ impl GoalArgs {
             let (Some(file), None) = (given, &scene) else {
                 return Ok(ToGrow { robot, plan, scene, unclear: None });
             };
-            // The plan knows nothing of the scene.
+            // The plan does not refer to the scene.
             let loaded = scene_file::load(file)?;
             let unclear = match through_scene::clear_in(&plan, &robot, &file.display().to_string(), &loaded) {
                 Ok(clearance) => {
@@ -105,12 +105,12 @@ impl GoalArgs {
     }
 }
 
-/// What is to be grown.
+/// A plan, with its robot and its scene.
 pub struct ToGrow {
     pub robot: Robot,
     pub plan: Plan,
-    /// What it grows among.
+    /// Scene in which the body grows.
     pub scene: Option<LoadedScene>,
-    /// Why the plan is not clear of that.
+    /// Reason why the plan is not clear of the scene.
     pub unclear: Option<UnclearError>,
 }

@@ -1,4 +1,4 @@
-//! `growbot grow`: the main job, and what `growbot` alone does.
+//! `growbot grow`: grows a body, and does the main job of `growbot` without a command.
 
 use std::path::PathBuf;
 
@@ -28,18 +28,19 @@ use super::service::{Options, owner};
 use super::watching::WatchArgs;
 use super::{ChosenPort, Connection, Failure, PortArg};
 
-/// Grow a body: a plan, or straight from a pose
+/// Grow a body: from a plan, or directly to a pose
 ///
-/// Hands the layers to the robot's board, which heats, homes its head and lays them one by one; shows how far it is,
-/// and at the end where the tip arrived: as the steps that were made say, or with --feedback the sensors. Ctrl-C stops
-/// the robot; a second one gives the emergency stop and leaves.
+/// The command sends the layers to the robot's board, which heats, homes its head and lays them one by one. It shows
+/// the progress. At the end it shows the final pose of the tip: by the steps that were made, or with --feedback by the
+/// sensors. Ctrl-C stops the robot. A second Ctrl-C gives the emergency stop and leaves.
 ///
-/// Through a scene, of the plan or of --scene, only a plan is grown that is clear of it. With --feedback each correction
-/// is checked before the board gets it: it keeps off all obstacles by 3 standard deviations of where the tip will be.
-/// If it does not, another path through the scene is taken; if there is none, the robot pauses.
+/// Through a scene, of the plan or of --scene, a body is grown only if its plan is clear of the scene. With --feedback
+/// each correction is checked before the board gets it. It must be clear of all obstacles by 3 standard deviations of
+/// the tip's position. If it is not, the body takes another path through the scene. If none is left, the robot pauses.
 ///
-/// Without a robot (--port sim, the default unless another port is set: growbot config) the same controller runs in this
-/// program against a simulated tip, on a virtual clock, and where the tip arrived is what that has really laid.
+/// Without a robot (--port sim, the default unless another port is set: growbot config) the same controller runs in
+/// this program against a simulated tip, on a virtual clock. The final pose is then that of the body that was really
+/// laid.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct GrowArgs {
@@ -47,25 +48,25 @@ pub struct GrowArgs {
     goal: GoalArgs,
     #[command(flatten)]
     port: PortArg,
-    /// Write what happens to this file, which ends in .jsonl (- for standard
-    /// output), or without a name to a new one: growth-2026-11-23T014500.jsonl
+    /// Write the events to this file, which ends in .jsonl (- for standard output). Without a name, a new file is
+    /// written: growth-2026-11-23T014500.jsonl
     ///
-    /// One JSON object a line. The date is that of the start, UTC. A log that is there already is only replaced with
+    /// The file has one JSON object per line. The date is that of the start, UTC. An existing log is replaced only with
     /// --force, once a layer of the new body is laid.
     #[arg(long, value_name = "FILE", num_args = 0..=1)]
     log: Option<Option<PathBuf>>,
-    /// What the board does when it no longer hears from this program
+    /// Behaviour of the board when it loses contact with this program
     #[arg(long, value_name = "WHAT", default_value = "pause")]
     on_silence: OnSilence,
-    /// Measure each layer and plan the rest again from where the tip is
+    /// Measure each layer, and plan the rest again from the measured pose of the tip
     ///
-    /// Growth is measured by the filament's encoder, the tip's direction by its orientation sensor, which sees gravity
-    /// and so no heading. --odometry-noise and --direction-noise say how well: on a robot, 1 percent and 0.5 degrees
-    /// unless given.
+    /// The filament's encoder measures the growth. The orientation sensor measures the tip's direction by gravity, and
+    /// so no heading. --odometry-noise and --direction-noise set the accuracy of the sensors. On a robot the defaults
+    /// are 1 percent and 0.5 degrees.
     #[arg(long)]
     feedback: bool,
-    /// Grow in spite of self-collision, filament-short or layer-limit, however near
-    /// it comes to the scene, and replace a run log that is there
+    /// Grow in spite of self-collision, filament-short or layer-limit, and of any nearness to the scene. Also replace
+    /// an existing run log
     #[arg(long)]
     force: bool,
     /// End with one line of JSON instead of a table
@@ -90,11 +91,11 @@ Examples:
 Exit codes: 0, the body is grown; 1, stopped, refused or a fault; 2, something
 was wrong before the job.";
 
-/// What `growbot` alone grows: 1 m of robot A to a pose that needs both planes.
+/// Arguments of the main job of `growbot` alone: 1 m of robot A to a pose that needs both planes.
 const MAIN_JOB: [&str; 7] =
     ["growbot grow", "--to", "550,345,610,120,-25", "--port", "sim", "--robot", robot_file::DEFAULT];
 
-/// The arguments of a command on their own, for [`MAIN_JOB`].
+/// The arguments of `grow` without a subcommand, for [`MAIN_JOB`].
 #[derive(Parser)]
 struct Alone {
     #[command(flatten)]
@@ -149,7 +150,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let disturbance = &args.disturbance;
     let assumed = if port.is_simulated() { disturbance.sensor_noise() } else { disturbance.sensor_noise_or(ASSUMED) };
     let noise = args.feedback.then_some(assumed);
-    // Grown by force, it is not kept off anything.
+    // With --force the body is not kept clear of the scene.
     let around = scene.as_ref().filter(|_| !args.force);
     let around = around.map(|scene| Surroundings::new(&robot, scene, plan.radius));
     let feedback = noise.map(|noise| {
@@ -200,7 +201,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
 }
 
 impl GrowArgs {
-    /// How the result is printed.
+    /// Returns the format of the printed result.
     fn print(&self) -> Result<Print, Failure> {
         match (&self.log, self.json) {
             (Some(Some(log)), true) if is_standard_output(log) => Err(Failure::bad_input(
@@ -211,7 +212,7 @@ impl GrowArgs {
         }
     }
 
-    /// How the service is to grow it.
+    /// Returns the options of a growth by the service.
     fn by_service(&self, print: Print) -> Result<Options, Failure> {
         if self.disturbance.disturbs() || self.disturbance.knows_sensors() {
             return Err(Failure::bad_input(
@@ -237,7 +238,7 @@ impl GrowArgs {
         Ok(Options { feedback: self.feedback, force: self.force, print, log, page: self.watching.of_service()? })
     }
 
-    /// Begins the log that is asked for, or none.
+    /// Creates the requested log, or none.
     fn begin_log(
         &self,
         plan: &Plan,
@@ -259,7 +260,7 @@ impl GrowArgs {
         }
     }
 
-    /// Whether what is asked for can be had there.
+    /// Returns an error if port or robot do not support the options.
     fn suits(&self, port: &ChosenPort, robot: &Robot) -> Result<(), Failure> {
         if self.disturbance.disturbs() && !port.is_simulated() {
             return Err(Failure::bad_input(format!(

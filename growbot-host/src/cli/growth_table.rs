@@ -1,4 +1,4 @@
-//! The table that a growth ends with.
+//! The table at the end of a growth.
 
 use growbot_client::arrival::{Arrival, PoseError};
 use growbot_client::feedback::FedBack;
@@ -14,7 +14,7 @@ use growbot_pictures::figures::fixed;
 
 use super::kind;
 
-/// Target and final pose, and the error between them; with feedback, the estimate.
+/// Returns the table: target and final pose, the error between them and, with feedback, the estimate.
 pub fn table(plan: &Plan, robot: &Robot, grown: &Grown, seed: Option<u64>, simulated: bool) -> String {
     let length = grown.length_mm();
     let mut table = arrived(&plan.goal, &grown.arrival);
@@ -44,7 +44,7 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &Grown, seed: Option<u64>, simul
     table
 }
 
-/// Target and final pose, and the error between them.
+/// Returns the rows with target and final pose, and the error between them.
 pub fn arrived(goal: &Pose, arrival: &Arrival) -> String {
     let mut table =
         format!("{:<10}{:>11}{:>11}{:>11}{:>13}{:>12}\n", "", "x mm", "y mm", "z mm", "heading deg", "pitch deg");
@@ -59,14 +59,14 @@ pub fn arrived(goal: &Pose, arrival: &Arrival) -> String {
     table
 }
 
-/// A pose, in the columns of [`arrived`]; a vertical one has no heading.
+/// Returns the row of a pose, in the columns of [`arrived`]. A vertical pose has no heading.
 pub fn row(name: &str, pose: &Pose) -> String {
     let [x, y, z, heading, pitch] = pose.to_degrees().map(|number| fixed(number, 3));
     let heading = if pose.is_vertical() { "-" } else { &heading };
     format!("{name:<10}{x:>11}{y:>11}{z:>11}{heading:>13}{pitch:>12}\n")
 }
 
-/// How often the job was amended, and how good the estimate of the tip is.
+/// Returns the rows about feedback: the number of amendments, and the accuracy of the estimate.
 fn feedback(plan: &Plan, grown: &Grown, fed_back: &FedBack) -> String {
     let estimate = &fed_back.estimate;
     let arrived = match grown.measured_by {
@@ -85,7 +85,7 @@ fn feedback(plan: &Plan, grown: &Grown, fed_back: &FedBack) -> String {
     )
 }
 
-/// How much of an interrupted layer was made, in words.
+/// Returns a text about the finished part of an interrupted layer.
 pub fn made(cut: InterruptedLayer) -> String {
     let degrees = |sectors: u8| f64::from(sectors) / SECTORS as f64 * 360.0;
     if cut.min == 0 && usize::from(cut.max) == SECTORS {

@@ -1,4 +1,4 @@
-//! Ctrl-C, and being told to end: the robot is stopped first.
+//! Handling of Ctrl-C and of requests to end: the robot is stopped first.
 
 use std::sync::Arc;
 
@@ -8,9 +8,9 @@ use growbot_client::port::Port;
 
 use super::ChosenPort;
 
-/// What is ordered by Ctrl-C, by SIGTERM and when the terminal goes away: to stop. A second time gives the emergency
-/// stop and ends the program, as people expect of one that seems to hang: by a line of its own, whatever the rest of
-/// the program waits for.
+/// Requests a stop at Ctrl-C, at SIGTERM and when the terminal goes away. A second signal gives the emergency stop and
+/// ends the program, because users expect that of a program that seems to hang. The emergency stop has its own link, so
+/// that it does not wait for the rest of the program.
 pub fn stop_on_interrupt(client: &mut Client, port: &ChosenPort) -> Arc<Orders> {
     let orders = Arc::new(Orders::default());
     let given = Arc::clone(&orders);
@@ -34,7 +34,7 @@ pub fn stop_on_interrupt(client: &mut Client, port: &ChosenPort) -> Arc<Orders> 
     orders
 }
 
-/// Gives the emergency stop, and says what came of it.
+/// Gives the emergency stop, and prints the result.
 fn stop_at_once(line: Option<Box<dyn Port + Send>>, name: &str) {
     growbot_host::warning!("giving the emergency stop");
     let stopped = line.is_some_and(|line| Client::new(line, name).emergency_stop().is_ok());

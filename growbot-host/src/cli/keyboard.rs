@@ -1,4 +1,4 @@
-//! Orders that are typed into the terminal in which a body grows, while its robot waits.
+//! Commands that the user types into the terminal of a growth while its robot waits.
 
 use std::io::{self, IsTerminal};
 use std::sync::Arc;
@@ -12,10 +12,10 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::getpgrp;
 use rustix::termios::tcgetpgrp;
 
-/// So often it is looked whether somebody types.
+/// Interval of the checks for a typed line.
 const LOOK: Duration = Duration::from_millis(200);
 
-/// The keyboard of the terminal, if there is one. It is read only while the robot waits: what is typed at other times
+/// The keyboard of the terminal, if this program has one. It is read only while the robot waits, so that other input
 /// stays for the shell.
 #[derive(Debug, Default)]
 pub struct Keyboard {
@@ -23,24 +23,24 @@ pub struct Keyboard {
 }
 
 impl Keyboard {
-    /// Takes orders from the terminal, if this program has one.
+    /// Starts to read commands from the terminal, if this program has one.
     pub fn of_terminal(orders: &Arc<Orders>) -> Self {
         if !(io::stdin().is_terminal() && io::stderr().is_terminal()) {
             return Self::default();
         }
         let waits = Arc::new(AtomicBool::new(false));
         let (orders, asked) = (Arc::clone(orders), Arc::clone(&waits));
-        // It ends with the program.
+        // The thread ends with the program.
         let reader = thread::Builder::new().name("keyboard".to_owned()).spawn(move || read(&orders, &asked));
         Self { waits: reader.is_ok().then_some(waits) }
     }
 
-    /// Whether orders can be typed.
+    /// Returns true if the user can type commands.
     pub fn is_there(&self) -> bool {
         self.waits.is_some()
     }
 
-    /// The robot is in this state.
+    /// Sets the state of the robot.
     pub fn enters(&self, state: State) {
         if let Some(waits) = &self.waits {
             waits.store(matches!(state, State::Paused | State::Parked), Ordering::Relaxed);
@@ -67,7 +67,7 @@ fn read(orders: &Orders, waits: &AtomicBool) {
     }
 }
 
-/// Whether a line waits, and is for this program: one in the background that read it would be halted.
+/// Returns true if a line is there for this program. If a program in the background read the line, it would be halted.
 fn is_typed() -> bool {
     let stdin = io::stdin();
     if tcgetpgrp(&stdin).ok() != Some(getpgrp()) {
@@ -77,7 +77,7 @@ fn is_typed() -> bool {
     poll(&mut polled, Some(&Timespec::default())).is_ok_and(|ready| ready > 0)
 }
 
-/// Understands a line.
+/// Parses a line. `None` if it is empty.
 fn order(line: &str) -> Result<Option<Order>, String> {
     match line.trim() {
         "" => Ok(None),
@@ -94,7 +94,7 @@ fn order(line: &str) -> Result<Option<Order>, String> {
     }
 }
 
-/// What can be done about a robot that waits, by whoever has a keyboard or a page that controls it.
+/// Returns instructions for a robot that waits, if the user has a keyboard or a page that controls the robot.
 pub fn what_to_do(state: State, keyboard: bool, page: bool) -> Option<String> {
     let goes_on = match state {
         State::Paused => "goes on",

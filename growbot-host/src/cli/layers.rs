@@ -1,4 +1,4 @@
-//! `growbot layers`: what the head lays, turn by turn.
+//! `growbot layers`: prints the layers that the head lays, turn by turn.
 
 use std::path::PathBuf;
 
@@ -12,8 +12,8 @@ use super::Failure;
 
 /// Print the layers of a plan as CSV
 ///
-/// The columns are layer,segment,alpha_deg,height_mm,tilt_deg: layers and segments count from 0, alpha is where most
-/// material goes, in the tip's frame, and tilt is by how much the tip bends away from there.
+/// The columns are layer,segment,alpha_deg,height_mm,tilt_deg. Layers and segments count from 0. Alpha is the angle of
+/// most material in the tip's frame. Tilt is the angle by which the tip bends away from there.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  growbot layers plan.json > layers.csv\n  growbot layers plan.json -o layers.csv\n  \

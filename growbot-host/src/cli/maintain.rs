@@ -1,4 +1,4 @@
-//! `growbot maintain`: preheat, load, purge and the like, without a job.
+//! `growbot maintain`: preheat, load, purge and similar tasks, without a job.
 
 use clap::Args;
 use growbot_client::maintenance::COMMANDS;
@@ -10,13 +10,13 @@ use super::{Failure, RobotArg, RobotPortArg};
 
 /// Heat the nozzle, load, unload or purge filament, home or turn the head
 ///
-/// The board refuses what is not safe: a move with a nozzle that is not hot, or while a body grows. Heater and motors
-/// go off 10 minutes after the latest of these commands. Materials are tables [materials.NAME] of the robot file, with
+/// The board refuses unsafe tasks: a move with a nozzle that is not hot, or while a body grows. Heater and motors go
+/// off 10 minutes after the latest of these commands. Materials are tables [materials.NAME] of the robot file, with
 /// nozzle_c, load_mm, unload_mm and purge_mm.
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct MaintainArgs {
-    /// What to do: preheat, cooldown, load, unload, purge, home, rotate or jog
+    /// Task: preheat, cooldown, load, unload, purge, home, rotate or jog
     #[arg(value_parser = COMMANDS.map(|(name, ..)| name))]
     task: String,
     /// A temperature in C, a length in mm, an angle in degrees, or a material

@@ -1,4 +1,4 @@
-//! `growbot man`: the manual, a page for each command.
+//! `growbot man`: prints the manual, a page for each command.
 
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -17,10 +17,10 @@ Examples:
   growbot man plan | man -l -
   mkdir -p ~/.local/share/man && growbot man -o ~/.local/share/man/man1")]
 pub struct ManArgs {
-    /// The command that the page is about [default: growbot itself]
+    /// Command that the page describes [default: growbot itself]
     #[arg(value_name = "COMMAND", conflicts_with = "output")]
     command: Option<String>,
-    /// Write all pages to this directory, growbot.1 and growbot-COMMAND.1; it is made if it is not there
+    /// Write all pages, growbot.1 and growbot-COMMAND.1, to this directory, which is created if it does not exist
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
 }
@@ -52,7 +52,7 @@ fn unknown(name: &str, root: &Command) -> Failure {
     Failure::bad_input(format!("there is no command {name:?}{suggestion}: growbot help lists them"))
 }
 
-/// The page of a command, as roff: what `--help` says, its examples and exit codes in sections of their own.
+/// Returns the page of a command as roff: the text of `--help`, with examples and exit codes in sections of their own.
 fn page(command: &Command, root: &Command) -> io::Result<Vec<u8>> {
     let mut page = Vec::new();
     let source = format!("growbot {}", root.get_version().unwrap_or_default());
@@ -76,7 +76,7 @@ fn page(command: &Command, root: &Command) -> io::Result<Vec<u8>> {
     Ok(page)
 }
 
-/// What the end of a command's help says, sorted for the sections of its page.
+/// Text after a command's help, sorted into the sections of its page.
 #[derive(Default)]
 struct Said {
     notes: String,
@@ -106,14 +106,14 @@ impl Said {
     }
 }
 
-/// A section whose lines stay as they are; nothing where there are none.
+/// Writes a section whose lines stay as they are. An empty section is not written.
 fn section(page: &mut Vec<u8>, heading: &str, text: &str) -> io::Result<()> {
     if text.is_empty() {
         return Ok(());
     }
     writeln!(page, ".SH \"{heading}\"\n.nf")?;
     for line in text.lines() {
-        // A line that begins with a dot or a quote would be a request; \& is nothing, and ends that.
+        // A line that begins with a dot or a quote would be a request. The escape \& prints nothing and prevents that.
         writeln!(page, "\\&{}", line.replace('\\', "\\e").replace('-', "\\-").replace('\'', "\\(aq"))?;
     }
     writeln!(page, ".fi")

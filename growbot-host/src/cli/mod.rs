@@ -1,7 +1,7 @@
-//! The command line: one file a command, each with its arguments and a `run`.
+//! The command line: one file per command, each with its arguments and a `run` function.
 //!
-//! Results go to standard output, everything else to standard error. Exit codes: 0, done; 1, a valid request was
-//! answered no; 2, something was wrong before the job.
+//! Results go to standard output, everything else to standard error. Exit code 0 means success. Exit code 1 means that
+//! a valid request failed. Exit code 2 means that something was wrong before the job started.
 
 mod cancel;
 mod completions;
@@ -193,13 +193,13 @@ pub fn run() -> ExitCode {
     }
 }
 
-/// Shows help or version.
+/// Prints help or version.
 fn show(help: &clap::Error) {
-    // Where it cannot be printed, nothing can.
+    // If the help cannot be printed, nothing can.
     let _ = help.print();
 }
 
-/// Why a command did not do what it was asked: the exit code, and what to say.
+/// Failure of a command: its exit code and its message.
 pub struct Failure {
     code: u8,
     kind: Kind,
@@ -207,48 +207,48 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// Something was wrong before the job started.
+    /// Returns the failure for something that was wrong before the job started.
     pub fn bad_input(message: impl Display) -> Self {
         Self { code: 2, kind: Kind::Error, message: Some(message.to_string()) }
     }
 
-    /// A valid request was answered no.
+    /// Returns the failure of a valid request.
     pub fn answered_no(message: impl Display) -> Self {
         Self { code: 1, kind: Kind::Error, message: Some(message.to_string()) }
     }
 
-    /// The reader of the results has closed them: nothing failed.
+    /// Returns the end of a command whose reader has closed the results. It is not an error.
     fn reader_gone() -> Self {
         Self { code: 0, kind: Kind::Error, message: None }
     }
 
-    /// The same as a warning: the error is said already.
+    /// Returns the failure as a warning, because its error was printed before.
     pub fn into_warning(self) -> Self {
         Self { kind: Kind::Warning, ..self }
     }
 
-    /// Whether the reader of the results has gone.
+    /// Returns true if the reader of the results has closed them.
     pub fn is_reader_gone(&self) -> bool {
         self.code == 0
     }
 
-    /// Whether something was wrong before the job started.
+    /// Returns true if something was wrong before the job started.
     pub fn is_bad_input(&self) -> bool {
         self.code == 2
     }
 
-    /// What to say; nothing where nothing failed.
+    /// Returns the message. It is empty if nothing failed.
     pub fn message(&self) -> &str {
         self.message.as_deref().unwrap_or_default()
     }
 
-    /// Says it, and gives the exit code.
+    /// Prints the message, and returns the exit code.
     fn report(self) -> ExitCode {
         self.say();
         ExitCode::from(self.code)
     }
 
-    /// Says it.
+    /// Prints the message, if any.
     pub fn say(&self) {
         if let Some(message) = &self.message {
             messages::say(self.kind, format_args!("{message}"));
@@ -265,7 +265,7 @@ impl From<OutputError> for Failure {
     }
 }
 
-/// Errors that all mean: something was wrong before the job started.
+/// Implements `From` for errors that occur before the job starts.
 macro_rules! bad_input {
     ($($error:ty),*) => {
         $(impl From<$error> for Failure {
@@ -298,38 +298,38 @@ impl From<ClientError> for Failure {
     }
 }
 
-/// `--port`, where a robot is talked to: without it the configured one, or else a simulated robot.
+/// `--port` of commands that communicate with a robot. The default is the configured port, or else a simulated robot.
 #[derive(Args)]
 pub struct PortArg {
-    /// Where the robot is: sim, sim:NAME (growbot power), emulator,
-    /// emulator:ELF, rp2040, rp2040:ELF (rp2040,usb and rp2040:ELF,usb for its other line), tcp:HOST:PORT or a serial device [default: what GROWBOT_PORT or growbot.toml says, or else sim]
+    /// Port of the robot: a serial device, tcp:HOST:PORT, sim, sim:NAME (growbot power), emulator, emulator:ELF, rp2040
+    /// or rp2040:ELF (rp2040,usb and rp2040:ELF,usb for its USB link) [default: GROWBOT_PORT, then growbot.toml, then
+    /// sim]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
     line: LineArg,
 }
 
-/// `--port` of commands that are about a robot that is there already, and would be meaningless for one that is
-/// simulated from now on: they are told a port, or have one configured.
+/// `--port` of commands for a robot that exists already. They would be meaningless for a robot that is simulated from
+/// now on, so a port must be given or configured.
 #[derive(Args)]
 pub struct RobotPortArg {
-    /// Where the robot is: sim:NAME, tcp:HOST:PORT or a serial device; sim and
-    /// emulator start a simulated one [default: what GROWBOT_PORT or growbot.toml
-    /// says; one of them must be given]
+    /// Port of the robot: a serial device, tcp:HOST:PORT or sim:NAME. With sim and emulator a simulated robot is
+    /// started [default: GROWBOT_PORT, then growbot.toml, and one of them must be set]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
     line: LineArg,
 }
 
-/// How good the line is, and what becomes of another host.
+/// Faults of the link, and conflicts with another host.
 #[derive(Args, Clone, Copy)]
 struct LineArg {
-    /// Try a bad line: lose and spoil what it carries, say drop=1%,flip=1e-4
+    /// Inject link faults, for example drop=1%,flip=1e-4
     ///
-    /// Chances are for each frame, both ways: drop, dup, reorder, truncate,
-    /// stall=2s@0.1% (nothing passes for so long), reset (cut for a second); flip
-    /// is for each byte. The same seed=N gives the same faults.
+    /// Probabilities are per frame, in both directions: drop, dup, reorder, truncate, stall=2s@0.1% (nothing passes for
+    /// this time), reset (cut for a second). The probability of flip is per byte. The same seed=N gives the same
+    /// faults.
     #[arg(long, value_name = "SPEC")]
     fault: Option<FaultSpec>,
     /// Take the board over from another host that owns it
@@ -337,7 +337,7 @@ struct LineArg {
     take_over: bool,
 }
 
-/// A port, chosen and understood.
+/// A selected port, with its parsed name.
 #[derive(Clone)]
 pub struct ChosenPort {
     text: String,
@@ -346,7 +346,7 @@ pub struct ChosenPort {
 }
 
 impl PortArg {
-    /// The port.
+    /// Returns the given port, or the configured one, or else `sim`.
     fn choose(&self) -> Result<ChosenPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
@@ -357,7 +357,7 @@ impl PortArg {
 }
 
 impl RobotPortArg {
-    /// The port.
+    /// Returns the given port, or the configured one. Returns an error if neither is set.
     fn choose(&self) -> Result<ChosenPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
@@ -388,17 +388,18 @@ impl LineArg {
 }
 
 impl ChosenPort {
-    /// The port's name, understood.
+    /// Returns the parsed name of the port.
     fn name(&self) -> &PortName {
         &self.name
     }
 
-    /// Whether the robot there is a simulated one.
+    /// Returns true if the robot is simulated.
     fn is_simulated(&self) -> bool {
         self.name.is_simulated()
     }
 
-    /// How fast the robot's clock runs, in multiples of real time; `asked` is what a simulated one was asked for.
+    /// Returns the speed of the robot's clock, in multiples of real time. `asked` is the requested speed of a simulated
+    /// robot. `None` if it is not known.
     fn pace(&self, asked: Option<f64>) -> Option<f64> {
         match self.name.resident() {
             Some(name) => Place::of(name).ok()?.pace(),
@@ -407,54 +408,54 @@ impl ChosenPort {
         }
     }
 
-    /// Whether the robot there ends with this program.
+    /// Returns true if the robot ends with this program.
     fn ends_with_program(&self) -> bool {
         self.is_simulated() && self.name.resident().is_none()
     }
 
-    /// What messages say before "robot" or "board": that it is a simulated one.
+    /// Returns the word that precedes "robot" or "board" in messages if the robot is simulated.
     fn kind(&self) -> &'static str {
         kind(self.is_simulated())
     }
 
-    /// What is said behind a name that belongs to a simulated robot.
+    /// Returns the text after the name of a simulated robot.
     fn remark(&self) -> &'static str {
         if self.is_simulated() { ", simulated" } else { "" }
     }
 
-    /// A client at the port of this robot.
+    /// Returns a client at the port of this robot.
     fn client(&self, robot: &Robot) -> Result<Client, Failure> {
         Ok(self.connect(robot, &TipSettings::default())?.client)
     }
 
-    /// Opens the port of this robot, whose tip, where that is a simulated one, is like this.
+    /// Opens the port of this robot. The settings are those of a simulated tip.
     fn connect(&self, robot: &Robot, settings: &TipSettings) -> Result<Connection, Failure> {
         let Opened { port, simulation } = port::open(&self.name, robot, settings)?;
         let name = if self.is_simulated() { format!("{} (simulated)", self.text()) } else { self.text().to_owned() };
         Ok(Connection { client: Client::new(port, &name).taking_over(self.take_over), simulation })
     }
 
-    /// The port's name as it was given.
+    /// Returns the port's name as it was given.
     fn text(&self) -> &str {
         &self.text
     }
 }
 
-/// A robot at the end of an open port.
+/// A robot behind an open port.
 pub struct Connection {
-    /// Talks to its board.
+    /// Client of the robot's board.
     client: Client,
-    /// What its tip has really laid, where that is a simulated one.
+    /// The simulated tip, with the body as it is really laid. `None` if the tip is not simulated.
     simulation: Option<Box<dyn Simulation>>,
 }
 
-/// What messages say before "robot" or "board" of a simulated one.
+/// Returns the word that precedes "robot" or "board" in messages if the robot is simulated.
 fn kind(is_simulated: bool) -> &'static str {
     if is_simulated { "simulated " } else { "" }
 }
 
-/// The robot of a run: the one that is named here or, if none is, the one that its log describes or names. A log leads
-/// to no other file.
+/// Returns the robot of a run: the given one, or else the one that the log describes or names. A log refers to no other
+/// file.
 fn robot_of(record: &RunRecord, robot: Option<&Path>) -> Result<Robot, Failure> {
     match robot {
         Some(robot) => Ok(robot_file::load(robot)?),
@@ -462,32 +463,32 @@ fn robot_of(record: &RunRecord, robot: Option<&Path>) -> Result<Robot, Failure> 
     }
 }
 
-/// Says what of a run log could not be read.
+/// Warns about the parts of a run log that could not be read.
 fn say_damage(record: &RunRecord, file: &Path) {
     if let Some(words) = record.damage.in_words(&name_of(file)) {
         growbot_host::warning!("{words}");
     }
 }
 
-/// What an argument that names a robot is called in the help: [`completions`] knows them by it.
+/// Name of an argument for a robot in the help. [`completions`] recognises such arguments by this name.
 const ROBOT: &str = "FILE|NAME";
 
-/// `--robot`, where a robot must be known.
+/// `--robot` of commands that need a robot.
 #[derive(Args)]
 pub struct RobotArg {
-    /// The robot: a built-in name (growbot-a, -a1 to -a8, -b, -c) or a TOML file
-    /// [default: what GROWBOT_ROBOT or growbot.toml says, or else growbot-a]
+    /// The robot: a built-in name (growbot-a, -a1 to -a8, -b, -c) or a TOML file [default: GROWBOT_ROBOT, then
+    /// growbot.toml, then growbot-a]
     #[arg(long, value_name = ROBOT)]
     robot: Option<PathBuf>,
 }
 
 impl RobotArg {
-    /// Reads and checks the description.
+    /// Reads and checks the robot's description.
     fn load(&self) -> Result<Robot, Failure> {
         Ok(robot_file::load(&self.name()?)?)
     }
 
-    /// The name or the file.
+    /// Returns the name or the file of the robot.
     fn name(&self) -> Result<PathBuf, Failure> {
         match &self.robot {
             Some(robot) => Ok(robot.clone()),

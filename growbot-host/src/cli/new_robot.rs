@@ -1,4 +1,4 @@
-//! `growbot new-robot`: asks what a robot is like and writes its file.
+//! `growbot new-robot`: guides the user through the values of a robot, and writes its file.
 
 use std::io::{self, BufRead, IsTerminal, Read};
 use std::path::{Path, PathBuf};
@@ -15,16 +15,18 @@ use serde_json::Value;
 
 use super::{Failure, ROBOT};
 
-/// No answer is longer than this, bytes.
+/// Length from which an answer is too long, bytes.
 const LONGEST_ANSWER: u64 = 4096;
 
 /// Describe a robot of your own: answer questions, get its file
 ///
-/// Asks for what matters most; Enter takes the value in brackets, which is that of the robot that it starts from, or
-/// one near it that goes with the answers before. `back` takes the answer before back, and `skip` takes the rest of a
-/// section as it is proposed. Answers may come from a pipe, a line each: then the first that cannot
-/// be ends it, and where they end the rest is as in brackets. What is not asked for stays as it is in the robot that it
-/// starts from, with its comments.
+/// The questions are about the most important values. Enter accepts the value in brackets: that of the base robot
+/// (--from), or one near it that fits the earlier answers. `back` returns to the previous question. `skip` accepts the
+/// proposed values of the rest of a section.
+///
+/// Answers may come from a pipe, one per line. Then the first invalid answer ends the command. If the answers end
+/// early, the remaining values are those in brackets. All other values stay as they are in the base robot, with their
+/// comments.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  growbot new-robot --from growbot-a -o my-robot.toml\n  printf \
                   'my-robot\\n14\\n60\\n25\\n' | growbot new-robot")]
@@ -35,7 +37,7 @@ pub struct NewRobotArgs {
     /// The robot to start from: a built-in name or a TOML file
     #[arg(long = "from", value_name = ROBOT, default_value = robot_file::DEFAULT)]
     base: PathBuf,
-    /// Replace the file if there is one
+    /// Replace an existing file
     #[arg(long)]
     force: bool,
 }
@@ -98,7 +100,7 @@ fn refuse_to_overwrite(output: &Path, force: bool) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The name that a robot in this file would have.
+/// Returns the robot's name for this file. It is `my-robot` if the file's name is not possible.
 fn name_in(output: Option<&Path>) -> String {
     let stem = output.and_then(Path::file_stem).map(|stem| stem.to_string_lossy().to_lowercase());
     let plain = |name: &String| {
@@ -111,12 +113,12 @@ fn name_in(output: Option<&Path>) -> String {
     stem.filter(plain).unwrap_or_else(|| "my-robot".to_owned())
 }
 
-/// What takes back the answer before.
+/// Answer that returns to the previous question.
 const BACK: &str = "back";
-/// What takes the rest of a section as it is proposed.
+/// Answer that accepts the proposed values of the rest of a section.
 const SKIP: &str = "skip";
 
-/// Questions on the way: what is known so far, and how it was before each answer.
+/// State of the dialogue: the present draft, and the draft before each answer.
 struct Asking<'a> {
     draft: &'a mut Draft,
     given: Vec<&'static str>,
@@ -124,12 +126,12 @@ struct Asking<'a> {
     answers: Answers,
 }
 
-/// Asks all questions; gives what was answered with more than Enter.
+/// Goes through all questions. Returns the fields for which the user typed more than Enter.
 fn ask(draft: &mut Draft) -> Result<Vec<&'static str>, Failure> {
     let schema = schema::of_fields();
     let answers = Answers { ended: false, by_hand: io::stdin().is_terminal() };
     let mut asking = Asking { draft, given: Vec::new(), before: Vec::new(), answers };
-    // The section that is passed over.
+    // Section whose remaining questions are skipped.
     let mut skipped = None;
     while let Some(path) = QUESTIONS.get(asking.before.len()).copied() {
         let proposed = asking.draft.default(path);
@@ -158,7 +160,7 @@ fn ask(draft: &mut Draft) -> Result<Vec<&'static str>, Failure> {
     Ok(asking.given)
 }
 
-/// The section of a field; a field outside of all is one of its own.
+/// Returns the section of a field. A field outside of all sections is a section of its own.
 fn section(path: &'static str) -> &'static str {
     path.split('.').next().unwrap_or(path)
 }
@@ -173,13 +175,13 @@ fn ask_for(path: &str, proposed: Option<&str>, schema: &Value) {
     }
 }
 
-/// A value as it is proposed.
+/// Returns a value as it is shown in brackets.
 fn in_brackets(value: &str) -> &str {
     if value == UNLIMITED { NO_LIMIT } else { value.trim_matches('"') }
 }
 
 impl Asking<'_> {
-    /// Goes back to the question before.
+    /// Returns to the previous question.
     fn back(&mut self) {
         match self.before.pop() {
             Some((draft, given)) => (*self.draft, self.given) = (draft, given),
@@ -187,7 +189,7 @@ impl Asking<'_> {
         }
     }
 
-    /// Takes an answer, or what is proposed. One that cannot be is asked for again, where somebody answers.
+    /// Applies an answer, or the proposed value. At a terminal the question is repeated after an invalid answer.
     fn take(&mut self, path: &'static str, text: Option<&str>, proposed: Option<&str>) -> Result<(), Failure> {
         let shown = self.draft.shown(path);
         let taken = text.unwrap_or_else(|| in_brackets(proposed.unwrap_or(&shown)));
@@ -225,7 +227,7 @@ struct Answers {
 }
 
 impl Answers {
-    /// The next answer; none where they have ended, which is said once.
+    /// Returns the next answer. `None` after the end of the input, which is reported once.
     fn next(&mut self) -> Result<Option<String>, Failure> {
         let mut line = Vec::new();
         let unreadable = |error| Failure::bad_input(format!("cannot read the answers: {error}"));

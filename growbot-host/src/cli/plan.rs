@@ -1,4 +1,4 @@
-//! `growbot plan`: from two poses to a path, or from a file of queries to as many.
+//! `growbot plan`: plans a path between two poses, or one for each query of a file.
 
 use std::fs;
 use std::io::{self, IsTerminal};
@@ -24,17 +24,16 @@ use super::{Failure, RobotArg, plan_table};
 
 /// Plan a path from one pose to another, or through several
 ///
-/// A path is made of arcs (C), straight lines (S) and helicoidal arcs (H). Prints a table, or the plan as one line of
-/// JSON with --json; -o writes the plan to a file, for `growbot layers` and the like.
+/// A path consists of arcs (C), straight lines (S) and helicoidal arcs (H). The command prints a table, or with --json
+/// the plan as one line of JSON. -o writes the plan to a file, for `growbot layers` and other commands.
 ///
-/// What speaks against growing the path is said in the plan's warnings: thin-layer, self-collision (the body would run
-/// into itself), filament-short (not enough filament on the spool), layer-limit (a layer that the robot cannot lay).
-/// `growbot grow` refuses the last three.
+/// The warnings of a plan are reasons not to grow it: thin-layer, self-collision (the body would run into itself),
+/// filament-short (not enough filament on the spool), layer-limit (a layer that the robot cannot lay). `growbot grow`
+/// refuses the last three.
 #[derive(Args)]
 #[command(override_usage = USAGE, after_help = AFTER_HELP)]
 pub struct PlanArgs {
-    /// Where it is to arrive, and pointing where: X,Y,Z,HEADING,PITCH; pointing
-    /// anywhere: X,Y,Z
+    /// Goal pose X,Y,Z,HEADING,PITCH, or goal position X,Y,Z with any direction
     #[arg(
         long,
         value_name = "POSE",
@@ -45,26 +44,25 @@ pub struct PlanArgs {
     to: Option<TypedGoal>,
     #[command(flatten)]
     search: SearchArgs,
-    /// Take the shortest path that does not run into the body instead of the
-    /// shortest of all; if every one does, the shortest of all
+    /// Take the shortest path that does not run into the body. If every path does, take the shortest of all, as without
+    /// this option
     #[arg(long)]
     clear_of_self: bool,
-    /// The body may be this long, mm; no plan is made that is longer
+    /// Maximum length of the body, mm. A longer plan is refused
     #[arg(long, value_name = "MM", value_parser = length)]
     length_max: Option<f64>,
     #[command(flatten)]
     scene: SceneArgs,
     #[command(flatten)]
     robot: RobotArg,
-    /// Print the plan as one line of JSON; of a batch, each
+    /// Print the plan as one line of JSON, or each plan of a batch
     #[arg(long)]
     json: bool,
-    /// Write the plan to this file (.json; - for standard output); of a batch, the
-    /// answers, as CSV or JSON lines (.csv, .jsonl)
+    /// Write the plan to this file (.json, or - for standard output). For a batch, write the answers as CSV or JSON
+    /// lines (.csv, .jsonl)
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Plan every query of a CSV file (- for standard input); prints CSV, or JSON
-    /// lines with --json
+    /// Plan every query of a CSV file (- for standard input), and print CSV, or JSON lines with --json
     #[arg(long, value_name = "CSV", conflicts_with_all = ["via", "via_csv", "to", "scene"])]
     batch: Option<PathBuf>,
 }
@@ -116,7 +114,7 @@ fn plan(args: &PlanArgs, robot: &Robot, goal: &TypedGoal) -> Result<Plan, Failur
     args.scene.plan(scene, robot, &goals, &search, args.length_max, args.json)
 }
 
-/// A length above 0, mm.
+/// Parses a length above 0, mm.
 fn length(text: &str) -> Result<f64, String> {
     let length = mm(text)?;
     if length > 0.0 && length <= LENGTH_MAX {
@@ -134,19 +132,19 @@ fn run_one(args: &PlanArgs, robot: &Robot, plan: &Plan) -> Result<(), Failure> {
         }
         growbot_host::note!("plan written to {}", path.display());
     }
-    // Not in a pipe, where the same plan is to be the same text.
+    // The time is not printed into a pipe, where the same plan must give the same text.
     let now = io::stdout().is_terminal().then(now_here);
     Ok(print(&if args.json { written.to_line() } else { plan_table::table(plan, now) })?)
 }
 
-/// The formats of the answers to a batch.
+/// Formats of the answers to a batch.
 #[derive(Clone, Copy, PartialEq)]
 enum Format {
     Csv,
     JsonLines,
 }
 
-/// Where the answers to a batch go.
+/// Destination of the answers to a batch.
 struct Answers {
     format: Format,
     file: Option<Replacement>,
@@ -167,7 +165,7 @@ impl Answers {
         Ok(answers)
     }
 
-    /// Each line leaves at once: a program may wait for it before it asks the next.
+    /// Writes a line at once, because a program may wait for it before it sends the next query.
     fn write(&mut self, text: &str) -> Result<(), Failure> {
         match &mut self.file {
             Some(file) => Ok(file.add(text.as_bytes())?),
@@ -175,7 +173,7 @@ impl Answers {
         }
     }
 
-    /// What there is where a query failed.
+    /// Returns the part of the output that reports failed queries.
     fn name_of_errors(&self) -> &'static str {
         if self.format == Format::Csv { "the column error" } else { "the lines with \"error\"" }
     }
@@ -192,7 +190,7 @@ impl Answers {
 fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot) -> Result<(), Failure> {
     let search = args.search.search(robot, args.clear_of_self);
     let defaults = Defaults { start: args.search.start()?, search, length_max: args.length_max };
-    // A radius that no query can have is a fault of the command, not of each query.
+    // A radius that is invalid for every query is an error of the command, not of each query.
     let start = defaults.start;
     Plan::through(robot, &start, &[], &start, &defaults.search)?;
 

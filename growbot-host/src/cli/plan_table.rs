@@ -1,4 +1,4 @@
-//! A plan as people read it: rounded, in a table.
+//! A plan as a table with rounded numbers.
 
 use std::fmt::Write;
 
@@ -16,7 +16,7 @@ use time::{Duration, OffsetDateTime};
 /// Columns of a terminal.
 const WIDTH: usize = 80;
 
-/// The table, within 80 columns. With the time of day, it tells when a growth that begins now is done.
+/// Returns the table, within 80 columns. With the time of day it contains the finish time of a growth that starts now.
 pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
     let mut text = format!("Plan for {}, bends of radius {} mm\n", plan.robot, plan.radius);
     text += &format!("  from      {}\n", pose(&plan.start));
@@ -74,13 +74,13 @@ pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
     text
 }
 
-/// When it would be done, if its first layer began now.
+/// Returns the finish time of a growth whose first layer starts now. Empty if it is not known.
 fn done_at(plan: &Plan, now: Option<OffsetDateTime>) -> String {
     let finish = now.and_then(|now| Some((now, now.checked_add(Duration::checked_seconds_f64(plan.needs.duration)?)?)));
     finish.map_or_else(String::new, |(now, finish)| format!(", from now until {}", clock_text(now, finish)))
 }
 
-/// What a path of this length (mm) was chosen from.
+/// Returns a text about the candidates from which a path of this length (mm) was chosen.
 fn chosen(plan: &Plan, choice: &Choice, length: f64) -> String {
     if plan.planner == Planner::TwoPlane {
         return planner_name(plan.planner).to_owned();
@@ -117,13 +117,13 @@ fn pose(pose: &Pose) -> String {
     )
 }
 
-/// A position with the direction that was chosen for it, which is no typed number and so is rounded.
+/// Returns a position with the direction that was chosen for it. The direction was not typed, and so it is rounded.
 fn position_with_direction(pose: &Pose) -> String {
     let position = pose.position();
     format!("{}, {}, {} mm, {} (direction free)", position.x, position.y, position.z, direction(pose, 2))
 }
 
-/// A text behind a head, in lines that fit a terminal. Later lines have this indentation.
+/// Wraps a text after a head into lines that fit a terminal. Later lines have this indentation.
 fn wrapped(head: &str, rest: &str, indent: usize) -> String {
     let mut text = head.to_owned();
     let mut column = head.chars().count();

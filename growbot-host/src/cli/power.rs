@@ -1,4 +1,4 @@
-//! `growbot power`: the switch of simulated robots that stay on.
+//! `growbot power`: switches persistent simulated robots.
 
 use std::path::PathBuf;
 
@@ -15,25 +15,25 @@ use super::{Failure, ROBOT, RobotArg, RobotPortArg};
 
 /// Switch a simulated robot on or off, or reset its board
 ///
-/// The simulated robot sim:NAME stays on when the command that grew with it has ended, as a robot does: another command
-/// sees, stops or resumes what it does. Switched off in the midst of a layer it keeps what a board keeps: its flash.
-/// What it knows is in ~/.local/state/growbot/robots/NAME; sim:./NAME keeps it in the directory NAME.
+/// The simulated robot sim:NAME stays on after the command that grew with it, like a real robot. Another command can
+/// show, stop or resume its growth. If it is switched off in the middle of a layer, it keeps what a board keeps: its
+/// flash. Its data are in ~/.local/state/growbot/robots/NAME. sim:./NAME keeps them in the directory NAME.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct PowerArgs {
-    /// What to do
+    /// Action of the switch
     #[arg(value_name = "on|off|reset|status")]
     what: What,
     #[command(flatten)]
     port: RobotPortArg,
-    /// The robot, when it is switched on for the first time: a built-in name or a
-    /// TOML file [default: the one that it is, or else the configured one]
+    /// The robot, if it is switched on for the first time: a built-in name or a TOML file [default: the stored one, or
+    /// else the configured one]
     #[arg(long, value_name = ROBOT)]
     robot: Option<PathBuf>,
-    /// How many times as fast as real time its time passes
+    /// Pace of the robot's time, in multiples of real time
     #[arg(long, value_name = "TIMES", default_value = "1", value_parser = times)]
     pace: f64,
-    /// Play the robot in this process, until it is switched off
+    /// Run the robot in this process, until it is switched off
     #[arg(long)]
     foreground: bool,
 }
@@ -44,16 +44,16 @@ Examples:
   growbot grow --robot growbot-a2 --to 0,0,50,0,90 --port sim:lab
   growbot power off --port sim:lab";
 
-/// What can be done with a switch.
+/// Actions of the switch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum What {
-    /// Switch it on
+    /// Switch the robot on
     On,
-    /// Switch it off, at this moment
+    /// Switch the robot off at once
     Off,
-    /// Reset its board
+    /// Reset the robot's board
     Reset,
-    /// Say whether it is on
+    /// Print whether the robot is on
     Status,
 }
 
@@ -91,7 +91,7 @@ pub fn run(args: &PowerArgs) -> Result<(), Failure> {
 }
 
 impl PowerArgs {
-    /// The robot that is asked for, or lives there, or is configured.
+    /// Returns the given robot, or the stored one, or else the configured one.
     fn robot(&self, place: &Place) -> Result<Robot, Failure> {
         match (&self.robot, place.robot()?) {
             (Some(robot), _) => Ok(robot_file::load(robot)?),
@@ -105,9 +105,9 @@ impl PowerArgs {
         Ok(play(place, &robot, self.pace, || growbot_host::note!("the simulated robot sim:{} is on", place.name()))?)
     }
 
-    /// Starts a process of its own that plays the robot, and waits until it does.
+    /// Starts a separate process that runs the robot, and waits until the robot is on.
     fn switch_on(&self, place: &Place) -> Result<(), Failure> {
-        // What is wrong is said here, where somebody reads it.
+        // Errors are reported by this process, whose messages the user reads.
         place.check(&self.robot(place)?)?;
         Ok(switch_on(place, self.robot.as_deref(), self.pace)?)
     }

@@ -1,4 +1,4 @@
-//! `growbot replay`: the body that a run log tells of.
+//! `growbot replay`: rebuilds the body of a run log.
 
 use std::path::{Path, PathBuf};
 
@@ -22,19 +22,19 @@ use super::{Failure, robot_of, say_damage};
 
 /// Rebuild the body from the log of its growth, bit for bit as the board has built it
 ///
-/// The log may be cut off anywhere: the body is rebuilt up to there. Lines that cannot be read are skipped, and that is
-/// said. Of a growth with feedback, the estimate is rebuilt, too.
+/// The log may be cut off anywhere: the body is rebuilt up to there. Lines that cannot be read are skipped, with a
+/// warning. For a growth with feedback, the estimate is rebuilt, too.
 ///
-/// On a robot the body is what the board's steps have built. On a simulated tip it is where the plastic lies, laid
-/// (simulated), which disturbances take elsewhere; the commanded body, that of the steps, is printed beside it.
+/// On a robot the body is what the board's steps have built. On a simulated tip it is the plastic as it lies, laid
+/// (simulated), which disturbances move away from the commanded body. The commanded body, that of the steps, is printed
+/// beside it.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  growbot replay run.jsonl\n  growbot replay run.jsonl --layers > as-built.csv")]
 pub struct ReplayArgs {
     /// The run log, as `growbot grow --log` writes it
     #[arg(value_name = "RUN")]
     run: PathBuf,
-    /// The robot, where it had feedback: a built-in name or a TOML file [default: the one
-    /// that the run describes]
+    /// The robot of a growth with feedback: a built-in name or a TOML file [default: the one that the run describes]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
     /// Print the layers as built, as CSV
@@ -62,30 +62,30 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
     })?)
 }
 
-/// What a log tells of the body, in a few lines.
+/// Returns a text of a few lines about the body of a log.
 pub fn text_of(record: &RunRecord) -> Result<String, Failure> {
     let replayed = Replayed::of(record);
     Ok(replayed.text(&replayed.arrivals()?, None))
 }
 
-/// The body that a log tells of.
+/// The body of a log.
 struct Replayed<'a> {
     record: &'a RunRecord,
-    /// By the steps of the board.
+    /// Layers by the steps of the board.
     commanded: Vec<Layer>,
-    /// Where the plastic of a simulated tip lies; none where the log does not say.
+    /// Layers of the plastic of a simulated tip. `None` if the log does not contain them.
     simulated: Option<Vec<Layer>>,
 }
 
-/// Where the body ends.
+/// Final poses of the body.
 struct Arrivals {
-    /// As it is.
+    /// Final pose of the body: as laid on a simulated tip, or else as commanded.
     body: Arrival,
-    /// On a simulated tip, and as commanded.
+    /// Final pose as commanded. `None` unless the log has the plastic of a simulated tip.
     commanded: Option<Arrival>,
 }
 
-/// What feedback came to, and the plan that it followed.
+/// Result of feedback, and the plan that it followed.
 struct ReplayedFeedback {
     fed_back: FedBack,
     plan: Plan,
@@ -113,7 +113,8 @@ impl<'a> Replayed<'a> {
         Ok(Arrivals { body: end_of(self.body()), commanded })
     }
 
-    /// What the growth came to, by the body; the rest as the log's own result has it.
+    /// Returns the result of the growth. Pose, layers and length are those of the body, and the rest is from the log's
+    /// own result.
     fn result(&self, arrivals: &Arrivals, feedback: Option<&ReplayedFeedback>) -> GrowthResult {
         let record = self.record;
         let logged = record.result.as_ref();
@@ -141,7 +142,7 @@ impl<'a> Replayed<'a> {
         }
     }
 
-    /// The same in a few lines.
+    /// Returns the result as a few lines of text.
     fn text(&self, arrivals: &Arrivals, feedback: Option<&ReplayedFeedback>) -> String {
         let record = self.record;
         let remark = if record.is_simulated() { ", simulated" } else { "" };
@@ -173,7 +174,7 @@ impl<'a> Replayed<'a> {
         text + &self.cautions()
     }
 
-    /// What of the body is not known.
+    /// Returns warnings about the unknown parts of the body.
     fn cautions(&self) -> String {
         let record = self.record;
         let mut text = String::new();
@@ -199,7 +200,7 @@ impl<'a> Replayed<'a> {
         text
     }
 
-    /// The layers as CSV; with those that were commanded beside them, where these are others.
+    /// Returns the layers as CSV. On a simulated tip, the commanded layers are beside them.
     fn layers_table(&self) -> String {
         let commanded = self.simulated.is_some().then_some(&self.commanded);
         let fields =
@@ -212,7 +213,7 @@ impl<'a> Replayed<'a> {
         for (index, layer) in self.body().iter().enumerate() {
             text += &format!("{index}{}", fields(layer));
             if let Some(commanded) = commanded {
-                // The layer under way was not finished.
+                // The layer under way was not finished, so it has no commanded values.
                 text += &commanded.get(index).map_or_else(|| ",,,".to_owned(), fields);
             }
             text += "\n";
@@ -221,8 +222,8 @@ impl<'a> Replayed<'a> {
     }
 }
 
-/// What feedback came to, if there was some, and its plan. A robot that is not said need be neither found nor the same
-/// as then.
+/// Returns the result of feedback with its plan. `None` if the growth had no feedback. If no robot is given and the
+/// robot of the log cannot be used, the estimate is omitted with a warning.
 fn fed_back(record: &RunRecord, robot: Option<&Path>) -> Result<Option<ReplayedFeedback>, Failure> {
     if record.feedback.is_none() {
         return Ok(None);
@@ -244,7 +245,7 @@ fn fed_back(record: &RunRecord, robot: Option<&Path>) -> Result<Option<ReplayedF
     Ok(fed_back.map(|fed_back| ReplayedFeedback { fed_back, plan }))
 }
 
-/// A pose in a line, and how far it is from the goal in another.
+/// Returns a line with a pose, and a line with its distance from the goal.
 fn arrived(name: &str, arrival: &Arrival, by: &str) -> String {
     let [x, y, z, ..] = arrival.final_pose.to_degrees().map(|number| fixed(number, 3));
     let direction = direction(&arrival.final_pose, 3);

@@ -1,4 +1,4 @@
-//! `growbot reproduce`: the experiments of Del Dottore et al. 2019.
+//! `growbot reproduce`: repeats the experiments of Del Dottore et al. 2019.
 
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -14,20 +14,20 @@ use growbot_pictures::drawing::pdf::pdf;
 
 use super::{Failure, directory};
 
-/// Do the experiments of the paper again
+/// Repeat the experiments of the paper
 ///
-/// Tables 1 to 3 and Figures 4 to 8 of Del Dottore et al. 2019 (Front. Robot. AI 6:45): growths between random poses,
-/// 50 in each group and 70 at each level of noise, by both values that the paper gives for its step, by exact slicing,
-/// by both planners, in open and in closed loop. Prints ours beside the paper's, with the significance tests that it
-/// quotes, or one line of JSON with --json.
+/// These are Tables 1 to 3 and Figures 4 to 8 of Del Dottore et al. 2019 (Front. Robot. AI 6:45). They consist of
+/// growths between random poses, 50 in each group and 70 at each level of noise. The growths use both values that the
+/// paper gives for its step, exact slicing, both planners, and open and closed loop. The command prints its results
+/// beside those of the paper, with the significance tests that the paper quotes, or one line of JSON with --json.
 ///
-/// Noise of the growth is uniform, and its percentage the half-width; noise of the sensors is normal, with standard
+/// Noise of the growth is uniform, and its percentage is the half-width. Noise of the sensors is normal, with standard
 /// deviations of 1 % of a layer and 0.5 degrees about either axis.
 ///
-/// -o writes report.html, one page with everything, each figure as SVG, and every number as CSV. What is there under
-/// the same names is replaced.
+/// -o writes report.html, one page with everything, each figure as SVG, and every number as CSV. Existing files of the
+/// same names are replaced.
 ///
-/// With --table or --figure, which can be repeated, only those are done.
+/// --table and --figure, which can be repeated, select experiments.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ReproduceArgs {
@@ -40,16 +40,16 @@ pub struct ReproduceArgs {
     /// Growths in each group and at each level of noise [default: the paper's 50 and 70]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     repeat: Option<usize>,
-    /// Names all random numbers: the same seed gives the same results
+    /// Seed of all random numbers: the same seed gives the same results
     #[arg(long, value_name = "S", default_value_t = SEED, allow_negative_numbers = true)]
     seed: u64,
-    /// Write the figures as PDF, too
+    /// Also write the figures as PDF
     #[arg(long, requires = "output")]
     pdf: bool,
     /// Print one line of JSON
     #[arg(long)]
     json: bool,
-    /// Write page, figures and numbers to this directory; it is made if it is not there
+    /// Write page, figures and numbers to this directory, which is created if it does not exist
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
 }
@@ -60,10 +60,10 @@ Examples:
   growbot reproduce --table 2
   growbot reproduce --figure 4 --figure 6 --repeat 200 -o more";
 
-/// How files of figures end.
+/// End of the names of the figures' files.
 const FIGURE_ENDING: &str = ".svg";
 
-/// A number within a range.
+/// Returns a parser for a number within a range.
 fn one_of(range: &RangeInclusive<u8>) -> RangedI64ValueParser<u8> {
     clap::value_parser!(u8).range(i64::from(*range.start())..=i64::from(*range.end()))
 }

@@ -1,4 +1,4 @@
-//! `growbot resume`: continue a body that was left unfinished.
+//! `growbot resume`: continues an unfinished body.
 
 use std::fs;
 use std::io::{self, BufRead, IsTerminal, Read, Write};
@@ -23,36 +23,37 @@ use super::subject::Subject as Opened;
 use super::watching::WatchArgs;
 use super::{ChosenPort, Failure, PortArg};
 
-/// Resume a body that was left unfinished: after a stop, a fault, a reset, a loss of power or of the host
+/// Resume an unfinished body: after a stop, a fault, a reset, a loss of power or of the host
 ///
-/// Shows what the board knows, asks, heats, finds the head's index, primes the nozzle and continues at the first layer
-/// that is not laid. It takes the plan, or better the log of the growth (`grow --log`), which it then continues. A
-/// growth with feedback is resumed with it, and only from its log; in a scene it keeps off that, too.
+/// The command shows the state of the body and waits for your confirmation. It then heats, finds the head's index,
+/// primes the nozzle and continues at the first layer that is not laid. It takes the plan, or better the log of the
+/// growth (`grow --log`), which it then continues. A growth with feedback is resumed with feedback, and only from its
+/// log. In a scene its corrections also stay clear of the obstacles.
 ///
-/// Of an interrupted layer it says how much was made. That layer is laid again unless you say otherwise.
+/// The command prints how much of an interrupted layer was made. By default that layer is laid again.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ResumeArgs {
-    /// The run log of the growth, or its plan [default: the robot's latest job, where a service owns it]
+    /// The run log of the growth, or its plan [default: the robot's latest job, if a service owns it]
     #[arg(value_name = "RUN|PLAN")]
     file: Option<PathBuf>,
     /// The robot: a built-in name or a TOML file [default: the plan's]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
-    /// The scene of the growth, where it is not where it was [default: the plan's]
+    /// The scene of the growth, if its file has moved [default: the plan's]
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     #[command(flatten)]
     port: PortArg,
-    /// What becomes of an interrupted layer
+    /// Treatment of an interrupted layer
     #[arg(long, value_name = "WHAT", default_value = "again")]
     interrupted_layer: WithCut,
-    /// What the board does when it no longer hears from this program
+    /// Behaviour of the board when it loses contact with this program
     #[arg(long, value_name = "WHAT", default_value = "pause")]
     on_silence: OnSilence,
     #[command(flatten)]
     watching: WatchArgs,
-    /// Do not ask; where a service owns the robot, nobody is asked
+    /// Continue without confirmation. If a service owns the robot, no confirmation is needed
     #[arg(long)]
     yes: bool,
     /// End with one line of JSON instead of a table
@@ -69,15 +70,15 @@ Examples:
 Exit codes: 0, the body is grown; 1, nothing to resume, stopped, refused or a
 fault; 2, something was wrong before.";
 
-/// No answer is longer, bytes.
+/// Maximum length of an answer, bytes.
 const LONGEST_ANSWER: u64 = 4096;
 
-/// What becomes of an interrupted layer.
+/// Treatment of an interrupted layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum WithCut {
-    /// Lay it again, on top of what there is of it
+    /// Lay it again, on top of its finished part
     Again,
-    /// Let it be, as far as it came
+    /// Keep it as it is
     LetBe,
 }
 
@@ -105,7 +106,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let mut record = run.map(|(record, _)| record);
     let with_feedback = record.as_ref().filter(|record| record.feedback.is_some());
     if let (Some(record), None) = (with_feedback, &scene) {
-        // Corrections are proven to keep off the scene of the plan: without it nothing is resumed.
+        // Corrections are proven to be clear of the plan's scene, so nothing is resumed without it.
         let named = plan.scene.as_ref().map(|scene| scene.file.clone()).unwrap_or_default();
         scene = record.scene(&plan, &robot, args.scene.as_deref())?.map(|loaded| (named, loaded));
     }
@@ -118,7 +119,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let mut job = Job::of_plan(&robot, &plan);
     if let Some(record) = &mut record {
         record.is_stored_as(board.status.plan_id);
-        // The very layers, whatever the plan's file has rounded.
+        // The original layers, because the plan's file may have rounded its numbers.
         (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
     }
     show(&board, job.plan_id, &port)?;
@@ -164,8 +165,8 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
 }
 
 impl ResumeArgs {
-    /// Refuses what only this command does itself: a service lays an interrupted layer again, has the board pause when
-    /// it is silent, and takes the scene from where it was.
+    /// Refuses options that a service does not support. A service lays an interrupted layer again, lets the board pause
+    /// if the service is silent, and takes the scene from its original place.
     fn refuse_what_a_service_does_not_do(&self) -> Result<(), Failure> {
         let given = [
             ("--interrupted-layer let-be", self.interrupted_layer == WithCut::LetBe),
@@ -180,7 +181,7 @@ impl ResumeArgs {
         }
     }
 
-    /// The growth, in the scene of its plan.
+    /// Opens the growth, in the scene of its plan.
     fn opened(&self, file: &Path) -> Result<Opened, Failure> {
         let opened = Opened::open(file, self.robot.as_deref(), self.scene.as_deref())?;
         if let (None, Some(scene)) = (&opened.plan.scene, &self.scene) {
@@ -200,7 +201,7 @@ impl ResumeArgs {
     }
 }
 
-/// What the board knows of the body.
+/// Prints the state of the body on the board. Returns an error if the board cannot resume this plan.
 fn show(board: &BoardInfo, plan_id: u64, port: &ChosenPort) -> Result<(), Failure> {
     let status = &board.status;
     if status.plan_id != plan_id || status.plan_id == 0 {
@@ -231,10 +232,10 @@ fn show(board: &BoardInfo, plan_id: u64, port: &ChosenPort) -> Result<(), Failur
     Ok(())
 }
 
-/// Asks a person, who must be there: what follows heats and moves.
+/// Waits for a confirmation at the terminal, because the next steps heat and move. Returns an error without a terminal.
 fn ask(board: &BoardInfo) -> Result<(), Failure> {
     if matches!(board.status.state, State::Heating | State::Homing | State::Growing | State::Paused) {
-        // It is at work already: this only follows it on.
+        // The robot works already, so the command only follows it.
         return Ok(());
     }
     if !io::stdin().is_terminal() {

@@ -1,4 +1,4 @@
-//! `growbot rmin`: the tightest bend of a robot.
+//! `growbot rmin`: prints the tightest bend of a robot.
 
 use clap::Args;
 use growbot_client::printable::json_line;
@@ -9,9 +9,9 @@ use super::{Failure, RobotArg};
 
 /// Print the tightest bend of a robot, R_min, in mm
 ///
-/// R_min is the min radius of the centreline: the larger of the packaging limit (the parts inside the tube must pass
-/// the bend: Eq 7 of Del Dottore et al. 2019) and the limit by the layers (their min and max heights and their max
-/// tilt).
+/// R_min is the minimum radius of the centreline. It is the larger of two limits. By the packaging limit, the parts
+/// inside the tube must pass the bend (Eq 7 of Del Dottore et al. 2019). The limit by the layers follows from their
+/// minimum and maximum heights and their maximum tilt.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot rmin --robot growbot-b")]
 pub struct RminArgs {

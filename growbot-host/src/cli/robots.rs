@@ -1,4 +1,4 @@
-//! `growbot robots`: which robots are built in, and what a description says.
+//! `growbot robots`: lists the built-in robots, or explains a description.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -21,8 +21,8 @@ const WIDTH: usize = 80;
 
 /// List the built-in robots, or explain one in words
 ///
-/// With a name or a file: all that its description says, what each field means, and which values are assumed: measure
-/// those on your robot before you rely on them.
+/// With a name or a file, the command prints the whole description, the meaning of each field, and which values are
+/// assumed. Measure those on your robot before you rely on them.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  growbot robots\n  growbot robots growbot-b\n  growbot robots --schema > \
                   growbot-robot.schema.json")]
@@ -54,7 +54,7 @@ pub fn run(args: &RobotsArgs) -> Result<(), Failure> {
     Ok(print(&text)?)
 }
 
-/// Growth, mm/h.
+/// Returns the growth rate, mm/h.
 fn growth_rate(robot: &Robot) -> f64 {
     let layer = &robot.description().layer;
     layer.height_mm / layer.period_s * 3600.0
@@ -167,7 +167,7 @@ fn in_words(explained: &Explained) -> String {
     text
 }
 
-/// Where the board that the file names has the robot's signals.
+/// Returns the places of the robot's signals on the board that the file names.
 fn wires(robot: &Robot) -> String {
     let Some(board) = robot.description().board else { return String::new() };
     let mut text = format!("\n{}, signal by signal:\n", board.kind);
@@ -183,7 +183,7 @@ fn wires(robot: &Robot) -> String {
     text
 }
 
-/// The text in lines of 80 columns, all indented by so much.
+/// Wraps a text into lines of at most 80 columns, all with this indentation.
 fn indented(text: &str, indent: usize) -> String {
     let mut lines = String::new();
     let mut line = String::new();

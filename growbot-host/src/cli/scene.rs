@@ -1,4 +1,4 @@
-//! Planning through a scene, as the command line asks for it.
+//! Options of planning through a scene.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -15,18 +15,18 @@ use serde::Serialize;
 
 use super::Failure;
 
-/// Max time, s: a day.
+/// Maximum time limit, s: a day.
 const MAX_SECONDS: u64 = 86_400;
 
-/// The scene, and how hard to try.
+/// The scene, and the effort of the search.
 #[derive(Args)]
 pub struct SceneArgs {
-    /// Keep clear of everything in this scene: a scene file (TOML), a mesh
-    /// (.stl, .obj, .ply, .glb) or a cloud of points (.ply, .pcd)
+    /// Stay clear of everything in this scene: a scene file (TOML), a mesh (.stl, .obj, .ply, .glb) or a point cloud
+    /// (.ply, .pcd)
     #[arg(long, value_name = "FILE")]
     pub scene: Option<PathBuf>,
-    /// How long to search for a short path through the scene: some 0.1 s for
-    /// each, with the same result on every machine [default: 5]
+    /// Effort of the search for a short path through the scene: some 0.1 s for each unit, with the same result on every
+    /// machine [default: 5]
     #[arg(long, value_name = "N", requires = "scene", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     effort: Option<u64>,
     /// Take the best path found within this many seconds
@@ -34,13 +34,13 @@ pub struct SceneArgs {
     time_limit: Option<u64>,
 }
 
-/// What `--json` prints where there is no path.
+/// Output of `--json` if no path is found.
 #[derive(Serialize)]
 struct Answer {
     error: WrittenError,
 }
 
-/// Why there is no path, as written.
+/// Reason why no path was found, as JSON.
 #[derive(Serialize)]
 struct WrittenError {
     code: &'static str,
@@ -64,7 +64,7 @@ impl SceneArgs {
         self.plan_in((scene, &loaded), robot, ends, search, length_max, json)
     }
 
-    /// The same, through a scene that has been read.
+    /// Like [`Self::plan`], but for a scene that was read before.
     pub fn plan_in(
         &self,
         (scene, loaded): (&Path, &LoadedScene),

@@ -1,4 +1,4 @@
-//! `growbot scene`: a scene to try things in.
+//! `growbot scene`: writes an example scene.
 
 use std::path::PathBuf;
 
@@ -9,18 +9,18 @@ use growbot_scene::demo_scenes::{DemoScene, to_toml};
 
 use super::Failure;
 
-/// Write a scene to try things in: obstacles drawn from a seed
+/// Write an example scene: obstacles drawn from a seed
 ///
-/// The scene is a file of `growbot-scene/1`, the same for one seed on every machine, with a way left free that a tube
-/// of 44 mm can take. Its first lines tell which plan leads there.
+/// The scene is a file of `growbot-scene/1`, the same for one seed on every machine. It has a free way that a tube of
+/// 44 mm can take. Its first lines contain the command that plans this way.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  growbot scene pipe-rack -o rack.toml\n  growbot scene rubble-heap --seed 7 -o \
                         heap.toml\n  growbot plan --to 0,0,960 --scene rack.toml -o plan.json")]
 pub struct SceneArgs {
-    /// The kind of scene
+    /// Kind of scene
     #[arg(value_name = "KIND")]
     kind: Kind,
-    /// Another scene of the kind
+    /// Seed of the obstacles: each gives another scene of the kind
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Write to this file, which ends in .toml [default: standard output]

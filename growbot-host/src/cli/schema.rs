@@ -1,4 +1,4 @@
-//! `growbot schema`: the JSON Schemas of what growbot reads and writes.
+//! `growbot schema`: prints the JSON Schemas of the files and messages that growbot reads and writes.
 
 use clap::{Args, ValueEnum};
 use growbot_host::output::print;
@@ -8,11 +8,11 @@ use super::Failure;
 
 /// Print the JSON Schema of a kind of file
 ///
-/// Editors and validators check files by it (draft 7). Of a run log it is the schema of each line.
+/// Editors and validators use it (draft 7) to check files. The schema of a run log is that of each line.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  growbot schema run > growbot-run.schema.json\n  growbot schema result")]
 pub struct SchemaArgs {
-    /// The kind of file
+    /// Kind of file
     #[arg(value_name = "KIND")]
     kind: Kind,
 }
@@ -30,7 +30,7 @@ enum Kind {
     Run,
     /// A result, as `grow`, `resume` and `replay` print it with --json
     Result,
-    /// A notice, as webhooks and commands of `growbot serve` are told
+    /// A notice, as `growbot serve` sends it to webhooks and commands
     Notice,
     /// Settings, growbot.toml
     Settings,

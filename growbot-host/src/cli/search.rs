@@ -1,4 +1,4 @@
-//! How a path is looked for, as `plan` and `grow` ask.
+//! Options of the search for a path, for `plan` and `grow`.
 
 use std::path::PathBuf;
 
@@ -14,25 +14,23 @@ use growbot_host::via_csv;
 use super::Failure;
 use super::units::{self, mm};
 
-/// The start pose where none is given: at the origin, straight up.
+/// Default start pose: at the origin, straight up.
 pub const START: &str = "0,0,0,0,90";
 
 /// Start, poses on the way, planner and radius.
 #[derive(Args)]
 pub struct SearchArgs {
-    /// Where the tip starts: X,Y,Z,HEADING,PITCH in mm and degrees
-    /// [default: 0,0,0,0,90]
+    /// Start pose of the tip: X,Y,Z,HEADING,PITCH in mm and degrees [default: 0,0,0,0,90]
     #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_typed_pose)]
     pub from: Option<(Pose, TypedGoal)>,
-    /// A pose or a position to pass through on the way; repeat it for more, in
-    /// order
+    /// A pose or a position to pass through on the way. Repeat the option for more, in order
     #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_goal)]
     pub via: Vec<TypedGoal>,
-    /// Pass through those of a CSV file (- for standard input), in order: columns
-    /// x,y,z, or x,y,z,heading,pitch
+    /// Pass through the poses or positions of a CSV file (- for standard input), in order: columns x,y,z, or
+    /// x,y,z,heading,pitch
     #[arg(long, value_name = "CSV", conflicts_with = "via")]
     pub via_csv: Option<PathBuf>,
-    /// How the path is found [default: shortest]
+    /// Planner of the path [default: shortest]
     #[arg(long, value_enum)]
     pub planner: Option<PlannerName>,
     /// Radius of the bends, mm [default: the robot's planning radius]
@@ -40,10 +38,10 @@ pub struct SearchArgs {
     pub radius: Option<f64>,
 }
 
-/// The planners, as the command line calls them.
+/// Names of the planners on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PlannerName {
-    /// The shortest path that is found
+    /// The shortest path found
     Shortest,
     /// Two planar paths that meet on the line from start to goal (the paper's)
     TwoPlane,
@@ -59,7 +57,7 @@ impl From<PlannerName> for Planner {
 }
 
 impl SearchArgs {
-    /// Where the tip starts.
+    /// Returns the start pose of the tip.
     pub fn start(&self) -> Result<Pose, Failure> {
         match &self.from {
             Some((pose, _)) => Ok(*pose),
@@ -67,21 +65,21 @@ impl SearchArgs {
         }
     }
 
-    /// The poses and positions on the way.
+    /// Returns the poses and positions on the way.
     fn on_the_way(&self) -> Result<Vec<Goal>, Failure> {
         let Some(file) = &self.via_csv else { return Ok(self.via.iter().map(|typed| typed.goal).collect()) };
         let name = input::name_of(file);
         via_csv::read(&input::read_text(file)?).map_err(|error| Failure::bad_input(format!("{name}: {error}")))
     }
 
-    /// Plans from the start through what is on the way to a goal, and warns of units that may have been mistaken.
+    /// Plans from the start through the poses on the way to a goal, and warns about units that may be mistaken.
     pub fn plan(&self, robot: &Robot, goal: &TypedGoal, clear_of_self: bool) -> Result<Plan, Failure> {
         let (start, mut via) = self.start_and_goals(robot, goal)?;
         let goal = via.pop().unwrap_or(goal.goal);
         Ok(Plan::through(robot, &start, &via, &goal, &self.search(robot, clear_of_self))?)
     }
 
-    /// The start, and all goals with the last; warns of units that may have been mistaken.
+    /// Returns the start, and all goals including the last. Warns about units that may be mistaken.
     pub fn start_and_goals(&self, robot: &Robot, goal: &TypedGoal) -> Result<(Pose, Vec<Goal>), Failure> {
         let (start, via) = (self.start()?, self.on_the_way()?);
         let typed: Vec<&TypedGoal> = self.from.iter().map(|(_, typed)| typed).chain(&self.via).chain([goal]).collect();
@@ -92,7 +90,7 @@ impl SearchArgs {
         Ok((start, via.into_iter().chain([goal.goal]).collect()))
     }
 
-    /// The search for paths of this robot.
+    /// Returns the search for paths of this robot.
     pub fn search(&self, robot: &Robot, clear_of_self: bool) -> Search {
         Search {
             radius: self.radius.unwrap_or(robot.description().planning_radius_mm),

@@ -12,19 +12,19 @@ use growbot_host::settings::{self, Key, Setting};
 
 use super::{Failure, config};
 
-/// Own robots: one process for all programs and pages
+/// Run the service that owns robots: one process for all programs and pages
 ///
 /// Robots are the tables [robots.NAME] of growbot.toml, with a port and, for a robot that is not built in, its
-/// description. Where there are none, it is a simulated robot to practise with. Growths go on when the command that has
-/// started them ends, and when this process ends: started again, it finds its robots and goes on.
+/// description. Without such tables, the service has a simulated robot for practice. Growths continue after the end of
+/// the command that has started them, and of this process. When the service is started again, it finds its robots and
+/// continues.
 ///
-/// The pages are on this machine alone. Their address contains a secret: everyone who knows it may give orders. From
-/// another machine: ssh -L 8017:localhost:8017.
+/// The pages are available only on this machine. Their address contains a secret: anyone who knows it may send
+/// commands. From another machine: ssh -L 8017:localhost:8017.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ServeArgs {
-    /// Serve the pages on this port of this machine, 0 for any
-    /// [default: that of growbot.toml, or else 8017]
+    /// Port of this machine for the pages, 0 for any [default: that of growbot.toml, or else 8017]
     #[arg(long, value_name = "PORT")]
     page_port: Option<u16>,
 }
@@ -34,7 +34,7 @@ Examples:
   growbot serve
   growbot serve --page-port 9000";
 
-/// The port of the pages where none is said.
+/// Default port of the pages.
 const PAGE_PORT: u16 = 8017;
 
 /// Runs the command.
@@ -59,7 +59,7 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
     })
 }
 
-/// A simulated robot, as nobody has configured one.
+/// Returns a simulated robot, because the user has configured none.
 fn practising() -> Result<BTreeMap<String, RobotEntry>, Failure> {
     let robot = config::told(Key::Robot, Setting::of(Key::Robot)?);
     growbot_host::note!("no robots are configured: {PRACTICE} is a simulated one, 60 times as fast as real time");

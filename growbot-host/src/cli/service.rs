@@ -1,4 +1,4 @@
-//! What commands do where a service owns the robot: they ask it.
+//! Commands on a robot that a service owns: they send requests to the service.
 
 use std::io::{self, IsTerminal};
 use std::sync::Arc;
@@ -26,7 +26,8 @@ use time::format_description::well_known::Rfc3339;
 use super::following::Print;
 use super::{ChosenPort, Failure, RobotPortArg, replay};
 
-/// An emergency stop that the service has not confirmed within twice this is given to the port itself.
+/// Timeout of a request to the service in an emergency. An emergency stop makes two. If the service has not confirmed
+/// it by then, the stop is sent to the port itself.
 const EMERGENCY: Duration = Duration::from_millis(50);
 
 impl From<CallError> for Failure {
@@ -44,12 +45,12 @@ pub struct Owned {
     robot: RobotView,
 }
 
-/// The robot at this port, where a service of this user owns it.
+/// Returns the robot at this port, if a service of this user owns it.
 pub fn owner(port: &ChosenPort) -> Result<Option<Owned>, Failure> {
     owner_within(port, LIMIT)
 }
 
-/// As [`owner`], in an emergency: nobody waits for a service that hangs.
+/// Like [`owner`], but for an emergency, in which a service that hangs must not delay the stop.
 pub fn owner_in_emergency(port: &ChosenPort) -> Option<Owned> {
     owner_within(port, EMERGENCY).ok().flatten()
 }
@@ -60,13 +61,14 @@ fn owner_within(port: &ChosenPort, limit: Duration) -> Result<Option<Owned>, Fai
     Ok(robot.map(|robot| Owned { caller, robot }))
 }
 
-/// A line that the service has lent to this program. The caller goes last.
+/// Lease of a robot's link from the service to this program. The caller is dropped last.
 pub struct Lent {
     _line: Borrowed,
     _caller: Caller,
 }
 
-/// Has the service that owns a robot lend its line to a command that talks to the board itself, if there is one.
+/// Leases the link of a robot from the service that owns it, for a command that communicates with the board itself.
+/// `None` if no service owns the robot.
 pub fn borrow_line(port: &ChosenPort, command: &str) -> Result<Option<Lent>, Failure> {
     let Some(Owned { caller, robot }) = owner(port)? else { return Ok(None) };
     let line = caller.borrow_line(&robot.name, command)?;
@@ -79,7 +81,7 @@ impl Owned {
         format!("/robots/{}/{what}", self.robot.name)
     }
 
-    /// What is said before "robot" of a simulated one.
+    /// Returns the word that precedes "robot" in messages if the robot is simulated.
     fn kind(&self) -> &'static str {
         super::kind(self.robot.simulated)
     }
@@ -88,39 +90,39 @@ impl Owned {
         self.caller.post(&self.at("orders"), &Given { order })
     }
 
-    /// Says how the robot is.
+    /// Prints the status of the robot.
     pub fn status(&self, as_json: bool) -> Result<(), Failure> {
         let robot = &self.robot;
         let text = if as_json { json_line(&json_of(robot)) } else { text_of(robot) };
         Ok(print(&text)?)
     }
 
-    /// Stops it.
+    /// Stops the robot.
     pub fn stop(&self) -> Result<(), Failure> {
         self.order(OrderName::Stop)?;
         Ok(print(&format!("stopped: heater and steppers of the {}robot are off\n", self.kind()))?)
     }
 
-    /// Gives the body up that hangs on it.
+    /// Discards the unfinished body of the robot.
     pub fn cancel(&self) -> Result<(), Failure> {
         self.order(OrderName::Cancel)?;
         Ok(print(&format!("given up by the {}board\n", self.kind()))?)
     }
 
-    /// Gives the emergency stop. False where the service has not confirmed it at once.
+    /// Sends the emergency stop. Returns false if the service does not confirm it at once.
     pub fn emergency_stop(&self) -> bool {
         let given = Given { order: OrderName::EmergencyStop };
         self.caller.post_within::<Value>(&self.at("orders"), &given, EMERGENCY).is_ok()
     }
 
-    /// Does a task of maintenance.
+    /// Runs a maintenance task.
     pub fn maintain(&self, task: &str, value: &str) -> Result<(), Failure> {
         let maintenance = Maintenance { task: task.to_owned(), value: value.to_owned() };
         let _: RobotView = self.caller.post(&self.at("maintenance"), &maintenance)?;
         Ok(print(&format!("{}robot {}: {task} {value}\n", self.kind(), self.robot.name))?)
     }
 
-    /// Grows a plan, and follows it; the scene that it leads through is at this path.
+    /// Grows a plan, and follows it. `scene` is the path of the scene that the plan leads through.
     pub fn grow(
         &self,
         robot: &Robot,
@@ -144,7 +146,7 @@ impl Owned {
         self.follow(&job, options)
     }
 
-    /// Resumes the latest unfinished job of this robot, or goes on following the one under way.
+    /// Resumes the latest unfinished job of this robot, or follows the one under way.
     pub fn resume(&self, plan_id: Option<u64>, options: &Options) -> Result<(), Failure> {
         let jobs: Vec<Job> = self.caller.get("/jobs?max=1000")?;
         let plan_id = plan_id.map(|id| format!("{id:016x}"));
@@ -162,7 +164,7 @@ impl Owned {
         self.follow(&job, options)
     }
 
-    /// Says where the page of a growth is, if it is asked for.
+    /// Prints the address of a growth's page, if it is requested.
     fn say_page(&self, job: &Job, page: Option<Page>) -> Result<(), Failure> {
         let Some(page) = page else { return Ok(()) };
         let Addresses { operate, look } = self.caller.get("/addresses")?;
@@ -171,7 +173,7 @@ impl Owned {
         Ok(())
     }
 
-    /// Follows a job to its end. Ctrl-C stops it; the end of the terminal does not.
+    /// Follows a job to its end. Ctrl-C stops it, but the end of the terminal does not.
     fn follow(&self, job: &Job, options: &Options) -> Result<(), Failure> {
         self.stop_on_interrupt();
         let mut show = Show::new(job, self.robot.simulated);
@@ -229,7 +231,7 @@ impl Owned {
         Ok(self.caller.bytes(&format!("/jobs/{job}/log"))?)
     }
 
-    /// Ctrl-C orders the service to stop the robot. That the terminal has gone is no order.
+    /// Lets Ctrl-C request a stop from the service. The loss of the terminal stops nothing.
     fn stop_on_interrupt(&self) {
         let name = Arc::new(self.robot.name.clone());
         let installed = ctrlc::set_handler(move || {
@@ -240,7 +242,7 @@ impl Owned {
             let orders = [OrderName::Stop, OrderName::EmergencyStop];
             let order = orders[usize::from(INTERRUPTED.swap(true, std::sync::atomic::Ordering::Relaxed))];
             let path = format!("/robots/{name}/orders");
-            // Apart, so that the second one need not wait for the answer to the first.
+            // In a thread, so that the second request need not wait for the response to the first.
             std::thread::spawn(move || {
                 let given = Caller::find().map(|caller| caller.post::<Value>(&path, &Given { order }));
                 if !matches!(given, Some(Ok(_))) {
@@ -256,26 +258,26 @@ impl Owned {
     }
 }
 
-/// Whether Ctrl-C was pressed before.
+/// True if Ctrl-C was pressed before.
 static INTERRUPTED: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBool::new(false);
 
-/// How a growth is begun and shown.
+/// Options of a growth and its output.
 pub struct Options {
     pub feedback: bool,
     pub force: bool,
     pub print: Print,
-    /// Where a copy of the run log goes.
+    /// File for a copy of the run log.
     pub log: Option<std::path::PathBuf>,
-    /// Which page is asked for.
+    /// The requested page.
     pub page: Option<Page>,
 }
 
 /// The page of a growth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Page {
-    /// It may look.
+    /// Page that only shows the growth.
     Look,
-    /// It may give orders, too.
+    /// Page that can also send commands.
     Control,
 }
 
@@ -295,7 +297,7 @@ impl Show {
         Self { progress, state: "starting".to_owned(), laid: 0, layers: job.layers, finish: None, is_silent: false }
     }
 
-    /// Takes a line of the run log. Gives the result, where it is the last one.
+    /// Processes a line of the run log. Returns the result if the line is the last one.
     fn ingest(&mut self, event: RunEvent) -> Option<GrowthResult> {
         if std::mem::take(&mut self.is_silent) {
             self.progress.say("the service answers again");
@@ -380,7 +382,7 @@ fn text_of(robot: &RobotView) -> String {
     text
 }
 
-/// Pause a growth that the service has under way, after the layer under way
+/// Pause the present growth of the service, after the layer under way
 #[derive(Args)]
 #[command(
     after_help = "Example:\n  growbot pause --port /dev/ttyACM0\n\nA growth without a service is paused from its \
@@ -391,7 +393,7 @@ pub struct PauseArgs {
     port: RobotPortArg,
 }
 
-/// Continue a growth that pauses
+/// Continue a paused growth of the service
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot continue --port /dev/ttyACM0")]
 pub struct ContinueArgs {
@@ -399,7 +401,7 @@ pub struct ContinueArgs {
     port: RobotPortArg,
 }
 
-/// Follow the growth that the service has under way, to its end
+/// Follow the present growth of the service to its end
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot attach --port /dev/ttyACM0")]
 pub struct AttachArgs {

@@ -1,4 +1,4 @@
-//! `growbot status`: who the board is and what it is doing.
+//! `growbot status`: shows the identity and the state of the board.
 
 use std::path::PathBuf;
 
@@ -25,9 +25,9 @@ use super::growth_table::made;
 use super::service::owner;
 use super::{Failure, RobotArg, RobotPortArg};
 
-/// Ask the robot's board who it is, what it is doing and what its sensors say
+/// Show the identity, state and sensors of the robot's board
 ///
-/// The latest fault is shown as it was when it came, until the next one comes or the board loses its power.
+/// The latest fault is shown with its data at that time, until the next fault or until the board loses its power.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot status --port /dev/ttyACM0")]
 pub struct StatusArgs {
@@ -35,9 +35,9 @@ pub struct StatusArgs {
     port: RobotPortArg,
     #[command(flatten)]
     robot: RobotArg,
-    /// After a crash: name functions and lines by this image of the firmware
+    /// After a crash: firmware image that gives the names of functions and lines
     ///
-    /// Without it the image that `growbot flash` built last is taken, where it is the one that crashed.
+    /// The default is the image that `growbot flash` built last, if it is the one that crashed.
     #[arg(long, value_name = "FILE")]
     elf: Option<PathBuf>,
     /// Print one line of JSON
@@ -60,20 +60,20 @@ pub fn run(args: &StatusArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// All that a board says of itself.
+/// Everything that a board reports.
 pub struct Report {
     simulated: bool,
     hello: BoardInfo,
     sensors: SensorReadings,
     latest_fault: Option<FaultRecord>,
-    /// None from a board whose firmware does not know the question.
+    /// Report of the start. `None` if the board's firmware does not know the request.
     boot: Option<BootReport>,
-    /// The image in which a crash is looked up.
+    /// Image that names the functions and lines of a crash.
     image: Option<Image>,
 }
 
 impl Report {
-    /// Asks the board.
+    /// Requests the report from the board.
     pub fn of(client: &mut Client, simulated: bool) -> Result<Self, ClientError> {
         Ok(Self {
             simulated,
@@ -89,7 +89,8 @@ impl Report {
         })
     }
 
-    /// Has a crash looked up in this image, or in the one that was built last where that is the one that crashed.
+    /// Sets the image of a crash: the given one, or the one that was built last if it is the one that crashed. Returns
+    /// an error if the given image is not the one that crashed.
     fn look_up_in(&mut self, given: Option<Image>) -> Result<(), Failure> {
         let Some(crashed) = self.words().map(CrashRecord::from) else { return Ok(()) };
         if let (Some(image), Some(crc)) = (&given, crashed.image)
@@ -129,7 +130,7 @@ impl Report {
         value
     }
 
-    /// In a few lines.
+    /// Returns the report as a few lines of text.
     pub fn text(&self) -> String {
         let mut text = text_of(&self.hello, self.simulated);
         if let Some(boot) = &self.boot {
@@ -181,7 +182,7 @@ fn json_of_sensors(sensors: &SensorReadings) -> Value {
     })
 }
 
-/// What a record calls its fault: the emergency stop is none.
+/// Returns the code of a record's fault. The emergency stop is not a fault, but has a code here.
 fn fault_code(record: &FaultRecord) -> &'static str {
     record.fault.map_or("emergency-stop", Fault::code)
 }
@@ -226,7 +227,7 @@ fn text_of_sensors(sensors: &SensorReadings) -> String {
     parts.join(", ")
 }
 
-/// The record of a fault in a few lines.
+/// Returns the record of a fault as a few lines of text.
 pub fn text_of_record(record: &FaultRecord) -> String {
     let since = if record.cleared { ", cleared since" } else { "" };
     let temperature =
@@ -288,12 +289,12 @@ fn json_of(hello: &BoardInfo, is_simulated: bool) -> Value {
     })
 }
 
-/// Whether a board has a robot description.
+/// Returns true if the board has a robot description.
 pub fn is_configured(hello: &BoardInfo) -> bool {
     hello.robot_hash != 0
 }
 
-/// The description that a board has.
+/// Returns the name and the hash of the board's description, or a remedy if the board has none.
 pub fn described(hello: &BoardInfo) -> String {
     if is_configured(hello) {
         format!("{} ({:016x})", hello.robot_name, hello.robot_hash)
@@ -320,8 +321,8 @@ fn version(hello: &BoardInfo) -> String {
     format!("{major}.{minor}.{patch}")
 }
 
-/// How long a board yet grows, s, and when it is done. None where it does not grow, or where nothing is known of its
-/// robot.
+/// Returns the remaining time of a growth, s, and its finish time. `None` if the board does not grow, or if its robot
+/// is not known.
 fn time_left(hello: &BoardInfo, now: OffsetDateTime) -> Option<(f64, OffsetDateTime)> {
     let robot =
         robot_file::load(hello.robot_name.as_str().as_ref()).ok().filter(|robot| robot.hash() == hello.robot_hash)?;
@@ -330,7 +331,7 @@ fn time_left(hello: &BoardInfo, now: OffsetDateTime) -> Option<(f64, OffsetDateT
     Some(((finish - now).as_seconds_f64(), finish))
 }
 
-/// The status in a few lines.
+/// Returns the status as a few lines of text.
 fn text_of(hello: &BoardInfo, is_simulated: bool) -> String {
     let status = &hello.status;
     let temperature = status.temperature_centi_c.map_or("no reading".to_string(), |t| format!("{:.1} C", celsius(t)));

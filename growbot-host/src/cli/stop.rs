@@ -1,4 +1,4 @@
-//! `growbot stop`: heater and steppers off.
+//! `growbot stop`: switches heater and steppers off.
 
 use clap::Args;
 use growbot_client::client::ClientError;
@@ -10,8 +10,8 @@ use super::{Failure, RobotArg, RobotPortArg};
 
 /// Stop the robot: heater and steppers off at once
 ///
-/// A layer under way is interrupted. The board stores what it knows of the body: `growbot resume` resumes it, `growbot
-/// cancel` gives it up.
+/// A layer under way is interrupted. The board stores its data of the body. `growbot resume` resumes the body, and
+/// `growbot cancel` discards it.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot stop --port /dev/ttyACM0")]
 pub struct StopArgs {
@@ -21,7 +21,7 @@ pub struct StopArgs {
     robot: RobotArg,
 }
 
-/// Runs the command. A board of another release or robot is stopped all the same: no hello is asked for.
+/// Runs the command. It sends no hello, so that it also stops a board of another release or robot.
 pub fn run(args: &StopArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
     if let Some(owned) = owner(&port)? {

@@ -1,4 +1,4 @@
-//! A plan or a run log, whichever a file is.
+//! A plan or a run log, read from a file.
 
 use std::path::Path;
 
@@ -12,20 +12,20 @@ use serde_json::Value;
 
 use super::{Failure, robot_of, say_damage};
 
-/// A plan, and how it was grown, where there is a log of that.
+/// A plan, with its run log if the body was grown.
 pub struct Subject {
     pub robot: Robot,
     pub plan: Plan,
-    /// The run log: what it tells, and its bytes.
+    /// The run log: its record, and its bytes.
     pub run: Option<(RunRecord, Vec<u8>)>,
-    /// The scene that it is shown in: how it is called, and what it is.
+    /// The scene of the view: its name, and its contents.
     pub scene: Option<(String, LoadedScene)>,
 }
 
 impl Subject {
-    /// Reads it from a file, from standard input (`-`), or from a pipe that the shell has opened: once, as none of
-    /// these but the file can be read again. With the scene that its plan names; where that is elsewhere, or the plan
-    /// names none, with the one that is given.
+    /// Reads a plan or a run log from a file, from standard input (`-`), or from a pipe that the shell has opened. It
+    /// reads them only once, because only a file can be read again. The scene is the one that the plan names. The given
+    /// scene replaces it if that file is elsewhere, or if the plan names none.
     pub fn open(file: &Path, robot: Option<&Path>, given: Option<&Path>) -> Result<Self, Failure> {
         let mut opened = Self::read(file, robot, given)?;
         if let (None, Some(given)) = (&opened.scene, given) {
@@ -44,7 +44,7 @@ impl Subject {
             let scene = match record.scene(&plan, &robot, given) {
                 Ok(scene) => scene,
                 Err(error) if given.is_some() => return Err(error.into()),
-                // What was grown can be looked at without what was around it.
+                // A grown body can be shown without its scene.
                 Err(error) => {
                     growbot_host::warning!("{error}; {} is shown without it", name_of(file));
                     None
@@ -65,7 +65,7 @@ impl Subject {
     }
 }
 
-/// How a scene is called: as it is given, or as the plan calls it.
+/// Returns the name of a scene: the given file, or else the name in the plan.
 fn called(given: Option<&Path>, named: Option<&String>) -> String {
     given.map(|given| given.display().to_string()).or_else(|| named.cloned()).unwrap_or_default()
 }
@@ -77,7 +77,7 @@ fn neither(file: &str, reason: &str) -> Failure {
     ))
 }
 
-/// Whether a file begins as run logs do: with a line of JSON that is an event.
+/// Returns true if a file begins like a run log: with a line of JSON that is an event.
 fn is_log(bytes: &[u8]) -> bool {
     let first = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
     serde_json::from_slice::<Value>(first).is_ok_and(|line| line.get("event").is_some())

@@ -1,4 +1,4 @@
-//! `growbot tune`: the gains of the heater's regulation, found on the robot.
+//! `growbot tune`: finds the gains of the heater's control loop on the robot.
 
 use std::time::Duration;
 
@@ -16,13 +16,13 @@ use super::interrupt::stop_on_interrupt;
 use super::service::borrow_line;
 use super::{Failure, RobotArg, RobotPortArg};
 
-/// How long the board may be quiet before it is asked how it does.
+/// Time without an event after which the board gets a status request.
 const QUIET: Duration = Duration::from_secs(2);
 
-/// Find the gains of the heater's regulation by driving the nozzle round a temperature
+/// Find the gains of the heater's control loop by driving the nozzle round a temperature
 ///
-/// Prints lines for the heater section of the robot file: the board itself changes nothing. Takes some minutes; Ctrl-C
-/// stops it. Nothing moves.
+/// The command prints lines for the heater section of the robot file. The board itself changes nothing. Tuning takes
+/// some minutes, and Ctrl-C stops it. Nothing moves.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot tune --port /dev/ttyACM0 --target 210")]
 pub struct TuneArgs {
@@ -30,7 +30,7 @@ pub struct TuneArgs {
     port: RobotPortArg,
     #[command(flatten)]
     robot: RobotArg,
-    /// The temperature, degrees Celsius [default: the robot's heater.target_c]
+    /// Temperature, degrees Celsius [default: the robot's heater.target_c]
     #[arg(long, value_name = "C", allow_hyphen_values = true)]
     target: Option<String>,
     /// Print one line of JSON
@@ -51,7 +51,7 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
     let _lent = borrow_line(&port, "growbot tune")?;
     let mut client = port.client(&robot)?;
     client.hello_robot(&robot)?;
-    // Before anything heats: from here on Ctrl-C stops the board.
+    // From here on Ctrl-C stops the board. Nothing heats before this line.
     let orders = stop_on_interrupt(&mut client, &port);
     let tuned = tune(&mut client, &orders, target, port.is_simulated())?;
     let gains = &tuned.gains;
@@ -76,7 +76,7 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Has the board tune, unless it was to stop before.
+/// Tunes on the board, unless a stop was requested before.
 fn tune(client: &mut Client, orders: &Orders, target: f64, is_simulated: bool) -> Result<Tuned, Failure> {
     if orders.stops() {
         return Err(Failure::answered_no("stopped before anything was heated"));
@@ -86,7 +86,8 @@ fn tune(client: &mut Client, orders: &Orders, target: f64, is_simulated: bool) -
     follow(client, orders, is_simulated)
 }
 
-/// A board that was to tune does not answer.
+/// Converts an error of a board that tunes. The message warns that the robot may be heating if the board does not
+/// respond.
 fn lost(error: ClientError) -> Failure {
     match error {
         ClientError::Refused { .. } | ClientError::NotStopped { .. } => error.into(),
@@ -136,7 +137,7 @@ mod tests {
 
     use super::*;
 
-    /// A board, and a client that has said hello to it.
+    /// Returns a board, and a client that has a session with it.
     fn board() -> (Rc<RefCell<Sim>>, Client) {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let sim = Rc::new(RefCell::new(Sim::new(robot.clone())));

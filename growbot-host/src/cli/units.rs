@@ -1,4 +1,4 @@
-//! Lengths and angles of the command line, with units or without, and warnings of units that may have been mistaken.
+//! Lengths and angles of the command line, with units or without, and warnings about units that may be mistaken.
 
 use std::f64::consts::TAU;
 
@@ -7,21 +7,21 @@ use growbot_client::pose_text::{TypedGoal, parse_angle, parse_length};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
-/// A length, in mm.
+/// Parses a length, mm.
 pub fn mm(text: &str) -> Result<f64, String> {
     parse_length(text).map(|length| length.value).map_err(|error| format!("it is {text:?}, {error}"))
 }
 
-/// An angle, in degrees.
+/// Parses an angle, degrees.
 pub fn deg(text: &str) -> Result<f64, String> {
     parse_angle(text).map(|angle| angle.value).map_err(|error| format!("it is {text:?}, {error}"))
 }
 
-/// Warns where all goals are so near the start that their coordinates may be metres. They came without a unit.
+/// Warns if all goals are so near the start that their coordinates may be metres. The coordinates have no unit.
 pub fn warn_of_metres<'a>(start: &Pose, goals: impl Iterator<Item = &'a Goal>, robot: &Robot) {
     let width = robot.outer_diameter();
     let farthest = goals.map(|goal| (goal.position() - start.position()).norm()).fold(0.0, f64::max);
-    // What leads back to its start is meant so.
+    // A path that leads back to its start is intended.
     if farthest > 0.0 && farthest < width {
         growbot_host::warning!(
             "the goal is {farthest:.2} mm from the start, and the tube is {width:.1} mm wide: did you mean \
@@ -30,7 +30,7 @@ pub fn warn_of_metres<'a>(start: &Pose, goals: impl Iterator<Item = &'a Goal>, r
     }
 }
 
-/// Warns where all angles that came without a unit may be radians.
+/// Warns if all angles without a unit may be radians.
 pub fn warn_of_radians(typed: &[&TypedGoal]) {
     let angles: Vec<f64> = typed.iter().flat_map(|typed| typed.bare_angles.iter().copied()).collect();
     if look_like_radians(&angles) {
@@ -38,7 +38,8 @@ pub fn warn_of_radians(typed: &[&TypedGoal]) {
     }
 }
 
-/// Whether none is beyond a turn in radians, and none is a whole number, but for zeros, which are no sign of either.
+/// Returns true if no angle is above one turn in radians or a whole number. Zeros do not count, and alone they return
+/// false.
 fn look_like_radians(angles: &[f64]) -> bool {
     let mut others = angles.iter().filter(|angle| **angle != 0.0).peekable();
     others.peek().is_some() && others.all(|angle| angle.abs() <= TAU && angle.fract() != 0.0)

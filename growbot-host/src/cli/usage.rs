@@ -1,4 +1,4 @@
-//! A command line that cannot be understood, in the style of all messages.
+//! Messages about a command line that cannot be parsed, in the style of all messages.
 
 use std::env;
 
@@ -7,7 +7,8 @@ use clap::{CommandFactory, Error};
 
 use super::Cli;
 
-/// What is wrong with the command line, in one sentence: what, what was probably meant, and where to read on.
+/// Returns the error of the command line in one sentence: the mistake, a suggestion, and the command that shows the
+/// help.
 pub fn message(error: &Error) -> String {
     let rendered = error.render().to_string();
     let paragraphs: Vec<String> = rendered
@@ -23,7 +24,7 @@ pub fn message(error: &Error) -> String {
     format!("{what}{hint}; see `{} --help`", command_named())
 }
 
-/// What was probably meant.
+/// Returns the suggested word, if any.
 fn suggestion(error: &Error) -> Option<String> {
     let kinds = [ContextKind::SuggestedSubcommand, ContextKind::SuggestedArg, ContextKind::SuggestedValue];
     kinds.into_iter().find_map(|kind| match error.get(kind)? {
@@ -33,7 +34,7 @@ fn suggestion(error: &Error) -> Option<String> {
     })
 }
 
-/// The command that the command line names.
+/// Returns the command that the command line names.
 fn command_named() -> String {
     let root = Cli::command();
     let named = env::args().skip(1).find(|word| root.find_subcommand(word).is_some());

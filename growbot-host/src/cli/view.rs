@@ -1,4 +1,4 @@
-//! `growbot view`: a plan or a growth as a page to look at, or as a picture.
+//! `growbot view`: shows a plan or a growth as a page, or as a picture.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -18,85 +18,83 @@ use super::Failure;
 use super::subject::Subject as Opened;
 use super::units::mm;
 
-/// Look at a plan, or at the log of a growth: a page, a picture, or plots
+/// Show a plan or the log of a growth: a page, a picture, or plots
 ///
-/// The page is one HTML file that any browser opens, without a network: the tube in three dimensions, its layers
-/// coloured by their height, and a slider that grows it, with start, goal, the tip's frame and the numbers beside it.
-/// Of a growth it shows what was planned against what was built.
+/// The page is one HTML file that any browser opens, without a network. It shows the tube in three dimensions, with its
+/// layers coloured by their height, and a slider that grows it. Start, goal, the tip's frame and the numbers are beside
+/// it. For a growth, it compares the built body with the plan.
 ///
-/// Of a body among obstacles it shows those, translucent, with the narrowest place and the clearance there: the scene
-/// that the plan leads through, or --scene. The log of a growth whose scene is gone is shown without it.
+/// For a body among obstacles, it shows the obstacles, translucent, with the narrowest place and the clearance there.
+/// The scene is that of the plan, or --scene. If the scene of a log is missing, the growth is shown without it.
 ///
-/// With --compare it shows two of them side by side, from the same side and at the same scale, with one slider that
-/// grows both; pictures and plots take any number.
+/// With --compare it shows two bodies side by side, from the same side and at the same scale, with one slider that
+/// grows both. Pictures and plots take any number.
 ///
-/// With --svg, --png or --pdf it draws a picture for a paper instead, without a browser; with --plot, what layers, error
-/// and temperature are along the body or over time.
+/// With --svg, --png or --pdf the command draws a picture for a paper instead, without a browser. With --plot it draws
+/// layers, error and temperature along the body or over time.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ViewArgs {
-    /// The plan, as `growbot plan -o` writes it, or the run log, as `growbot grow
-    /// --log` does (- for standard input); several with --compare
+    /// The plan from `growbot plan -o`, or the run log from `growbot grow --log` (- for standard input), or several of
+    /// them with --compare
     #[arg(value_name = "PLAN|RUN", required = true, num_args = 1..)]
     files: Vec<PathBuf>,
-    /// Several plans or run logs side by side, or in the same plots; a page has two
+    /// Show several plans or run logs side by side, or in the same plots (a page has two)
     #[arg(long)]
     compare: bool,
-    /// A picture instead of a page: SVG; -o gives its name
+    /// Write a picture instead of a page: SVG, with the name of -o
     #[arg(long)]
     svg: bool,
-    /// A picture instead of a page: PNG; -o gives its name
+    /// Write a picture instead of a page: PNG, with the name of -o
     #[arg(long, conflicts_with = "svg")]
     png: bool,
-    /// A picture instead of a page: PDF, letters as outlines; -o gives its name
+    /// Write a picture instead of a page: PDF, letters as outlines, with the name of -o
     #[arg(long, conflicts_with_all = ["svg", "png"])]
     pdf: bool,
     /// Width of a PNG in pixels [default: 1600]
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(100..=10_000))]
     width: Option<u32>,
-    /// From where a picture shows the body [default: corner]
+    /// Direction from which a picture shows the body [default: corner]
     #[arg(long, value_enum)]
     look: Option<LookName>,
-    /// A picture with axes: x, y and z in mm
+    /// Draw a picture with axes: x, y and z in mm
     #[arg(long, conflicts_with = "plot")]
     axes: bool,
-    /// Where a picture's colours of heights end, mm [default: percentiles 1 and 99]
+    /// Ends of the colour scale for heights in a picture, mm [default: percentiles 1 and 99]
     #[arg(long, value_name = "MIN,MAX", value_parser = range, conflicts_with = "plot")]
     range: Option<[f64; 2]>,
-    /// The colours of heights in a picture [default: blue-orange]
+    /// Colour scale for heights in a picture [default: blue-orange]
     ///
-    /// All three can be told apart by the colour-blind; the last two also in grey.
+    /// The colour-blind can distinguish the colours of all three. Those of the last two are also distinct in grey.
     #[arg(long, value_enum, conflicts_with = "plot")]
     palette: Option<PaletteName>,
-    /// A picture or plots without names and captions over them
+    /// Omit names and captions over a picture or plots
     #[arg(long)]
     no_title: bool,
-    /// Plots instead of the body, as SVG unless --png or --pdf is given: a list with
-    /// commas
+    /// Draw plots instead of the body, as SVG unless --png or --pdf is given: a list with commas
     #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', conflicts_with = "look")]
     plot: Vec<QuantityName>,
-    /// What plots go along
+    /// Horizontal axis of the plots
     #[arg(long, value_enum, default_value_t = AlongName::Path, requires = "plot")]
     along: AlongName,
-    /// Write to this file [default: beside the first file, named as it is, or A-B
-    /// of several, or with -plot; ending in .html, .svg, .png or
-    /// .pdf]; - for standard output
+    /// Write to this file (- for standard output) [default: a file beside the first one with its name, or A-B for
+    /// several, or with -plot, ending in .html, .svg, .png or .pdf]
     ///
-    /// Where no option says the format, its ending does.
+    /// If no option sets the format, the extension of the file does.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// The robot: a built-in name or a TOML file [default: the one
     /// that the file describes]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
-    /// Show it in this scene [default: the one that the plan leads through]
+    /// Show the body in this scene [default: the one that the plan leads through]
     ///
-    /// A plan that leads through a scene is shown in that one only, which may be elsewhere.
+    /// A plan that leads through a scene is shown only in that scene, whose file may be elsewhere.
     #[arg(long, value_name = "FILE", conflicts_with = "plot")]
     scene: Option<PathBuf>,
 }
 
-/// From where, as the command line has it.
+/// Directions of a picture on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum LookName {
     /// The corner from which start and goal are seen best
@@ -120,7 +118,7 @@ impl From<LookName> for Look {
     }
 }
 
-/// A scale of colours, as the command line has it.
+/// Colour scales on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum PaletteName {
     /// From blue, low, over sand to orange
@@ -141,7 +139,7 @@ impl From<PaletteName> for Palette {
     }
 }
 
-/// Two heights, mm.
+/// Parses two heights, mm.
 fn range(text: &str) -> Result<[f64; 2], String> {
     let numbers: Vec<Option<f64>> = text.split(',').map(|length| mm(length).ok()).collect();
     match numbers[..] {
@@ -153,7 +151,7 @@ fn range(text: &str) -> Result<[f64; 2], String> {
     }
 }
 
-/// What is plotted, as the command line has it.
+/// Plotted quantities on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum QuantityName {
     /// Heights of the layers, mm
@@ -177,12 +175,12 @@ impl From<QuantityName> for Quantity {
     }
 }
 
-/// What plots go along, as the command line has it.
+/// Horizontal axes of plots on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum AlongName {
     /// Length of the body
     Path,
-    /// Time, by the board's clock; of a plan, as planned
+    /// Time by the board's clock, or for a plan the planned time
     Time,
 }
 
@@ -195,7 +193,7 @@ impl From<AlongName> for Along {
     }
 }
 
-/// What is written.
+/// Formats of the output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Format {
     Html,
@@ -215,7 +213,7 @@ impl Format {
     }
 }
 
-/// Width of a PNG that nobody asks another for, pixels.
+/// Default width of a PNG, pixels.
 const WIDTH: u32 = 1600;
 
 const AFTER_HELP: &str = "\
@@ -256,7 +254,7 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
 }
 
 impl ViewArgs {
-    /// The endings that its file may have.
+    /// Returns the extensions that the output may have.
     fn formats(&self) -> &'static [&'static str] {
         match (self.svg, self.png, self.pdf) {
             (true, ..) => &["svg"],
@@ -267,7 +265,7 @@ impl ViewArgs {
         }
     }
 
-    /// As it is asked for, or else as the file ends.
+    /// Returns the format of the options, or else that of the file's extension.
     fn format(&self) -> Format {
         let ends_in = |format| self.output.as_deref().is_some_and(|output| ends_in(output, format));
         match (self.svg, self.png, self.pdf) {
@@ -281,7 +279,7 @@ impl ViewArgs {
         }
     }
 
-    /// Reads a file, with its scene; plots show none.
+    /// Reads a file, with its scene. Plots show no scene.
     fn open(&self, file: &Path) -> Result<Opened, Failure> {
         Opened::open(file, self.robot.as_deref(), self.scene.as_deref())
     }
@@ -318,7 +316,7 @@ impl ViewArgs {
         picture.map_err(Failure::bad_input)
     }
 
-    /// Whether the options go together.
+    /// Checks that the options are compatible.
     fn check_options(&self) -> Result<(), Failure> {
         match (self.files.len(), self.compare) {
             (1, true) => return Err(Failure::bad_input("--compare takes two plans or run logs: give another one")),
@@ -354,7 +352,7 @@ impl ViewArgs {
         }
     }
 
-    /// Where the view goes: never over what it is made from.
+    /// Returns the output file. Returns an error if the view would replace one of its inputs.
     fn output(&self) -> Result<PathBuf, Failure> {
         self.check_options()?;
         if let Some(output) = &self.output {
@@ -381,7 +379,7 @@ impl ViewArgs {
         Ok(output)
     }
 
-    /// Why several files are not accepted without `--compare`. A picture's name after `--png` or `--svg` counts as a
+    /// Returns the error for several files without `--compare`. A picture's name after `--png` or `--svg` counts as a
     /// file.
     fn several_files(&self) -> Failure {
         let picture =
@@ -395,7 +393,7 @@ impl ViewArgs {
         }
     }
 
-    /// Beside the first file, under the names of all.
+    /// Returns the default output: beside the first file, with the names of all.
     fn beside(&self) -> Result<PathBuf, Failure> {
         if self.files.iter().any(|file| is_standard_input(file)) {
             return Err(Failure::bad_input(
@@ -403,7 +401,7 @@ impl ViewArgs {
             ));
         }
         let stems: Vec<_> = self.files.iter().filter_map(|file| file.file_stem()).collect();
-        // A plan and its log may be called alike.
+        // A plan and its log may have the same name.
         let alike = (1..stems.len()).any(|index| stems[..index].contains(&stems[index]));
         let whole = self.files.iter().filter_map(|file| file.file_name());
         let mut name = if alike { whole.collect() } else { stems }.join("-".as_ref());
@@ -417,7 +415,7 @@ fn ends_in(file: &Path, format: Format) -> bool {
     file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(format.ending()))
 }
 
-/// How files are called: by their names, or by their whole paths where those are the same.
+/// Returns the names of files: their file names, or their whole paths if file names are the same.
 fn names(files: &[PathBuf]) -> Vec<String> {
     let short = |file: &PathBuf| file.file_name().map(|name| name.to_string_lossy().into_owned());
     let alike = |one: &PathBuf| files.iter().filter(|other| short(other) == short(one)).count() > 1;

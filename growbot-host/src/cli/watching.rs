@@ -1,4 +1,4 @@
-//! `--watch`: a growth to look at while it grows, and the pace of one that is simulated.
+//! `--watch`: a page that follows a growth, and the pace of a simulated growth.
 
 use std::sync::Arc;
 
@@ -12,32 +12,32 @@ use growbot_sim::port::PortName;
 use super::Failure;
 use super::service::Page;
 
-/// The default pace of a simulated growth that is watched, in multiples of real time.
+/// Default pace of a simulated growth that is watched, in multiples of real time.
 const WATCHED_PACE: f64 = 60.0;
 
-/// How a growth is watched.
+/// Options for watching a growth.
 #[derive(Args)]
 pub struct WatchArgs {
-    /// Serve a page that follows the growth, on this machine alone
+    /// Serve a page that follows the growth, only on this machine
     ///
-    /// The command prints its address, which contains a secret: everyone who knows it may look. From another machine:
-    /// ssh -L 8080:localhost:8080, and --watch-port 8080.
+    /// The command prints its address, which contains a secret: anyone who knows it may look. From another machine: ssh
+    /// -L 8080:localhost:8080, and --watch-port 8080.
     #[arg(long)]
     watch: bool,
-    /// Serve it on this port [default: any]
+    /// Port of the page [default: any]
     #[arg(long, value_name = "PORT", requires = "watch")]
     watch_port: Option<u16>,
-    /// Let the page pause, continue and stop the growth, too
+    /// Let the page also pause, continue and stop the growth
     #[arg(long, requires = "watch")]
     control: bool,
-    /// On sim, the pace in multiples of real time [default: 60 with --watch,
-    /// otherwise as fast as it is computed]
+    /// Pace on sim, in multiples of real time [default: 60 with --watch, otherwise as fast as it is computed]
     #[arg(long, value_name = "TIMES", value_parser = times)]
     pace: Option<f64>,
 }
 
 impl WatchArgs {
-    /// How fast time passes at a port.
+    /// Returns the requested pace of a port, in multiples of real time. `None` if the port has no virtual clock, or on
+    /// `sim` for the fastest pace.
     pub fn pace(&self, port: &PortName) -> Result<Option<f64>, Failure> {
         if self.pace.is_some() && !port.is_virtual() {
             return Err(Failure::bad_input(
@@ -47,12 +47,13 @@ impl WatchArgs {
         Ok(self.pace.or((self.watch && port.is_virtual()).then_some(WATCHED_PACE)))
     }
 
-    /// Whether the page may give orders.
+    /// Returns true if the page may send commands.
     pub fn controls(&self) -> bool {
         self.watch && self.control
     }
 
-    /// Which page of the service is asked for, where that grows the body: it has its own, at its own port and pace.
+    /// Returns the requested page of a service that grows the body. The service has its own pages, with its own port
+    /// and pace.
     pub fn of_service(&self) -> Result<Option<Page>, Failure> {
         let only = [(self.watch_port.is_some(), "--watch-port"), (self.pace.is_some(), "--pace")];
         if let Some((_, option)) = only.iter().find(|(given, _)| *given) {
@@ -64,7 +65,7 @@ impl WatchArgs {
         Ok(self.watch.then_some(if self.control { Page::Control } else { Page::Look }))
     }
 
-    /// Begins to serve the page, if one is asked for, and says where.
+    /// Starts to serve the page, and prints its address. `None` if no page is requested.
     pub fn begin(
         &self,
         subject: &Subject,
@@ -83,9 +84,9 @@ impl WatchArgs {
     }
 }
 
-/// A factor of time.
+/// Parses a pace, in multiples of real time.
 pub fn times(text: &str) -> Result<f64, String> {
     let times: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
-    // Slower, orders would wait for long.
+    // At a slower pace, commands would wait for long.
     if (0.1..=1e6).contains(&times) { Ok(times) } else { Err(format!("{times} is not between 0.1 and 1000000")) }
 }

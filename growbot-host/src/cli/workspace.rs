@@ -1,4 +1,4 @@
-//! `growbot workspace`: which goals are within reach of a body of a given length.
+//! `growbot workspace`: shows the goals within reach of a body of a given length.
 
 use std::path::PathBuf;
 
@@ -24,31 +24,32 @@ use super::{Failure, RobotArg};
 
 /// Show which goals are within reach of a body
 ///
-/// Which positions can a body of this length bring its tip to, and how many final directions can it have there? Prints
-/// a table, or one line of JSON with --json; -o draws a section through the start: SVG, PNG or PDF, colour by length of
-/// the body.
+/// The command computes the positions to which a body of this length can bring its tip. It also computes the number of
+/// final directions that the tip can have there. It prints a table, or one line of JSON with --json. -o draws a section
+/// through the start: SVG, PNG or PDF, coloured by length of the body.
 ///
-/// Without a final direction (the tip may point anywhere) all is the same round the start's direction. The shortest
-/// body to a position is then an arc and a line, or two arcs, computed exactly, on a grid of 1/120 of the length; the
-/// volume is summed over rings of 1/500. The share of final directions is counted over 48 directions, spread evenly,
-/// planned at each position of a coarser grid: 1/30 of the length, or more where much of it is near the start.
+/// Without a final direction (the tip may point anywhere) the result is the same all round the start's direction. The
+/// shortest body to a position is then an arc and a line, or two arcs. It is computed exactly, on a grid of 1/120 of
+/// the length. The volume is summed over rings of 1/500. The share of final directions is counted over 48 directions,
+/// spread evenly. They are planned at each position of a coarser grid: 1/30 of the length, or more if much of it is
+/// near the start.
 ///
-/// With --heading and --pitch everything is planned: the volume is estimated from 1000 positions, the furthest reach
-/// from 200 along each axis, and for -o the plane of the start's direction and its x axis is planned on a grid of 1/60
-/// of the length or coarser, which takes longest where much of it is near the start.
+/// With --heading and --pitch everything is planned. The volume is estimated from 1000 positions, and the furthest
+/// reach from 200 along each axis. For -o the plane of the start's direction and its x axis is planned on a grid of
+/// 1/60 of the length or coarser. This takes longest if much of it is near the start.
 ///
-/// Only length and radius count then: whether a body would run into itself is not looked at.
+/// Without --scene only length and radius count: the command does not check whether a body would run into itself.
 ///
-/// With --scene a path is searched for to each of 1000 goals, spread evenly in the ball of that radius, which is clear
-/// of everything and of itself. Each has one of three answers: a path; none, and why; none found with this effort,
-/// which says nothing. -o then writes the goals with their answers, as CSV.
+/// With --scene the command searches for a path to each of 1000 goals, spread evenly in the ball of that radius. The
+/// path must be clear of everything and of itself. Each goal has one of three answers: a path, no path with the reason,
+/// or no path found with this effort, which proves nothing. -o then writes the goals with their answers, as CSV.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct WorkspaceArgs {
-    /// Length of the body, mm [default: what the robot's spool gives]
+    /// Length of the body, mm [default: the length that the robot's spool gives]
     #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = mm)]
     length: Option<f64>,
-    /// Where the tip starts: X,Y,Z,HEADING,PITCH in mm and degrees
+    /// Start pose of the tip: X,Y,Z,HEADING,PITCH in mm and degrees
     #[arg(long, value_name = "POSE", default_value = START, allow_hyphen_values = true, value_parser = parse_pose)]
     from: Pose,
     /// Heading of the tip at the end, degrees [default: any direction]
@@ -57,7 +58,7 @@ pub struct WorkspaceArgs {
     /// Pitch of the tip at the end, degrees [default: any direction]
     #[arg(long, value_name = "DEG", requires = "heading", allow_hyphen_values = true, value_parser = deg)]
     pitch: Option<f64>,
-    /// How paths are found
+    /// Planner of the paths
     #[arg(long, value_enum, default_value_t = PlannerName::Shortest)]
     planner: PlannerName,
     /// Radius of the bends, mm [default: the robot's planning radius]
@@ -68,16 +69,15 @@ pub struct WorkspaceArgs {
     /// Print one line of JSON
     #[arg(long)]
     json: bool,
-    /// Plan to each goal through this scene: a scene file (TOML), a mesh
-    /// (.stl, .obj, .ply, .glb) or a cloud of points (.ply, .pcd)
+    /// Plan to each goal through this scene: a scene file (TOML), a mesh (.stl, .obj, .ply, .glb) or a point cloud
+    /// (.ply, .pcd)
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// How much to search for each goal: some 0.1 s for each, with the same result
-    /// on every machine [default: 1]
+    /// Effort of the search for each goal: some 0.1 s for each unit, with the same result on every machine [default: 1]
     #[arg(long, value_name = "N", requires = "scene", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     effort: Option<u64>,
-    /// Draw a section to this file, by its ending: .svg, .png or .pdf; with
-    /// --scene, write the goals: .csv
+    /// Draw a section to this file, in the format of its extension: .svg, .png or .pdf. With --scene, write the goals:
+    /// .csv
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 }
@@ -90,11 +90,12 @@ Examples:
   growbot workspace --robot growbot-b --length 20000 --json
   growbot workspace --length 800 --scene room.toml -o goals.csv";
 
-/// Endings of pictures, and the width of a PNG in pixels.
+/// Extensions of pictures.
 const FORMATS: [&str; 3] = ["svg", "png", "pdf"];
+/// Width of a PNG, pixels.
 const WIDTH: u32 = 1760;
 
-/// The longest body that is looked at, mm.
+/// Maximum length of a body, mm.
 const LONGEST: f64 = 1e6;
 
 /// Runs the command.
@@ -137,7 +138,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     draw(args, &question)
 }
 
-/// Without obstacles: tells the answer, and draws it.
+/// Computes the workspace without obstacles, prints it and draws it.
 fn draw(args: &WorkspaceArgs, question: &Question) -> Result<(), Failure> {
     let mut progress: Option<Progress> = None;
     let answer = workspace(question, |done, of| {
@@ -171,7 +172,7 @@ fn table(question: &Question, answer: &Workspace) -> String {
         format!("{}: within reach of a body of {length} mm, bends of radius {} mm\n\n", robot.name(), question.radius);
     let (volume, error) = answer.volume;
     let ball = ball(question.length);
-    // As many digits as tell something.
+    // Only digits that are significant are shown.
     let digits = if volume >= 1e8 {
         0
     } else if volume >= 1e6 {

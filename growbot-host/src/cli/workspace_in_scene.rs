@@ -1,4 +1,4 @@
-//! `growbot workspace --scene`: which goals a body reaches through a scene, in text, JSON and CSV.
+//! `growbot workspace --scene`: shows the goals that a body reaches through a scene, as text, JSON and CSV.
 
 use std::path::Path;
 
@@ -14,15 +14,15 @@ use serde_json::{Value, json};
 
 use super::Failure;
 
-/// The scene, and how hard to try.
+/// The scene, and the effort of the search.
 pub struct Room<'a> {
-    /// Its file.
+    /// File of the scene.
     pub scene: &'a Path,
-    /// How much to search for each goal.
+    /// Effort of the search for each goal.
     pub effort: u64,
 }
 
-/// Plans to all goals and tells what came of it; `output` gets each goal, as CSV.
+/// Plans to all goals and prints the result. `output` gets each goal, as CSV.
 pub fn run(question: &Question, room: &Room, output: Option<&Path>, json: bool) -> Result<(), Failure> {
     let loaded = scene_file::load(room.scene)?;
     let through = Through {
@@ -57,10 +57,10 @@ pub fn run(question: &Question, room: &Room, output: Option<&Path>, json: bool) 
     Ok(print(&text)?)
 }
 
-/// A reason why there is no path: its name in JSON, and what has it.
+/// A reason why no path exists: its name in JSON, and the test for it.
 type Reason = (&'static str, fn(&Known) -> bool);
 
-/// All of them.
+/// All reasons.
 const REASONS: [Reason; 5] = [
     ("too_far", |known| *known == Known::TooFar),
     ("too_near", |known| *known == Known::TooNear),
@@ -69,7 +69,7 @@ const REASONS: [Reason; 5] = [
     ("not_clear", |known| *known == Known::NotClear),
 ];
 
-/// A reason in words.
+/// Returns a reason as text.
 fn in_words(name: &str, answer: &InScene) -> String {
     match name {
         "too_far" => "farther than the body is long, even without obstacles".to_owned(),
@@ -148,7 +148,7 @@ fn json_of(question: &Question, through: &Through, answer: &InScene) -> Value {
     })
 }
 
-/// Each goal, as a row.
+/// Returns the goals as rows of CSV.
 fn csv(answer: &InScene) -> String {
     let mut text = "x_mm,y_mm,z_mm,answer,because,length_mm\n".to_owned();
     for asked in &answer.goals {

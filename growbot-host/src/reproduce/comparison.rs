@@ -1,4 +1,4 @@
-//! Ours beside the paper's: what it quotes, the significance tests, and why we differ.
+//! Comparison of our results with the paper's: quoted means, significance tests, and reasons for differences.
 
 use growbot_core::plan::Planner;
 
@@ -9,97 +9,97 @@ use super::slicing_rule::SlicingRule;
 use super::statistics::{Summary, Test, anova, kruskal_wallis};
 use super::table2::{self, Cell};
 
-/// The planner of the paper, by which we are compared with it.
+/// Planner of the paper, which is used in the comparison.
 pub(super) const PAPERS_PLANNER: Planner = Planner::TwoPlane;
 
-/// The groups that the paper calls long paths: from 8 radii on, places in [`GROUPS`].
+/// Groups that the paper calls long paths: 8 radii and more, as indexes into [`GROUPS`].
 const LONG: std::ops::Range<usize> = 1..4;
 
 /// A mean that the paper quotes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quoted {
-    /// What it is the mean of.
+    /// Quantity of the mean.
     pub what: &'static str,
-    /// The paper's mean and standard deviation.
+    /// Mean and standard deviation of the paper.
     pub paper: MeanSd,
-    /// How many decimals tell something.
+    /// Number of significant decimals.
     pub decimals: usize,
-    /// Ours, one for each way of slicing.
+    /// Our means, one for each slicing rule.
     pub ours: Vec<OurMean>,
-    /// Why they differ.
+    /// Reason for the difference.
     pub(super) why: &'static str,
 }
 
-/// A mean of ours, and its standard deviation.
+/// One of our means, with its standard deviation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OurMean {
-    /// How the paths were sliced.
+    /// Slicing rule of the paths.
     pub label: String,
-    /// The mean.
+    /// Mean.
     pub mean: f64,
-    /// The standard deviation.
+    /// Standard deviation.
     pub sd: f64,
 }
 
-/// The largest errors that exact slicing gives without noise.
+/// Largest errors of exact slicing without noise.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ExactErrors {
-    /// Max position error over the length of the path.
+    /// Largest position error, divided by the length of the path.
     pub max_position: f64,
-    /// Max direction error, radians.
+    /// Largest direction error, radians.
     pub max_direction: f64,
-    /// How many growths there were.
+    /// Number of growths.
     pub growths: usize,
 }
 
-/// A question whether groups differ, with the answers of both tests.
+/// A significance test for a difference between groups, with the results of two methods.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Question {
-    /// What is compared with what.
+    /// Description of the comparison.
     pub what: String,
-    /// How the paths were sliced.
+    /// Slicing rule of the paths.
     pub slicing: String,
-    /// The planner.
+    /// Planner of the paths.
     pub planner: Planner,
-    /// How many groups.
+    /// Number of groups.
     pub groups: usize,
-    /// How many values in all.
+    /// Number of values in all groups.
     pub n: usize,
-    /// The paper's p.
+    /// p-value of the paper. `None` if the paper does not quote one.
     pub paper: Option<f64>,
-    /// Kruskal and Wallis' test: of mean ranks.
+    /// Result of the test of Kruskal and Wallis, which compares mean ranks.
     pub kruskal_wallis: Option<Test>,
-    /// One-way analysis of variance: of means.
+    /// Result of the one-way analysis of variance, which compares means.
     pub anova: Option<Test>,
 }
 
-/// Something in which we differ from the paper, or from what it could have meant.
+/// A difference between our results and the paper's, or the possible meanings of the paper.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Difference {
-    /// What is compared.
+    /// Compared quantity.
     pub what: &'static str,
-    /// By how much.
+    /// Size of the difference.
     pub by: String,
-    /// Why, as far as we can tell.
+    /// Reason of the difference, as far as it is known.
     pub why: &'static str,
 }
 
-/// The whole comparison. Lists are empty where their growths were not asked for.
+/// The whole comparison. A list is empty if its growths were not requested.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// Table 2.
+    /// Cells of Table 2.
     pub table2: Vec<Cell>,
-    /// Means that the text quotes.
+    /// Means that the paper's text quotes.
     pub quoted: Vec<Quoted>,
     /// Significance tests.
     pub questions: Vec<Question>,
-    /// The errors of exact slicing without noise.
+    /// Errors of exact slicing without noise. `None` without such growths.
     pub exact: Option<ExactErrors>,
-    /// Where we differ, and why.
+    /// Differences from the paper, with reasons.
     pub differences: Vec<Difference>,
 }
 
-/// Growths without noise and without feedback.
+/// Returns the growths of a robot and group without noise and without feedback. `None` if they were not grown.
 pub(super) fn open_set(
     experiments: &Experiments,
     robot: usize,
@@ -115,7 +115,7 @@ pub(super) fn open_set(
     })
 }
 
-/// The values of these robots and groups, each a group of its own. None where any was not grown.
+/// Returns the values of these robots and groups, each as a group of its own. `None` if any of them was not grown.
 fn values(
     experiments: &Experiments,
     members: impl IntoIterator<Item = (usize, usize)>,
@@ -132,7 +132,7 @@ fn values(
 }
 
 impl Comparison {
-    /// Compares what was grown.
+    /// Compares the growths with the paper.
     #[must_use]
     pub fn of(experiments: &Experiments) -> Self {
         let (table2, quoted) = (table2::cells(experiments), quoted(experiments));
@@ -157,14 +157,14 @@ fn exact(experiments: &Experiments) -> Option<ExactErrors> {
     })
 }
 
-/// The label of a slicing rule for a robot.
+/// Returns the label of a slicing rule for a robot.
 fn label(experiments: &Experiments, robot: usize, slicing: SlicingRule) -> String {
     slicing.label(&experiments.robots[robot])
 }
 
 fn quoted(experiments: &Experiments) -> Vec<Quoted> {
     let mut quoted = Vec::new();
-    // The paper's is a mean of the groups' means, as far as its small standard deviation tells.
+    // The paper's value seems to be a mean of the groups' means, because its standard deviation is small.
     let over_groups = |slicing: SlicingRule, quantity: Quantity| {
         let groups = (0..GROUPS.len()).map(|group| (paper::A, group));
         let values = values(experiments, groups, PAPERS_PLANNER, |_| slicing, quantity)?;
@@ -214,18 +214,18 @@ fn quoted(experiments: &Experiments) -> Vec<Quoted> {
     quoted
 }
 
-/// The planner and the slicing of the paths that a question is about.
+/// Slicing and planner of the paths in a significance test.
 struct Asked {
     slicing: String,
     planner: Planner,
 }
 
-/// The questions asked so far.
+/// Significance tests so far.
 #[derive(Default)]
 struct Questions(Vec<Question>);
 
 impl Questions {
-    /// Asks whether these groups of values differ; `paper` is the paper's p. Nothing is asked without values.
+    /// Tests whether these groups of values differ. `paper` is the paper's p-value. Does nothing without values.
     fn ask(&mut self, what: impl Into<String>, asked: Asked, paper: Option<f64>, values: Option<Vec<Vec<f64>>>) {
         let Some(values) = values else { return };
         let groups: Vec<&[f64]> = values.iter().map(Vec::as_slice).collect();
@@ -241,7 +241,7 @@ impl Questions {
         });
     }
 
-    /// Over the groups of robot A.
+    /// Compares the groups of robot A.
     fn over_groups_of_a(&mut self, experiments: &Experiments, planner: Planner) {
         for slicing in WHOLE {
             for (what, quantity, paper) in [
@@ -256,7 +256,7 @@ impl Questions {
         }
     }
 
-    /// Over all robots and groups.
+    /// Compares all robots and groups.
     fn over_everything(&mut self, experiments: &Experiments, planner: Planner) {
         for slicing in WHOLE {
             let of = |robot| if SlicingRule::of_robot(robot).contains(&slicing) { slicing } else { SlicingRule::Table };
@@ -272,7 +272,7 @@ impl Questions {
         }
     }
 
-    /// Over the long paths of robots B and C.
+    /// Compares the long paths of robots B and C.
     fn over_long_paths(&mut self, experiments: &Experiments, planner: Planner) {
         for (what, robot, slicing, paper) in [
             ("position error over the groups from 8 R on, robot B", paper::B, SlicingRule::Table, paper::P_LONG_B),
@@ -287,7 +287,7 @@ impl Questions {
         }
     }
 
-    /// Over robots of one `k`, in each group.
+    /// Compares robots with the same `k`, in each group.
     fn over_robots_of_one_k(&mut self, experiments: &Experiments, planner: Planner) {
         for slicing in WHOLE {
             for robots in paper::CONSTANT_K {
@@ -303,7 +303,7 @@ impl Questions {
         }
     }
 
-    /// Over the levels of noise, in each group.
+    /// Compares the levels of noise, in each group.
     fn over_noise(&mut self, experiments: &Experiments) {
         for (group, distance) in GROUPS.iter().enumerate() {
             for slicing in SlicingRule::of_robot(paper::A) {
@@ -322,7 +322,7 @@ impl Questions {
     }
 }
 
-/// Whole steps, of the text's height and of the table's.
+/// Slicing rules with whole steps: of the text's height and of the table's.
 const WHOLE: [SlicingRule; 2] = [SlicingRule::Text, SlicingRule::Table];
 
 fn questions(experiments: &Experiments) -> Vec<Question> {
@@ -335,19 +335,19 @@ fn questions(experiments: &Experiments) -> Vec<Question> {
     }
     questions.over_noise(experiments);
     let Questions(mut questions) = questions;
-    // The same question for several planners stands together.
+    // The tests are sorted so that the same test for several planners stands together.
     let asked: Vec<String> = questions.iter().map(|question| question.what.clone()).collect();
     questions.sort_by_key(|question| asked.iter().position(|what| *what == question.what));
     questions
 }
 
-/// A p-value as it is read.
+/// Formats a p-value.
 #[must_use]
 pub fn p_text(p: f64) -> String {
     if p < 0.0001 { "< 0.0001".to_owned() } else { format!("{p:.4}") }
 }
 
-/// With a capital letter.
+/// Capitalizes the first letter.
 #[must_use]
 pub fn capital(text: &str) -> String {
     let mut letters = text.chars();

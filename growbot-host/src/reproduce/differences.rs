@@ -1,4 +1,4 @@
-//! Where ours differ from the paper's numbers, and why.
+//! Differences from the paper's numbers, and their reasons.
 
 use super::comparison::{Difference, OurMean, PAPERS_PLANNER, Question, Quoted, capital, p_text};
 use super::paper::{self, MeanSd};
@@ -6,7 +6,7 @@ use super::slicing_rule::SlicingRule;
 use super::statistics::Summary;
 use super::table2::{Cell, Verdicts};
 
-/// Where ours differ from the paper's, with the reasons.
+/// Returns all differences, with their reasons.
 pub fn differences(table2: &[Cell], quoted: &[Quoted], questions: &[Question]) -> Vec<Difference> {
     let mut differences: Vec<Difference> = of_table2(table2).into_iter().collect();
     differences.extend(quoted.iter().filter_map(of_quoted));
@@ -14,7 +14,7 @@ pub fn differences(table2: &[Cell], quoted: &[Quoted], questions: &[Question]) -
     differences
 }
 
-/// How the means of Table 2 compare under one slicing rule.
+/// Ratios of our means to those of Table 2, under one slicing rule.
 struct Ratios {
     median: f64,
     min: f64,
@@ -56,7 +56,7 @@ fn of_table2(table2: &[Cell]) -> Option<Difference> {
     })
 }
 
-/// What the tests say of the means of one slicing.
+/// Describes the test results of all means with one slicing rule.
 fn verdicts(table2: &[Cell], slicing: SlicingRule) -> String {
     let Verdicts { cells, within, differ_uncorrected, differ, equivalent } =
         Verdicts::of(table2, PAPERS_PLANNER, slicing);
@@ -102,23 +102,23 @@ fn of_directions(questions: &[Question]) -> Option<Difference> {
     })
 }
 
-/// Why heading errors differ.
+/// Reason why heading errors differ.
 pub const WHY_HEADING: &str = "As for the pitch, and heading errors depend on how poses are drawn besides: near \
     straight up or down a small angle is a large heading. With directions uniform on the sphere heading errors are \
     pi/2 times the pitch errors on average; the paper's are hardly larger than its pitch errors. The angle between the \
     directions, in the files, does not depend on it.";
-/// Why pitch errors differ.
+/// Reason why pitch errors differ.
 pub const WHY_PITCH: &str = "The paper's 1.77 degrees are the bend of one whole step of 3.096 mm at R = 100 mm: the \
                              most that rounding up turns too far in one arc. On average it turns too far by half of \
     that, and only a part of it goes up or down. So the paper's simulation turned further than rounding up does, or \
     measured otherwise; it does not say. Its position errors leave no room for it, except at the very end of the \
     path.";
-/// Why robot B's errors differ.
+/// Reason why robot B's errors differ.
 pub const WHY_B: &str = "By k = 0.0921, robot B's steps are three times as long, for its radius, as robot A's of \
     3.096 mm, so with whole steps its errors must be larger than robot A's; the paper's are three times smaller. They \
     go with a step a tenth as long (6.264 mm, k = 0.0092), as if a centimetre had been taken for a millimetre. That is \
     a guess.";
-/// Why robot C's errors differ.
+/// Reason why robot C's errors differ.
 pub const WHY_C: &str = "At k = 0.5263 a step bends by 30 degrees and an arc is a handful of steps. The paper's mean \
                          goes \
     with a step of about half of Table 3's: 10 mm, the distance of its latches. That is a guess, and a weaker one than \

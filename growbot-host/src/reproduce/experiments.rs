@@ -1,4 +1,4 @@
-//! The paper's growths: planned between random poses, sliced into layers, laid, and compared with the goal.
+//! The growths of the paper: planned between random poses, sliced into layers, laid, and compared with the goal.
 
 use growbot_client::arrival::Arrival;
 use growbot_client::robot_file::{self, RobotFileError};
@@ -22,16 +22,16 @@ use super::slicing_rule::SlicingRule;
 use super::statistics::Summary;
 use super::{Request, poses};
 
-/// How a growth is done.
+/// Condition of a growth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Condition {
-    /// The planner.
+    /// Planner of the path.
     pub planner: Planner,
-    /// How the path is sliced.
+    /// Slicing rule of the path.
     pub slicing: SlicingRule,
-    /// Noise of the growth: at most this share of each layer's height.
+    /// Noise of the growth: largest deviation of a layer, as a share of its height.
     pub noise: f64,
-    /// Whether the tip is measured and the rest of the path planned again.
+    /// True if the tip is measured and the rest of the path is planned again after each layer.
     pub feedback: bool,
 }
 
@@ -40,42 +40,42 @@ impl Condition {
         Self { planner, slicing, noise, feedback: false }
     }
 
-    /// With feedback, each layer is sliced anew, and exactly.
+    /// Returns a condition with feedback. Each layer is then sliced again, and exactly.
     const fn closed(planner: Planner, noise: f64) -> Self {
         Self { planner, slicing: SlicingRule::Exact, noise, feedback: true }
     }
 
-    /// In files and results.
+    /// Returns the name of the loop in files and results.
     #[must_use]
     pub fn loop_name(&self) -> &'static str {
         if self.feedback { "closed" } else { "open" }
     }
 }
 
-/// One growth, and how near it came.
+/// One growth, with its errors at the goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Growth {
-    /// Place in [`ROBOTS`].
+    /// Index into [`ROBOTS`].
     pub robot: usize,
-    /// Place in [`GROUPS`].
+    /// Index into [`GROUPS`].
     pub group: usize,
-    /// Which repetition, from 0.
+    /// Number of the repetition, from 0.
     pub repetition: usize,
-    /// How it was done.
+    /// Condition of the growth.
     pub condition: Condition,
     /// Start and goal.
     pub poses: Endpoints,
     /// Length of the planned path, mm.
     pub path_length: f64,
-    /// That over the radius.
+    /// Length of the planned path, radii.
     pub path_radii: f64,
-    /// Layers laid.
+    /// Number of laid layers.
     pub layers: usize,
-    /// Errors.
+    /// Errors at the goal.
     pub arrival: Arrival,
 }
 
-/// What of a growth is compared.
+/// Quantity of a growth that is compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
     /// Position error over the path's length (Eq 26).
@@ -91,15 +91,15 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// All of them.
+    /// All quantities.
     pub const ALL: [Self; 5] = [Self::Position, Self::Heading, Self::Pitch, Self::Direction, Self::Length];
 
-    /// Its value.
+    /// Returns the value of the quantity for a growth.
     #[must_use]
     pub fn of(self, growth: &Growth) -> f64 {
         match self {
             Self::Position => growth.arrival.normalized_position_error,
-            // Directions are drawn, and none is vertical.
+            // The directions are random, and none is exactly vertical.
             Self::Heading => growth.arrival.heading_error_deg.unwrap_or(0.0),
             Self::Pitch => growth.arrival.pitch_error_deg,
             Self::Direction => growth.arrival.direction_error_deg,
@@ -107,7 +107,7 @@ impl Quantity {
         }
     }
 
-    /// In files and results.
+    /// Returns the name of the quantity in files and results.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -123,30 +123,30 @@ impl Quantity {
 /// Growths under one condition in one group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Set {
-    /// Place in [`ROBOTS`].
+    /// Index into [`ROBOTS`].
     pub robot: usize,
-    /// Place in [`GROUPS`].
+    /// Index into [`GROUPS`].
     pub group: usize,
-    /// How they were done.
+    /// Condition of the growths.
     pub condition: Condition,
-    /// By repetition.
+    /// Growths, in the order of repetitions.
     pub growths: Vec<Growth>,
 }
 
 impl Set {
-    /// The values of a quantity.
+    /// Returns the values of a quantity.
     #[must_use]
     pub fn values(&self, quantity: Quantity) -> Vec<f64> {
         self.growths.iter().map(|growth| quantity.of(growth)).collect()
     }
 
-    /// A quantity in a few numbers.
+    /// Returns summary statistics of a quantity.
     #[must_use]
     pub fn summary(&self, quantity: Quantity) -> Summary {
         Summary::of(&self.values(quantity))
     }
 
-    /// The growth whose position error is nearest to the median.
+    /// Returns the growth whose position error is nearest to the median.
     #[must_use]
     pub fn representative(&self) -> Option<&Growth> {
         let median = self.summary(Quantity::Position).median;
@@ -155,18 +155,18 @@ impl Set {
     }
 }
 
-/// A growth with its curves, to be drawn.
+/// A growth with its curves, for a figure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Example {
-    /// Which growth.
+    /// The growth.
     pub growth: Growth,
     /// Start and goal.
     pub poses: Endpoints,
-    /// The path between them.
+    /// Path between start and goal.
     pub path: Path,
-    /// The planned curve.
+    /// Planned curve.
     pub planned: Vec<PlannedSegment>,
-    /// Where the tip was after each layer, from the start on, mm.
+    /// Position of the tip at the start and after each layer, mm.
     pub grown: Vec<Vector3<f64>>,
     /// Time of growth, s.
     pub seconds: f64,
@@ -175,50 +175,50 @@ pub struct Example {
 /// A segment of a planned curve.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedSegment {
-    /// Whether it bends.
+    /// True if the segment bends.
     pub bends: bool,
-    /// Points along it, mm.
+    /// Points along the segment, mm.
     pub points: Vec<Vector3<f64>>,
 }
 
-/// All that was grown.
+/// Results of all growths.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Experiments {
-    /// The robots, as [`ROBOTS`].
+    /// Robots, in the order of [`ROBOTS`].
     pub robots: Vec<Robot>,
     /// Growths between random poses.
     pub sets: Vec<Set>,
     /// Growths with noise along robot A's representative paths.
     pub noise: Vec<Set>,
-    /// The paths of Figures 5 and 7.
+    /// Paths of Figures 5 and 7.
     pub examples: Vec<Example>,
 }
 
-/// Why an experiment could not be done.
+/// Errors of an experiment.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
     /// A built-in robot cannot be read.
     #[error(transparent)]
     Robot(#[from] RobotFileError),
-    /// No random pose.
+    /// A random pose is invalid.
     #[error(transparent)]
     Pose(#[from] PoseError),
-    /// No path.
+    /// The planner found no path.
     #[error("robot {robot}, {group} radii, repetition {repetition}: {error}")]
     Plan {
         /// Name of the robot.
         robot: &'static str,
-        /// The group, radii.
+        /// Distance of the group, radii.
         group: u32,
-        /// The repetition.
+        /// Number of the repetition.
         repetition: usize,
-        /// Why.
+        /// Error of the planner.
         #[source]
         error: PlanError,
     },
 }
 
-/// What random numbers are drawn for.
+/// Purpose of a random stream.
 #[derive(Debug, Clone, Copy)]
 enum Draw {
     Poses = 1,
@@ -226,7 +226,7 @@ enum Draw {
     GrowthWithNoise,
 }
 
-/// One random start and goal, and the growths between them.
+/// One random start and goal, for which the growths are done.
 #[derive(Debug, Clone, Copy)]
 struct Task {
     robot: usize,
@@ -234,20 +234,21 @@ struct Task {
     repetition: usize,
 }
 
-/// The noise with which open and closed loop are compared between random poses.
+/// Noise at which open and closed loop are compared between random poses.
 pub const NOISE_OF_FEEDBACK: f64 = 0.1;
-/// What a closed loop measures, and its noise: growth to 1 % of a layer and the direction to 0.5 degrees an axis,
-/// standard deviations.
+/// Sensors of a closed loop. The standard deviations of their noise are 1 % of a layer for the growth, and 0.5 degrees
+/// an axis for the direction.
 pub const SENSORS: SimulatedSensors = SimulatedSensors {
     noise: SensorNoise { odometry: 0.01, direction: 0.5 / 180.0 * std::f64::consts::PI },
     odometry_scale: 0.0,
     direction: DirectionSensor::Tip,
 };
 
-/// Runs the experiments of the request on `threads` threads. `at` receives the number of finished tasks and of all.
+/// Runs the experiments of the request on `threads` threads. `at` receives the number of finished tasks and the number
+/// of all tasks.
 ///
 /// # Errors
-/// Never yet seen: a built-in robot that cannot be read, or poses without a path.
+/// A built-in robot that cannot be read, or poses without a path. Neither has ever occurred.
 pub fn run(request: &Request, threads: usize, mut at: impl FnMut(u64, u64)) -> Result<Experiments, ExperimentError> {
     let robots: Vec<Robot> =
         ROBOTS.iter().map(|robot| robot_file::load(robot.file.as_ref())).collect::<Result<_, _>>()?;
@@ -295,7 +296,7 @@ pub fn run(request: &Request, threads: usize, mut at: impl FnMut(u64, u64)) -> R
     Ok(Experiments { robots, sets, noise, examples })
 }
 
-/// Under which conditions a robot grows between random poses. Noise and feedback belong to Figure 4.
+/// Returns the conditions for growths of a robot between random poses. Noise and feedback are for Figure 4 only.
 fn conditions(request: &Request, robot: usize, planner: Planner) -> Vec<Condition> {
     let rules = SlicingRule::of_robot(robot).iter();
     let mut conditions: Vec<_> = rules.map(|slicing| Condition::open(planner, *slicing, 0.0)).collect();
@@ -306,7 +307,7 @@ fn conditions(request: &Request, robot: usize, planner: Planner) -> Vec<Conditio
     conditions
 }
 
-/// Under which conditions robot A grows along its representative paths. Without noise a growth is the same every time.
+/// Returns the conditions for growths of robot A along its representative paths. Growths without noise are all equal.
 fn conditions_with_noise() -> Vec<Condition> {
     let levels = [0.0].into_iter().chain(NOISE);
     let open = SlicingRule::of_robot(paper::A)
@@ -315,7 +316,7 @@ fn conditions_with_noise() -> Vec<Condition> {
     open.chain(levels.clone().map(|noise| Condition::closed(Planner::TwoPlane, noise))).collect()
 }
 
-/// Start, goal and their distance.
+/// Returns the random start and goal of a task.
 fn poses_of(request: &Request, robot: &Robot, task: &Task) -> Result<Endpoints, PoseError> {
     let names = [request.seed, Draw::Poses as u64, task.robot as u64, task.group as u64, task.repetition as u64];
     poses::draw(&mut Rng::new(&names), f64::from(GROUPS[task.group]) * robot.description().planning_radius_mm)
@@ -337,12 +338,12 @@ fn planned(
     )
 }
 
-/// A seed for the noise of one growth.
+/// Returns a seed for the noise of one growth.
 fn noise_seed(names: &[u64]) -> u64 {
     (Rng::new(names).uniform() * (1_u64 << 53) as f64) as u64
 }
 
-/// The growths between one start and one goal.
+/// Returns the growths between one start and one goal.
 fn between_poses(request: &Request, robots: &[Robot], task: &Task) -> Result<Vec<Growth>, ExperimentError> {
     let robot = &robots[task.robot];
     let poses = poses_of(request, robot, task)?;
@@ -362,7 +363,7 @@ fn between_poses(request: &Request, robots: &[Robot], task: &Task) -> Result<Vec
     Ok(growths)
 }
 
-/// One growth.
+/// Simulates one growth.
 fn grow(robot: &Robot, task: &Task, poses: &Endpoints, path: &Path, condition: Condition, seed: u64) -> Growth {
     let Endpoints { start, goal } = poses;
     let disturbance = Disturbance { growth_noise: condition.noise, ..Disturbance::default() };
@@ -389,9 +390,9 @@ fn grow(robot: &Robot, task: &Task, poses: &Endpoints, path: &Path, condition: C
     }
 }
 
-/// The representative paths: robot A's in each group, and one each of robots B and C.
+/// Returns the representative paths: robot A's in each group, and one each of robots B and C.
 fn examples(request: &Request, robots: &[Robot], sets: &[Set]) -> Result<Vec<Example>, ExperimentError> {
-    /// The group that Figure 7 shows, a place in [`GROUPS`].
+    /// Group in Figure 7, an index into [`GROUPS`].
     const SHOWN: usize = 1;
     let shown = (0..GROUPS.len()).map(|group| (paper::A, group)).chain([(paper::B, SHOWN), (paper::C, SHOWN)]);
     let mut examples = Vec::new();
@@ -405,9 +406,9 @@ fn examples(request: &Request, robots: &[Robot], sets: &[Set]) -> Result<Vec<Exa
     Ok(examples)
 }
 
-/// A growth without noise, with its curves.
+/// Returns a growth without noise, with its curves.
 fn example(request: &Request, robot: &Robot, growth: &Growth) -> Result<Example, ExperimentError> {
-    /// Points along a bend.
+    /// Number of intervals along a bend.
     const POINTS: u32 = 40;
     let task = Task { robot: growth.robot, group: growth.group, repetition: growth.repetition };
     let poses = poses_of(request, robot, &task)?;
@@ -431,14 +432,14 @@ fn example(request: &Request, robot: &Robot, growth: &Growth) -> Result<Example,
         base_from_tip *= sliced.layer.step();
         grown.push(base_from_tip.translation.vector);
     }
-    // By the velocity, as the paper has it: a step of the text's length takes four of the table's.
+    // The time follows from the paper's velocity, so a step of the text's length takes as long as four of the table's.
     let step = slicing.step(robot).unwrap_or_default();
     let layer = &robot.description().layer;
     let seconds = growth.layers as f64 * step / layer.height_mm * layer.period_s;
     Ok(Example { growth: *growth, poses, path, planned, grown, seconds })
 }
 
-/// The first share of a segment.
+/// Returns the first part of a segment.
 fn part_of(segment: &path::Segment, share: f64) -> path::Segment {
     use path::Segment::{Arc, Helicoid, Straight};
     match *segment {
@@ -448,7 +449,7 @@ fn part_of(segment: &path::Segment, share: f64) -> path::Segment {
     }
 }
 
-/// Robot A along a representative path, again and again.
+/// Returns growths of robot A along a representative path, with different noise.
 fn along_example(request: &Request, robot: &Robot, example: &Example, condition: Condition) -> Set {
     let Growth { robot: index, group, repetition, .. } = example.growth;
     let task = Task { robot: index, group, repetition };

@@ -1,17 +1,17 @@
-//! The experiments of Del Dottore et al. 2019 (Front. Robot. AI 6:45), done again: Tables 1 to 3 and Figures 4 to 8.
+//! Reproduction of Tables 1 to 3 and Figures 4 to 8 of Del Dottore et al. 2019 (Front. Robot. AI 6:45).
 //!
-//! | file | what |
+//! | module | contents |
 //! |---|---|
-//! | [`paper`] | the numbers that the paper prints |
+//! | [`paper`] | numbers that the paper prints |
 //! | [`poses`] | random starts and goals |
-//! | [`experiments`], [`slicing_rule`] | the growths: planned, sliced, laid, compared with the goal |
-//! | [`statistics`] | means and tests |
-//! | [`comparison`], [`table2`] | ours beside the paper's; `differences`, why they differ |
-//! | [`tables`], [`summary`] | CSV files and JSON; the summary that is printed |
-//! | [`figures`], [`page`] | the figures as SVG; one page of HTML with everything |
+//! | [`experiments`], [`slicing_rule`] | growths: planned, sliced, laid, compared with the goal |
+//! | [`statistics`] | means and significance tests |
+//! | [`comparison`], [`table2`] | comparison of our results with the paper's; `differences` explains them |
+//! | [`tables`], [`summary`] | CSV files and JSON; the printed summary |
+//! | [`figures`], [`page`] | figures as SVG; an HTML page with all results |
 //!
-//! Every random number comes from a stream that is named by the seed and by what it is drawn for, so that the same seed
-//! gives the same bytes on any number of threads.
+//! Each random number comes from a stream that is named by the seed and by its purpose. So the same seed gives the same
+//! bytes on any number of threads.
 
 pub mod comparison;
 mod differences;
@@ -31,32 +31,33 @@ use std::ops::RangeInclusive;
 use comparison::Comparison;
 use experiments::{ExperimentError, Experiments};
 
-/// The seed where none is given: the year of the paper.
+/// Default seed: the year of the paper.
 pub const SEED: u64 = 2019;
-/// Tables that can be asked for.
+/// Numbers of the tables that can be requested.
 pub const TABLES: RangeInclusive<u8> = 1..=3;
-/// Figures that can be asked for.
+/// Numbers of the figures that can be requested.
 pub const FIGURES: RangeInclusive<u8> = 4..=8;
-/// How many repetitions can be asked for: a standard deviation needs two, and all growths stay in memory for the files.
+/// Numbers of repetitions that can be requested. A standard deviation needs two, and all growths stay in memory until
+/// the files are written.
 pub const REPEATS: RangeInclusive<usize> = 2..=1000;
 
-/// What is to be reproduced.
+/// Tables, figures and repetitions to reproduce.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Request {
-    /// Which tables.
+    /// Numbers of the tables.
     pub tables: Vec<u8>,
-    /// Which figures.
+    /// Numbers of the figures.
     pub figures: Vec<u8>,
-    /// Names all random streams.
+    /// Seed in the names of all random streams.
     pub seed: u64,
-    /// Growths in each group.
+    /// Number of growths in each group.
     pub repeat: usize,
-    /// Growths at each level of noise.
+    /// Number of growths at each level of noise.
     pub repeat_noise: usize,
 }
 
 impl Default for Request {
-    /// Everything, as often as in the paper.
+    /// Returns a request for all tables and figures, with as many repetitions as in the paper.
     fn default() -> Self {
         Self {
             tables: TABLES.collect(),
@@ -69,19 +70,19 @@ impl Default for Request {
 }
 
 impl Request {
-    /// Whether a table is asked for.
+    /// Returns whether a table is requested.
     #[must_use]
     pub fn has_table(&self, number: u8) -> bool {
         self.tables.contains(&number)
     }
 
-    /// Whether a figure is asked for.
+    /// Returns whether a figure is requested.
     #[must_use]
     pub fn has_figure(&self, number: u8) -> bool {
         self.figures.contains(&number)
     }
 
-    /// Whether anything that is asked for takes growths of this robot, a place in [`paper::ROBOTS`].
+    /// Returns whether the request needs growths of this robot, an index into [`paper::ROBOTS`].
     #[must_use]
     pub fn needs_robot(&self, robot: usize) -> bool {
         match robot {
@@ -91,48 +92,48 @@ impl Request {
         }
     }
 
-    /// Whether growths with noise along representative paths are asked for.
+    /// Returns whether the request needs growths with noise along representative paths.
     #[must_use]
     pub fn needs_noise(&self) -> bool {
         self.has_figure(6)
     }
 }
 
-/// Everything that was asked for.
+/// All results of a request.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reproduction {
-    /// What was asked.
+    /// The request.
     pub request: Request,
-    /// What was grown.
+    /// Growths of the experiments.
     pub experiments: Experiments,
-    /// Ours beside the paper's.
+    /// Comparison of our results with the paper's.
     pub comparison: Comparison,
 }
 
 /// A file of results.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ResultFile {
-    /// Its name.
+    /// File name.
     pub name: String,
-    /// What is in it.
+    /// Contents of the file.
     pub contents: String,
 }
 
 impl Reproduction {
-    /// Does it, on `threads` threads. `at` is called with the pieces of work that are done, and with all of them.
+    /// Runs the request on `threads` threads. `at` receives the number of finished tasks and the number of all tasks.
     ///
     /// # Errors
-    /// As [`experiments::run`].
+    /// Errors of [`experiments::run`].
     pub fn run(request: Request, threads: usize, at: impl FnMut(u64, u64)) -> Result<Self, ExperimentError> {
         let experiments = experiments::run(&request, threads, at)?;
         let comparison = Comparison::of(&experiments);
         Ok(Self { request, experiments, comparison })
     }
 
-    /// All files: every number as CSV, the figures, and the page.
+    /// Returns all files: the numbers as CSV, the figures, and the page.
     ///
     /// # Errors
-    /// Never yet seen: a number that cannot be written as CSV.
+    /// A number that cannot be written as CSV. This has never occurred.
     pub fn files(&self) -> Result<Vec<ResultFile>, csv::Error> {
         let figures = figures::all(self);
         let mut files = tables::files(self)?;

@@ -1,4 +1,4 @@
-//! One page with everything: no other file is needed to read it, and no network.
+//! An HTML page with all results. It needs no other file and no network.
 
 use std::fmt::Write;
 
@@ -18,9 +18,9 @@ use growbot_client::plan::planner_name;
 
 const STYLE: &str = include_str!("page.css");
 
-// Writing to a String cannot fail, so what `writeln!` says of it is let go.
+// Writing to a String cannot fail, so the results of `writeln!` are ignored.
 
-/// The page.
+/// Returns the page.
 #[must_use]
 pub fn html(of: &Reproduction, figures: &[Figure]) -> String {
     let mut page = format!(
@@ -101,7 +101,7 @@ fn introduction(page: &mut String, of: &Reproduction) {
     }
 }
 
-/// What a command line asks for this with, besides -o.
+/// Returns the options of a command line that makes this page, without `-o`.
 fn options(request: &Request) -> String {
     let usual = Request::default();
     let mut options = String::new();
@@ -157,7 +157,7 @@ fn robots(page: &mut String, of: &Reproduction, table: u8) {
     );
     for parameters in parameters(of, table) {
         let paper = parameters.paper;
-        // Printed with four decimals at most: anything nearer is the same number.
+        // Values are printed with at most four decimals, so a smaller difference is not visible.
         let beside = |ours: f64, printed: f64, digits: usize| {
             let same = (ours - printed).abs() <= 0.6e-4_f64.max(0.002 * ours);
             let digits = if ours < 0.00095 { digits + 2 } else { digits };
@@ -232,7 +232,7 @@ fn table2(page: &mut String, of: &Reproduction) {
     page.push_str("</table></div>\n");
 }
 
-/// The p-values of a mean beside the paper's, and what they say.
+/// Returns the p-values of a mean, marked if the test finds a difference or an equivalence.
 fn verdict(cell: &Cell) -> String {
     let Some(tests) = &cell.tests else { return "-".to_owned() };
     let p = |p: f64| p_text(p).replace('<', "&lt;");
@@ -245,7 +245,7 @@ fn verdict(cell: &Cell) -> String {
     format!("<small>{welch}<br>{tost}{within}</small>")
 }
 
-/// Position errors as they are read; those of exact slicing are rounding.
+/// Formats the mean and standard deviation of position errors. Those of exact slicing are rounding errors.
 fn mean_and_sd(summary: &Summary) -> String {
     if summary.mean < 5e-6 {
         format!("{:.0e}", summary.mean)
@@ -308,7 +308,7 @@ fn p_cell(test: Option<Test>) -> String {
     test.map_or_else(|| "-".to_owned(), |test| p_text(test.p).replace('<', "&lt;"))
 }
 
-/// Open and closed loop with noise, between random poses.
+/// Writes the comparison of open and closed loop, with noise and between random poses.
 fn feedback(page: &mut String, of: &Reproduction) {
     let noisy: Vec<&Set> = of.experiments.sets.iter().filter(|set| set.condition.noise > 0.0).collect();
     if noisy.is_empty() {
@@ -349,7 +349,7 @@ fn feedback(page: &mut String, of: &Reproduction) {
     page.push_str("</table></div>\n");
 }
 
-/// An angle as it is read; rounding as nothing.
+/// Formats an angle. A rounding error becomes 0.
 fn degrees_text(degrees: f64) -> String {
     if degrees < 5e-4 { "0".to_owned() } else { format!("{degrees:.3}") }
 }

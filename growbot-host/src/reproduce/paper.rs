@@ -1,11 +1,11 @@
-//! What Del Dottore et al. 2019 print: their robots, their results, the p-values they quote. Lengths in cm, as there.
+//! Data that Del Dottore et al. 2019 print: robots, results and quoted p-values. Lengths are in cm, as in the paper.
 
 /// A mean and its standard deviation, as the paper prints them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeanSd {
-    /// The mean.
+    /// Mean.
     pub mean: f64,
-    /// The standard deviation.
+    /// Standard deviation.
     pub sd: f64,
 }
 
@@ -16,15 +16,15 @@ const fn mean_sd((mean, sd): (f64, f64)) -> MeanSd {
 /// A robot of Tables 1 and 3.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PaperRobot {
-    /// Its name in the paper, after "Robot".
+    /// Name in the paper, after "Robot".
     pub name: &'static str,
-    /// The built-in description of it.
+    /// Name of the built-in description.
     pub file: &'static str,
     /// Time for one step of growth, s.
     pub dt_s: f64,
     /// Growth velocity, cm/s.
     pub g_cm_per_s: f64,
-    /// Radius of its arcs, cm.
+    /// Radius of the arcs, cm.
     pub radius_cm: f64,
     /// Bending, rad/s, as printed.
     pub phi_rad_per_s: f64,
@@ -34,13 +34,13 @@ pub struct PaperRobot {
     pub position_error: Option<[MeanSd; 4]>,
 }
 
-/// The groups: distance from start to goal, in radii.
+/// Groups: distances from start to goal, in radii.
 pub const GROUPS: [u32; 4] = [4, 8, 16, 32];
-/// Repetitions in each group.
+/// Number of repetitions in each group.
 pub const REPEAT: usize = 50;
-/// Repetitions at each level of noise.
+/// Number of repetitions at each level of noise.
 pub const REPEAT_NOISE: usize = 70;
-/// Levels of noise: at most this share of a layer's growth.
+/// Levels of noise: the largest deviation of a layer's growth, as a share of it.
 pub const NOISE: [f64; 4] = [0.01, 0.02, 0.05, 0.1];
 
 const fn robot(
@@ -56,7 +56,7 @@ const fn robot(
     PaperRobot { name, file, dt_s, g_cm_per_s, radius_cm, phi_rad_per_s, k, position_error }
 }
 
-/// Tables 1, 2 and 3.
+/// Robots of Tables 1 and 3, with the results of Table 2.
 #[rustfmt::skip]
 pub const ROBOTS: [PaperRobot; 11] = [
     robot("A", "growbot-a", [18.0, 0.0043, 10.0, 0.0004, 0.0077],
@@ -81,33 +81,33 @@ pub const ROBOTS: [PaperRobot; 11] = [
     robot("C", "growbot-c", [0.0020, 1000.0, 3.8, 4.47, 0.5263], None),
 ];
 
-/// Place of robots in [`ROBOTS`].
+/// Index of robot A in [`ROBOTS`].
 pub const A: usize = 0;
-/// Robot B.
+/// Index of robot B.
 pub const B: usize = 9;
-/// Robot C.
+/// Index of robot C.
 pub const C: usize = 10;
-/// Robots of one `k` each.
+/// Groups of robots with the same `k`.
 pub const CONSTANT_K: [[usize; 3]; 3] = [[0, 1, 2], [3, 4, 5], [6, 7, 8]];
 
-/// Robot A, mean heading error over the groups and its standard deviation, degrees.
+/// Mean heading error of robot A over the groups, with its standard deviation, degrees.
 pub const HEADING_ERROR_DEG: MeanSd = mean_sd((1.89, 0.28));
-/// The same of the pitch.
+/// Mean pitch error of robot A over the groups, with its standard deviation, degrees.
 pub const PITCH_ERROR_DEG: MeanSd = mean_sd((1.77, 0.09));
 /// Position error of robot B over the path's length in the groups from 8 radii on, mean and standard deviation.
 pub const LONG_PATHS_B: MeanSd = mean_sd((0.0043, 0.0023));
-/// The same of robot C.
+/// Position error of robot C over the path's length in the groups from 8 radii on, mean and standard deviation.
 pub const LONG_PATHS_C: MeanSd = mean_sd((0.1655, 0.1089));
 
-/// p of heading errors over the groups of robot A.
+/// p-value of heading errors over the groups of robot A.
 pub const P_HEADING_A: f64 = 0.4327;
-/// p of pitch errors over the groups of robot A.
+/// p-value of pitch errors over the groups of robot A.
 pub const P_PITCH_A: f64 = 0.6420;
-/// p of heading errors over all simulations of Tables 1 and 3.
+/// p-value of heading errors over all simulations of Tables 1 and 3.
 pub const P_HEADING_ALL: f64 = 0.5578;
-/// p of pitch errors over the same.
+/// p-value of pitch errors over all simulations of Tables 1 and 3.
 pub const P_PITCH_ALL: f64 = 0.1490;
-/// p of position errors of robot B over the groups from 8 radii on.
+/// p-value of position errors of robot B over the groups from 8 radii on.
 pub const P_LONG_B: f64 = 0.7719;
-/// The same of robot C.
+/// p-value of position errors of robot C over the groups from 8 radii on.
 pub const P_LONG_C: f64 = 0.9160;

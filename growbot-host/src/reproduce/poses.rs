@@ -1,8 +1,8 @@
 //! Random starts and goals.
 //!
-//! The paper chooses "a completely random" start and target pose at the distance of the group. Here: the start at the
-//! origin (nothing depends on where it is), the goal anywhere on the sphere of that radius round it, and both
-//! directions uniform on the sphere.
+//! The paper chooses "a completely random" start and target pose at the distance of the group. Here the start is at the
+//! origin, because nothing depends on its position. The goal is anywhere on the sphere of that radius around it. Both
+//! directions are uniform on the sphere.
 
 use growbot_core::pose::{Pose, PoseError};
 use growbot_core::random::Rng;
@@ -12,16 +12,16 @@ use nalgebra::Vector3;
 /// A start and a goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Endpoints {
-    /// Where the tip starts.
+    /// Start pose of the tip.
     pub start: Pose,
-    /// Where it is to arrive.
+    /// Goal pose of the tip.
     pub goal: Pose,
 }
 
-/// A start and a goal this far from it, mm, drawn from this stream.
+/// Draws a start and a goal from a random stream, at this distance from each other, mm.
 ///
 /// # Errors
-/// Only for a distance that no pose takes.
+/// A distance that is not valid in a pose.
 pub fn draw(random: &mut Rng, distance: f64) -> Result<Endpoints, PoseError> {
     let start = pose(&Vector3::zeros(), &random.direction())?;
     let position = distance * random.direction();
@@ -47,7 +47,7 @@ mod tests {
             goals += goal.position() / 400.0;
             directions += goal.direction() + start.direction();
         }
-        // Each coordinate has a standard deviation of 1/sqrt(3): 5 of the mean's are 0.05.
+        // Each coordinate has a standard deviation of 1/sqrt(3), so 5 standard deviations of its mean are 0.05.
         assert!((goals / 4000.0).amax() < 0.05 && (directions / 8000.0).amax() < 0.05);
     }
 }

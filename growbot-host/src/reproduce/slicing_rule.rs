@@ -1,4 +1,4 @@
-//! How the paths of the experiments are sliced into layers.
+//! Slicing rules: how the paths of the experiments are sliced into layers.
 
 use growbot_core::path::Path;
 use growbot_core::robot::Robot;
@@ -6,27 +6,28 @@ use growbot_core::slicing::Slicing;
 
 use super::paper;
 
-/// How a path is sliced into layers. The paper gives two values of the step.
+/// Rule for slicing a path into layers. The paper gives two values of the step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum SlicingRule {
-    /// Whole steps, rounded up, of the `g t = 0.3096` cm of the text. It is said of Table 1's robots only.
+    /// Whole steps, rounded up, of the text's `g t = 0.3096` cm. The text gives it for the robots of Table 1 only.
     Text,
-    /// Whole steps, rounded up, of `g dt` by Tables 1 and 3.
+    /// Whole steps, rounded up, of `g dt` from Tables 1 and 3.
     Table,
-    /// Whole steps of half the table's: of a single latch of robot C. A guess: it comes near the paper's results.
+    /// Whole steps of half the table's, as a single latch of robot C has. This is a guess that comes near the paper's
+    /// results.
     Half,
-    /// Whole steps of a tenth of the table's: for robot B, as if a centimetre had been taken for a millimetre. A guess
-    /// likewise.
+    /// Whole steps of a tenth of the table's, for robot B, as if a centimetre had been taken for a millimetre. This is
+    /// a guess, too.
     Tenth,
-    /// Exact slicing: equal layers that end where the segment does.
+    /// Exact slicing: equal layers that end where the segment ends.
     Exact,
 }
 
-/// How much longer the text's step is than Table 1's: 0.3096 cm over 0.0774 cm.
+/// Ratio of the text's step to that of Table 1: 0.3096 cm over 0.0774 cm.
 const TEXT_OVER_TABLE: f64 = 4.0;
 
 impl SlicingRule {
-    /// The rules that make sense for a robot of this index.
+    /// Returns the rules that make sense for a robot with this index.
     #[must_use]
     pub fn of_robot(robot: usize) -> &'static [Self] {
         match robot {
@@ -36,13 +37,13 @@ impl SlicingRule {
         }
     }
 
-    /// What the paper seems to have simulated a robot of this index with.
+    /// Returns the rule that the paper seems to have used for a robot with this index.
     #[must_use]
     pub fn of_paper(robot: usize) -> Self {
         if matches!(robot, paper::B | paper::C) { Self::Table } else { Self::Text }
     }
 
-    /// Height of a whole step, mm; none where layers end with the segment.
+    /// Returns the height of a whole step, mm. `None` if layers end with the segment.
     #[must_use]
     pub fn step(self, robot: &Robot) -> Option<f64> {
         let table = robot.description().layer.height_mm;
@@ -55,9 +56,9 @@ impl SlicingRule {
         }
     }
 
-    /// The segments that are given whole steps. The waypoint of a two-plane path is where two circles touch, and by
-    /// rounding every other path has a straight of 3e-8 radii between them: whether it is there must not decide whether
-    /// a step is.
+    /// Returns the segments to slice. With whole steps, straights that come from rounding are removed. The waypoint of
+    /// a two-plane path is where two circles touch. By rounding, every other path has a straight of 3e-8 radii between
+    /// them, which would add a whole step.
     pub(super) fn stepped(self, robot: &Robot, path: &Path) -> Path {
         let rounding = 1e-6 * robot.description().planning_radius_mm;
         path.filtered(|segment| self == Self::Exact || segment.length() > rounding)
@@ -67,7 +68,7 @@ impl SlicingRule {
         self.step(robot).map_or(Slicing::Exact, |step| Slicing::Whole { step })
     }
 
-    /// In files and results.
+    /// Returns the name of the rule in files and results.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -79,7 +80,7 @@ impl SlicingRule {
         }
     }
 
-    /// As a person reads it, for a robot of this name.
+    /// Returns the label of the rule for users, with the step of this robot.
     #[must_use]
     pub fn label(self, robot: &Robot) -> String {
         self.step(robot).map_or_else(

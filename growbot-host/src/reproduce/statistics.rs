@@ -1,17 +1,17 @@
-//! Means, whether groups differ by more than chance, and whether two means are equivalent.
+//! Means, tests for a difference between groups, and tests for the equivalence of two means.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 use statrs::stats_tests::NaNPolicy;
 use statrs::stats_tests::f_oneway::f_oneway;
 
-/// A sample in a few numbers.
+/// Summary statistics of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Summary {
-    /// How many values.
+    /// Number of values.
     pub n: usize,
     /// Mean.
     pub mean: f64,
-    /// Standard deviation, by `n - 1`; 0 for a single value.
+    /// Standard deviation with the divisor `n - 1`. 0 for a single value.
     pub sd: f64,
     /// Median.
     pub median: f64,
@@ -20,7 +20,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Of these values, in any order. All numbers are 0 where there are none.
+    /// Computes the statistics of these values, which can be in any order. All numbers are 0 without values.
     #[must_use]
     pub fn of(values: &[f64]) -> Self {
         let n = values.len();
@@ -36,7 +36,7 @@ impl Summary {
     }
 }
 
-/// The value below which this share of a sorted sample lies, interpolated.
+/// Returns the value below which this share of a sorted sample lies, interpolated.
 fn quantile(sorted: &[f64], share: f64) -> f64 {
     let place = share * (sorted.len() - 1) as f64;
     let below = place as usize;
@@ -44,36 +44,37 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
     sorted[below] + (place - below as f64) * (sorted[above] - sorted[below])
 }
 
-/// What a test says: its statistic, and the chance of one as large where the groups do not differ.
+/// Result of a test: its statistic, and the probability of one at least as large if the groups do not differ.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Test {
-    /// H of Kruskal and Wallis, or F.
+    /// Statistic: H of Kruskal and Wallis, F, or t.
     pub statistic: f64,
-    /// The p-value.
+    /// p-value.
     pub p: f64,
 }
 
-/// Level of all tests: the chance of a finding where there is nothing to find.
+/// Significance level of all tests: the probability of a false finding.
 pub const LEVEL: f64 = 0.05;
 
-/// Two means beside each other, each with its standard deviation and the number of its values.
+/// Comparison of two means, each with its standard deviation and number of values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TwoMeans {
-    /// Welch 1947: t, and the two-sided p of means that do not differ.
+    /// Test of Welch 1947: t, and the two-sided p-value for equal means.
     pub welch: Test,
-    /// Degrees of freedom by Welch and Satterthwaite.
+    /// Degrees of freedom of Welch and Satterthwaite.
     pub degrees_of_freedom: f64,
-    /// [`Self::welch`]'s p, corrected by Holm for all comparisons of its family.
+    /// p-value of [`Self::welch`], corrected by Holm for all comparisons of its family.
     pub p_holm: f64,
-    /// Two one-sided tests (Schuirmann 1987): p of means that are further apart than the margin of equivalence.
+    /// p-value of two one-sided tests (Schuirmann 1987) for means that are further apart than the margin of
+    /// equivalence.
     pub tost_p: f64,
-    /// That p, corrected by Holm in its own family.
+    /// [`Self::tost_p`], corrected by Holm in its own family.
     pub tost_p_holm: f64,
 }
 
 impl TwoMeans {
-    /// Of two samples, given as n, mean and standard deviation, with a margin of equivalence; no p is corrected yet.
-    /// None where a sample has fewer than two values or neither has any spread.
+    /// Compares two samples, given as n, mean and standard deviation, with a margin of equivalence. The p-values are
+    /// not yet corrected. `None` if a sample has fewer than two values or neither has any spread.
     #[must_use]
     pub fn of(one: (usize, f64, f64), other: (usize, f64, f64), margin: f64) -> Option<Self> {
         let [a, b] = [one, other].map(|(n, _, sd)| sd * sd / n as f64);
@@ -90,20 +91,22 @@ impl TwoMeans {
         Some(Self { welch: Test { statistic: t, p }, degrees_of_freedom, p_holm: p, tost_p, tost_p_holm: tost_p })
     }
 
-    /// Whether the means differ at [`LEVEL`], after the correction.
+    /// Returns whether the means differ at [`LEVEL`], after the correction.
     #[must_use]
     pub fn differs(&self) -> bool {
         self.p_holm < LEVEL
     }
 
-    /// Whether the means are equivalent at [`LEVEL`], after the correction: no further apart than the margin.
+    /// Returns whether the means are equivalent at [`LEVEL`], after the correction: they are not further apart than the
+    /// margin.
     #[must_use]
     pub fn is_equivalent(&self) -> bool {
         self.tost_p_holm < LEVEL
     }
 }
 
-/// Holm 1979: p-values of one family, corrected so that the chance of any false finding stays at the level.
+/// Returns the p-values of one family, corrected by Holm 1979. The probability of any false finding then stays at the
+/// level.
 #[must_use]
 pub fn holm(p_values: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..p_values.len()).collect();
@@ -117,8 +120,8 @@ pub fn holm(p_values: &[f64]) -> Vec<f64> {
     corrected
 }
 
-/// Kruskal and Wallis 1952: whether the mean ranks of groups differ; H is corrected for ties, and p by chi squared.
-/// None where there are fewer than two groups, an empty one, or nothing but ties.
+/// Tests by Kruskal and Wallis 1952 whether the mean ranks of groups differ. H is corrected for ties, and the p-value
+/// follows from the chi-squared distribution. `None` for fewer than two groups, an empty group, or only ties.
 #[must_use]
 pub fn kruskal_wallis(groups: &[&[f64]]) -> Option<Test> {
     if groups.len() < 2 || groups.iter().any(|group| group.is_empty()) {
@@ -147,8 +150,8 @@ pub fn kruskal_wallis(groups: &[&[f64]]) -> Option<Test> {
     Some(Test { statistic: h, p: chi_squared.sf(h.max(0.0)) })
 }
 
-/// One-way analysis of variance: whether the means of groups differ. None where the groups have no variance to compare
-/// with.
+/// Tests by one-way analysis of variance whether the means of groups differ. `None` if the groups have no variance to
+/// compare with.
 #[must_use]
 pub fn anova(groups: &[&[f64]]) -> Option<Test> {
     let samples = groups.iter().map(|group| group.to_vec()).collect();
@@ -169,8 +172,8 @@ mod tests {
         assert_eq!(Summary::of(&[]).n, 0);
     }
 
-    /// scipy 1.16.3: `stats.ttest_ind_from_stats(equal_var=False)`, and `stats.t.sf` of the margin less the difference
-    /// over the standard error.
+    /// The expected values come from scipy 1.16.3: `stats.ttest_ind_from_stats(equal_var=False)`, and `stats.t.sf` of
+    /// the margin minus the difference, divided by the standard error.
     #[test]
     fn welch_and_tost_as_in_scipy() {
         for (one, other, margin, [t, df, p, tost_p]) in [
@@ -203,7 +206,7 @@ mod tests {
         assert_eq!(TwoMeans::of((50, 1.0, 0.0), (50, 1.0, 0.0), 0.1), None);
     }
 
-    /// R: `p.adjust(c(0.01, 0.04, 0.03, 0.005), "holm")`.
+    /// The expected values come from R: `p.adjust(c(0.01, 0.04, 0.03, 0.005), "holm")`.
     #[test]
     fn holms_correction_as_in_r() {
         let corrected = holm(&[0.01, 0.04, 0.03, 0.005]);
@@ -214,8 +217,8 @@ mod tests {
         assert_eq!((holm(&[0.9, 0.8]), holm(&[])), (vec![1.0, 1.0], vec![]));
     }
 
-    /// Hollander and Wolfe 1973, p. 116, as in the documentation of R's `kruskal.test`: H = 0.77143, 2 degrees of
-    /// freedom, p = 0.68.
+    /// The example is from Hollander and Wolfe 1973, p. 116, as in the documentation of R's `kruskal.test`: H =
+    /// 0.77143, 2 degrees of freedom, p = 0.68.
     #[test]
     fn kruskal_and_wallis_as_in_r() {
         let test =
@@ -223,7 +226,8 @@ mod tests {
         assert!((test.statistic - 0.771_43).abs() < 1e-5 && (test.p - 0.68).abs() < 1e-3, "{test:?}");
     }
 
-    /// scipy.stats.kruskal([1, 1, 1], [2, 2, 2], [2, 2]): H = 7.0, p = 0.0301973834223185.
+    /// The expected values come from scipy.stats.kruskal([1, 1, 1], [2, 2, 2], [2, 2]): H = 7.0, p =
+    /// 0.0301973834223185.
     #[test]
     fn ties_are_corrected_for() {
         let test = kruskal_wallis(&[&[1.0, 1.0, 1.0], &[2.0, 2.0, 2.0], &[2.0, 2.0]]).unwrap();
@@ -232,7 +236,7 @@ mod tests {
         assert_eq!(kruskal_wallis(&[&[1.0], &[]]), None);
     }
 
-    /// The table of https://en.wikipedia.org/wiki/One-way_analysis_of_variance: F = 9.3, p = 0.002.
+    /// The example is from https://en.wikipedia.org/wiki/One-way_analysis_of_variance: F = 9.3, p = 0.002.
     #[test]
     fn analysis_of_variance_of_the_textbook() {
         let groups: [&[f64]; 3] =

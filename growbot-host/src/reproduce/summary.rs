@@ -13,7 +13,7 @@ use super::statistics::{LEVEL, Test, TwoMeans};
 use super::table2::{Cell, Verdicts};
 use super::tables::parameters;
 
-/// A short table for people, 80 columns wide.
+/// Returns the summary, a short text that is 80 columns wide.
 #[must_use]
 pub fn summary(of: &Reproduction) -> String {
     let request = &of.request;
@@ -45,7 +45,7 @@ pub fn summary(of: &Reproduction) -> String {
     text
 }
 
-// Writing to a String cannot fail, so what `writeln!` says of it is let go.
+// Writing to a String cannot fail, so the results of `writeln!` are ignored.
 
 fn parameters_text(text: &mut String, of: &Reproduction, table: u8) {
     let _ = writeln!(text, "\nTable {table}  dt, s   g, mm/s  R, mm  step, mm  phi, rad/s (paper)        k (paper)");
@@ -97,7 +97,7 @@ fn table2_text(text: &mut String, of: &Reproduction) {
     verdicts_text(text, of);
 }
 
-/// What the tests of Table 2 come to.
+/// Writes the numbers of means that differ from Table 2 or are equivalent to it.
 fn verdicts_text(text: &mut String, of: &Reproduction) {
     let verdicts = |slicing| Verdicts::of(&of.comparison.table2, Planner::TwoPlane, slicing);
     let (by_text, by_table) = (verdicts(SlicingRule::Text), verdicts(SlicingRule::Table));
@@ -125,7 +125,7 @@ fn quoted_text(text: &mut String, of: &Reproduction) {
         let MeanSd { mean, sd } = quoted.paper;
         let _ = writeln!(text, "\n{}\n  {:<38} {mean:>8.digits$} +- {sd:.digits$}", capital(quoted.what), "the paper");
         for OurMean { label, mean, sd } in &quoted.ours {
-            // Exact slicing has a line of its own.
+            // Exact slicing has its own line.
             if *mean > 1e-9 {
                 let _ = writeln!(text, "  {label:<38} {mean:>8.digits$} +- {sd:.digits$}");
             }
@@ -188,7 +188,7 @@ fn feedback_text(text: &mut String, of: &Reproduction) {
     }
 }
 
-/// An error over a length as it is read.
+/// Formats a position error over a length.
 #[must_use]
 pub fn error_text(error: f64) -> String {
     if error < 5e-6 { format!("{error:.0e}") } else { format!("{error:.5}") }

@@ -1,8 +1,8 @@
-//! Position errors beside the paper's Table 2: whether the means differ, and whether they are equivalent.
+//! Comparison of our position errors with Table 2 of the paper: tests for difference and for equivalence.
 //!
-//! A test that finds no difference is no proof that there is none: the claim that two means are alike is made by an
-//! equivalence test alone, two one-sided tests (TOST). Their margin is one standard deviation of the paper's, which is
-//! what "mean +- SD" shows a reader.
+//! A test that finds no difference does not prove equality. Only an equivalence test, two one-sided tests (TOST), shows
+//! that two means are alike. Its margin is one standard deviation of the paper's mean, which is what "mean +- SD" shows
+//! a reader.
 
 use growbot_core::plan::Planner;
 
@@ -11,38 +11,38 @@ use super::paper::{self, MeanSd, ROBOTS};
 use super::slicing_rule::SlicingRule;
 use super::statistics::{LEVEL, Summary, TwoMeans, holm};
 
-/// The margin of equivalence, in standard deviations of the paper's.
+/// Margin of equivalence, in standard deviations of the paper.
 pub const MARGIN_SD: f64 = 1.0;
 
-/// Position errors of a robot in a group, beside those of Table 2.
+/// Position errors of a robot in a group, compared with a cell of Table 2.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
-    /// Place in [`ROBOTS`].
+    /// Index into [`ROBOTS`].
     pub robot: usize,
-    /// Place in [`paper::GROUPS`].
+    /// Index into [`paper::GROUPS`].
     pub group: usize,
-    /// The planner.
+    /// Planner of the paths.
     pub planner: Planner,
-    /// How the paths were sliced.
+    /// Slicing rule of the paths.
     pub slicing: SlicingRule,
-    /// Ours.
+    /// Our position errors over the path's length.
     pub ours: Summary,
-    /// The paper's mean and standard deviation, of [`paper::REPEAT`] growths.
+    /// Mean and standard deviation of the paper, of [`paper::REPEAT`] growths.
     pub paper: MeanSd,
-    /// The tests of the two means, corrected for all of the same planner and slicing.
+    /// Tests of the two means, corrected for all cells with the same planner and slicing.
     pub tests: Option<TwoMeans>,
-    /// How many comparisons the tests are corrected for.
+    /// Number of comparisons for which the tests are corrected.
     pub comparisons: usize,
 }
 
 impl Cell {
-    /// Whether our mean lies within the paper's mean and its standard deviation. That is no test.
+    /// Returns whether our mean is within one standard deviation of the paper's mean. This is not a test.
     #[must_use]
     pub fn is_within(&self) -> bool {
         (self.ours.mean - self.paper.mean).abs() <= self.paper.sd
     }
 
-    /// How far apart equivalent means may be.
+    /// Returns the margin of equivalence, the largest difference of equivalent means.
     #[must_use]
     pub fn margin(&self) -> f64 {
         MARGIN_SD * self.paper.sd
@@ -53,23 +53,23 @@ impl Cell {
     }
 }
 
-/// What the tests say of all means of one planner and slicing.
+/// Number of cells with each test result, for one planner and slicing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Verdicts {
-    /// Means compared.
+    /// Number of compared means.
     pub cells: usize,
-    /// Within the paper's mean and its standard deviation.
+    /// Number of means within one standard deviation of the paper's.
     pub within: usize,
-    /// Different at [`LEVEL`] without any correction.
+    /// Number of means that differ at [`LEVEL`] without a correction.
     pub differ_uncorrected: usize,
-    /// Different after the correction.
+    /// Number of means that differ after the correction.
     pub differ: usize,
-    /// Equivalent after the correction.
+    /// Number of means that are equivalent after the correction.
     pub equivalent: usize,
 }
 
 impl Verdicts {
-    /// Of these cells, as far as they are of this planner and slicing.
+    /// Counts the results of the cells with this planner and slicing.
     #[must_use]
     pub fn of(cells: &[Cell], planner: Planner, slicing: SlicingRule) -> Self {
         let cells: Vec<&Cell> = cells.iter().filter(|cell| cell.family() == (planner, slicing)).collect();
@@ -84,7 +84,7 @@ impl Verdicts {
     }
 }
 
-/// The cells of all that was grown without noise and in open loop by robots of Table 2.
+/// Returns the cells of all growths without noise and in open loop, for the robots of Table 2.
 pub(super) fn cells(experiments: &Experiments) -> Vec<Cell> {
     let mut cells = Vec::new();
     for set in &experiments.sets {
@@ -109,7 +109,7 @@ pub(super) fn cells(experiments: &Experiments) -> Vec<Cell> {
     cells
 }
 
-/// Tests the means, each corrected for those of its family.
+/// Tests the means and corrects each test for the others of its family.
 fn test(cells: &mut [Cell]) {
     for planner in [Planner::TwoPlane, Planner::Shortest] {
         for slicing in [SlicingRule::Text, SlicingRule::Table, SlicingRule::Exact] {

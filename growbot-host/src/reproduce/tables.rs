@@ -1,4 +1,4 @@
-//! Every number as CSV and JSON, and the summary that is printed.
+//! All numbers as CSV files and as JSON.
 
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -13,7 +13,7 @@ use growbot_client::plan::planner_name;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
-/// A robot of Tables 1 and 3: the paper's numbers, and ours from its description.
+/// Row of a robot of Tables 1 and 3: the paper's numbers, and ours from its description.
 #[derive(Debug, Serialize)]
 struct RobotRow {
     robot: &'static str,
@@ -32,7 +32,7 @@ struct RobotRow {
     k_paper: f64,
 }
 
-/// A growth.
+/// Row of a growth.
 #[derive(Debug, Serialize)]
 struct GrowthRow {
     experiment: &'static str,
@@ -65,7 +65,7 @@ struct GrowthRow {
     direction_error_deg: f64,
 }
 
-/// A quantity of a set of growths.
+/// Row of a quantity of a set of growths.
 #[derive(Debug, Serialize)]
 struct SummaryRow {
     experiment: &'static str,
@@ -87,8 +87,8 @@ struct SummaryRow {
     sd_paper: Option<f64>,
 }
 
-/// A mean of Table 2 beside the paper's: whether they differ, and whether they are equivalent. p-values are two-sided
-/// for the difference; `_holm` are corrected for all means of one planner and slicing.
+/// Row of a mean of Table 2: ours, the paper's, and the tests for difference and equivalence. p-values for the
+/// difference are two-sided. Values with `_holm` are corrected for all means of one planner and slicing.
 #[derive(Debug, Serialize)]
 struct Table2Row {
     robot: &'static str,
@@ -114,7 +114,7 @@ struct Table2Row {
     equivalent: Option<bool>,
 }
 
-/// A significance test.
+/// Row of a significance test.
 #[derive(Debug, Serialize)]
 struct TestRow<'a> {
     what: &'a str,
@@ -129,7 +129,7 @@ struct TestRow<'a> {
     p_paper: Option<f64>,
 }
 
-/// A point of a curve in Figures 5 and 7.
+/// Row of a point on a curve in Figures 5 and 7.
 #[derive(Debug, Serialize)]
 struct PointRow {
     figure: u8,
@@ -143,10 +143,11 @@ struct PointRow {
     z_mm: f64,
 }
 
-/// What of the paper's robots our descriptions say: `g`, `phi` and `k` follow from step, time and radius.
+/// Parameters of a robot of the paper. Ours come from its description: `g`, `phi` and `k` follow from step, time and
+/// radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameters {
-    /// The paper's.
+    /// Robot with the paper's numbers.
     pub paper: PaperRobot,
     /// Time for a step, s.
     pub dt_s: f64,
@@ -159,26 +160,26 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// Growth velocity, mm/s.
+    /// Returns the growth velocity, mm/s.
     #[must_use]
     pub fn g_mm_per_s(&self) -> f64 {
         self.step_mm / self.dt_s
     }
 
-    /// Bending, rad/s.
+    /// Returns the bending, rad/s.
     #[must_use]
     pub fn phi_rad_per_s(&self) -> f64 {
         self.g_mm_per_s() / self.radius_mm
     }
 
-    /// Bending, radians a step.
+    /// Returns the bending of a step, radians.
     #[must_use]
     pub fn k(&self) -> f64 {
         self.step_mm / self.radius_mm
     }
 }
 
-/// The robots of Table 1 or Table 3, as they are described here.
+/// Returns the parameters of the robots in Table 1 or Table 3.
 #[must_use]
 pub fn parameters(of: &Reproduction, table: u8) -> Vec<Parameters> {
     let shown = |robot: &usize| match table {
@@ -220,7 +221,7 @@ fn robot_rows(of: &Reproduction, table: u8) -> Vec<RobotRow> {
     parameters(of, table).into_iter().map(row).collect()
 }
 
-/// All sets, with the name of their experiment.
+/// Returns all sets of growths, with the name of their experiment.
 fn sets(of: &Reproduction) -> impl Iterator<Item = (&'static str, &Set)> {
     let random = of.experiments.sets.iter().map(|set| ("random-poses", set));
     random.chain(of.experiments.noise.iter().map(|set| ("noise", set)))
@@ -379,7 +380,7 @@ fn csv_of<T: Serialize>(name: &str, rows: impl IntoIterator<Item = T>) -> Result
     Ok((!contents.is_empty()).then(|| ResultFile { name: name.to_owned(), contents }))
 }
 
-/// The CSV files; those without a row are left out.
+/// Returns the CSV files. A file without rows is omitted.
 ///
 /// # Errors
 /// A number that cannot be written.
@@ -399,7 +400,7 @@ pub fn files(of: &Reproduction) -> Result<Vec<ResultFile>, csv::Error> {
     Ok(files)
 }
 
-/// The results as JSON: all but the single growths.
+/// Returns the results as JSON, without the single growths.
 #[must_use]
 pub fn json(of: &Reproduction) -> Value {
     let robots: Vec<RobotRow> = [1, 3]

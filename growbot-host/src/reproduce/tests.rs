@@ -1,4 +1,4 @@
-//! The whole of it: the paper's numbers, the same bytes on any number of threads, files that can be read.
+//! Tests of whole reproductions: the paper's numbers, equal bytes on any number of threads, valid files.
 
 use super::*;
 use experiments::Quantity;
@@ -9,17 +9,17 @@ fn run(request: Request, threads: usize) -> Reproduction {
     Reproduction::run(request, threads, |_, _| ()).unwrap()
 }
 
-/// Everything, a few times each.
+/// Returns a request for everything, with few repetitions.
 fn small() -> Request {
     Request { repeat: 2, repeat_noise: 3, ..Request::default() }
 }
 
 fn csv_rows(file: &ResultFile) -> Vec<csv::StringRecord> {
-    // The reader refuses rows of another length than the first.
+    // The reader rejects rows whose length differs from the first.
     csv::Reader::from_reader(file.contents.as_bytes()).into_records().collect::<Result<_, _>>().unwrap()
 }
 
-/// Checks that every tag is closed, in order. Returns how many elements there are.
+/// Checks that every tag is closed, in order. Returns the number of elements.
 fn elements(markup: &str) -> usize {
     const VOID: [&str; 3] = ["meta", "!DOCTYPE", "br"];
     let (mut open, mut count) = (Vec::new(), 0);
@@ -46,7 +46,7 @@ fn robot_a_misses_by_as_much_as_the_paper_says() {
     });
     assert_eq!(cells.clone().count(), paper::GROUPS.len());
     for cell in cells {
-        // Not only within a standard deviation: shown to be, by an equivalence test.
+        // Each mean is not only within a standard deviation, but also equivalent by test.
         let tests = cell.tests.unwrap();
         assert!(tests.is_equivalent() && !tests.differs(), "{} R: {cell:?}", paper::GROUPS[cell.group]);
         assert!(cell.is_within() && (cell.ours.n, cell.comparisons) == (50, 4), "{cell:?}");
@@ -59,7 +59,7 @@ fn robot_a_misses_by_as_much_as_the_paper_says() {
     }
 }
 
-/// An outside check of these 36 means found 9 that differ at 5 %, and 4 after a correction for 36 comparisons.
+/// An independent check of these 36 means found 9 that differ at 5 %, and 4 after a correction for 36 comparisons.
 #[test]
 fn the_tests_of_table_2_say_how_many_means_differ_and_how_many_are_equivalent() {
     let done = run(Request { tables: vec![2], figures: vec![], ..Request::default() }, 2);
@@ -168,7 +168,7 @@ fn every_table_and_figure_is_there_and_can_be_read() {
         assert!(page.contains(&format!("id=\"{id}\"")), "{id}");
     }
     assert_eq!(page.matches("<svg").count(), 5);
-    // Nothing is fetched: the only address is the name of SVG's name space.
+    // The page fetches nothing. Its only address is the name of SVG's namespace.
     let without_names = page.replace("http://www.w3.org/2000/svg", "");
     for fetched in ["http:", "https:", "src=", "href=", "url(", "@import", "<script"] {
         assert!(!without_names.contains(fetched), "{fetched}");

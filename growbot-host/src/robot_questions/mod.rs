@@ -1,7 +1,7 @@
-//! A new robot from one that there is: what is asked, which answers can be, and the file that comes of them.
+//! Creation of a robot file from an existing one: the questions, the allowed answers, and the resulting file.
 //!
-//! The file begun with is kept with its comments. Each answer goes into it and the whole is checked as any robot file
-//! is ([`robot_file::parse`]); what the check finds wrong with the answer, or with one given before, refuses it.
+//! The existing file is kept with its comments. Each answer is inserted, and the whole is checked like any robot file
+//! ([`robot_file::parse`]). An answer is rejected if the check finds an error in it or in an earlier answer.
 
 mod toml_values;
 
@@ -12,7 +12,7 @@ use toml_edit::{DocumentMut, Item, Value};
 use crate::robot_explained::{is_assumed, opening_comment};
 use toml_values::{comment, look_up, look_up_mut, paths, remark, remove, shown};
 
-/// What is asked, in this order: a field comes after those that bound it.
+/// Fields with a question, in the order of the questions. A field comes after the fields that limit it.
 pub const QUESTIONS: [&str; 24] = [
     NAME,
     "geometry.inner_radius_mm",
@@ -40,66 +40,67 @@ pub const QUESTIONS: [&str; 24] = [
     "heater.power_w",
 ];
 
-/// The field that says what the robot is called.
+/// Field of the robot's name.
 pub const NAME: &str = "name";
-/// The field whose remark tells `R_min`.
+/// Field whose comment reports `R_min`.
 const RADIUS: &str = "planning_radius_mm";
 
-/// What is as good as no limit, as TOML.
+/// Value that is as good as no limit, in TOML.
 pub const UNLIMITED: &str = "1000000000.0";
-/// How people say so.
+/// Answer for such a value.
 pub const NO_LIMIT: &str = "no limit";
 
-/// What grows with what: where a value cannot stay, it is changed as the other one was.
+/// Pairs of a field and the field that it scales with. If a value is not valid any more, it is scaled like the other
+/// one.
 const IN_PROPORTION: [(&str, &str); 3] = [
     ("geometry.tip_radius_mm", "geometry.inner_radius_mm"),
     ("layer.height_min_mm", "layer.height_mm"),
     ("layer.height_max_mm", "layer.height_mm"),
 ];
 
-/// Why an answer was not taken.
+/// Errors of an answer.
 #[derive(Debug, thiserror::Error)]
 pub enum Refused {
-    /// No value of this kind.
+    /// The answer has the wrong type.
     #[error("{path} cannot be {text:?}: give {kind}")]
     Kind {
-        /// The field.
+        /// Path of the field.
         path: &'static str,
-        /// What was answered.
+        /// The answer.
         text: String,
-        /// What it must be.
+        /// Description of the required type.
         kind: &'static str,
     },
-    /// The name is taken.
+    /// The name is that of a built-in robot.
     #[error("{name} is built in, and plans tell robots apart by name: choose another name")]
     BuiltIn {
         /// The name.
         name: String,
     },
-    /// A robot like that cannot be.
+    /// A robot with this value is not valid.
     #[error(transparent)]
     Robot(#[from] RobotFileError),
 }
 
-/// A value that was changed so that others can be.
+/// A value that was changed so that other values are valid.
 #[derive(Debug, PartialEq)]
 pub struct Adapted {
-    /// The field.
+    /// Path of the field.
     pub path: String,
-    /// What it was.
+    /// Old value, as TOML.
     pub from: String,
-    /// What it is.
+    /// New value, as TOML.
     pub to: String,
 }
 
-/// A robot that is being described.
+/// A robot description that is being edited.
 #[derive(Debug, Clone)]
 pub struct Draft {
     document: DocumentMut,
-    /// What it began as: the file, with what it leaves out of what is asked.
+    /// Document at the start: the file, with values for fields that it omits and that have a question.
     first: DocumentMut,
     left_out: Vec<&'static str>,
-    /// The robot that it began as.
+    /// Name of the existing robot.
     base: String,
     about: String,
     /// Lines at the top that are for tools, such as `#:schema`.
@@ -107,14 +108,14 @@ pub struct Draft {
 }
 
 impl Draft {
-    /// Begins with this robot file, called so in messages, under another name.
+    /// Starts with the text of a robot file, under a new name. Messages refer to the text as `file`.
     ///
     /// # Errors
-    /// What is no robot file.
+    /// A text that is not a robot file.
     pub fn of(text: &str, file: &str, name: &str) -> Result<Self, RobotFileError> {
         let robot = robot_file::parse(text, file)?;
         let mut draft = Self {
-            // Parses: it has just been read as a robot file.
+            // This cannot fail, because the text has just been read as a robot file.
             document: text.parse().unwrap_or_default(),
             first: DocumentMut::new(),
             left_out: Vec::new(),
@@ -122,7 +123,7 @@ impl Draft {
             about: opening_comment(text),
             directives: text.split_inclusive('\n').filter(|line| line.starts_with("#:")).collect(),
         };
-        // What the file leaves out is asked for too, and may be given.
+        // Fields that the file omits have a question, too, and can be set.
         let written = toml::to_string(robot.description()).unwrap_or_default();
         let whole: DocumentMut = written.parse().unwrap_or_default();
         for path in QUESTIONS {
@@ -138,16 +139,16 @@ impl Draft {
         Ok(draft)
     }
 
-    /// The value of a field, as TOML.
+    /// Returns the value of a field, as TOML.
     #[must_use]
     pub fn shown(&self, path: &str) -> String {
         self.value(path).map(shown).unwrap_or_default()
     }
 
-    /// Takes an answer; gives what had to be changed that is not asked for.
+    /// Inserts an answer. Returns the fields without a question that had to be changed.
     ///
     /// # Errors
-    /// Why not; the draft is then as it was.
+    /// The reason why the answer is rejected. The draft is then unchanged.
     pub fn answer(&mut self, path: &'static str, text: &str) -> Result<Vec<Adapted>, Refused> {
         let value = self.understood(path, text)?;
         if path == NAME && value.as_str().is_some_and(robot_file::is_built_in) {
@@ -160,12 +161,12 @@ impl Draft {
         Ok(adapted)
     }
 
-    /// Changes what is not asked for so that it goes with the answers up to this field.
+    /// Changes fields without a question so that they fit the answers up to this field.
     fn settle(&mut self, path: &str) -> Result<Vec<Adapted>, Refused> {
         self.refused_at(path)?;
         let adapted = self.adapt();
         match self.robot() {
-            // Nobody asks for it any more: it would be refused when the file is written.
+            // No later question can correct this field, so the error would only appear when the file is written.
             Err(RobotFileError::Robot { file, error }) if !QUESTIONS.contains(&field_of(&error)) => {
                 Err(RobotFileError::Robot { file, error }.into())
             }
@@ -173,25 +174,26 @@ impl Draft {
         }
     }
 
-    /// What is taken where nothing is answered: the value that the field has if it can stay, else one near it that can
-    /// be. None where no value goes with the answers before.
+    /// Returns the default answer: the current value if it is valid, otherwise a valid value near it. `None` if no
+    /// value is valid with the earlier answers.
     #[must_use]
     pub fn default(&self, path: &'static str) -> Option<String> {
         self.possible(path, |draft| draft.clone().settle(path).is_ok()).map(|value| shown(&value))
     }
 
-    /// The robot, if all is well.
+    /// Returns the robot if the draft is valid.
     ///
     /// # Errors
-    /// What is not.
+    /// The first error in the draft.
     pub fn robot(&self) -> Result<Robot, RobotFileError> {
         robot_file::parse(&self.document.to_string(), &self.shown(NAME).replace('"', ""))
     }
 
-    /// The file: the one begun with, with its comments, and what was given or changed marked as such.
+    /// Returns the robot and its file. The file is the existing one with its comments. Given and changed values are
+    /// marked in comments.
     ///
     /// # Errors
-    /// As [`Draft::robot`].
+    /// Errors of [`Draft::robot`].
     pub fn file(&self, given: &[&'static str]) -> Result<(Robot, String), RobotFileError> {
         let robot = self.robot()?;
         let mut document = self.document.clone();
@@ -222,7 +224,7 @@ impl Draft {
             value.decor_mut().set_suffix(format!(" # {said}"));
         }
         let body = document.to_string();
-        // The comment at the top tells of the robot begun with.
+        // The comment at the top describes the existing robot.
         let body: String = body.split_inclusive('\n').skip_while(|line| line.starts_with('#')).collect();
         let name = robot.name();
         let mut text = self.directives.clone();
@@ -238,7 +240,7 @@ impl Draft {
             text.push('\n');
         }
         text += &body;
-        // What is written is what is read: the file is checked as it is.
+        // The written text is checked as it will be read.
         let robot = robot_file::parse(&text, name)?;
         Ok((robot, text))
     }
@@ -247,7 +249,7 @@ impl Draft {
         look_up(self.document.as_item(), path)
     }
 
-    /// Sets a field; its comment stays.
+    /// Sets a field and keeps its comment.
     fn put(&mut self, path: &str, mut value: Value) {
         if let Some(old) = look_up_mut(self.document.as_item_mut(), path) {
             *value.decor_mut() = old.decor().clone();
@@ -262,7 +264,7 @@ impl Draft {
         *item = Item::Value(value);
     }
 
-    /// A text as a value of the kind that the field has.
+    /// Converts an answer to a value of the field's type.
     fn understood(&self, path: &'static str, text: &str) -> Result<Value, Refused> {
         let text = text.trim();
         let refused = |kind| Refused::Kind { path, text: text.to_owned(), kind };
@@ -280,7 +282,7 @@ impl Draft {
         }
     }
 
-    /// Whether this field, or one asked for before it, is refused.
+    /// Returns the robot's error if it concerns this field or a field whose question comes before.
     fn refused_at(&self, path: &str) -> Result<(), Refused> {
         let place = |path: &str| QUESTIONS.iter().position(|question| *question == path);
         match self.robot() {
@@ -296,10 +298,10 @@ impl Draft {
         }
     }
 
-    /// Changes what is not asked for until nothing of it is refused.
+    /// Changes fields without a question until none of them has an error.
     fn adapt(&mut self) -> Vec<Adapted> {
         let mut adapted = Vec::new();
-        // Each field once: what cannot be mended that way is refused when the file is written.
+        // Each field is changed once. An error that remains is reported when the file is written.
         while let Err(RobotFileError::Robot { error, .. }) = self.robot() {
             let path = field_of(&error);
             if QUESTIONS.contains(&path) || adapted.iter().any(|done: &Adapted| done.path == path) {
@@ -317,8 +319,8 @@ impl Draft {
         adapted
     }
 
-    /// The value of this field if it is good, else the limit that it broke, or else the nearest good value by steps of
-    /// a quarter.
+    /// Returns the current value of this field if it is good, otherwise a value that is. The candidates are the value
+    /// scaled with its other field, the violated limit, and steps of a quarter.
     fn possible(&self, path: &str, good: impl Fn(&Self) -> bool) -> Option<Value> {
         let value = self.value(path)?.clone();
         let (number, whole) = match &value {
@@ -353,7 +355,7 @@ impl Draft {
     }
 }
 
-/// To three digits, by this way of rounding.
+/// Rounds to three digits, with the given rounding.
 fn rounded(number: f64, round: fn(f64) -> f64) -> f64 {
     if number == 0.0 || !number.is_finite() {
         return number;
@@ -368,7 +370,7 @@ fn rounded(number: f64, round: fn(f64) -> f64) -> f64 {
     }
 }
 
-/// The field that an error is about: of those that are about several, the one that is asked for last.
+/// Returns the field that an error is about. If it is about several fields, the one whose question comes last.
 fn field_of(error: &RobotError) -> &'static str {
     let field = match error {
         RobotError::NotFinite { field, .. }

@@ -19,7 +19,7 @@ fn what_is_not_touched_is_the_robot_begun_with() {
         let mut description = begun.description().clone();
         description.name = robot.description().name.clone();
         assert_eq!(robot.description(), &description, "{base}");
-        // As many lines that say something, and as many assumptions.
+        // The files have the same number of value lines and of assumptions.
         let said = |text: &str| text.lines().filter(|line| !line.starts_with('#') && !line.is_empty()).count();
         assert_eq!(said(&written), said(&text), "{base}");
         assert_eq!(written.matches("# assumed").count(), text.matches("# assumed").count(), "{base}");
@@ -38,7 +38,7 @@ fn defaults_follow_the_answers_before() {
         assert_eq!(draft.default(next).as_deref(), Some(default));
         draft.answer(next, default).unwrap();
     }
-    // R_min is far below what it was: the radius of plans can stay.
+    // R_min is far smaller now, so the radius of plans stays valid.
     assert_eq!(draft.default(RADIUS).as_deref(), Some("100.0"));
     draft.answer("heater.extrusion_min_c", &draft.default("heater.extrusion_min_c").unwrap()).unwrap();
     assert!(draft.file(&[]).is_ok());

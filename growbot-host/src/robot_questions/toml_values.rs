@@ -2,20 +2,20 @@
 
 use toml_edit::{Item, RawString, Value};
 
-/// A value without its comment.
+/// Returns a value without its comment.
 pub(super) fn shown(value: &Value) -> String {
     let mut value = value.clone();
     value.decor_mut().clear();
     value.to_string().trim().to_owned()
 }
 
-/// The comment behind a value.
+/// Returns the comment after a value.
 pub(super) fn remark(value: &Value) -> String {
     let suffix = value.decor().suffix().and_then(RawString::as_str).unwrap_or_default();
     suffix.split_once('#').map(|(_, comment)| comment.trim().to_owned()).unwrap_or_default()
 }
 
-/// The text as comment lines.
+/// Formats a text as comment lines.
 pub(super) fn comment(text: &str) -> String {
     let mut lines = String::new();
     let mut line = String::from("#");
@@ -33,12 +33,12 @@ pub(super) fn comment(text: &str) -> String {
     lines
 }
 
-/// The value at a path of keys.
+/// Returns the value at a path of keys.
 pub(super) fn look_up<'a>(item: &'a Item, path: &str) -> Option<&'a Value> {
     path.split('.').try_fold(item, |item, key| item.get(key))?.as_value()
 }
 
-/// The value at a path of keys, to be changed.
+/// Returns the value at a path of keys, for changing it.
 pub(super) fn look_up_mut<'a>(item: &'a mut Item, path: &str) -> Option<&'a mut Value> {
     path.split('.').try_fold(item, |item, key| item.get_mut(key))?.as_value_mut()
 }
@@ -52,7 +52,7 @@ pub(super) fn remove(item: &mut Item, path: &str) {
     }
 }
 
-/// The paths of all values with a line of their own.
+/// Returns the paths of all values that have their own line.
 pub(super) fn paths(item: &Item, here: &str) -> Vec<String> {
     let Some(table) = item.as_table() else { return vec![here.to_owned()] };
     let below = |key: &str| if here.is_empty() { key.to_owned() } else { format!("{here}.{key}") };

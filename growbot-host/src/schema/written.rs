@@ -1,7 +1,7 @@
-//! The JSON Schemas of what growbot writes: plans, the lines of run logs, and results.
+//! JSON Schemas of plans, lines of run logs, results, scenes, notices and settings.
 //!
-//! They are derived from the very types that write and read it, by their doc comments, as growbot writes it: a field
-//! that is always there is required, also where a reader does without.
+//! The schemas are derived from the types that read and write these files, with their doc comments. In files that
+//! growbot writes, a field that is always written is required, even if a reader does not need it.
 
 use growbot_client::plan_file::PlanFile;
 use growbot_client::run_log::{GrowthResult, RunLine};
@@ -14,19 +14,19 @@ use super::plain;
 use crate::serve::notices::Notice;
 use crate::settings::Written;
 
-/// Of plan files.
+/// Returns the schema of plan files.
 #[must_use]
 pub fn of_plans() -> Value {
     of::<PlanFile>("growbot plan", "A path with what it takes to grow it. Lengths are in mm: names carry the unit.")
 }
 
-/// Of scene files.
+/// Returns the schema of scene files.
 #[must_use]
 pub fn of_scenes() -> Value {
     of_read::<SceneFile>("growbot scene", "Obstacles for a growing body. Lengths are in mm: names carry the unit.")
 }
 
-/// Of each line of a run log.
+/// Returns the schema of a line in a run log.
 #[must_use]
 pub fn of_run_lines() -> Value {
     of::<RunLine>(
@@ -35,13 +35,13 @@ pub fn of_run_lines() -> Value {
     )
 }
 
-/// Of results, as `grow`, `resume` and `replay` print them with `--json`.
+/// Returns the schema of results, as `grow`, `resume` and `replay` print them with `--json`.
 #[must_use]
 pub fn of_results() -> Value {
     of::<GrowthResult>("growbot result", "What a growth came to. Lengths are in mm: names carry the unit.")
 }
 
-/// Of what webhooks and commands of the service are told.
+/// Returns the schema of the notices that webhooks and commands of the service receive.
 #[must_use]
 pub fn of_notices() -> Value {
     of::<Notice>(
@@ -50,7 +50,7 @@ pub fn of_notices() -> Value {
     )
 }
 
-/// Of `growbot.toml`.
+/// Returns the schema of `growbot.toml`.
 #[must_use]
 pub fn of_settings() -> Value {
     of_read::<Written>("growbot.toml", "What is set for all commands of growbot.")
@@ -60,7 +60,7 @@ fn of<T: JsonSchema>(title: &str, description: &str) -> Value {
     with::<T>(SchemaSettings::draft07().for_serialize(), title, description)
 }
 
-/// Of what growbot reads and people write: what has a default may be left out.
+/// Returns the schema of a file that users write and growbot reads. A field with a default is optional.
 fn of_read<T: JsonSchema>(title: &str, description: &str) -> Value {
     with::<T>(SchemaSettings::draft07(), title, description)
 }
@@ -76,7 +76,7 @@ fn with<T: JsonSchema>(mut settings: SchemaSettings, title: &str, description: &
     schema
 }
 
-/// Takes out what only Rust has (formats, links), and line breaks within descriptions.
+/// Removes what only Rust has (formats, links), and line breaks in descriptions.
 fn tidy(schema: &mut Value) {
     match schema {
         Value::Array(items) => items.iter_mut().for_each(tidy),

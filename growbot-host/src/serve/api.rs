@@ -1,4 +1,4 @@
-//! The HTTP interface: its requests and answers, from which its OpenAPI document is made.
+//! The HTTP interface: its requests and responses, from which the OpenAPI document is generated.
 
 use std::convert::Infallible;
 use std::fs;
@@ -46,26 +46,26 @@ use crate::watch::Live;
 use crate::watch::server::{self as watch, updates_of};
 use growbot_pictures::view::{SceneFile, Subject, page};
 
-/// Where the interface is, below the address of a page or of the socket.
+/// Path of the interface, relative to the address of a page or to the socket.
 pub const PREFIX: &str = "/api/v1";
-/// How long a page of a job whose robot is away waits until it looks again.
+/// Delay before the page of a disconnected robot's job has to request updates again.
 const AWAY: Duration = Duration::from_secs(2);
-/// Jobs that are listed at most.
+/// Maximum number of jobs that are listed.
 const MAX_JOBS: u32 = 1000;
 
-/// What who asks may do, by the address that was used.
+/// Rights of a client. They depend on the address that it uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Access {
-    /// Look.
+    /// The client can only read.
     Read,
-    /// Look, and give orders.
+    /// The client can read and send commands.
     Operate(By),
 }
 
 pub(super) type Shared = State<Arc<Service>>;
 type Answer<T> = Result<Json<T>, Problem>;
 
-/// All routes, and the document that describes them.
+/// Returns all routes and the OpenAPI document that describes them.
 pub fn routes() -> (Router<Arc<Service>>, Value) {
     let mut document = OpenApi {
         info: Info {
@@ -134,7 +134,7 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
     (router, document::complete(&document))
 }
 
-/// What a route is for.
+/// Sets the description of a route, and problem details as its default response.
 fn says(words: &'static str) -> impl Fn(TransformOperation) -> TransformOperation {
     move |operation| operation.description(words).default_response::<Problem>()
 }
@@ -151,7 +151,7 @@ pub(super) fn found_job(service: &Service, id: &str) -> Result<Job, Problem> {
     service.job(id).ok_or_else(|| Problem::not_found("job", id))
 }
 
-/// Who may give orders, or the refusal.
+/// Returns the client's kind if it can send commands, otherwise an error.
 fn operator(access: Access) -> Result<By, Problem> {
     match access {
         Access::Operate(by) => Ok(by),
@@ -159,10 +159,10 @@ fn operator(access: Access) -> Result<By, Problem> {
     }
 }
 
-/// What an address may do.
+/// Rights of an address.
 #[derive(Debug, Serialize, JsonSchema)]
 struct May {
-    /// Give orders; else look alone.
+    /// True if the address can send commands. False if it is read-only.
     operate: bool,
 }
 
@@ -170,12 +170,12 @@ async fn access(Extension(access): Extension<Access>) -> Json<May> {
     Json(May { operate: access != Access::Read })
 }
 
-/// Where the page is: for commands, which need no secret.
+/// Addresses of the service's page. Only growbot's commands can request them, and those need no token.
 #[derive(Debug, Clone, Default, Deserialize, Serialize)]
 pub struct Addresses {
-    /// For those who may give orders.
+    /// Address for sending commands.
     pub operate: String,
-    /// For those who may look.
+    /// Read-only address.
     pub look: String,
 }
 
@@ -194,7 +194,7 @@ async fn robot(State(service): Shared, Path(name): Path<String>) -> Answer<Robot
     Ok(Json(found(&service, &name)?.view()))
 }
 
-/// Something that takes long is done beside the server.
+/// Runs a slow task on a thread of its own, so that it does not block the server.
 async fn beside<T: Send + 'static>(what: impl FnOnce() -> Result<T, Problem> + Send + 'static) -> Result<T, Problem> {
     spawn_blocking(what).await.map_err(Problem::internal)?
 }
@@ -252,7 +252,7 @@ fn make_job(
         )));
     }
     let _begins = keeper.begins();
-    // Who has asked the same at the same time may have been first.
+    // Another request with the same key may have created the job in the meantime.
     if let Some(job) = before()? {
         return Ok((StatusCode::OK, Json(job)));
     }
@@ -274,11 +274,11 @@ fn make_job(
         id,
     };
     service.shared.jobs().enter(&job, key).map_err(Problem::internal)?;
-    // Grown by force, it is not kept off anything.
+    // A job that is forced does not keep clear of the scene.
     let scene = scene.filter(|_| !wanted.force);
     let new = NewJob { job: job.clone(), plan, robot, scene, feedback: wanted.feedback };
     if let Err(why) = keeper.ask(Ask::Grow(Box::new(new)), ANSWER) {
-        // One that has begun since stands as its robot says.
+        // A job that has started after the timeout keeps the state that its robot reports.
         if !service.shared.jobs_to_read().log(&job.id).exists() {
             service.shared.jobs().refused(&job.id, &why).map_err(Problem::internal)?;
         }
@@ -305,7 +305,7 @@ async fn resume(State(service): Shared, Extension(access): Extension<Access>, Pa
     .await
 }
 
-/// Refuses what has ended for good.
+/// Returns an error if the job cannot be resumed.
 fn is_unfinished(job: &Job) -> Result<(), String> {
     match job.state {
         JobState::Active | JobState::Interrupted => Ok(()),
@@ -331,13 +331,13 @@ async fn order(
     .await
 }
 
-/// Maintenance, in the words of `growbot maintain`.
+/// A maintenance task, as `growbot maintain` runs it.
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Maintenance {
-    /// preheat, cooldown, load, unload, purge, home, rotate or jog.
+    /// Name of the task: preheat, cooldown, load, unload, purge, home, rotate or jog.
     pub task: String,
-    /// A temperature in C, a length in mm, an angle in degrees, or a material.
+    /// Value of the task: a temperature in C, a length in mm, an angle in degrees, or a material.
     #[serde(default)]
     pub value: String,
 }
@@ -366,19 +366,19 @@ async fn maintain(
     .await
 }
 
-/// The robot that a plan is for.
+/// The robot to plan for.
 #[derive(Debug, Deserialize, JsonSchema)]
 struct ForRobot {
-    /// As the service calls it.
+    /// Name of the robot in the service.
     robot: String,
 }
 
-/// A plan, and where it can be looked at.
+/// A plan and its page.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Planned {
-    /// The plan, as `growbot plan --json` gives it.
+    /// The plan, in the format of `growbot plan --json`.
     plan: Value,
-    /// Its page, below the address of this interface: for a while.
+    /// Path of its page, relative to the address of this interface. The service keeps only the latest pages.
     view: String,
 }
 
@@ -403,17 +403,17 @@ async fn new_plan(
     .await
 }
 
-/// A scene's file.
+/// Name of a scene's file.
 #[derive(Debug, Deserialize, JsonSchema)]
 struct Named {
-    /// Its name, whose ending says what it is: .toml, .stl, .obj, .ply, .glb or .pcd.
+    /// File name. Its extension is the format: .toml, .stl, .obj, .ply, .glb or .pcd.
     name: String,
 }
 
-/// A scene that is kept.
+/// A scene that the service has stored.
 #[derive(Debug, Serialize, JsonSchema)]
 struct Kept {
-    /// What `scene` of a plan or of a job calls it.
+    /// Name of the scene, for the field `scene` of a plan or job request.
     scene: String,
 }
 
@@ -432,10 +432,10 @@ async fn view_plan(State(service): Shared, Path(number): Path<u64>) -> Result<Ht
     page.map(Html).ok_or_else(|| Problem::not_found("preview any more, of", &number.to_string()))
 }
 
-/// How many jobs are listed.
+/// Limit of a list of jobs.
 #[derive(Debug, Deserialize, JsonSchema)]
 struct Listed {
-    /// At most so many: 100 unless given, 1000 at most.
+    /// Maximum number of jobs. The default is 100, and the service lists at most 1000.
     #[schemars(range(max = 4_294_967_295_u32))]
     max: Option<u32>,
 }
@@ -456,7 +456,7 @@ async fn log(State(service): Shared, Path(id): Path<String>) -> Result<Response,
     Ok(([(CONTENT_TYPE, "application/jsonl")], bytes).into_response())
 }
 
-/// The page that follows a job under way; of one that has ended, what is left of it.
+/// Returns the page that follows an active job. For any other job the page shows its run log.
 async fn live(
     State(service): Shared,
     Extension(access): Extension<Access>,
@@ -476,7 +476,7 @@ async fn live_updates(State(service): Shared, Path(id): Path<String>) -> Result<
     let job = found_job(&service, &id)?;
     match live_of(&service, &job) {
         Ok(live) => Ok(updates_of(live).into_response()),
-        // Its robot is away. A stream that ends is asked for again, where a refused one would not be.
+        // The robot is disconnected. A browser reconnects to a stream that ends, but not to one that is rejected.
         Err(_) if job.state == JobState::Active => Ok(Sse::new(unfold((), |()| async {
             sleep(AWAY).await;
             None::<(Result<Event, Infallible>, ())>
@@ -515,7 +515,7 @@ async fn view(State(service): Shared, Path(id): Path<String>) -> Result<Html<Str
     page_of(&service, found_job(&service, &id)?, None).await
 }
 
-/// The page of a job's run log; of one under way with whether it may give orders.
+/// Returns the page of a job's run log. For an active job, `control` is true if the page can send commands.
 async fn page_of(service: &Service, job: Job, control: Option<bool>) -> Result<Html<String>, Problem> {
     let path = service.shared.jobs_to_read().log(&job.id);
     beside(move || {

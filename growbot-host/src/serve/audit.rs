@@ -1,4 +1,4 @@
-//! Who has ordered what: a file that only grows.
+//! Record of all commands, a file that is only appended to.
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -12,27 +12,27 @@ use serde::Serialize;
 
 use super::JobsError;
 
-/// The file.
+/// The record's file.
 pub struct Audit(Mutex<File>);
 
-/// Where an order comes from.
+/// Origin of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum By {
     /// A page or a program that knows the operating token.
     Page,
-    /// A command of the user's.
+    /// A growbot command of the user, through the socket.
     Command,
 }
 
-/// An order as it is kept.
+/// A recorded command.
 #[derive(Serialize)]
 struct Line<'a> {
     time_utc: String,
     by: By,
     robot: &'a str,
     order: &'a str,
-    /// None where it was carried out, or taken on.
+    /// Reason why the command failed. `None` if it was carried out or accepted.
     refused: Option<&'a str>,
 }
 
@@ -42,7 +42,7 @@ impl Audit {
         file.map(|file| Self(Mutex::new(file))).map_err(|error| JobsError::of(path, &error))
     }
 
-    /// Notes an order, and why it was refused if it was.
+    /// Records a command, and the reason of its failure if it failed.
     pub fn note(&self, by: By, robot: &str, order: &str, refused: Option<&str>) {
         let line = json_line(&Line { time_utc: utc_now(), by, robot, order, refused });
         let mut file = self.0.lock().unwrap_or_else(PoisonError::into_inner);

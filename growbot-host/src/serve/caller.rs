@@ -1,4 +1,4 @@
-//! The other end of the service's socket: commands ask it here.
+//! Client of the service's socket, for growbot's commands.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -21,18 +21,18 @@ use super::api::PREFIX;
 use super::lending::Borrower;
 use super::robot::RobotView;
 
-/// Why the service has not done what it was asked.
+/// Errors of a request to the service.
 #[derive(Debug, thiserror::Error)]
 pub enum CallError {
-    /// It does not answer.
+    /// The service does not respond.
     #[error("the service does not answer ({0}): is `growbot serve` running?")]
     Silent(String),
-    /// It has refused.
+    /// The service has rejected the request.
     #[error("{detail}")]
     Refused {
-        /// The status of its answer.
+        /// HTTP status of the response.
         status: u16,
-        /// Why.
+        /// Reason of the rejection.
         detail: String,
     },
 }
@@ -44,36 +44,36 @@ impl CallError {
     }
 }
 
-/// A line that the service has lent: it has it back when this is dropped, with its caller, or the program ends.
+/// A leased port. The lease ends when this is dropped, when its [`Caller`] is dropped, or when the program ends.
 pub struct Borrowed(#[expect(dead_code, reason = "it is held")] Incoming);
 
-/// The service answers within this: an order to a robot may wait for its board.
+/// Default timeout of a request. It is long because a command to a robot may wait for its board.
 pub const LIMIT: Duration = Duration::from_secs(30);
 
-/// A running service of this user.
+/// Connection to a running service of this user.
 pub struct Caller {
     runtime: Runtime,
     socket: PathBuf,
 }
 
 impl Caller {
-    /// The service of this user; none where none runs.
+    /// Returns the service of this user. `None` if no service is running.
     #[must_use]
     pub fn find() -> Option<Self> {
         Self::at(&Places::of_user()?.socket()).ok()
     }
 
-    /// The service at this socket.
+    /// Returns the service with this socket.
     ///
     /// # Errors
-    /// Nobody listens there.
+    /// No service listens on the socket.
     pub fn at(socket: &Path) -> io::Result<Self> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         runtime.block_on(UnixStream::connect(socket))?;
         Ok(Self { runtime, socket: socket.to_path_buf() })
     }
 
-    /// The robot at this port, if the service owns it.
+    /// Returns the robot with this port if the service owns it.
     ///
     /// # Errors
     /// [`CallError`].
@@ -85,7 +85,7 @@ impl Caller {
         Ok(robots.into_iter().find(is_there))
     }
 
-    /// What is at this path.
+    /// Requests a JSON value from this path.
     ///
     /// # Errors
     /// [`CallError`].
@@ -93,7 +93,7 @@ impl Caller {
         self.runtime.block_on(self.ask(Method::GET, path, Body::empty(), LIMIT))
     }
 
-    /// The bytes that are at this path.
+    /// Requests the bytes at this path.
     ///
     /// # Errors
     /// [`CallError`].
@@ -105,7 +105,7 @@ impl Caller {
         })
     }
 
-    /// Has the service do something.
+    /// Sends a JSON value to this path.
     ///
     /// # Errors
     /// [`CallError`].
@@ -113,7 +113,7 @@ impl Caller {
         self.post_within(path, what, LIMIT)
     }
 
-    /// As [`Caller::post`], within a time limit.
+    /// Like [`Caller::post`], but with another timeout.
     ///
     /// # Errors
     /// [`CallError`].
@@ -161,10 +161,10 @@ impl Caller {
         Ok((response.status(), response.into_body()))
     }
 
-    /// Has the service give the line of a robot up, for as long as what is returned is kept.
+    /// Leases a robot's port. The service closes the port and keeps it closed until the returned value is dropped.
     ///
     /// # Errors
-    /// [`CallError`]: the robot has a job, say.
+    /// [`CallError`], for example if the robot has a job.
     pub fn borrow_line(&self, robot: &str, to: &str) -> Result<Borrowed, CallError> {
         let body = serde_json::to_vec(&Borrower { to: to.to_owned() }).map_err(CallError::silent)?;
         let begun = async {
@@ -179,10 +179,12 @@ impl Caller {
         self.runtime.block_on(async { timeout(LIMIT, begun).await.map_err(late)? })
     }
 
-    /// Takes the lines of a job's run log after so many, as they come, until it has ended or `take` gives false.
+    /// Passes the lines of a job's run log after line `after` to `take` as they arrive, until the job has ended or
+    /// `take` returns false.
     ///
     /// # Errors
-    /// [`CallError`]: the service has ended, above all; the number of the latest line is what to ask on from.
+    /// [`CallError`], mostly because the service has ended. `after` is then the number of the latest line, from which
+    /// the caller can resume.
     pub fn follow(&self, job: &str, after: &mut u64, mut take: impl FnMut(&str) -> bool) -> Result<(), CallError> {
         self.runtime.block_on(async {
             let path = format!("/jobs/{job}/events?after={after}");

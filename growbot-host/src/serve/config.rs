@@ -1,4 +1,4 @@
-//! Which robots the service owns: `[robots.NAME]` of `growbot.toml`.
+//! Settings of the service in `growbot.toml`, and the robots that it owns: `[robots.NAME]`.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
@@ -11,27 +11,27 @@ use serde::Deserialize;
 use super::notices::Happening;
 use crate::settings::{port_from, robot_from};
 
-/// How fast the time of a simulated robot passes that nobody has configured.
+/// Pace of the practice robot's time, in multiples of real time.
 const PRACTICE_PACE: f64 = 60.0;
-/// and what it is called.
+/// Name of the practice robot, a simulated robot that is used if no robot is configured.
 pub const PRACTICE: &str = "practice";
-/// Default limit of the time for the body of a request, s.
+/// Default timeout of a request's body, s.
 const REQUEST_S: u32 = 20;
 
-/// A robot as `growbot.toml` has it.
+/// A robot in `growbot.toml`.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RobotEntry {
-    /// Its port.
+    /// Port of the robot.
     pub port: String,
-    /// Its description: a built-in name or a file. Without it, the board says which built-in one it is.
+    /// Robot description: a built-in name or a file. Without it, the board reports the name of a built-in one.
     pub robot: Option<String>,
-    /// How many times as fast as real time the time of `sim:NAME` passes.
+    /// Pace of the time of `sim:NAME`, in multiples of real time. The default is 1.
     pub pace: Option<f64>,
 }
 
 impl RobotEntry {
-    /// The robot, of a file in this directory: its paths are relative to that.
+    /// Returns the entry with its paths resolved relative to the directory of `growbot.toml`.
     #[must_use]
     pub fn in_directory(self, directory: &Path) -> Self {
         Self {
@@ -42,21 +42,21 @@ impl RobotEntry {
     }
 }
 
-/// The service as `growbot.toml` has it.
+/// Settings of the service in `growbot.toml`.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ServeEntry {
-    /// The port of the pages' address on this machine.
+    /// Port of the pages' address on this machine.
     pub port: Option<u16>,
-    /// Limit of the time for the body of a request, s; 20 without it. The head, and the pause before it, have half of it.
+    /// Timeout of a request's body, s. The default is 20. The head, and the pause before it, have half of it.
     pub request_s: Option<NonZeroU32>,
-    /// Who is told what happens; nobody, unless somebody is named.
+    /// Receivers of notices. By default there are none.
     #[serde(default)]
     pub notify: NotifyEntry,
 }
 
 impl ServeEntry {
-    /// The service, of a file in this directory: its paths are relative to that.
+    /// Returns the settings with their paths resolved relative to the directory of `growbot.toml`.
     #[must_use]
     pub fn in_directory(mut self, directory: &Path) -> Self {
         let program = self.notify.command.as_mut().and_then(|command| command.first_mut());
@@ -66,26 +66,26 @@ impl ServeEntry {
         self
     }
 
-    /// Limit of the time for the body of a request.
+    /// Returns the timeout of a request's body.
     #[must_use]
     pub fn request(&self) -> Duration {
         Duration::from_secs(self.request_s.map_or(REQUEST_S, NonZeroU32::get).into())
     }
 }
 
-/// Who is told what happens.
+/// Receivers of notices about the robots.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NotifyEntry {
-    /// An address that is sent each notice, `https:` or `http:`.
+    /// Address of a webhook that receives each notice, `https:` or `http:`.
     pub webhook: Option<String>,
-    /// A program and its arguments, which is run for each notice.
+    /// Program, with its arguments, that is run for each notice.
     pub command: Option<Vec<String>>,
-    /// What is told; everything without it.
+    /// Events that are sent. The default is all events.
     pub events: Option<Vec<Happening>>,
 }
 
-/// The robots of someone who has configured none: a simulated one to practise with.
+/// Returns the robots to use if none is configured: a simulated one to practise with.
 #[must_use]
 pub fn practice(robot: &str) -> BTreeMap<String, RobotEntry> {
     let entry =

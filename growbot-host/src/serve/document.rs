@@ -1,9 +1,9 @@
-//! The OpenAPI document of the interface, where the types do not say all of it.
+//! Completion of the OpenAPI document, where the types do not describe all of the interface.
 
 use aide::openapi::OpenApi;
 use serde_json::{Map, Value, json};
 
-/// The document: with the parameters in its paths, and with the one form that all refusals have.
+/// Returns the document with the parameters of its paths, and with problem details as the only error response.
 pub fn complete(document: &OpenApi) -> Value {
     let mut document = serde_json::to_value(document).unwrap_or_default();
     let paths = document.get_mut("paths").and_then(Value::as_object_mut);
@@ -20,7 +20,7 @@ pub fn complete(document: &OpenApi) -> Value {
     document
 }
 
-/// `robot` in `/robots/{robot}/jobs`.
+/// Returns the names of a path's parameters, for example `robot` for `/robots/{robot}/jobs`.
 fn names_in(path: &str) -> impl Iterator<Item = &str> {
     path.split('/').filter_map(|part| part.strip_prefix('{')?.strip_suffix('}'))
 }
@@ -37,7 +37,7 @@ fn add(operation: &mut Value, parameters: &[Value]) {
     }
 }
 
-/// Gives a refusal its media type.
+/// Sets the media type of an error response.
 fn name_problem(response: &mut Value) {
     if let Some(content) = response.get_mut("content").and_then(Value::as_object_mut)
         && let Some(schema) = content.remove("application/json")

@@ -1,5 +1,5 @@
-//! What has changed, as it comes: the lines of a job's run log, each once, and the robots; as server-sent events, or on
-//! a WebSocket.
+//! Streams of events: the lines of a job's run log, each once, and the state of all robots. They are sent as
+//! server-sent events or on a WebSocket.
 
 use std::convert::Infallible;
 use std::fs::File;
@@ -21,31 +21,31 @@ use tokio::time::{sleep, timeout};
 use super::Service;
 use super::jobs::JobState;
 
-/// Pages are told of robots so often at most.
+/// Minimum time between two events about the robots.
 const BETWEEN: Duration = Duration::from_millis(100);
-/// A log is looked at so often, even if nobody says that it has changed.
+/// Interval at which a log is read even if no change was reported.
 const LOOK: Duration = Duration::from_secs(1);
-/// Bytes of a log that are read at a time.
+/// Maximum number of bytes that are read from a log at a time.
 const CHUNK: u64 = 1 << 20;
 
 /// Version of the messages on a WebSocket.
 const VERSION: u32 = 1;
-/// Who is silent on a WebSocket is asked whether he is there, so often.
+/// Interval of pings to a silent client on a WebSocket. It is also the timeout for sending a message.
 const PING: Duration = Duration::from_secs(15);
-/// and is gone after so many questions.
+/// Number of unanswered pings after which the connection is closed.
 const UNANSWERED: u32 = 2;
 
-/// Something that is told.
+/// An event of a stream.
 pub struct Told {
     event: &'static str,
-    /// The number of a line, from which on to ask again.
+    /// Number of the log line. A client can resume the stream after it. `None` for robots.
     id: Option<u64>,
-    /// A line of JSON.
+    /// Content of the event, a line of JSON.
     data: String,
 }
 
 impl Told {
-    /// As a server-sent event.
+    /// Converts the event to a server-sent event.
     fn event(self) -> Event {
         let event = Event::default().event(self.event).data(self.data);
         match self.id {
@@ -54,7 +54,7 @@ impl Told {
         }
     }
 
-    /// As a message on a WebSocket: the same, with its version.
+    /// Converts the event to a message on a WebSocket, with the version of the messages.
     fn message(&self) -> Message {
         let Self { event, id, data } = self;
         let id = id.map_or_else(String::new, |id| format!(r#""id":{id},"#));
@@ -62,13 +62,13 @@ impl Told {
     }
 }
 
-/// Sends what is told as server-sent events.
+/// Sends a stream as server-sent events.
 pub fn as_events(told: impl Stream<Item = Told> + Send + 'static) -> Response {
     let events = told.map(|told| Ok::<_, Infallible>(told.event()));
     Sse::new(events).keep_alive(KeepAlive::default()).into_response()
 }
 
-/// Sends what is told on a WebSocket, to the end or until the other side closes it. What that says is not listened to.
+/// Sends a stream on a WebSocket until it ends or the client closes the connection. Messages of the client are ignored.
 pub async fn on_socket(mut socket: WebSocket, told: impl Stream<Item = Told> + Send + 'static) {
     let mut told = pin!(told);
     let mut unanswered = 0;
@@ -91,12 +91,12 @@ pub async fn on_socket(mut socket: WebSocket, told: impl Stream<Item = Told> + S
             return;
         }
     }
-    // Who has gone does not hear it.
+    // The client may be gone and not receive this.
     let _ = socket.send(Message::Close(None)).await;
 }
 
-/// The lines of a job's run log after so many, and those that come, to its end. The number of a line is its name, so
-/// that who was cut off asks for what comes after the latest.
+/// Returns the lines of a job's run log after line `after`, then new lines as they are written, until the job ends. The
+/// identifier of an event is the number of its line. A client that was disconnected resumes after the latest one.
 pub fn of_job(service: Arc<Service>, id: String, after: u64) -> impl Stream<Item = Told> {
     let path = service.shared.jobs_to_read().log(&id);
     let changes = service.shared.changes.subscribe();
@@ -109,7 +109,7 @@ pub fn of_job(service: Arc<Service>, id: String, after: u64) -> impl Stream<Item
             }
             let is_active = service.job(&id).is_some_and(|job| job.state == JobState::Active);
             changes.mark_unchanged();
-            // What was written before it ended is there by now.
+            // The log contains all lines by now that were written before the job ended.
             let more = lines.read().unwrap_or(false);
             if !more && !is_active {
                 return None;
@@ -122,19 +122,19 @@ pub fn of_job(service: Arc<Service>, id: String, after: u64) -> impl Stream<Item
 }
 
 async fn wait(changes: &mut watch::Receiver<u64>) {
-    // Either of them is a reason to look.
+    // The log is read after a change and after the timeout.
     let _ = timeout(LOOK, changes.changed()).await;
 }
 
-/// The lines of a log that grows.
+/// Reader of a growing log.
 struct Lines {
     path: PathBuf,
     offset: u64,
-    /// Lines that were read.
+    /// Number of lines that were read.
     number: u64,
-    /// Lines that are not asked for.
+    /// Number of lines to skip.
     after: u64,
-    /// The beginning of a line that is not whole yet.
+    /// Start of an incomplete line.
     rest: Vec<u8>,
     found: std::vec::IntoIter<(u64, String)>,
 }
@@ -144,7 +144,7 @@ impl Lines {
         self.found.next()
     }
 
-    /// Reads more of them. Returns whether there were any.
+    /// Reads more of the log. Returns whether any bytes were read.
     fn read(&mut self) -> io::Result<bool> {
         let mut file = File::open(&self.path)?;
         file.seek(SeekFrom::Start(self.offset))?;
@@ -166,7 +166,7 @@ impl Lines {
     }
 }
 
-/// All robots, at once and whenever something has changed.
+/// Returns the state of all robots now and after each change.
 pub fn of_robots(service: Arc<Service>) -> impl Stream<Item = Told> {
     let changes = service.shared.changes.subscribe();
     unfold((service, changes, String::new()), |(service, mut changes, mut told)| async move {

@@ -1,4 +1,4 @@
-//! A job on its robot's board, from its beginning or from where it was left.
+//! A job on its robot's board, from its start or from where it was left.
 
 use std::sync::Arc;
 use std::sync::mpsc::Sender;
@@ -29,7 +29,7 @@ use crate::watch::Live;
 type Reply = Sender<Result<(), String>>;
 
 impl Keeper {
-    /// Grows a new job.
+    /// Starts a new job.
     pub(super) fn begin(&self, connection: &mut Connection, new: NewJob, reply: Reply) -> Left {
         let NewJob { job, plan, robot, scene, feedback } = new;
         let board_job = BoardJob::of_plan(&robot, &plan);
@@ -50,7 +50,7 @@ impl Keeper {
             Ok(log) => log,
             Err(error) => return refuse(&reply, &error.to_string()),
         };
-        // Who asked may have given it up by now.
+        // The client may have given the request up by now.
         self.put(&job, JobState::Active, None);
         let mut growing = Growing::new(self, &job, &board_job, &[], log, Some(reply));
         let manner = Manner { silence: HostSilencePolicy::Pause, feedback, parked: WhenParked::Waits };
@@ -62,14 +62,14 @@ impl Keeper {
         growing.end(grown, &plan)
     }
 
-    /// Resumes a job that was left unfinished, as somebody has asked.
+    /// Resumes an unfinished job at a client's request.
     pub(super) fn resume(&self, connection: &mut Connection, job: &Job, reply: Reply) -> Left {
         self.go_on(connection, job, Some(reply), |_| Ok(()))
     }
 
-    /// Goes on with the job that was under way when the service or the line was lost, if the board has gone on with it
-    /// or waits for its host. One that has lost its power or was stopped stays as it is: heating anew is for people to
-    /// order.
+    /// Resumes the job that was active when the service ended or the connection was lost. The board must have continued
+    /// the job or be waiting for its host. After a loss of power or a stop the job becomes interrupted, because only a
+    /// user may start heating again.
     pub(super) fn take_up(&self, connection: &mut Connection, job: &Job) -> Left {
         self.go_on(connection, job, None, |state| match state {
             State::Heating | State::Homing | State::Growing | State::Paused | State::Parked | State::Done => Ok(()),
@@ -106,7 +106,7 @@ impl Keeper {
         let (record, robot, plan, scene) = match opened() {
             Ok(opened) => opened,
             Err(why) => {
-                // One that is to be resumed stays as it was.
+                // A job that a client wants to resume keeps its state.
                 if reply.is_none() {
                     self.put(job, JobState::Interrupted, Some(&why));
                 }
@@ -148,7 +148,7 @@ impl Keeper {
         growing.end(grown, &plan)
     }
 
-    /// Stops the job that was under way when the line was lost, as was ordered then.
+    /// Stops the job that was active when the connection was lost, because a stop was sent then.
     pub(super) fn stop_as_ordered(&self, connection: &mut Connection, job: &Job) -> Left {
         match connection.client.stop() {
             Ok(_) => {
@@ -160,15 +160,16 @@ impl Keeper {
         }
     }
 
-    /// Tells something of a job.
+    /// Sends a notice about a job.
     fn tell(&self, job: &Job, event: Happening, why: Option<&str>) {
         self.about(|about| self.shared.tell(&About { job: Some(&job.id), ..*about }, event, why));
     }
 
-    /// Enters how a job stands.
+    /// Records the state of a job.
     fn put(&self, job: &Job, state: JobState, why: Option<&str>) {
         if state == JobState::Done {
-            // Before it is entered: told twice is better than never, if the service is killed between.
+            // The notice is queued before the state is recorded. If the service is killed in between, the notice is
+            // sent twice, which is better than never.
             self.tell(job, Happening::Finish, None);
         }
         if let Err(error) = self.shared.jobs().set(&job.id, state, why) {
@@ -180,12 +181,12 @@ impl Keeper {
 }
 
 fn refuse(reply: &Reply, why: &str) -> Left {
-    // Who asked may have gone.
+    // The client may no longer wait for the response.
     let _ = reply.send(Err(why.to_owned()));
     Left::Ready
 }
 
-/// A growth under way: its log, and what others are told.
+/// An active growth, with its log and its updates for other threads.
 struct Growing<'a> {
     keeper: &'a Keeper,
     job: &'a Job,
@@ -195,7 +196,7 @@ struct Growing<'a> {
     forecast: Option<Forecast>,
     layers: u32,
     laid: u32,
-    /// Who waits to hear that it has begun.
+    /// Channel on which the client is informed that the job has started.
     reply: Option<Reply>,
 }
 
@@ -255,7 +256,7 @@ impl<'a> Growing<'a> {
         }
     }
 
-    /// It has begun: who has asked for it is told.
+    /// Informs the client that the job has started.
     fn begun(&mut self) {
         if let Some(reply) = self.reply.take() {
             let _ = reply.send(Ok(()));
@@ -268,7 +269,7 @@ impl<'a> Growing<'a> {
         }
     }
 
-    /// Writes what came of it.
+    /// Records the outcome of the growth.
     fn end(mut self, grown: Result<Grown, GrowthError>, plan: &Plan) -> Left {
         self.keeper.know(|known| (known.orders, known.live, known.finish_utc) = (None, None, None));
         let simulated = self.keeper.is_simulated();
@@ -304,8 +305,8 @@ impl<'a> Growing<'a> {
         }
     }
 
-    /// The job goes on, or waits: it is taken up when the line is there again. A stop that the board may not have heard
-    /// of is given then.
+    /// Leaves a job that continues or waits without its host. The thread resumes it when the connection is back. It
+    /// then repeats a stop that the board may not have received.
     fn leave(&mut self, why: &str) -> Left {
         self.live.leave();
         let stops = self.orders.stops();

@@ -1,4 +1,4 @@
-//! All jobs of the service, in SQLite. The run logs are the record: the list can be made anew from them.
+//! All jobs of the service, in SQLite. The list can be rebuilt from the run logs, which are the actual record.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,10 +10,11 @@ use serde::{Deserialize, Serialize};
 
 use super::Places;
 
-/// What makes the tables of each version out of those of the one before, the first out of nothing: `PRAGMA
-/// user_version` says how many of them were done. None is ever changed.
+/// Migrations between versions of the tables. Each one turns the tables of the version before it into the next version,
+/// and the first one starts with an empty database. `PRAGMA user_version` is the number of migrations that were done. A
+/// migration is never changed.
 const MIGRATIONS: [&str; 2] = [JOBS, NOTICES];
-/// Version of the tables.
+/// Current version of the tables.
 const VERSION: usize = MIGRATIONS.len();
 
 const JOBS: &str = "
@@ -35,7 +36,7 @@ const JOBS: &str = "
     CREATE INDEX job_by_time ON job (created_utc);
 ";
 
-/// Notices that wait, and what was told of each robot last.
+/// Tables of the queued notices and of the condition of each robot that was reported last.
 const NOTICES: &str = "
     CREATE TABLE notice (
         id INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -53,52 +54,52 @@ const NOTICES: &str = "
     ) STRICT;
 ";
 
-/// Why the list of jobs cannot be used.
+/// Errors of the list of jobs.
 #[derive(Debug, thiserror::Error)]
 pub enum JobsError {
-    /// A file or directory.
+    /// A file or directory cannot be used.
     #[error("cannot use {path}: {reason}; the service needs a directory of its own that it can write to", path = .path.display())]
     File {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The system's reason.
+        /// Error of the operating system.
         reason: String,
     },
-    /// The database is of a later release.
+    /// A later release has written the database.
     #[error(
         "{path} was written by a later release of growbot (tables {found}, known {VERSION}): use that release, or move \
          the file away: the list is made anew from the run logs beside it",
         path = .path.display()
     )]
     Later {
-        /// The database.
+        /// Path of the database.
         path: PathBuf,
-        /// Its version.
+        /// Version of its tables.
         found: i64,
     },
-    /// The database.
+    /// SQLite has failed.
     #[error("the list of jobs: {0}; it is made anew from the run logs when jobs.sqlite is moved away")]
     Database(#[from] rusqlite::Error),
 }
 
 impl JobsError {
-    /// The system's reason about a file.
+    /// Converts an error of the operating system about a file.
     pub fn of(path: &Path, error: &std::io::Error) -> Self {
         Self::File { path: path.to_path_buf(), reason: error.to_string() }
     }
 }
 
-/// How a job stands.
+/// State of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum JobState {
-    /// The board has it, or is getting it: it heats, homes, grows or pauses.
+    /// The board has the job or is receiving it. It heats, homes, grows or pauses.
     Active,
-    /// It was left unfinished, and can be resumed.
+    /// The job was left unfinished and can be resumed.
     Interrupted,
-    /// Every layer is laid.
+    /// All layers are laid.
     Done,
-    /// It ended otherwise, and cannot be resumed here.
+    /// The job ended in another way and cannot be resumed by the service.
     Ended,
 }
 
@@ -119,7 +120,7 @@ impl JobState {
             .unwrap_or(Self::Ended)
     }
 
-    /// What a growth's outcome makes of a job.
+    /// Returns the state of a job after a growth with this outcome.
     pub fn after(outcome: ResultOutcome) -> Self {
         match outcome {
             ResultOutcome::Done => Self::Done,
@@ -129,36 +130,36 @@ impl JobState {
     }
 }
 
-/// A job.
+/// A job of the service.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Job {
-    /// Its name in addresses: the time of its creation, and a number.
+    /// Identifier in addresses: the time of the job's creation, then the name of the robot.
     pub id: String,
-    /// The robot, as the service calls it.
+    /// Name of the robot in the service.
     pub robot: String,
-    /// What people call it.
+    /// Name for users.
     pub name: String,
-    /// How it stands.
+    /// State of the job.
     pub state: JobState,
-    /// Hash of its layers when it was created, 16 hexadecimal digits.
+    /// Hash of the layers when the job was created, 16 hexadecimal digits.
     pub plan_id: String,
-    /// Its layers.
+    /// Number of layers.
     pub layers: u32,
-    /// Layers laid.
+    /// Number of laid layers.
     pub laid: u32,
-    /// Length of its path, mm.
+    /// Length of the path, mm.
     pub length_mm: f64,
-    /// Whether the robot is a simulated one.
+    /// True if the robot is simulated.
     pub simulated: bool,
-    /// When it was created, RFC 3339.
+    /// Time of creation, RFC 3339.
     pub created_utc: String,
-    /// When it ended, RFC 3339; null while it has not.
+    /// Time when the job ended, RFC 3339. Null while it is active.
     pub ended_utc: Option<String>,
-    /// How it ended, or why it was left: the outcome, or a message.
+    /// Outcome of the job, or the reason why it was left. Null if there is none yet.
     pub why: Option<String>,
 }
 
-/// The list of jobs.
+/// List of all jobs.
 pub struct Jobs {
     pub(super) database: Connection,
     logs: PathBuf,
@@ -168,7 +169,7 @@ const COLUMNS: &str =
     "id, robot, name, state, plan_id, layers, laid, length_mm, simulated, created_utc, ended_utc, why";
 
 impl Jobs {
-    /// Opens the list, and makes it anew from the run logs where there is none, or where it is damaged.
+    /// Opens the list of jobs. A missing or damaged list is rebuilt from the run logs.
     pub fn open(places: &Places) -> Result<Self, JobsError> {
         places.create().map_err(|error| JobsError::of(places.state(), &error))?;
         let path = places.database();
@@ -194,7 +195,7 @@ impl Jobs {
         Ok(jobs)
     }
 
-    /// Ends jobs that were entered, but that no robot had begun when the service ended: they have no run log.
+    /// Ends jobs that were entered, but that no robot had started when the service ended. Such jobs have no run log.
     fn end_what_never_began(&self) -> Result<(), JobsError> {
         let mut statement = self.database.prepare("SELECT id FROM job WHERE state = 'active'")?;
         let active: Vec<String> = statement.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
@@ -202,7 +203,7 @@ impl Jobs {
         never_begun.try_for_each(|id| self.set(id, JobState::Ended, Some("the service ended before it had begun")))
     }
 
-    /// Brings tables of an earlier version up to this one: all of it, or nothing.
+    /// Migrates tables of an earlier version to the current one, all of them or none.
     fn migrate(&self, found: usize) -> Result<(), JobsError> {
         if found == VERSION {
             return Ok(());
@@ -216,7 +217,7 @@ impl Jobs {
         Ok(transaction.commit()?)
     }
 
-    /// Opens the list, which must have been opened before, to look at it beside the connection that writes.
+    /// Opens a second, read-only connection to the list. [`Jobs::open`] must have opened it before.
     pub fn open_to_read(places: &Places) -> Result<Self, JobsError> {
         let database = Connection::open_with_flags(places.database(), OpenFlags::SQLITE_OPEN_READ_ONLY)?;
         database.execute_batch("PRAGMA busy_timeout = 2000;")?;
@@ -228,7 +229,7 @@ impl Jobs {
         checked.is_ok_and(|said| said == "ok")
     }
 
-    /// Enters all jobs of which there is a run log.
+    /// Enters a job for each run log.
     fn rebuild(&self) -> Result<(), JobsError> {
         let entries = fs::read_dir(&self.logs).map_err(|error| JobsError::of(&self.logs, &error))?;
         for path in entries.flatten().map(|entry| entry.path()) {
@@ -262,7 +263,7 @@ impl Jobs {
         Ok(())
     }
 
-    /// A name for a job of this robot that no other has.
+    /// Returns a new identifier for a job of this robot.
     pub fn new_id(&self, robot: &str) -> String {
         let now = utc_now();
         let time: String = now.chars().filter(|letter| letter.is_ascii_digit() || *letter == 'T').collect();
@@ -275,12 +276,12 @@ impl Jobs {
             .unwrap_or_default()
     }
 
-    /// The run log of a job.
+    /// Returns the path of a job's run log.
     pub fn log(&self, id: &str) -> PathBuf {
         self.logs.join(format!("{id}.jsonl"))
     }
 
-    /// Enters a job.
+    /// Enters a job. `key` is its idempotency key.
     pub fn enter(&self, job: &Job, key: Option<&str>) -> Result<(), JobsError> {
         let insert = format!(
             "INSERT INTO job ({COLUMNS}, idempotency_key) VALUES (:id, :robot, :name, :state, :plan_id, \
@@ -298,17 +299,17 @@ impl Jobs {
         Ok(())
     }
 
-    /// The job that was created with this key.
+    /// Returns the material presets of the configured or default robot.
     pub fn with_key(&self, key: &str) -> Result<Option<Job>, JobsError> {
         self.one("idempotency_key = ?1", key)
     }
 
-    /// The job of this name.
+    /// Returns the job with this identifier.
     pub fn get(&self, id: &str) -> Result<Option<Job>, JobsError> {
         self.one("id = ?1", id)
     }
 
-    /// The job that a robot has under way; not one that it is just asked to begin, which has no run log yet.
+    /// Returns the active job of a robot. A job that the robot has not yet started has no run log and does not count.
     pub fn active(&self, robot: &str) -> Result<Option<Job>, JobsError> {
         let job = self.one("state = 'active' AND robot = ?1", robot)?;
         Ok(job.filter(|job| self.log(&job.id).exists()))
@@ -319,7 +320,7 @@ impl Jobs {
         Ok(self.database.query_row(&query, [value], of_row).optional()?)
     }
 
-    /// The latest jobs, the newest first.
+    /// Returns the latest jobs, newest first.
     pub fn latest(&self, max: u32) -> Result<Vec<Job>, JobsError> {
         let query = format!("SELECT {COLUMNS} FROM job ORDER BY created_utc DESC, id DESC LIMIT ?1");
         let mut statement = self.database.prepare(&query)?;
@@ -327,7 +328,8 @@ impl Jobs {
         Ok(rows.collect::<Result<_, _>>()?)
     }
 
-    /// So many layers of a job are laid. What a loss of power takes of that, the run log has: nobody waits for the disk.
+    /// Records the number of laid layers. The update does not wait for the disk, because the run log has the number if
+    /// a loss of power loses it.
     pub fn laid(&self, id: &str, laid: u32, layers: u32) -> Result<(), JobsError> {
         self.database.pragma_update(None, "synchronous", "NORMAL")?;
         let updated = self.database.execute("UPDATE job SET laid = ?2, layers = ?3 WHERE id = ?1", (id, laid, layers));
@@ -336,7 +338,7 @@ impl Jobs {
         Ok(())
     }
 
-    /// A job stands otherwise.
+    /// Changes the state of a job.
     pub fn set(&self, id: &str, state: JobState, why: Option<&str>) -> Result<(), JobsError> {
         let ended = (state != JobState::Active).then(utc_now);
         let update = "UPDATE job SET state = ?2, why = ?3, ended_utc = ?4 WHERE id = ?1";
@@ -344,7 +346,7 @@ impl Jobs {
         Ok(())
     }
 
-    /// The robot has refused a job: it may be asked for again with the same key.
+    /// Ends a job that the robot has rejected. Its idempotency key can be used again.
     pub fn refused(&self, id: &str, why: &str) -> Result<(), JobsError> {
         self.set(id, JobState::Ended, Some(why))?;
         self.database.execute("UPDATE job SET idempotency_key = NULL WHERE id = ?1", [id])?;
@@ -369,7 +371,7 @@ fn of_row(row: &Row) -> rusqlite::Result<Job> {
     })
 }
 
-/// `20261123T014500123` as RFC 3339.
+/// Converts a time such as `20261123T014500123` to RFC 3339.
 fn written_time(compact: &str) -> String {
     let part = |from: usize, to: usize| compact.get(from..to).unwrap_or("00");
     format!(
@@ -388,7 +390,7 @@ fn written_time(compact: &str) -> String {
 mod tests {
     use super::*;
 
-    /// A database as the first release with this version of the tables has written it.
+    /// Creates a database as the first release with this version of the tables has written it.
     fn of_version(version: usize) -> (tempfile::TempDir, Places) {
         let directory = tempfile::tempdir().unwrap();
         let places = Places::within(directory.path().to_path_buf());

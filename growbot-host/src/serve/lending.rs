@@ -1,5 +1,5 @@
-//! Lending a robot's line: a command that talks to the board itself, as `growbot console` does, has it for as long as it
-//! keeps its request open. Meanwhile the service looks after nothing but the emergency stop.
+//! Leases of a robot's port. A command that communicates with the board itself, such as `growbot console`, has the port
+//! as long as it keeps its request open. Meanwhile the service handles only the emergency stop.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -22,31 +22,31 @@ use super::audit::By;
 use super::problem::Problem;
 use super::robot::{Ask, Asked, Keeper};
 
-/// A line is given up within this: its robot may be asked how it is.
+/// Timeout of a lease request. The robot may be busy with a status request before it closes the port.
 const ANSWER: Duration = Duration::from_secs(10);
-/// How often it is looked whether the line is back, and whether somebody is still there.
+/// Interval at which the service checks whether the lease has ended.
 const LOOK: Duration = Duration::from_millis(50);
-/// A board confirms an emergency stop on a line of its own within this.
+/// Timeout of opening a separate connection for an emergency stop.
 const EMERGENCY: Duration = Duration::from_millis(500);
-/// A board confirms an emergency stop within this, or never.
+/// Timeout of a board's confirmation of an emergency stop.
 const CONFIRMED: Duration = Duration::from_secs(2);
 
-/// Who wants a line.
+/// Request for a lease.
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Borrower {
-    /// The command.
+    /// Name of the command that requests the port.
     pub to: String,
 }
 
-/// A line that is lent.
+/// A lease of a port.
 pub struct Loan {
-    /// To whom.
+    /// Name of the command that has the port.
     to: String,
     is_over: Arc<AtomicBool>,
 }
 
-/// While it is held, its holder has the line.
+/// Guard of a lease. The lease ends when it is dropped.
 struct Held(Arc<AtomicBool>);
 
 impl Drop for Held {
@@ -55,7 +55,7 @@ impl Drop for Held {
     }
 }
 
-/// Lends the line of a robot without a job until the request is left.
+/// Leases the port of a robot without a job until the client closes the request.
 pub async fn lend(
     State(service): Shared,
     Extension(access): Extension<Access>,
@@ -80,7 +80,7 @@ pub async fn lend(
         asked
     });
     asked.await.map_err(Problem::internal)?.map_err(Problem::conflict)?;
-    // Nothing is told. It ends when the borrower goes.
+    // The stream sends no events. It ends when the client disconnects.
     let nothing = futures_util::stream::unfold(held, |held| async move {
         std::future::pending::<()>().await;
         Some((Ok::<_, Infallible>(Event::default()), held))
@@ -89,7 +89,7 @@ pub async fn lend(
 }
 
 impl Keeper {
-    /// Waits until a line is back that is closed here. Who asks meanwhile is refused, but for an emergency stop.
+    /// Waits until a lease of the closed port ends. Rejects all requests in the meantime, except for an emergency stop.
     pub(super) fn wait_for_line(&self, loan: &Loan, asked: &Receiver<Asked>) {
         let lent = format!("its line is lent to {}, which has to end first", loan.to);
         self.know(|known| known.trouble = Some(lent.clone()));
@@ -103,7 +103,7 @@ impl Keeper {
         }
     }
 
-    /// Gives the emergency stop on a line of its own, beside the one that is lent or busy.
+    /// Sends the emergency stop on a separate connection, while the port is leased or busy.
     pub(super) fn stop_beside(&self) -> Result<(), String> {
         let name = self.port()?;
         let port = port::open_for_emergency_stop(&name, EMERGENCY).map_err(|error| error.to_string())?;

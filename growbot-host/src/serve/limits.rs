@@ -1,4 +1,4 @@
-//! What clients may take of the service at a time, so that one of them keeps no other from it, and no order from a robot.
+//! Limits of a client's use of the service, so that no client blocks another one or delays a command to a robot.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -26,21 +26,21 @@ use tokio_io_timeout::TimeoutStream;
 
 use super::problem::Problem;
 
-/// Connections at a time, of pages and of commands each.
+/// Maximum number of open connections, for pages and for growbot's commands separately.
 pub const CONNECTIONS: usize = 256;
-/// Streams of events at a time, of pages and of commands each.
+/// Maximum number of open streams of events, for pages and for growbot's commands separately.
 pub const STREAMS: usize = 64;
-/// No request is longer, bytes.
+/// Maximum length of a request's body, bytes.
 pub const MAX_BODY: usize = 16 << 20;
-/// Longer ones are read a few at a time, bytes.
+/// Length up to which the number of bodies that are read at a time is not limited, bytes.
 const SHORT_BODY: u64 = 64 << 10;
 const LONG_BODIES: usize = 2;
-/// Plans that are computed, and pages that are drawn, at a time: they take the processor.
+/// Maximum number of plans and pages that are computed at a time, because they load the processor.
 const COMPUTED: usize = 4;
-/// Who takes nothing of an answer for so long is gone.
+/// Time after which a connection is closed if the client does not read a response.
 const TAKEN: Duration = Duration::from_secs(30);
 
-/// What all are told that are too many.
+/// Returns the HTTP response to a connection beyond the limit.
 fn too_many() -> Vec<u8> {
     let problem = Problem::busy(&format!("{CONNECTIONS} connections are open"));
     let body = serde_json::to_string(&problem).unwrap_or_default();
@@ -58,18 +58,18 @@ pub struct Door {
     streams: Arc<Semaphore>,
     long_bodies: Arc<Semaphore>,
     computed: Arc<Semaphore>,
-    /// Limit of the time for a request's body. Its head, and the pause before the next request, have half of it.
+    /// Timeout of a request's body. Its head, and the pause before the next request, have half of it.
     request: Duration,
 }
 
 /// An open connection.
 struct Open {
-    /// Whether it has sent a request that was let in.
+    /// True if the connection has sent an authenticated request.
     known: bool,
     task: Option<AbortHandle>,
 }
 
-/// A connection, as its requests carry it.
+/// Reference to a connection, which its requests carry.
 #[derive(Clone)]
 pub struct Visitor {
     door: Arc<Door>,
@@ -77,7 +77,7 @@ pub struct Visitor {
 }
 
 impl Visitor {
-    /// It has shown that it may ask: no stranger takes its place.
+    /// Marks the connection as authenticated. New connections never replace it.
     pub fn is_let_in(&self) {
         if let Some(open) = self.door.open().get_mut(&self.number) {
             open.known = true;
@@ -85,7 +85,7 @@ impl Visitor {
     }
 }
 
-/// Leaves when it is dropped.
+/// Removes the connection from its listener when dropped.
 struct Inside(Visitor);
 
 impl Drop for Inside {
@@ -94,12 +94,13 @@ impl Drop for Inside {
     }
 }
 
-/// The right to a stream of events, for as long as somebody has it.
+/// Permit for a stream of events. It is released when its last clone is dropped.
 #[derive(Clone)]
 pub struct StreamPermit(#[expect(dead_code, reason = "it is held")] Arc<OwnedSemaphorePermit>);
 
 impl Door {
-    /// Two doors, of pages and of commands: who crowds one of them does not close the other. They share the processor.
+    /// Creates the limits of two listeners, for pages and for growbot's commands, so that one being full does not close
+    /// the other. They share the limit of computations.
     pub fn two(request: Duration) -> [Arc<Self>; 2] {
         let computed = Arc::new(Semaphore::new(COMPUTED));
         [(); 2].map(|()| {
@@ -117,8 +118,8 @@ impl Door {
         self.open.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Lets a connection in. Where all places are taken, it has that of the eldest that was never let in; none where
-    /// there is no such.
+    /// Adds a connection. If the limit is reached, it replaces the oldest connection that has not authenticated. `None`
+    /// if all have.
     fn enter(self: &Arc<Self>, number: u64) -> Option<Inside> {
         let mut open = self.open();
         if open.len() >= CONNECTIONS {
@@ -131,7 +132,7 @@ impl Door {
         Some(Inside(Visitor { door: Arc::clone(self), number }))
     }
 
-    /// Serves all who come, for ever.
+    /// Accepts and serves connections until the process ends.
     pub async fn serve<L>(self: Arc<Self>, mut listener: L, router: Router) -> io::Result<()>
     where
         L: Listener<Io: Unpin>,
@@ -142,7 +143,7 @@ impl Door {
             let (mut stream, _) = listener.accept().await;
             number += 1;
             let Some(inside) = self.enter(number) else {
-                // There is room for so little: it does not wait.
+                // The response is short. If the socket does not take it at once, it is dropped.
                 let _ = timeout(Duration::from_millis(10), stream.write_all(&too_many)).await;
                 continue;
             };
@@ -154,7 +155,7 @@ impl Door {
     }
 }
 
-/// Serves one connection to its end.
+/// Serves one connection until it is closed.
 async fn attend<S>(stream: S, inside: Inside, router: Router)
 where
     S: tokio::io::AsyncRead + tokio::io::AsyncWrite + Unpin + Send + 'static,
@@ -168,11 +169,11 @@ where
     stream.set_write_timeout(Some(TAKEN));
     let mut server = http1::Builder::new();
     server.timer(TokioTimer::new()).header_read_timeout(inside.0.door.request / 2);
-    // Who breaks off, or says what is no HTTP, has been told so where that is possible.
+    // A client that disconnects or sends invalid HTTP has received an error if that was possible.
     let _ = server.serve_connection(TokioIo::new(Box::pin(stream)), service).with_upgrades().await;
 }
 
-/// Reads the body of a request, which must be neither too long nor too slow, before anything is done.
+/// Reads the whole body of a request before it is handled. Rejects a body that is too long or too slow.
 pub async fn whole_body(State(door): State<Arc<Door>>, request: Request, next: Next) -> Response {
     let (parts, body) = request.into_parts();
     let length = HttpBody::size_hint(&body);
@@ -201,7 +202,7 @@ fn is_too_long(error: &axum::Error) -> bool {
     std::error::Error::source(error).is_some_and(<dyn std::error::Error>::is::<LengthLimitError>)
 }
 
-/// Has what takes the processor wait for its turn, and gives each stream of events its place or refuses it.
+/// Queues requests that load the processor. Gives each stream of events a permit, or rejects it.
 pub async fn in_turn(State(door): State<Arc<Door>>, mut request: Request, next: Next) -> Response {
     let path = request.uri().path();
     let is = |ends: &[&str]| ends.iter().any(|end| path.ends_with(end));
@@ -226,7 +227,7 @@ pub async fn in_turn(State(door): State<Arc<Door>>, mut request: Request, next: 
         return next.run(request).await;
     }
     let turn = Arc::clone(&door.computed).acquire_owned().await;
-    // Who asked may go; its turn lasts until the computation has ended all the same.
+    // The client may disconnect, but the computation keeps its permit until it has ended.
     let computed = tokio::spawn(async move {
         let _turn = turn;
         next.run(request).await

@@ -1,13 +1,14 @@
-//! The service: one process that owns robots, and whom programs and pages ask.
+//! The service: one process that owns robots and handles the requests of programs and pages.
 //!
-//! - [`Service`]: the robots, the jobs, and what has changed;
-//! - [`config`]: which robots there are; `robot`: one of them, with the thread that owns its board; `growing`: a job on
-//!   its board;
-//! - [`jobs`]: all jobs, in a database that can be rebuilt from their run logs; `audit`: who has ordered what;
-//! - [`api`]: HTTP, with `streams` of events; `document`: what its OpenAPI document adds; [`server`]: on the loopback
-//!   interface, behind a token, and on a socket of the user's; `limits`: what clients may take of it;
-//! - [`notices`]: what those are told who do not look; `notify`: by whom;
-//! - [`caller`]: the other end of that socket.
+//! - [`Service`] holds the robots, the jobs and a counter of changes.
+//! - [`config`] describes the configured robots. `robot` is one robot, with the thread that owns its board. `growing`
+//!   is a job on its board.
+//! - [`jobs`] is a database of all jobs that can be rebuilt from their run logs. `audit` records all commands.
+//! - [`api`] is the HTTP interface, with `streams` of events. `document` completes its OpenAPI document.
+//! - [`server`] listens on the loopback interface, behind a token, and on a socket of the user. `limits` bounds the
+//!   resources that clients can use.
+//! - [`notices`] are notifications for users who do not watch a page. `notify` sends them.
+//! - [`caller`] is the client of that socket.
 
 pub mod api;
 mod audit;
@@ -48,50 +49,51 @@ pub use self::places::Places;
 use self::robot::Keeper;
 pub use self::robot::{RobotState, RobotView};
 
-/// Who owns the robots of this user, and what they do.
+/// The robots of this user, with their jobs.
 pub struct Service {
     places: Places,
     robots: BTreeMap<String, Arc<Keeper>>,
     shared: Arc<Shared>,
-    /// Where its page is, once it is served.
+    /// Addresses of the service's page. They are set when the service is served.
     addresses: OnceLock<Addresses>,
 }
 
-/// Why the service cannot be started.
+/// Errors that prevent the start of the service.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
-    /// Its files.
+    /// The list of jobs or another file of the service cannot be used.
     #[error(transparent)]
     Jobs(#[from] JobsError),
-    /// Whom it is to tell.
+    /// The settings of notifications cannot be used.
     #[error(transparent)]
     Notify(#[from] NotifyError),
 }
 
-/// Pages of plans that are kept to be looked at.
+/// Maximum number of previews (pages of plans) that are kept.
 const MAX_PREVIEWS: usize = 8;
 
-/// The pages of the latest plans.
+/// Pages of the latest plans.
 #[derive(Default)]
 struct Previews {
     latest: u64,
     pages: VecDeque<(u64, String)>,
 }
 
-/// What the threads of all robots and the server share.
+/// State that the threads of all robots and the server share.
 struct Shared {
     jobs: Mutex<Jobs>,
-    /// The same to look at: the server does not wait until a robot's thread has written to the disk.
+    /// A second, read-only connection to the list of jobs. With it the server does not wait for a robot's thread that
+    /// writes to the disk.
     jobs_to_read: Mutex<Jobs>,
     audit: Audit,
     notify: Notify,
     previews: Mutex<Previews>,
-    /// Counts what has changed; each open connection listens.
+    /// Counter of changes. Each open connection waits for it to change.
     changes: watch::Sender<u64>,
 }
 
 impl Shared {
-    /// Keeps the page of a plan for a while; gives its number.
+    /// Keeps the page of a plan, in place of the oldest one if there are too many. Returns the page's number.
     fn keep_preview(&self, page: String) -> u64 {
         let mut previews = self.previews.lock().unwrap_or_else(PoisonError::into_inner);
         previews.latest += 1;
@@ -116,17 +118,17 @@ impl Shared {
         self.jobs_to_read.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Has all who listen look anew.
+    /// Wakes all connections that wait for changes.
     fn changed(&self) {
         self.changes.send_modify(|changes| *changes = changes.wrapping_add(1));
     }
 }
 
 impl Service {
-    /// Opens the jobs, and has a thread own each robot.
+    /// Opens the list of jobs and starts a thread for each robot.
     ///
     /// # Errors
-    /// [`StartError`]: the directory or the database cannot be used, or what is configured cannot be done.
+    /// [`StartError`] if the directory or the database cannot be used, or if the settings of notifications are invalid.
     pub fn start(
         places: Places,
         robots: &BTreeMap<String, RobotEntry>,
@@ -151,13 +153,13 @@ impl Service {
         Ok(Self { places, robots, shared, addresses: OnceLock::new() })
     }
 
-    /// Where the service keeps what it knows.
+    /// Returns the paths of the service's files.
     #[must_use]
     pub fn places(&self) -> &Places {
         &self.places
     }
 
-    /// All robots, by name.
+    /// Returns all robots, sorted by name.
     #[must_use]
     pub fn robots(&self) -> Vec<RobotView> {
         self.robots.values().map(|robot| robot.view()).collect()
@@ -167,7 +169,7 @@ impl Service {
         self.robots.get(name)
     }
 
-    /// A job.
+    /// Returns the job with this identifier. `None` if it does not exist or cannot be read.
     fn job(&self, id: &str) -> Option<Job> {
         self.shared.jobs_to_read().get(id).ok().flatten()
     }

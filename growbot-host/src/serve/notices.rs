@@ -1,8 +1,9 @@
-//! What somebody is told who does not look: that a body is finished, or that a robot needs people. A queue in the
-//! database, so that what could not be told before the service ended is told after it.
+//! Notices for users who do not watch a page: a body is finished, or a robot needs attention. They are queued in the
+//! database, so that the service sends them after a restart if it could not do so before.
 //!
-//! The database also has what was reported last of each robot, so a fault is reported once although the service may
-//! be killed at any moment. Only between sending and recording can it be sent twice.
+//! The database also stores the condition of each robot that was reported last. So a fault is reported once, although
+//! the service may be killed at any moment. A notice is sent twice only if the service is killed between sending and
+//! recording.
 
 use growbot_client::printable::json_line;
 use growbot_client::run_log::utc_now;
@@ -14,32 +15,32 @@ use serde::{Deserialize, Serialize};
 use super::JobsError;
 use super::jobs::Jobs;
 
-/// Notices that wait for one channel: of more, the eldest are dropped.
+/// Maximum number of queued notices of a channel. Beyond it the oldest ones are dropped.
 const MAX_WAITING: u32 = 1000;
 /// Version of [`Notice`].
 const VERSION: u32 = 1;
 
-/// What a notice is about.
+/// Event that a notice reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Happening {
-    /// Every layer is laid.
+    /// All layers are laid.
     Finish,
     /// A fault is latched.
     Fault,
-    /// A growth pauses until somebody continues it.
+    /// A growth pauses until a user continues it.
     Pause,
     /// The filament has run out, and the growth pauses.
     FilamentRunout,
-    /// A robot does not go on by itself with the job that it had: after a loss of power, above all.
+    /// A robot does not resume its job by itself, mostly after a loss of power.
     Interrupted,
 }
 
 impl Happening {
-    /// All of them.
+    /// All events.
     pub const ALL: [Self; 5] = [Self::Finish, Self::Fault, Self::Pause, Self::FilamentRunout, Self::Interrupted];
 
-    /// As notices and settings call it.
+    /// Returns the event's name in notices and settings.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -52,7 +53,7 @@ impl Happening {
     }
 }
 
-/// Where notices go.
+/// Way by which notices are sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Channel {
     Webhook,
@@ -68,32 +69,32 @@ impl Channel {
     }
 }
 
-/// A notice as it is told.
+/// A notice, as it is sent.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Notice {
-    /// Version of this form.
+    /// Version of this format.
     pub version: u32,
-    /// What it is about.
+    /// Event that the notice reports.
     pub event: Happening,
-    /// When it was noticed, RFC 3339.
+    /// Time of the event, RFC 3339.
     pub time_utc: String,
-    /// The robot, as the service calls it.
+    /// Name of the robot in the service.
     pub robot: String,
-    /// Whether the robot is a simulated one.
+    /// True if the robot is simulated.
     pub simulated: bool,
-    /// The job; null without one.
+    /// Identifier of the job. Null without a job.
     pub job: Option<String>,
-    /// Layers laid.
+    /// Number of laid layers.
     pub laid: u32,
-    /// Layers of the body.
+    /// Number of layers of the body.
     pub layers: u32,
-    /// Code of the fault; null without one.
+    /// Code of the fault. Null without a fault.
     pub fault: Option<String>,
-    /// All of it, for people.
+    /// Description of the event for people.
     pub message: String,
 }
 
-/// A robot and its job, of which there is a notice.
+/// Robot and job that a notice is about.
 pub(super) struct About<'a> {
     pub robot: &'a str,
     pub simulated: bool,
@@ -129,30 +130,30 @@ impl About<'_> {
     }
 }
 
-/// What of a robot's status there may be a notice of.
+/// Part of a robot's status that notices report.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Condition {
     fault: Option<Fault>,
-    /// Why it pauses until somebody does something, and after which layer.
+    /// Cause of a pause that a user has to end, and the number of laid layers. `None` without such a pause.
     pause: Option<(PauseCause, u32)>,
 }
 
 impl Condition {
     pub fn of(status: &Status) -> Self {
         let pauses = matches!(status.state, State::Paused | State::Parked);
-        // For layers, and for a host that was away, it waits by itself.
+        // The robot ends a pause by itself if it waits for layers or for its host.
         let waits_for_people = matches!(status.pause_cause, PauseCause::Requested | PauseCause::FilamentOut);
         let pause = (pauses && waits_for_people).then_some((status.pause_cause, status.layers_laid));
         Self { fault: status.fault, pause }
     }
 
-    /// As the database has it.
+    /// Returns fault and pause as the database stores them.
     fn words(&self) -> [String; 2] {
         let pause = self.pause.map(|(cause, laid)| format!("{cause:?} {laid}"));
         [self.fault.map(|fault| Fault::code(fault).to_owned()).unwrap_or_default(), pause.unwrap_or_default()]
     }
 
-    /// What there is to tell of it, where it was told last with these words.
+    /// Returns the notices that are due if `told` is the condition that was reported last.
     fn since(&self, told: &[String; 2], about: &About) -> Vec<Notice> {
         let now = self.words();
         let fault = self.fault.filter(|_| now[0] != told[0]);
@@ -169,7 +170,7 @@ impl Condition {
     }
 }
 
-/// A notice that waits.
+/// A queued notice.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Waiting {
     pub id: i64,
@@ -180,7 +181,7 @@ pub(super) struct Waiting {
 }
 
 impl Jobs {
-    /// Enters a notice for each of these channels.
+    /// Queues a notice for each of these channels.
     pub(super) fn tell(&mut self, notice: &Notice, channels: &[Channel], now_ms: i64) -> Result<(), JobsError> {
         let text = json_line(notice);
         let transaction = self.database.transaction()?;
@@ -198,14 +199,14 @@ impl Jobs {
         Ok(transaction.commit()?)
     }
 
-    /// What there is to tell of a robot since the last time. It is not told again.
+    /// Returns the notices that are due for a robot's condition. They stay due until [`Jobs::is_told`].
     pub(super) fn news_of(&self, about: &About, condition: &Condition) -> Result<Vec<Notice>, JobsError> {
         let query = "SELECT fault, pause FROM told WHERE robot = ?1";
         let told = self.database.query_row(query, [about.robot], |row| Ok([row.get(0)?, row.get(1)?])).optional()?;
         Ok(condition.since(&told.unwrap_or_default(), about))
     }
 
-    /// This of a robot is told.
+    /// Records the condition of a robot that was reported last, so that a restart does not report it again.
     pub(super) fn is_told(&self, robot: &str, condition: &Condition) -> Result<(), JobsError> {
         let [fault, pause] = condition.words();
         let replace = "INSERT OR REPLACE INTO told (robot, fault, pause) VALUES (?1, ?2, ?3)";
@@ -213,7 +214,7 @@ impl Jobs {
         Ok(())
     }
 
-    /// The notice of a channel that is to be told next.
+    /// Returns the next notice of a channel.
     pub(super) fn waiting(&self, channel: Channel) -> Result<Option<Waiting>, JobsError> {
         let query = "SELECT id, notice, created_ms, due_ms, attempts FROM notice WHERE channel = ?1 \
                      ORDER BY due_ms, id LIMIT 1";
@@ -229,13 +230,13 @@ impl Jobs {
         Ok(row.optional()?)
     }
 
-    /// A notice is told, or given up.
+    /// Removes a notice that was sent or given up.
     pub(super) fn drop_notice(&self, id: i64) -> Result<(), JobsError> {
         self.database.execute("DELETE FROM notice WHERE id = ?1", [id])?;
         Ok(())
     }
 
-    /// A notice is to be tried again.
+    /// Schedules another attempt to send a notice.
     pub(super) fn try_notice_again(&self, id: i64, due_ms: i64) -> Result<(), JobsError> {
         self.database.execute("UPDATE notice SET attempts = attempts + 1, due_ms = ?2 WHERE id = ?1", (id, due_ms))?;
         Ok(())

@@ -1,5 +1,5 @@
-//! Telling notices: by a webhook, which is signed, and by a command. Each has a thread and a queue of its own, so that
-//! neither waits for the other, and no robot for either of them.
+//! Sending of notices by a signed webhook and by a command. Each has its own thread and queue, so they do not wait for
+//! each other, and robots wait for neither of them.
 
 use std::io::Write;
 use std::os::unix::process::CommandExt;
@@ -23,39 +23,39 @@ use super::notices::{About, Channel, Condition, Happening, Notice, Waiting};
 use super::server::write_secret;
 use super::{JobsError, Places, Shared};
 
-/// A receiver answers within this.
+/// Timeout of a webhook's response.
 const ANSWER: Duration = Duration::from_secs(10);
-/// A command has ended within this, or is ended.
+/// Timeout of a command. The service kills it afterwards.
 const COMMAND: Duration = Duration::from_secs(60);
-/// What was not taken is told again after this, then after twice that, and so on
+/// Delay before the first retry of a notice. It doubles with each further retry.
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
-/// up to this,
+/// Maximum delay before a retry.
 const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
-/// until it is so old.
+/// Age at which a notice is given up.
 const GIVEN_UP: Duration = Duration::from_secs(24 * 3600);
-/// How the secret begins, by the Standard Webhooks specification.
+/// Prefix of the secret, from the Standard Webhooks specification.
 const SECRET: &str = "whsec_";
 
-/// Why nobody can be told.
+/// Errors in the settings of notifications.
 #[derive(Debug, thiserror::Error)]
 pub enum NotifyError {
-    /// The address is none. It is not said: it may contain a secret.
+    /// The address is invalid. The message does not repeat it, because it may contain a secret.
     #[error("the webhook of [serve.notify] is no address: give one that begins with https:// or http://, and a host")]
     Address,
-    /// There is no command.
+    /// The command is empty.
     #[error("the command of [serve.notify] is empty: give a list of a program and its arguments, or take the line out")]
     Command,
-    /// The secret cannot be used.
+    /// The webhook's secret cannot be used.
     #[error("cannot use the webhook's secret in {path}: {reason}; delete the file, and another secret is drawn")]
     Secret {
-        /// The file.
+        /// Path of the secret's file.
         path: String,
-        /// Why.
+        /// Reason why the secret cannot be used.
         reason: String,
     },
 }
 
-/// Who is told.
+/// The configured channels, and the events that are sent on them.
 #[derive(Default)]
 pub struct Notify {
     channels: Vec<(Channel, Mutex<Sender<()>>)>,
@@ -65,13 +65,13 @@ pub struct Notify {
 /// A receiver on the network.
 struct Webhook {
     address: String,
-    /// What messages call it: the address without what may be secret.
+    /// Address in messages, without the parts that may be secret.
     host: String,
     key: hmac::Key,
     agent: Agent,
 }
 
-/// The threads that tell, before they run.
+/// Threads that send notices, before they are started.
 pub struct Tellers(Vec<(Channel, Receiver<()>, Teller)>);
 
 enum Teller {
@@ -80,7 +80,7 @@ enum Teller {
 }
 
 impl Notify {
-    /// Understands the settings.
+    /// Creates the channels of the settings.
     pub fn new(entry: &NotifyEntry, places: &Places) -> Result<(Self, Tellers), NotifyError> {
         let mut tellers = Vec::new();
         if let Some(address) = &entry.webhook {
@@ -111,7 +111,7 @@ impl Notify {
         let channels: Vec<Channel> = self.channels.iter().map(|(channel, _)| *channel).collect();
         shared.jobs().tell(notice, &channels, now_ms())?;
         for (_, wake) in &self.channels {
-            // Its thread runs as long as the service.
+            // The thread of the channel runs as long as the service.
             let _ = wake.lock().unwrap_or_else(PoisonError::into_inner).send(());
         }
         Ok(())
@@ -119,7 +119,7 @@ impl Notify {
 }
 
 impl Shared {
-    /// Tells something of a robot, if somebody is to be told.
+    /// Queues a notice about a robot if a channel is configured.
     pub fn tell(&self, about: &About, event: Happening, why: Option<&str>) {
         if self.notify.channels.is_empty() {
             return;
@@ -129,14 +129,15 @@ impl Shared {
         }
     }
 
-    /// Tells what is new of a robot's status.
+    /// Queues notices about changes of a robot's condition.
     pub fn tell_condition(&self, about: &About, condition: &Condition) {
         if self.notify.channels.is_empty() {
             return;
         }
         let told = || -> Result<(), JobsError> {
             let news = self.jobs().news_of(about, condition)?;
-            // Twice is better than never, if the service is killed between.
+            // The notices are queued before the condition is recorded. If the service is killed in between, they are
+            // sent twice, which is better than never.
             news.iter().try_for_each(|notice| self.notify.tell(self, notice))?;
             self.jobs().is_told(about.robot, condition)
         };
@@ -147,7 +148,7 @@ impl Shared {
 }
 
 impl Tellers {
-    /// Has each tell what waits, for ever.
+    /// Starts the threads. They send queued notices until the process ends.
     pub fn start(self, shared: &Arc<Shared>) {
         for (channel, woken, teller) in self.0 {
             let shared = Arc::clone(shared);
@@ -179,12 +180,12 @@ fn run(shared: &Shared, channel: Channel, woken: &Receiver<()>, teller: &Teller)
                 LONGEST_PAUSE
             }
         };
-        // The clock of the day may have been set meanwhile.
+        // The wait is limited because the system's clock may be set in the meantime.
         let _ = woken.recv_timeout(wait.min(LONGEST_PAUSE));
     }
 }
 
-/// Tells one notice once.
+/// Tries once to send a notice. If that fails, schedules a retry or gives the notice up.
 fn once(shared: &Shared, next: &Waiting, teller: &Teller) -> Result<(), JobsError> {
     let told = match teller {
         Teller::Webhook(webhook) => webhook.post(next),
@@ -243,12 +244,12 @@ impl Webhook {
     }
 }
 
-/// By which the receiver knows that a notice is ours, and of this time.
+/// Returns the signature of a notice and its time, with which the receiver checks that this service has sent it.
 fn signature(key: &hmac::Key, id: &str, time: &str, notice: &str) -> String {
     format!("v1,{}", STANDARD.encode(hmac::sign(key, format!("{id}.{time}.{notice}").as_bytes())))
 }
 
-/// The webhook's secret: that of the file, which is made where it is not there.
+/// Returns the webhook's secret from its file. A missing file is created with a new secret.
 fn secret_of(path: &Path) -> Result<Vec<u8>, NotifyError> {
     let error = |reason: String| NotifyError::Secret { path: path.display().to_string(), reason };
     let text = match fs::read_to_string(path) {
@@ -270,7 +271,7 @@ fn secret_of(path: &Path) -> Result<Vec<u8>, NotifyError> {
     }
 }
 
-/// Runs the command, with the notice on its standard input and in its environment.
+/// Runs the command with the notice on its standard input and in its environment variables.
 fn call(command: &[String], notice: &str) -> Result<(), String> {
     let read: Notice = serde_json::from_str(notice).map_err(|error| error.to_string())?;
     let mut child = Command::new(&command[0])
@@ -284,7 +285,7 @@ fn call(command: &[String], notice: &str) -> Result<(), String> {
         .spawn()
         .map_err(|error| error.to_string())?;
     if let Some(mut stdin) = child.stdin.take() {
-        // It need not read it. A pipe holds more than a notice: nothing waits here.
+        // The command may ignore its input. A pipe can buffer a whole notice, so the write does not block.
         let _ = stdin.write_all(notice.as_bytes());
     }
     let began = Instant::now();
@@ -332,7 +333,7 @@ mod tests {
         }
     }
 
-    /// The signature was made with hmac, hashlib and base64 of Python.
+    /// The expected signature was computed with hmac, hashlib and base64 of Python.
     #[test]
     fn the_signature_is_that_of_others() {
         let directory = tempfile::tempdir().unwrap();

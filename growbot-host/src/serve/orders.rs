@@ -1,4 +1,4 @@
-//! Orders to a robot: how they are given, and when they are answered.
+//! Commands to a robot, and the waits for their effect.
 
 use std::time::{Duration, Instant};
 
@@ -9,32 +9,32 @@ use serde::{Deserialize, Serialize};
 
 use super::robot::{Ask, Keeper};
 
-/// A robot answers an order within this.
+/// Timeout of a robot's response to a command.
 pub(super) const ANSWER: Duration = Duration::from_secs(10);
-/// and an emergency stop.
+/// Timeout of an emergency stop.
 const EMERGENCY: Duration = Duration::from_secs(2);
-/// A growth that looks for orders carries the emergency stop out within this.
+/// Time within which an active growth that processes commands carries out an emergency stop.
 const AT_ONCE: Duration = Duration::from_millis(60);
-/// A robot without a growth carries it out within this, unless it is in the midst of something.
+/// Time within which a robot without a growth carries out an emergency stop, unless it is busy with another request.
 const SOON: Duration = Duration::from_millis(250);
-/// What is said of an emergency stop that came to nothing.
+/// Message after an emergency stop that failed.
 const NOT_OFF: &str = "nobody has acknowledged the emergency stop: cut the power of the robot now";
 
-/// An order.
+/// A command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum OrderName {
-    /// Pause after the layer under way.
+    /// Pause after the current layer.
     Pause,
     /// Continue after a pause.
     Continue,
-    /// Heater and steppers off; the body can be resumed.
+    /// Turn off heater and steppers. The body can be resumed.
     Stop,
-    /// Everything off, ahead of all else.
+    /// Turn everything off, before any other command.
     EmergencyStop,
-    /// Leave a fault or an emergency stop.
+    /// Clear a fault or an emergency stop.
     ClearFault,
-    /// Give up the body that hangs on the robot.
+    /// Discard the body that hangs on the robot.
     Cancel,
 }
 
@@ -51,15 +51,16 @@ impl OrderName {
     }
 }
 
-/// The order to give.
+/// Request to send a command.
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Given {
-    /// The order.
+    /// Command to send.
     pub order: OrderName,
 }
 
-/// Gives an order, and waits until the robot has obeyed it, or has it queued where a growth does that in its turn.
+/// Sends a command. Waits until the robot has carried it out, except for pause and continue, which the growth only
+/// queues.
 pub(super) fn give(keeper: &Keeper, order: OrderName) -> Result<(), String> {
     let of_growth = match order {
         OrderName::Pause => Some(Order::Pause),
@@ -88,8 +89,8 @@ pub(super) fn give(keeper: &Keeper, order: OrderName) -> Result<(), String> {
     }
 }
 
-/// Waits until the board has said that everything is off. Where the growth is in the midst of a request to the board,
-/// the stop is sent beside it.
+/// Waits until the board has reported the emergency stop. If the growth is still waiting for the board, sends the stop
+/// on another connection.
 fn wait_until_off(keeper: &Keeper) -> Result<(), String> {
     let began = Instant::now();
     let mut is_sent_beside = false;
@@ -110,7 +111,7 @@ fn wait_until_off(keeper: &Keeper) -> Result<(), String> {
     }
 }
 
-/// Waits until the growth has ended, for which the board has said that it is off.
+/// Waits until the growth has ended. It ends when the board has confirmed that it is off.
 fn wait_until_stopped(keeper: &Keeper) -> Result<(), String> {
     let began = Instant::now();
     loop {

@@ -1,4 +1,4 @@
-//! Where the service keeps what it knows, and where it is found.
+//! Paths of the service's files and of its socket.
 
 use std::env;
 use std::fs;
@@ -6,7 +6,7 @@ use std::io;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::PathBuf;
 
-/// The service's files: all of them are the user's alone.
+/// Paths of the service's directories. Only the user can access them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Places {
     state: PathBuf,
@@ -14,8 +14,9 @@ pub struct Places {
 }
 
 impl Places {
-    /// `growbot/serve` in `$XDG_STATE_HOME` or `~/.local/state` for what is kept, and in `$XDG_RUNTIME_DIR`, or else
-    /// beside that, for the socket. None where neither is set.
+    /// Returns the default directories. The state is in `growbot/serve` in `$XDG_STATE_HOME` or `~/.local/state`. The
+    /// socket is in `growbot` in `$XDG_RUNTIME_DIR`, or with the state if that is not set. `None` if neither
+    /// `$XDG_STATE_HOME` nor `$HOME` is set.
     #[must_use]
     pub fn of_user() -> Option<Self> {
         let absolute = |key: &str| env::var_os(key).map(PathBuf::from).filter(|path| path.is_absolute());
@@ -25,7 +26,7 @@ impl Places {
         Some(Self { state, runtime })
     }
 
-    /// All in one directory.
+    /// Returns paths that are all in one directory.
     #[must_use]
     pub fn within(directory: PathBuf) -> Self {
         Self { runtime: directory.clone(), state: directory }
@@ -34,7 +35,7 @@ impl Places {
     /// Creates the directories.
     ///
     /// # Errors
-    /// The system's.
+    /// A directory cannot be created.
     pub fn create(&self) -> io::Result<()> {
         for directory in [&self.state, &self.runtime, &self.logs(), &self.scenes()] {
             fs::DirBuilder::new().recursive(true).mode(0o700).create(directory)?;
@@ -42,49 +43,49 @@ impl Places {
         Ok(())
     }
 
-    /// The directory of what is kept.
+    /// Returns the directory of the stored state.
     #[must_use]
     pub fn state(&self) -> &PathBuf {
         &self.state
     }
 
-    /// The run logs of all jobs.
+    /// Returns the directory of all jobs' run logs.
     #[must_use]
     pub fn logs(&self) -> PathBuf {
         self.state.join("jobs")
     }
 
-    /// The scenes that were sent.
+    /// Returns the directory of the stored scenes.
     #[must_use]
     pub fn scenes(&self) -> PathBuf {
         self.state.join("scenes")
     }
 
-    /// The list of jobs.
+    /// Returns the path of the list of jobs.
     #[must_use]
     pub fn database(&self) -> PathBuf {
         self.state.join("jobs.sqlite")
     }
 
-    /// The record of orders.
+    /// Returns the path of the record of commands.
     #[must_use]
     pub fn audit(&self) -> PathBuf {
         self.state.join("orders.jsonl")
     }
 
-    /// The secrets of the page's addresses.
+    /// Returns the path of the tokens in the page's addresses.
     #[must_use]
     pub fn tokens(&self) -> PathBuf {
         self.state.join("tokens")
     }
 
-    /// The secret by which receivers know that a notice is ours.
+    /// Returns the path of the webhook's secret, with which receivers check the sender of a notice.
     #[must_use]
     pub fn webhook_secret(&self) -> PathBuf {
         self.state.join("webhook-secret")
     }
 
-    /// The socket that commands use.
+    /// Returns the path of the socket that growbot's commands use.
     #[must_use]
     pub fn socket(&self) -> PathBuf {
         self.runtime.join("serve.sock")

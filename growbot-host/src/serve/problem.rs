@@ -1,4 +1,4 @@
-//! Why a request was not carried out: problem details, RFC 9457.
+//! Errors of requests, as problem details of RFC 9457.
 
 use std::time::Duration;
 
@@ -11,14 +11,14 @@ use axum::response::{IntoResponse, Response};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-/// A problem.
+/// Reason why a request failed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct Problem {
-    /// What kind it is.
+    /// Kind of the problem.
     pub title: &'static str,
-    /// The status of the answer.
+    /// HTTP status of the response.
     pub status: u16,
-    /// What failed, the value, the limit and the remedy.
+    /// Explanation: what failed, the value, the limit and the remedy.
     pub detail: String,
 }
 
@@ -28,22 +28,22 @@ impl Problem {
         Self { title, status: status.as_u16(), detail: detail.to_string() }
     }
 
-    /// There is no such thing.
+    /// The requested object does not exist.
     pub fn not_found(what: &str, name: &str) -> Self {
         Self::new(StatusCode::NOT_FOUND, "not found", format!("there is no {what} {name:?}"))
     }
 
-    /// The request itself is wrong.
+    /// The request is invalid.
     pub fn bad(detail: impl ToString) -> Self {
         Self::new(StatusCode::UNPROCESSABLE_ENTITY, "wrong request", detail)
     }
 
-    /// As things stand it cannot be done.
+    /// The request cannot be carried out in the current state.
     pub fn conflict(detail: impl ToString) -> Self {
         Self::new(StatusCode::CONFLICT, "not now", detail)
     }
 
-    /// Who asks may only look.
+    /// The client has read-only access.
     pub fn read_only() -> Self {
         Self::new(
             StatusCode::FORBIDDEN,
@@ -52,7 +52,7 @@ impl Problem {
         )
     }
 
-    /// It is not for those who ask here.
+    /// The client is not allowed to send this request.
     pub fn forbidden(detail: impl ToString) -> Self {
         Self::new(StatusCode::FORBIDDEN, "not from here", detail)
     }
@@ -63,24 +63,24 @@ impl Problem {
         Self::new(StatusCode::PAYLOAD_TOO_LARGE, "too long", detail)
     }
 
-    /// The request takes too long to come.
+    /// The request takes too long to arrive.
     pub fn too_slow(max: Duration) -> Self {
         let detail = format!("the request was not whole within {} s: send it faster", max.as_secs());
         Self::new(StatusCode::REQUEST_TIMEOUT, "too slow", detail)
     }
 
-    /// Others have taken all there is.
+    /// A limit of the service is reached.
     pub fn busy(why: &str) -> Self {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, "busy", format!("{why}: try again when one of them has ended"))
     }
 
-    /// What was refused before it reached whoever would say why in so many words.
+    /// An HTTP error with its status and text, for requests that were rejected before a handler ran.
     pub fn of(status: StatusCode, said: &str) -> Self {
         let reason = status.canonical_reason().unwrap_or("refused");
         Self::new(status, reason, if said.is_empty() { reason } else { said })
     }
 
-    /// The service itself failed.
+    /// The service has failed.
     pub fn internal(detail: impl ToString) -> Self {
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "the service failed", detail)
     }

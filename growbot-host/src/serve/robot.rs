@@ -1,4 +1,4 @@
-//! One robot of the service: a thread owns its board, and finds it again when its port comes back.
+//! One robot of the service. A thread owns its board and reconnects to it when its port comes back.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -29,75 +29,75 @@ use super::notices::{About, Condition};
 use crate::switch::switch_on;
 use crate::watch::Live;
 
-/// A port that is not there is looked for again after this.
+/// Time after which a connection to a missing port is tried again.
 const RETRY: Duration = Duration::from_secs(1);
-/// A robot without a job is asked for its status so often, and what is asked of it waits no longer.
+/// Time between two status requests to a board without a job. A request to the robot waits at most this long.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// What a robot does, in a word.
+/// State of the robot's connection: disconnected, ready or busy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum RobotState {
-    /// Its port is not there, or its board does not answer.
+    /// The robot's port is missing, or its board does not respond.
     Disconnected,
-    /// Its board waits for orders.
+    /// The robot is connected and has no job.
     Ready,
-    /// It has a job.
+    /// The robot has a job.
     Busy,
 }
 
-/// A robot as the service knows it.
+/// A robot, its board and its job, as the service last received them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RobotView {
-    /// What the service calls it.
+    /// Name of the robot in the service.
     pub name: String,
-    /// Its port.
+    /// Port of the robot.
     pub port: String,
-    /// Whether it is a simulated one.
+    /// True if the robot is simulated.
     pub simulated: bool,
-    /// How fast its time passes, in multiples of real time; null where that is not known.
+    /// Pace of the robot's time, in multiples of real time. Null if it is not known.
     pub pace: Option<f64>,
-    /// What it does.
+    /// State of the connection.
     pub state: RobotState,
-    /// What is wrong; null where nothing is.
+    /// Reason why the robot is not connected. Null if it is connected.
     pub trouble: Option<String>,
-    /// The name of its description; null until its board was met.
+    /// Name of the robot description. Null until the first connection to the board.
     pub robot: Option<String>,
-    /// Its board's state.
+    /// State of the board. Null if the robot is not connected.
     pub board: Option<String>,
-    /// Code of the fault that is latched; null if there is none.
+    /// Code of the latched fault. Null if no fault is latched.
     pub fault: Option<String>,
-    /// What the fault means.
+    /// Explanation of the fault. Null if no fault is latched.
     pub fault_explanation: Option<String>,
-    /// Why it pauses.
+    /// Reason why the board pauses. Null if it does not pause.
     pub pause: Option<String>,
-    /// Temperature of the nozzle, C; null without a reading.
+    /// Temperature of the nozzle, C. Null without a reading.
     pub temperature_c: Option<f64>,
-    /// What the temperature is regulated to, C; null while the heater is off.
+    /// Target temperature of the nozzle, C. Null while the heater is off.
     pub target_c: Option<f64>,
-    /// Layers laid of the job that the board stores.
+    /// Number of laid layers of the job that the board stores.
     pub laid: u32,
-    /// Layers of that job.
+    /// Number of layers of that job.
     pub layers: u32,
-    /// The job that is under way.
+    /// Identifier of the active job. Null if the robot has no job.
     pub job: Option<String>,
-    /// When the last layer is expected, RFC 3339; null unless the robot grows, at a known pace.
+    /// Expected time of the last layer, RFC 3339. Null unless the robot grows at a known pace.
     pub finish_utc: Option<String>,
-    /// Why the board has refused the latest order; null unless it has.
+    /// Reason why the board did not carry out the latest command, or why the run log cannot be written. Null otherwise.
     pub refused: Option<String>,
 }
 
-/// A job that is to be grown.
+/// A job to start.
 pub struct NewJob {
     pub job: Job,
     pub plan: Plan,
     pub robot: Robot,
-    /// What corrections are kept clear of.
+    /// Scene that corrections of the path keep clear of.
     pub scene: Option<LoadedScene>,
     pub feedback: bool,
 }
 
-/// What is asked of a robot.
+/// A request to a robot's thread.
 pub enum Ask {
     Grow(Box<NewJob>),
     Resume(Box<Job>),
@@ -106,63 +106,63 @@ pub enum Ask {
     EmergencyStop,
     ClearFault,
     Task(MaintenanceTask),
-    /// Give the line up, until it is back.
+    /// Close the port until the lease ends.
     Lend(Loan),
 }
 
-/// A question, and who waits for the answer.
+/// A request in the queue of a robot's thread, with the channel on which its response is sent.
 pub struct Asked {
     pub ask: Ask,
     pub reply: Sender<Result<(), String>>,
-    /// Whether the robot has taken it on, or who asked has given it up: whichever was first.
+    /// True once the thread has taken the request or the caller has given it up, whichever comes first.
     settled: Arc<AtomicBool>,
 }
 
 impl Asked {
-    /// Takes it on, unless it was given up. An emergency stop is never too late.
+    /// Takes the request. Returns false if the caller has given it up, except for an emergency stop.
     fn take(&self) -> bool {
         let is_given_up = self.settled.swap(true, Ordering::AcqRel);
         !is_given_up || matches!(self.ask, Ask::EmergencyStop)
     }
 
     pub(super) fn answer(self, answer: Result<(), String>) {
-        // Who asked may have gone.
+        // The caller may no longer wait for the response.
         let _ = self.reply.send(answer);
     }
 }
 
-/// One robot, with its thread.
+/// A robot of the service, with its thread.
 pub struct Keeper {
     pub(super) name: String,
     pub(super) entry: RobotEntry,
     pub(super) shared: Arc<Shared>,
     known: Mutex<Known>,
     asks: Sender<Asked>,
-    /// What was told of it last, as far as this process knows.
+    /// Condition that was reported last in notices. `None` if this process has reported none.
     told: Mutex<Option<Condition>>,
-    /// Held from the look whether it has a job to the beginning of another.
+    /// Lock from the check for an active job to the start of a new job.
     beginning: Mutex<()>,
 }
 
-/// What is known of a robot.
+/// Latest known state of a robot.
 #[derive(Default)]
 pub struct Known {
     pub trouble: Option<String>,
-    /// Its description, once its board was met.
+    /// Robot description. `None` until the first connection to the board.
     pub robot: Option<Robot>,
     pub status: Option<Status>,
     pub job: Option<String>,
-    /// Who can give orders to the growth under way.
+    /// Queue of commands to the active growth.
     pub orders: Option<Arc<Orders>>,
-    /// What pages are told of it.
+    /// Updates of the active growth for pages.
     pub live: Option<Arc<Live>>,
     pub finish_utc: Option<String>,
     pub refused: Option<String>,
-    /// A stop was ordered that the board may not have heard of when its line was lost.
+    /// True if a stop was sent that the board may not have received before the connection was lost.
     pub stop_when_back: bool,
 }
 
-/// A board that was met.
+/// An open connection to a board.
 pub struct Connection {
     pub client: Client,
     pub simulation: Option<Box<dyn Simulation>>,
@@ -170,18 +170,18 @@ pub struct Connection {
     pub hello: BoardInfo,
 }
 
-/// What a board leaves its keeper with.
+/// State of a connection after a request, a job or a check of the board.
 pub enum Left {
-    /// It waits for orders.
+    /// The board is ready for the next request.
     Ready,
-    /// The line has broken, or the board is silent: why.
+    /// The connection is lost or the board does not respond. The text is the reason.
     Lost(String),
-    /// The line is to be lent; who waits for it.
+    /// The port is to be leased. The channel is that of the client that waits for the port.
     Lent(Loan, Sender<Result<(), String>>),
 }
 
 impl Keeper {
-    /// Has a thread own a robot.
+    /// Starts a thread that owns a robot.
     pub(super) fn start(name: &str, entry: &RobotEntry, shared: Arc<Shared>) -> Arc<Self> {
         let (asks, asked) = mpsc::channel();
         let known = Mutex::new(Known { trouble: Some("it is looked for".to_owned()), ..Known::default() });
@@ -206,13 +206,14 @@ impl Keeper {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Changes what is known, and has all who listen look.
+    /// Changes the known state and wakes all connections that wait for changes.
     pub(super) fn know(&self, change: impl FnOnce(&mut Known)) {
         change(&mut self.known());
         self.shared.changed();
     }
 
-    /// Its board has said how it is.
+    /// Records a status that the board has reported. Sends notices if the robot's condition differs from the one that
+    /// was reported last.
     pub(super) fn met(&self, status: Status) {
         let condition = Condition::of(&status);
         self.know(|known| known.status = Some(status));
@@ -223,7 +224,7 @@ impl Keeper {
         }
     }
 
-    /// What is to be said of it in a notice.
+    /// Calls `tell` with the robot and its job, for a notice.
     pub(super) fn about(&self, tell: impl FnOnce(&About)) {
         let view = self.view();
         tell(&About {
@@ -239,13 +240,13 @@ impl Keeper {
         self.entry.port.parse().map_err(|error: port::OpenError| error.to_string())
     }
 
-    /// Whether it is a simulated robot.
+    /// Returns whether the robot is simulated.
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         self.port().is_ok_and(|port| port.is_simulated())
     }
 
-    /// How fast its time passes, in multiples of real time.
+    /// Returns the pace of the robot's time, in multiples of real time. `None` if it is not known.
     pub(super) fn pace(&self) -> Option<f64> {
         match self.port().ok()? {
             PortName::Resident(name) => Place::of(&name).ok()?.pace(),
@@ -254,7 +255,7 @@ impl Keeper {
         }
     }
 
-    /// The robot as it is known now.
+    /// Returns the latest known state of the robot.
     #[must_use]
     pub fn view(&self) -> RobotView {
         let (simulated, pace) = (self.is_simulated(), self.pace());
@@ -289,7 +290,7 @@ impl Keeper {
         }
     }
 
-    /// The description of its robot: that of its board, or else the configured one.
+    /// Returns the description that the board reported, otherwise the configured or default one.
     pub fn description(&self) -> Result<Robot, String> {
         if let Some(robot) = &self.known().robot {
             return Ok(robot.clone());
@@ -298,30 +299,31 @@ impl Keeper {
         robot_file::load(robot.as_ref()).map_err(|error| error.to_string())
     }
 
-    /// The presets of its materials.
+    /// Returns the material presets of the configured or default robot.
     pub fn presets(&self) -> Presets {
         let robot = self.entry.robot.as_deref().unwrap_or(robot_file::DEFAULT);
         Presets::load(robot.as_ref()).unwrap_or_default()
     }
 
-    /// The growth under way, if it is this job's.
+    /// Returns the active growth if it belongs to this job.
     pub fn live(&self, job: &str) -> Option<Arc<Live>> {
         let known = self.known();
         known.live.clone().filter(|_| known.job.as_deref() == Some(job))
     }
 
-    /// Gives an order to the growth under way; none is, where this gives false.
+    /// Queues a command for the active growth. Returns false if no growth is active.
     pub fn order(&self, order: Order) -> bool {
         let known = self.known();
         known.orders.as_ref().map(|orders| orders.give(order)).is_some()
     }
 
-    /// Its holder begins a job, and nobody else does.
+    /// Locks the start of jobs. While the guard is held, no other caller can start a job.
     pub(super) fn begins(&self) -> MutexGuard<'_, ()> {
         self.beginning.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Refuses what cannot be begun beside the job that is under way. One that has just ended may still be known here.
+    /// Returns an error if the robot has an active job. A job that has just ended may still be known to the thread, so
+    /// the state is read from the list of jobs.
     pub(super) fn has_no_job(&self) -> Result<(), String> {
         let job = self.known().job.clone();
         let is_active = |id: &String| {
@@ -332,10 +334,10 @@ impl Keeper {
             .map_or(Ok(()), |job| Err(format!("robot {} has a job, {job}: wait for its end, or stop it", self.name)))
     }
 
-    /// Asks something of the robot, and waits for the answer.
+    /// Sends a request to the robot's thread and waits for the response.
     ///
     /// # Errors
-    /// Why it was refused.
+    /// The reason why the request was rejected, or that it timed out.
     pub fn ask(&self, ask: Ask, limit: Duration) -> Result<(), String> {
         let (reply, answer) = mpsc::channel();
         let settled = Arc::new(AtomicBool::new(false));
@@ -343,7 +345,8 @@ impl Keeper {
         self.asks.send(asked).map_err(|_| "its thread has ended: restart the service".to_owned())?;
         answer.recv_timeout(limit).unwrap_or_else(|_| {
             let (robot, limit) = (&self.name, limit.as_secs_f64());
-            // It would come unexpectedly later, when the robot has ended what it does.
+            // A request that times out is given up, because it would otherwise run later, when the user no longer
+            // expects it.
             Err(match settled.swap(true, Ordering::AcqRel) {
                 false => format!("robot {robot} has not taken it on for {limit:.0} s, and it was given up: try again"),
                 true => {
@@ -353,7 +356,7 @@ impl Keeper {
         })
     }
 
-    /// Owns the robot, for ever.
+    /// Owns the robot until the process ends.
     fn keep(self: Arc<Self>, asked: &Receiver<Asked>) {
         let mut switches_on = true;
         loop {
@@ -365,13 +368,13 @@ impl Keeper {
                 Left::Ready => continue,
                 Left::Lost(why) => why,
                 Left::Lent(loan, reply) => {
-                    // The line is closed now. Who waits for it may have gone.
+                    // The port is closed now. The client that waits for it may be gone.
                     let _ = reply.send(Ok(()));
                     self.wait_for_line(&loan, asked);
                     continue;
                 }
             };
-            // Who switches it off later wants it off.
+            // A user who switches the simulated robot off later wants it to stay off.
             switches_on = false;
             self.know(|known| {
                 (known.orders, known.live, known.finish_utc) = (None, None, None);
@@ -406,7 +409,7 @@ impl Keeper {
             }
             None => None,
         };
-        // On a line, which robot it is, the board says.
+        // On a real port the board reports which robot it is.
         let any = robot_file::load(robot_file::DEFAULT.as_ref()).map_err(|error| error.to_string())?;
         let settings = TipSettings::default();
         let opened = port::open(&name, robot.as_ref().unwrap_or(&any), &settings).map_err(|error| error.to_string())?;
@@ -422,7 +425,7 @@ impl Keeper {
         Ok(Connection { client, simulation, robot, hello })
     }
 
-    /// Looks after a board until its line is lost or to be lent.
+    /// Owns a connected board until the connection is lost or the port is leased.
     fn own(&self, mut connection: Connection, asked: &Receiver<Asked>) -> Left {
         let active = self.shared.jobs().active(&self.name).ok().flatten();
         self.know(|known| {
@@ -453,7 +456,7 @@ impl Keeper {
         }
     }
 
-    /// Looks how a board without a job is.
+    /// Waits for an event of a board without a job and requests its status.
     fn look(&self, client: &mut Client) -> Left {
         let wait = LOOK.mul_f64(self.pace().unwrap_or(1.0).max(1.0));
         let looked = client.event(wait).and_then(|_| client.status());
@@ -493,7 +496,7 @@ impl Keeper {
     }
 }
 
-/// Why it pauses, in words.
+/// Returns an explanation of the pause.
 pub(super) fn pause(cause: PauseCause) -> &'static str {
     match cause {
         PauseCause::LayersExhausted => "it waits for layers",

@@ -1,6 +1,6 @@
-//! Scenes that were sent to the service, so that plans can lead through them.
+//! Scenes that clients have sent to the service, so that plans can avoid them.
 //!
-//! They stay, as jobs name them: a body that is resumed is kept clear of the scene that it was begun in.
+//! The service never deletes them, because jobs refer to them. A resumed body is kept clear of the scene of its job.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,10 +14,10 @@ use growbot_scene::scene_file;
 use super::places::Places;
 use super::problem::Problem;
 
-/// All of them together are no longer, bytes.
+/// Maximum length of all stored scenes together, bytes.
 const MAX_KEPT: u64 = 1 << 30;
 
-/// Keeps a scene; gives the name by which it is found.
+/// Stores a scene. Returns the name by which [`find`] finds it.
 pub fn keep(places: &Places, name: &str, bytes: &[u8]) -> Result<String, Problem> {
     let ending = Path::new(name).extension().and_then(|ending| ending.to_str()).unwrap_or_default();
     let ending = ending.to_ascii_lowercase();
@@ -60,7 +60,7 @@ pub fn keep(places: &Places, name: &str, bytes: &[u8]) -> Result<String, Problem
     Ok(kept)
 }
 
-/// The file of a scene that was kept.
+/// Returns the path of a stored scene.
 pub fn find(places: &Places, name: &str) -> Result<PathBuf, Problem> {
     let is_name = name.chars().all(|letter| letter.is_ascii_alphanumeric() || letter == '.') && !name.starts_with('.');
     let path = places.scenes().join(name);

@@ -1,4 +1,4 @@
-//! The interface on the loopback interface, behind tokens, and on a socket of the user's.
+//! The server of the interface: on the loopback interface, behind tokens, and on a socket of the user.
 
 use std::fs;
 use std::io::{self, Write};
@@ -27,49 +27,49 @@ use super::{Places, Service};
 use crate::watch::guard::{guard, nothing};
 use crate::watch::token;
 
-/// The page of all robots.
+/// Page of all robots.
 const PAGE: &str = include_str!("page/robots.html");
 const SCRIPT: &str = include_str!("page/robots.js");
 const STYLE: &str = include_str!("page/robots.css");
-/// What the page may load: what comes from the service alone.
+/// Content security policy of the page. The page can load content from the service only.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self'; frame-src 'self'; \
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 
-/// A reason is no longer, bytes.
+/// Maximum length of the reason in a response that is converted to problem details, bytes.
 const MAX_REASON: usize = 4096;
 
-/// Why the service cannot be reached.
+/// Errors that prevent the server from listening.
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
-    /// The address is taken.
+    /// The address cannot be bound.
     #[error("cannot serve pages at 127.0.0.1:{port} ({error}): choose another port with --page-port")]
     Address {
-        /// The port asked for, 0 for any.
+        /// Requested port, 0 for any.
         port: u16,
-        /// The system's reason.
+        /// Error of the operating system.
         error: io::Error,
     },
-    /// Another service has the socket.
+    /// Another service listens on the socket.
     #[error("another growbot serve of this user is running: its socket is {0}; end that one first")]
     Running(String),
     /// A file cannot be used.
     #[error("cannot use {path}: {error}")]
     File {
-        /// The file.
+        /// Path of the file.
         path: String,
-        /// The system's reason.
+        /// Error of the operating system.
         error: io::Error,
     },
 }
 
-/// The secrets in the addresses: they stay the same, so that pages find the service again.
+/// Tokens in the addresses. They are stored, so that open pages can reconnect after a restart.
 pub struct Tokens {
     operate: String,
     read: String,
 }
 
 impl Tokens {
-    /// Those of a file, which is made where it is not there.
+    /// Reads the tokens from a file. A missing or invalid file is replaced by new tokens.
     fn of(path: &Path) -> io::Result<Self> {
         let is_token = |word: &&str| word.len() == 32 && word.bytes().all(|byte| byte.is_ascii_hexdigit());
         if let Ok(text) = fs::read_to_string(path)
@@ -83,7 +83,7 @@ impl Tokens {
     }
 }
 
-/// Writes a file that its user alone may read: whole, or not at all.
+/// Writes a file that only the user can read, completely or not at all.
 pub(super) fn write_secret(path: &Path, text: &str) -> io::Result<()> {
     let aside = path.with_extension("new");
     let mut file = fs::File::options().write(true).create(true).truncate(true).mode(0o600).open(&aside)?;
@@ -96,7 +96,7 @@ fn new_token() -> io::Result<String> {
     token().map_err(|error| io::Error::other(error.to_string()))
 }
 
-/// Everything bound, before it is served.
+/// The bound listeners, before they are served.
 pub struct Server {
     tcp: TcpListener,
     unix: UnixListener,
@@ -104,7 +104,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Binds the address of the pages on this port, 0 for any, and the socket.
+    /// Binds the address of the pages to this port (0 for any) and the socket.
     ///
     /// # Errors
     /// [`ServerError`].
@@ -117,7 +117,7 @@ impl Server {
         if UnixStream::connect(&socket).await.is_ok() {
             return Err(ServerError::Running(socket.display().to_string()));
         }
-        // A service that was killed has left it.
+        // A service that was killed leaves its socket behind.
         let _ = fs::remove_file(&socket);
         let unix = UnixListener::bind(&socket).map_err(file(&socket))?;
         fs::set_permissions(&socket, fs::Permissions::from_mode(0o600)).map_err(file(&socket))?;
@@ -127,22 +127,22 @@ impl Server {
         Ok(Self { tcp, unix, tokens })
     }
 
-    /// The page's address for those who may give orders, and for those who may look.
+    /// Returns the page's addresses: the one for sending commands, then the read-only one.
     ///
     /// # Errors
-    /// The system's.
+    /// The local address cannot be read.
     pub fn addresses(&self) -> io::Result<[String; 2]> {
         let bound = self.tcp.local_addr()?;
         Ok([&self.tokens.operate, &self.tokens.read].map(|token| format!("http://{bound}/{token}/")))
     }
 
-    /// Serves for ever. The body of a request has to arrive within `request`, its head within half of that.
+    /// Serves until a listener fails. A request's body has to arrive within `request`, its head within half of that.
     ///
     /// # Errors
-    /// The system's.
+    /// A listener has failed.
     pub async fn serve(self, service: Arc<Service>, request: Duration) -> io::Result<()> {
         let [operate, look] = self.addresses()?;
-        // It is served once.
+        // The addresses are set once, because a server is served once.
         let _ = service.addresses.set(Addresses { operate, look });
         let (router, document) = api::routes();
         let document = Arc::new(document);
@@ -162,7 +162,7 @@ impl Server {
     }
 }
 
-/// The page and the interface for who has such access.
+/// Returns the router of the page and the interface for clients with these rights.
 fn site(router: Router<Arc<Service>>, document: Arc<Value>, access: Access, door: &Arc<Door>) -> Router<Arc<Service>> {
     let openapi = move || {
         let document = Arc::clone(&document);
@@ -187,7 +187,7 @@ fn site(router: Router<Arc<Service>>, document: Arc<Value>, access: Access, door
         .layer(map_response(as_problem))
 }
 
-/// Says why in the form that all refusals have.
+/// Converts the text of an error response to problem details.
 async fn as_problem(response: Response) -> Response {
     let status = response.status();
     let is_text = |kind: &HeaderValue| kind.as_bytes().starts_with(b"text/plain");

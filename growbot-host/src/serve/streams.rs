@@ -1,4 +1,4 @@
-//! Requests for events: as server-sent events, and on WebSockets.
+//! Requests for streams of events, as server-sent events and on WebSockets.
 
 use axum::Extension;
 use axum::extract::ws::WebSocketUpgrade;
@@ -13,16 +13,16 @@ use super::events::{self, Told};
 use super::limits::StreamPermit;
 use super::problem::Problem;
 
-/// Nobody says more on a WebSocket at a time, bytes: it is not listened to.
+/// Maximum length of a client's message on a WebSocket, bytes. Such messages are ignored.
 const MAX_HEARD: usize = 1024;
 
-/// From where on events are wanted.
+/// Start of a stream of events.
 #[derive(Debug, Deserialize)]
 pub struct After {
     after: Option<u64>,
 }
 
-/// The number of the line after which events are wanted.
+/// Returns the number of the line after which the stream starts.
 fn after(headers: &HeaderMap, After { after }: After) -> u64 {
     let last = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse().ok());
     last.or(after).unwrap_or(0)

@@ -1,4 +1,4 @@
-//! What is to be grown or planned, and its course.
+//! Request for a job or a plan, and the path that is planned for it.
 
 use std::path::{Path, PathBuf};
 
@@ -19,31 +19,33 @@ use super::places::Places;
 use super::problem::Problem;
 use super::scenes;
 
-/// What is to be grown, or planned.
+/// A request to grow or to plan.
 #[derive(Debug, Clone, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Wanted {
-    /// A plan, as `growbot plan -o` writes it; without it, a goal.
+    /// A plan, in the format that `growbot plan -o` writes. Without it, `to` is required.
     pub plan: Option<Value>,
-    /// The goal: X,Y,Z,HEADING,PITCH, or X,Y,Z in any direction.
+    /// Goal: X,Y,Z,HEADING,PITCH, or X,Y,Z for any direction.
     pub to: Option<String>,
-    /// The start; `0,0,0,0,90` without it.
+    /// Start pose. The default is `0,0,0,0,90`.
     pub from: Option<String>,
-    /// Poses or positions to lead through, in order.
+    /// Poses or positions that the path passes through, in order.
     #[serde(default)]
     pub via: Vec<String>,
-    /// Radius of the bends, mm; the robot's planning radius without it.
+    /// Radius of the bends, mm. The default is the robot's planning radius.
     pub radius_mm: Option<f64>,
-    /// The scene to keep clear of: one that was kept by `/scenes`, or, on the user's socket, the whole path of a file.
+    /// Scene to keep clear of: the name of a scene that `/scenes` has stored. On the user's socket it can also be the
+    /// absolute path of a file.
     #[serde(default)]
     pub scene: Option<String>,
-    /// Measure each layer, and plan the rest again from where the tip is.
+    /// Measure each layer, and plan the rest of the path again from the measured tip.
     #[serde(default)]
     pub feedback: bool,
-    /// Grow in spite of self-collision, filament-short or layer-limit, and of a scene.
+    /// Grow despite the warnings self-collision, filament-short and layer-limit, and despite a scene. Corrections then
+    /// ignore the scene.
     #[serde(default)]
     pub force: bool,
-    /// What people call the job.
+    /// Name of the job for users.
     pub name: Option<String>,
 }
 
@@ -51,12 +53,12 @@ pub struct Wanted {
 pub struct Course {
     /// The plan.
     pub plan: Plan,
-    /// The scene, if there is one.
+    /// The scene. `None` without a scene.
     pub scene: Option<LoadedScene>,
 }
 
 impl Wanted {
-    /// The plan; `robot` is the one that is to grow it.
+    /// Returns the plan. `robot` is the robot that is to grow it.
     pub fn course(&self, robot: &Robot, places: &Places, access: Access) -> Result<Course, Problem> {
         let scene = self.scene_file(places, access)?;
         match (&self.plan, &self.to) {
@@ -67,7 +69,7 @@ impl Wanted {
         }
     }
 
-    /// Where the scene is. Who asks from elsewhere names no files of this machine.
+    /// Returns the path of the scene's file. Only growbot's commands on this machine can name any file.
     fn scene_file(&self, places: &Places, access: Access) -> Result<Option<PathBuf>, Problem> {
         let named_by_plan = || self.plan.as_ref()?.pointer("/scene/file")?.as_str();
         let Some(name) = self.scene.as_deref().or_else(named_by_plan) else { return Ok(None) };
@@ -90,7 +92,7 @@ impl Wanted {
             )));
         }
         let (Some(file), None) = (scene, &within) else { return Ok(Course { plan, scene: within }) };
-        // The plan knows nothing of the scene.
+        // The plan was made without the scene.
         let loaded = load(file).map_err(Problem::bad)?;
         match through_scene::clear_in(&plan, robot, &file.display().to_string(), &loaded) {
             Ok(clearance) => plan.scene = Some(clearance),

@@ -1,7 +1,7 @@
-//! Who gets an answer: a client that knows the token, on this machine, from the page itself.
+//! Filter of requests: only a client on this machine that knows the token, from the page itself, gets a response.
 //!
-//! Any page in a browser can have it ask this machine's own addresses. So an address is a secret, a name that only
-//! points here (DNS rebinding) is none of ours, and what other pages ask for is refused. Those who are refused are told
+//! Any page in a browser can send requests to addresses of this machine. So the address contains a secret. A host name
+//! that only resolves to this machine (DNS rebinding) and requests of other pages are rejected. The rejection reveals
 //! nothing.
 
 use axum::extract::Request;
@@ -10,10 +10,10 @@ use axum::http::{HeaderName, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-/// Names of this machine's own interface.
+/// Host names of the loopback interface.
 const OURSELVES: [&str; 3] = ["127.0.0.1", "localhost", "[::1]"];
 
-/// What every answer says.
+/// Headers of every response.
 const HEADERS: [(&str, &str); 5] = [
     ("cache-control", "no-store"),
     ("referrer-policy", "no-referrer"),
@@ -22,7 +22,7 @@ const HEADERS: [(&str, &str); 5] = [
     ("cross-origin-resource-policy", "same-origin"),
 ];
 
-/// Lets a request through, or not.
+/// Handles a request if it is allowed.
 pub async fn guard(request: Request, next: Next) -> Response {
     if !may_ask(request.headers()) {
         return nothing().await;
@@ -34,13 +34,13 @@ pub async fn guard(request: Request, next: Next) -> Response {
     response
 }
 
-/// What those get who ask for what there is not.
+/// Returns the response to rejected requests and to unknown paths.
 pub async fn nothing() -> Response {
     StatusCode::NOT_FOUND.into_response()
 }
 
-/// Whether a request comes from where the page may be: asked by one of our own names, through whatever port that is
-/// forwarded, and by no other page.
+/// Returns whether a request comes from an allowed page. Its host must be a name of the loopback interface, with any
+/// port because it may be forwarded. No other page may have sent it.
 fn may_ask(headers: &HeaderMap) -> bool {
     let text = |name: &HeaderName| headers.get(name).map(|value| value.to_str().unwrap_or_default());
     let Some(host) = text(&HOST) else { return false };

@@ -1,14 +1,14 @@
-//! A growth under way as a page on this machine: the view of its plan, live.
+//! A live page of an active growth on this machine, with the view of its plan.
 //!
-//! - [`Watch`]: the page's address, and its events;
-//! - `watched`: how the growth stands, and what of it a page does not know yet;
-//! - `server`: HTTP, on the loopback interface alone;
-//! - `guard`: who gets an answer;
-//! - growbot-pictures/viewer/src/live.js: the other end.
+//! - [`Watch`] is the page's server and receives the growth's events.
+//! - `watched` is the state of the growth and the part that a page has not yet received.
+//! - `server` is the HTTP server, on the loopback interface only.
+//! - `guard` decides which requests are served.
+//! - growbot-pictures/viewer/src/live.js is the client.
 //!
-//! Updates are server-sent events, five a second at most. A page that comes late, or comes back, gets everything that
-//! it lacks, so no queue can grow. On `sim` a growth takes seconds, so its time can be limited to a multiple of real
-//! time ([`growbot_sim::port`], `paced.rs`).
+//! Updates are server-sent events, at most five a second. A page that connects late or reconnects receives everything
+//! that it lacks, so no queue can grow. On `sim` a growth takes seconds, so its time can be limited to a multiple of
+//! real time ([`growbot_sim::port`], `paced.rs`).
 
 pub(crate) mod guard;
 pub(crate) mod server;
@@ -29,53 +29,54 @@ use tokio::sync::{oneshot, watch};
 use self::watched::Watched;
 use growbot_pictures::view::{Subject, ViewError, page};
 
-/// Open pages are given so long to hear the end.
+/// Time that open pages have to receive the result.
 const LAST_WORDS: Duration = Duration::from_secs(3);
 
-/// Why there is nothing to watch.
+/// Errors that prevent a live page.
 #[derive(Debug, thiserror::Error)]
 pub enum WatchError {
-    /// The address is taken.
+    /// The address cannot be bound.
     #[error(
         "cannot serve the page at 127.0.0.1:{port} ({error}): choose another port with --watch-port, or leave it out"
     )]
     Address {
-        /// The port asked for, 0 for any.
+        /// Requested port, 0 for any.
         port: u16,
-        /// The system's reason.
+        /// Error of the operating system.
         error: io::Error,
     },
-    /// The system gives no random numbers for the address.
+    /// The operating system provides no random numbers for the address.
     #[error("the system gives no random numbers for a secret address ({0}): leave --watch out")]
     Random(getrandom::Error),
     /// The server does not start.
     #[error("cannot start the page's server ({0}): leave --watch out")]
     Server(io::Error),
-    /// There is no page of this.
+    /// The page cannot be created.
     #[error(transparent)]
     View(#[from] ViewError),
 }
 
-/// The server's side: the page, and the growth.
+/// State that the server's handlers share: the page and the growth.
 pub(crate) struct Shared {
     page: String,
-    /// Every address begins with it.
+    /// Token at the beginning of every path.
     token: String,
     live: Arc<Live>,
 }
 
-/// A growth under way, as pages and the thread that follows it share it.
+/// An active growth, shared by pages and by the thread that follows it.
 pub struct Live {
-    /// None where pages may only look.
+    /// Queue of commands. `None` if pages are read-only.
     orders: Option<Arc<Orders>>,
     watched: Mutex<Watched>,
-    /// Counts what has changed; each open page listens.
+    /// Counter of changes. Each open page waits for it to change.
     changes: watch::Sender<u64>,
     is_left: AtomicBool,
 }
 
 impl Live {
-    /// A growth that is about to begin, or to be resumed after `known` layers. With orders, pages may give some.
+    /// Creates a growth that is about to start, or to be resumed after the `known` layers. With `orders`, pages can
+    /// send commands.
     #[must_use]
     pub fn new(job: &Job, known: &[Option<LayerBytes>], orders: Option<Arc<Orders>>) -> Arc<Self> {
         let watched = Mutex::new(Watched::new(job, known));
@@ -86,30 +87,30 @@ impl Live {
         self.watched.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Has pages tell when the growth is done: the robot's clock runs so fast, in multiples of real time.
+    /// Sets the pace of the robot's clock, in multiples of real time, from which pages compute the end of the growth.
     pub fn runs_at(&self, pace: Option<f64>) {
         self.watched().runs_at(pace);
     }
 
-    /// Tells pages what happened.
+    /// Sends an event to the pages.
     pub fn ingest(&self, event: &JobEvent) {
         self.watched().ingest(event);
         self.changed();
     }
 
-    /// Tells pages what is wrong with this program's own files, until nothing is.
+    /// Shows a problem with this program's own files on the pages, or clears it.
     pub fn warn(&self, words: Option<String>) {
         self.watched().warn(words);
         self.changed();
     }
 
-    /// Tells pages how it ended, as `growbot grow --json` says it.
+    /// Sends the result to the pages, in the format of `growbot grow --json`.
     pub fn end(&self, result: GrowthResult) {
         self.watched().end(result);
         self.changed();
     }
 
-    /// It is followed by another: pages that look at this one are to ask anew.
+    /// Ends the streams of this growth, because another one follows it. Pages then reconnect.
     pub fn leave(&self) {
         self.is_left.store(true, Ordering::Release);
         self.changed();
@@ -120,7 +121,7 @@ impl Live {
     }
 }
 
-/// A page that follows a growth. Dropped, it is gone.
+/// Server of a page that follows a growth. It stops when it is dropped.
 pub struct Watch {
     shared: Arc<Shared>,
     address: String,
@@ -128,8 +129,8 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Serves the page of a plan and its job on this port, 0 for any; `known` are the layers that have been built
-    /// already. With orders, the page may give some.
+    /// Serves the page of a plan and its job on this port, 0 for any. `known` are the layers that have already been
+    /// built. With `orders`, the page can send commands.
     ///
     /// # Errors
     /// [`WatchError`].
@@ -165,29 +166,29 @@ impl Watch {
         Ok(Self { shared, address, server: Some((stop, thread)) })
     }
 
-    /// Where the page is.
+    /// Returns the address of the page.
     #[must_use]
     pub fn address(&self) -> &str {
         &self.address
     }
 
-    /// Has pages tell when the growth is done: the robot's clock runs so fast, in multiples of real time.
+    /// Sets the pace of the robot's clock, in multiples of real time, from which pages compute the end of the growth.
     pub fn runs_at(&self, pace: Option<f64>) {
         self.shared.live.runs_at(pace);
     }
 
-    /// Tells pages what happened.
+    /// Sends an event to the pages.
     pub fn ingest(&self, event: &JobEvent) {
         self.shared.live.ingest(event);
     }
 
-    /// Tells pages what is wrong with this program's own files, until nothing is.
+    /// Shows a problem with this program's own files on the pages, or clears it.
     pub fn warn(&self, words: Option<String>) {
         self.shared.live.warn(words);
     }
 
-    /// Tells pages how it ended, as `growbot grow --json` says it, and waits a moment for those that are open to hear
-    /// it.
+    /// Sends the result to the pages, in the format of `growbot grow --json`. Waits at most 3 s until the open pages
+    /// have received it.
     pub fn end(self, result: GrowthResult) {
         self.shared.live.end(result);
         let asked = Instant::now();
@@ -206,7 +207,7 @@ impl Drop for Watch {
     }
 }
 
-/// 128 random bits, as 32 hexadecimal digits.
+/// Returns 128 random bits as 32 hexadecimal digits.
 pub(crate) fn token() -> Result<String, getrandom::Error> {
     let mut bytes = [0; 16];
     getrandom::fill(&mut bytes)?;

@@ -1,4 +1,4 @@
-//! The page over HTTP: itself, its updates as they come (server-sent events), and orders.
+//! HTTP server of the page: the page, its updates as server-sent events, and commands.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -23,12 +23,12 @@ use super::guard::{guard, nothing};
 use super::watched::Seen;
 use super::{Live, Shared};
 
-/// Pages are told so often at most.
+/// Minimum time between two updates of a page.
 const BETWEEN_UPDATES: Duration = Duration::from_millis(200);
-/// Connections are given so long to end by themselves.
+/// Time that connections have to close by themselves.
 const TO_CLOSE: Duration = Duration::from_millis(500);
 
-/// Serves until told to stop.
+/// Serves until `stopped` is signalled.
 pub async fn serve(listener: TcpListener, shared: Arc<Shared>, stopped: oneshot::Receiver<()>) {
     let (closing, closed) = oneshot::channel();
     let stop = async move {
@@ -63,7 +63,7 @@ async fn updates(State(shared): State<Arc<Shared>>) -> Sse<impl Stream<Item = Re
     updates_of(Arc::clone(&shared.live))
 }
 
-/// What a page does not know yet, as it comes.
+/// Returns the stream of a page's updates.
 pub fn updates_of(live: Arc<Live>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
     let listener = Listener { changes: live.changes.subscribe(), live, seen: Seen::default(), told: false };
     Sse::new(unfold(listener, Listener::next)).keep_alive(KeepAlive::default())
@@ -74,12 +74,12 @@ struct Listener {
     live: Arc<Live>,
     changes: watch::Receiver<u64>,
     seen: Seen,
-    /// Whether it has been sent any message.
+    /// True if the page has been sent an update.
     told: bool,
 }
 
 impl Listener {
-    /// The next message: at once at first, then when something has changed; none after the end.
+    /// Returns the next update: the first one at once, the others after a change. `None` after the end.
     async fn next(mut self) -> Option<(Result<Event, Infallible>, Self)> {
         if self.seen.ended || self.live.is_left.load(Ordering::Acquire) {
             return None;
@@ -102,7 +102,7 @@ async fn order(State(shared): State<Arc<Shared>>, Path(name): Path<String>) -> R
     give(&shared.live, &name).await
 }
 
-/// Gives an order by its name, from a page.
+/// Queues a command with this name, which a page has sent.
 pub async fn give(live: &Live, name: &str) -> Response {
     let Some(orders) = &live.orders else {
         return (StatusCode::FORBIDDEN, "this page may only look: start growbot with --control").into_response();

@@ -1,4 +1,4 @@
-//! How a growth stands, and what of it a page does not know yet.
+//! State of a growth, and the part of it that a page has not yet received.
 
 use growbot_client::growth::{Job, JobEvent};
 use growbot_client::run_clock::Clock;
@@ -8,111 +8,111 @@ use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
 use growbot_core::link::message::{Fault, PauseCause, State, Status};
 use serde::Serialize;
 
-/// So many readings of the temperature are kept; where there are more, every second one goes.
+/// Maximum number of temperature readings that are kept. Beyond it, every second one is dropped.
 const MAX_READINGS: usize = 4096;
 
 /// A growth as pages show it.
 pub struct Watched {
     period_s: f64,
-    /// How fast the robot's clock runs, in multiples of real time; none where that is not known.
+    /// Pace of the robot's clock, in multiples of real time. `None` if it is not known.
     pace: Option<f64>,
-    /// The layers of the job, as far as they have been told.
+    /// Known layers of the job, as commanded.
     commanded: Vec<LayerBytes>,
-    /// Layers of the job.
+    /// Number of layers of the job.
     total: usize,
-    /// What the latest amendment has replaced.
+    /// Layers that the latest amendment has replaced.
     replaced: Option<Replaced>,
-    /// Layers as built; those of which nothing is known as commanded.
+    /// Layers as built. A layer without a report is as commanded.
     built: Vec<LayerBytes>,
     state: &'static str,
     fault: Option<Fault>,
     pause_cause: PauseCause,
     readings: Vec<Reading>,
-    /// How often readings were thinned out.
+    /// Number of times that readings were thinned out.
     thinned: u32,
     clock: Clock,
     answers: bool,
-    /// Why the board has refused the latest order.
+    /// Reason why the board rejected the latest command.
     refused: Option<String>,
-    /// What is wrong with this program's own files.
+    /// Problem with this program's own files. `None` without a problem.
     warned: Option<String>,
-    /// Layers before this are as the plastic of a simulated tip lies.
+    /// Number of layers as the plastic of a simulated tip lies. They are the first ones.
     simulated: usize,
-    /// What their rounding owes.
+    /// Encoder that carries the rounding errors of these layers over to the next ones.
     rounding: LayerEncoder,
     ended: Option<GrowthResult>,
 }
 
-/// What an amendment has replaced.
+/// Layers that an amendment has replaced.
 struct Replaced {
     /// Index of the first layer.
     from: u32,
-    /// The layers.
+    /// Replaced layers.
     layers: Vec<LayerBytes>,
-    /// Layers of the job before.
+    /// Number of layers of the job before the amendment.
     total: usize,
 }
 
-/// A reading of the nozzle's temperature; three numbers in JSON.
+/// A reading of the nozzle's temperature. In JSON it is three numbers.
 #[derive(Debug, Clone, Copy, Serialize)]
 struct Reading(f64, f64, Option<f64>);
 
-/// What a page does not know yet.
+/// Changes since the last update that was sent to a page.
 #[derive(Debug, Serialize)]
 pub struct Update<'a> {
-    /// The name of the board's state.
+    /// Name of the board's state.
     state: &'static str,
-    /// Whether the board answers.
+    /// True if the board responds.
     answers: bool,
-    /// What the state means, where its name does not say it.
+    /// Meaning of the state. `None` if its name is clear.
     explanation: Option<&'static str>,
-    /// Why the board has refused an order.
+    /// Reason why the board rejected a command.
     refused: Option<&'a str>,
-    /// What is wrong with this program's own files.
+    /// Problem with this program's own files.
     warned: Option<&'a str>,
-    /// What the body is called, once it is the one that a simulated tip has laid.
+    /// Name of the shown body, once a simulated tip has laid it.
     built_name: Option<&'static str>,
-    /// Layers of the job.
+    /// Number of layers of the job.
     total: usize,
-    /// Time that the layers to come take, s.
+    /// Time that the remaining layers take on the robot's clock, s.
     left_s: f64,
-    /// Time until then by the clocks of people, s; null unless the robot grows, at a known pace.
+    /// Real time until the last layer, s. Null unless the robot grows at a known pace.
     finish_in_s: Option<f64>,
     layers: NewLayers,
     readings: NewReadings<'a>,
-    /// The result, once there is one.
+    /// Result of the growth. `None` before its end.
     ended: Option<&'a GrowthResult>,
 }
 
-/// Layers to be put in from an index on.
+/// Layers that replace those from an index on.
 #[derive(Debug, Serialize)]
 struct NewLayers {
     from: usize,
-    /// 24 hexadecimal digits each.
+    /// Layers in hexadecimal, 24 digits each.
     built: String,
 }
 
-/// Readings to be put in from an index on.
+/// Readings that replace those from an index on.
 #[derive(Debug, Serialize)]
 struct NewReadings<'a> {
     from: usize,
     taken: &'a [Reading],
 }
 
-/// What a page has seen.
+/// Part of a growth that a page has received.
 #[derive(Debug, Default)]
 pub struct Seen {
     layers: usize,
-    /// Layers that it has seen as the plastic of a simulated tip lies.
+    /// Number of layers that the page has received as the plastic of a simulated tip lies.
     simulated: usize,
     readings: usize,
     thinned: u32,
-    /// Whether it has been told of the end.
+    /// True if the page has received the result.
     pub ended: bool,
 }
 
 impl Watched {
-    /// A growth that is about to begin, or to be resumed after `known` layers.
+    /// Creates the state of a growth that is about to start, or to be resumed after the `known` layers.
     pub fn new(job: &Job, known: &[Option<LayerBytes>]) -> Self {
         Self {
             period_s: job.robot.description().layer.period_s,
@@ -136,7 +136,7 @@ impl Watched {
         }
     }
 
-    /// Takes what happened.
+    /// Updates the state with an event.
     pub fn ingest(&mut self, event: &JobEvent) {
         match event {
             JobEvent::Board(hello) => self.status(&hello.status),
@@ -167,28 +167,27 @@ impl Watched {
         }
     }
 
-    /// The robot's clock runs so fast, in multiples of real time; none where that is not known.
+    /// Sets the pace of the robot's clock, in multiples of real time. `None` if it is not known.
     pub fn runs_at(&mut self, pace: Option<f64>) {
         self.pace = pace;
     }
 
-    /// Something is wrong with this program's own files, or no longer.
+    /// Sets or clears the problem with this program's own files.
     pub fn warn(&mut self, words: Option<String>) {
         self.warned = words;
     }
 
-    /// It has ended with this result.
+    /// Sets the result of the growth.
     pub fn end(&mut self, result: GrowthResult) {
         self.ended = Some(result);
     }
 
-    /// What a page that has seen so much does not know yet. Layers and readings are to be put in from the given index
-    /// on.
+    /// Returns the changes since `seen`, and updates `seen`. Layers and readings replace those from the given index on.
     pub fn update_for(&self, seen: &mut Seen) -> Update<'_> {
         if seen.thinned != self.thinned {
             (seen.readings, seen.thinned) = (0, self.thinned);
         }
-        // What a simulated tip has laid takes the place of what was commanded.
+        // The layers that a simulated tip has laid replace those that were commanded.
         if self.simulated > seen.simulated {
             seen.layers = seen.layers.min(seen.simulated);
         }
@@ -214,7 +213,7 @@ impl Watched {
         update
     }
 
-    /// What a state means for who looks on, where its name does not say it.
+    /// Returns the meaning of the state for users. `None` if its name is clear.
     fn explanation(&self) -> Option<&'static str> {
         match (self.fault, self.state, self.pause_cause) {
             (Some(fault), ..) => Some(fault.explanation()),
@@ -232,8 +231,8 @@ impl Watched {
         }
     }
 
-    /// The state has changed. Why it is a pause or a fault is in the status, which the growth asks for at once: such a
-    /// state is shown from then on, together with its explanation.
+    /// Handles a change of state. The status has the cause of a pause or fault, and the growth requests it at once. So
+    /// these states are shown only with the status, together with their explanation.
     fn changed(&mut self, state: State) {
         if !matches!(state, State::Paused | State::Fault) {
             (self.state, self.fault) = (state.name(), None);
@@ -259,7 +258,7 @@ impl Watched {
     }
 
     fn laid(&mut self, index: usize, as_built: Option<LayerBytes>) {
-        // A layer may be told again after a resumption: the first report stands.
+        // A layer may be reported again after a resumption. The first report stays.
         if index < self.built.len() {
             return;
         }
@@ -267,7 +266,7 @@ impl Watched {
         self.built.extend(as_built.or_else(|| self.commanded.get(index).copied()));
     }
 
-    /// Where the plastic of a simulated tip is, in the place of what was commanded.
+    /// Replaces commanded layers by those that the plastic of a simulated tip forms.
     fn lies(&mut self, from: usize, layers: &[Layer]) {
         for (index, layer) in (from..).zip(layers) {
             let layer = self.rounding.encode(layer);
@@ -426,7 +425,7 @@ mod tests {
         );
     }
 
-    /// The event that a state has changed comes before the status that says why.
+    /// The event of a new state comes before the status with its cause.
     #[test]
     fn a_state_is_not_shown_before_its_explanation() {
         let shown = |watched: &Watched| {

@@ -1,9 +1,9 @@
-//! The shortest body to a position whose tip may point anywhere: in closed form ([`growbot_core::to_point`]).
+//! Length of the shortest body to a position, for any final direction, in closed form ([`growbot_core::to_point`]).
 
 use growbot_core::to_position::planar;
 
-/// Length of the shortest body of this bend radius to a position: at this axial and lateral distance from its
-/// line. Lengths in any one unit.
+/// Returns the length of the shortest body with this bend radius to a position. The position is given by its axial and
+/// lateral distance from the start's line. All lengths have the same unit.
 #[must_use]
 pub fn shortest_to(axial: f64, lateral: f64, radius: f64) -> f64 {
     planar(axial / radius, lateral / radius).first().map_or(f64::INFINITY, |path| path.length() * radius)

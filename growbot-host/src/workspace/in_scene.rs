@@ -1,8 +1,8 @@
-//! Which goals a body of a given length reaches through a scene.
+//! Goals that a body of a given length reaches through a scene.
 //!
-//! Goals are spread evenly in the ball round the start. Each is planned to for itself, and has one of three answers: a
-//! path, which is proven to be clear; none, with the reason; or none found with the effort that was allowed, which says
-//! nothing.
+//! Goals are spread evenly in the ball around the start, and each one is planned for separately. There are three
+//! results: a path that is proven clear, a proof that there is none, or no path found with the allowed effort. The
+//! third result proves nothing.
 
 use growbot_client::plan::{Goal, Search};
 use growbot_client::through_scene::{self, NoPath, Through, ThroughError};
@@ -13,47 +13,47 @@ use nalgebra::Vector3;
 
 use super::{POSITIONS, Question, in_ball, shortest_to};
 
-/// Shells by which goals are counted: of fewer goals each, shares would tell little.
+/// Number of shells by which goals are counted. With more shells, each would have too few goals for a meaningful share.
 const BANDS: usize = 5;
 
-/// What is known of a goal.
+/// Result for a goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Known {
-    /// A body of this length, mm, leads there.
+    /// A path exists, with a body of this length, mm.
     Path(f64),
-    /// It is farther than the body is long, even without obstacles.
+    /// The goal needs a longer body, even without obstacles.
     TooFar,
-    /// It is in an obstacle, or too near to one.
+    /// The goal is in an obstacle or too near to one.
     TooNear,
-    /// Every way there is too narrow for the body.
+    /// Every way to the goal is too narrow for the body.
     Separated,
-    /// No path exists of arcs and lines of this length, mm.
+    /// No path exists that consists of arcs and lines of this length, mm.
     NoneAt(f64),
-    /// The one path of the two-plane planner is not clear.
+    /// The only path of the two-plane planner is not clear.
     NotClear,
-    /// Nothing was found with this effort: there may be a path.
+    /// The search ended without a result. A path may exist.
     NotFound,
 }
 
-/// A goal, and what is known of it.
+/// A goal with its result.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Asked {
-    /// Where it is, in the base's frame, mm.
+    /// Position in the base's frame, mm.
     pub position: Vector3<f64>,
-    /// How far from the start, mm.
+    /// Distance from the start, mm.
     pub distance: f64,
-    /// The answer.
+    /// Result for the goal.
     pub known: Known,
 }
 
-/// How many goals have which answer.
+/// Number of goals with each kind of result.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// A path.
+    /// Goals with a path.
     pub path: usize,
-    /// None, whatever the reason.
+    /// Goals without a path, for any reason.
     pub none: usize,
-    /// None found.
+    /// Goals for which no path was found.
     pub not_found: usize,
 }
 
@@ -71,29 +71,30 @@ impl Counts {
     }
 }
 
-/// The goals in a scene, with the answers.
+/// Results for all goals in a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InScene {
     /// All goals.
     pub goals: Vec<Asked>,
-    /// Radius of the ball that they are in, mm.
+    /// Radius of the ball that contains the goals, mm.
     pub length: f64,
 }
 
 impl InScene {
-    /// How many have which answer.
+    /// Counts the goals with each kind of result.
     #[must_use]
     pub fn counts(&self) -> Counts {
         Counts::of(&self.goals)
     }
 
-    /// How many of the goals without a path have this reason.
+    /// Counts the goals whose result satisfies `is_this`.
     #[must_use]
     pub fn because(&self, is_this: impl Fn(&Known) -> bool) -> usize {
         self.goals.iter().filter(|asked| is_this(&asked.known)).count()
     }
 
-    /// The coarsest resolution at which there is no path to some goal: length of arcs and lines, mm.
+    /// Returns the coarsest resolution at which some goal has no path: the length of arcs and lines, mm. `None` without
+    /// such a goal.
     #[must_use]
     pub fn resolution(&self) -> Option<f64> {
         let steps = self.goals.iter().filter_map(|asked| match asked.known {
@@ -103,7 +104,7 @@ impl InScene {
         steps.max_by(f64::total_cmp)
     }
 
-    /// Counts by distance: shells' outer radii, mm, and the goals in them.
+    /// Returns the counts for each shell, with its outer radius, mm.
     #[must_use]
     pub fn bands(&self) -> Vec<(f64, Counts)> {
         let to = |band: usize| self.length * band as f64 / BANDS as f64;
@@ -111,7 +112,7 @@ impl InScene {
         (0..BANDS).map(|band| (to(band + 1), Counts::of(in_band(band)))).collect()
     }
 
-    /// The volume of that share of the ball, and its standard error, mm^3.
+    /// Returns the volume of this share of the ball and its standard error, mm^3.
     #[must_use]
     pub fn volume(&self, count: usize) -> (f64, f64) {
         let number = self.goals.len() as f64;
@@ -121,10 +122,10 @@ impl InScene {
     }
 }
 
-/// Plans to all goals. `at` hears how many are done, of how many.
+/// Plans to all goals. `at` receives the number of finished goals and the number of all goals.
 ///
 /// # Errors
-/// What is wrong with every goal: the radius, or a start that is too near to an obstacle.
+/// An error that concerns every goal: the radius is invalid, or the start is too near to an obstacle.
 pub fn in_scene(question: &Question, through: &Through, mut at: impl FnMut(u64, u64)) -> Result<InScene, ThroughError> {
     question.check()?;
     let goals: Vec<Vector3<f64>> = (0..POSITIONS).map(|index| in_ball(index) * question.length).collect();
@@ -137,7 +138,7 @@ pub fn in_scene(question: &Question, through: &Through, mut at: impl FnMut(u64, 
 }
 
 impl Question<'_> {
-    /// What is known of a goal, which is given in the start's frame and in the base's.
+    /// Plans to a goal, which is given in the frames of the start and of the base.
     fn known(&self, through: &Through, of_start: Vector3<f64>, position: Vector3<f64>) -> Result<Known, ThroughError> {
         let (at_least, goal) = match self.direction {
             None => {
@@ -148,7 +149,7 @@ impl Question<'_> {
                 (self.at_least(of_start, heading, pitch), Pose::new(position, heading, pitch).map(Goal::Pose))
             }
         };
-        // What cannot be written down as a goal is beyond all that can be planned.
+        // A position that is not valid as a goal is beyond all goals that can be planned for.
         let Some(goal) = goal.ok().filter(|_| at_least <= self.length * (1.0 + 1e-9)) else {
             return Ok(Known::TooFar);
         };
@@ -164,7 +165,7 @@ impl Question<'_> {
                 NoPath::NotClear => Known::NotClear,
                 NoPath::Start { .. } | NoPath::NotFound => Known::NotFound,
             }),
-            // Nothing is said of a goal to which the planner of empty space has no path.
+            // A goal without a path in empty space counts as not found, because the planner's error proves nothing.
             Err(ThroughError::Plan(_)) => Ok(Known::NotFound),
         }
     }

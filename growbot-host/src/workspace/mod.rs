@@ -1,14 +1,14 @@
-//! Which goals are within reach of a body of a given length.
+//! Goals within reach of a body of a given length.
 //!
-//! Positions are given in the frame of the start: axial, along the direction of growth, and lateral. Where the tip
-//! may point anywhere, everything is the same round the start's direction, and the shortest body to a position has a
-//! closed form ([`shortest_to`]); how many final directions can be had there, the planner tells. Where the final
-//! direction is given, the planner tells all. Whether a body runs into itself is not looked at.
+//! Positions are given in the frame of the start: axial, along the direction of growth, and lateral. For any final
+//! direction, everything is symmetric around the start's direction, and the shortest body to a position has a closed
+//! form ([`shortest_to`]). The planner computes the share of final directions within reach. For a given final
+//! direction, the planner computes everything. Collisions of a body with itself are not checked.
 //!
-//! The share of final directions, and everything with a given direction, is planned on coarse grids, because planning
-//! to near goals takes longest and a grid has a few thousand of them. Through a scene, [`POSITIONS`] goals spread
-//! evenly in the ball are planned to and counted by answer. A search there may end without a result, so a grid that
-//! is drawn would have to guess. The picture has filled contours (marching squares).
+//! The share of final directions, and everything with a given direction, is planned on coarse grids. Planning to near
+//! goals takes longest, and a grid has a few thousand of them. Through a scene, [`POSITIONS`] goals spread evenly in
+//! the ball are planned to and counted by result. A search there may end without a result, so a picture of a grid would
+//! have to guess. The picture has filled contours (marching squares).
 
 mod anywhere;
 mod in_scene;
@@ -27,48 +27,48 @@ pub use anywhere::shortest_to;
 pub use in_scene::{Asked, Counts, InScene, Known, in_scene};
 pub use picture::svg;
 
-/// What is asked.
+/// Parameters of a workspace.
 #[derive(Debug, Clone, Copy)]
 pub struct Question<'a> {
     /// The robot.
     pub robot: &'a Robot,
-    /// Where the body begins.
+    /// Start pose of the body.
     pub start: Pose,
     /// Length of the body, mm.
     pub length: f64,
     /// Radius of the bends, mm.
     pub radius: f64,
-    /// How paths are found.
+    /// Planner of the paths.
     pub planner: Planner,
-    /// Heading and pitch of the tip at the end, radians; none: any direction will do.
+    /// Heading and pitch of the tip at the end, radians. `None` for any direction.
     pub direction: Option<(f64, f64)>,
-    /// Whether the section is wanted: where the direction is given, that takes most of the time.
+    /// True to compute the section. With a given direction it takes most of the time.
     pub section: bool,
 }
 
-/// The answer.
+/// A computed workspace.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Workspace {
-    /// Volume of the positions within reach, mm^3, and its standard error, mm^3 (0 where it is integrated).
+    /// Volume of the positions within reach, mm^3, and its standard error, mm^3 (0 if the volume is integrated).
     pub volume: (f64, f64),
-    /// The furthest positions within reach straight along the axis from the start, beside it towards its x axis and
-    /// against it, and behind it, mm; none: not even the nearest tried.
+    /// Furthest positions within reach from the start, mm: along the axis, to the side along the x axis, to the side
+    /// against it, and behind. `None` if not even the nearest position that was tried is within reach.
     pub reach: [Option<f64>; 4],
-    /// Share of final directions within reach, by distance from the start. Empty where the direction is given.
+    /// Share of final directions within reach, by distance from the start. Empty if the direction is given.
     pub shares: Vec<Band>,
-    /// The section through the start, in the plane of its direction and its x axis, if it is wanted: the shortest body
-    /// to each position, mm. What is longer than the body asked for may be told too short.
+    /// Section through the start, in the plane of its direction and its x axis: the length of the shortest body to each
+    /// position, mm. Lengths beyond the given body's may be too short. `None` if it was not requested.
     pub section: Option<Section>,
-    /// The share of final directions, over the same plane. None where the direction is given.
+    /// Share of final directions, in the same plane. `None` if the direction is given.
     pub share_section: Option<Section>,
 }
 
-/// Positions in a shell round the start.
+/// Positions in a shell around the start.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Band {
-    /// The shell's outer radius, mm. Its inner one is the outer one of the band before.
+    /// Outer radius of the shell, mm. Its inner radius is the outer radius of the shell before.
     pub to: f64,
-    /// Share of all final directions at all its positions that are within reach, 0 to 1.
+    /// Share of all final directions at all positions of the shell that are within reach, 0 to 1.
     pub share: f64,
 }
 
@@ -77,39 +77,39 @@ pub struct Band {
 pub struct Section {
     /// Distance between neighbours, mm.
     pub spacing: f64,
-    /// Positions in a row, along `lateral` from `lateral_from`.
+    /// Number of positions in a row, along `lateral` from `lateral_from`.
     pub columns: usize,
     /// `lateral` of the first column, mm.
     pub lateral_from: f64,
     /// `axial` of the first row, mm.
     pub axial_from: f64,
-    /// Row by row, from behind the start forwards: the shortest body, mm, or a share.
+    /// Values row by row, from behind the start forwards: the length of the shortest body, mm, or a share.
     pub values: Vec<f64>,
 }
 
-/// Near the start planning takes long: max plans, nearer than [`NEAR`] radii, may be asked for, of shares and of
-/// lengths...
+/// Maximum number of plans to positions within [`NEAR`] radii, for shares and for lengths. Planning takes long there.
 const MAX_NEAR: f64 = 3000.0;
 const MAX_NEAR_IN_DIRECTION: f64 = 400.0;
-/// ...and this is what counts as near, radii.
+/// Distance from the start within which planning takes long, radii.
 const NEAR: f64 = 4.0;
-/// Final directions for each position: this many over the half sphere on one side of the section; the other mirrors it.
+/// Number of final directions for each position. They are on the half sphere on one side of the section, and the other
+/// side is symmetric.
 pub const DIRECTIONS: usize = 24;
-/// Shells in [`Workspace::shares`].
+/// Number of shells in [`Workspace::shares`].
 const BANDS: usize = 10;
-/// Rows from the start to the end of the section, at most.
+/// Maximum number of rows from the start to the end of the section.
 const FINEST_SHARES: f64 = 30.0;
 const FINEST_PLANNED: f64 = 60.0;
 const FINEST_CLOSED: f64 = 120.0;
-/// Positions from which a volume is estimated.
+/// Number of positions from which a volume is estimated.
 pub const POSITIONS: usize = 1000;
-/// Positions tried along each axis.
+/// Number of positions that are tried along each axis.
 pub const ALONG_AXIS: usize = 200;
 
-/// Computes the workspace. `at` hears how much is done: steps, of how many.
+/// Computes the workspace. `at` receives the number of finished steps and the number of all steps.
 ///
 /// # Errors
-/// As [`plan`]: a radius that the robot cannot bend to, above all.
+/// Errors of [`plan`], mostly a radius that the robot cannot bend to.
 pub fn workspace(question: &Question, at: impl FnMut(u64, u64)) -> Result<Workspace, PlanError> {
     question.check()?;
     match question.direction {
@@ -118,19 +118,19 @@ pub fn workspace(question: &Question, at: impl FnMut(u64, u64)) -> Result<Worksp
     }
 }
 
-/// The volume of a ball of this radius, mm^3.
+/// Returns the volume of a ball with this radius, mm^3.
 #[must_use]
 pub fn ball(radius: f64) -> f64 {
     4.0 / 3.0 * PI * radius * radius * radius
 }
 
 impl Question<'_> {
-    /// Refuses what is wrong everywhere: the radius.
+    /// Checks the parameters that are the same for all positions, such as the radius.
     fn check(&self) -> Result<(), PlanError> {
         plan(self.robot, &self.start, &self.start, self.radius, self.planner).map(|_| ())
     }
 
-    /// Radius, on the section, within which planning takes long, mm.
+    /// Returns the radius, on the section, within which planning takes long, mm.
     fn near(&self) -> f64 {
         (NEAR * self.radius).min(self.length)
     }
@@ -139,12 +139,12 @@ impl Question<'_> {
         self.start.frame()
     }
 
-    /// A position in the start's frame, in the base's.
+    /// Converts a position from the start's frame to the base's frame.
     fn position(&self, position: Vector3<f64>) -> Vector3<f64> {
         (self.start_frame() * Point3::from(position)).coords
     }
 
-    /// Length of the planned body to a position in the start's frame; infinite where there is none.
+    /// Returns the length of the planned body to a position in the start's frame. Infinite without a path.
     fn planned(&self, position: Vector3<f64>, heading: f64, pitch: f64) -> f64 {
         Pose::new(self.position(position), heading, pitch)
             .ok()
@@ -152,8 +152,9 @@ impl Question<'_> {
             .map_or(f64::INFINITY, |chosen| path::length(&chosen.path))
     }
 
-    /// A length that no body to this position and direction is shorter than, mm: it can be no shorter than the shortest
-    /// that may point anywhere, nor, seen from its end, than the shortest that may start anyhow.
+    /// Returns a lower bound of the length of a body to this position and direction, mm. It is the length of the
+    /// shortest body with any final direction. It is also that of the shortest body with any start direction, seen from
+    /// the end. The larger one counts.
     fn at_least(&self, position: Vector3<f64>, heading: f64, pitch: f64) -> f64 {
         let forth = shortest_to(position.z, libm::hypot(position.x, position.y), self.radius);
         let Ok(goal) = Pose::new(self.position(position), heading, pitch) else { return f64::INFINITY };
@@ -163,8 +164,8 @@ impl Question<'_> {
         forth.max(shortest_to(axial, lateral, self.radius))
     }
 
-    /// Whether a body of the length reaches this position and direction. The planner is asked only where neither a
-    /// bound nor the two-plane path, which is quickly found, decides.
+    /// Returns whether a body of this length reaches this position and direction. The planner runs only if neither a
+    /// lower bound nor the two-plane path, which is quickly found, decides.
     fn within(&self, position: Vector3<f64>, heading: f64, pitch: f64) -> bool {
         if self.at_least(position, heading, pitch) > self.length * (1.0 + 1e-9) {
             return false;
@@ -179,7 +180,7 @@ impl Question<'_> {
         let spacing = self.length / FINEST_CLOSED;
         let section = self.section.then(|| Section::on_a_half_plane(self.length, spacing, shortest));
 
-        // Rings round the start's direction, as in `share_section`.
+        // The cells are rings around the start's direction, as in `share_section`.
         let near = FRAC_PI_2 * self.near() * self.near();
         let coarse = (self.length / FINEST_SHARES).max(libm::sqrt(near * DIRECTIONS as f64 / MAX_NEAR));
         let rows = libm::ceil(self.length / coarse);
@@ -229,7 +230,7 @@ impl Question<'_> {
         }
     }
 
-    /// Volume of the positions that a body of the length reaches, by rings of a fine grid.
+    /// Integrates the volume of the positions that a body of this length reaches, by rings of a fine grid.
     fn volume_of_rings(&self, shortest: impl Fn(f64, f64) -> f64) -> f64 {
         let rows = 500;
         let step = self.length / f64::from(rows);
@@ -258,7 +259,7 @@ impl Question<'_> {
         let axes = [Vector3::z(), Vector3::x(), -Vector3::x(), -Vector3::z()];
         let of = (axes.len() + POSITIONS + in_plane.len()) as u64;
 
-        // The furthest along an axis, looked for from far to near.
+        // The furthest position along an axis is searched from far to near.
         let furthest = |axis: &Vector3<f64>| {
             let along = |step: usize| self.length * step as f64 / ALONG_AXIS as f64;
             (1..=ALONG_AXIS).rev().map(along).find(|distance| self.within(axis * *distance, heading, pitch))
@@ -275,7 +276,7 @@ impl Question<'_> {
         let values = parallel::map(
             &in_plane,
             |position| match self.at_least(*position, heading, pitch) {
-                // Near the edge the lengths themselves are wanted: it is drawn between them.
+                // Near the edge the lengths themselves are needed, because the contour is interpolated between them.
                 beyond if beyond > self.length + 2.0 * spacing => beyond,
                 _ => self.planned(*position, heading, pitch),
             },
@@ -298,7 +299,7 @@ impl Question<'_> {
 }
 
 impl Section {
-    /// Of the half plane on the side of the x axis.
+    /// Computes a section of the half plane on the side of the x axis.
     fn on_a_half_plane(length: f64, spacing: f64, value: impl Fn(f64, f64) -> f64) -> Self {
         let side = libm::round(length / spacing) as usize;
         let columns = side + 1;
@@ -311,7 +312,7 @@ impl Section {
         Self { spacing, columns, lateral_from: 0.0, axial_from: -length, values }
     }
 
-    /// The value at a row and a column, and where that is: lateral and axial, mm.
+    /// Returns the value at a row and a column, with its lateral and axial position, mm.
     #[must_use]
     pub fn at(&self, row: usize, column: usize) -> Option<(f64, f64, f64)> {
         let value = (column < self.columns).then(|| self.values.get(row * self.columns + column)).flatten()?;
@@ -319,19 +320,19 @@ impl Section {
         Some((*value, lateral, self.axial_from + row as f64 * self.spacing))
     }
 
-    /// How many rows there are.
+    /// Returns the number of rows.
     #[must_use]
     pub fn rows(&self) -> usize {
         self.values.len().checked_div(self.columns).unwrap_or(0)
     }
 }
 
-/// The furthest distance, in steps of a thousandth, at which the shortest body is no longer than this.
+/// Returns the furthest distance, in thousandths of `length`, at which the shortest body is not longer than `length`.
 fn furthest(length: f64, shortest: impl Fn(f64) -> f64) -> Option<f64> {
     (1..=1000).rev().map(|step| length * f64::from(step) / 1000.0).find(|distance| shortest(*distance) <= length)
 }
 
-/// Directions spread evenly over the half sphere of positive y.
+/// Returns directions that are spread evenly over the half sphere of positive y.
 fn half_sphere() -> Vec<Vector3<f64>> {
     let golden = PI * (3.0 - libm::sqrt(5.0));
     let direction = |index: usize| {
@@ -343,7 +344,7 @@ fn half_sphere() -> Vec<Vector3<f64>> {
     (0..DIRECTIONS).map(direction).collect()
 }
 
-/// Points spread evenly through the unit ball (Roberts's sequence in three dimensions).
+/// Returns a point of a sequence that is spread evenly through the unit ball (Roberts's sequence in three dimensions).
 fn in_ball(index: usize) -> Vector3<f64> {
     // The root of x^4 = x + 1.
     let root = 1.220_744_084_605_759_5;
@@ -401,7 +402,7 @@ mod tests {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let ball = |length: f64| 4.0 / 3.0 * PI * length * length * length;
         let short = workspace(&question(&robot, 100.0), |_, _| {}).unwrap();
-        // A body of a radius: a plume in front, nothing behind or beside.
+        // A body as long as a radius reaches a plume ahead, and nothing behind or to the side.
         assert!(short.volume.0 < 0.2 * ball(100.0) && short.reach[0] == Some(100.0));
         assert!(short.reach[3].is_none() || short.reach[3] < Some(1.0), "{:?}", short.reach);
         let long = workspace(&question(&robot, 5000.0), |_, _| {}).unwrap();

@@ -1,4 +1,4 @@
-//! A workspace as a picture: one SVG, drawn here.
+//! The picture of a workspace, a single SVG.
 
 use std::fmt::Write;
 
@@ -8,16 +8,17 @@ use super::{Question, Section, Workspace};
 use growbot_pictures::drawing::chart::round_step;
 use growbot_pictures::drawing::colours::{VIRIDIS, colour};
 
-/// Width and height of the picture, and of the square that the section fills, with its left upper corner.
+/// Width and height of the picture. Below them: the side and the upper left corner of the square that the section
+/// fills.
 const SIZE: (f64, f64) = (880.0, 780.0);
 const SQUARE: f64 = 600.0;
 const CORNER: (f64, f64) = (80.0, 100.0);
 /// Left edge of the legend.
 const LEGEND: f64 = 720.0;
 
-/// Colours of shares, from none to all.
+/// Colours of shares, from 0 to 1.
 const BLUES: [[u8; 3]; 5] = [[247, 251, 255], [198, 219, 239], [107, 174, 214], [33, 113, 181], [8, 48, 107]];
-/// Steps of the scale of shares.
+/// Number of steps in the scale of shares.
 const SHARE_STEPS: usize = 10;
 
 const STYLE: &str = "text{font-family:Inter,system-ui,'Segoe UI','DejaVu Sans',sans-serif;font-size:13px;fill:#1c2430}\
@@ -28,8 +29,8 @@ const STYLE: &str = "text{font-family:Inter,system-ui,'Segoe UI','DejaVu Sans',s
 .ball{stroke:#1c2430;stroke-opacity:.45;stroke-dasharray:5 5;fill:none}\
 .tube{fill:#e8590c;stroke:#fff;stroke-width:1}.way{stroke:#e8590c;stroke-width:2;fill:none}";
 
-/// The picture: on the right the shortest body to each position, on the left the share of final directions; where the
-/// final direction is given, lengths on both sides.
+/// Returns the picture. The right half shows the length of the shortest body to each position, the left half the share
+/// of final directions. With a given final direction, both halves show lengths.
 #[must_use]
 pub fn svg(question: &Question, workspace: &Workspace) -> String {
     let (width, height) = SIZE;
@@ -63,19 +64,19 @@ fn title(question: &Question) -> String {
 }
 
 struct Plot {
-    /// Pixels for a mm.
+    /// Pixels per mm.
     scale: f64,
     /// Length of the body, mm.
     length: f64,
 }
 
 impl Plot {
-    /// Where a position is in the picture.
+    /// Returns the coordinates of a position in the picture.
     fn place(&self, lateral: f64, axial: f64) -> (f64, f64) {
         (CORNER.0 + SQUARE / 2.0 + lateral * self.scale, CORNER.1 + SQUARE / 2.0 - axial * self.scale)
     }
 
-    /// Body lengths at which the colour changes: the last one is the whole length.
+    /// Returns the body lengths at which the colour changes. The last one is the whole length.
     fn levels(&self) -> Vec<f64> {
         let step = round_step(self.length, 12.0);
         let mut levels: Vec<f64> =
@@ -85,11 +86,11 @@ impl Plot {
     }
 
     fn level_colour(&self, index: usize, count: usize) -> String {
-        // From bright, near, to dark, far.
+        // Near positions are bright, far ones dark.
         colour(&VIRIDIS, 1.0 - (index as f64 + 0.5) / count as f64)
     }
 
-    /// Filled contours, the widest first, and the lines between them.
+    /// Draws filled contours, the widest first, and the lines between them.
     fn lengths(&self, svg: &mut String, section: &Section) {
         let levels = self.levels();
         for (index, level) in levels.iter().enumerate().rev() {
@@ -101,7 +102,7 @@ impl Plot {
         }
     }
 
-    /// Where the values are up to this level: the area, and the line that bounds it.
+    /// Returns the area where the values are up to this level, and the line that bounds it.
     fn contour(&self, section: &Section, level: f64) -> (String, String) {
         let (mut area, mut line) = (String::new(), String::new());
         let polygon = |text: &mut String, points: &[(f64, f64)], close: &str| {
@@ -143,7 +144,7 @@ impl Plot {
         (area, line)
     }
 
-    /// Squares, mirrored to the left; neighbours of one colour are one rectangle.
+    /// Draws the shares as squares, mirrored to the left. Neighbours of one colour form one rectangle.
     fn shares(&self, svg: &mut String, shares: &Section) {
         svg.push_str("<g shape-rendering=\"crispEdges\">\n");
         let half = 0.5 * shares.spacing;
@@ -159,7 +160,7 @@ impl Plot {
                 {
                     to = lateral;
                 }
-                // Whole pixels, so that no background shines through between neighbours.
+                // Coordinates are whole pixels, so that the background does not show between neighbours.
                 let [(x, y), (right, bottom)] = [(-to - half, axial + half), (half - from, axial - half)]
                     .map(|(lateral, axial)| self.place(lateral, axial))
                     .map(|(x, y)| (x.round(), y.round()));
@@ -238,7 +239,7 @@ impl Plot {
         if question.direction.is_none() {
             let _ = writeln!(svg, "<path class=\"axis\" d=\"M{x} {top}V{bottom}\"/>");
         }
-        // The robot: the tube so far, and which way it grows.
+        // The robot is drawn as the tube at the start and an arrow in the direction of growth.
         let wide = (question.robot.outer_diameter() * self.scale).max(7.0);
         let long = 1.4 * wide;
         let _ = writeln!(
@@ -255,7 +256,7 @@ impl Plot {
         let (top, bar) = (CORNER.1 + 28.0, 24.0);
         let tall = if with_shares { 250.0 } else { 420.0 };
         let _ = writeln!(svg, "<text x=\"{LEGEND}\" y=\"{}\">body, mm</text>", top - 14.0);
-        // A scale of length: each band as tall as it is long.
+        // The scale of lengths: the height of each band is proportional to its range.
         let mut below = 0.0;
         for (index, level) in levels.iter().enumerate() {
             let (y, height) = (top + tall * (1.0 - level / self.length), tall * (level - below) / self.length);
@@ -264,7 +265,7 @@ impl Plot {
                 "<rect x=\"{LEGEND}\" y=\"{y:.1}\" width=\"{bar}\" height=\"{height:.1}\" fill=\"{}\"/>",
                 self.level_colour(index, levels.len())
             );
-            // The last step may be too short for a label beside the one above it.
+            // The last step may be too short for a label next to the one above it.
             if index + 1 == levels.len() || tall * (self.length - level) / self.length > 15.0 {
                 let rounded = (level * 10.0).round() / 10.0;
                 let _ = writeln!(svg, "<text x=\"{}\" y=\"{:.1}\">{rounded}</text>", LEGEND + bar + 8.0, y + 4.5);
@@ -300,16 +301,17 @@ impl Plot {
     }
 }
 
-/// The place on the scale of shares of the step that a share lies in.
+/// Returns the upper end of the step of the scale that contains a share.
 fn share_step(share: f64) -> f64 {
     let step = libm::ceil(share * SHARE_STEPS as f64).max(1.0);
     step / SHARE_STEPS as f64
 }
 
-/// Points: lateral and axial, mm.
+/// Points of a polygon: lateral and axial, mm.
 type Polygon = Vec<(f64, f64)>;
 
-/// The part of a cell where the values are up to a level, and where its sides cross it. Values count up to `most`.
+/// Returns the part of a cell where the values are up to a level, and the points where its sides cross it. Values above
+/// `max` count as `max`.
 fn clip(corners: &[(f64, f64, f64); 4], level: f64, max: f64) -> (Polygon, Polygon) {
     let (mut inside, mut crossings) = (Vec::new(), Vec::new());
     for (index, &(value, lateral, axial)) in corners.iter().enumerate() {

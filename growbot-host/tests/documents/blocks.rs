@@ -1,48 +1,48 @@
-//! The documents for users, and the blocks of code in them.
+//! The user documents and their code blocks.
 //!
-//! Its language decides what is done with a block. A word behind the language names what it needs beyond growbot.
+//! The language of a block decides how it is tested. Words after the language name its needs besides growbot.
 //!
-//! | block | what is done with it |
+//! | block | test |
 //! |---|---|
-//! | `console` | `$ ` lines are run, and what they print is compared with what follows |
-//! | `sh` | all lines are run, and must succeed |
-//! | `console,robot`, `sh,build` and the like | growbot's commands are read as the command line reads them, and not run |
-//! | `toml` | read as a part of a robot file |
+//! | `console` | `$ ` lines are run, and their output is compared with the lines that follow |
+//! | `sh` | all lines are run and must succeed |
+//! | `console,robot`, `sh,build` and the like | growbot's commands are parsed as on the command line, but not run |
+//! | `toml` | parsed as a part of a robot file |
 //! | `rust` | compiled and run as a documentation test |
-//! | `text` | nothing |
+//! | `text` | not tested |
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use pulldown_cmark::{CodeBlockKind, Event, Options, Parser, Tag, TagEnd};
 
-/// A document: its path from the repository's root, and its text.
+/// A document.
 pub struct Document {
-    /// Its path.
+    /// Path from the repository's root.
     pub path: PathBuf,
-    /// Its text.
+    /// Content of the document.
     pub text: String,
 }
 
 /// A block of code.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Block {
-    /// The line of the document that it begins in.
+    /// Line of the document at which the block begins.
     pub line: usize,
-    /// Its language; None where it is indented.
+    /// Language of the block. `None` if the block is indented.
     pub language: Option<String>,
-    /// What it needs.
+    /// Needs of the block besides growbot.
     pub needs: Vec<String>,
-    /// What it holds.
+    /// Content of the block.
     pub text: String,
 }
 
-/// The repository.
+/// Returns the root of the repository.
 pub fn root() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
 }
 
-/// README.md and the chapters of the book.
+/// Returns README.md and the chapters of the book.
 pub fn for_users() -> Vec<Document> {
     let mut paths = vec![PathBuf::from("README.md")];
     list(Path::new("book/src"), &mut paths);
@@ -50,7 +50,7 @@ pub fn for_users() -> Vec<Document> {
     paths.into_iter().map(read).collect()
 }
 
-/// The documents beside README.md and below `docs/`.
+/// Returns the documents in README.md's directory and below `docs/`.
 pub fn beside() -> Vec<Document> {
     let mut paths = Vec::new();
     for entry in fs::read_dir(root()).unwrap() {
@@ -82,7 +82,7 @@ fn list(directory: &Path, paths: &mut Vec<PathBuf>) {
 }
 
 impl Document {
-    /// What it consists of, with the lines.
+    /// Returns the Markdown events of the document with their lines.
     pub fn events(&self) -> impl Iterator<Item = (Event<'_>, usize)> {
         let line = |place: usize| self.text[..place].lines().count() + 1;
         Parser::new_ext(&self.text, Options::ENABLE_TABLES)
@@ -90,7 +90,7 @@ impl Document {
             .map(move |(event, range)| (event, line(range.start)))
     }
 
-    /// Its blocks of code.
+    /// Returns the blocks of code.
     pub fn blocks(&self) -> Vec<Block> {
         let mut blocks = Vec::new();
         let mut open: Option<Block> = None;
@@ -113,7 +113,7 @@ impl Document {
         blocks
     }
 
-    /// Where its links and pictures lead, with the lines.
+    /// Returns the targets of links and pictures with their lines.
     pub fn links(&self) -> Vec<(usize, String)> {
         let link = |(event, line)| match event {
             Event::Start(Tag::Link { dest_url, .. } | Tag::Image { dest_url, .. }) => {
@@ -126,12 +126,13 @@ impl Document {
 }
 
 impl Block {
-    /// Whether it is of this language.
+    /// Returns true if the block has this language.
     pub fn is(&self, language: &str) -> bool {
         self.language.as_deref() == Some(language)
     }
 
-    /// Its commands: of a `console` the lines after `$ ` with those after `> ` that go on, of `sh` all lines.
+    /// Returns the commands of the block. In a `console` they are the lines after `$ `, continued by lines after `> `.
+    /// In `sh` they are all lines.
     pub fn commands(&self) -> Vec<String> {
         if self.is("console") {
             return self.steps().into_iter().map(|step| step.command).collect();
@@ -142,7 +143,7 @@ impl Block {
         Vec::new()
     }
 
-    /// The steps of a `console`. Lines before the first command belong to none.
+    /// Returns the steps of a `console`. Lines before the first command belong to no step.
     pub fn steps(&self) -> Vec<Step> {
         let mut steps: Vec<Step> = Vec::new();
         for (index, line) in self.text.lines().enumerate() {
@@ -159,13 +160,13 @@ impl Block {
     }
 }
 
-/// A command and what it prints.
+/// A command and its expected output.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Step {
-    /// The line of the document.
+    /// Line of the document.
     pub line: usize,
-    /// The command.
+    /// Text of the command.
     pub command: String,
-    /// The lines that follow.
+    /// Lines that the command should print.
     pub prints: Vec<String>,
 }

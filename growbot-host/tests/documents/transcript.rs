@@ -1,6 +1,6 @@
-//! Runs the commands of a document, in the order in which they stand there, and compares what they print.
+//! Runs the commands of a document in their order, and compares their output.
 //!
-//! `trycmd` compares such blocks, too, but runs programs without a shell: no pipes, no redirections, no `echo $?`.
+//! `trycmd` compares such blocks too, but runs programs without a shell: no pipes, no redirections, no `echo $?`.
 
 use std::fs;
 use std::path::Path;
@@ -16,13 +16,13 @@ pub fn runs(document: &Document) -> Vec<Block> {
     blocks
 }
 
-/// Returns every difference between what a document's commands print and what it shows; none if it is right.
+/// Returns every difference between the output of a document's commands and the output that the document shows.
 pub fn differences(document: &Document) -> Vec<String> {
     let directory = tempfile::tempdir().unwrap();
     differences_in(document, directory.path())
 }
 
-/// As [`differences`], with the commands run in this directory.
+/// Like [`differences`], but runs the commands in this directory.
 pub fn differences_in(document: &Document, directory: &Path) -> Vec<String> {
     let mut shell = Shell { directory, last: 0 };
     let mut wrong = Vec::new();
@@ -60,15 +60,15 @@ pub fn differences_in(document: &Document, directory: &Path) -> Vec<String> {
     wrong
 }
 
-/// A directory in which commands follow each other.
+/// A shell that runs successive commands in one directory.
 struct Shell<'a> {
     directory: &'a Path,
-    /// How the last command ended.
+    /// Exit code of the last command.
     last: i32,
 }
 
 impl Shell<'_> {
-    /// Returns what the command prints on both outputs, in its sequence.
+    /// Runs a command and returns its standard output and standard error in their order.
     fn run(&mut self, command: &str) -> String {
         let growbot = Path::new(PROGRAM).parent().unwrap();
         let path = format!("{}:{}", growbot.display(), std::env::var("PATH").unwrap_or_default());
@@ -88,7 +88,7 @@ impl Shell<'_> {
     }
 }
 
-/// The lines, with each message in one: where it is broken depends on the names of files.
+/// Returns the lines with each message joined into one line, because its breaks depend on the lengths of file names.
 fn with_messages_in_lines<'a>(lines: impl Iterator<Item = &'a str>) -> Vec<String> {
     let mut joined: Vec<String> = Vec::new();
     for line in lines {
@@ -102,7 +102,8 @@ fn with_messages_in_lines<'a>(lines: impl Iterator<Item = &'a str>) -> Vec<Strin
     joined
 }
 
-/// Whether lines are as wanted: a line `...` stands for any number of them, `[..]` within one for anything.
+/// Returns true if printed lines match the wanted ones. A line `...` matches any number of lines, and `[..]` within a
+/// line matches any text.
 pub fn agree(wanted: &[&str], printed: &[&str]) -> bool {
     match wanted.split_first() {
         None => printed.is_empty(),
@@ -113,7 +114,7 @@ pub fn agree(wanted: &[&str], printed: &[&str]) -> bool {
     }
 }
 
-/// Whether a line reports the progress of long work: a slow machine prints more of them.
+/// Returns true if a line reports the progress of a long command. A slow machine prints more of these lines.
 fn is_progress(line: &str) -> bool {
     line.starts_with("note: ") && line.ends_with(" %")
 }

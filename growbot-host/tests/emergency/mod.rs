@@ -1,5 +1,5 @@
-//! A simulated board at the far end of a line, serial or TCP, whose faults a test sets, and `growbot grow` at the near
-//! end.
+//! A simulated board at the far end of a serial line or TCP connection, with faults that a test sets, and `growbot
+//! grow` at the near end.
 
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Write};
@@ -21,71 +21,72 @@ use serialport::{SerialPort, TTYPort};
 
 use crate::running::{PATIENCE, PROGRAM, Ran, command, in_lines};
 
-/// The board's time passes faster than real time by this factor,
+/// Ratio of the board's time to real time while it neither grows nor pauses.
 const PACE: u32 = 50;
-/// and so once it grows or pauses: 10 s of it are long enough for a host that a busy machine holds up.
+/// Ratio of the board's time to real time while it grows or pauses. With it, 10 s of the board's time are long enough
+/// for a host that a busy machine delays.
 const PACE_OF_GROWTH: u32 = 2;
-/// The temperature at which a nozzle is warm, degrees Celsius.
+/// Temperature of a warm nozzle, degrees Celsius.
 const WARM_C: f64 = 190.0;
-/// What the board says arrives in such pieces, bytes, as from a UART: of two programs that read the line, each may have
-/// some of them.
+/// Size of the pieces in which the board's bytes arrive, as from a UART, bytes. Two programs that read the line may
+/// each receive some of them.
 const PIECE: usize = 8;
 /// Seed of the noise.
 const SEED: u64 = 11;
 
-/// What a line does to what it carries.
+/// Faults of a line.
 #[derive(Default)]
 pub struct Line {
-    /// Nothing passes, either way.
+    /// True if the line carries nothing in either direction.
     pub is_cut: bool,
-    /// A line that is disconnected passes again after this many emergency stops.
+    /// Number of emergency stops after which a disconnected line works again. `None` if it stays disconnected.
     pub heals_after: Option<u32>,
-    /// It takes no bytes of the host.
+    /// True if the line takes no bytes from the host.
     pub is_stalled: bool,
-    /// Chance that a bit of a byte is turned over, either way.
+    /// Probability that a bit of a byte is flipped, in either direction.
     pub flips: f64,
-    /// Comes to the board next, as if the host had sent it.
+    /// Bytes that the board receives next, as if the host had sent them.
     pub inject: Vec<u8>,
 }
 
-/// What was seen of the line and the board.
+/// Observations of the line and the board.
 #[derive(Debug, Clone)]
 pub struct Seen {
-    /// The board's state.
+    /// State of the board.
     pub state: State,
-    /// Whether its heater is on.
+    /// True if its heater or a stepper is on.
     pub heats: bool,
-    /// Emergency stops that the host has sent.
+    /// Number of emergency stops that the host has sent.
     pub stops: u32,
-    /// The one that came first while the line passed, and was obeyed: 1 for the first such.
+    /// Number of emergency stops that passed the line until the board obeyed one. `None` if it has not obeyed any.
     pub passed: Option<u32>,
-    /// Whether all was off as soon as that one had arrived, before any time passed on the board.
+    /// True if everything was off as soon as that stop had arrived, before any time passed on the board.
     pub off_at_once: Option<bool>,
-    /// How often the board has answered.
+    /// Number of the board's responses.
     pub answers: u32,
-    /// Bytes that came after the line was stalled, before the first stop.
+    /// Bytes that arrived after the line was stalled and before the first stop.
     pub bytes_before_stop: usize,
 }
 
 /// A board at the end of a line.
 pub struct Bench {
-    /// The near end's name.
+    /// Name of the near end.
     pub name: String,
     line: Arc<Mutex<Line>>,
     seen: Arc<Mutex<Seen>>,
-    /// Keeps a serial line from being hung up.
+    /// Open handle that prevents a hang-up of a serial line.
     _open: Option<File>,
     over: Arc<Mutex<bool>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Bench {
-    /// A board on a serial line.
+    /// Returns a board on a serial line.
     pub fn new() -> Self {
         Self::on_serial(false)
     }
 
-    /// The same whose nozzle is warm as soon as it is heated.
+    /// Like [`Self::new`], but the nozzle is warm as soon as it is heated.
     pub fn warm() -> Self {
         Self::on_serial(true)
     }
@@ -93,14 +94,14 @@ impl Bench {
     fn on_serial(is_warm: bool) -> Self {
         let (mut master, slave) = TTYPort::pair().unwrap();
         let name = slave.name().unwrap();
-        // Not closed to others, as serialport would have it.
+        // A plain file does not close the device to other programs, unlike serialport.
         let open = File::open(&name).unwrap();
         drop(slave);
         master.set_timeout(Duration::from_millis(1)).unwrap();
         Self::behind(name, Some(open), is_warm, |_| Some(master))
     }
 
-    /// A board behind TCP, which hears one host.
+    /// Returns a board behind TCP that accepts one host.
     pub fn on_tcp() -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let name = format!("tcp:{}", listener.local_addr().unwrap());
@@ -146,7 +147,7 @@ impl Bench {
         Self { name, line, seen, _open: open, over, thread: Some(thread) }
     }
 
-    /// Changes what the line does.
+    /// Changes the faults of the line.
     pub fn set(&self, change: impl FnOnce(&mut Line)) {
         change(&mut self.line.lock().unwrap());
     }
@@ -155,11 +156,12 @@ impl Bench {
         self.seen.lock().unwrap().clone()
     }
 
-    /// Writes to the near end until it takes no more, as a host does whose line has stalled. Bytes that it has taken.
+    /// Writes to the near end until it takes no more, as a host does on a stalled line. Returns the number of bytes
+    /// taken.
     pub fn fill(&self) -> usize {
         let mut near = self.near_end();
         let mut taken = 0;
-        // Twice: what the far end still takes makes room.
+        // The far end still takes some bytes after the first attempt, which frees space for a second one.
         for _ in 0..2 {
             while let Ok(count) = near.write(&[0xAA; 64]) {
                 taken += count;
@@ -171,7 +173,7 @@ impl Bench {
         taken
     }
 
-    /// Whether the near end takes bytes.
+    /// Returns true if the near end takes bytes.
     pub fn takes_bytes(&self) -> bool {
         let near = self.near_end();
         poll(&mut [PollFd::new(&near, PollFlags::OUT)], Some(&Timespec::default())).unwrap() > 0
@@ -193,7 +195,7 @@ impl Drop for Bench {
     }
 }
 
-/// Carries bytes between the line and a simulated board until it is over.
+/// Carries bytes between the line and a simulated board until `over` is set.
 fn carry(mut master: impl Read + Write, is_warm: bool, line: &Mutex<Line>, seen: &Mutex<Seen>, over: &Mutex<bool>) {
     println!("noise of seed {SEED}");
     let mut sim = Sim::new(robot_file::load("growbot-a".as_ref()).unwrap());
@@ -201,7 +203,7 @@ fn carry(mut master: impl Read + Write, is_warm: bool, line: &Mutex<Line>, seen:
         sim.simulated_tip().warm_at_once(WARM_C);
     }
     let (mut random, mut buffer) = (Rng::new(&[SEED]), [0; 256]);
-    // Of what the host sends, and of what of it passes.
+    // It recognises the stops that the host sends, even if the line is cut.
     let mut sent = EmergencyStopDetector::new();
     let (mut passes, mut last, mut has_gone) = (0, Instant::now(), false);
     while !*over.lock().unwrap() {
@@ -216,7 +218,7 @@ fn carry(mut master: impl Read + Write, is_warm: bool, line: &Mutex<Line>, seen:
                 count
             }
             Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock) => 0,
-            // A socket that is closed with bytes unread is reset.
+            // A socket that is closed with unread bytes is reset.
             Err(error) if error.kind() == ErrorKind::ConnectionReset => {
                 has_gone = true;
                 0
@@ -239,7 +241,7 @@ fn carry(mut master: impl Read + Write, is_warm: bool, line: &Mutex<Line>, seen:
                 flip(&mut bytes, line.flips, &mut random);
                 sim.send(&bytes).unwrap();
                 bytes.clear();
-                // Before any time passes on the board.
+                // No time has passed on the board yet.
                 if sim.state() == State::EmergencyStop && seen.passed.is_none() {
                     (seen.passed, seen.off_at_once) = (Some(passes), Some(!heats(&mut sim)));
                 }
@@ -261,7 +263,7 @@ fn carry(mut master: impl Read + Write, is_warm: bool, line: &Mutex<Line>, seen:
         if !line.is_cut && !answer.is_empty() {
             seen.lock().unwrap().answers += 1;
             for piece in answer.chunks(PIECE) {
-                // Where nobody reads, it is lost.
+                // Bytes are lost if the host does not read.
                 let _ = master.write_all(piece);
                 sleep(Duration::from_micros(500));
             }
@@ -269,14 +271,14 @@ fn carry(mut master: impl Read + Write, is_warm: bool, line: &Mutex<Line>, seen:
         let idle = idle && count == 0;
         let stalled = line.is_stalled;
         drop(line);
-        // A host that has gone makes reading return at once.
+        // A read returns at once after the host has gone.
         if idle && (stalled || has_gone) {
             sleep(Duration::from_millis(1));
         }
     }
 }
 
-/// Turns bits over.
+/// Flips bits.
 fn flip(bytes: &mut [u8], chance: f64, random: &mut Rng) {
     for byte in bytes {
         if random.uniform_between(0.0, 1.0) < chance {
@@ -285,7 +287,7 @@ fn flip(bytes: &mut [u8], chance: f64, random: &mut Rng) {
     }
 }
 
-/// `growbot grow`, under way.
+/// A running `growbot grow`.
 pub struct Growing {
     child: Child,
     said: Arc<Mutex<String>>,
@@ -293,7 +295,7 @@ pub struct Growing {
 }
 
 impl Drop for Growing {
-    /// One that a test has not seen end does not outlive it.
+    /// Kills a program that still runs when its test ends.
     fn drop(&mut self) {
         if self.is_running() {
             let _ = self.child.kill();
@@ -302,7 +304,7 @@ impl Drop for Growing {
 }
 
 impl Growing {
-    /// Begins a body of some hours, and waits until the board heats.
+    /// Begins a body that takes hours, and waits until the board heats.
     pub fn begin(bench: &Bench) -> Self {
         let mut growing =
             Self::run(&["grow", "--to", "0,0,300,0,90", "--on-silence", "continue", "--port", &bench.name], "");
@@ -310,7 +312,7 @@ impl Growing {
         growing
     }
 
-    /// The same by a script for the console, which then waits.
+    /// Begins a body by a script for the console, which then waits, and waits until the board heats.
     pub fn by_console(bench: &Bench) -> Self {
         let mut growing =
             Self::run(&["console", "--port", &bench.name], "plan 0,0,60,0,90\nstart\nwait 1000000\nstart\n");
@@ -318,7 +320,7 @@ impl Growing {
         growing
     }
 
-    /// Runs `growbot` and leaves it running.
+    /// Runs `growbot` in the background.
     pub fn run(args: &[&str], input: &str) -> Self {
         let mut child = command(PROGRAM)
             .args(args)
@@ -354,14 +356,14 @@ impl Growing {
         self.said.lock().unwrap().clone()
     }
 
-    /// Ctrl-C, and waits until it is answered so.
+    /// Sends Ctrl-C, and waits for a message with this text.
     pub fn interrupt(&mut self, answer: &str) {
         let killed = command("kill").args(["-INT", &self.child.id().to_string()]).status().unwrap();
         assert!(killed.success());
         until(answer, || self.said().contains(answer));
     }
 
-    /// Waits for its end.
+    /// Waits until the program ends.
     pub fn end(mut self) -> Ran {
         let began = Instant::now();
         let code = loop {
@@ -377,7 +379,7 @@ impl Growing {
     }
 }
 
-/// Waits for something that takes a moment.
+/// Waits until a condition is true.
 pub fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     let began = Instant::now();
     while !is_so() {
@@ -386,7 +388,7 @@ pub fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     }
 }
 
-/// Runs `growbot` without the privilege by which the superuser opens devices that are closed to others.
+/// Runs `growbot` without the superuser's privilege to open devices that are closed to other programs.
 pub fn without_privilege(args: &[&str]) -> Ran {
     const SYS_ADMIN: u64 = 1 << 21;
     let status = std::fs::read_to_string("/proc/self/status").unwrap();

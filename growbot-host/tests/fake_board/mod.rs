@@ -1,4 +1,4 @@
-//! Boards at the other end of a line: a simulated robot that is served over TCP or a serial line, and boards that misbehave.
+//! Boards at the other end of a line: simulated robots over TCP or a serial line, and boards that misbehave.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -14,10 +14,10 @@ use growbot_core::link::message::{Message, Refusal, Refused};
 use growbot_sim::port::sim::Sim;
 use serialport::{SerialPort, TTYPort};
 
-/// A board that listens for one connection. Its thread ends with the connection, or with the tests.
+/// A board that accepts one connection. Its thread ends with the connection, or with the tests.
 pub struct FakeBoard {
     port: u16,
-    /// Once it has told of so many layers, its time hardly passes any more.
+    /// Number of reported layers after which the board's time almost stops.
     pauses_after: Arc<AtomicU32>,
 }
 
@@ -33,29 +33,29 @@ impl FakeBoard {
         Self { port, pauses_after: Arc::default() }
     }
 
-    /// What to give to `--port`.
+    /// Returns the value of `--port` for this board.
     pub fn port(&self) -> String {
         format!("tcp:127.0.0.1:{}", self.port)
     }
 
-    /// A board that takes everything and says nothing.
+    /// Returns a board that receives everything and sends nothing.
     pub fn silent() -> Self {
         Self::serving(|mut stream| while matches!(stream.read(&mut [0; 256]), Ok(1..)) {})
     }
 
-    /// A device that talks all the time, but not our language.
+    /// Returns a device that sends all the time, but in another protocol.
     pub fn garbage() -> Self {
         Self::serving(|mut stream| while stream.write_all(b"$GPGGA,123519,4807.038,N\r\n\0").is_ok() {})
     }
 
-    /// A board that is closed as soon as it is spoken to.
+    /// Returns a board that closes the connection after the first bytes.
     pub fn that_hangs_up() -> Self {
         Self::serving(|mut stream| {
             let _ = stream.read(&mut [0; 256]);
         })
     }
 
-    /// A board whose frames are of another version.
+    /// Returns a board with another version of frames.
     pub fn of_frame_version(version: u8) -> Self {
         Self::serving(move |mut stream| {
             while matches!(stream.read(&mut [0; 256]), Ok(1..)) {
@@ -73,7 +73,7 @@ impl FakeBoard {
         })
     }
 
-    /// A board whose messages are of another schema.
+    /// Returns a board with another schema of messages.
     pub fn of_schema(board: u64) -> Self {
         Self::serving(move |mut stream| {
             let mut receiver = FrameDecoder::default();
@@ -90,7 +90,7 @@ impl FakeBoard {
         })
     }
 
-    /// A simulated robot behind a TCP connection.
+    /// Returns a simulated robot behind a TCP connection.
     pub fn simulated(robot: &'static str) -> Self {
         Self::serving(move |stream| {
             stream.set_nodelay(true).unwrap();
@@ -99,7 +99,7 @@ impl FakeBoard {
         })
     }
 
-    /// A simulated robot behind TCP connections, one after the other. Its time passes in between too.
+    /// Returns a simulated robot that accepts successive TCP connections. Its time passes between them too.
     pub fn lasting(robot: &'static str) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         listener.set_nonblocking(true).unwrap();
@@ -126,7 +126,7 @@ impl FakeBoard {
                         stream.set_nodelay(true).unwrap();
                         stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
                         serve_sim(&mut sim, stream, count, look);
-                        // A board waits for a host that is gone for 10 s.
+                        // A board waits 10 s for a host that has gone.
                         sim.pass(Duration::from_secs(12));
                     }
                     Err(_) => {
@@ -139,13 +139,13 @@ impl FakeBoard {
         Self { port, pauses_after }
     }
 
-    /// Has the time of a board that [`lasts`](FakeBoard::lasting) pass fast only until it has told of so many layers: what comes then need
-    /// not be quick.
+    /// Lets the time of a [`lasting`](FakeBoard::lasting) board pass fast until it has reported this many layers. After
+    /// that it passes slowly, so the test need not be quick.
     pub fn pause_after(&self, layers: u32) {
         self.pauses_after.store(layers, Ordering::Relaxed);
     }
 
-    /// A simulated robot on a wire that loses every other report of a layer.
+    /// Returns a simulated robot on a line that loses every other report of a layer.
     pub fn losing_reports(robot: &'static str) -> Self {
         Self::serving(move |stream| {
             stream.set_nodelay(true).unwrap();
@@ -158,21 +158,21 @@ impl FakeBoard {
         })
     }
 
-    /// A simulated robot behind a serial line.
+    /// Runs a simulated robot behind a serial line.
     pub fn on_serial(mut master: TTYPort, robot: &'static str) -> thread::JoinHandle<()> {
         master.set_timeout(Duration::from_millis(1)).unwrap();
         thread::spawn(move || serve(master, robot, |_| true))
     }
 }
 
-/// Moves frames between a line and a simulated robot, whose time passes a second for each look at the line. Of the robot's frames
-/// those pass that `passes` lets through.
+/// Transfers frames between a line and a simulated robot, whose time passes one second for each poll of the line. Only
+/// the robot's frames for which `passes` returns true are transferred.
 fn serve(line: impl Read + Write, robot: &str, passes: impl FnMut(&Frame) -> bool) {
     let mut sim = Sim::new(robot_file::load(robot.as_ref()).unwrap());
     serve_sim(&mut sim, line, passes, || Duration::from_secs(1));
 }
 
-/// The same with a time that passes as `look` says for each look at the line.
+/// Like [`serve`], but `look` returns the time that passes on the robot for each poll of the line.
 fn serve_sim(
     sim: &mut Sim,
     mut line: impl Read + Write,

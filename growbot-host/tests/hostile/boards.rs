@@ -1,5 +1,5 @@
-//! Boards that wish us ill: a simulated robot behind a TCP connection, whose answers are changed on their way, or no
-//! robot at all.
+//! Hostile boards: a simulated robot behind a TCP connection whose messages are changed on their way, or a sender of
+//! noise.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -14,31 +14,31 @@ use growbot_core::link::message::{BoardInfo, LayerLaid, Message, Refusal, Refuse
 use growbot_core::random::Rng;
 use growbot_sim::port::sim::Sim;
 
-/// A board hangs up after so long: from then on whoever talks to it has to come to an end.
+/// Time after which a board closes its connection. The host has to end then.
 pub const LIFE: Duration = Duration::from_secs(3);
 
-/// Numbers that are just within their types.
+/// Numbers at the limits of their types.
 const EXTREMES: [u32; 8] = [0, 1, 63, 65_535, 1 << 31, u32::MAX - 2, u32::MAX - 1, u32::MAX];
-/// What steers a terminal.
+/// Text that controls a terminal.
 const HOSTILE: [&str; 4] = ["\u{1b}[2J\u{1b}[31mA", "\u{9b}2J\u{7}", "\u{202e}\u{2066}bot", "a\r\nb\u{7f}"];
 
-/// How a board behaves.
+/// Behaviour of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Manner {
-    /// Says nothing.
+    /// The board sends nothing.
     Silent,
-    /// Says random bytes.
+    /// The board sends random bytes.
     Noise,
-    /// Says random messages in frames that are in order.
+    /// The board sends random messages in valid frames.
     RandomMessages,
-    /// A robot whose messages are changed, in frames that are in order.
+    /// The board is a robot whose messages are changed, in valid frames.
     Lies,
-    /// A robot whose frames are lost, repeated, exchanged and spoilt.
+    /// The board is a robot whose frames are lost, repeated, swapped and corrupted.
     Garbles,
 }
 
 impl Manner {
-    /// All of them; lies come most often.
+    /// Sequence of behaviours in which [`Self::Lies`] is the most frequent.
     pub const ALL: [Self; 8] = [
         Self::Lies,
         Self::Garbles,
@@ -51,13 +51,13 @@ impl Manner {
     ];
 }
 
-/// A board at the end of a TCP connection, for each that comes within its life.
+/// Starts a board behind TCP that accepts one connection. Returns its port name.
 pub fn start(manner: Manner, seed: u64) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
     thread::spawn(move || {
         if let Ok((stream, _)) = listener.accept() {
-            // A host that has gone is no fault of the board's.
+            // A host that closes the connection is not a fault of the board.
             let _ = serve(stream, manner, Rng::new(&[seed, 99]));
         }
     });
@@ -120,7 +120,7 @@ fn extreme(random: &mut Rng) -> u32 {
     EXTREMES[random.below(EXTREMES.len() as u64) as usize]
 }
 
-/// Another status than the true one.
+/// Changes a status.
 fn status(status: &mut Status, random: &mut Rng) {
     match random.below(6) {
         0 => status.layers_laid = extreme(random),
@@ -132,7 +132,7 @@ fn status(status: &mut Status, random: &mut Rng) {
     }
 }
 
-/// The bytes of a frame, or of one that says something else.
+/// Returns the bytes of a frame, or of a frame with another message.
 fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Rng) -> Vec<u8> {
     if random.below(3) > 0 {
         return bytes;
@@ -176,7 +176,7 @@ fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Rng) -> Vec<u8> {
             Message::Refused(Refused { kind: frame.header.kind, refusal })
         }
         _ => {
-            // Any other content that may still be a message.
+            // Changes the body in a way that may still be a message.
             let mut body = frame.body.to_vec();
             let at = random.below(body.len().max(1) as u64) as usize;
             if let Some(byte) = body.get_mut(at) {
@@ -193,7 +193,7 @@ fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Rng) -> Vec<u8> {
     }
 }
 
-/// The bytes of a frame as a very bad line would have them.
+/// Returns the bytes of a frame after a very bad line.
 fn garble(mut bytes: Vec<u8>, last: &mut Vec<u8>, random: &mut Rng) -> Vec<u8> {
     match random.below(8) {
         0 => Vec::new(),
@@ -208,7 +208,7 @@ fn garble(mut bytes: Vec<u8>, last: &mut Vec<u8>, random: &mut Rng) -> Vec<u8> {
             bytes[at] = random.next_u64() as u8;
             bytes
         }
-        // Longer than any frame.
+        // Noise that is longer than any frame.
         5 => [vec![0x55; 2000], bytes].concat(),
         _ => bytes,
     }

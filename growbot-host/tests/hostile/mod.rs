@@ -1,4 +1,4 @@
-//! Inputs that wish us ill: files with something changed in them, and boards that answer nonsense. Everything is drawn from a seed.
+//! Hostile inputs: changed files, and boards that send nonsense. All of them follow from a seed.
 
 pub mod boards;
 pub mod mutation;
@@ -14,16 +14,16 @@ use growbot_client::printable::steers;
 
 use crate::running::{PROGRAM, command};
 
-/// A number from the environment.
+/// Returns the number in an environment variable, or `unless_set`.
 pub fn number(variable: &str, unless_set: u64) -> u64 {
     std::env::var(variable).ok().map_or(unless_set, |text| text.parse().expect("the variable is a whole number"))
 }
 
 /// A run of the command.
 pub struct Ran {
-    /// The exit code; none if it was killed or broke off.
+    /// Exit code. `None` if the command was killed or crashed.
     pub code: Option<i32>,
-    /// Whether it was still running when its time was over.
+    /// True if the command was still running after its time limit.
     pub hung: bool,
     /// Standard output.
     pub out: Vec<u8>,
@@ -31,7 +31,7 @@ pub struct Ran {
     pub err: Vec<u8>,
 }
 
-/// Runs the command in a directory, for so long at most.
+/// Runs the command in a directory, with a time limit.
 pub fn run(directory: &Path, args: &[String], input: &[u8], limit: Duration) -> Ran {
     let mut child = command(PROGRAM)
         .args(args)
@@ -68,8 +68,8 @@ pub fn run(directory: &Path, args: &[String], input: &[u8], limit: Duration) -> 
     Ran { code, hung, out: out.join().unwrap(), err: err.join().unwrap() }
 }
 
-/// What is wrong with a run that may have written `output`: a crash, a hang, an exit code that is not documented, characters that steer a
-/// terminal, part of a file.
+/// Returns the faults of a run that may have written `output`: a crash, a hang, an undocumented exit code, characters
+/// that control a terminal, or a partial file.
 pub fn faults(ran: &Ran, directory: &Path, output: Option<&str>) -> Vec<String> {
     let mut faults = Vec::new();
     if ran.hung {

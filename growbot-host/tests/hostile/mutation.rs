@@ -1,8 +1,8 @@
-//! Texts with something changed in them.
+//! Texts with random changes.
 
 use growbot_core::random::Rng;
 
-/// What is put into texts: extremes, what steers terminals, what nests, what breaks lines and quotes.
+/// Insertions into texts: extreme numbers, sequences that control terminals, nesting, line breaks and quotes.
 const TOKENS: [&[u8]; 34] = [
     b"\x1b[2J\x1b[31m",
     "\u{9b}2J".as_bytes(),
@@ -40,11 +40,11 @@ const TOKENS: [&[u8]; 34] = [
     b"/dev/zero",
 ];
 
-/// What is put into strings: escaped as JSON and TOML have it, and raw.
+/// Insertions into strings: escaped as in JSON and TOML, and raw.
 const STRINGS: [&str; 5] =
     ["\\u001b[2J\\u0007", "\\u009b2J\\u007f", "\\u202e\\u2066", "\u{202e}\u{200f}\u{9b}", "\\n\\r\\t"];
 
-/// A text with one to six changes.
+/// Returns a text with one to six changes.
 pub fn mutated(text: &[u8], random: &mut Rng) -> Vec<u8> {
     let mut bytes = text.to_vec();
     for _ in 0..=random.below(6) {
@@ -83,7 +83,7 @@ fn change(bytes: &mut Vec<u8>, random: &mut Rng) {
             bytes.splice(at..at, token.iter().copied());
         }
         8 | 9 => {
-            // Another number, or another word between quotes.
+            // Replaces a number by another token.
             let is_part = |byte: &u8| byte.is_ascii_digit() || matches!(byte, b'.' | b'-' | b'+' | b'e');
             let from = place(bytes, random);
             let from = bytes.iter().skip(from).position(is_part).map_or(bytes.len(), |ahead| from + ahead);
@@ -92,7 +92,8 @@ fn change(bytes: &mut Vec<u8>, random: &mut Rng) {
             bytes.splice(from..end, token.iter().copied());
         }
         10..=13 => {
-            // Into a string, so that the text stays whole: of the first or the last line, where names and outcomes are, or of any.
+            // Inserts into a string, so that the text remains valid: of the first or last line, which has names and
+            // outcomes, or of any line.
             let ends = (
                 bytes.iter().position(|byte| *byte == b'\n'),
                 bytes.trim_ascii().iter().rposition(|byte| *byte == b'\n'),
@@ -110,14 +111,14 @@ fn change(bytes: &mut Vec<u8>, random: &mut Rng) {
             }
         }
         14 => {
-            // Two lines change places.
+            // Swaps two lines.
             let mut lines: Vec<Vec<u8>> = bytes.split(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
             let (one, other) = (random.below(lines.len() as u64) as usize, random.below(lines.len() as u64) as usize);
             lines.swap(one, other);
             *bytes = lines.join(&b'\n');
         }
         _ => {
-            // A line is gone, or comes again.
+            // Removes or repeats a line.
             let mut lines: Vec<Vec<u8>> = bytes.split(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
             let at = random.below(lines.len() as u64) as usize;
             if random.below(2) == 0 {

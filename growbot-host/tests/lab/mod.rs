@@ -1,4 +1,4 @@
-//! A user with a service and a simulated robot, and requests by hand.
+//! A service with a simulated robot, and HTTP requests written by hand.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -13,11 +13,11 @@ use serde_json::Value;
 
 use crate::running::{PATIENCE, PROGRAM, command};
 
-/// A body of robot A2 of so many layers.
+/// A body of robot A2 with this many layers.
 pub const GOAL: &str = "0,0,60,0,90";
 pub const LAYERS: usize = 78;
 
-/// A user with a service and a simulated robot.
+/// A service of a user, with a simulated robot.
 pub struct Lab {
     pub directory: tempfile::TempDir,
     pub service: Option<Child>,
@@ -29,14 +29,14 @@ impl Lab {
         Self::with(pace, "")
     }
 
-    /// One whose `growbot.toml` says this, too.
+    /// Starts a service with additional lines in `growbot.toml`.
     pub fn with(pace: f64, more: &str) -> Self {
         Self::configured(&format!(
             "robot = \"growbot-a2\"\nport = \"sim:lab\"\n[robots.lab]\nport = \"sim:lab\"\nrobot = \"growbot-a2\"\npace = {pace}\n{more}"
         ))
     }
 
-    /// One whose `growbot.toml` is this.
+    /// Starts a service with this `growbot.toml`.
     pub fn configured(settings: &str) -> Self {
         let directory = tempfile::tempdir().unwrap();
         fs::write(directory.path().join("growbot.toml"), settings).unwrap();
@@ -55,7 +55,7 @@ impl Lab {
         command
     }
 
-    /// What a command prints, and its exit code.
+    /// Runs a command. Returns its exit code and its output.
     pub fn run(&self, args: &[&str]) -> (Option<i32>, String) {
         let output = self.command(args).output().unwrap();
         let text = [output.stdout, output.stderr].concat();
@@ -92,37 +92,37 @@ impl Lab {
         service.wait().unwrap();
     }
 
-    /// Memory that the service has, kB.
+    /// Returns the memory of the service, kB.
     pub fn memory_kb(&self) -> u64 {
         let status = fs::read_to_string(format!("/proc/{}/status", self.service.as_ref().unwrap().id())).unwrap();
         let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
         line.trim().trim_end_matches(" kB").parse().unwrap()
     }
 
-    /// Files and connections that the service has open.
+    /// Returns the number of files and connections that the service has open.
     pub fn files(&self) -> usize {
         fs::read_dir(format!("/proc/{}/fd", self.service.as_ref().unwrap().id())).unwrap().count()
     }
 
-    /// What the service has said of trouble.
+    /// Returns the standard error of all services that this lab started.
     pub fn heard(&self) -> String {
         fs::read_to_string(self.directory.path().join("heard")).unwrap()
     }
 
-    /// The orders that were noted.
+    /// Returns the recorded orders.
     pub fn orders(&self) -> Vec<Value> {
         let text = fs::read_to_string(self.directory.path().join("state/growbot/serve/orders.jsonl")).unwrap();
         text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
     }
 
-    /// A connection to the pages.
+    /// Connects to the address of the pages.
     pub fn page(&self) -> TcpStream {
         let stream = TcpStream::connect(("127.0.0.1", self.pages.as_ref().unwrap().0)).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         stream
     }
 
-    /// A path of the interface with the operating token.
+    /// Returns a path of the interface with the operating token.
     pub fn at(&self, path: &str) -> String {
         format!("/{}/api/v1{path}", self.pages.as_ref().unwrap().1[0])
     }
@@ -131,7 +131,7 @@ impl Lab {
         self.directory.path().join("run/growbot/serve.sock")
     }
 
-    /// Asks on the user's socket.
+    /// Sends a request on the user's socket.
     pub fn ask(&self, method: &str, path: &str, body: &str) -> (u16, Value) {
         let stream = UnixStream::connect(self.socket()).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -139,7 +139,7 @@ impl Lab {
         (status, serde_json::from_str(&text).unwrap_or(Value::String(text)))
     }
 
-    /// Asks at the pages' address with these headers.
+    /// Sends a request with these headers to the address of the pages.
     pub fn ask_page(&self, path: &str, headers: &[&str], method: &str, body: &str) -> u16 {
         http(self.page(), method, path, headers, body).0
     }
@@ -173,7 +173,7 @@ impl Drop for Lab {
             let _ = service.kill();
             let _ = service.wait();
         }
-        // All simulated robots that it has switched on.
+        // Switch off all simulated robots that the service has switched on.
         for robot in fs::read_dir(self.directory.path().join("state/growbot/robots")).into_iter().flatten().flatten() {
             let port = format!("sim:{}", robot.file_name().to_string_lossy());
             let _ = self.command(&["power", "off", "--port", &port]).output();
@@ -192,7 +192,7 @@ pub fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
     }
 }
 
-/// One request by hand, so that wrong ones can be made too: the status and the body of the answer.
+/// Sends one request, which may be invalid. Returns status and body of the response.
 pub fn http(mut stream: impl Read + Write, method: &str, path: &str, headers: &[&str], body: &str) -> (u16, String) {
     let mut request = format!("{method} {path} HTTP/1.1\r\nconnection: close\r\ncontent-length: {}\r\n", body.len());
     let said = |name: &str| headers.iter().any(|header| header.to_lowercase().starts_with(name));
@@ -203,7 +203,7 @@ pub fn http(mut stream: impl Read + Write, method: &str, path: &str, headers: &[
     }
     headers.iter().for_each(|header| request += &format!("{header}\r\n"));
     request += &format!("\r\n{body}");
-    // It may answer, and close, before it has everything.
+    // The service may respond and close before it has received everything.
     let _ = stream.write_all(request.as_bytes());
     let mut answer = Vec::new();
     let _ = stream.read_to_end(&mut answer);

@@ -1,4 +1,4 @@
-//! Runs the `growbot` command as a user would and keeps what it said. Every program that a test starts is started by
+//! Runs the `growbot` command as a user would and returns its output. Every program that a test starts is started by
 //! [`command`].
 
 use std::ffi::OsStr;
@@ -6,24 +6,24 @@ use std::io::Write;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// A test that waits for longer hangs: nothing takes so long, on however busy a machine.
+/// Time limit of a wait. No test takes this long, even on a busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(600);
 
 /// The `growbot` command.
 pub const PROGRAM: &str = env!("CARGO_BIN_EXE_growbot");
 
-/// A program, without what is configured on this machine: no test is to move a robot.
+/// Returns a command without this machine's configuration, so that no test moves a robot.
 pub fn command(program: impl AsRef<OsStr>) -> Command {
     let mut command = Command::new(program);
     command.env_remove("GROWBOT_PORT").env_remove("GROWBOT_ROBOT").env("XDG_CONFIG_HOME", "/no/such/place");
-    // Nor is one to ask a service that runs here.
+    // The test must not use a service that runs on this machine either.
     command.env("XDG_RUNTIME_DIR", "/no/such/place").env("XDG_STATE_HOME", "/no/such/place");
     command
 }
 
-/// What a run left behind.
+/// Result of a run.
 pub struct Ran {
-    /// The exit code.
+    /// Exit code.
     pub code: Option<i32>,
     /// Standard output.
     pub out: String,
@@ -47,7 +47,7 @@ pub fn growbot_reading_bytes(args: &[&str], input: &[u8]) -> Ran {
         .unwrap();
     let mut stdin = child.stdin.take().unwrap();
     let input = input.to_owned();
-    // In a thread of its own: neither side may wait for the other to read. A command that refuses may not read at all.
+    // A separate thread writes, because neither side may block the other. A command that refuses may not read at all.
     let writer = std::thread::spawn(move || drop(stdin.write_all(&input)));
     let output = child.wait_with_output().unwrap();
     writer.join().unwrap();
@@ -58,7 +58,7 @@ pub fn growbot_reading_bytes(args: &[&str], input: &[u8]) -> Ran {
     }
 }
 
-/// Messages with each in one line, however many it took.
+/// Joins each message into one line.
 pub fn in_lines(messages: &str) -> String {
     messages.replace("\n    ", " ")
 }
@@ -68,7 +68,7 @@ pub fn growbot(args: &[&str]) -> Ran {
     growbot_reading(args, "")
 }
 
-/// Runs `growbot` with these arguments and this input, and with nobody who reads its standard output.
+/// Runs `growbot` with these arguments and this input, with its standard output closed for reading.
 #[cfg(unix)]
 #[allow(dead_code)]
 pub fn growbot_unread(args: &[&str], input: &str) -> Ran {
@@ -83,7 +83,7 @@ pub fn growbot_unread(args: &[&str], input: &str) -> Ran {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // Short enough for the pipe, and a command that has ended need not read it.
+    // The input fits in the pipe, and a command that has ended need not read it.
     let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
     let output = child.wait_with_output().unwrap();
     Ran { code: output.status.code(), out: String::new(), err: in_lines(&String::from_utf8(output.stderr).unwrap()) }

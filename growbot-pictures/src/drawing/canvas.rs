@@ -1,9 +1,9 @@
-//! A drawing as SVG: its style, and what is added to it.
+//! A drawing in SVG, with its style.
 
 use std::fmt::{Display, Write};
 
-/// The rules hold inside drawings only, so that they leave a page around them alone. Inter is the font that
-/// [`super::png`] has.
+/// The rules apply inside drawings only, so they do not change a page around them. [`super::png`] contains the font
+/// Inter.
 const STYLE: &str = ".gc text{font-family:Inter,system-ui,'Segoe UI','DejaVu \
                      Sans',sans-serif;font-size:13px;fill:#1c2430}\
 .gc .title{font-size:18px;font-weight:600}.gc .head{font-size:14px;font-weight:600}.gc \
@@ -11,11 +11,11 @@ const STYLE: &str = ".gc text{font-family:Inter,system-ui,'Segoe UI','DejaVu \
 .gc .mid{text-anchor:middle}.gc .end{text-anchor:end}\
 .gc .axis{stroke:#1c2430;stroke-width:1;fill:none}.gc .grid{stroke:#1c2430;stroke-opacity:.12;fill:none}";
 
-/// A drawing in progress.
+/// An unfinished drawing.
 pub struct Canvas(String);
 
 impl Canvas {
-    /// An empty one of this size; its title is for who cannot see it.
+    /// Returns an empty drawing of this size. The title is for screen readers.
     pub fn new(width: f64, height: f64, title: &str) -> Self {
         Self(format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"gc\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" \
@@ -24,23 +24,23 @@ impl Canvas {
         ))
     }
 
-    /// The finished drawing.
+    /// Returns the finished drawing.
     pub fn finish(mut self) -> String {
         self.0.push_str("</svg>\n");
         self.0
     }
 
-    /// Anything. Writing to a String cannot fail.
+    /// Adds an element. Writing to a String cannot fail.
     pub fn add(&mut self, element: impl Display) {
         let _ = writeln!(self.0, "{element}");
     }
 
-    /// A text of these classes.
+    /// Adds a text with these classes.
     pub fn text(&mut self, x: f64, y: f64, class: &str, text: impl Display) {
         self.add(format_args!("<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{text}</text>"));
     }
 
-    /// A line through points.
+    /// Adds a line through points.
     pub fn line(&mut self, points: impl IntoIterator<Item = (f64, f64)>, style: impl Display) {
         let mut path = String::new();
         for (index, (x, y)) in points.into_iter().enumerate() {
@@ -50,7 +50,7 @@ impl Canvas {
     }
 }
 
-/// Text as SVG and HTML show it, without characters that neither can contain.
+/// Escapes a text for SVG and HTML, and replaces characters that neither can contain by spaces.
 pub fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for letter in text.chars() {

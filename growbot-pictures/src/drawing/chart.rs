@@ -1,28 +1,29 @@
-//! Charts: how values become places, and axes.
+//! Charts: scales and axes.
 
 use super::canvas::Canvas;
 
-/// An axis has no more steps.
+/// Greatest number of steps on an axis.
 const MAX_STEPS: f64 = 6.0;
 
-/// How values become places.
+/// A mapping from values to positions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Scale {
-    /// Evenly, between these.
+    /// Linear, between these values.
     Linear(f64, f64),
-    /// By the logarithm, between these, both positive.
+    /// Logarithmic, between these values, both positive.
     Log(f64, f64),
 }
 
 impl Scale {
-    /// From 0 to a little above the max of these.
+    /// Returns a linear scale from 0 to a little above the max of these values.
     pub fn from_zero(values: impl IntoIterator<Item = f64>) -> Self {
         let max = values.into_iter().fold(0.0, f64::max);
         let step = round_step(if max > 0.0 { max } else { 1.0 }, MAX_STEPS);
         Self::Linear(0.0, step * libm::ceil(1.02 * max / step).max(1.0))
     }
 
-    /// From a round number below these to one above; they may be alike, or none.
+    /// Returns a linear scale from a round number below these values to one above. The values may be equal, and the
+    /// list may be empty.
     pub fn around(values: impl IntoIterator<Item = f64>) -> Self {
         let all = values.into_iter().filter(|value| value.is_finite());
         let (min, max) =
@@ -38,7 +39,7 @@ impl Scale {
         Self::Linear(from, if to > from { to } else { from + step })
     }
 
-    /// By the logarithm, from a round number below the positive ones of these to one above.
+    /// Returns a logarithmic scale from a round number below the positive values to one above.
     pub fn log_around(values: impl IntoIterator<Item = f64>) -> Self {
         let (min, max) = values
             .into_iter()
@@ -54,7 +55,7 @@ impl Scale {
         Self::Log(from, to)
     }
 
-    /// The place of a value, 0 to 1 within the scale.
+    /// Returns the position of a value. It is from 0 to 1 within the scale.
     pub fn share(self, value: f64) -> f64 {
         match self {
             Self::Linear(from, to) => (value - from) / (to - from),
@@ -62,7 +63,7 @@ impl Scale {
         }
     }
 
-    /// Where to draw lines and labels.
+    /// Returns the values at which lines and labels are drawn.
     pub fn ticks(self) -> Vec<f64> {
         match self {
             Self::Linear(from, to) => {
@@ -72,7 +73,7 @@ impl Scale {
             }
             Self::Log(from, to) => {
                 let (first, last) = (libm::floor(libm::log10(from)) as i32, libm::ceil(libm::log10(to)) as i32);
-                // Between whole decades too, where there are few.
+                // A short scale has ticks between whole decades too.
                 let steps: &[f64] = if to / from < 300.0 { &[1.0, 2.0, 5.0] } else { &[1.0] };
                 (first..=last)
                     .flat_map(|power| steps.iter().map(move |step| step * libm::pow(10.0, f64::from(power))))
@@ -83,19 +84,19 @@ impl Scale {
     }
 }
 
-/// 1, 2 or 5 times a power of ten: the min that divides this into no more than `max` parts.
+/// Returns the smallest of 1, 2 or 5 times a power of ten that divides `whole` into at most `max` parts.
 pub fn round_step(whole: f64, max: f64) -> f64 {
     let power = libm::pow(10.0, libm::floor(libm::log10(whole / max)));
     [1.0, 2.0, 5.0, 10.0].into_iter().map(|step| step * power).find(|step| whole / step <= max).unwrap_or(whole)
 }
 
-/// 1, 2 or 5 times a power of ten: the largest that is no more than this, which is positive.
+/// Returns the largest of 1, 2 or 5 times a power of ten that is at most `max`, which is positive.
 pub fn round_below(max: f64) -> f64 {
     let power = libm::pow(10.0, libm::floor(libm::log10(max)));
     [5.0, 2.0, 1.0].into_iter().map(|step| step * power).find(|step| *step <= max).unwrap_or(power)
 }
 
-/// A number on an axis: plain as far as four decimals say it.
+/// Formats a number on an axis, without an exponent if four decimals suffice.
 pub fn number(value: f64) -> String {
     let text = format!("{value:.4}");
     let plain = text.trim_end_matches('0').trim_end_matches('.');
@@ -107,22 +108,23 @@ pub fn number(value: f64) -> String {
 
 /// A plot in a drawing.
 pub struct Panel {
-    /// Left, top, width, height, pixels.
+    /// Left, top, width and height, pixels.
     pub area: [f64; 4],
-    /// Across.
+    /// Horizontal scale.
     pub x: Scale,
-    /// Upwards.
+    /// Vertical scale, upwards.
     pub y: Scale,
 }
 
 impl Panel {
-    /// Where a point is drawn. What lies outside is drawn on the edge.
+    /// Returns the position of a point in the drawing. A point outside the panel is moved to the edge.
     pub fn place(&self, x: f64, y: f64) -> (f64, f64) {
         let [left, top, width, height] = self.area;
         (left + width * self.x.share(x), top + height * (1.0 - self.y.share(y).clamp(0.0, 1.0)))
     }
 
-    /// Frame, lines, labels and names of the axes; `ticks` are those of the x axis, none to have them by its scale.
+    /// Draws the frame, lines, labels and names of the axes. `ticks` are those of the x axis. `None` to derive them
+    /// from its scale.
     pub fn axes(&self, canvas: &mut Canvas, head: &str, x_name: &str, y_name: &str, ticks: Option<&[(f64, String)]>) {
         let [left, top, width, height] = self.area;
         let (right, bottom) = (left + width, top + height);
@@ -151,7 +153,7 @@ impl Panel {
         ));
     }
 
-    /// Where the x axis begins.
+    /// Returns the start of the x axis.
     pub fn min_x(&self) -> f64 {
         match self.x {
             Scale::Linear(from, _) | Scale::Log(from, _) => from,

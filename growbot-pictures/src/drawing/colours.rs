@@ -1,11 +1,11 @@
-//! The colours of heights and of series, and colours between others. The colour-blind can tell all of them apart.
+//! Colours of heights and of series, and interpolation of colours. Colour-blind readers can distinguish all of them.
 
-/// Colours of heights, from the min to the max: from blue over sand to orange, to be read on light and on dark ground
-/// and by the colour-blind. The page gets them in its data.
+/// Colours of heights, from the min to the max: from blue through sand to orange. They are legible on light and on dark
+/// ground and for colour-blind readers. The page's data contain them.
 pub const HEIGHTS: [[u8; 3]; 5] =
     [[0x2f, 0x5f, 0xae], [0x3f, 0x93, 0xb8], [0x8f, 0xb8, 0x9a], [0xe0, 0xb6, 0x5c], [0xd9, 0x70, 0x2e]];
 
-/// Viridis (Smith and van der Walt 2015): equal steps look equal, and brightness alone tells the order.
+/// Viridis (Smith and van der Walt 2015). Equal steps look equal, and brightness alone shows the order.
 pub const VIRIDIS: [[u8; 3]; 9] = [
     [68, 1, 84],
     [71, 45, 123],
@@ -17,7 +17,7 @@ pub const VIRIDIS: [[u8; 3]; 9] = [
     [173, 220, 48],
     [253, 231, 37],
 ];
-/// Cividis (Nunez, Anderton and Renslow 2018): as viridis, and looks the same to the colour-blind.
+/// Cividis (Nunez, Anderton and Renslow 2018). It is like viridis, and looks the same to colour-blind readers.
 pub const CIVIDIS: [[u8; 3]; 9] = [
     [0, 34, 78],
     [18, 53, 112],
@@ -29,15 +29,15 @@ pub const CIVIDIS: [[u8; 3]; 9] = [
     [202, 186, 106],
     [254, 232, 56],
 ];
-/// Colours of series in plots (Okabe and Ito 2008), without the yellow, which is too pale for a line.
+/// Colours of series in plots (Okabe and Ito 2008), without yellow, because it is too pale for a line.
 pub const SERIES: [&str; 7] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"];
 
-/// The colour of a series; beyond the last they begin again.
+/// Returns the colour of a series. After the last colour the first follows again.
 pub fn series(index: usize) -> &'static str {
     SERIES[index % SERIES.len()]
 }
 
-/// A scale of colours by name.
+/// A named scale of colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Palette {
     /// [`HEIGHTS`].
@@ -50,7 +50,7 @@ pub enum Palette {
 }
 
 impl Palette {
-    /// Its colours, from the min to the max.
+    /// Returns the colours, from the min to the max.
     #[must_use]
     pub fn colours(self) -> &'static [[u8; 3]] {
         match self {
@@ -61,7 +61,7 @@ impl Palette {
     }
 }
 
-/// The colour at a place, 0 to 1, of a scale of two colours or more.
+/// Returns the interpolated colour at a position from 0 to 1 on a scale of at least two colours.
 pub fn mixed(scale: &[[u8; 3]], at: f64) -> [u8; 3] {
     let place = at.clamp(0.0, 1.0) * scale.len().saturating_sub(1) as f64;
     let first = (place as usize).min(scale.len().saturating_sub(2));
@@ -70,12 +70,12 @@ pub fn mixed(scale: &[[u8; 3]], at: f64) -> [u8; 3] {
     std::array::from_fn(|i| (f64::from(from[i]) + share * (f64::from(to[i]) - f64::from(from[i]))).round() as u8)
 }
 
-/// As SVG writes it.
+/// Formats a colour for SVG.
 pub fn hex([red, green, blue]: [u8; 3]) -> String {
     format!("#{red:02x}{green:02x}{blue:02x}")
 }
 
-/// [`mixed`], as SVG writes it.
+/// Returns the colour of [`mixed`], formatted for SVG.
 pub fn colour(scale: &[[u8; 3]], at: f64) -> String {
     hex(mixed(scale, at))
 }
@@ -93,7 +93,7 @@ mod tests {
         for scale in [Palette::Viridis.colours(), Palette::Cividis.colours()] {
             assert!(scale.windows(2).all(|pair| bright(&pair[1]) > bright(&pair[0]) + 0.005), "{scale:?}");
         }
-        // No two neighbours among the series are alike, and they begin again after the last.
+        // No two neighbours among the series are equal, and the first follows after the last.
         assert!(SERIES.windows(2).all(|pair| pair[0] != pair[1]) && series(7) == SERIES[0]);
     }
 

@@ -1,7 +1,9 @@
-//! What pictures and charts are drawn with: SVG, written here, and pixels from it.
+//! Tools for pictures and charts, which growbot writes as SVG and converts to pixels.
 //!
-//! - [`canvas`]: a drawing in progress; [`colours`], between others; [`chart`], scales and axes;
-//! - [`png`], [`pdf`]: a drawing as pixels, or as PDF, with a font that comes with the program.
+//! - [`canvas`]: an unfinished drawing
+//! - [`colours`]: colours and their interpolation
+//! - [`chart`]: scales and axes
+//! - [`png`], [`pdf`]: conversion of a drawing to pixels and to PDF, with a font that is part of the program
 
 pub mod canvas;
 pub mod chart;

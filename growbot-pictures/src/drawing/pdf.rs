@@ -1,5 +1,5 @@
-//! A drawing as PDF of one page: paths, as they are in the drawing, and its letters as outlines, so that no program
-//! needs a font. It knows what the drawings here have: paths of one colour or of a linear gradient.
+//! Conversion of a drawing to a PDF of one page. Paths stay paths and letters become outlines, so no program needs a
+//! font. Only the features of the drawings here are supported: paths of one colour or of a linear gradient.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -13,23 +13,23 @@ use resvg::usvg::{self, FillRule, Group, LineCap, LineJoin, LinearGradient, Node
 
 use super::png::read;
 
-/// Points for a unit of the drawing: 72 an inch for 96.
+/// Points for a unit of the drawing: 72 per inch for 96.
 const POINTS: f32 = 0.75;
-/// Colours of a gradient.
+/// Number of colours of a gradient.
 const SAMPLES: u16 = 256;
 
-/// Why there is no PDF.
+/// Error of the conversion to PDF.
 #[derive(Debug, thiserror::Error)]
 pub enum PdfError {
-    /// The drawing is none that can be read.
+    /// The drawing is not valid SVG.
     #[error("the picture cannot be drawn as PDF: {0}; take it as SVG")]
     Svg(#[from] usvg::Error),
-    /// The page could not be packed.
+    /// Compression of the page failed.
     #[error("the picture cannot be packed as PDF: {0}; take it as SVG")]
     Packing(#[from] std::io::Error),
 }
 
-/// The PDF of a drawing (SVG).
+/// Converts a drawing (SVG) to PDF.
 ///
 /// # Errors
 /// [`PdfError`].
@@ -37,7 +37,7 @@ pub fn pdf(svg: &str) -> Result<Vec<u8>, PdfError> {
     let tree = read(svg)?;
     let (width, height) = (POINTS * tree.size().width(), POINTS * tree.size().height());
     let mut page = Page { content: Content::new(), opacities: BTreeMap::new(), gradients: Vec::new() };
-    // PDF counts upwards from the lower edge.
+    // PDF coordinates start at the lower edge.
     let upright = Transform::from_row(POINTS, 0.0, 0.0, -POINTS, 0.0, height);
     page.content.transform(row(upright));
     page.group(tree.root(), 1.0);
@@ -49,12 +49,12 @@ fn row(transform: Transform) -> [f32; 6] {
     [sx, ky, kx, sy, tx, ty]
 }
 
-/// A page in progress.
+/// An unfinished page.
 struct Page {
     content: Content,
-    /// How opaque fills and strokes are, in thousandths, each with its number.
+    /// Opacities of fills and strokes, in thousandths, each with its number.
     opacities: BTreeMap<[u16; 2], usize>,
-    /// From where to where, and their colours.
+    /// Ends of gradients, and their colours.
     gradients: Vec<([f32; 4], Vec<u8>)>,
 }
 
@@ -110,7 +110,7 @@ impl Page {
         self.content.restore_state();
     }
 
-    /// Whether there is a colour to stroke with.
+    /// Sets the style of a stroke. Returns false if its paint is not a colour.
     fn stroke_style(&mut self, stroke: &Stroke) -> bool {
         let Paint::Color(color) = stroke.paint() else { return false };
         let [red, green, blue] = rgb(*color);
@@ -159,7 +159,7 @@ impl Page {
                     last = (to.x, to.y);
                 }
                 PathSegment::QuadTo(by, to) => {
-                    // A cubic curve through the same places.
+                    // A cubic curve with the same points.
                     let near = |from: f32, by: f32| from + 2.0 / 3.0 * (by - from);
                     self.content.cubic_to(
                         near(last.0, by.x),
@@ -231,7 +231,7 @@ fn rgb(color: usvg::Color) -> [f32; 3] {
     [color.red, color.green, color.blue].map(|part| f32::from(part) / 255.0)
 }
 
-/// The colour at a place of a gradient, 0 to 1.
+/// Returns the colour at a position from 0 to 1 on a gradient.
 fn colour_at(gradient: &LinearGradient, at: f32) -> [u8; 3] {
     let stops = gradient.stops();
     let after = stops.iter().position(|stop| stop.offset().get() >= at).unwrap_or(stops.len().saturating_sub(1));

@@ -1,4 +1,5 @@
-//! A drawing as pixels. The fonts (growbot-pictures/fonts/) are part of the program, so every machine draws the same.
+//! Conversion of a drawing to pixels. The fonts (growbot-pictures/fonts/) are part of the program, so all machines draw
+//! alike.
 
 use std::sync::Arc;
 
@@ -9,29 +10,29 @@ const FONTS: [&[u8]; 2] =
     [include_bytes!("../../fonts/inter-regular.ttf"), include_bytes!("../../fonts/inter-semibold.ttf")];
 const FAMILY: &str = "Inter";
 
-/// A picture has no more pixels, for which there should be memory: four bytes each.
+/// Greatest number of pixels of a picture, for the sake of memory: each takes four bytes.
 const MAX_PIXELS: u64 = 200_000_000;
 
-/// Why there are no pixels.
+/// Error of the conversion to pixels.
 #[derive(Debug, thiserror::Error)]
 pub enum PngError {
-    /// The drawing is none that can be read.
+    /// The drawing is not valid SVG.
     #[error("the picture cannot be drawn as pixels: {0}; take it as SVG")]
     Svg(#[from] usvg::Error),
-    /// More pixels than there should be memory for.
+    /// The picture has more pixels than memory is expected for.
     #[error("a picture of {width} times {height} pixels is too large: ask for less with --width")]
     TooLarge {
-        /// Pixels across.
+        /// Width, pixels.
         width: u32,
-        /// Pixels up and down.
+        /// Height, pixels.
         height: u32,
     },
-    /// The pixels could not be packed.
+    /// Encoding of the pixels failed.
     #[error("the picture cannot be written as PNG: {0}; take it as SVG")]
     Encoding(String),
 }
 
-/// The picture of a drawing (SVG); `width` in pixels.
+/// Converts a drawing (SVG) to PNG. `width` is in pixels.
 ///
 /// # Errors
 /// [`PngError`].
@@ -48,7 +49,7 @@ pub fn png(svg: &str, width: u32) -> Result<Vec<u8>, PngError> {
     packed(&pixels).map_err(|error| PngError::Encoding(error.to_string()))
 }
 
-/// The shapes of a drawing, its letters too.
+/// Parses a drawing, with its letters as shapes.
 pub(super) fn read(svg: &str) -> Result<Tree, usvg::Error> {
     let mut fonts = fontdb::Database::new();
     FONTS.iter().for_each(|font| fonts.load_font_data(font.to_vec()));
@@ -59,9 +60,9 @@ pub(super) fn read(svg: &str) -> Result<Tree, usvg::Error> {
     Tree::from_str(svg, &options)
 }
 
-/// The pixels on white, in as few bytes as may be.
+/// Encodes the pixels on white, in as few bytes as possible.
 fn packed(pixels: &Pixmap) -> Result<Vec<u8>, png::EncodingError> {
-    // Colours are multiplied with how opaque they are: what is left is white.
+    // Colours are premultiplied with their opacity, and the rest is white.
     let on_white = |pixel: &PremultipliedColorU8| {
         let left = 255 - pixel.alpha();
         [pixel.red() + left, pixel.green() + left, pixel.blue() + left]
@@ -71,7 +72,7 @@ fn packed(pixels: &Pixmap) -> Result<Vec<u8>, png::EncodingError> {
     let mut encoder = png::Encoder::new(&mut bytes, pixels.width(), pixels.height());
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_compression(png::Compression::High);
-    // Of faces of one colour this leaves the fewest bytes.
+    // This filter needs the fewest bytes for faces of one colour.
     encoder.set_filter(png::Filter::NoFilter);
     let mut writer = encoder.write_header()?;
     writer.write_image_data(colours.as_flattened())?;
@@ -83,7 +84,7 @@ fn packed(pixels: &Pixmap) -> Result<Vec<u8>, png::EncodingError> {
 mod tests {
     use super::*;
 
-    /// Width, height and bytes of the picture of a text at this width in pixels.
+    /// Returns width, height and bytes of the picture of a text at this width in pixels.
     fn of_text(text: &str, width: u32) -> (u32, u32, Vec<u8>) {
         let svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 200 50\" width=\"200\" height=\"50\">\

@@ -1,4 +1,4 @@
-//! A body as exports see it: its layers, and the tip's frame before and after each of them.
+//! A body for exports: its layers, with the tip's frame before and after each of them.
 
 use growbot_client::plan::Plan;
 use growbot_client::run_log::RunRecord;
@@ -9,19 +9,19 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::slicing::{SlicedLayer, Slicing, layers};
 
-/// Where a layer is known from.
+/// Source of a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
-    /// From the plan.
+    /// The plan.
     Planned,
-    /// From the board: the layer as built.
+    /// The board: the layer as built.
     AsBuilt,
-    /// From the simulated tip: the layer as its plastic lies.
+    /// The simulated tip: the layer as its plastic lies.
     Simulated,
 }
 
 impl Source {
-    /// As files say it.
+    /// Returns the name of the source in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -37,9 +37,9 @@ impl Source {
 pub struct BodyLayer {
     /// The layer.
     pub layer: Layer,
-    /// Where it is known from.
+    /// Source of the layer.
     pub source: Source,
-    /// `base_from_tip` once it is laid, mm.
+    /// `base_from_tip` after the layer, mm.
     pub base_from_tip: Frame,
 }
 
@@ -56,12 +56,12 @@ pub struct Body {
     pub radius: f64,
     /// Thickness of the wall, mm.
     pub width: f64,
-    /// Filament for a mm of body, mm^3.
+    /// Volume of filament for a mm of body, mm^3.
     pub filament_per_length: f64,
 }
 
 impl Body {
-    /// The body of a plan, by exact slicing.
+    /// Returns the body of a plan, by exact slicing.
     #[must_use]
     pub fn planned(robot: &Robot, plan: &Plan) -> Self {
         let planned =
@@ -69,8 +69,8 @@ impl Body {
         Self::new(robot, &plan.start, planned)
     }
 
-    /// The body that the board's steps have built, as a run log tells, up to the last layer laid. A layer that nothing
-    /// is known of is as it was handed over.
+    /// Returns the body that the board's steps have built, according to a run log, up to the last layer laid. A layer
+    /// without a report is as it was sent to the board.
     #[must_use]
     pub fn as_built(robot: &Robot, start: &Pose, record: &RunRecord) -> Self {
         let laid = record.commanded().zip(&record.as_built).map(|(layer, as_built)| {
@@ -79,7 +79,8 @@ impl Body {
         Self::new(robot, start, laid)
     }
 
-    /// The body as the plastic of a simulated tip lies, the layer under way included; none of a robot.
+    /// Returns the body as the plastic of a simulated tip lies, including the unfinished layer. `None` for a real
+    /// robot.
     #[must_use]
     pub fn simulated(robot: &Robot, start: &Pose, record: &RunRecord) -> Option<Self> {
         let laid = record.simulated()?.into_iter().enumerate();
@@ -87,7 +88,7 @@ impl Body {
         Some(Self::new(robot, start, laid.map(|(index, layer)| (layer, source(index)))))
     }
 
-    /// A body of these layers, laid in a simulation.
+    /// Returns a body of these layers, laid in a simulation.
     #[must_use]
     pub fn laid(robot: &Robot, start: &Pose, layers: &[Layer]) -> Self {
         Self::new(robot, start, layers.iter().map(|layer| (*layer, Source::Simulated)))
@@ -110,7 +111,7 @@ impl Body {
         }
     }
 
-    /// Whether its tip was ever further than this from that of another body after as many layers, mm.
+    /// Returns true if the tips of both bodies were ever farther apart than `max` (mm) after the same number of layers.
     #[must_use]
     pub fn parts_from(&self, other: &Self, max: f64) -> bool {
         let places =
@@ -118,19 +119,19 @@ impl Body {
         places(self).iter().zip(places(other)).any(|(one, other)| (one - other).norm() > max)
     }
 
-    /// Length of the centreline, mm.
+    /// Returns the length of the centreline, mm.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.layers.iter().map(|layer| layer.layer.height).sum()
     }
 
-    /// Volume of the filament that it took, mm^3.
+    /// Returns the volume of the filament that the body took, mm^3.
     #[must_use]
     pub fn filament_volume(&self) -> f64 {
         self.length() * self.filament_per_length
     }
 
-    /// `base_from_tip` before each layer, and the layer.
+    /// Returns `base_from_tip` before each layer, and the layer.
     pub fn growing(&self) -> impl Iterator<Item = (Frame, &BodyLayer)> {
         let before = std::iter::once(self.base_from_start).chain(self.layers.iter().map(|layer| layer.base_from_tip));
         before.zip(&self.layers)
@@ -139,7 +140,7 @@ impl Body {
 
 #[cfg(test)]
 impl Body {
-    /// A body of these layers, straight up from the origin.
+    /// Returns a body of these layers that starts straight up from the origin.
     pub(super) fn of_layers(robot: &Robot, layers: impl IntoIterator<Item = (Layer, Source)>) -> Self {
         let up = growbot_client::pose_text::parse_pose("0,0,0,0,90").unwrap();
         Self::new(robot, &up, layers.into_iter())

@@ -1,7 +1,7 @@
-//! GLB: glTF 2.0 in one file, a chunk of JSON and one of numbers.
+//! GLB: glTF 2.0 in one file, with a chunk of JSON and a chunk of binary numbers.
 //!
-//! glTF is in metres with y up. Vertices are in metres in the base's axes, from the body's start; the matrix of each
-//! node turns z up into y up and puts the start in its place.
+//! glTF is in metres with y up. Vertices are in metres in the base's axes, relative to the body's start. The matrix of
+//! each node turns z up into y up and moves the start to its position.
 
 use growbot_core::layer::Layer;
 use nalgebra::{Point3, Vector3};
@@ -13,14 +13,14 @@ use super::obstacles::{mark, surfaces};
 use crate::view::Around;
 use crate::view::heights::HeightScale;
 
-/// `glTF`, as the specification has it.
+/// `glTF`, from the specification.
 const MAGIC: u32 = 0x4654_6c67;
-/// Of the container.
+/// Version of the container.
 const VERSION: u32 = 2;
-/// Kinds of chunks: `JSON` and `BIN`.
+/// Types of chunks: `JSON` and `BIN`.
 const JSON_CHUNK: u32 = 0x4e4f_534a;
 const BINARY_CHUNK: u32 = 0x004e_4942;
-/// glTF's numbers for kinds of data.
+/// Component types of glTF.
 const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;
 const UNSIGNED_BYTE: u32 = 5121;
@@ -28,19 +28,19 @@ const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 const TRIANGLES: u32 = 4;
 
-/// The colour that those of the vertices are multiplied with, and that of a body beside the one that is shown.
+/// Factors of the vertices' colours, for the body that is shown and for the second one.
 const WHITE: [f64; 4] = [1.0; 4];
 const BESIDE: [f64; 4] = [0.3, 0.5, 0.75, 1.0];
 
-/// The colours of obstacles, which are translucent, and of the narrowest place.
+/// Colours of obstacles, which are translucent, and of the mark at the narrowest point.
 const OBSTACLES: [f64; 4] = [0.2, 0.14, 0.09, 0.3];
 const NARROWEST: [f64; 4] = [0.45, 0.02, 0.01, 1.0];
 
-/// The walls of bodies, each a node of this name; the first is coloured by the heights of its layers, vertex by vertex.
-/// With the scene around the first, where there is one.
+/// Writes the walls of bodies, each as a node with this name. The first is coloured by the heights of its layers,
+/// vertex by vertex. The scene around the first is added if there is one.
 ///
 /// # Errors
-/// Where there is no mesh of one.
+/// [`MeshError`] if a body has no mesh.
 pub fn write(bodies: &[(&str, &Body)], around: Option<&Around>, resolution: Resolution) -> Result<Vec<u8>, MeshError> {
     let mut parts = Parts::default();
     for (name, body) in bodies {
@@ -64,7 +64,7 @@ pub fn write(bodies: &[(&str, &Body)], around: Option<&Around>, resolution: Reso
     Ok(container(&document, &binary))
 }
 
-/// The lists of a file under way, and its numbers.
+/// Lists of an unfinished file, with its binary numbers.
 #[derive(Default)]
 struct Parts {
     nodes: Vec<Value>,
@@ -76,7 +76,7 @@ struct Parts {
 }
 
 impl Parts {
-    /// Adds a body. The colours of heights are those of the first, which is shown; one beside it is of one colour.
+    /// Adds a body. The first, which is shown, is coloured by heights. Any other has a single colour.
     fn add(&mut self, name: &str, body: &Body, resolution: Resolution) -> Result<(), MeshError> {
         let (index, start) = (self.nodes.len(), body.base_from_start.translation.vector);
         let mesh = Mesh::of_wall(body, resolution, &start)?;
@@ -104,7 +104,7 @@ impl Parts {
         Ok(())
     }
 
-    /// Adds a scene, as seen from a start: its obstacles, translucent, and the narrowest place.
+    /// Adds a scene, relative to a start: its obstacles, translucent, and the mark at the narrowest point.
     fn add_scene(&mut self, around: &Around, start: &Vector3<f64>) {
         let narrowest = around.narrowest.as_ref().map(|(found, clearance)| {
             json!({ "clearance_mm": clearance, "along_mm": found.at, "obstacle": found.obstacle.to_string() })
@@ -162,7 +162,7 @@ impl Parts {
         self.numbers(bytes, ARRAY_BUFFER, accessor)
     }
 
-    /// Adds numbers for this target, and gives the index of their accessor.
+    /// Adds numbers for a target, and returns the index of their accessor.
     fn numbers(&mut self, bytes: Vec<u8>, target: u32, mut accessor: Value) -> usize {
         let view = json!({ "buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len(), "target": target });
         accessor["bufferView"] = json!(self.views.len());
@@ -173,18 +173,18 @@ impl Parts {
     }
 }
 
-/// The matrix of what is told from a start (mm), by columns: x stays, y becomes -z, z becomes y.
+/// Returns the matrix for points relative to a start (mm), by columns: x stays, y becomes -z, z becomes y.
 fn upright(start: &Vector3<f64>) -> [f64; 16] {
     let [x, y, z] = <[f64; 3]>::from(*start).map(|mm| mm / 1000.0);
     [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, x, z, -y, 1.0]
 }
 
-/// A point in mm, in metres.
+/// Converts a point from mm to metres.
 fn metres(point: &Point3<f64>) -> [f32; 3] {
     [point.x, point.y, point.z].map(|mm| (mm / 1000.0) as f32)
 }
 
-/// A colour as glTF has it: linear, with how opaque it is.
+/// Converts a colour to glTF's: linear, with the opacity as the last number.
 fn linear(colour: [u8; 3]) -> [u8; 4] {
     let [red, green, blue] = colour.map(|part| {
         let share = f64::from(part) / 255.0;
@@ -194,7 +194,7 @@ fn linear(colour: [u8; 3]) -> [u8; 4] {
     [red, green, blue, 255]
 }
 
-/// Both chunks, each filled up to a multiple of four bytes.
+/// Returns both chunks, each padded to a multiple of four bytes.
 fn container(document: &Value, binary: &[u8]) -> Vec<u8> {
     let mut text = document.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
@@ -238,7 +238,7 @@ mod tests {
         let view = &document["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
         let from = 28 + length + view["byteOffset"].as_u64().unwrap() as usize;
         let colours: Vec<&[u8]> = bytes[from..from + 4 * vertices].chunks(4).collect();
-        // The body bends away from x: highest there and lowest opposite, outside and inside, in every ring.
+        // The body bends away from x. It is highest there and lowest opposite, outside and inside, in every ring.
         for ring in colours.chunks(16) {
             let ends = [&HEIGHTS[4], &HEIGHTS[0]].map(|colour| linear(*colour));
             assert_eq!((ring[0], ring[1], ring[8], ring[9]), (&ends[0][..], &ends[0][..], &ends[1][..], &ends[1][..]));

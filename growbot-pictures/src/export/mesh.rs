@@ -1,11 +1,11 @@
 //! The printed wall as a closed surface of triangles.
 //!
-//! A ring of vertices stands at each boundary between layers, on the outer and on the inner surface of the wall (mean
-//! radius `r_t`, thickness `wall.width_mm`), at the same angles in the tip's frame, which growth does not twist.
-//! Triangles join ring to ring, and both surfaces at the two rims. So every edge belongs to two triangles, which run
-//! along it in opposite directions, and all of them are counter-clockwise seen from outside the material. Vertices are
-//! as far out as gives a ring of chords the area of the round one: the mesh holds the volume of the filament, whatever
-//! the number of chords.
+//! A ring of vertices is at each boundary between layers, on the outer and on the inner surface of the wall (mean
+//! radius `r_t`, thickness `wall.width_mm`). All rings have the same angles in the tip's frame, because growth does not
+//! twist it. Triangles join ring to ring, and both surfaces at the two rims. So every edge belongs to two triangles,
+//! which run along it in opposite directions, and all of them are counter-clockwise seen from outside the material. The
+//! radius of the vertices gives a ring of chords the area of the round one. So the mesh has the volume of the filament
+//! for any number of chords.
 
 use std::f64::consts::TAU;
 
@@ -16,51 +16,51 @@ use nalgebra::{Point3, Vector3};
 use super::body::Body;
 
 /// Greatest bend from one ring to the next, radians. Layers that bend more (robots B and C) get rings within them, so
-/// that the volume is right to 0.1 %.
+/// that the volume is exact to 0.1 %.
 const MAX_BEND: f64 = 0.05;
 
-/// The finest mesh, triangles: 500 MB of STL.
+/// Greatest number of triangles: 500 MB of STL.
 pub const MAX_TRIANGLES: usize = 10_000_000;
 
-/// Vertices are told apart from this distance on, mm: below it readers merge them.
+/// Distance below which readers merge vertices, mm.
 const MIN_DISTANCE: f64 = 1e-4;
 
-/// How finely a mesh follows the wall.
+/// Resolution of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Resolution {
-    /// Chords round the tube, 8 at least.
+    /// Number of chords around the tube, at least 8.
     pub segments: u32,
-    /// Layers from ring to ring; fewer where the body bends more than 0.05 rad between them.
+    /// Number of layers from ring to ring. It is smaller if the body bends by more than 0.05 rad between them.
     pub every: u32,
 }
 
-/// Why there is no mesh of a body.
+/// Reason why a mesh of a body cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum MeshError {
-    /// Nothing, or next to nothing, has been laid.
+    /// The body has almost no length.
     #[error("the body is {length} mm long: that is no wall to make a mesh of")]
     TooShort {
         /// Length of the body, mm.
         length: f64,
     },
-    /// The file would be huge.
+    /// The file would be too large.
     #[error(
         "the mesh would have {triangles} triangles, over {MAX_TRIANGLES}: take fewer --segments, or a ring --every so \
          many layers"
     )]
     TooMany {
-        /// The triangles.
+        /// Number of triangles.
         triangles: usize,
     },
-    /// Numbers of 32 bits do not tell the wall's sides apart so far out.
+    /// Numbers of 32 bits cannot distinguish the sides of the wall at this distance from the origin.
     #[error(
         "the body lies up to {reach} mm out, where the 32-bit numbers of this format are {spacing} mm apart, too \
          coarse for its wall: plan from nearer to the origin"
     )]
     TooFar {
-        /// The furthest coordinate, mm.
+        /// Greatest coordinate, mm.
         reach: f64,
-        /// The resolution of 32-bit numbers there, mm.
+        /// Resolution of 32-bit numbers there, mm.
         spacing: f64,
     },
 }
@@ -68,19 +68,19 @@ pub enum MeshError {
 /// A closed surface of triangles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mesh {
-    /// Vertices, mm, from the mesh's origin.
+    /// Vertices relative to the mesh's origin, mm.
     pub vertices: Vec<Point3<f64>>,
-    /// Height of the layer at each vertex, on the middle of the wall at its angle, mm.
+    /// Height of the layer at each vertex, on the middle of the wall at the vertex's angle, mm.
     pub heights: Vec<f64>,
     /// Indices of vertices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
 }
 
 impl Mesh {
-    /// The wall of a body, from an origin (mm, in base axes).
+    /// Returns the wall of a body, relative to an origin (mm, in base axes).
     ///
-    /// Boundaries that 32-bit numbers cannot tell from the ring before get none: layers of a few micrometres vanish
-    /// between their neighbours, so that the surface stays closed in the file too.
+    /// A boundary gets no ring if 32-bit numbers cannot distinguish it from the ring before. So layers of a few
+    /// micrometres are merged into their neighbours, and the surface is closed in the file too.
     ///
     /// # Errors
     /// [`MeshError`].
@@ -107,21 +107,21 @@ impl Mesh {
         Ok(Self { vertices, heights, triangles })
     }
 
-    /// The corners of each triangle, mm.
+    /// Returns the corners of each triangle, mm.
     pub fn corners(&self) -> impl Iterator<Item = [Point3<f64>; 3]> {
         let corner = |index: u32| self.vertices.get(index as usize).copied().unwrap_or_default();
         self.triangles.iter().map(move |triangle| triangle.map(corner))
     }
 
-    /// The volume that it encloses, by the divergence theorem, mm^3.
+    /// Returns the enclosed volume, by the divergence theorem, mm^3.
     #[must_use]
     pub fn volume(&self) -> f64 {
         self.corners().map(|[a, b, c]| a.coords.dot(&b.coords.cross(&c.coords)) / 6.0).sum()
     }
 }
 
-/// Where rings may stand: `origin_from_tip` at the start, then at the boundaries that are due, each with the layer that
-/// ends there.
+/// Returns the possible rings: `origin_from_tip` at the start, then at each boundary that needs a ring. Each has the
+/// layer that ends there.
 fn ring_frames(body: &Body, resolution: Resolution, origin: &Vector3<f64>) -> Vec<(Frame, Layer)> {
     let from_origin = |mut frame: Frame| {
         frame.translation.vector -= origin;
@@ -155,13 +155,13 @@ fn ring_frames(body: &Body, resolution: Resolution, origin: &Vector3<f64>) -> Ve
     frames
 }
 
-/// The cross-section of a wall.
+/// Cross-section of a wall.
 struct Outline {
-    /// Radius on which the outer vertices lie, mm.
+    /// Radius of the outer vertices, mm.
     outer: f64,
-    /// Radius on which the inner vertices lie, mm.
+    /// Radius of the inner vertices, mm.
     inner: f64,
-    /// A pair for each angle, in the tip's frame: outside, inside, mm.
+    /// A pair of points for each angle, in the tip's frame: outside, inside, mm.
     points: Vec<[Point3<f64>; 2]>,
 }
 
@@ -178,19 +178,19 @@ impl Outline {
         Self { outer, inner, points: (0..resolution.segments).map(pair).collect() }
     }
 
-    /// The vertices of a ring, outer and inner ones by turns.
+    /// Returns the vertices of a ring, outer and inner ones alternating.
     fn ring(&self, frame: &Frame) -> Vec<Point3<f64>> {
         self.points.iter().flatten().map(|point| frame * point).collect()
     }
 
-    /// The height of a layer at each vertex of a ring, on a wall of this mean radius, mm.
+    /// Returns the height of a layer at each vertex of a ring, on a wall of this mean radius, mm.
     fn heights(&self, layer: &Layer, radius: f64) -> Vec<f64> {
         let chord = TAU / self.points.len() as f64;
         (0..2 * self.points.len()).map(|vertex| layer.height_at((vertex / 2) as f64 * chord, radius)).collect()
     }
 
-    /// The rings at these frames, without those that are nowhere, or not everywhere, as far from the one before; each
-    /// with its layer.
+    /// Returns the rings at these frames, each with its layer. A ring is left out unless all its vertices are at least
+    /// `distance` from those of the ring before.
     fn distinct_rings(&self, frames: &[(Frame, Layer)], distance: f64) -> Vec<(Vec<Point3<f64>>, Layer)> {
         let apart = |a: &[Point3<f64>], b: &[Point3<f64>]| {
             a.iter().zip(b).all(|(a, b)| nalgebra::distance_squared(a, b) >= distance * distance)
@@ -199,7 +199,7 @@ impl Outline {
         let end = frames.len().saturating_sub(1);
         for (index, (frame, layer)) in frames.iter().enumerate() {
             let ring = self.ring(frame);
-            // The end of the body is where it is: rings before it give way.
+            // The end of the body is fixed, so rings that are too near to it are removed.
             while index == end && rings.len() > 1 && rings.last().is_some_and(|(last, _)| !apart(last, &ring)) {
                 rings.pop();
             }
@@ -211,7 +211,7 @@ impl Outline {
     }
 }
 
-/// The triangles between rings, each of pairs of an outer and an inner vertex.
+/// Returns the triangles between rings. Each ring consists of pairs of an outer and an inner vertex.
 fn triangles_of(rings: u32, segments: u32) -> Vec<[u32; 3]> {
     let outer = |ring: u32, segment: u32| 2 * (ring * segments + segment % segments);
     let inner = |ring: u32, segment: u32| outer(ring, segment) + 1;
@@ -253,7 +253,7 @@ mod tests {
         Body::planned(&robot, &Plan::make(&robot, &start, &goal, radius, Planner::TwoPlane).unwrap())
     }
 
-    /// The mesh as files of 32-bit numbers have it, welded by equal numbers as their readers do.
+    /// Checks the mesh in 32-bit numbers, with equal vertices merged as readers of the file do.
     #[track_caller]
     fn assert_closed(mesh: &Mesh) {
         let mut welded = HashMap::new();

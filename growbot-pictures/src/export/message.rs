@@ -1,4 +1,4 @@
-//! A message of a recording, before it is JSON or CDR.
+//! Messages of a recording, before they are encoded as JSON or CDR.
 
 use growbot_client::run_log::BoardStatus;
 use growbot_core::pose::Frame;
@@ -7,49 +7,49 @@ use serde_json::{Value, json};
 
 use super::messages::{self, Level};
 
-/// What is told on a channel.
+/// Content of a message.
 pub enum Message<'a> {
-    /// Where something is, mm.
+    /// Position and direction, mm.
     Pose(Frame),
     /// A line through the origins of frames, mm.
     Line {
-        /// What it is called.
+        /// Name of the line.
         id: &'a str,
-        /// Its frames.
+        /// Frames on the line.
         frames: Vec<Frame>,
-        /// Its colour.
+        /// Colour.
         color: [f64; 3],
     },
     /// A layer as a disc, mm.
     Disc {
-        /// Which layer.
+        /// Index of the layer.
         index: usize,
-        /// Its middle.
+        /// Centre of the disc.
         base_from_middle: Frame,
-        /// Its diameter.
+        /// Diameter.
         diameter: f64,
-        /// Its height.
+        /// Height.
         height: f64,
-        /// Its colour.
+        /// Colour.
         color: [f64; 3],
     },
-    /// The numbers of a layer.
+    /// Values of a layer.
     Layer(Value),
-    /// What the board says.
+    /// Status of the board.
     Status(&'a BoardStatus),
     /// A fault that is latched.
     Fault {
-        /// Its code.
+        /// Code of the fault.
         code: &'a str,
-        /// What it means.
+        /// Explanation of the fault.
         explanation: &'a str,
     },
-    /// Another event, in words.
+    /// Another event, as text.
     Event(Level, &'a str),
 }
 
 impl Message<'_> {
-    /// As JSON.
+    /// Returns the message as JSON.
     pub fn json(&self, ms: u64) -> Value {
         match self {
             Self::Pose(frame) => messages::pose_in_frame(ms, frame),

@@ -1,7 +1,7 @@
 //! Channels of a recording: topics, JSON Schemas, and messages.
 //!
 //! Poses and scenes are those that Foxglove draws (<https://docs.foxglove.dev/docs/sdk/schemas>): metres, in the frame
-//! `base`, z up. What is growbot's own is in mm and degrees, as the names say. What is not known is left out.
+//! `base`, z up. growbot's own fields are in mm and degrees, as their names state. Unknown values are left out.
 
 use growbot_client::run_log::BoardStatus;
 use growbot_core::pose::Frame;
@@ -9,36 +9,36 @@ use nalgebra::{Point3, UnitQuaternion};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-/// The frame of all poses.
+/// Frame of all poses.
 pub const FRAME: &str = "base";
 
 /// A channel of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Topic {
-    /// Where the body starts.
+    /// Start of the body.
     Start,
-    /// Where it is to end.
+    /// Goal of the body.
     Goal,
-    /// Where the tip is: as the steps say, or on a simulated tip as its plastic lies.
+    /// Pose of the tip: according to the steps, or on a simulated tip as its plastic lies.
     Tip,
-    /// And where a simulated tip would be if its plastic lay as commanded.
+    /// Pose that a simulated tip would have if its plastic lay as commanded.
     Commanded,
-    /// The centreline as planned.
+    /// The planned centreline.
     Plan,
-    /// The wall as it grows, a disc for each layer.
+    /// The growing wall, a disc for each layer.
     Body,
-    /// The layers laid, in numbers.
+    /// Values of the layers laid.
     Layers,
     /// State and temperatures.
     Status,
-    /// Faults, as they come.
+    /// Faults when they occur.
     Faults,
-    /// All other events, in words.
+    /// All other events, as text.
     Events,
 }
 
 impl Topic {
-    /// Every channel.
+    /// All channels.
     pub const ALL: [Self; 10] = [
         Self::Start,
         Self::Goal,
@@ -52,7 +52,7 @@ impl Topic {
         Self::Events,
     ];
 
-    /// The channel's name.
+    /// Returns the channel's name.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -69,7 +69,7 @@ impl Topic {
         }
     }
 
-    /// Name and JSON Schema of its messages.
+    /// Returns name and JSON Schema of the channel's messages.
     #[must_use]
     pub fn schema(self) -> (&'static str, Value) {
         match self {
@@ -89,30 +89,30 @@ impl Topic {
     }
 }
 
-/// How much an event in words matters, as `foxglove.Log` counts.
+/// Importance of an event, with the numbers of `foxglove.Log`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
-    /// As it should be.
+    /// Normal.
     Info = 2,
-    /// Worth a look.
+    /// Needs attention.
     Warning = 3,
-    /// Something failed.
+    /// Failure.
     Error = 4,
 }
 
-/// A time from the beginning of the recording.
+/// Returns a time since the beginning of the recording.
 #[must_use]
 pub fn time(ms: u64) -> Value {
     json!({ "sec": ms / 1000, "nsec": ms % 1000 * 1_000_000 })
 }
 
-/// A pose at a time.
+/// Returns a pose at a time.
 #[must_use]
 pub fn pose_in_frame(ms: u64, base_from_tip: &Frame) -> Value {
     json!({ "timestamp": time(ms), "frame_id": FRAME, "pose": pose(base_from_tip) })
 }
 
-/// The board's status.
+/// Returns the board's status.
 #[must_use]
 pub fn status(ms: u64, status: &BoardStatus) -> Value {
     let BoardStatus { state, fault, temperature_c, target_c, laid, uptime_ms, finish_utc } = status;
@@ -127,20 +127,20 @@ pub fn status(ms: u64, status: &BoardStatus) -> Value {
     message
 }
 
-/// Adds a field, unless its value is not known.
+/// Adds a field, unless its value is `None`.
 pub fn add_known(message: &mut Value, field: &str, value: Option<impl Serialize>) {
     if let Some(value) = value {
         message[field] = json!(value);
     }
 }
 
-/// An event in words.
+/// Returns an event as text.
 #[must_use]
 pub fn log(ms: u64, level: Level, message: &str) -> Value {
     json!({ "timestamp": time(ms), "level": level as u8, "message": message, "name": "growbot", "file": "", "line": 0 })
 }
 
-/// A disc, a layer: `base_from_middle`, its diameter and height in mm, and a colour.
+/// Returns a disc for a layer: `base_from_middle`, diameter and height in mm, and a colour.
 #[must_use]
 pub fn disc(ms: u64, id: &str, base_from_middle: &Frame, diameter: f64, height: f64, color: [f64; 3]) -> Value {
     let size = json!({ "x": diameter / 1000.0, "y": diameter / 1000.0, "z": height / 1000.0 });
@@ -150,7 +150,7 @@ pub fn disc(ms: u64, id: &str, base_from_middle: &Frame, diameter: f64, height: 
     scene(ms, id, "cylinders", &cylinder)
 }
 
-/// A line through points in mm.
+/// Returns a line through points in mm.
 #[must_use]
 pub fn line(ms: u64, id: &str, points: impl Iterator<Item = Point3<f64>>, color: [f64; 3]) -> Value {
     let points: Vec<Value> = points.map(|point| metres(&point)).collect();
@@ -161,7 +161,8 @@ pub fn line(ms: u64, id: &str, points: impl Iterator<Item = Point3<f64>>, color:
     scene(ms, id, "lines", &line)
 }
 
-/// One entity with one primitive; the lists of the other kinds are there, and empty, as Foxglove expects.
+/// Returns an entity with one primitive. The lists of the other types are present but empty, because Foxglove expects
+/// them.
 fn scene(ms: u64, id: &str, kind: &str, primitive: &Value) -> Value {
     let mut entity = json!({
         "timestamp": time(ms), "frame_id": FRAME, "id": id, "lifetime": { "sec": 0, "nsec": 0 }, "frame_locked": true, "metadata": [],
@@ -204,7 +205,7 @@ fn numbers(names: &[&str]) -> Value {
     object(&names.iter().map(|name| (*name, json!({ "type": "number" }))).collect::<Vec<_>>())
 }
 
-/// Foxglove knows times and durations by their titles.
+/// Returns a schema of seconds and nanoseconds. Foxglove identifies times and durations by their titles.
 fn seconds(title: &str) -> Value {
     let mut schema = object(&[("sec", json!({ "type": "integer" })), ("nsec", json!({ "type": "integer" }))]);
     schema["title"] = title.into();

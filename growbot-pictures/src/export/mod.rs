@@ -1,21 +1,21 @@
 //! Bodies in the formats of other tools: meshes (STL, GLB), tables (CSV), and recordings (MCAP).
 //!
-//! - [`body`]: the layers of a plan or a run log, and where each of them is;
-//! - [`mesh`]: the printed wall as a closed surface, written by [`stl`] and [`glb`];
-//! - [`obstacles`]: the scene around it as surfaces;
-//! - [`table`]: centreline and layers as CSV;
-//! - [`tum`]: the way of the tip as a trajectory;
-//! - [`recording`]: what a run log tells, over time, as MCAP: each `message` as JSON ([`messages`]), or in the types of
-//!   ROS 2 as CDR (`ros2`).
+//! - [`body`]: the layers of a plan or a run log, with the frame of each
+//! - [`mesh`]: the printed wall as a closed surface, written by [`stl`] and [`glb`]
+//! - [`obstacles`]: the scene around it as surfaces
+//! - [`table`]: centreline and layers as CSV
+//! - [`tum`]: the path of the tip as a trajectory
+//! - [`recording`]: the events of a run log over time, as MCAP. Each `message` is JSON ([`messages`]), or CDR in the
+//!   types of ROS 2 (`ros2`).
 //!
 //! - **STL** has no indices, so its readers weld corners whose 32-bit numbers are equal. A ring that 32-bit numbers
-//!   cannot distinguish from the one before, vertex by vertex, is left out (two-plane paths have layers of
-//!   nanometres). A body so far out that its wall could not be distinguished is refused. GLB counts from the body's
-//!   start and has no such limit.
-//! - **The volume** is that of the filament. A polygon inside a circle has less area (0.16 % at 64 chords), so
-//!   vertices are on a circle that is wider by sqrt(c / sin c), c the angle of a chord. Between rings the wall is
-//!   straight, and the error goes with the square of the bend. So no two rings are more than 0.05 rad apart, within
-//!   layers, too (those of robots B and C bend by 0.09 and 0.53 rad). The remaining error is below 0.1 %.
+//!   cannot distinguish from the one before, vertex by vertex, is left out (two-plane paths have layers of nanometres).
+//!   A body is rejected if it is so far out that its wall could not be distinguished. GLB counts from the body's start
+//!   and has no such limit.
+//! - **The volume** is that of the filament. A polygon inside a circle has less area (0.16 % at 64 chords), so vertices
+//!   are on a circle that is wider by sqrt(c / sin c), where c is the angle of a chord. Between rings the wall is
+//!   straight, and the error is proportional to the square of the bend. So no two rings are more than 0.05 rad apart,
+//!   even within layers (those of robots B and C bend by 0.09 and 0.53 rad). The remaining error is below 0.1 %.
 //! - **Schemas** have growbot's own descriptions of Foxglove's messages, with the fields in use. Each field has one
 //!   type, and an unknown value is left out instead of null. Each layer is a disc and an entity, so the body grows
 //!   while a recording plays.

@@ -1,4 +1,4 @@
-//! The scene around a body as surfaces of triangles, for GLB: its obstacles, and a mark at the narrowest place.
+//! The scene around a body as surfaces of triangles, for GLB: its obstacles, and a mark at the narrowest point.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -9,16 +9,16 @@ use nalgebra::{Point3, Vector3};
 use super::mesh::Mesh;
 use crate::view::{Around, Subject, ViewError};
 
-/// A GLB has no more of a scene: some 30 MB.
+/// Largest part of a scene in a GLB: some 30 MB.
 const LIMITS: SelectionLimits = SelectionLimits { shapes: 1000, triangles: 200_000, points: 20_000 };
-/// Chords round balls and pipes, and from pole to pole.
+/// Number of chords around balls and pipes, and from pole to pole.
 const ROUND: u32 = 24;
 const STEPS: u32 = 12;
-/// Balls of points are at least of this radius, mm, and the mark is of this one.
+/// Smallest radius of the mark for an obstacle point, and radius of the mark at the narrowest point, mm.
 const LEAST_POINT: f64 = 0.5;
 const MARK: f64 = 1.0;
 
-/// What is shown of the scene around a body; none without a scene.
+/// Returns the part of the scene that is shown around a body. `None` without a scene.
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
@@ -26,7 +26,7 @@ pub fn around(subject: &Subject) -> Result<Option<Around>, ViewError> {
     Around::of_subject(subject, &LIMITS)
 }
 
-/// The obstacles as triangles, from an origin (mm); none where none is near.
+/// Returns the obstacles as triangles, relative to an origin (mm). `None` without obstacles.
 pub fn surfaces(around: &Around, origin: &Vector3<f64>) -> Option<Mesh> {
     let shown = &around.shown;
     let mut surface = Surface::new(origin);
@@ -52,7 +52,7 @@ pub fn surfaces(around: &Around, origin: &Vector3<f64>) -> Option<Mesh> {
     surface.finish()
 }
 
-/// The mark at the narrowest place: from the body's centreline to the obstacle.
+/// Returns the mark at the narrowest point, from the body's centreline to the obstacle.
 pub fn mark(around: &Around, origin: &Vector3<f64>) -> Option<Mesh> {
     let (found, _) = around.narrowest.as_ref()?;
     let mut surface = Surface::new(origin);
@@ -61,7 +61,7 @@ pub fn mark(around: &Around, origin: &Vector3<f64>) -> Option<Mesh> {
     surface.finish()
 }
 
-/// A surface under way.
+/// An unfinished surface.
 struct Surface {
     origin: Vector3<f64>,
     vertices: Vec<Point3<f64>>,
@@ -78,14 +78,14 @@ impl Surface {
         (!triangles.is_empty()).then(|| Mesh { vertices, heights: Vec::new(), triangles })
     }
 
-    /// Adds corners, and triangles between them.
+    /// Adds corners, with triangles between them.
     fn add(&mut self, corners: &[Vector3<f64>], triangles: &[[u32; 3]]) {
         let first = self.vertices.len() as u32;
         self.vertices.extend(corners.iter().map(|corner| Point3::from(corner - self.origin)));
         self.triangles.extend(triangles.iter().map(|triangle| triangle.map(|corner| first + corner)));
     }
 
-    /// A box, each corner of which is told by its signs.
+    /// Adds a box. `corner` returns the corner for three signs.
     fn cuboid(&mut self, corner: impl Fn([f64; 3]) -> Vector3<f64>) {
         let sign = |index: u32, bit: u32| if index >> bit & 1 == 0 { -1.0 } else { 1.0 };
         let corners: Vec<Vector3<f64>> = (0..8).map(|index| corner([0, 1, 2].map(|bit| sign(index, bit)))).collect();
@@ -94,7 +94,7 @@ impl Surface {
         self.add(&corners, &triangles);
     }
 
-    /// A capsule; of one point a ball.
+    /// Adds a capsule. If both ends are equal, it is a ball.
     fn capsule(&mut self, from: &Vector3<f64>, to: &Vector3<f64>, radius: f64) {
         let axis = (to - from).try_normalize(1e-9).unwrap_or_else(Vector3::z);
         let aside = axis.cross(&if axis.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() }).normalize();
@@ -140,7 +140,7 @@ impl Surface {
 mod tests {
     use super::*;
 
-    /// The volume, which is wrong unless all triangles are counter-clockwise seen from outside.
+    /// Returns the volume, which is wrong unless all triangles are counter-clockwise seen from outside.
     fn volume(add: impl Fn(&mut Surface)) -> f64 {
         let mut surface = Surface::new(&Vector3::new(10.0, 20.0, 30.0));
         add(&mut surface);

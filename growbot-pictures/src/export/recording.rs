@@ -1,6 +1,6 @@
-//! What a run log tells, over time, as MCAP (<https://mcap.dev/spec>), which Foxglove plays.
+//! The events of a run log over time, as MCAP (<https://mcap.dev/spec>), which Foxglove plays.
 //!
-//! Time is as [`growbot_client::run_clock`] has it.
+//! Times are those of [`growbot_client::run_clock`].
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::Cursor;
@@ -25,12 +25,12 @@ use super::message::Message;
 use super::messages::{self, Level, Topic};
 use super::ros2;
 
-/// Colours from the smallest to the largest height of a layer, and of the planned centreline.
+/// Colours of the smallest and the largest height of a layer, and of the planned centreline.
 const LOW: [f64; 3] = [0.2, 0.4, 0.9];
 const HIGH: [f64; 3] = [0.95, 0.45, 0.1];
 const PLANNED: [f64; 3] = [0.3, 0.7, 0.3];
 
-/// How messages are written.
+/// Encoding of the messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Encoding {
     /// JSON, in the types of Foxglove and growbot's own.
@@ -39,10 +39,10 @@ pub enum Encoding {
     Ros2,
 }
 
-/// The recording of a run log: `log` has its bytes, `record` what has been read from them.
+/// Returns the recording of a run log. `log` is its bytes, and `record` is their parsed content.
 ///
 /// # Errors
-/// What the writer of MCAP fails with, which writing to memory does not.
+/// Errors of the MCAP writer. They do not occur when it writes to memory.
 pub fn write(
     robot: &Robot,
     plan: &Plan,
@@ -69,8 +69,8 @@ pub fn write(
     for event in events(log) {
         match &event {
             RunEvent::Status(status) => recorder.status(status)?,
-            // A layer may be told again after a resumption: the first report stands. One whose line is lost came before
-            // the next.
+            // A layer may be reported again after a resumption, and the first report counts. A layer whose line is lost
+            // came before the next layer.
             RunEvent::Laid(laid) if (laid.layer as usize) < body.layers.len() => {
                 let told = laid.layer as usize;
                 while let Some((index, ((before, grown), planned))) = growing.next_if(|(index, _)| told >= *index) {
@@ -97,7 +97,7 @@ pub fn write(
     recorder.finish()
 }
 
-/// An event in words, without layers in their bytes; none where another channel has it.
+/// Returns an event as text, without the bytes of layers. `None` if another channel contains the event.
 fn in_words(event: &RunEvent) -> Option<(Level, String)> {
     let words = match event {
         RunEvent::Board(board) => {
@@ -132,7 +132,7 @@ fn in_words(event: &RunEvent) -> Option<(Level, String)> {
         RunEvent::Silent => "silent".to_owned(),
         RunEvent::Back => "back".to_owned(),
         RunEvent::Resumed(resumed) => format!("resumed: growbot {}, port {}", resumed.growbot, resumed.port),
-        // What they say is in the layers and in the status.
+        // Their content is in the layers and in the status.
         RunEvent::Header(_)
         | RunEvent::Status(_)
         | RunEvent::Laid(_)
@@ -150,37 +150,37 @@ fn half(layer: &Layer) -> Layer {
     Layer { height: 0.5 * layer.height, tilt: 0.5 * layer.tilt, ..*layer }
 }
 
-/// Limits of the height of a layer, mm.
+/// Smallest and largest height of a layer, mm.
 #[derive(Debug, Clone, Copy)]
 struct Heights {
     min: f64,
     max: f64,
 }
 
-/// A recording under way.
+/// An unfinished recording.
 struct Recorder {
     writer: Writer<Cursor<Vec<u8>>>,
     encoding: Encoding,
-    /// By their names.
+    /// Channels by their names.
     channels: HashMap<&'static str, u16>,
     clock: Clock,
-    /// Messages so far.
+    /// Number of messages so far.
     told: u32,
-    /// The latched fault of the status before.
+    /// The latched fault of the latest status.
     fault: Option<String>,
     /// Smallest and largest height of a layer, mm.
     heights: Heights,
-    /// What the robot is called.
+    /// Name of the robot.
     hardware: String,
-    /// Where the tip was, and when, ms.
+    /// Path of the tip, with times in ms.
     way: Vec<(u64, Frame)>,
 }
 
-/// The way of the tip, and the transform to it, in the types of ROS 2.
+/// Topics of the tip's path, and of the transform to the tip, in the types of ROS 2.
 const WAY: &str = "/growbot/body";
 const TRANSFORMS: &str = "/tf";
 
-/// The channel of a topic in the types of ROS 2; none of what has no type there.
+/// Returns the channel and type of a topic in ROS 2. `None` if the topic has no type there.
 fn ros2_channel(topic: Topic) -> Option<(&'static str, &'static str)> {
     match topic {
         Topic::Start => Some(("/growbot/start", ros2::POSE)),
@@ -252,7 +252,7 @@ impl Recorder {
         self.at(topic, laid.base_from_tip)
     }
 
-    /// Something is there.
+    /// Records a pose.
     fn at(&mut self, topic: Topic, frame: Frame) -> Result<(), McapError> {
         self.tell(topic, &Message::Pose(frame))?;
         if topic == Topic::Tip && self.encoding == Encoding::Ros2 {
@@ -273,7 +273,7 @@ impl Recorder {
         self.latched(status.fault.as_deref())
     }
 
-    /// The growth has ended.
+    /// Records the end of the growth.
     fn end(&mut self, result: &GrowthResult) -> Result<(), McapError> {
         let level = match result.outcome {
             ResultOutcome::Done => Level::Info,
@@ -288,7 +288,7 @@ impl Recorder {
         self.event(level, &format!("end: {}", result.outcome))
     }
 
-    /// The fault that is latched now, or none: told once.
+    /// Records the fault that is latched, once. `None` if no fault is latched.
     fn latched(&mut self, fault: Option<&str>) -> Result<(), McapError> {
         if fault != self.fault.as_deref() {
             self.fault = fault.map(ToString::to_string);
@@ -305,7 +305,7 @@ impl Recorder {
         self.event(Level::Error, &format!("fault {code}: {explanation}"))
     }
 
-    /// `beside` is the layer as commanded, where it is known to lie otherwise.
+    /// Records a layer. `beside` is the layer as commanded, if it is known to lie otherwise.
     fn layer(
         &mut self,
         index: usize,
@@ -370,12 +370,12 @@ mod tests {
     use growbot_client::run_log::{Origin, RunLog};
     use growbot_core::simulation::ErrorModel;
 
-    /// The messages of the recording of a log with these lines after its header: topic, time in ms, message.
+    /// Returns the messages of the recording of a log with these lines after its header: topic, time in ms, message.
     fn recorded(lines: &[Value]) -> Vec<(String, u64, Value)> {
         recorded_from("tcp:robot:1".into(), lines)
     }
 
-    /// As [`recorded`], of a growth there.
+    /// Like [`recorded`], for a growth with this origin.
     fn recorded_from(origin: Origin, lines: &[Value]) -> Vec<(String, u64, Value)> {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,3,0,90").unwrap());
@@ -406,14 +406,14 @@ mod tests {
 
     #[test]
     fn layers_come_when_the_robot_could_have_laid_them_and_time_never_runs_backwards() {
-        // The board starts anew after the second layer.
+        // The board restarts after the second layer.
         let lines =
             [status(1000, None), laid(0), laid(1), laid(1), status(30, None), status(2030, None), laid(2), laid(3)];
         let messages = recorded(&lines);
         let times = |topic: &str| -> Vec<u64> {
             messages.iter().filter(|(name, ..)| name == topic).map(|(_, ms, _)| *ms).collect()
         };
-        // 3 mm are four layers, of 18 s at full height; here they are 0.75 mm high.
+        // The body of 3 mm has four layers of 0.75 mm. A layer of full height takes 18 s.
         let layer = 18_000;
         assert_eq!(times("/layers"), [0, layer, 2 * layer, 3 * layer]);
         assert_eq!(times("/body"), times("/layers"));
@@ -435,7 +435,7 @@ mod tests {
         assert_eq!(of("/faults")[0]["code"], "over-temperature");
         assert_eq!(of("/events").last().unwrap()["message"], "end: fault");
         assert_eq!((&of("/status")[0]["temperature_c"], of("/status")[0].get("target_c")), (&json!(199.5), None));
-        // Where only the end tells of it; logs of older versions have no code there.
+        // Only the end of the log reports the fault, and logs of older versions have no code there.
         let with = |result: Value| recorded(&[status(0, None), json!({ "event": "end", "result": result })]);
         for (code, result) in [
             ("unknown", json!({ "outcome": "fault" })),

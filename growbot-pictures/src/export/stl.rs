@@ -1,26 +1,29 @@
-//! Binary STL: 80 bytes of header, a count, and 50 bytes for each triangle. STL knows no units; the header says mm.
+//! Binary STL: a header of 80 bytes, a count, and 50 bytes for each triangle. STL has no units, so the header states
+//! mm.
 
 use nalgebra::Vector3;
 
 use super::body::Body;
 use super::mesh::{Mesh, MeshError, Resolution};
 
-/// Bytes of the header.
+/// Length of the header, bytes.
 const HEADER: usize = 80;
-/// Bytes of a triangle: its normal and three corners, of three 32-bit numbers each, and two bytes that mean nothing.
+/// Length of a triangle, bytes: its normal and three corners, each of three 32-bit numbers, and two bytes without
+/// meaning.
 const TRIANGLE: usize = 50;
 
-/// The wall of a body, which is called so, in the base's axes, mm, z up.
+/// Writes the wall of a body in the base's axes, mm, z up. `name` is part of the header.
 ///
 /// # Errors
-/// Where there is no mesh of it.
+/// [`MeshError`] if the body has no mesh.
 pub fn write(name: &str, body: &Body, resolution: Resolution) -> Result<Vec<u8>, MeshError> {
     Ok(encode(&Mesh::of_wall(body, resolution, &Vector3::zeros())?, &body.robot, name))
 }
 
 fn encode(mesh: &Mesh, robot: &str, name: &str) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(HEADER + 4 + TRIANGLE * mesh.triangles.len());
-    // Not "solid" first: that is how text STL begins. What the body is stands where no robot's name cuts it off.
+    // Text STL begins with "solid", so the header must not. The body's description comes first, so that a long robot
+    // name cannot cut it off.
     let header = format!("binary STL, units mm, z up; {name}; growbot {}, {robot}", env!("CARGO_PKG_VERSION"));
     bytes.extend(header.bytes().take(HEADER));
     bytes.resize(HEADER, b' ');

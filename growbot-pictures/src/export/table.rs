@@ -10,16 +10,16 @@ use super::body::Body;
 use crate::figures::shortest;
 use crate::layer_table::{FIELDS, fields};
 
-/// The header: layers laid, where the tip then is (mm) and points (a unit vector), the layer laid last, and where that
-/// is known from.
+/// Header of the columns of the tip: number of layers laid, then position (mm) and direction (a unit vector). The
+/// fields of the layer laid last and its source follow.
 pub const TIP: &str = "laid,x_mm,y_mm,z_mm,direction_x,direction_y,direction_z";
 
-/// And where the tip would be if the plastic lay as the steps say, where it is known to lie otherwise: on a simulated
-/// tip.
+/// Header of the commanded position, present for a simulated tip: the tip's position if the plastic lay as the steps
+/// command.
 pub const COMMANDED: &str = ",commanded_x_mm,commanded_y_mm,commanded_z_mm";
 
-/// A row for the start, with a layer of no height, and one for each layer: row `n` is the tip after `n` layers, the
-/// last of which is layer `n - 1` of `growbot layers`.
+/// Writes a row for the start, with a layer of height 0, and a row for each layer. Row `n` is the tip after `n` layers,
+/// the last of which is layer `n - 1` of `growbot layers`.
 #[must_use]
 pub fn write(body: &Body, commanded: Option<&Body>) -> String {
     let mut text = format!("{TIP},{FIELDS},source{}\n", if commanded.is_some() { COMMANDED } else { "" });
@@ -37,7 +37,8 @@ pub fn write(body: &Body, commanded: Option<&Body>) -> String {
     text
 }
 
-/// `beside`: the commanded tip, where there is one; its fields are empty for a layer that was not finished.
+/// Writes a row. `beside` is the commanded tip, if it is written. Its fields are empty for a layer that was not
+/// finished.
 fn row(
     text: &mut String,
     laid: usize,

@@ -1,5 +1,5 @@
-//! The way of the tip as TUM has trajectories: a line for each pose, `timestamp tx ty tz qx qy qz qw`, in seconds and
-//! metres, which `evo` and others read.
+//! The path of the tip as a TUM trajectory, which `evo` and other programs read. Each pose is a line
+//! `timestamp tx ty tz qx qy qz qw`, in seconds and metres.
 
 use std::fmt::Write;
 
@@ -11,8 +11,8 @@ use nalgebra::UnitQuaternion;
 use super::body::Body;
 use crate::view::plot::series::Timeline;
 
-/// When each layer of a body was laid, s: by the board's clock, as far as the log of these bytes tells; of a plan, as
-/// planned.
+/// Returns the time at which each layer of a body was laid, s: by the board's clock in the run log of these bytes, or
+/// as planned without one.
 #[must_use]
 pub fn times(body: &Body, plan: &Plan, log: Option<&[u8]>) -> Vec<f64> {
     let layers: Vec<Layer> = body.layers.iter().map(|laid| laid.layer).collect();
@@ -20,8 +20,8 @@ pub fn times(body: &Body, plan: &Plan, log: Option<&[u8]>) -> Vec<f64> {
     timeline.laid
 }
 
-/// The trajectory of a body that is called so; `laid`: when each of its layers was laid, s. The start comes first,
-/// unless the first layer came at once.
+/// Writes the trajectory of a body with this name. `laid` has the time at which each of its layers was laid, s. The
+/// start comes first, unless the first layer was laid at time 0.
 #[must_use]
 pub fn write(name: &str, body: &Body, laid: &[f64]) -> String {
     let mut text = format!(
@@ -38,7 +38,7 @@ pub fn write(name: &str, body: &Body, laid: &[f64]) -> String {
     text
 }
 
-/// Numbers are the shortest that are read back as the same.
+/// Writes a row. Each number has the shortest text that is read back as the same number.
 fn row(text: &mut String, at: f64, frame: &Frame) {
     let [x, y, z] = <[f64; 3]>::from(frame.translation.vector).map(|mm| mm / 1000.0);
     let turn = UnitQuaternion::from_rotation_matrix(&frame.rotation);

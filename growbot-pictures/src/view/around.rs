@@ -1,4 +1,4 @@
-//! The scene around a body: what of it is shown, and where the body is nearest to it.
+//! The scene around a body: the part of it that is shown, and the point where the body is nearest to an obstacle.
 
 use growbot_client::through_scene;
 use growbot_core::kinematics::advance;
@@ -12,28 +12,29 @@ use nalgebra::Vector3;
 
 use super::{Layers, MAX_PLACES, Subject, ViewError};
 
-/// A scene, and how it is called: by its file.
+/// A scene and the name of its file.
 #[derive(Debug, Clone, Copy)]
 pub struct SceneFile<'a> {
-    /// Its file.
+    /// Name of the file.
     pub file: &'a str,
-    /// The obstacles.
+    /// Obstacles.
     pub scene: &'a Scene,
 }
 
-/// What is shown of the scene around a body.
+/// The part of a scene that is shown around a body.
 #[derive(Debug, Clone)]
 pub struct Around {
-    /// The scene's file.
+    /// Name of the scene's file.
     pub file: String,
-    /// The obstacles.
+    /// Obstacles that are shown.
     pub shown: ObstacleSelection,
-    /// The narrowest place, and the proven clearance there between the outside of the tube and the obstacle, mm.
+    /// Narrowest point, with the proven clearance there between the outside of the tube and the obstacle, mm. `None`
+    /// without obstacles.
     pub narrowest: Option<(ClosestApproach, f64)>,
 }
 
 impl Around {
-    /// Around the body that is shown of a subject; none without a scene.
+    /// Returns the scene around the body of a subject that is shown. `None` without a scene.
     ///
     /// # Errors
     /// [`ViewError::TooManyLayers`].
@@ -41,7 +42,7 @@ impl Around {
         Ok(Self::of(subject, &subject.layers()?, limits))
     }
 
-    /// The same, of these layers.
+    /// Like [`Self::of_subject`], for layers that are already known.
     pub(super) fn of(subject: &Subject, layers: &Layers, limits: &SelectionLimits) -> Option<Self> {
         let SceneFile { file, scene } = subject.scene?;
         let start = subject.plan.start.frame();
@@ -61,7 +62,7 @@ impl Around {
             path(layers.body())
         };
         let half_tube = 0.5 * subject.robot.outer_diameter();
-        // Of a plan what it says itself, which was proven when it was read.
+        // A plan states its clearance, which was proven when the plan was read.
         let said = subject.plan.scene.as_ref().filter(|_| layers.built.is_none()).map(|scene| scene.clearance);
         Some(Self {
             file: file.to_owned(),
@@ -71,14 +72,14 @@ impl Around {
         })
     }
 
-    /// The clearance at the narrowest place, in words.
+    /// Returns the clearance at the narrowest point as text.
     #[must_use]
     pub fn clearance(&self) -> Option<String> {
         let (_, clearance) = self.narrowest.as_ref()?;
         Some(if *clearance < 0.0 { format!("{:.2} mm inside", -clearance) } else { format!("{clearance:.2} mm") })
     }
 
-    /// Where the narrowest place is, in words.
+    /// Returns the position of the narrowest point as text.
     #[must_use]
     pub fn place(&self) -> Option<String> {
         let (found, _) = self.narrowest.as_ref()?;
@@ -86,7 +87,7 @@ impl Around {
     }
 }
 
-/// The path of layers as they lie.
+/// Returns the path of layers as they lie.
 fn path(layers: &[LayerBytes]) -> Vec<Segment> {
     let layers = layers.iter().map(decode).filter(|layer| layer.height > 0.0);
     let segment = |Layer { alpha, height: length, tilt: bend }| {
@@ -95,8 +96,8 @@ fn path(layers: &[LayerBytes]) -> Vec<Segment> {
     layers.map(segment).collect()
 }
 
-/// A length in hundredths of a mm, as data have it.
+/// Returns a point rounded to hundredths of a mm, as in the page's data.
 pub(super) fn hundredths(point: &Vector3<f64>) -> [f64; 3] {
-    // Adding 0 makes 0 of -0.
+    // Adding 0 turns -0 into 0.
     point.data.0[0].map(|part| (100.0 * part).round() / 100.0 + 0.0)
 }

@@ -1,4 +1,4 @@
-//! The page's data of a body: JSON that its script (growbot-pictures/viewer/src/subject.js) reads. Lengths in mm.
+//! The page's data of a body: JSON for its script (growbot-pictures/viewer/src/subject.js). Lengths are in mm.
 
 use growbot_client::client::ClockDrift;
 use growbot_client::run_log::{RunRecord, hex_of};
@@ -12,7 +12,7 @@ use super::around::{Around, hundredths};
 use super::numbers::caption;
 use super::{Layers, Subject, measured_end};
 
-/// The JSON, without numbers in words.
+/// Returns the JSON, without the table of numbers.
 pub fn of(subject: &Subject, layers: &Layers, around: Option<&Around>) -> Value {
     let Subject { name, robot, plan, run, laid, .. } = subject;
     let description = robot.description();
@@ -63,7 +63,7 @@ pub fn of(subject: &Subject, layers: &Layers, around: Option<&Around>) -> Value 
     })
 }
 
-/// The obstacles that are shown: see growbot-pictures/viewer/src/obstacles.js.
+/// Returns the obstacles that are shown, in the format of growbot-pictures/viewer/src/obstacles.js.
 fn scene(around: &Around) -> Value {
     let ObstacleSelection { shapes, squares, triangles, points, .. } = &around.shown;
     let corners = |corners: &[Vector3<f64>]| corners.iter().flat_map(hundredths).collect::<Vec<f64>>();
@@ -94,13 +94,13 @@ fn scene(around: &Around) -> Value {
     })
 }
 
-/// The x, y and z axis of a frame and its origin, 12 numbers.
+/// Returns the x, y and z axis of a frame and its origin, 12 numbers.
 fn frame(base_from_tip: &Frame) -> Value {
     let axes = base_from_tip.rotation.matrix().iter().chain(base_from_tip.translation.vector.iter());
     axes.copied().collect::<Vec<f64>>().into()
 }
 
-/// Points, 3 numbers each.
+/// Returns points, 3 numbers each.
 fn points(path: Vec<Vector3<f64>>) -> Vec<[f64; 3]> {
     path.into_iter().map(Into::into).collect()
 }

@@ -1,4 +1,4 @@
-//! The colours of the heights of layers: which scale, and from where to where.
+//! Colours of the heights of layers: the palette and its range.
 
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, decode};
@@ -7,35 +7,35 @@ use crate::drawing::canvas::Canvas;
 use crate::drawing::colours::{Palette, hex, mixed};
 use crate::figures::fixed;
 
-/// The scale ends at these percentiles of the heights, unless it is told where: outliers do not stretch it.
+/// Percentiles of the heights at which the scale ends unless a range is given. Outliers do not stretch the scale.
 pub const PERCENTILES: [f64; 2] = [1.0, 99.0];
-/// A layer that is lower than this share of the highest is a splinter between two pieces of a path: it does not stretch
-/// the scale.
+/// Height of a splinter, as a share of the highest layer. A layer below it lies between two pieces of a path and does
+/// not stretch the scale.
 const SPLINTER: f64 = 0.2;
 /// Width of the legend, units of the drawing.
 pub const LEGEND: f64 = 220.0;
 
-/// Colours by height.
+/// A mapping from heights to colours.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeightScale {
     palette: Palette,
-    /// Where the colours end, mm.
+    /// Heights at which the colours end, mm.
     range: [f64; 2],
-    /// The least and the greatest height there is, mm.
+    /// Smallest and greatest height, mm.
     all: [f64; 2],
-    /// Whether the range was told, and not found.
+    /// True if the range was given, false if it was derived from the heights.
     told: bool,
 }
 
 impl HeightScale {
-    /// For these bodies, each with the radius of the middle of its wall, mm; `range`: from where to where, mm, if that
-    /// is told.
+    /// Returns the scale for these bodies, each with the radius of the middle of its wall, mm. `range` is the range of
+    /// the colours, mm. `None` to derive it from the heights.
     pub fn of(bodies: &[(&[LayerBytes], f64)], palette: Palette, range: Option<[f64; 2]>) -> Self {
         let layers = |layers: &[LayerBytes]| layers.iter().map(decode).collect::<Vec<Layer>>();
         Self::new(bodies.iter().flat_map(|(bytes, radius)| heights(&layers(bytes), *radius)).collect(), palette, range)
     }
 
-    /// For one body of these layers; `tip_radius`: of the middle of its wall, mm.
+    /// Returns the scale for one body of these layers. `tip_radius` is the radius of the middle of its wall, mm.
     pub fn of_layers(layers: &[Layer], tip_radius: f64) -> Self {
         Self::new(heights(layers, tip_radius), Palette::default(), None)
     }
@@ -50,28 +50,28 @@ impl HeightScale {
         let found = PERCENTILES.map(|percent| percent / 100.0 * last);
         let found = [libm::floor(found[0]), libm::ceil(found[1])];
         let found = [0, 1].map(|end| heights.get(found[end] as usize).copied().unwrap_or(all[end]));
-        // Layers that are all alike are in the middle of the scale.
+        // Layers of equal height are in the middle of the scale.
         let found = if found[1] - found[0] > 1e-3 { found } else { [found[0] - 0.05, found[1] + 0.05] };
         Self { palette, range: range.unwrap_or(found), all, told: range.is_some() }
     }
 
-    /// Where the colours end, mm.
+    /// Returns the heights at which the colours end, mm.
     pub fn range(&self) -> [f64; 2] {
         self.range
     }
 
-    /// The colour of a height, mm.
+    /// Returns the colour of a height, mm.
     pub fn colour(&self, height: f64) -> [u8; 3] {
         let [min, max] = self.range;
         mixed(self.palette.colours(), (height - min) / (max - min))
     }
 
-    /// Whether heights lie below and above the range.
+    /// Returns two flags: true if heights lie below the range, and true if heights lie above it.
     fn beyond(&self) -> [bool; 2] {
         [self.all[0] < self.range[0] - 1e-6, self.all[1] > self.range[1] + 1e-6]
     }
 
-    /// The scale with its name, and numbers below it.
+    /// Draws the scale with its name above and numbers below.
     pub fn legend(&self, canvas: &mut Canvas, [left, y]: [f64; 2]) {
         let colours = self.palette.colours();
         let last = colours.len().saturating_sub(1).max(1) as f64;
@@ -101,7 +101,7 @@ impl HeightScale {
     }
 }
 
-/// Min and max height of each layer on the middle of its wall, mm, but of splinters.
+/// Returns the min and max height of each layer on the middle of its wall, mm, without splinters.
 fn heights(layers: &[Layer], tip_radius: f64) -> Vec<f64> {
     let splinter = SPLINTER * layers.iter().map(|layer| layer.height).fold(0.0, f64::max);
     let whole = layers.iter().filter(|layer| layer.height >= splinter);

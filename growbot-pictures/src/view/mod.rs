@@ -1,22 +1,26 @@
-//! A body to look at, or two side by side.
+//! Views of a body, or of two side by side.
 //!
-//! - [`Subject`]: what is looked at, a plan or a run log;
-//! - [`page`]: one HTML page that opens without a network: the tube in three dimensions and the numbers beside it;
-//!   `data`, what it is given, as JSON, `numbers`, in words, and `side_by_side`, those of two;
-//! - [`picture`]: an SVG for papers; [`plot`]: layers, error and temperature along it;
-//! - `self_clearance`: how near the wall comes to itself; `around`: the scene around it;
-//! - growbot-pictures/viewer/: the page itself and its script, which is bundled there at development time.
+//! - [`Subject`]: a plan or a run log that is viewed
+//! - [`page`]: an HTML page that opens without a network, with the tube in three dimensions and the numbers next to it
+//! - `data`: the page's data, as JSON
+//! - `numbers`: the page's numbers, as text
+//! - `side_by_side`: the numbers of two bodies
+//! - [`picture`]: an SVG for papers
+//! - [`plot`]: layers, error and temperature along a body
+//! - `self_clearance`: the clearance of the wall from itself
+//! - `around`: the scene around a body
+//! - growbot-pictures/viewer/: the page itself and its script, which is bundled there at development time
 //!
-//! A log knows where the plastic lies only if the tip is simulated or feedback was on. So the body of the steps and
-//! the laid or estimated one are both shown, with their source. With feedback, the log's measurements are processed
-//! again as `growbot resume` does, and the estimated way of the tip is drawn. If every layer comes out a tenth too
+//! A log contains positions of the plastic only if the tip is simulated or feedback was on. So the body of the steps
+//! and the laid or estimated one are both shown, with their source. With feedback, the log's measurements are processed
+//! again as `growbot resume` does, and the estimated path of the tip is drawn. If every layer comes out a tenth too
 //! high, that line leads to the goal and the steps do not.
 //!
-//! On the page, the tube is one mesh of 32 faces around, with a ring for each layer, or for each second, third and so
-//! on beyond 5,000. Growing changes only how much of the index is drawn. The fragment shader draws lines between
-//! layers that are larger than a few pixels. Two bodies share one slider in mm, the scale of colours, the scale and
-//! the squares of the floor; each turns about its own middle. A body can be replaced by a longer one while the view
-//! stays.
+//! On the page, the tube is one mesh of 32 faces around, with a ring for each layer. Beyond 5,000 layers it has a ring
+//! for every second layer, every third, and so on. Growing changes only how much of the index is drawn. The fragment
+//! shader draws lines between layers that are larger than a few pixels. Two bodies share one slider in mm, the scale of
+//! colours, the scale and the squares of the floor. Each turns about its own middle. A body can be replaced by a longer
+//! one while the view stays.
 
 mod around;
 mod data;
@@ -45,63 +49,63 @@ use nalgebra::Vector3;
 
 pub use around::{Around, SceneFile};
 
-/// A page shows no more layers, of a body of some 150 m: beyond, browsers give up.
+/// Greatest number of layers on a page, a body of some 150 m. Browsers fail beyond it.
 pub const MAX_LAYERS: usize = 200_000;
 
-/// A line beside a body has no more places.
+/// Greatest number of points of a line next to a body.
 const MAX_PLACES: usize = 500;
 
-/// Why there is no page.
+/// Reason why a view cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewError {
-    /// More layers than a browser can show.
+    /// The body has more layers than a browser can show.
     #[error("{name} has {found} layers; a view shows {MAX_LAYERS} at most: split the plan")]
     TooManyLayers {
-        /// What was to be shown.
+        /// Name of the body.
         name: String,
-        /// Layers that it has.
+        /// Number of its layers.
         found: usize,
     },
-    /// A plan has not what only a growth has.
+    /// A plan lacks a quantity that only a growth has.
     #[error("{name} is a plan and has no {what}; give a run log, as `growbot grow --log` writes it")]
     NotMeasured {
-        /// The plan.
+        /// Name of the plan.
         name: String,
-        /// What it has not.
+        /// Name of the quantity.
         what: &'static str,
     },
-    /// A run log without temperatures.
+    /// A run log contains no temperatures.
     #[error("{name} tells no temperature: leave it out of --plot")]
     NotTold {
-        /// The log.
+        /// Name of the log.
         name: String,
     },
 }
 
-/// What is looked at.
+/// A plan or a run that is viewed.
 #[derive(Debug)]
 pub struct Subject<'a> {
-    /// How it is called, say by its file.
+    /// Name, for example that of its file.
     pub name: &'a str,
     /// The robot.
     pub robot: &'a Robot,
     /// The plan.
     pub plan: &'a Plan,
-    /// The log of its growth, where there is one.
+    /// Log of the growth. `None` without one.
     pub run: Option<&'a RunRecord>,
-    /// The layers of a growth that was simulated without a board, and so has no log.
+    /// Layers of a growth that was simulated without a board, and so has no log.
     pub laid: Option<&'a [Layer]>,
-    /// The scene that it is shown in, where there is one.
+    /// Scene in which the body is shown. `None` without one.
     pub scene: Option<SceneFile<'a>>,
 }
 
 impl Subject<'_> {
-    /// Its name without a file's ending.
+    /// Returns the name without the extension of a file.
     fn stem(&self) -> &str {
         Path::new(self.name).file_stem().and_then(OsStr::to_str).unwrap_or(self.name)
     }
 
-    /// The planned layers, and those as built where it is a run; as many as can be shown.
+    /// Returns the planned layers, and for a run those as built. An error if they are too many to show.
     fn layers(&self) -> Result<Layers, ViewError> {
         let grown = self.run.map_or(0, |run| run.as_built.len()).max(self.laid.map_or(0, <[Layer]>::len));
         let found = self.plan.needs.layers.max(grown);
@@ -120,8 +124,8 @@ impl Subject<'_> {
         })
     }
 
-    /// Where the tip would be on its way if all plastic lay as it was commanded, some hundreds of places, mm; none
-    /// where that is all that is known.
+    /// Returns up to [`MAX_PLACES`] points of the tip's path if all plastic lay as commanded, mm, after the start.
+    /// `None` unless the plastic is known to lie otherwise.
     fn commanded(&self, layers: &Layers) -> Option<Vec<Vector3<f64>>> {
         let commanded = layers.commanded.as_ref()?;
         let mut tip = self.plan.start.frame();
@@ -135,7 +139,8 @@ impl Subject<'_> {
         Some([self.plan.start.position()].into_iter().chain(places).collect())
     }
 
-    /// Where feedback took the tip to be on its way, some hundreds of places, mm; none without feedback.
+    /// Returns up to [`MAX_PLACES`] points of the tip's path as feedback estimated it, mm, after the start. `None`
+    /// without feedback.
     fn estimated(&self) -> Option<Vec<Vector3<f64>>> {
         let Self { robot, plan, .. } = self;
         let path = self.run?.estimated(&Job::of_plan(robot, plan), plan)?;
@@ -148,32 +153,32 @@ impl Subject<'_> {
 /// The layers of a subject.
 struct Layers {
     planned: Vec<LayerBytes>,
-    /// As the plastic of a simulated tip lies; as the steps of a robot have built it.
+    /// Layers as the plastic of a simulated tip lies, or as the steps of a robot have built them.
     built: Option<Vec<LayerBytes>>,
-    /// What is known of that; none of a plan.
+    /// Source of the built layers. `None` for a plan.
     kind: Option<BodyKind>,
-    /// As the steps say; of a simulated tip only, whose plastic lies otherwise.
+    /// Layers according to the steps. `None` unless the tip is simulated, so that its plastic lies otherwise.
     commanded: Option<Vec<LayerBytes>>,
 }
 
 impl Layers {
-    /// Those of the body that is shown: as built, or as planned where none is.
+    /// Returns the layers of the body that is shown: as built if there are any, otherwise as planned.
     fn body(&self) -> &[LayerBytes] {
         self.built.as_deref().unwrap_or(&self.planned)
     }
 
-    /// What is known of the body that is shown: how it is called.
+    /// Returns the title of the body that is shown, by the source of its layers.
     fn built_name(&self) -> &'static str {
         self.kind.unwrap_or(BodyKind::AsBuilt).title()
     }
 
-    /// Length of that body, mm.
+    /// Returns the length of that body, mm.
     fn length(&self) -> f64 {
         self.body().iter().map(|layer| decode(layer).height).sum()
     }
 }
 
-/// Where the tip arrived and what that was measured by, as the log of a run that ended says.
+/// Returns the tip's pose at the end of a run and the name of what measured it, according to the log.
 fn measured_end(run: &RunRecord) -> Option<(Pose, &'static str)> {
     let result = run.result.as_ref()?;
     let (by, arrival) = (result.measured_by?, result.arrival.as_ref()?);

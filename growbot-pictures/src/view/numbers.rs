@@ -1,4 +1,4 @@
-//! The numbers beside a picture, in words: groups of names and values.
+//! The numbers next to a picture, as text: groups of names and values.
 
 use growbot_client::arrival::Arrival;
 use growbot_client::plan::planner_name;
@@ -12,10 +12,10 @@ use super::self_clearance::self_clearance;
 use super::{Layers, Subject, measured_end};
 use crate::duration::duration_text;
 
-/// A heading and, below it, names and values.
+/// A heading, with the names and values below it.
 pub type Group = (String, Vec<(String, String)>);
 
-/// The groups.
+/// Returns the groups for a body.
 pub fn of(subject: &Subject, layers: &Layers, around: Option<&Around>) -> Vec<Group> {
     let Subject { robot, plan, .. } = subject;
     let needs = &plan.needs;
@@ -65,7 +65,7 @@ pub fn of(subject: &Subject, layers: &Layers, around: Option<&Around>) -> Vec<Gr
     groups
 }
 
-/// The scene around a body, and how near it comes to that.
+/// Returns the group of the scene around a body, with the smallest clearance from it.
 fn scene(around: &Around) -> Group {
     let narrowest = around.clearance().zip(around.place());
     let mut rows = vec![("File", around.file.clone()), ("Obstacles", around.shown.summary())];
@@ -77,8 +77,8 @@ fn group<N: Into<String>>(heading: impl Into<String>, rows: impl IntoIterator<It
     (heading.into(), rows.into_iter().map(|(name, value)| (name.into(), value)).collect())
 }
 
-/// A body in a line: how its path was found, its pieces, length and layers. A planner that it is `called` by already is
-/// left out.
+/// Returns a body in a line: how its path was found, its pieces, length and layers. The planner is left out if it
+/// equals `called`.
 pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
     let plan = subject.plan;
     let grown = layers.kind.map(|kind| match kind {
@@ -98,7 +98,7 @@ pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
     parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
 }
 
-/// How near a growth came to its goal, in a line, by what its log says; none without.
+/// Returns a line with the distance of a growth from its goal, according to its log. `None` without one.
 pub fn measured(subject: &Subject) -> Option<String> {
     let (reached, by) = subject.run.and_then(measured_end)?;
     let Arrival { position_error_mm: mm, direction_error_deg: deg, .. } =
@@ -107,7 +107,7 @@ pub fn measured(subject: &Subject) -> Option<String> {
     Some(format!("arrived {mm:.2} mm and {deg:.2}° off the goal, as the {by} {says}"))
 }
 
-/// A body as built, measured from the steps that the board has made.
+/// Returns the numbers of a body as built, computed from the steps that the board has made.
 fn body(subject: &Subject, built: &[LayerBytes]) -> Vec<(&'static str, String)> {
     let Subject { robot, run, .. } = subject;
     let layers: Vec<Layer> = built.iter().map(decode).collect();
@@ -126,7 +126,7 @@ fn body(subject: &Subject, built: &[LayerBytes]) -> Vec<(&'static str, String)> 
     rows
 }
 
-/// How near a body comes to its goal and to itself.
+/// Returns the distances of a body from its goal and from itself.
 fn nearness(subject: &Subject, layers: &[LayerBytes]) -> Vec<(&'static str, String)> {
     let Subject { robot, plan, .. } = subject;
     let start = plan.start.frame();
@@ -141,7 +141,7 @@ fn nearness(subject: &Subject, layers: &[LayerBytes]) -> Vec<(&'static str, Stri
     rows
 }
 
-/// How near a tip came to the goal.
+/// Returns the distance of a tip from the goal.
 fn arrival(subject: &Subject, arrival: &Arrival) -> Vec<(&'static str, String)> {
     let mut rows = vec![("From the goal", format!("{:.3} mm", arrival.position_error_mm))];
     if subject.run.is_some() || subject.laid.is_some() {
@@ -153,7 +153,7 @@ fn arrival(subject: &Subject, arrival: &Arrival) -> Vec<(&'static str, String)> 
 
 fn pose(pose: &Pose) -> String {
     let parts = pose.to_degrees().map(|part| {
-        // Adding 0 makes 0 of -0.
+        // Adding 0 turns -0 into 0.
         let tenths = (10.0 * part).round() / 10.0 + 0.0;
         tenths.to_string()
     });

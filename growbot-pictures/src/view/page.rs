@@ -14,14 +14,14 @@ use crate::drawing::colours::HEIGHTS;
 const PAGE: &str = include_str!("../../viewer/src/page.html");
 const SCRIPT: &str = include_str!("../../viewer/dist/viewer.js");
 
-/// Where a page may send requests (`connect-src` of its content security policy): nowhere, or to where it comes from.
+/// Targets to which a page may send requests (`connect-src` of its content security policy): none, or its own origin.
 const NOWHERE: &str = "'none'";
 const HOME: &str = "'self'";
 
-/// A page shows no more of a scene, which makes 2 MB of it.
+/// Largest part of a scene that a page shows. It takes 2 MB.
 const LIMITS: SelectionLimits = SelectionLimits { shapes: 1000, triangles: 12_000, points: 20_000 };
 
-/// The page of a body.
+/// Returns the page of a body.
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
@@ -33,7 +33,8 @@ pub fn of_one(subject: &Subject) -> Result<String, ViewError> {
     Ok(filled(subject.name, data, NOWHERE))
 }
 
-/// The page of a growth under way, which asks where it comes from for updates; `control`: whether it may give orders.
+/// Returns the page of a running growth, which requests updates from its own origin. `control` is true if the page may
+/// send commands.
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
@@ -47,7 +48,7 @@ pub fn of_growth(subject: &Subject, control: bool) -> Result<String, ViewError> 
     Ok(filled(subject.name, data, HOME))
 }
 
-/// The page of two bodies side by side.
+/// Returns the page of two bodies side by side.
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
@@ -67,12 +68,12 @@ pub fn of_two([one, other]: [&Subject; 2]) -> Result<String, ViewError> {
 fn filled(title: &str, data: Value, connects: &str) -> String {
     let mut data = data;
     data["height_colours"] = json!(HEIGHTS);
-    // Nothing in the data can end the script element that it stands in.
+    // Nothing in the data can end the script element that contains it.
     let data = data.to_string().replace('<', "\\u003c");
     fill(PAGE, &[("{{CONNECT}}", connects), ("{{TITLE}}", &escape(title)), ("{{DATA}}", &data), ("{{SCRIPT}}", SCRIPT)])
 }
 
-/// The page with each mark replaced; what is put in is not looked into for further marks.
+/// Returns the page with each mark replaced. Inserted texts are not searched for further marks.
 fn fill(page: &str, marks: &[(&str, &str)]) -> String {
     let mut filled = String::with_capacity(page.len() + marks.iter().map(|(_, text)| text.len()).sum::<usize>());
     let mut rest = page;

@@ -1,8 +1,8 @@
-//! How near the wall of a body comes to itself.
+//! Clearance of the wall of a body from itself.
 //!
-//! Every body is near itself along itself; what counts is where one stretch passes another. That is where the distance
-//! between two points of the centreline, more than `pi D / 2` apart along it (see [`growbot_client::clearance`]), is
-//! least among those around both.
+//! Every body is near itself along its own length. Only a point where one stretch passes another counts. Such a point
+//! is a local minimum of the distance between two points of the centreline that are more than `pi D / 2` apart along it
+//! (see [`growbot_client::clearance`]).
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -11,12 +11,12 @@ use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
-/// So many points of the body are looked at: of one of 1 m, each millimetre or so.
+/// Greatest number of points of the body that are examined. A body of 1 m has one about each millimetre.
 const MAX_POINTS: usize = 1500;
 
-/// The least distance between two walls of a tube of this diameter (mm, positive) that pass each other, mm: negative
-/// where they overlap, none where no stretch passes another. As fine as the points: of a body of `L` mm it may be too
-/// great by `(L / 1500)^2 / D` mm or so.
+/// Returns the least distance between two walls of a tube of this diameter (mm, positive) that pass each other, mm. It
+/// is negative if they overlap, and `None` if no stretch passes another. Because of the distance of the points, the
+/// result for a body of `L` mm may be too great by about `(L / 1500)^2 / D` mm.
 pub fn self_clearance(start: &Frame, layers: &[LayerBytes], diameter: f64) -> Option<f64> {
     let stride = layers.len().div_ceil(MAX_POINTS).max(1);
     let (mut base_from_tip, mut length) = (*start, 0.0);
@@ -32,8 +32,8 @@ pub fn self_clearance(start: &Frame, layers: &[LayerBytes], diameter: f64) -> Op
     nearest_pass(&points, FRAC_PI_2 * diameter).map(|distance| distance - diameter)
 }
 
-/// The least of all distances between points, at these lengths along a line, that are less than those around and more
-/// than so far apart along it.
+/// Returns the least local minimum of the distance between points, given with their lengths along a line, that are more
+/// than `neighbourhood` apart along it.
 fn nearest_pass(points: &[(Vector3<f64>, f64)], neighbourhood: f64) -> Option<f64> {
     let between = |a: usize, b: usize| Some((points.get(a)?.0 - points.get(b)?.0).norm());
     let mut nearest: Option<f64> = None;
@@ -61,7 +61,7 @@ mod tests {
     use growbot_core::layer_bytes::LayerEncoder;
     use std::f64::consts::TAU;
 
-    /// A circle of this radius, as far round as said, and a straight piece after it.
+    /// Returns a circle of this radius through `turn` radians, with a straight piece after it.
     fn bent(radius: f64, turn: f64, straight: f64) -> Vec<LayerBytes> {
         let mut encoder = LayerEncoder::default();
         let round = (radius * turn) as usize;
@@ -82,7 +82,7 @@ mod tests {
     #[test]
     fn a_gap_is_measured_from_wall_to_wall() {
         let start = Frame::identity();
-        // Half a turn and back: two straight lines 200 mm apart would need one before, so the start itself is passed.
+        // A circle of 0.9 turns passes its own start. The gap is the chord of the missing tenth minus the diameter.
         let gap = self_clearance(&start, &bent(100.0, 0.9 * TAU, 0.0), 50.0).unwrap();
         let chord = 2.0 * 100.0 * libm::sin(0.05 * TAU);
         assert!((gap - (chord - 50.0)).abs() < 1.5, "{gap}, {chord}");

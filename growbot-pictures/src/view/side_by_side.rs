@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::Layers;
 use super::numbers::Group;
 
-/// The groups of two, each `[heading, [[name, value, value], ...]]`; null where one has no such value.
+/// Returns the groups of two bodies, each `[heading, [[name, value, value], ...]]`. A missing value is null.
 pub fn together(one: &[Group], other: &[Group]) -> Value {
     let groups = joined(one, other).into_iter().map(|(heading, a, b)| {
         let rows = joined(a.map_or(&[][..], Vec::as_slice), b.map_or(&[][..], Vec::as_slice));
@@ -14,8 +14,8 @@ pub fn together(one: &[Group], other: &[Group]) -> Value {
     groups.collect()
 }
 
-/// The entries of two lists by their names, in the order of the first; what only the second has comes after what it
-/// follows there.
+/// Joins the entries of two lists by their names, in the order of the first. An entry that only the second has comes
+/// after its predecessor there.
 fn joined<'a, T>(one: &'a [(String, T)], other: &'a [(String, T)]) -> Vec<(&'a str, Option<&'a T>, Option<&'a T>)> {
     let mut all: Vec<_> = one.iter().map(|(name, value)| (name.as_str(), Some(value), None)).collect();
     let mut at = 0;
@@ -34,7 +34,7 @@ fn joined<'a, T>(one: &'a [(String, T)], other: &'a [(String, T)]) -> Vec<(&'a s
     all
 }
 
-/// By how much one body is longer than the other, in words; each is called so.
+/// Returns a text about the difference in length of two bodies with these names.
 pub fn difference(pair: [(&str, &Layers); 2]) -> String {
     let [(one, a), (other, b)] = pair.map(|(name, layers)| (name, tenths(layers.length())));
     let (longer, long, shorter, short) = if a >= b { (one, a, other, b) } else { (other, b, one, a) };
@@ -46,7 +46,7 @@ pub fn difference(pair: [(&str, &Layers); 2]) -> String {
     format!("{longer} is {by:.1} mm{share} longer than {shorter}")
 }
 
-/// As lengths are written, so that the difference is the one of what is written, mm.
+/// Rounds a length to the precision of the texts, mm, so that the difference is that of the printed lengths.
 fn tenths(length: f64) -> f64 {
     (10.0 * length).round() / 10.0
 }

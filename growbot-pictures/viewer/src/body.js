@@ -1,10 +1,10 @@
-// A body from its layers: the frames of the tip, layer by layer, as growbot-core has them (Eqs 4 and 5).
+// Builds a body from its layers: the frames of the tip, layer by layer, as in growbot-core (Eqs 4 and 5).
 //
 // A layer is 12 bytes, three little-endian 32-bit numbers: alpha in 2^-32 turns, height in 2^-24 mm, tilt in 2^-32 rad.
 
 const LAYER_BYTES = 12;
 
-/** The layers in these hexadecimal digits, 24 each: alpha and tilt in radians, height in mm. */
+/** Decodes layers from hexadecimal digits, 24 each: alpha and tilt in radians, height in mm. */
 export function decodeLayers(hex) {
   const bytes = new Uint8Array(hex.length / 2);
   for (let i = 0; i < bytes.length; i += 1) bytes[i] = Number.parseInt(hex.slice(2 * i, 2 * i + 2), 16);
@@ -21,17 +21,17 @@ export function decodeLayers(hex) {
   return { count, alpha, height, tilt };
 }
 
-/** sin(x) / x. */
+/** Returns sin(x) / x. */
 const sineRatio = (x) => (Math.abs(x) > 1e-4 ? Math.sin(x) / x : 1 - (x * x) / 6);
-/** (1 - cos(x)) / x. */
+/** Returns (1 - cos(x)) / x. */
 const versineRatio = (x) => {
   const half = Math.sin(0.5 * x);
   return Math.abs(x) > 1e-4 ? (2 * half * half) / x : 0.5 * x;
 };
 
 /**
- * The frames of the tip from the start (12 numbers: x, y and z axis, position) through all layers, 12 numbers each, and the length of
- * the body up to each, mm: one more than there are layers.
+ * Returns the frames of the tip from the start (12 numbers: x, y and z axis, position) through all layers, 12 numbers
+ * each. Also returns the length of the body up to each, mm. There is one frame more than there are layers.
  */
 export function growBody(start, layers) {
   const { count } = layers;
@@ -43,7 +43,7 @@ export function growBody(start, layers) {
     const to = from + 12;
     const tilt = layers.tilt[i];
     const height = layers.height[i];
-    // The tip bends away from where most material is.
+    // The tip bends away from the angle of greatest deposition.
     const towards = [-Math.cos(layers.alpha[i]), -Math.sin(layers.alpha[i])];
     const sine = Math.sin(tilt);
     const half = Math.sin(0.5 * tilt);
@@ -54,7 +54,7 @@ export function growBody(start, layers) {
       const x = frames[from + k];
       const y = frames[from + 3 + k];
       const z = frames[from + 6 + k];
-      // The direction of the bend in the plane of the tip.
+      // Direction of the bend in the plane of the tip.
       const bend = towards[0] * x + towards[1] * y;
       const turned = -versine * bend - sine * z;
       frames[to + k] = x + towards[0] * turned;
@@ -85,7 +85,7 @@ function normalize(vector) {
   for (let k = 0; k < 3; k += 1) vector[k] /= norm;
 }
 
-/** Where the tip is after this number of layers: position in mm, heading and pitch in degrees. */
+/** Returns the pose of the tip after this number of layers: position in mm, heading and pitch in degrees. */
 export function poseAt(body, layers) {
   const at = layers * 12;
   const [zx, zy, zz] = body.frames.subarray(at + 6, at + 9);

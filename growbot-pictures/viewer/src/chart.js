@@ -1,14 +1,15 @@
-// Charts beside the picture: the deviation of a body as built from the plan, along it; and the nozzle's temperature over time.
+// Charts next to the picture: the deviation of a body from its plan along the body, and the nozzle's temperature over
+// time.
 
 import { durationText } from "./text.js";
 
 const [WIDE, HIGH, MAX_POINTS] = [280, 90, 400];
-/** The time that the temperature chart shows, and its min span of degrees, so that regulation can be seen. */
+/** Time that the temperature chart shows, s, and its min span, degrees Celsius, so that the regulation is visible. */
 const [SHOWN_S, MIN_SPAN_C] = [1800, 10];
-/** The chart is never finer than this, mm: what is off by less is rounding. */
+/** Smallest range of the chart, mm. Smaller deviations are rounding errors. */
 const FINEST = 0.001;
 
-/** Distance from the planned body at the same length, mm, for each number of layers. */
+/** Returns the distance from the planned body at the same length, mm, for each number of layers. */
 export function deviations(built, planned) {
   const off = new Float64Array(built.lengths.length);
   const last = planned.lengths.length - 1;
@@ -41,14 +42,14 @@ function makeText(x, y, anchor, text) {
   return element;
 }
 
-/** Puts a chart in its place, instead of the one that was there. */
+/** Puts a chart into its place, and removes the previous one. */
 function put(place, svg) {
   place.querySelector("svg")?.remove();
   place.append(svg);
   place.hidden = false;
 }
 
-/** Draws it; `mark(length)` shows a place along the body. */
+/** Draws the chart of deviations. `mark(length)` of the result marks a position along the body. */
 export function drawChart(place, built, off) {
   const length = Math.max(built.lengths.at(-1), 1e-9);
   const max = Math.max(off.reduce((a, b) => Math.max(a, b), 0), FINEST);
@@ -74,8 +75,8 @@ export function drawChart(place, built, off) {
 }
 
 /**
- * Draws the temperature of the nozzle over the last half hour: of each reading the time in s, degrees Celsius, and what they are
- * regulated to.
+ * Draws the temperature of the nozzle over the last half hour. Each reading has the time in s, the temperature and the
+ * target, degrees Celsius.
  */
 export function drawReadings(place, readings) {
   if (readings.length === 0) return;

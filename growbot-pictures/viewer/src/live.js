@@ -1,6 +1,8 @@
-// A growth under way: the view of its plan, which grows as the board tells of its layers; state, progress, temperature, and orders.
+// A running growth: the view of its plan, to which the board's reports add layers, with state, progress, temperature
+// and commands.
 //
-// Updates come as server-sent events (growbot-host/src/watch/): what has changed since the last ones, layers and readings from an index on.
+// Updates are server-sent events (growbot-host/src/watch/). Each contains the changes since the last one, with layers
+// and readings from an index on.
 
 import { decodeLayers, growBody } from "./body.js";
 import { drawReadings } from "./chart.js";
@@ -9,12 +11,12 @@ import { durationText, fillNumbers, finishText } from "./text.js";
 
 const find = (selector) => document.querySelector(selector);
 const HEX_PER_LAYER = 24;
-/** Building the body anew takes this share of the time at most. */
+/** Greatest share of the time that may be spent on building the body. */
 const SHARE = 0.2;
 
 const STATE_NAMES = { "emergency-stop": "emergency stop" };
 
-/** Shows it, and returns its pictures. */
+/** Shows the growth, and returns its pictures. */
 export function showLive(data) {
   const view = joinOne({ ...data, built: "" });
   find("#live").hidden = false;
@@ -45,7 +47,8 @@ export function showLive(data) {
     readings = [...readings.slice(0, taken.from), ...taken.taken];
     built = built.slice(0, layers.from * HEX_PER_LAYER) + layers.built;
     view.total = total;
-    // Layers of a simulated tip are told again, as its plastic lies: the picture may be older than its length says.
+    // Layers of a simulated tip are reported again with the position of the plastic. So the picture may be out of date
+    // even if the number of layers is unchanged.
     stale ||= layers.built.length > 0;
     if (timer === null && stale) grow();
     if (builtName) find("#built-name").textContent = builtName;
@@ -72,7 +75,7 @@ export function showLive(data) {
   return [view.picture];
 }
 
-/** How long it takes yet, and until when, where that is known. */
+/** Returns the text of the remaining time, with the time of the end if it is known. */
 function leftText({ left_s: left, finish_in_s: finish, state }) {
   const time = `${durationText(left)} ${state === "growing" ? "left" : "of growing left"}`;
   return finish === null || finish === undefined ? time : `${time}, done at ${finishText(new Date(), finish)}`;
@@ -83,7 +86,7 @@ function showState({ state, answers, explanation, refused, warned }) {
   badge.textContent = STATE_NAMES[state] ?? state;
   badge.dataset.state = state;
   find("#explanation").textContent = explanation ?? "";
-  // Filament is changed in a pause.
+  // Filament is changed during a pause.
   find("#filament").hidden = find("#orders").hidden || state !== "paused";
   const waits = ["paused", "parked"].includes(state);
   find("#order-pause").hidden = waits;
@@ -92,14 +95,17 @@ function showState({ state, answers, explanation, refused, warned }) {
   showProblem(answers ? (refused ?? "") : "The board does not answer: growbot calls it again.");
 }
 
-/** What is wrong with the growth or the connection; or, beside it, with an order, which no update wipes away. */
+/**
+ * Shows a problem of the growth or the connection. Another place is for a problem of a command, which updates do not
+ * remove.
+ */
 function showProblem(text, place = "#problem") {
   const problem = find(place);
   problem.textContent = text;
   problem.hidden = text === "";
 }
 
-/** It has ended: how, and where the tip is. */
+/** Shows the result of the growth and the final pose of the tip. */
 function end(result) {
   const badge = find("#state");
   badge.textContent = result.outcome;

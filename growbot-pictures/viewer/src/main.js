@@ -1,8 +1,10 @@
-// The page that `growbot view` writes: shows the data in it, and joins to the pictures what is on every page, sides and theme.
+// The page that `growbot view` writes. It shows the data, and connects the buttons that every page has (viewpoint and
+// theme) to the pictures.
 //
-// The data (`#data`, JSON) are written by growbot-pictures/src/view/: what it is of, the robot's lengths in mm, start and goal, the layers
-// of the planned body and of the one as built, and the numbers beside it; or two of these, `compared`, and the numbers of both. Of a growth
-// under way, `live`, the layers come later.
+// growbot-pictures/src/view/ writes the data (`#data`, JSON): a description, the robot's lengths in mm, start and goal,
+// the layers of the planned body and of the one as built, and the numbers next to it. For two bodies, `compared` has
+// two of these objects, and the numbers are those of both. For a running growth, `live` is set and the layers follow
+// later.
 
 import { setHeightColours } from "./colours.js";
 import { showLive } from "./live.js";
@@ -12,7 +14,7 @@ import { showPair } from "./pair.js";
 const find = (selector) => document.querySelector(selector);
 const data = JSON.parse(find("#data").textContent);
 setHeightColours(data.height_colours);
-/** None where the browser shows none. */
+/** Shows the data and returns the pictures. A picture is null if the browser cannot draw it. */
 const show = data.compared ? showPair : data.live ? showLive : showOne;
 const pictures = show(data).filter(Boolean);
 
@@ -21,7 +23,7 @@ document.querySelectorAll("[data-look]").forEach((button) => {
 });
 joinTheme();
 
-/** Light or dark as the system has it, until the button says otherwise. */
+/** Sets the theme to that of the system, until the user clicks the button. */
 function joinTheme() {
   const system = matchMedia("(prefers-color-scheme: dark)");
   let chosen = null;

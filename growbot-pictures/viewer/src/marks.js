@@ -1,4 +1,4 @@
-// What stands around the tube: arrows for poses, the tip's frame, centrelines, the floor.
+// Marks around the tube: arrows for poses, the tip's frame, centrelines, the floor.
 
 import {
   BufferAttribute, BufferGeometry, ConeGeometry, CylinderGeometry, Group, Line, LineBasicMaterial, LineDashedMaterial, LineSegments,
@@ -7,7 +7,7 @@ import {
 
 const UP = new Vector3(0, 1, 0);
 
-/** An arrow of this length from a point (mm) in a direction. */
+/** Makes an arrow of this length from a point (mm) in a direction. */
 export function makeArrow(from, direction, length, colour) {
   const thick = 0.035 * length;
   const material = new MeshLambertMaterial({ color: colour });
@@ -22,7 +22,7 @@ export function makeArrow(from, direction, length, colour) {
   return group;
 }
 
-/** A ball at a pose on the way, to be seen through the tube. */
+/** Makes a ball at a pose on the way. It is visible through the tube. */
 export function makeBall(at, radius, colour) {
   const ball = new Mesh(new SphereGeometry(radius, 24, 16), new MeshBasicMaterial({ color: colour, depthTest: false }));
   ball.position.fromArray(at);
@@ -30,7 +30,7 @@ export function makeBall(at, radius, colour) {
   return ball;
 }
 
-/** The frame of the tip, x red, y green, z blue, over all else; `place(frames, at)`. */
+/** Makes the frame of the tip, x red, y green, z blue, over everything else. `place(frames, at)` moves it. */
 export function makeTipFrame(length) {
   const group = new Group();
   for (const [direction, colour] of [[[1, 0, 0], 0xd93a3a], [[0, 1, 0], 0x2f9e4f], [[0, 0, 1], 0x2f6fe0]]) {
@@ -59,7 +59,7 @@ function points(body, map = (x, y, z) => [x, y, z]) {
   return geometry;
 }
 
-/** The centreline of a body, dashed, to be seen through the tube. */
+/** Makes the dashed centreline of a body. It is visible through the tube. */
 export function makeCentreline(body, colour, dash) {
   const material = new LineDashedMaterial({ color: colour, dashSize: dash, gapSize: 0.6 * dash, depthTest: false, transparent: true });
   const line = new Line(points(body), material);
@@ -69,7 +69,7 @@ export function makeCentreline(body, colour, dash) {
   return line;
 }
 
-/** A fine line through places, to be seen through the tube. */
+/** Makes a fine line through points. It is visible through the tube. */
 export function makeTrace(places, colour) {
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(new Float32Array(places.flat()), 3));
@@ -79,7 +79,7 @@ export function makeTrace(places, colour) {
   return line;
 }
 
-/** The body's shadow on the floor; `show(layers)`. */
+/** Makes the body's shadow on the floor. `show(layers)` sets its length. */
 export function makeShadow(body, floor) {
   const geometry = points(body, (x, y) => [x, y, floor]);
   const line = new Line(geometry, new LineBasicMaterial({ transparent: true, opacity: 0.55 }));
@@ -87,7 +87,7 @@ export function makeShadow(body, floor) {
   return { line, show: (layers) => geometry.setDrawRange(0, layers + 1) };
 }
 
-/** A floor of squares of this size under a box. */
+/** Makes a floor of squares of this size under a box. */
 export function makeFloor(box, square, floor) {
   const [x0, y0] = [box.min.x, box.min.y].map((min) => Math.floor(min / square) - 1);
   const [x1, y1] = [box.max.x, box.max.y].map((max) => Math.ceil(max / square) + 1);

@@ -1,8 +1,15 @@
-// The scene around a body: obstacles, translucent, and the narrowest place.
+// The scene around a body: translucent obstacles, and the narrowest point.
 //
-// Given (growbot-pictures/src/view/data.rs), in mm: `boxes`, 15 numbers each, centre, half sides and the axes by columns; `balls`, 4, centre and
-// radius; `capsules`, 7, both ends of the axis and radius; `squares`, 12, corners; `triangles`, 9 numbers after another for each; `points`, 4
-// after another for each, centre and radius; and `narrowest`, `on_body`, `on_obstacle` and `label`.
+// The input (growbot-pictures/src/view/data.rs) has these arrays, in mm:
+//
+// - `boxes`: 15 numbers each, centre, half sides and the axes by columns
+// - `balls`: 4 numbers each, centre and radius
+// - `capsules`: 7 numbers each, both ends of the axis and radius
+// - `squares`: 12 numbers each, corners
+// - `triangles`: one flat array, 9 numbers for each
+// - `points`: one flat array, 4 numbers for each, centre and radius
+//
+// `narrowest` has `on_body`, `on_obstacle` and `label`.
 
 import {
   BoxGeometry, BufferAttribute, BufferGeometry, CapsuleGeometry, DoubleSide, Group, IcosahedronGeometry, InstancedMesh, Line, LineBasicMaterial,
@@ -12,9 +19,9 @@ import { makeBall } from "./marks.js";
 
 const UP = new Vector3(0, 1, 0);
 const OPACITY = 0.26;
-/** Of half spaces, which are behind everything. */
+/** Opacity of half spaces, which are behind everything. */
 const FAINT = 0.12;
-/** Balls of points have at least this radius, mm. */
+/** Smallest radius of the balls of points, mm. */
 const LEAST_POINT = 0.5;
 
 function makeBox(given) {
@@ -31,7 +38,7 @@ function makeCapsule(given) {
   return new CapsuleGeometry(given[6], along.length(), 8, 24).applyMatrix4(new Matrix4().makeRotationFromQuaternion(turn).setPosition(middle));
 }
 
-/** Triangles, 9 numbers each. */
+/** Makes a surface of triangles, 9 numbers each. */
 function makeSurface(corners) {
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(new Float32Array(corners), 3));
@@ -39,7 +46,7 @@ function makeSurface(corners) {
   return geometry;
 }
 
-/** Balls of one shape, 4 numbers each. */
+/** Makes balls of one shape, 4 numbers each. */
 function makeBalls(shape, numbers, material) {
   const balls = new InstancedMesh(shape, material, numbers.length / 4);
   for (let i = 0; i < balls.count; i += 1) {
@@ -51,8 +58,9 @@ function makeBalls(shape, numbers, material) {
 }
 
 /**
- * The obstacles `group`, and the `mark` at the narrowest place, a ball of this radius at each end, with its `label` and where that is, `at`;
- * `paint(obstacles, narrowest)` takes their colours; `reach(from)`: how far from there they go, mm.
+ * Returns the `group` of the obstacles, and the `mark` at the narrowest point with a ball of this radius at each end.
+ * `label` is the text of the mark, and `at` its position. `paint(obstacles, narrowest)` sets the colours. `reach(from)`
+ * returns the greatest distance of the obstacles from a point, mm.
  */
 export function makeObstacles(given, radius) {
   const material = new MeshLambertMaterial({ transparent: true, opacity: OPACITY, depthWrite: false, side: DoubleSide });
@@ -65,7 +73,7 @@ export function makeObstacles(given, radius) {
   if (squares.length > 0) group.add(new Mesh(makeSurface(squares), faint));
   if (given.balls.length > 0) group.add(makeBalls(new SphereGeometry(1, 24, 16), given.balls.flat(), material));
   if (given.points.length > 0) group.add(makeBalls(new IcosahedronGeometry(1, 0), given.points, material));
-  // After all that is opaque.
+  // Obstacles are drawn after everything opaque.
   group.children.forEach((part) => {
     part.renderOrder = 2;
   });
@@ -77,7 +85,7 @@ export function makeObstacles(given, radius) {
     const ends = [narrowest.on_body, narrowest.on_obstacle];
     const geometry = new BufferGeometry().setFromPoints(ends.map((end) => new Vector3(...end)));
     mark.add(new Line(geometry, line), ...ends.map((end) => makeBall(end, radius, 0)));
-    // Over what is translucent, too.
+    // The mark is drawn over translucent obstacles, too.
     mark.children.forEach((part) => {
       part.material.transparent = true;
       part.renderOrder = 4;
@@ -99,7 +107,7 @@ export function makeObstacles(given, radius) {
   return { group, mark, paint, reach, label: narrowest && `narrowest: ${narrowest.label}`, at: narrowest?.on_obstacle };
 }
 
-/** The centres of balls, 4 numbers each. */
+/** Returns the centres of balls, 4 numbers each. */
 function centres(numbers) {
   const points = Array.from({ length: numbers.length / 4 }, (_, i) => new Vector3(...numbers.slice(4 * i, 4 * i + 3)));
   return new BufferGeometry().setFromPoints(points);

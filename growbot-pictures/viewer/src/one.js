@@ -1,4 +1,4 @@
-// One plan or growth: its picture, and the numbers beside it.
+// A plan or a growth: its picture, and the numbers next to it.
 
 import { poseAt } from "./body.js";
 import { drawChart, deviations } from "./chart.js";
@@ -10,12 +10,12 @@ import { heightRange } from "./tube.js";
 
 const find = (selector) => document.querySelector(selector);
 
-/** Shows it, and returns its pictures. */
+/** Shows the body, and returns its pictures. */
 export const showOne = (data) => [joinOne(data).picture];
 
 /**
- * Shows it: its `picture`, `replaceBuilt(body)` for a growth that goes on, how many `layers()` there are, and how many there are to be,
- * `total`.
+ * Shows the body, and returns its view. The view has the `picture`, `replaceBuilt(body)` for a running growth, the
+ * current number of layers `layers()`, and the final number `total`.
  */
 export function joinOne(data) {
   const subject = readSubject(data);
@@ -24,7 +24,7 @@ export function joinOne(data) {
   find("#about").textContent = data.about;
   fillNumbers(find("#numbers"), data.numbers);
   fillWarnings(find("#warnings"), data.warnings);
-  // The colours of a body that grows stay as they are.
+  // The colours of a growing body do not change.
   const picture = makePicture(find(".stage"), subject, data.live ? { range: heightRange([{ body: planned, sizes }]) } : {});
   const view = { picture, total: (data.live ? planned : body).layers.count, layers: () => body.layers.count };
 

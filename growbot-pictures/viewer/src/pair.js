@@ -10,7 +10,7 @@ import { heightRange } from "./tube.js";
 
 const find = (selector) => document.querySelector(selector);
 
-/** Shows them, and returns their pictures. */
+/** Shows the bodies, and returns their pictures. */
 export function showPair(data) {
   const subjects = data.compared.map(readSubject);
   const names = subjects.map(({ name }) => name);
@@ -46,7 +46,9 @@ export function showPair(data) {
   return pictures;
 }
 
-/** Each on a stage of its own under its name; one scale of colours and one size of the floor's squares for both. */
+/**
+ * Draws each body on its own stage below its name. Both share one scale of colours and one size of the floor's squares.
+ */
 function drawSideBySide(subjects) {
   const first = find(".stage");
   const stages = subjects.map((_, i) => (i === 0 ? first : first.cloneNode(true)));
@@ -68,7 +70,7 @@ function drawSideBySide(subjects) {
   return pictures;
 }
 
-/** How many layers of a body are within this length, mm. */
+/** Returns the number of layers of a body within this length, mm. */
 function layersAt({ lengths }, length) {
   let [low, high] = [0, lengths.length - 1];
   while (low < high) {

@@ -1,7 +1,7 @@
-// The picture of a body: the tube and what stands around it, with labels, legend and scale bar.
+// The picture of a body: the tube with its marks, labels, legend and scale bar.
 //
-// It is drawn in an element of the page with the class `stage`, which holds a canvas, `.labels`, `.legend`, `.scale` and `.no-picture`;
-// nothing is looked for outside it, so that several stand on one page.
+// The picture is in an element of the page with the class `stage`, which contains a canvas, `.labels`, `.legend`,
+// `.scale` and `.no-picture`. The code uses nothing outside of that element, so a page can have several stages.
 
 import { Box3, Vector3 } from "three";
 import { gradient } from "./colours.js";
@@ -14,15 +14,18 @@ import { makeGhost, makeTube, heightRange, heightsBeyond, PERCENTILES } from "./
 const along = (from, direction, length) => from.map((part, k) => part + direction[k] * length);
 
 /**
- * The picture of `subject` (see subject.js) in `place`; null, and a note to the reader, where the browser has no WebGL. Colours go over
- * `range` and the floor has squares of `square`, mm; where they are not given, as suits the body.
+ * Makes the picture of `subject` (see subject.js) in `place`. Without WebGL it returns null and shows a note. `range`
+ * is the range of the colours and `square` the size of the floor's squares, mm. By default both are chosen for the
+ * body.
  *
- * - `show(layers)`: so much of the body;
- * - `replaceBody(body)`: another body instead, say a longer one; the view stays as it is, and `show` says how much of it is there;
- * - `reveal({ built, planned, commanded, estimated })`: whether the body as built, the planned one, where it was commanded to be and where
- *   feedback took it to be are shown; `revealScene(shown)`: whether obstacles are;
- * - `look(side)`: everything from `corner`, `front`, `side` or `top`;
- * - `paint()`: takes the colours of the page;
+ * - `show(layers)`: shows this number of layers.
+ * - `replaceBody(body)`: replaces the body, for example by a longer one. The view stays, and `show` sets the visible
+ *   part.
+ * - `reveal({ built, planned, commanded, estimated })`: shows or hides the body as built, the planned body, the
+ *   commanded path and the path that feedback estimated.
+ * - `revealScene(shown)`: shows or hides the obstacles.
+ * - `look(side)`: shows everything from `corner`, `front`, `side` or `top`.
+ * - `paint()`: applies the colours of the page.
  * - `stage`: see stage.js.
  */
 export function makePicture(place, subject, { range, square } = {}) {
@@ -48,7 +51,7 @@ function paintable(place, subject, range, square) {
   const stage = makeStage(find("canvas"), (seen) => {
     for (const { element, at } of labels) {
       const [right, y] = seen.onScreen(at());
-      // Labels stay in the picture.
+      // Labels stay within the picture.
       const x = Math.min(right, find("canvas").clientWidth - element.offsetWidth - 12);
       element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(8px, -50%)`;
     }
@@ -188,23 +191,23 @@ function paintable(place, subject, range, square) {
   return { show, replaceBody, reveal, revealScene, paint, look: stage.look, stage };
 }
 
-/** The box around the centrelines of bodies. */
+/** Returns the box around the centrelines of bodies. */
 export function boxOf(bodies) {
   return new Box3().setFromPoints(bodies.flatMap(outline));
 }
 
-/** Side of the floor's squares under a box, mm. */
+/** Returns the side of the floor's squares under a box, mm. */
 export function squareUnder(box) {
   return scaleLength(0.3 * Math.max(200, box.getSize(new Vector3()).length() / 2));
 }
 
-/** Frees what a part of the scene holds on the graphics card. */
+/** Releases the resources of a part of the scene on the graphics card. */
 function dispose(part) {
   part.geometry?.dispose();
   part.material?.dispose();
 }
 
-/** A few hundred points of a body's centreline. */
+/** Returns a few hundred points of a body's centreline. */
 function outline(grown) {
   const stride = Math.max(1, Math.floor(grown.layers.count / 300));
   const at = Array.from({ length: Math.floor(grown.layers.count / stride) + 1 }, (_, i) => i * stride);

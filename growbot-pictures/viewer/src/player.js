@@ -1,11 +1,12 @@
-// The time: slider, play button and keys.
+// The controls of time: slider, play button and keys.
 
-/** The time in which a whole body is grown, seconds. */
+/** Time in which a whole body grows, s. */
 const SECONDS = 12;
 
 /**
- * Joins the controls of the page to a body of `count` layers, or of another `unit`; `show(place)` is called with how much of it there is,
- * at once with all of it. `lengthen(count)`: there is more of it; who looks at its end goes on doing so.
+ * Connects the controls of the page to a body of `count` layers, or of another `unit`. `show(place)` is called with the
+ * visible part, and first with the whole body. `lengthen(count)` sets a greater length. If the end was visible, the new
+ * end is shown.
  */
 export function makePlayer(count, show, unit = "layers") {
   const slider = document.querySelector("#slider");

@@ -1,4 +1,4 @@
-// The picture: scene, light, camera, and when it is drawn. The camera is orthographic, so that the scale bar holds everywhere.
+// Scene, light, camera and drawing of a picture. The camera is orthographic, so the scale bar is valid everywhere.
 
 import {
   AmbientLight, Box3, Color, DirectionalLight, OrthographicCamera, Scene, Vector3, WebGLRenderer,
@@ -7,10 +7,10 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 
 const FROM = { front: [0, -1, 0], side: [1, 0, 0], top: [0, -1e-4, 1] };
 
-/** Room for labels, legend and scale bar, pixels of the page. */
+/** Margins for labels, legend and scale bar, pixels of the page. */
 const MARGIN = { top: 24, bottom: 64, sides: 24 };
 
-/** Of eight corners the one from which these directions are seen best from the side, the first most. */
+/** Returns the corner, of eight, from which these directions are seen best from the side, the first above all. */
 function bestCorner(directions) {
   let best = { seen: -1 };
   for (let i = 0; i < 8; i += 1) {
@@ -18,7 +18,7 @@ function bestCorner(directions) {
     const view = new Vector3(Math.cos(turn), Math.sin(turn), 0.45).normalize();
     const seen = directions.reduce((sum, direction, k) => {
       const along = new Vector3().fromArray(direction).normalize();
-      // Rather towards the camera than away from it.
+      // Directions that point to the camera are preferred.
       return sum + (along.clone().cross(view).length() + 0.2 * along.dot(view)) / (k + 1);
     }, 0);
     if (seen > best.seen + 1e-9) best = { seen, view };
@@ -26,7 +26,7 @@ function bestCorner(directions) {
   return best.view;
 }
 
-/** A stage on this canvas; `drawn` is called after each picture. */
+/** Makes a stage on this canvas. `drawn` is called after each picture. */
 export function makeStage(canvas, drawn) {
   const renderer = new WebGLRenderer({ canvas, antialias: true });
   renderer.setPixelRatio(Math.min(2, window.devicePixelRatio));
@@ -63,7 +63,7 @@ export function makeStage(canvas, drawn) {
     Object.assign(camera, { left: -wide, right: wide, top: high + MARGIN.top * perPixel, bottom: -high - MARGIN.bottom * perPixel });
     camera.updateProjectionMatrix();
   };
-  /** Aims at everything from there; returns how much is to be seen above and below the middle, mm. */
+  /** Aims the camera at everything from a direction. Returns half of the height that must be visible, mm. */
   const aim = (from) => {
     camera.position.copy(from);
     camera.lookAt(0, 0, 0);
@@ -87,13 +87,13 @@ export function makeStage(canvas, drawn) {
     controls.update();
     redraw();
   };
-  /** Looks at everything from one side, on all that are linked at the same scale. */
+  /** Shows everything from one side, on all linked stages at the same scale. */
   const look = (side) => {
     const from = side === "corner" ? bestCorner(stage.facing) : new Vector3().fromArray(FROM[side]);
     const half = Math.max(...stage.linked.map((one) => one.aim(from)));
     stage.linked.forEach((one) => one.spread(half));
   };
-  /** Looks as the other does: from there, as near, and as far from the middle. */
+  /** Takes over the view of another stage: direction, zoom and offset from the centre. */
   const follow = (other) => {
     following = true;
     controls.target.subVectors(other.controls.target, other.centre).add(stage.centre);
@@ -106,31 +106,31 @@ export function makeStage(canvas, drawn) {
   };
   const stage = {
     scene, camera, controls, look, aim, spread, follow, redraw,
-    /** What is to be seen: these points, and as much around them, mm. */
+    /** Points that must be visible, and the margin around them, mm. */
     points: [],
     around: 0,
-    /** How far from its middle there is something that need not be seen, mm. */
+    /** Greatest distance of optional objects from the centre, mm. */
     beyond: 0,
-    /** Its middle and how far from there the camera is, mm, since it looked at everything. */
+    /** Centre, and distance of the camera from it, mm, set by `aim`. */
     centre: new Vector3(),
     distance: 1,
-    /** The stages that turn together. */
+    /** Stages that turn together. */
     linked: [],
-    /** The directions that the view from a corner is to show. */
+    /** Directions that the view from a corner shows best. */
     facing: [[0, 0, 1]],
     background: (colour) => {
       scene.background = new Color(colour);
       redraw();
     },
-    /** Follows the size of the canvas in the page. */
+    /** Adapts the picture to the size of the canvas in the page. */
     fit: () => {
       renderer.setSize(canvas.clientWidth, canvas.clientHeight, false);
       frustum();
       redraw();
     },
-    /** Lengths in the picture, mm for each pixel of the page. */
+    /** Returns the scale of the picture, mm for each pixel of the page. */
     millimetresPerPixel: () => (camera.top - camera.bottom) / camera.zoom / Math.max(1, canvas.clientHeight),
-    /** Where a point is in the picture, pixels of the page. */
+    /** Returns the position of a point in the picture, pixels of the page. */
     onScreen: (point) => {
       const seen = new Vector3().fromArray(point).project(camera);
       return [(0.5 + 0.5 * seen.x) * canvas.clientWidth, (0.5 - 0.5 * seen.y) * canvas.clientHeight];
@@ -140,7 +140,10 @@ export function makeStage(canvas, drawn) {
   return stage;
 }
 
-/** Stages that turn together: from where all their directions are seen best, at the same scale, in elements of one size. */
+/**
+ * Links stages that turn together. They start with the viewpoint that shows all their directions best, at the same
+ * scale. Their elements must have the same size.
+ */
 export function linkStages(stages) {
   const max = Math.max(...stages.map((stage) => stage.facing.length));
   const facing = Array.from({ length: max }, (_, k) => stages.flatMap((stage) => stage.facing.slice(k, k + 1))).flat();

@@ -1,10 +1,10 @@
-// What is looked at: a plan or a growth, from what the page was given of it.
+// The subject of a page: a plan or a growth, from the page's data.
 
 import { decodeLayers, growBody } from "./body.js";
 
 /**
- * `given` with its bodies grown: `planned`, `built` (null for a plan), `body`, the one of them that is grown by the slider, and the
- * robot's `sizes`, mm.
+ * Returns `given` with its bodies: `planned`, `built` (null for a plan), `body`, which is the one that the slider
+ * grows, and the robot's `sizes`, mm.
  */
 export function readSubject(given) {
   const { robot } = given;

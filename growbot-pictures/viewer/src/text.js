@@ -1,11 +1,11 @@
-// Numbers as the page shows them.
+// Numbers as text on the page.
 
-/** A number with this many decimals, and no minus before zeros. */
+/** Formats a number with this many decimals, without a minus before zeros. */
 export function fixed(value, decimals) {
   return (Math.abs(value) < 0.5 * 10 ** -decimals ? 0 : value).toFixed(decimals);
 }
 
-/** A time in the two units that matter, as `duration_text` of growbot-pictures/src/duration.rs has it. */
+/** Formats a duration in its two largest relevant units, like `duration_text` of growbot-pictures/src/duration.rs. */
 export function durationText(seconds) {
   if (seconds < 0.995) return `${seconds.toFixed(2)} s`;
   if (seconds < 59.95) return `${seconds.toFixed(1)} s`;
@@ -16,11 +16,11 @@ export function durationText(seconds) {
 }
 
 /**
- * The time of day so many seconds after `now`, a Date, as `clock_text` of growbot-host/src/finish_time.rs has it: with the day where that is
- * another one.
+ * Returns the time of day `seconds` after `now` (a Date), like `clock_text` of growbot-host/src/finish_time.rs. The day
+ * is included if it is another one.
  */
 export function finishText(now, seconds) {
-  // To the nearest minute, as durations are.
+  // Rounds to the nearest minute, as durations are rounded.
   const finish = new Date(now.getTime() + 1000 * (seconds + 30));
   const two = (number) => String(number).padStart(2, "0");
   const clock = `${two(finish.getHours())}:${two(finish.getMinutes())}`;
@@ -31,7 +31,7 @@ export function finishText(now, seconds) {
   return `${finish.getFullYear()}-${two(finish.getMonth() + 1)}-${two(finish.getDate())} ${clock}`;
 }
 
-/** The max of 1, 2 and 5 times a power of ten that is no more than `max`. */
+/** Returns the largest of 1, 2 and 5 times a power of ten that is at most `max`. */
 export function scaleLength(max) {
   const power = 10 ** Math.floor(Math.log10(max));
   const times = [5, 2, 1].find((factor) => factor * power <= max) ?? 1;
@@ -49,7 +49,7 @@ export function fillRows(list, rows) {
   );
 }
 
-/** Lists under headings: `[heading, [[name, value], ...]]` each. */
+/** Fills lists under headings: `[heading, [[name, value], ...]]` each. */
 export function fillNumbers(place, groups) {
   for (const [heading, rows] of groups) {
     const title = document.createElement("h2");
@@ -60,7 +60,7 @@ export function fillNumbers(place, groups) {
   }
 }
 
-/** A line for each warning. */
+/** Writes a line for each warning. */
 export function fillWarnings(place, warnings) {
   place.replaceChildren(
     ...warnings.map((warning) => {
@@ -73,8 +73,8 @@ export function fillWarnings(place, warnings) {
 }
 
 /**
- * Fills a table with names and the values of two, under these heads and headings: `[heading, [[name, value, value], ...]]` each. A value
- * that both have stands once.
+ * Fills a table with names and the values of two bodies, under these heads and headings: `[heading, [[name, value,
+ * value], ...]]` each. Equal values are written once.
  */
 export function fillTable(table, heads, groups) {
   const cell = (tag, text, attributes = {}) => Object.assign(document.createElement(tag), { textContent: text, ...attributes });

@@ -4,16 +4,22 @@ import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, MeshBasicMaterial, M
 import { colourAt } from "./colours.js";
 
 const SEGMENTS = 32;
-/** Max number of rings; beyond it only every second, third... layer has one of its own. */
+/** Greatest number of rings. Beyond it only every second, third and so on layer has a ring. */
 const MAX_RINGS = 5000;
 
-/** Layers of less than this share of the highest are splinters between two pieces of a path: they do not stretch the scale. */
+/**
+ * Height of a splinter, as a share of the highest layer. Lower layers lie between two pieces of a path and do not
+ * stretch the scale.
+ */
 const SPLINTER = 0.2;
 
-/** The colours go over these percentiles of the heights, so that outliers do not stretch them (growbot-pictures/src/view/heights.rs). */
+/**
+ * Percentiles of the heights at which the colours end, so that outliers do not stretch the scale
+ * (growbot-pictures/src/view/heights.rs).
+ */
 export const PERCENTILES = [1, 99];
 
-/** Min and max height of each layer of a body, on the middle of its wall, mm, in order of height. */
+/** Returns the min and max height of each layer of a body, on the middle of its wall, mm, in order of height. */
 function heights({ layers }, tipRadius) {
   const splinter = SPLINTER * layers.height.reduce((a, b) => Math.max(a, b), 0);
   const found = [];
@@ -25,31 +31,33 @@ function heights({ layers }, tipRadius) {
   return Float64Array.from(found).sort();
 }
 
-/** Where the colours of the layers of bodies end, mm. */
+/** Returns the heights of the bodies' layers at which the colours end, mm. */
 export function heightRange(subjects) {
   const all = subjects.map(({ body, sizes }) => heights(body, sizes.tipRadius));
   const found = Float64Array.from(all.flatMap((values) => [...values])).sort();
   if (found.length === 0) return [0, 1];
   const [low, high] = PERCENTILES.map((percent) => (percent / 100) * (found.length - 1));
   const [min, max] = [found[Math.floor(low)], found[Math.ceil(high)]];
-  // Layers that are all alike are in the middle of the scale.
+  // Layers of equal height are in the middle of the scale.
   return max - min > 1e-3 ? [min, max] : [min - 0.05, max + 0.05];
 }
 
-/** Whether a body has layers below and above this range. */
+/** Returns two flags: true if a body has layers below this range, and true if it has layers above it. */
 export function heightsBeyond(body, { tipRadius }, [min, max]) {
   const found = heights(body, tipRadius);
   return [found[0] < min - 1e-6, found.at(-1) > max + 1e-6];
 }
 
-/** Colours are interpolated by the graphics card, which works in linear light. */
+/** Converts a colour to linear light, because the graphics card interpolates colours in linear light. */
 function linearBytes(share) {
   const [r, g, b] = colourAt(share);
   const colour = new Color().setRGB(r / 255, g / 255, b / 255, SRGBColorSpace);
   return [colour.r * 255, colour.g * 255, colour.b * 255];
 }
 
-/** The tube of a body: `mesh`, and `show(layers)` for how much of it there is. Lengths in mm. */
+/**
+ * Makes the tube of a body. The result has `mesh` and `show(layers)`, which sets the visible part. Lengths are in mm.
+ */
 export function makeTube(body, { outerRadius, tipRadius, wall }, [min, max]) {
   const { frames, layers } = body;
   const stride = Math.max(1, Math.ceil(layers.count / MAX_RINGS));
@@ -104,7 +112,7 @@ export function makeTube(body, { outerRadius, tipRadius, wall }, [min, max]) {
   const rim = makeRim(outerRadius, wall);
   mesh.add(rim.mesh);
   const show = (count) => {
-    // The ring that is reached: the last may come early.
+    // Number of rings within these layers. The last ring may have a smaller distance from the one before.
     const rings = count >= layers.count ? at.length - 1 : Math.floor(count / stride);
     geometry.setDrawRange(0, rings * SEGMENTS * 6);
     rim.place(frames, at[rings] * 12);
@@ -113,7 +121,7 @@ export function makeTube(body, { outerRadius, tipRadius, wall }, [min, max]) {
   return { mesh, show };
 }
 
-/** The planned tube, to be seen through and a little narrower than the one as built. */
+/** Makes the planned tube, translucent and a little narrower than the one as built. */
 export function makeGhost(body, { outerRadius, tipRadius, wall }) {
   const { mesh } = makeTube(body, { outerRadius: 0.985 * outerRadius, tipRadius, wall }, [0, 1]);
   mesh.material = new MeshBasicMaterial({ transparent: true, opacity: 0.22, depthWrite: false });
@@ -121,7 +129,7 @@ export function makeGhost(body, { outerRadius, tipRadius, wall }) {
   return mesh;
 }
 
-/** Draws a fine line between layers where they are large enough in the picture. */
+/** Draws a fine line between layers if they are large enough in the picture. */
 function layered(material) {
   material.onBeforeCompile = (shader) => {
     shader.vertexShader = shader.vertexShader
@@ -141,7 +149,7 @@ function layered(material) {
   return material;
 }
 
-/** The rim of the wall at the tip. */
+/** Makes the rim of the wall at the tip. */
 function makeRim(outerRadius, wall) {
   const position = new Float32Array((SEGMENTS + 1) * 6);
   const index = [];

@@ -5,8 +5,8 @@
 >>> plan.path_type, round(plan.length_mm, 1), plan.layer_count
 ('CSC', 643.0, 832)
 
-Lengths are in mm and angles in degrees: the names say so. A pose is growbot.Pose, or five numbers: x, y, z, heading,
-pitch; pitch 90 is straight up. What is wrong is a growbot.Error, with value, limit and remedy.
+Lengths are in mm and angles in degrees, as the names state. A pose is growbot.Pose, or five numbers: x, y, z, heading,
+pitch. Pitch 90 is straight up. Every error is a growbot.Error, with value, limit and remedy.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Boards: a context manager, whose growths are iterators of typed events."""
+"""Boards. A board is a context manager, and its growths are iterators of typed events."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from growbot.events import Event, Status, from_fields
 def connect(port: str = "sim", *, robot: Optional[Union[Robot, str]] = None, take_over: bool = False) -> Board:
     """Connects to a robot: "sim", "sim:NAME", "emulator", "tcp:HOST:PORT", or a serial device such as "/dev/ttyACM0".
 
-    robot is the one that is simulated; elsewhere the board says what it is. With take_over, another host loses the
-    board. A robot that `growbot serve` owns is asked through the service, as by commands.
+    robot is the robot to simulate. Other boards report their robot themselves. With take_over, another host loses the
+    board. If `growbot serve` owns the robot, the connection uses the service, like growbot's commands.
 
         with growbot.connect("sim") as board:
             for event in board.grow(plan):
@@ -34,10 +34,10 @@ def connect(port: str = "sim", *, robot: Optional[Union[Robot, str]] = None, tak
 
 
 class Growth(Iterator[Event]):
-    """A growth under way: an iterator of its events, until the body is done.
+    """A growth in progress: an iterator of its events, until the body is done.
 
-    Ctrl-C stops the robot and raises KeyboardInterrupt once it has stopped; a second one gives the emergency stop. Who
-    leaves the loop before the end leaves a robot that is told to stop, unless a service owns it.
+    Ctrl-C stops the robot and raises KeyboardInterrupt once it has stopped. A second Ctrl-C sends the emergency stop.
+    If your loop ends before the growth does, the robot is stopped, unless a service owns it.
     """
 
     def __init__(self, inner: Union[_growbot.Growth, ServedGrowth]) -> None:
@@ -53,20 +53,20 @@ class Growth(Iterator[Event]):
         return from_fields(json.loads(told))
 
     def wait(self) -> dict[str, Any]:
-        """Grows to the end, and gives the result."""
+        """Waits for the end of the growth, and returns the result."""
         for _ in self:
             pass
         return self.result or {}
 
     @property
     def result(self) -> Optional[dict[str, Any]]:
-        """What the growth came to, as `growbot grow --json` has it; None before its end."""
+        """Result of the growth, in the format of `growbot grow --json`. None before the end."""
         told = self._inner.result_json
         return None if told is None else json.loads(told)
 
     @property
     def ended(self) -> bool:
-        """Whether it has come to an end, and all its events are read."""
+        """True if the growth has ended and all its events have been read."""
         return self._inner.ended
 
     def stop(self) -> None:
@@ -75,16 +75,16 @@ class Growth(Iterator[Event]):
         try:
             self.wait()
         except BoardError:
-            # It came to another end.
+            # The growth ended with a fault or another outcome.
             pass
 
     def order(self, name: str) -> None:
-        """Gives an order: "pause", "continue", "preheat", "load", "unload", "purge", "stop" or "emergency-stop"."""
+        """Sends a command: "pause", "continue", "preheat", "load", "unload", "purge", "stop" or "emergency-stop"."""
         self._inner.order(name)
 
 
 class Board:
-    """A robot at the end of a port; leaving the with block stops what grows, and disconnects."""
+    """A robot at a port. The end of the with block stops a growth in progress, and disconnects."""
 
     def __init__(self, inner: Union[_growbot.Board, ServedBoard]) -> None:
         self._inner = inner
@@ -103,7 +103,7 @@ class Board:
 
     @property
     def simulated(self) -> bool:
-        """Whether the robot is a simulated one."""
+        """True if the robot is simulated."""
         return self._inner.simulated
 
     def grow(
@@ -117,28 +117,28 @@ class Board:
         force: bool = False,
         scene: Optional[Scene] = None,
     ) -> Growth:
-        """Grows a plan. log names the run log (.jsonl); force grows in spite of warnings that speak against it.
+        """Grows a plan. log is the file of the run log (.jsonl). force ignores the plan's warnings and the scene.
 
-        In scene, or in the one that was planned through, the plan must be clear, and corrections are kept clear.
+        The plan must be clear in scene, or in the scene that it was planned through. Corrections stay clear, too.
 
-        conditions with feedback=True close the loop; its noises and biases are for simulated robots alone, and for
-        those that no service owns.
+        conditions with feedback=True measure and correct the growth. Their noises and biases are allowed only for
+        simulated robots that no service owns.
         """
         self._must_be_idle()
         growth = Growth(self._inner.grow(plan, conditions, seed, log, replace_log, force, scene))
-        # One that nobody reads any more stops by itself, but for a service's.
+        # A growth that the program has dropped stops by itself, unless a service owns the robot.
         self._growth = (lambda: growth) if isinstance(self._inner, ServedBoard) else weakref.ref(growth)
         return growth
 
     def attach(self) -> Growth:
-        """The growth that a service has under way, from its first event on."""
+        """Returns the current growth of a robot that a service owns, from its first event on."""
         self._must_be_idle()
         growth = Growth(self._served("attach to").attach())
         self._growth = lambda: growth
         return growth
 
     def leave(self) -> None:
-        """Leaves the growth under way to the service: it goes on when the with block and this program end."""
+        """Leaves the growth to the service. It continues after the end of the with block and of this program."""
         self._served("leave it to")
         self._growth = lambda: None
 
@@ -156,19 +156,19 @@ class Board:
             raise BoardError("a growth is under way: read its events to the end, or stop it", "growing", "idle")
 
     def status(self) -> Status:
-        """What the board is doing."""
+        """Returns the status of the board."""
         self._must_be_idle()
         status = from_fields(json.loads(self._inner.status_json()))
         assert isinstance(status, Status)
         return status
 
     def stop(self) -> str:
-        """Stops a body that another program has begun; in words, how."""
+        """Stops a growth that another program has started. Returns a sentence about the result."""
         self._must_be_idle()
         return self._inner.stop()
 
     def emergency_stop(self) -> None:
-        """Everything off, at once; raises BoardError unless the board says that it has obeyed."""
+        """Switches everything off at once. Raises BoardError unless the board confirms it."""
         growth = self._under_way()
         if growth is not None:
             growth.order("emergency-stop")
@@ -177,7 +177,7 @@ class Board:
         self._inner.emergency_stop()
 
     def close(self) -> None:
-        """Stops what grows, and disconnects."""
+        """Stops the current growth, and disconnects."""
         growth = self._under_way()
         if growth is not None:
             growth.stop()

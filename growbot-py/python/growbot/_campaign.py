@@ -1,7 +1,7 @@
 """Campaigns: robots x goals x conditions x seeds, in chunks that any number of processes compute.
 
-A chunk is a pure function of (spec, number): whoever computes it, and however often, it comes to the same bytes. Sums are
-exact, so chunks merge in any order. So a worker that is lost costs the time of its chunk, and changes nothing.
+A chunk is a pure function of (spec, number), so every worker computes the same bytes, however often. Sums are exact, so
+chunks can be merged in any order. A lost worker costs the time of its chunk, but changes no result.
 """
 
 from __future__ import annotations
@@ -25,34 +25,34 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-#: Chunks under way for each thread or worker: no more partial results wait.
+#: Number of chunks in progress for each thread or worker. It limits the partial results that wait.
 _AHEAD = 4
-#: How often a chunk is given to another worker after those that had it were lost.
+#: Number of times a chunk is given to another worker after its worker was lost.
 _LOSSES = 20
 
 
 @dataclass(frozen=True)
 class CampaignSpec:
-    """What a campaign grows: every robot to every goal under all conditions, growths times each.
+    """The growths of a campaign: every robot to every goal under all conditions, growths times each.
 
     A goal is (x_mm, y_mm, z_mm, heading_deg, pitch_deg), or (x_mm, y_mm, z_mm) for any direction. The growths of a cell,
-    which is a robot, a goal and conditions, have the seeds first_seed, first_seed + 1, ..., as those of
+    which is a robot, a goal and conditions, have the seeds first_seed, first_seed + 1, ..., like those of
     ``growbot simulate --repeat``.
     """
 
     robots: tuple[Robot, ...]
     goals: tuple[tuple[float, ...], ...]
     conditions: tuple[Conditions, ...]
-    #: Growths of each cell.
+    #: Number of growths of each cell.
     growths: int
-    #: Where the tip starts.
+    #: Start of the tip.
     start: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 90.0)
     #: Seed of the first growth of each cell.
     first_seed: int = 1
-    #: Radius of the bends, mm; each robot's planning_radius_mm unless given.
+    #: Radius of the bends, mm. The default is each robot's planning_radius_mm.
     radius_mm: Optional[float] = None
     planner: Literal["shortest", "two-plane"] = "shortest"
-    #: Growths of a chunk.
+    #: Number of growths of a chunk.
     chunk_growths: int = 4096
 
     def __post_init__(self) -> None:
@@ -86,7 +86,7 @@ class CampaignSpec:
         return -(-self.total // self.chunk_growths)
 
     def cell(self, index: int) -> tuple[Robot, tuple[float, ...], Conditions]:
-        """Robot, goal and conditions of a cell: conditions change fastest, robots slowest."""
+        """Returns robot, goal and conditions of a cell. Conditions change fastest, robots slowest."""
         _whole("index", index, 0, self.cells - 1)
         rest, condition = divmod(index, len(self.conditions))
         robot, goal = divmod(rest, len(self.goals))
@@ -95,7 +95,7 @@ class CampaignSpec:
 
 @dataclass(frozen=True)
 class Partial:
-    """What a chunk came to: the summaries of its cells, and of cells that have no plan, why."""
+    """Result of a chunk: the summaries of its cells, and the errors of cells that have no plan."""
 
     summaries: dict[int, Summary]
     errors: dict[int, str]
@@ -103,29 +103,29 @@ class Partial:
 
 @dataclass
 class CampaignResult:
-    """What a campaign came to: a summary for each cell, in the order of CampaignSpec.cell."""
+    """Result of a campaign: a summary for each cell, in the order of CampaignSpec.cell."""
 
     spec: CampaignSpec
     summaries: list[Summary] = field(default_factory=list)
-    #: Why there is no plan, by the index of the cell.
+    #: Errors of cells that have no plan, by the index of the cell.
     errors: dict[int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.summaries = [Summary() for _ in range(self.spec.cells)]
 
     def add(self, partial: Partial) -> None:
-        """Takes in a chunk; in any order, and each once."""
+        """Adds a chunk. The order does not matter, but each chunk must be added only once."""
         for cell, summary in partial.summaries.items():
             self.summaries[cell] = self.summaries[cell].merged(summary)
         self.errors.update(partial.errors)
 
     @property
     def growths(self) -> int:
-        """How many growths there were; those of cells without a plan are none."""
+        """Number of growths. Cells without a plan have none."""
         return sum(summary.growths for summary in self.summaries)
 
     def to_json(self) -> str:
-        """All sums as JSON: equal campaigns give the same bytes."""
+        """Returns all sums as JSON. Equal campaigns give equal bytes."""
         errors = {str(cell): self.errors[cell] for cell in sorted(self.errors)}
         return json.dumps({"cells": [json.loads(summary.to_json()) for summary in self.summaries], "errors": errors})
 
@@ -135,8 +135,8 @@ class CampaignResult:
         return hashlib.sha256(self.to_json().encode()).hexdigest()
 
     def table(self) -> npt.NDArray[np.void]:
-        """A structured array with a row for each cell: cell, robot, goal, conditions (indices), growths, and of the
-        distance from the goal mean_mm, sd_mm, p50_mm, p95_mm and max_mm, and mean_direction_error_deg."""
+        """Returns a structured array with a row for each cell: cell, robot, goal, conditions (indices) and growths. The
+        distance from the goal has mean_mm, sd_mm, p50_mm, p95_mm and max_mm. mean_direction_error_deg comes last."""
         import numpy as np
 
         names = ("mean", "sd", "p50", "p95", "max")
@@ -155,10 +155,10 @@ class CampaignResult:
 
 
 def run_chunk(spec: CampaignSpec, chunk: int, samples: Optional[Union[str, os.PathLike[str]]] = None) -> Partial:
-    """Grows a chunk of a campaign, in one thread: a pure function of (spec, chunk).
+    """Grows a chunk of a campaign, in one thread. This is a pure function of (spec, chunk).
 
-    With samples, every growth of it also becomes a row of chunk-000000.parquet in that directory: the columns of
-    simulate_many, and cell. The file is there whole or not at all.
+    With samples, every growth of the chunk also becomes a row of chunk-000000.parquet in that directory: the columns of
+    simulate_many, and cell. The file is written completely or not at all.
     """
     _whole("chunk", chunk, 0, spec.chunks - 1)
     first = chunk * spec.chunk_growths
@@ -188,7 +188,7 @@ def run_chunk(spec: CampaignSpec, chunk: int, samples: Optional[Union[str, os.Pa
 
 
 def merge(spec: CampaignSpec, partials: Iterable[Partial]) -> CampaignResult:
-    """Puts chunks together, in any order: each of range(spec.chunks) once."""
+    """Merges chunks, in any order. Each of range(spec.chunks) must be there once."""
     result = CampaignResult(spec)
     for partial in partials:
         result.add(partial)
@@ -203,10 +203,10 @@ def campaign(
     threads: Optional[int] = None,
     progress: Optional[Callable[[int, int], None]] = None,
 ) -> CampaignResult:
-    """Grows a campaign: on threads of this process, or on the workers of a dask.distributed.Client.
+    """Grows a campaign on threads of this process, or on the workers of a dask.distributed.Client.
 
-    samples names a directory for Parquet files, which all workers must see (needs pyarrow). progress is called with the
-    chunks that are done and their number. The result depends on the spec alone.
+    samples is a directory for Parquet files, which all workers must be able to access (needs pyarrow). progress is
+    called with the number of finished chunks and the number of all chunks. The result depends only on spec.
     """
     if not isinstance(spec, CampaignSpec):
         given = type(spec).__name__
@@ -267,7 +267,7 @@ def _by_dask(client: Any, spec: CampaignSpec, samples: Optional[Any]) -> Iterato
         try:
             partial = future.result()
         except KilledWorker as error:
-            # By its rules a task that was on three lost workers is to blame for that. This one is not.
+            # Dask blames a task if three of its workers were lost. A chunk is not to blame.
             losses[chunk] = losses.get(chunk, 0) + 1
             if losses[chunk] > _LOSSES:
                 message = f"chunk {chunk} was on {_LOSSES} workers that were lost: look at their memory and logs"
@@ -324,7 +324,7 @@ def _numbers(name: str, value: Any, counts: tuple[int, ...]) -> tuple[Any, ...]:
     if len(items) not in counts:
         wanted = " or ".join(str(count) for count in counts)
         raise InputTypeError(f"{name} has {len(items)} numbers: give {wanted}", len(items), wanted)
-    # Checks them.
+    # Pose checks the numbers.
     x, y, z, heading, pitch = items if len(items) == 5 else (*items, 0, 0)
     Pose(x, y, z, heading, pitch)
     return tuple(float(number) for number in items)

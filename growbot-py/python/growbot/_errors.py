@@ -1,4 +1,4 @@
-"""Exceptions: each has the value, the limit and the remedy."""
+"""Exceptions. Each has the value, the limit and the remedy."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ Told = Optional[Union[float, str]]
 
 
 class Error(Exception):
-    """What was asked for cannot be had.
+    """Base class of all errors of growbot.
 
-    value is the offending value and limit what it may be, where there are such: numbers in the unit of the message, or
-    words. remedy says what to do; it is the end of the message.
+    value is the value that caused the error, and limit is its limit: numbers in the unit of the message, or texts. Both
+    are None if they do not apply. remedy states what to do. It is the end of the message.
     """
 
     value: Told
@@ -26,7 +26,7 @@ class Error(Exception):
 
 
 class InputError(Error, ValueError):
-    """A value that cannot be: out of range, not finite, contradictory."""
+    """A value that is not possible: out of range, not finite, or contradictory."""
 
 
 class InputTypeError(Error, TypeError):
@@ -34,18 +34,18 @@ class InputTypeError(Error, TypeError):
 
 
 class FileError(Error, ValueError):
-    """A file that is missing, or is not what it should be."""
+    """A file that is missing or not valid."""
 
 
 class NoPathError(Error):
-    """No path leads there."""
+    """The planner found no path."""
 
 
 class BoardError(Error, RuntimeError):
-    """A board that is silent, refuses, or has a fault."""
+    """A board that does not respond, rejects a request, or has a fault."""
 
 
 def _remedy_of(message: str) -> str:
-    """Messages say what failed, the value and the limit; then, after a colon or a semicolon, what to do."""
+    """Returns the part of a message after its last colon or semicolon. Messages end with the remedy."""
     at = max(message.rfind(": "), message.rfind("; "))
     return message[at + 2 :] if at >= 0 else message

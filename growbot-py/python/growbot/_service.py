@@ -1,4 +1,4 @@
-"""Robots that `growbot serve` owns: asked by HTTP on the user's socket, as commands do."""
+"""Robots that `growbot serve` owns, through HTTP on the user's socket, like growbot's commands."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from growbot._conditions import Conditions
 from growbot._errors import BoardError, FileError, InputError
 from growbot._growbot import Plan, Scene
 
-#: An order to a robot may wait for its board, s.
+#: Timeout of a request, s. A command to a robot may wait for its board.
 _LIMIT_S = 30.0
-#: How long a service that has ended is waited for before it is asked again, s.
+#: Interval at which a service that has ended is tried again, s.
 _AGAIN_S = 0.5
 
 _ORDERS = ("pause", "continue", "stop", "emergency-stop")
@@ -38,7 +38,7 @@ class _Connection(http.client.HTTPConnection):
 
 
 def _socket_of_user() -> Optional[Path]:
-    """Where the service of this user listens."""
+    """Returns the socket on which this user's service listens. None without a home directory."""
 
     def absolute(key: str) -> Optional[Path]:
         path = Path(os.environ.get(key, ""))
@@ -60,7 +60,7 @@ class Service:
 
     @classmethod
     def find(cls) -> Optional[Service]:
-        """The one that listens; None where none does."""
+        """Returns the running service. None if no service listens."""
         path = _socket_of_user()
         if path is None or not path.exists():
             return None
@@ -101,18 +101,18 @@ class Service:
             connection.close()
 
     def bytes(self, path: str, body: Any = None) -> bytes:
-        """What is at a path; with a body, what is done there."""
+        """Sends GET to a path, or POST with a body, and returns the response."""
         try:
             return self._bytes(path, body)
         except (OSError, http.client.HTTPException) as error:
             raise BoardError(f"the service does not answer ({error}): is `growbot serve` running?") from error
 
     def json(self, path: str, body: Any = None) -> Any:
-        """As bytes, from JSON."""
+        """Like bytes, but parses the response as JSON."""
         return json.loads(self.bytes(path, body))
 
     def robot_at(self, port: str) -> Optional[dict[str, Any]]:
-        """The robot at a port, where the service owns it."""
+        """Returns the robot at a port. None if the service does not own it."""
 
         def is_there(other: str) -> bool:
             return other == port or (os.path.exists(port) and os.path.realpath(other) == os.path.realpath(port))
@@ -120,9 +120,9 @@ class Service:
         return next((robot for robot in self.json("/robots") if is_there(robot["port"])), None)
 
     def lines(self, job: str) -> Iterator[Optional[str]]:
-        """The lines of a job's run log as they come, each once; None now and then, while there is none.
+        """Yields the lines of a job's run log when they are written, each once, and None from time to time.
 
-        A service that ends is waited for: it goes on with its jobs when it is back.
+        If the service ends, this waits for it, because it resumes its jobs when it runs again.
         """
         after = 0
         while True:
@@ -144,7 +144,7 @@ class Service:
 
 
 def _events(response: http.client.HTTPResponse) -> Iterator[tuple[Optional[int], Optional[str]]]:
-    """Server-sent events: their numbers and data; of a comment, which keeps the line busy, neither."""
+    """Yields the numbers and data of server-sent events. A comment, which keeps the connection alive, has neither."""
     number, data = None, None
     for raw in response:
         line = raw.decode().rstrip("\r\n")
@@ -158,7 +158,7 @@ def _events(response: http.client.HTTPResponse) -> Iterator[tuple[Optional[int],
 
 
 class ServedGrowth:
-    """A job of the service, in the form of a growth of a board of one's own."""
+    """A job of the service, with the interface of a growth on a board of this program."""
 
     def __init__(self, service: Service, robot: str, job: str, log: Optional[Path]) -> None:
         self._service, self._robot, self._job, self._log = service, robot, job, log
@@ -185,7 +185,7 @@ class ServedGrowth:
                     return line
                 self._result = told["result"]
             except KeyboardInterrupt as interrupt:
-                # The first stops the robot; a second one gives the emergency stop, while the first waits, too.
+                # The first Ctrl-C stops the robot. A second one sends the emergency stop, even while the first waits.
                 try:
                     self._give("stop" if interrupted is None else "emergency-stop")
                 except KeyboardInterrupt:
@@ -197,7 +197,7 @@ class ServedGrowth:
         return None
 
     def _end(self) -> None:
-        """Takes in the end of the run log."""
+        """Records the end of the run log."""
         self.ended = True
         if self._log is not None:
             _write(self._log, self._service.bytes(f"/jobs/{self._job}/log"))
@@ -227,7 +227,7 @@ class ServedGrowth:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Writes a file whole or not at all."""
+    """Writes a whole file, or leaves it unchanged."""
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         beside.write_bytes(content)
@@ -237,7 +237,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 class ServedBoard:
-    """A robot that the service owns, in the form of a board of one's own."""
+    """A robot that the service owns, with the interface of a board of this program."""
 
     def __init__(self, service: Service, robot: dict[str, Any]) -> None:
         self._service: Optional[Service] = service
@@ -275,7 +275,7 @@ class ServedBoard:
         wanted = {"plan": written, "feedback": feedback, "force": bool(force), "name": "from Python"}
         within = scene.file if scene is not None else (written.get("scene") or {}).get("file")
         if within is not None:
-            # The service runs in a directory of its own.
+            # The service runs in another directory.
             wanted["scene"] = os.path.abspath(within)
         job = self._asked().json(f"/robots/{self._robot}/jobs", wanted)
         return ServedGrowth(self._asked(), self._robot, job["id"], path)

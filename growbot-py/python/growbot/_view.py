@@ -8,7 +8,7 @@ from typing import Optional, Protocol, Union
 
 
 class Viewable(Protocol):
-    """What has a page."""
+    """A body that has a page."""
 
     def html(self) -> str: ...
 
@@ -16,8 +16,8 @@ class Viewable(Protocol):
 def view(body: Viewable, file: Optional[Union[str, os.PathLike[str]]] = None, *, browser: bool = True) -> Path:
     """Writes the page of a plan, a simulated growth or a run to a file, and opens it in the browser.
 
-    Without a file it goes into the directory for temporary files. Returns where it is. In a notebook, a body that ends a
-    cell is shown there.
+    The default file is in the directory for temporary files. Returns the path of the file. In a notebook, a cell that
+    ends with a body shows it.
     """
     import tempfile
 

@@ -1,4 +1,4 @@
-"""What happens while a body grows, as typed events: from a board (growbot.connect) or from a run log.
+"""Typed events of a growth, from a board (growbot.connect) or from a run log.
 
     for event in board.grow(plan):
         match event:
@@ -14,14 +14,14 @@ from typing import Any, Optional
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened. fields has all that was told, with the names of a run log."""
+    """An event. fields has all its values, with the names of a run log."""
 
     fields: dict[str, Any] = field(repr=False, compare=False, kw_only=True, default_factory=dict)
 
 
 @dataclass(frozen=True)
 class BoardFound(Event):
-    """The board has said who it is."""
+    """The board has reported its identity."""
 
     state: str
     laid: int
@@ -29,14 +29,14 @@ class BoardFound(Event):
 
 @dataclass(frozen=True)
 class StateChanged(Event):
-    """The board went into another state: "heating", "homing", "growing", "paused", ..."""
+    """The state of the board has changed: "heating", "homing", "growing", "paused", ..."""
 
     state: str
 
 
 @dataclass(frozen=True)
 class Status(Event):
-    """What the board is doing. Temperatures in C; None where there is no reading, or the heater is off."""
+    """Status of the board. Temperatures are in C, and None without a reading or with the heater off."""
 
     state: Optional[str]
     laid: Optional[int]
@@ -47,7 +47,7 @@ class Status(Event):
 
 @dataclass(frozen=True)
 class Laid(Event):
-    """A layer is laid: its index from 0, and as the board's steps have built it; None where nothing is known of it."""
+    """A layer was laid: its index from 0, and its values according to the board's steps. Unknown values are None."""
 
     layer: int
     alpha_deg: Optional[float]
@@ -57,7 +57,7 @@ class Laid(Event):
 
 @dataclass(frozen=True)
 class SimulatedLayer(Event):
-    """Where the plastic of a layer of a simulated tip is."""
+    """A layer as the plastic of a simulated tip lies."""
 
     layer: int
     alpha_deg: float
@@ -67,7 +67,7 @@ class SimulatedLayer(Event):
 
 @dataclass(frozen=True)
 class Amending(Event):
-    """With feedback: the layers from first_layer on are replaced; the body has total layers from now on."""
+    """Feedback replaces the layers from first_layer on. The body has total layers from now on."""
 
     first_layer: int
     total: int
@@ -75,24 +75,24 @@ class Amending(Event):
 
 @dataclass(frozen=True)
 class NotAmended(Event):
-    """The board has not taken the latest amendment: why, unless it just came too late."""
+    """The board has not accepted the latest amendment. why is the reason, or None if the amendment came too late."""
 
     why: Optional[str]
 
 
 @dataclass(frozen=True)
 class Silent(Event):
-    """The board does not answer, and is called again."""
+    """The board does not respond, and the host tries again."""
 
 
 @dataclass(frozen=True)
 class Back(Event):
-    """The board answers again."""
+    """The board responds again."""
 
 
 @dataclass(frozen=True)
 class Ended(Event):
-    """Of a run log: the growth has ended."""
+    """The growth has ended. Run logs only."""
 
     outcome: str
 
@@ -105,7 +105,7 @@ class Other(Event):
 
 
 def from_fields(told: dict[str, Any]) -> Event:
-    """The event of a line of a run log."""
+    """Returns the event of a line of a run log."""
     name = str(told.get("event", ""))
     if name == "laid":
         return Laid(

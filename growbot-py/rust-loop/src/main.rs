@@ -1,10 +1,10 @@
-//! Plans to the goals of a file, `x,y,z,heading,pitch` a line, as a program in Rust would: prints the min time of some
-//! rounds for each batch of goals, in s, a line each.
+//! Plans to the goals of a file with lines `x,y,z,heading,pitch`, as a program in Rust would. For each batch of goals,
+//! it prints a line with the min time of several rounds, in s.
 //!
 //!     rust-loop GOALS.csv BATCH ROUNDS
 //!
-//! A batch takes a millisecond or so: on a machine with other work, some rounds are long enough for each to have had the
-//! processor for itself.
+//! A batch takes about a millisecond. On a machine with other work, so short a batch runs uninterrupted in some of the
+//! rounds.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -1,8 +1,8 @@
-//! The clock of a board in QEMU: the board runs to a tick and stands there.
+//! Clock control of a board in QEMU: the board runs to a tick and stops there.
 //!
-//! QEMU is driven as a debugger drives it (GDB's remote protocol). The board writes a word at each tick
-//! (`growbot_firmware::emulated_tip::ALARMS`); the one of the tick to come is watched, so that the board stops there.
-//! While the board stands its virtual clock stands too, and QEMU takes in what was sent to the board.
+//! QEMU is controlled through GDB's remote protocol. The board writes a word at each tick
+//! (`growbot_firmware::emulated_tip::ALARMS`). A watchpoint on the word of the next required tick stops the board
+//! there. While the board is stopped, its virtual clock is stopped too, and QEMU accepts what was sent to the board.
 
 use std::fmt::Write as _;
 use std::io::{self, ErrorKind, Read, Write};
@@ -11,26 +11,26 @@ use std::time::Duration;
 
 use growbot_firmware::emulated_tip as table;
 
-/// QEMU's debugger.
+/// Connection to QEMU's debugger.
 pub struct Debugger {
     line: TcpStream,
     received: Vec<u8>,
-    /// Address of the word that is watched.
+    /// Address of the watched word.
     watched: Option<usize>,
     runs: bool,
 }
 
 impl Debugger {
-    /// That of a board that stands.
+    /// Returns the debugger of a stopped board.
     pub(super) fn on(line: TcpStream) -> Self {
         Self { line, received: Vec::new(), watched: None, runs: false }
     }
 
-    /// Has the board run until it reaches a tick, less than [`table::ALARM_WORDS`] away; a board that still runs goes
-    /// on to its latest one. Returns whether it stands there within the time.
+    /// Runs the board until it reaches a tick, less than [`table::ALARM_WORDS`] away. If the board still runs, it
+    /// continues to the previous tick. Returns true if the board stops there within `patience`.
     ///
     /// # Errors
-    /// QEMU is gone, or does not do it.
+    /// QEMU has ended, or reports an error.
     pub fn run_to(&mut self, tick: u32, patience: Duration) -> io::Result<bool> {
         if !self.runs {
             let word = table::ADDRESS + table::alarm_offset(tick);
@@ -67,14 +67,14 @@ impl Debugger {
     }
 }
 
-/// Adds a packet of the protocol.
+/// Appends a packet of the protocol.
 fn push(commands: &mut String, text: &str) {
     let sum = text.bytes().fold(0_u8, u8::wrapping_add);
-    // Writing to text does not fail.
+    // Writing to a String does not fail.
     let _ = write!(commands, "${text}#{sum:02x}");
 }
 
-/// Takes the text of the first whole packet out of what was received.
+/// Removes the first whole packet from the received bytes, and returns its text.
 fn next_packet(received: &mut Vec<u8>) -> Option<Vec<u8>> {
     let begin = received.iter().position(|byte| *byte == b'$')?;
     let end = begin + received.get(begin..)?.iter().position(|byte| *byte == b'#')?;

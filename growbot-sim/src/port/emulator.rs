@@ -1,11 +1,12 @@
-//! The robot's firmware in QEMU, with the simulated tip behind the memory that both share.
+//! The robot's firmware in QEMU, connected to the simulated tip through shared memory.
 //!
-//! The tip takes the steps out of the ring, warms the nozzle by the energy that the board has counted, and writes what
-//! the sensors show.
+//! The tip takes the steps from the ring, warms the nozzle by the energy that the board has counted, and writes the
+//! sensor readings.
 //!
-//! Time is virtual: it passes by the board's instructions, and only while the host waits. The board runs from one look
-//! of the tip to the next, so that a slow machine changes nothing. With `GROWBOT_EMULATOR_TIME=real` the board runs in
-//! real time, and a thread plays the tip: then the machine's load stretches time and changes no step.
+//! Time is virtual: it passes with the board's instructions, and only while the host waits. The board runs from one
+//! poll of the tip to the next, so a slow machine does not change the result. With `GROWBOT_EMULATOR_TIME=real` the
+//! board runs in real time, and a thread simulates the tip. The machine's load then stretches time but does not change
+//! a step.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -35,53 +36,53 @@ use crate::tip::hand::Hand;
 use crate::tip::{IndexMark, Motor, Tip, TipFault, Variation, encoder_pitch};
 use crate::truth::{Laid, Simulation};
 
-/// How often the tip looks at its memory in real time.
+/// Interval at which the tip polls its memory in real time.
 const LOOK: Duration = Duration::from_millis(1);
-/// How often it does in virtual time, where each look costs QEMU some 0.1 ms.
+/// Interval of these polls in virtual time. Each poll costs QEMU about 0.1 ms.
 const VIRTUAL_LOOK: Duration = Duration::from_millis(5);
-/// The fewest ticks from stop to stop, and the ticks from one byte to the board to the next. The interrupt of a tick at
-/// which QEMU has stopped the board is followed at once by the next one, so a stop at every tick would leave the main
+/// Smallest number of ticks between two stops, and ticks between two bytes to the board. After a tick at which QEMU has
+/// stopped the board, the interrupt of the next tick follows immediately. So a stop at every tick would leave the main
 /// loop no time.
 const FEWEST_TICKS: u32 = 2;
-/// The clock of a board that reaches no tick for so long in real time stands: real time passes instead.
+/// Real time after which a board that reaches no tick counts as stopped. Its clock then advances by this time.
 const STANDING: Duration = Duration::from_secs(10);
-/// How long QEMU may take to end once its line has broken.
+/// Timeout for the end of QEMU after its connection has broken.
 const END: Duration = Duration::from_secs(1);
-/// How errors name the board.
+/// Name of the board in error messages.
 const NAME: &str = "the emulated board";
-/// Where the firmware image lies, from cargo's target directory.
+/// Path of the firmware image in cargo's target directory.
 pub const FIRMWARE: &str = "thumbv7em-none-eabihf/firmware/an386";
 
 /// The robot's firmware in QEMU.
 pub struct Emulator {
-    // The order is the one they are dropped in: first what reads the memory, then the board and its memory.
+    // Fields are dropped in this order: first the readers of the memory, then the board and its memory.
     followed: Arc<Mutex<Followed>>,
     line: BoardLine,
     board: EmulatedRobot,
-    /// The sealed copy of the image: QEMU reads it some time after its start.
+    /// Sealed copy of the image. QEMU reads it some time after its start.
     _image: Option<File>,
 }
 
-/// The line to the board, and how its time passes.
+/// Connection to the board, with the mode of its time.
 enum BoardLine {
     Real { stream: Stream, _player: Player },
     Virtual(Rc<RefCell<Stepped>>),
 }
 
 impl Emulator {
-    /// Starts QEMU with a firmware image (the one that was built last where none is given) and a robot's description.
+    /// Starts QEMU with a firmware image and a robot's description. The default image is the one that was built last.
     ///
     /// # Errors
-    /// QEMU or the image are missing, or the board does not start.
+    /// QEMU or the image is missing, or the board does not start.
     pub fn start(robot: &Robot, firmware: Option<&Path>) -> Result<Self, OpenError> {
         Self::start_with_flash(robot, firmware, &[])
     }
 
-    /// Starts a board whose power has been gone: with the flash of its journal, from [`Emulator::cut_power`]. All else
-    /// is as at first.
+    /// Starts a board after a loss of power, with the flash of its journal from [`Emulator::cut_power`]. Everything
+    /// else is in its initial state.
     ///
     /// # Errors
-    /// As [`Emulator::start`].
+    /// Those of [`Emulator::start`].
     pub fn start_with_flash(robot: &Robot, firmware: Option<&Path>, flash: &[u8]) -> Result<Self, OpenError> {
         robot.check_for_board().map_err(|error| OpenError::NoBoard(robot.name().to_owned(), error))?;
         let firmware = firmware.map_or_else(built_last, Path::to_path_buf);
@@ -90,7 +91,7 @@ impl Emulator {
         let flash = flash.get(..table::JOURNAL_CAPACITY).unwrap_or(flash);
         memory.file().write_all_at(flash, table::JOURNAL as u64).map_err(doing("write the journal's flash"))?;
         let words = Words(memory.file().try_clone().map_err(doing("share the tip's memory"))?);
-        // The board gets its image sealed, as `growbot flash` does it.
+        // The image of the board is sealed in the same way as by `growbot flash`.
         let sealed = with_seal(&firmware)?;
         let image = sealed.as_ref().map_or(firmware, path_of);
         let mut board = EmulatedRobot::start(&image, memory, Time::of_environment())?;
@@ -110,28 +111,29 @@ impl Emulator {
         Ok(Self { followed, line, board, _image: sealed })
     }
 
-    /// Breaks something on the tip; a fault of the same kind is replaced. The board sees it within some milliseconds.
+    /// Injects a fault into the tip, and replaces a fault of the same kind. The board detects it within some
+    /// milliseconds.
     pub fn inject(&mut self, fault: TipFault) {
         locked(&self.followed).tip.inject(fault);
     }
 
-    /// Mends the fault of this one's kind.
+    /// Removes the fault of this kind.
     pub fn mend(&mut self, fault: TipFault) {
         locked(&self.followed).tip.mend(fault);
     }
 
-    /// Does something with the tip at this moment.
+    /// Calls a function with the tip in its current state.
     pub fn simulated_tip(&mut self, what: impl FnOnce(&mut Tip)) {
         what(&mut locked(&self.followed).tip);
     }
 
-    /// The tip, for comparing a growth with what it has really laid.
+    /// Returns the tip, to compare a growth with the layers that it really laid.
     #[must_use]
     pub fn simulation(&self) -> Box<dyn Simulation> {
         Box::new(SharedFollowed(Arc::clone(&self.followed)))
     }
 
-    /// Cuts the board's power at this moment. What is left is the flash of its journal; the tip stays as it is.
+    /// Cuts the board's power. Returns the flash of its journal, which survives. The tip stays as it is.
     ///
     /// # Errors
     /// The flash cannot be read.
@@ -143,7 +145,7 @@ impl Emulator {
         Ok(flash)
     }
 
-    /// The clock of this board, for a test that waits for it without its line.
+    /// Returns the clock of this board, for a test that waits without the connection.
     #[must_use]
     pub fn clock(&self) -> BoardClock {
         BoardClock(match &self.line {
@@ -152,14 +154,14 @@ impl Emulator {
         })
     }
 
-    /// The emulator and the memory of its tip.
+    /// Returns the emulator, with the memory of its tip.
     pub fn board(&mut self) -> &mut EmulatedRobot {
         &mut self.board
     }
 }
 
 impl Emulator {
-    /// Why the line broke: because QEMU ended, if it did.
+    /// Returns the reason for a broken connection. If QEMU has ended, the reason contains its last messages.
     fn why(&mut self, broken: PortError) -> PortError {
         match self.board.qemu().last_words(END) {
             Some(said) => QemuError::Died(said).into(),
@@ -198,21 +200,21 @@ impl Port for Emulator {
         }
     }
 
-    /// In real time the board counts the interrupts of its timer, some of which a busy machine lets pass.
+    /// In real time the board counts the interrupts of its timer, and misses some of them on a busy machine.
     fn compares_clocks(&self) -> bool {
         matches!(self.line, BoardLine::Virtual(_))
     }
 }
 
-/// The clock of an emulated board.
+/// Clock of an emulated board.
 #[derive(Clone)]
 pub struct BoardClock(Option<Rc<RefCell<Stepped>>>);
 
 impl BoardClock {
-    /// Lets so much of the board's time pass. What the board sends waits to be received.
+    /// Lets this much of the board's time pass. What the board sends is buffered until it is received.
     ///
     /// # Errors
-    /// QEMU is gone.
+    /// QEMU has ended.
     pub fn pass(&self, time: Duration) -> io::Result<()> {
         let Some(stepped) = &self.0 else {
             thread::sleep(time);
@@ -227,18 +229,18 @@ impl BoardClock {
     }
 }
 
-/// A board in virtual time, which runs from look to look of its tip.
+/// A board in virtual time, which runs from one poll of its tip to the next.
 struct Stepped {
     followed: Arc<Mutex<Followed>>,
     debugger: Debugger,
     line: TcpStream,
     to_board: VecDeque<u8>,
     from_board: VecDeque<u8>,
-    /// Ticks a second.
+    /// Ticks per second.
     tick_hz: u32,
-    /// Ticks of all boots that have passed.
+    /// Ticks of all boots so far.
     passed: u64,
-    /// Real time that has passed while the board's clock stood.
+    /// Real time that was added while the board's clock was stopped.
     stood: Duration,
 }
 
@@ -270,9 +272,9 @@ impl Stepped {
         self.from_board.read(buffer)
     }
 
-    /// Has the board run to the next look of the tip, or until a time.
+    /// Runs the board to the next poll of the tip, or to a time.
     fn step(&mut self, deadline: Duration) -> io::Result<()> {
-        // QEMU takes in one byte while the board stands.
+        // QEMU accepts one byte while the board is stopped.
         if let Some(byte) = self.to_board.pop_front() {
             self.line.write_all(&[byte])?;
         }
@@ -287,18 +289,19 @@ impl Stepped {
         followed.look()?;
         let after = followed.clock()?;
         drop(followed);
-        // After a reset it counts from zero.
+        // After a reset the clock counts from zero.
         self.passed += after.checked_sub(before).unwrap_or(after);
         self.read()
     }
 
-    /// The ticks of a time, rounded up: at least [`FEWEST_TICKS`].
+    /// Converts a time to ticks, rounded up. The result is at least [`FEWEST_TICKS`] and less than the number of alarm
+    /// words.
     fn ticks(&self, time: Duration) -> u32 {
         let ticks = (time.as_nanos() * u128::from(self.tick_hz)).div_ceil(1_000_000_000);
         (ticks as u32).clamp(FEWEST_TICKS, table::ALARM_WORDS - 1)
     }
 
-    /// Takes what the board has sent.
+    /// Receives what the board has sent.
     fn read(&mut self) -> io::Result<()> {
         let mut buffer = [0; 4096];
         loop {
@@ -312,9 +315,9 @@ impl Stepped {
     }
 }
 
-/// A copy of an image with its seal, where it has none: one that is sealed is taken as it is, damaged or not.
+/// Returns a sealed copy of an image. `None` if the image has a seal already, even a damaged one, or cannot be sealed.
 fn with_seal(firmware: &Path) -> Result<Option<File>, QemuError> {
-    // A pipe or a device would be waited for.
+    // Reading a pipe or a device could block.
     if !firmware.is_file() {
         return Err(QemuError::NoFirmware(firmware.to_path_buf()));
     }
@@ -325,16 +328,16 @@ fn with_seal(firmware: &Path) -> Result<Option<File>, QemuError> {
     };
     let copy = TipMemory::create(sealed.len() as u64)?;
     copy.file().write_all_at(&sealed, 0).map_err(doing("write the sealed image"))?;
-    // Its name goes with `copy`, so that it is gone however we end.
+    // The name of the file is removed with `copy`, so the file disappears however this program ends.
     copy.file().try_clone().map(Some).map_err(doing("keep the sealed image"))
 }
 
-/// A path by which another program finds an open file, with or without a name of its own.
+/// Returns a path through which another program can open an open file, even if the file has no name any more.
 fn path_of(file: &File) -> PathBuf {
     PathBuf::from(format!("/proc/{}/fd/{}", std::process::id(), file.as_raw_fd()))
 }
 
-/// The firmware image that was built last: beside this program, or in the working directory's `target`.
+/// Returns the firmware image that was built last: next to this program, or in `target` of the working directory.
 fn built_last() -> PathBuf {
     let beside = std::env::current_exe().ok().and_then(|program| {
         // target/release/growbot, or target/debug/deps/some-test
@@ -360,19 +363,19 @@ fn prepare(memory: &TipMemory, robot: &Robot) -> Result<(), QemuError> {
     words.show(&mut tip_of(robot)).map_err(doing("write the tip's memory"))
 }
 
-/// The tip at first. The board counts its head from where it stands when it is switched on, and places the index mark
+/// Returns the initial tip. The board counts the head's steps from its position at power-on, and places the index mark
 /// there too.
 fn tip_of(robot: &Robot) -> Tip {
     Tip::new(robot.clone(), 0, Variation::default())
 }
 
-/// A number that differs from run to run.
+/// Returns a number that differs from run to run.
 fn entropy() -> u32 {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
     now.subsec_nanos() ^ std::process::id().rotate_left(16)
 }
 
-/// The words of the tip's memory.
+/// Words of the tip's memory.
 struct Words(File);
 
 impl Words {
@@ -382,7 +385,7 @@ impl Words {
         Ok(u32::from_le_bytes(bytes))
     }
 
-    /// A counter that the board may be changing: read until two readings agree.
+    /// Reads a counter that the board may be changing. It is read until two readings agree.
     fn read_counter(&self, offset: usize) -> io::Result<u32> {
         let mut value = self.read(offset)?;
         loop {
@@ -408,7 +411,7 @@ impl Words {
         self.0.write_all_at(&value.to_le_bytes(), offset as u64)
     }
 
-    /// Writes what the tip's sensors show.
+    /// Writes the readings of the tip's sensors.
     fn show(&self, tip: &mut Tip) -> io::Result<()> {
         self.show_converted(table::THERMISTOR_RAW, table::THERMISTOR_LIVE, tip.sample_thermistor())?;
         self.show_converted(table::SUPPLY_RAW, table::SUPPLY_LIVE, tip.sample_supply())?;
@@ -432,8 +435,8 @@ impl Words {
         self.write(table::GRAVITY_LIVE, gravity.is_some().into())
     }
 
-    /// Tells the board how its encoder continues from the tip's latest step, whenever that changes: the board computes
-    /// the level from its own steps.
+    /// Writes how the encoder's level follows from the tip's steps, whenever that changes. The board computes the level
+    /// from its own steps.
     fn show_encoder_mapping(&self, tip: &mut Tip) -> io::Result<()> {
         let (turned, seen_per_step) = tip.encoder_mapping();
         let slip = libm::rint((seen_per_step - 1.0) * 65_536.0) as i32;
@@ -457,15 +460,16 @@ impl Words {
         self.write(live, sample.is_some().into())
     }
 
-    /// The board computes the level of its index sensor from its own steps: this tells it how far those are from the
-    /// truth, and the level itself where that no longer depends on them.
+    /// Writes the index mark's position. The board computes the level of its index sensor from its own steps, so the
+    /// position includes the difference from the true steps. If the level no longer depends on the steps, a fault has
+    /// the level.
     fn show_index(&self, tip: &Tip) -> io::Result<()> {
         let mark = IndexMark::of(tip.robot());
         let position = (i64::from(mark.position) - tip.head_slip()).rem_euclid(i64::from(mark.steps_per_turn));
         self.write(table::INDEX_POSITION, position as u32)?;
         let fault = match (tip.index_follows(), tip.on_index()) {
             (true, _) => table::INDEX_FAULT_NONE,
-            // The emulated sensor pulls its line low on the mark.
+            // The emulated sensor pulls its output low on the mark.
             (false, true) => table::INDEX_FAULT_STUCK_LOW,
             (false, false) => table::INDEX_FAULT_STUCK_HIGH,
         };
@@ -473,17 +477,17 @@ impl Words {
     }
 }
 
-/// The tip and how far its memory has been followed.
+/// The tip, with the state of its memory at the latest poll.
 struct Followed {
     words: Words,
     tip: Tip,
     boots: u32,
-    /// The tip's clock when the board last started, ticks.
+    /// Clock of the tip at the board's latest start, ticks.
     boot_tick: u64,
     steps_read: u32,
     /// Tick of the latest step, since that start.
     step_tick: u64,
-    /// The board's clock at the latest look.
+    /// Clock of the board at the latest poll.
     ticks: u64,
     energy: u64,
     lost_steps: u32,
@@ -504,19 +508,19 @@ impl Followed {
         }
     }
 
-    /// The board's clock: ticks since it started.
+    /// Returns the board's clock: ticks since its start.
     fn clock(&self) -> io::Result<u64> {
         self.words.read_pair(table::TICKS_LO, table::TICKS_HI)
     }
 
-    /// Takes what the board has done since the last look, and shows it what the sensors see.
+    /// Applies what the board has done since the latest poll, and updates the sensor readings.
     fn look(&mut self) -> io::Result<()> {
         if self.words.read(table::MAGIC)? != table::MAGIC_VALUE {
             return Ok(()); // not booted yet
         }
         let boots = self.words.read_counter(table::BOOTS)?;
         if boots != self.boots {
-            // The board has started anew: its clock too.
+            // The board has restarted, and its clock too.
             self.step(self.words.read_counter(table::BOOT_WRITE_INDEX)?)?;
             (self.boots, self.boot_tick) = (boots, self.tip.now());
             (self.step_tick, self.ticks, self.energy) = (0, 0, 0);
@@ -526,17 +530,17 @@ impl Followed {
         self.words.show(&mut self.tip)
     }
 
-    /// Lets time pass up to the board's present, with the power that it gave in that time.
+    /// Lets time pass up to the board's clock, with the heating power of that time.
     fn warm(&mut self) -> io::Result<()> {
         let ticks = self.clock()?;
         let energy = self.words.read_pair(table::HEATER_ENERGY_LO, table::HEATER_ENERGY_HI)?;
         let enabled = self.words.read(table::HEATER_ENABLE)? == 1;
         let duty = self.words.read(table::HEATER_DUTY)?;
-        // Both are zero in a board that is just starting anew.
+        // Both are zero while a board restarts.
         let (passed, gained) = (ticks.saturating_sub(self.ticks), energy.saturating_sub(self.energy));
         if passed > 0 {
-            // What it got is what the board has counted, however rarely this looks; the word is for a switch that is
-            // broken.
+            // The heat is the energy that the board has counted, however rarely this polls. The duty word is only for a
+            // broken switch.
             let mean = if gained > 0 { gained as f64 / passed as f64 } else { f64::from(duty) };
             self.tip.heat((mean / f64::from(u16::MAX)).min(1.0), enabled || gained > 0);
             self.tip.blow(f64::from(self.words.read(table::FAN_DUTY)?.min(u32::from(u16::MAX))) / f64::from(u16::MAX));
@@ -548,10 +552,10 @@ impl Followed {
         Ok(())
     }
 
-    /// Makes the steps up to a running index.
+    /// Makes the steps whose records come before the running index `written`.
     fn step(&mut self, written: u32) -> io::Result<()> {
         while self.steps_read != written {
-            // As many records as lie in one piece of the ring.
+            // Reads as many records as are contiguous in the ring.
             let at = table::step_record_offset(self.steps_read);
             let to_end = (table::STEP_RING + 4 * table::STEP_RING_RECORDS as usize - at) / 4;
             let count = (written.wrapping_sub(self.steps_read) as usize).min(to_end).min(4096);
@@ -582,7 +586,7 @@ fn locked(followed: &Mutex<Followed>) -> MutexGuard<'_, Followed> {
     followed.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The thread that plays the tip in real time.
+/// The thread that simulates the tip in real time.
 struct Player {
     over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -595,7 +599,7 @@ impl Player {
             let (followed, over) = (Arc::clone(followed), Arc::clone(&over));
             move || {
                 while !over.load(Ordering::Relaxed) {
-                    // A memory that cannot be read shows when the record is asked for.
+                    // A memory that cannot be read is reported when the record is read.
                     let _ = locked(&followed).look();
                     thread::sleep(LOOK);
                 }
@@ -605,7 +609,7 @@ impl Player {
     }
 }
 
-/// The tip, for who compares a growth with it.
+/// The tip, to compare a growth with it.
 struct SharedFollowed(Arc<Mutex<Followed>>);
 
 impl Simulation for SharedFollowed {

@@ -1,4 +1,4 @@
-//! Where a robot is: in this process (`sim`), in an emulator (`emulator`, `rp2040`), behind a TCP connection or on a serial line.
+//! Ports to robots: in this process (`sim`), in an emulator (`emulator`, `rp2040`), over TCP or over a serial line.
 
 pub mod debugger;
 pub mod emulator;
@@ -28,30 +28,30 @@ use crate::tip::{Tip, Variation};
 use crate::truth::Simulation;
 use growbot_core::simulation::ErrorModel;
 
-/// Why a port could not be opened.
+/// Reason why a port could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
-    /// The port's name means nothing.
+    /// The port's name is not valid.
     #[error(
         "port `{0}` is unknown: use sim, sim:NAME, emulator, emulator:ELF, rp2040, rp2040:ELF, rp2040:ELF,usb, tcp:HOST:PORT or a serial device such as /dev/ttyACM0"
     )]
     Unknown(String),
-    /// A simulated robot is reached through its program alone.
+    /// A simulated robot can be reached only through its own program.
     #[error("this simulated robot has no line of its own: it ends with its program; sim:NAME stays on")]
     NoLine,
-    /// No board drives this robot.
+    /// A board cannot control this robot.
     #[error("{0} cannot be grown by a board, nor by an emulated one: {1}")]
     NoBoard(String, RobotError),
-    /// A simulated robot that stays on.
+    /// Error of a resident simulated robot.
     #[error(transparent)]
     Resident(#[from] ResidentError),
-    /// The emulator.
+    /// Error of the emulator.
     #[error(transparent)]
     Emulator(#[from] QemuError),
-    /// The emulator of the Pico.
+    /// Error of the emulator of the Pico.
     #[error(transparent)]
     Rp2040(#[from] BenchError),
-    /// The line.
+    /// Error of the connection.
     #[error(transparent)]
     Port(#[from] PortError),
 }
@@ -62,27 +62,27 @@ impl From<QemuError> for PortError {
     }
 }
 
-/// The name of a port, as given to `--port`.
+/// Name of a port, as given to `--port`.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PortName {
     /// The controller in this process, on a virtual clock.
     Sim,
-    /// A simulated robot of this name that stays on, in a process of its own.
+    /// The resident simulated robot of this name, in a separate process.
     Resident(String),
-    /// The firmware in QEMU: the image given, or the one that was built last.
+    /// The firmware in QEMU. `None` stands for the image that was built last.
     Emulator(Option<PathBuf>),
-    /// The firmware of a Pico in `rp2040js`: the image given, or the one that was built last, over one of its lines.
+    /// The firmware of a Pico in `rp2040js`, over one of its lines. `None` stands for the image that was built last.
     Rp2040(Option<PathBuf>, rp2040::Line),
     /// `tcp:HOST:PORT`.
     Tcp(String),
     /// A serial device.
     Serial(String),
-    /// Any of them, behind a wire with faults.
+    /// Any of these ports, behind a connection with faults.
     Faulty(Box<Self>, FaultSpec),
 }
 
 impl PortName {
-    /// Whether time passes there only while somebody waits for it.
+    /// Returns true if the port's time passes only while the host waits for the board.
     #[must_use]
     pub fn is_virtual(&self) -> bool {
         match self {
@@ -93,7 +93,7 @@ impl PortName {
         }
     }
 
-    /// The name of the simulated robot that stays on there.
+    /// Returns the name of the resident simulated robot at the port. `None` for other ports.
     #[must_use]
     pub fn resident(&self) -> Option<&str> {
         match self {
@@ -103,7 +103,7 @@ impl PortName {
         }
     }
 
-    /// Whether the tip there is a simulated one.
+    /// Returns true if the tip at the port is simulated.
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         match self {
@@ -137,15 +137,15 @@ impl FromStr for PortName {
     }
 }
 
-/// What a simulated tip is like, and where.
+/// Settings of a simulated tip.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TipSettings {
-    /// Where growth begins, for its orientation sensor; none for the origin and upwards.
+    /// Start of the growth, for the orientation sensor. `None` for the origin and upwards.
     pub start: Option<Pose>,
-    /// What is off about it.
+    /// Deviations of the tip from its description.
     pub imperfection: ErrorModel,
-    /// How many times as fast as real time its time passes, above 0; none for as fast as it is computed. On `sim`
-    /// alone.
+    /// Speed of the tip's time compared with real time, above 0. `None` for the speed of the computation. Only for
+    /// `sim`.
     pub pace: Option<f64>,
 }
 
@@ -160,24 +160,24 @@ impl TipSettings {
 
 /// An open port.
 pub struct Opened {
-    /// The line to the robot.
+    /// Connection to the robot.
     pub port: Box<dyn Port>,
-    /// The simulation behind it; none where the robot is a real one.
+    /// Simulation behind the port. `None` for a real robot.
     pub simulation: Option<Box<dyn Simulation>>,
 }
 
 impl Opened {
-    /// A port to a robot.
+    /// Returns a port to a real robot.
     fn robot(port: impl Port + 'static) -> Self {
         Self { port: Box::new(port), simulation: None }
     }
 }
 
-/// Opens a port. `robot` is the one that is simulated or emulated there, with a tip of these settings; on other ports
-/// the board says what it is.
+/// Opens a port. `robot` is the robot that is simulated or emulated, with a tip of these settings. On other ports the
+/// board reports its robot.
 ///
 /// # Errors
-/// A port that is not there, is busy or does not start.
+/// The port does not exist, is busy or does not start.
 pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Opened, OpenError> {
     Ok(match name {
         PortName::Sim => {
@@ -218,10 +218,10 @@ pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Op
     })
 }
 
-/// Opens the line to a robot for the emergency stop within a time limit, even if another host holds it.
+/// Opens the connection to a robot for the emergency stop within a time limit, even if another host uses it.
 ///
 /// # Errors
-/// As [`open`]; a robot that is simulated has no line of its own.
+/// Those of [`open`]. A robot that is simulated in its own program has no such connection.
 pub fn open_for_emergency_stop(name: &PortName, limit: Duration) -> Result<Box<dyn Port>, OpenError> {
     Ok(match name {
         PortName::Sim | PortName::Emulator(_) | PortName::Rp2040(..) => return Err(OpenError::NoLine),

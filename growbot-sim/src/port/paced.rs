@@ -1,4 +1,4 @@
-//! A simulated robot whose time does not run away: for people who look on.
+//! A simulated robot with limited speed, for people who watch it.
 
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -7,26 +7,25 @@ use growbot_client::port::{Port, PortError};
 
 use super::sim::Sim;
 
-/// A pause of this program is not made up for beyond this.
+/// Longest pause of this program that is made up for.
 const MAX_BEHIND: Duration = Duration::from_secs(1);
 
-/// A simulated robot whose time passes faster than real time by a factor, or as fast as it is computed where that is
-/// slower.
+/// A simulated robot whose time passes `times` as fast as real time, or as fast as it is computed if that is slower.
 pub struct Paced {
     sim: Sim,
     times: f64,
-    /// When its time would have been 0.
+    /// Real time at which the robot's time was 0.
     began: Instant,
 }
 
 impl Paced {
-    /// A robot at this pace: above 0.
+    /// Returns a robot with this speed, above 0.
     #[must_use]
     pub fn new(sim: Sim, times: f64) -> Self {
         Self { sim, times, began: Instant::now() }
     }
 
-    /// How long to wait where so much real time has passed, until it is as much as there should have.
+    /// Returns the time to wait until the real time matches the robot's time. `passed` is the real time so far.
     fn wait(&mut self, passed: Duration) -> Duration {
         let Ok(due) = Duration::try_from_secs_f64(self.sim.now_s() / self.times) else { return Duration::ZERO };
         let behind = passed.saturating_sub(due);
@@ -65,7 +64,7 @@ mod tests {
         let [before, early, late] = [0, 1, 4].map(Duration::from_secs).map(|passed| paced.wait(passed));
         assert_eq!([before, early, late].map(|wait| wait.as_secs_f64().round()), [3.0, 2.0, 0.0]);
         assert!(before <= Duration::from_secs(3));
-        // The second that is late is not made up for where it is more than that.
+        // A delay of more than a second is not made up for.
         let began = paced.began;
         assert_eq!(paced.wait(Duration::from_secs(10)), Duration::ZERO);
         assert_eq!((paced.began - began).as_secs_f64().round(), 7.0);

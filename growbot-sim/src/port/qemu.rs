@@ -1,8 +1,8 @@
-//! Boards in QEMU: starts the emulator and gives the ends of its lines.
+//! Boards in QEMU: starts the emulator and returns its connections.
 //!
-//! Each line is a TCP connection that QEMU makes to a port this side has opened before: there is no port to guess,
-//! nothing to wait for but the connection, and no byte of the board's first message is lost. The emulator is killed
-//! when its [`Qemu`] is dropped.
+//! Each connection is a TCP connection that QEMU makes to a port that this side has opened before. So no port has to be
+//! guessed, only the connection has to be awaited, and no byte of the board's first message is lost. The emulator is
+//! killed when its [`Qemu`] is dropped.
 
 use std::ffi::{OsStr, OsString};
 use std::fmt;
@@ -19,29 +19,29 @@ use std::time::{Duration, Instant};
 
 use super::debugger::Debugger;
 
-/// The emulator's program.
+/// Program of the emulator.
 const PROGRAM: &str = "qemu-system-arm";
-/// The oldest release known to run both boards; before it the robot's own image does not boot.
+/// Oldest major version known to run both boards. In older versions the robot's own image does not boot.
 pub const OLDEST: u32 = 10;
-/// How long QEMU may take to make its connections.
+/// Timeout for QEMU's connections.
 const START: Duration = Duration::from_secs(60);
-/// Max bytes of QEMU's own messages that are stored.
+/// Greatest number of bytes of QEMU's own messages that are stored.
 const MESSAGES: usize = 8192;
 
-/// In virtual time an instruction takes 2^5 ns, as on the board's 25 MHz, and idle time takes none of this machine's.
+/// In virtual time an instruction takes 2^5 ns, as on the board's 25 MHz, and idle time takes no real time.
 const INSTRUCTIONS: &str = "shift=5,sleep=off";
 
-/// How the time of the emulated robot passes.
+/// Mode of the emulated robot's time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Time {
-    /// By the instructions that the board executes, and only while the host waits for the board.
+    /// The time passes with the instructions that the board executes, and only while the host waits for the board.
     Virtual,
-    /// As this machine's.
+    /// The time is this machine's.
     Real,
 }
 
 impl Time {
-    /// Real where the environment has `GROWBOT_EMULATOR_TIME=real`.
+    /// Returns `Real` if the environment has `GROWBOT_EMULATOR_TIME=real`.
     #[must_use]
     pub fn of_environment() -> Self {
         if std::env::var_os("GROWBOT_EMULATOR_TIME").is_some_and(|time| time == "real") {
@@ -52,26 +52,26 @@ impl Time {
     }
 }
 
-/// Why an emulated board could not be started.
+/// Reason why an emulated board could not be started.
 #[derive(Debug)]
 pub enum QemuError {
-    /// There is no `qemu-system-arm` on the path.
+    /// `qemu-system-arm` is not on the path.
     Missing,
-    /// QEMU is older than [`OLDEST`]; holds its version.
+    /// QEMU is older than [`OLDEST`]. The field is its version.
     TooOld(String),
-    /// `qemu-system-arm --version` said something unexpected; holds it.
+    /// The output of `qemu-system-arm --version` is not valid. The field is the output.
     UnknownVersion(String),
-    /// The firmware is not there; holds its path.
+    /// The firmware does not exist. The field is its path.
     NoFirmware(PathBuf),
-    /// QEMU ended before the board was up; holds what it said.
+    /// QEMU ended before the board had started. The field is its output.
     Ended(String),
-    /// QEMU ended after the board was up; holds what it said.
+    /// QEMU ended after the board had started. The field is its output.
     Died(String),
-    /// QEMU did not connect in time; holds the line and what QEMU said.
+    /// QEMU did not connect in time. The fields are the connection and QEMU's output.
     NotConnected(&'static str, String),
-    /// QEMU refused a command; holds the command and the answer.
+    /// QEMU rejected a command. The fields are the command and the response.
     Refused(String, String),
-    /// A file or a connection failed; holds what was being done.
+    /// A file or a connection failed. The first field is the failed action.
     Io(&'static str, io::Error),
 }
 
@@ -118,54 +118,55 @@ fn or_nothing(said: &str) -> &str {
     if said.trim().is_empty() { "it said nothing" } else { said.trim() }
 }
 
-/// What QEMU says first; registers may follow.
+/// Returns the first line of QEMU's output. Registers may follow it.
 fn first_line(said: &str) -> &str {
     or_nothing(said).lines().next().unwrap_or_default().trim()
 }
 
-/// Makes an [`io::Error`] say what was being done.
+/// Returns a function that adds the failed action to an [`io::Error`].
 pub fn doing(what: &'static str) -> impl Fn(io::Error) -> QemuError {
     move |error| QemuError::Io(what, error)
 }
 
-/// A line that QEMU is yet to connect.
+/// A connection that QEMU has not made yet.
 pub struct Line {
     listener: TcpListener,
     name: &'static str,
 }
 
 impl Line {
-    /// Opens a port for a line, on this machine only. The name is for error messages.
+    /// Opens a port for a connection, on this machine only. The name is for error messages.
     pub fn open(name: &'static str) -> Result<Self, QemuError> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).map_err(doing("open a port for the emulator"))?;
         listener.set_nonblocking(true).map_err(doing("set up a port for the emulator"))?;
         Ok(Line { listener, name })
     }
 
-    /// What QEMU wants after `-serial`, `-qmp` or `-qtest`.
+    /// Returns the value of `-serial`, `-qmp` or `-qtest` for this connection.
     pub fn argument(&self) -> Result<String, QemuError> {
         let address = self.listener.local_addr().map_err(doing("read the port's number"))?;
         // Without nodelay short messages wait for one another, and an exchange takes four times as long.
         Ok(format!("tcp:127.0.0.1:{},server=off,nodelay=on", address.port()))
     }
 
-    /// The same as a value of `-chardev`.
+    /// Returns the value of `-chardev` for this connection.
     fn character_device(&self, id: &str) -> Result<String, QemuError> {
         let address = self.listener.local_addr().map_err(doing("read the port's number"))?;
         Ok(format!("socket,id={id},host=127.0.0.1,port={},server=off,nodelay=on", address.port()))
     }
 }
 
-/// A running emulator; killed when dropped.
+/// A running emulator. It is killed when this is dropped.
 pub struct Qemu {
     child: Child,
     messages: Arc<Mutex<String>>,
-    /// Keeps the messages; ends with QEMU.
+    /// Thread that stores the messages. It ends with QEMU.
     listener: Option<JoinHandle<()>>,
 }
 
 impl Qemu {
-    /// Starts QEMU for a machine and a firmware image, with further arguments. Checks first that both are fit.
+    /// Starts QEMU for a machine and a firmware image, with further arguments. Checks first that QEMU and the image are
+    /// usable.
     pub fn start<A: AsRef<OsStr>>(
         machine: &str,
         firmware: &Path,
@@ -189,7 +190,7 @@ impl Qemu {
         let messages = Arc::new(Mutex::new(String::new()));
         let listener = child.stderr.take().map(|mut stderr| {
             let stored = Arc::clone(&messages);
-            // Ends with QEMU, whose end of the pipe it reads.
+            // The thread ends with QEMU, because it reads from QEMU's end of the pipe.
             thread::spawn(move || {
                 let mut buffer = [0; 512];
                 while let Ok(count @ 1..) = stderr.read(&mut buffer) {
@@ -203,7 +204,7 @@ impl Qemu {
         Ok(Qemu { child, messages, listener })
     }
 
-    /// Waits for QEMU to connect a line.
+    /// Waits for QEMU to connect.
     pub fn connect(&mut self, line: &Line) -> Result<TcpStream, QemuError> {
         let deadline = Instant::now() + START;
         loop {
@@ -226,12 +227,12 @@ impl Qemu {
         }
     }
 
-    /// Whether the emulator still runs.
+    /// Returns true if the emulator still runs.
     pub fn is_running(&mut self) -> bool {
         matches!(self.child.try_wait(), Ok(None))
     }
 
-    /// All that QEMU itself has said, if it ends within a while: its lines break some moments before.
+    /// Returns all of QEMU's own output if QEMU ends within `patience`. Its connections break some moments before.
     pub fn last_words(&mut self, patience: Duration) -> Option<String> {
         let deadline = Instant::now() + patience;
         while self.is_running() {
@@ -241,20 +242,20 @@ impl Qemu {
             thread::sleep(Duration::from_millis(2));
         }
         if let Some(listener) = self.listener.take() {
-            // It cannot have panicked, and what it stored is there all the same.
+            // The thread cannot have panicked, and its output is stored in any case.
             let _ = listener.join();
         }
         Some(self.messages())
     }
 
-    /// Ends the emulator at this moment, and waits until it has ended.
+    /// Kills the emulator, and waits for its end.
     pub fn kill(&mut self) {
-        // Both fail only if it has ended already.
+        // Both fail only if the emulator has ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 
-    /// What QEMU itself has said so far.
+    /// Returns QEMU's own output so far.
     pub fn messages(&self) -> String {
         self.messages.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -266,8 +267,8 @@ impl Drop for Qemu {
     }
 }
 
-/// QEMU as a child that does not outlive this program, however that ends: where util-linux's `setpriv` is there, it
-/// asks the system to see to it.
+/// Returns the command of QEMU. If util-linux's `setpriv` is installed, the system ends QEMU with this program, however
+/// this program ends.
 fn command() -> Command {
     let bound = Command::new("setpriv").arg("--version").stdin(Stdio::null()).stdout(Stdio::null()).status();
     if !bound.is_ok_and(|status| status.success()) {
@@ -297,18 +298,18 @@ fn check_version() -> Result<(), QemuError> {
     }
 }
 
-/// The version in QEMU's first line, and the number it begins with.
+/// Returns the major version in QEMU's first line, and the whole version.
 fn major_version(line: &str) -> Option<(u32, &str)> {
     let version = line.split_whitespace().skip_while(|word| *word != "version").nth(1)?;
     let major = version.split('.').next()?.parse().ok()?;
     Some((major, version))
 }
 
-/// The emulated robot: an mps2-an386, the line to it, and the memory it shares with the simulated tip.
+/// The emulated robot: an mps2-an386, its connection, and the memory that it shares with the simulated tip.
 ///
 /// Dropping it kills the emulator and removes the memory.
 pub struct EmulatedRobot {
-    // The order is the one they are dropped in: the emulator goes before the file it maps.
+    // Fields are dropped in this order. The emulator is dropped before the file that it maps.
     qemu: Qemu,
     line: TcpStream,
     debugger: Option<Debugger>,
@@ -316,9 +317,9 @@ pub struct EmulatedRobot {
 }
 
 impl EmulatedRobot {
-    /// Starts the board with a firmware image on a memory, whose host words the caller has written.
+    /// Starts the board with a firmware image on a memory. The caller has written the host's words there.
     ///
-    /// In virtual time the board stands at its reset until [`EmulatedRobot::debugger`] has it run.
+    /// In virtual time the board stops at its reset until [`EmulatedRobot::debugger`] runs it.
     pub fn start(firmware: &Path, tip: TipMemory, time: Time) -> Result<Self, QemuError> {
         let line = Line::open("serial line")?;
         let mut backend = OsString::from(format!("memory-backend-file,id=tip,share=on,size={},mem-path=", tip.size));
@@ -336,33 +337,34 @@ impl EmulatedRobot {
         let mut qemu = Qemu::start("mps2-an386,memory-backend=tip", firmware, arguments)?;
         let line = qemu.connect(&line)?;
         let debugger = debugger.map(|debugger| qemu.connect(&debugger)).transpose()?.map(Debugger::on);
-        // QEMU has mapped it and we hold it open: without a name it goes with the two of us, however we end.
+        // QEMU has mapped the file, and this program keeps it open. Without a name, the file disappears when both have
+        // ended.
         let _ = std::fs::remove_file(tip.path());
         Ok(EmulatedRobot { qemu, line, debugger, tip })
     }
 
-    /// What has the board run, taken once; none in real time.
+    /// Returns the debugger that runs the board, the first time. `None` later and in real time.
     pub fn debugger(&mut self) -> Option<Debugger> {
         self.debugger.take()
     }
 
-    /// The board's serial line.
+    /// Returns the board's serial connection.
     pub fn line(&self) -> &TcpStream {
         &self.line
     }
 
-    /// The memory shared with the board.
+    /// Returns the memory shared with the board.
     pub fn tip(&self) -> &TipMemory {
         &self.tip
     }
 
-    /// The emulator.
+    /// Returns the emulator.
     pub fn qemu(&mut self) -> &mut Qemu {
         &mut self.qemu
     }
 }
 
-/// In QEMU's options a comma ends a value unless doubled.
+/// Doubles commas, because a single comma ends a value in QEMU's options.
 fn escape_commas(path: &Path) -> OsString {
     match path.to_str() {
         Some(text) => text.replace(',', ",,").into(),
@@ -370,7 +372,7 @@ fn escape_commas(path: &Path) -> OsString {
     }
 }
 
-/// The file behind the memory that board and tip share; removed when dropped.
+/// File for the memory that board and tip share. It is removed when this is dropped.
 pub struct TipMemory {
     path: PathBuf,
     file: File,
@@ -378,14 +380,14 @@ pub struct TipMemory {
 }
 
 impl TipMemory {
-    /// A new file of zeros, in memory where the system has a place for that.
+    /// Creates a file of zeros, in memory if the system has a directory for that.
     pub fn create(size: u64) -> Result<Self, QemuError> {
         let shared = Path::new("/dev/shm");
         let directory = if shared.is_dir() { shared.to_path_buf() } else { std::env::temp_dir() };
         Self::create_in(&directory, size)
     }
 
-    /// A new file of zeros in a directory.
+    /// Creates a file of zeros in a directory.
     pub fn create_in(directory: &Path, size: u64) -> Result<Self, QemuError> {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         loop {
@@ -397,19 +399,19 @@ impl TipMemory {
                     memory.file.set_len(size).map_err(doing("size the tip's memory"))?;
                     return Ok(memory);
                 }
-                // Left by a process of the same number that was killed.
+                // A killed process with the same process id has left the file.
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(QemuError::Io("create the tip's memory", error)),
             }
         }
     }
 
-    /// Where the file is.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The open file, to be mapped, or read and written in place.
+    /// Returns the open file, to be mapped, or read and written in place.
     pub fn file(&self) -> &File {
         &self.file
     }

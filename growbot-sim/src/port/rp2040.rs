@@ -1,12 +1,12 @@
-//! The firmware of a Pico in the emulator `rp2040js`, against the simulated tip: they meet at the pins.
+//! The firmware of a Pico in the emulator `rp2040js`, connected to the simulated tip at the pins.
 //!
-//! Node runs the image (`tests/rp2040/bench.js`, which describes the messages). The tip gets the edges of the steps and
-//! of the enable signals, and the shares of each millisecond in which heater and fan were on. The board gets what the
-//! tip's sensors show, as levels of pins and as voltages at its converter.
+//! Node runs the image (`tests/rp2040/bench.js`, which describes the messages). The tip receives the edges of the steps
+//! and of the enable signals, and the shares of each millisecond in which heater and fan were on. The board receives
+//! the readings of the tip's sensors, as levels of pins and as voltages at its converter.
 //!
-//! Time is virtual. It passes only while the host waits, and every run of the same job is the same. Both sides go in
-//! lock-step: the emulator stops at the first step after which a sensor could show something else, and after a
-//! millisecond at the latest.
+//! Time is virtual. It passes only while the host waits, and all runs of a job are equal. Both sides run in lock-step:
+//! the emulator stops at the first step after which a sensor reading could change, and after a millisecond at the
+//! latest.
 
 mod bench;
 
@@ -27,14 +27,14 @@ use crate::tip::pins::SharedTip;
 use crate::tip::{Motor, Tip, TipFault, Variation};
 use crate::truth::Simulation;
 
-/// Where the firmware image lies, from cargo's target directory.
+/// Path of the firmware image in cargo's target directory.
 pub const FIRMWARE: &str = "thumbv6m-none-eabi/firmware/pico";
-/// The longest time without an exchange, ns.
+/// Longest time without an exchange, ns.
 const EXCHANGE_NS: u64 = 1_000_000;
-/// Where the head stands at first, in head steps from the tip's x axis: anywhere, so that homing has something to do.
+/// Initial position of the head, in head steps from the tip's x axis. The value is arbitrary, but homing has to move.
 const HEAD_AT_FIRST: i64 = -137;
 
-/// The line between host and board.
+/// Connection between host and board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Line {
     /// The UART.
@@ -45,7 +45,7 @@ pub enum Line {
 }
 
 impl Line {
-    /// As the script has it.
+    /// Returns the name of the line in the script.
     fn name(self) -> &'static str {
         match self {
             Self::Uart => "uart",
@@ -60,7 +60,7 @@ pub struct Rp2040 {
     tip: SharedTip,
     levels: Levels,
     tick_hz: u64,
-    /// Time since the power came on, ns.
+    /// Time since power-on, ns.
     now_ns: u64,
     powered: Powered,
     to_board: Vec<u8>,
@@ -71,7 +71,7 @@ pub struct Rp2040 {
     lost_power: bool,
 }
 
-/// Which levels of the pins mean what.
+/// Polarity of the pins.
 #[derive(Debug, Clone, Copy)]
 struct Levels {
     index_low_on_mark: bool,
@@ -98,7 +98,7 @@ impl Levels {
         }
     }
 
-    /// What the tip's sensors put to the pins, in the order of the messages.
+    /// Returns the levels of the pins for the readings of the tip's sensors, in the order of the messages.
     fn of_sensors(&self, tip: &Tip) -> [bool; 5] {
         [
             tip.on_index() != self.index_low_on_mark,
@@ -110,7 +110,7 @@ impl Levels {
     }
 }
 
-/// For how long heater and fan were on, ns, of a time.
+/// Times during which heater and fan were on, ns, within a time span.
 #[derive(Debug, Clone, Copy, Default)]
 struct Powered {
     time: f64,
@@ -123,7 +123,7 @@ impl Powered {
         self.on = [self.on[0] + heater, self.on[1] + fan];
     }
 
-    /// Their shares of a time that is longer than a period of their PWM; then the next one begins.
+    /// Returns the shares of heater and fan once the time span exceeds a period of their PWM, and starts a new span.
     fn shares(&mut self) -> Option<[f64; 2]> {
         if self.time < EXCHANGE_NS as f64 {
             return None;
@@ -133,33 +133,33 @@ impl Powered {
     }
 }
 
-/// The robot's board: a Pico with its own pins, unless the description says otherwise.
+/// Returns the robot's board. The default is a Pico with its own pins.
 fn board_of(robot: &Robot) -> Board {
     robot.description().board.unwrap_or(Board { kind: BoardKind::Pico, pins: PinOverrides::default() })
 }
 
 impl Rp2040 {
-    /// Starts Node with a firmware image (the one that was built last where none is given) on a tip of this robot. The
-    /// image must be that robot's: the board says at the first request if it is another's.
+    /// Starts Node with a firmware image on a tip of this robot. The default image is the one that was built last. The
+    /// image must be for this robot. Otherwise the board reports another robot in its first response.
     ///
     /// # Errors
-    /// Node, the emulator or the image are missing, or the board does not start.
+    /// Node, the emulator or the image is missing, or the board does not start.
     pub fn start(robot: &Robot, firmware: Option<&Path>) -> Result<Self, OpenError> {
         Self::start_with(robot, firmware, Variation::default())
     }
 
-    /// The same with a tip that is not exactly as described.
+    /// Like [`Rp2040::start`], with a tip that deviates from its description.
     ///
     /// # Errors
-    /// As [`Rp2040::start`].
+    /// Those of [`Rp2040::start`].
     pub fn start_with(robot: &Robot, firmware: Option<&Path>, variation: Variation) -> Result<Self, OpenError> {
         Self::start_over(Line::Uart, robot, firmware, variation)
     }
 
-    /// The same over one of the board's lines.
+    /// Like [`Rp2040::start_with`], over one of the board's lines.
     ///
     /// # Errors
-    /// As [`Rp2040::start`].
+    /// Those of [`Rp2040::start`].
     pub fn start_over(
         line: Line,
         robot: &Robot,
@@ -172,11 +172,11 @@ impl Rp2040 {
         Ok(Self::with(bench, robot, variation))
     }
 
-    /// As [`Rp2040::start`]; what the step interrupt and the stack cost is written to a file every few seconds
+    /// Like [`Rp2040::start`], and writes the costs of the step interrupt and the stack to a file every few seconds
     /// (`tests/rp2040/figures.js`).
     ///
     /// # Errors
-    /// As [`Rp2040::start`].
+    /// Those of [`Rp2040::start`].
     pub fn start_measured(robot: &Robot, firmware: &Path, figures: &Path) -> Result<Self, OpenError> {
         let bench = Bench::start(firmware, &board_of(robot), Line::Uart, Some(figures))?;
         Ok(Self::with(bench, robot, Variation::default()))
@@ -199,75 +199,75 @@ impl Rp2040 {
         }
     }
 
-    /// The tip at this moment, with everything that can be known of it.
+    /// Returns the tip in its current state.
     pub fn simulated_tip(&mut self) -> RefMut<'_, Tip> {
         self.tip.borrow_mut()
     }
 
-    /// The tip, for comparing a growth with what it has really laid.
+    /// Returns the tip, to compare a growth with the layers that it really laid.
     #[must_use]
     pub fn simulation(&self) -> Box<dyn Simulation> {
         Box::new(Rc::clone(&self.tip))
     }
 
-    /// Breaks something; a fault of the same kind is replaced.
+    /// Injects a fault, and replaces a fault of the same kind.
     pub fn inject(&mut self, fault: TipFault) {
         self.simulated_tip().inject(fault);
     }
 
-    /// Mends the fault of this one's kind.
+    /// Removes the fault of this kind.
     pub fn mend(&mut self, fault: TipFault) {
         self.simulated_tip().mend(fault);
     }
 
-    /// Instructions that the board has executed since the power came on, interrupts included.
+    /// Returns the number of instructions that the board has executed since power-on, including interrupts.
     #[must_use]
     pub fn instructions(&self) -> u64 {
         self.instructions
     }
 
-    /// Ends the firmware: it hangs or crashes, or loses its clock.
+    /// Crashes the firmware: it hangs, faults or loses its clock.
     ///
     /// # Errors
-    /// The emulator is gone.
+    /// The emulator has ended.
     pub fn crash(&mut self, how: Crash) -> Result<(), PortError> {
         let answer = self.bench.crash(how)?;
         self.take(&answer);
         Ok(())
     }
 
-    /// How often the watchdog has reset the board.
+    /// Returns the number of resets by the watchdog.
     #[must_use]
     pub fn resets(&self) -> u32 {
         self.resets
     }
 
-    /// Bytes of flash that were programmed or erased so far.
+    /// Returns the number of bytes of flash that were programmed or erased so far.
     #[must_use]
     pub fn flash_changed(&self) -> u32 {
         self.flash_changed
     }
 
-    /// Whether the board's power is lost.
+    /// Returns true if the board has lost its power.
     #[must_use]
     pub fn has_lost_power(&self) -> bool {
         self.lost_power
     }
 
-    /// The board's power is lost after so many more bytes of flash are programmed or erased.
+    /// Cuts the board's power after this many more bytes of flash are programmed or erased.
     ///
     /// # Errors
-    /// The emulator is gone.
+    /// The emulator has ended.
     pub fn lose_power_after(&mut self, bytes: u32) -> Result<(), PortError> {
         let answer = self.bench.lose_power_after(bytes)?;
         self.take(&answer);
         Ok(())
     }
 
-    /// Its power comes on again, after a while: what is left is the flash, and the tip as it is.
+    /// Restores the power, after a while. Only the flash and the state of the tip survive.
     ///
     /// # Errors
-    /// The emulator is gone.
+    /// The emulator has ended.
     pub fn power_up(&mut self) -> Result<(), PortError> {
         let answer = self.bench.power_up()?;
         self.take(&answer);
@@ -275,20 +275,20 @@ impl Rp2040 {
         Ok(())
     }
 
-    /// Remembers the flash as it is.
+    /// Stores a copy of the flash.
     ///
     /// # Errors
-    /// The emulator is gone.
+    /// The emulator has ended.
     pub fn keep_flash(&mut self) -> Result<(), PortError> {
         let answer = self.bench.keep_flash()?;
         self.take(&answer);
         Ok(())
     }
 
-    /// The board's power goes and comes on again, with the flash that was remembered.
+    /// Cuts and restores the board's power, with the stored copy of the flash.
     ///
     /// # Errors
-    /// The emulator is gone.
+    /// The emulator has ended.
     pub fn restore_flash(&mut self) -> Result<(), PortError> {
         let answer = self.bench.restore_flash()?;
         self.take(&answer);
@@ -296,20 +296,20 @@ impl Rp2040 {
         Ok(())
     }
 
-    /// Work on flash takes so many times as long as its data sheet's typical values.
+    /// Multiplies the time of flash operations, compared with the data sheet's typical values.
     ///
     /// # Errors
-    /// The emulator is gone.
+    /// The emulator has ended.
     pub fn slow_flash(&mut self, times: f64) -> Result<(), PortError> {
         let answer = self.bench.slow_flash(times)?;
         self.take(&answer);
         Ok(())
     }
 
-    /// Lets virtual time pass. What the board sends in that time waits to be received.
+    /// Lets virtual time pass. What the board sends is buffered until it is received.
     ///
     /// # Errors
-    /// The emulator is gone.
+    /// The emulator has ended.
     pub fn pass(&mut self, time: Duration) -> Result<(), PortError> {
         let deadline = self.now_ns + time.as_nanos() as u64;
         while self.now_ns < deadline && !self.lost_power {
@@ -340,7 +340,7 @@ impl Rp2040 {
         Ok(())
     }
 
-    /// Has the tip do what the board has done.
+    /// Applies the board's outputs to the tip.
     fn take(&mut self, answer: &Answer) {
         let mut tip = self.tip.borrow_mut();
         for Edge { after_ns, output, state } in &answer.edges {
@@ -399,7 +399,7 @@ impl Port for Rp2040 {
     }
 }
 
-/// The firmware image that was built last: beside this program, or in the working directory's `target`.
+/// Returns the firmware image that was built last: next to this program, or in `target` of the working directory.
 fn built_last() -> PathBuf {
     let beside = std::env::current_exe()
         .ok()

@@ -1,7 +1,7 @@
-//! A robot in this process: the real controller and step engine against the simulated tip, on a virtual clock.
+//! A robot in this process: the real controller and step engine with the simulated tip, on a virtual clock.
 //!
-//! Time passes only while the host waits for bytes, and then as fast as the machine computes it, so that a growth of
-//! hours takes seconds and every run of the same job is the same.
+//! Time passes only while the host waits for bytes, and then as fast as the machine computes it. So a growth of hours
+//! takes seconds, and all runs of a job are equal.
 
 use std::cell::{Cell, RefCell, RefMut};
 use std::collections::VecDeque;
@@ -29,14 +29,14 @@ use crate::tip::{Motor, Tip, TipFault, Variation};
 use crate::truth::Simulation;
 use growbot_core::random::splitmix64;
 
-/// How often the controller is polled, us of virtual time.
+/// Interval at which the controller is polled, us of virtual time.
 const POLL_US: u64 = 10_000;
-/// Where the head stands at first, in head steps from the tip's x axis: anywhere, so that homing has something to do.
+/// Initial position of the head, in head steps from the tip's x axis. The value is arbitrary, but homing has to move.
 const HEAD_AT_FIRST: i64 = -137;
 
-/// How long the watchdog waits to be fed, s.
+/// Timeout of the watchdog, s.
 const WATCHDOG_S: u64 = 1;
-/// Sectors of the board's flash.
+/// Number of sectors of the board's flash.
 const FLASH_SECTORS: usize = 2;
 
 type SimEngine =
@@ -50,34 +50,34 @@ pub struct Sim {
     handover: Handover,
     controller: Controller<SimBoard>,
     tick_hz: u64,
-    /// Ticks since the robot was switched on.
+    /// Ticks since power-on.
     tick: u64,
-    /// When the board last started, ticks.
+    /// Time of the board's latest start, ticks.
     boot_tick: u64,
     boots: u32,
     next_poll: u64,
     fed: Rc<WatchdogClock>,
     retained: Retained,
     flash: Flash,
-    /// That of the robot's description.
+    /// Flash of the robot's description.
     descriptions: Flash,
-    /// Whether the board has a description when its flash has none.
+    /// True if the board has a built-in description, which it uses if its flash has none.
     built_in: bool,
-    /// The time at which `tick` was 0, s.
+    /// Time at which `tick` was 0, s.
     epoch_s: f64,
     from_board: VecDeque<u8>,
-    /// Looks for an emergency stop in what is received.
+    /// Detector of emergency stops in the received bytes.
     watch: EmergencyStopDetector,
 }
 
 impl Sim {
-    /// A robot that has just been switched on, its nozzle cold and its head anywhere.
+    /// Returns a robot that was just switched on, with a cold nozzle and the head at an arbitrary position.
     #[must_use]
     pub fn new(robot: Robot) -> Self {
         Self::with(robot, Variation::default())
     }
 
-    /// A robot that is not exactly as described.
+    /// Returns a robot that deviates from its description.
     #[must_use]
     pub fn with(robot: Robot, variation: Variation) -> Self {
         let tip = Rc::new(RefCell::new(Tip::new(robot.clone(), HEAD_AT_FIRST, variation)));
@@ -111,68 +111,68 @@ impl Sim {
         sim
     }
 
-    /// Growth begins at this pose, as the orientation sensor is to see it. Without it, at the origin and upwards.
+    /// Sets the pose at which growth begins, for the orientation sensor. The default is the origin and upwards.
     pub fn start_at(&mut self, pose: &Pose) {
         self.simulated_tip().start_at(pose);
     }
 
-    /// Loads a spool with so much filament, mm.
+    /// Loads a spool with this length of filament, mm.
     pub fn load_filament(&mut self, mm: f64) {
         self.tip.borrow_mut().load_filament(mm);
     }
 
-    /// Breaks something; a fault of the same kind is replaced.
+    /// Injects a fault, and replaces a fault of the same kind.
     pub fn inject(&mut self, fault: TipFault) {
         self.simulated_tip().inject(fault);
     }
 
-    /// Mends the fault of this one's kind.
+    /// Removes the fault of this kind.
     pub fn mend(&mut self, fault: TipFault) {
         self.simulated_tip().mend(fault);
     }
 
-    /// The tip at this moment, with everything that can be known of it.
+    /// Returns the tip in its current state.
     pub fn simulated_tip(&mut self) -> RefMut<'_, Tip> {
         self.tip.borrow_mut()
     }
 
-    /// The tip, for comparing a growth with what it has really laid.
+    /// Returns the tip, to compare a growth with the layers that it really laid.
     #[must_use]
     pub fn simulation(&self) -> Box<dyn Simulation> {
         Box::new(Rc::clone(&self.tip))
     }
 
-    /// Virtual time since the robot was switched on, s.
+    /// Returns the virtual time since the robot was switched on, s.
     #[must_use]
     pub fn now_s(&self) -> f64 {
         self.epoch_s + self.tick as f64 / self.tick_hz as f64
     }
 
-    /// How often the board has started.
+    /// Returns the number of the board's starts.
     #[must_use]
     pub fn boots(&self) -> u32 {
         self.boots
     }
 
-    /// The board's controller.
+    /// Returns the board's controller.
     #[must_use]
     pub fn controller(&self) -> &Controller<SimBoard> {
         &self.controller
     }
 
-    /// What the board is doing.
+    /// Returns the state of the board.
     #[must_use]
     pub fn state(&self) -> State {
         self.controller.state()
     }
 
-    /// The fault that the board has latched.
+    /// Returns the fault that the board has latched.
     #[must_use]
     pub fn fault(&self) -> Option<Fault> {
         self.controller.fault()
     }
 
-    /// Lets virtual time pass. What the board sends in that time waits to be received.
+    /// Lets virtual time pass. What the board sends is buffered until it is received.
     pub fn pass(&mut self, time: Duration) {
         let deadline = self.tick + self.ticks(time);
         while self.tick < deadline {
@@ -180,43 +180,43 @@ impl Sim {
         }
     }
 
-    /// The memory that survives a reset of the board.
+    /// Returns the memory that survives a reset of the board.
     #[must_use]
     pub fn retained(&self) -> Retained {
         self.retained.clone()
     }
 
-    /// What the board retained is lost, as without power: its memory holds anything.
+    /// Overwrites the retained memory with random bytes, as a loss of power does.
     pub fn lose_retained(&mut self) {
         self.retained = Retained::of_noise(&self.tip.borrow(), self.tick);
     }
 
-    /// The robot: as it was made, until its board is configured as another one.
+    /// Returns the robot. It changes if its board is configured for another robot.
     #[must_use]
     pub fn robot(&self) -> &Robot {
         &self.robot
     }
 
-    /// The flash of the robot's description.
+    /// Returns the flash of the robot's description.
     #[must_use]
     pub fn descriptions(&self) -> Flash {
         self.descriptions.clone()
     }
 
-    /// Starts the board anew without a description built in: it only communicates until it is configured.
+    /// Restarts the board without a built-in description. It only communicates until it is configured.
     pub fn restart_without_description(&mut self) {
         self.built_in = false;
         self.reset(ResetCause::PowerOn);
     }
 
-    /// The journal's flash. A loss of power while it is written to resets the board.
+    /// Returns the journal's flash. A loss of power during a write resets the board.
     #[must_use]
     pub fn flash(&self) -> Flash {
         self.flash.clone()
     }
 
-    /// Resets the board: its outputs go off and its controller starts anew. The tip stays as it is. What the board
-    /// retained is lost when its power was away, but for its flash.
+    /// Resets the board: its outputs go off and its controller restarts. The tip stays as it is. If the cause is a loss
+    /// of power, only the flash survives.
     pub fn reset(&mut self, cause: ResetCause) {
         if cause == ResetCause::PowerOn {
             self.lose_retained();
@@ -237,7 +237,7 @@ impl Sim {
         if let Some(robot) = stored.robot().filter(|robot| robot.hash() != self.robot.hash()) {
             self.become_another(robot);
         }
-        // An engine lets go of both motors when it starts.
+        // An engine releases both motors when it starts.
         self.engine = engine(&self.robot, &self.tip);
         let identity = Identity { configured, ..identity_of(self.boots, cause) };
         let kept = Kept { retained: &self.retained, flash: &self.flash, descriptions: &self.descriptions };
@@ -245,8 +245,8 @@ impl Sim {
         self.poll();
     }
 
-    /// The board has been configured for another robot, and a simulated robot is as its board says: its tip is that of
-    /// the other one, cold and with its head anywhere. Its own ticks begin at 0.
+    /// Replaces the robot, because the board has been configured for another one. The tip becomes that of the new
+    /// robot, cold and with its head at an arbitrary position. Its ticks begin at 0.
     fn become_another(&mut self, robot: Robot) {
         let variation = *self.tip.borrow().variation();
         self.epoch_s = self.now_s();
@@ -258,7 +258,7 @@ impl Sim {
         self.robot = robot;
     }
 
-    /// Starts the board anew as one that has started so often before.
+    /// Restarts the board as if it had started `boots` times before.
     pub fn restart(&mut self, boots: u32, cause: ResetCause) {
         self.boots = boots;
         self.reset(cause);
@@ -272,8 +272,8 @@ impl Sim {
         time.as_micros() as u64 * self.tick_hz / 1_000_000
     }
 
-    /// Lets time pass until the controller is polled, until its watchdog bites, or until `deadline` (ticks): nothing
-    /// else feeds the watchdog or writes to the flash.
+    /// Lets time pass until the controller is polled, until the watchdog resets the board, or until `deadline` (ticks).
+    /// Nothing else feeds the watchdog or writes to the flash.
     fn advance(&mut self, deadline: u64) {
         let until = self.next_poll.min(self.watchdog_bites()).min(deadline).max(self.tick + 1);
         if self.tip.borrow().faults().has(TipFault::StepInterruptStopped) {
@@ -296,7 +296,7 @@ impl Sim {
         }
     }
 
-    /// When the watchdog resets the board unless it is fed, ticks.
+    /// Returns the time at which the watchdog resets the board unless it is fed, ticks.
     fn watchdog_bites(&self) -> u64 {
         self.fed.fed.get() + WATCHDOG_S * self.tick_hz + 1
     }
@@ -340,7 +340,7 @@ fn engine(robot: &Robot, tip: &SharedTip) -> SimEngine {
     Engine::new(axis(Motor::Head), axis(Motor::Feed), inputs, outputs, EngineSettings::of(robot))
 }
 
-/// What a board keeps when it is reset.
+/// Memory of a board that survives a reset.
 struct Kept<'a> {
     retained: &'a Retained,
     flash: &'a Flash,
@@ -405,7 +405,7 @@ impl Port for Sim {
     }
 }
 
-/// The parts of the simulated board.
+/// Types of the simulated board's parts.
 pub struct SimBoard;
 
 impl Board for SimBoard {
@@ -425,7 +425,7 @@ impl Board for SimBoard {
     type Store = Box<LayerStore>;
 }
 
-/// A boot of a simulated board, which has no image that could be checked, and does not crash.
+/// Returns the identity of a boot of a simulated board. It has no image to check, and it does not crash.
 fn identity_of(boot_id: u32, reset_cause: ResetCause) -> Identity {
     let image = ImageCheck::Unsealed;
     Identity { boot_id, reset_cause, image, crash: None, without_crystal: false, configured: true }
@@ -436,7 +436,7 @@ fn identity_of(boot_id: u32, reset_cause: ResetCause) -> Identity {
 pub struct Retained(Rc<Cell<[u8; RETAINED_BYTES]>>);
 
 impl Retained {
-    /// As memory comes up when its power does.
+    /// Returns memory with random bytes, as after power-on.
     fn of_noise(tip: &Tip, tick: u64) -> Self {
         let seed = tip.variation().seed;
         Self(Rc::new(Cell::new(std::array::from_fn(|at| splitmix64(seed ^ tick << 8 ^ at as u64) as u8))))
@@ -444,7 +444,7 @@ impl Retained {
 }
 
 impl Retained {
-    /// Has it hold something else; bytes beyond its length are left out.
+    /// Overwrites the memory. Bytes beyond its length are ignored.
     pub fn set(&self, bytes: &[u8]) {
         let mut retained = self.0.get();
         for (slot, byte) in retained.iter_mut().zip(bytes) {
@@ -468,7 +468,7 @@ impl RetainedMemory for Retained {
     }
 }
 
-/// When the watchdog was fed. Ticks.
+/// Time at which the watchdog was last fed, ticks.
 #[derive(Default)]
 pub struct WatchdogClock {
     now: Cell<u64>,

@@ -1,8 +1,8 @@
-//! Finds and times paths, on request: growbot's own, those of the crate `dubins_paths`, and those of the C library
+//! Finds and times paths on request: growbot's own, those of the crate `dubins_paths`, and those of the C library
 //! behind the Python package `dubins`.
 //!
-//! Requests are lines of JSON on standard input, replies lines of JSON on standard output. So whoever asks can
-//! alternate between these planners and others, batch by batch, and a moment in which the machine is slow strikes all
+//! Requests are lines of JSON on standard input, and responses are lines of JSON on standard output. So a caller can
+//! alternate between these planners and others, batch by batch. A slow moment of the machine then affects all of them
 //! alike.
 //!
 //! Lengths are in turning radii, angles in radians.
@@ -19,23 +19,23 @@ use serde_json::{Value, json};
 use plane::Plane;
 use space::Space;
 
-/// What can be asked.
+/// A request.
 #[derive(Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
 enum Request {
-    /// The names of the planners.
+    /// Returns the names of the planners.
     Planners,
-    /// Takes pairs of poses in the plane (x, y, heading) in place of the last ones.
+    /// Loads pairs of poses in the plane (x, y, heading), in place of the previous ones.
     LoadPlane { pairs: Vec<[[f64; 3]; 2]> },
-    /// Takes pairs of poses in space (x, y, z, heading, pitch) in place of the last ones.
+    /// Loads pairs of poses in space (x, y, z, heading, pitch), in place of the previous ones.
     LoadSpace { pairs: Vec<[[f64; 5]; 2]> },
-    /// The path of each pair, or null where the planner finds none.
+    /// Returns the path of each pair, or null if the planner finds none.
     Paths { planner: String },
-    /// Nanoseconds for a path: the mean of so many passes over all pairs.
+    /// Returns nanoseconds for a path: the mean of `passes` passes over all pairs.
     Time { planner: String, passes: usize },
 }
 
-/// The pairs of start and goal that were loaded.
+/// Loaded pairs of start and goal.
 enum Loaded {
     Nothing,
     Plane(Plane),

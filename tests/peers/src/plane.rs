@@ -8,10 +8,10 @@ use dubins_paths::f64::{DubinsPath, PosRot};
 use growbot_core::dubins2::{PathType as OurPathType, PlanarPath, PlanarPose, shortest};
 use serde::Serialize;
 
-/// Their names.
+/// Names of the planners.
 pub const PLANNERS: [&str; 3] = ["growbot", "dubins_paths", "dubins"];
 
-/// As in the C library's header.
+/// The struct of the C library's header.
 #[repr(C)]
 #[derive(Default)]
 struct CPath {
@@ -21,14 +21,14 @@ struct CPath {
     word: c_uint,
 }
 
-/// In the order of the C library's enumeration.
+/// Path types in the order of the C library's enumeration.
 const C_WORDS: [&str; 6] = ["LSL", "LSR", "RSL", "RSR", "RLR", "LRL"];
 
 unsafe extern "C" {
     fn dubins_shortest_path(path: *mut CPath, start: *const f64, goal: *const f64, radius: f64) -> c_int;
 }
 
-/// A path: a word and the length of each piece.
+/// A path: its path type and the length of each segment.
 #[derive(Serialize)]
 pub struct Path {
     word: &'static str,
@@ -53,7 +53,7 @@ impl Plane {
         }
     }
 
-    /// The path of each pair.
+    /// Returns the path of each pair.
     pub fn paths(&self, planner: &str) -> Result<Vec<Option<Path>>, String> {
         Ok(match planner {
             "growbot" => self.growbot.iter().map(|pair| Some(of_growbot(pair))).collect(),
@@ -63,7 +63,7 @@ impl Plane {
         })
     }
 
-    /// Finds all paths, so many times over, and says how many pairs there are.
+    /// Finds all paths `passes` times, and returns the number of pairs.
     pub fn run(&self, planner: &str, passes: usize) -> Result<usize, String> {
         match planner {
             "growbot" => repeat(&self.growbot, passes, find_growbot),
@@ -79,7 +79,7 @@ fn unknown(planner: &str) -> String {
     format!("no planner in the plane is called {planner}")
 }
 
-/// Calls a planner for every pair, so many times over.
+/// Calls a planner for every pair, `passes` times.
 fn repeat<T, P>(pairs: &[T], passes: usize, find: impl Fn(&T) -> P) {
     for _ in 0..passes {
         for pair in pairs {
@@ -88,7 +88,7 @@ fn repeat<T, P>(pairs: &[T], passes: usize, find: impl Fn(&T) -> P) {
     }
 }
 
-/// growbot's planner takes the goal as the start sees it.
+/// Finds growbot's path. Its planner takes the goal relative to the start.
 fn find_growbot([start, goal]: &[PlanarPose; 2]) -> PlanarPath {
     let (sine, cosine) = libm::sincos(start.heading);
     let (x, y) = (goal.x - start.x, goal.y - start.y);
@@ -128,7 +128,7 @@ fn of_dubins_paths(pair: &[PosRot; 2]) -> Option<Path> {
 
 fn find_dubins([start, goal]: &[[f64; 3]; 2]) -> Option<CPath> {
     let mut path = CPath::default();
-    // SAFETY: the path is laid out as the header says; both poses are three numbers, which the function only reads.
+    // SAFETY: the path has the layout of the header. Both poses are three numbers, which the function only reads.
     let error = unsafe { dubins_shortest_path(&raw mut path, start.as_ptr(), goal.as_ptr(), 1.0) };
     (error == 0).then_some(path)
 }

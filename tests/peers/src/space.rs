@@ -12,27 +12,27 @@ use serde::Serialize;
 /// growbot's planners.
 const PLANNERS: &[(&str, Planner)] = &[("two-plane", Planner::TwoPlane), ("shortest", Planner::Shortest)];
 
-/// The one call of a planner.
+/// Finds a path with the planner that is timed.
 fn find(robot: &Robot, start: &Pose, goal: &Pose, planner: Planner) -> Option<Path> {
     plan(robot, start, goal, RADIUS, planner).ok().map(|chosen| chosen.path)
 }
 
-/// The turning radius, mm.
+/// Turning radius, mm.
 const RADIUS: f64 = 100.0;
 
-/// Their names.
+/// Returns the names of the planners.
 pub fn planners() -> Vec<&'static str> {
     PLANNERS.iter().map(|(name, _)| *name).collect()
 }
 
-/// What is told of a path: its length, and how far from the goal it ends.
+/// A reported path: its length, and the distance of its end from the goal.
 #[derive(Serialize)]
 pub struct Found {
     length: f64,
     miss: f64,
 }
 
-/// Starts and goals, and the robot that is to go there.
+/// Starts and goals, and the robot for the planner.
 pub struct Space {
     robot: Robot,
     pairs: Vec<(Pose, Pose)>,
@@ -50,7 +50,7 @@ impl Space {
         Ok(Self { robot, pairs })
     }
 
-    /// The path of each pair.
+    /// Returns the path of each pair.
     pub fn paths(&self, planner: &str) -> Result<Vec<Option<Found>>, String> {
         let planner = named(planner)?;
         let found = |(start, goal): &(Pose, Pose)| {
@@ -62,7 +62,7 @@ impl Space {
         Ok(self.pairs.iter().map(found).collect())
     }
 
-    /// Finds all paths, so many times over, and says how many pairs there are.
+    /// Finds all paths `passes` times, and returns the number of pairs.
     pub fn run(&self, planner: &str, passes: usize) -> Result<usize, String> {
         let planner = named(planner)?;
         for _ in 0..passes {

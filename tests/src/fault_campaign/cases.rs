@@ -1,31 +1,31 @@
-//! Which fault comes when, and what is right to make of it.
+//! The faults of the campaign, their onsets, and the expected reactions.
 
 use growbot_core::link::message::Fault;
 use growbot_sim::tip::TipFault;
 
-/// When a fault comes.
+/// Time at which a fault begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Onset {
-    /// It is there when the board starts.
+    /// The fault is present when the board starts.
     Boot,
-    /// While the nozzle warms up.
+    /// The fault begins while the nozzle warms up.
     Heating,
-    /// In the first layer.
+    /// The fault begins in the first layer.
     FirstLayer,
-    /// In the third layer.
+    /// The fault begins in the third layer.
     MidLayer,
-    /// While the robot waits for layers, hot.
+    /// The fault begins while the robot waits for layers with a hot nozzle.
     Pause,
-    /// While the nozzle cools to standby.
+    /// The fault begins while the nozzle cools to standby.
     Cooling,
 }
 
 impl Onset {
-    /// All of them, in the order of a growth.
+    /// All onsets, in the order of a growth.
     pub const ALL: [Self; 6] =
         [Self::Boot, Self::Heating, Self::FirstLayer, Self::MidLayer, Self::Pause, Self::Cooling];
 
-    /// In a word or two.
+    /// Returns the name of the onset in tables.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -38,42 +38,43 @@ impl Onset {
         }
     }
 
-    /// Whether the head has its zero already.
+    /// Returns true if the head is already homed.
     const fn is_homed(self) -> bool {
         !matches!(self, Self::Boot | Self::Heating)
     }
 }
 
-/// What is right to make of a fault.
+/// Expected reaction to a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Right {
-    /// Any of these codes.
+    /// A fault with any of these codes.
     Codes(&'static [Fault]),
     /// The state emergency stop.
     EmergencyStop,
-    /// It does no harm on its own, and the growth continues to its end. The next one is not begun: any of these codes.
+    /// The fault does no harm by itself, and the growth continues to its end. The next growth ends by any of these
+    /// codes.
     AtNextStart(&'static [Fault]),
-    /// It does no harm on its own, and the growth continues to its end.
+    /// The fault does no harm by itself, and the growth continues to its end.
     Continues,
-    /// Any of these codes, or a pause if the layer was finished before.
+    /// A fault with any of these codes, or a pause if the layer was finished before.
     CodesOrPause(&'static [Fault]),
-    /// The growth is refused: nothing is heated.
+    /// The board refuses the growth and heats nothing.
     Refused,
-    /// The growth stays in its pause, in which the nozzle is held at standby.
+    /// The growth stays paused, with the nozzle at its standby temperature.
     StaysPaused,
 }
 
-/// A fault and when it comes.
+/// A fault and its onset.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Case {
-    /// What breaks.
+    /// The fault.
     pub fault: TipFault,
-    /// When.
+    /// Time at which the fault begins.
     pub onset: Onset,
 }
 
 impl Case {
-    /// All of them.
+    /// Returns every combination of a fault and an onset.
     #[must_use]
     pub fn all() -> Vec<Self> {
         TipFault::ALL
@@ -82,7 +83,7 @@ impl Case {
             .collect()
     }
 
-    /// What is right to make of it.
+    /// Returns the expected reaction.
     #[must_use]
     pub fn right(&self) -> Right {
         use Fault as F;
@@ -92,11 +93,11 @@ impl Case {
             T::ThermistorOpen => &[F::ThermistorOpen],
             T::ThermistorShort => &[F::ThermistorShort],
             T::ThermistorSilent => &[F::ThermistorSilent],
-            // While it warms up, a reading that stands still is first of all one that does not rise.
+            // During warm-up, a frozen reading may first be noticed because it does not rise.
             T::ThermistorFrozen if cold => &[F::ThermistorFrozen, F::HeatingTooSlow],
             T::ThermistorFrozen => &[F::ThermistorFrozen],
-            // It follows nothing: what shows first depends on what the nozzle does. One that has cooled holds its
-            // filament.
+            // The reading follows nothing, so the first symptom depends on the nozzle. A nozzle that has cooled blocks
+            // the filament.
             T::ThermistorStuck => &[
                 F::FilamentJam,
                 F::ThermistorFrozen,
@@ -106,30 +107,30 @@ impl Case {
                 F::HeaterStuckOn,
                 F::ThermistorDetached,
             ],
-            // From the board's side a cold sensor and a cold nozzle are the same.
+            // For the board, a cold sensor and a cold nozzle look the same.
             T::ThermistorDetached { .. } if cold => &[F::HeatingTooSlow, F::ThermistorDetached],
             T::ThermistorDetached { .. } => &[F::ThermistorDetached, F::TemperatureDrop],
             T::HeaterOpen | T::Draught { .. } if cold => &[F::HeatingTooSlow],
             T::HeaterOpen => &[F::TemperatureDrop, F::HeatingTooSlow],
-            // A nozzle that it has cooled within seconds holds its filament.
+            // The draught can cool the nozzle within seconds, and a cold nozzle blocks the filament.
             T::Draught { .. } => &[F::TemperatureDrop, F::HeatingTooSlow, F::ThermistorDetached, F::FilamentJam],
             T::PowerStageOn => &[F::HeaterStuckOn],
             T::IndexDead if cold => &[F::IndexNotFound],
             T::IndexDead => &[F::IndexMissing],
             T::IndexStuck => &[F::IndexStuck],
-            // Homing finds the zero all the same.
+            // Homing finds the zero nevertheless.
             T::HeadLosesSteps { .. } | T::HeadGainsSteps { .. } if cold => return Right::Continues,
             T::HeadLosesSteps { .. } => &[F::HeadStepsLost],
-            // It may jump over the whole mark.
+            // The head may skip the whole mark.
             T::HeadGainsSteps { .. } => &[F::HeadStepsLost, F::IndexMissing],
-            // It may be held on its mark or off it.
+            // The head may be blocked on its mark or off it.
             T::HeadBlocked if cold => &[F::IndexNotFound, F::IndexStuck],
             T::HeadBlocked => &[F::IndexMissing, F::IndexStuck, F::HeadStepsLost],
-            // A robot that has none is not begun with. Before the first layer it is a fault; from then on the robot would finish its layer and wait for a spool,
-            // but this filament stands at once.
+            // A growth without filament is not begun. Before the first layer, missing filament is a fault. Later a
+            // robot finishes its layer and waits for a spool, but here the filament stops at once.
             T::FilamentOut if self.onset == Onset::Boot => return Right::Refused,
             T::FilamentOut if cold => &[F::FilamentOut],
-            // A pause is where filament is changed.
+            // Filament is changed in pauses.
             T::FilamentOut if matches!(self.onset, Onset::Pause | Onset::Cooling) => return Right::StaysPaused,
             T::FilamentOut => return Right::CodesOrPause(&[F::FilamentOut, F::FilamentJam]),
             T::FilamentJam => &[F::FilamentJam],

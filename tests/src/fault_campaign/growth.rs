@@ -1,4 +1,4 @@
-//! One growth that meets one fault.
+//! One growth with one fault.
 
 use growbot_client::client::ClientError;
 use growbot_client::robot_file;
@@ -10,32 +10,32 @@ use super::cases::{Case, Onset, Right};
 use super::rig::Rig;
 use growbot_core::random::Rng;
 
-/// Layers of the job; half of them are handed over before it holds.
+/// Layers of the job. Half of them are sent before it pauses.
 const LAYERS: u32 = 6;
-/// A pause lasts this long after a fault before the rest of the layers come, s.
+/// Time from a fault in a pause until the other layers are sent, s.
 const HELD_ON: f64 = 45.0;
-/// No fault of a growth like this takes longer to be noticed, s.
+/// Max time until a fault of such a growth is noticed, s.
 const PATIENCE: f64 = 900.0;
-/// By so much, degrees, the nozzle may pass the robot's max temperature.
+/// Degrees by which the nozzle may exceed the robot's max temperature.
 pub const ALLOWED_ABOVE_MAX: f64 = 5.0;
 
-/// What was seen.
+/// Result of a growth with a fault.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Seen {
-    /// Seconds from the fault to the moment when everything was switched off; none where the growth went on to its end.
+    /// Time from the fault until everything was switched off, s. `None` if the growth continued to its end.
     pub after_s: Option<f64>,
-    /// What was latched.
+    /// Latched fault.
     pub fault: Option<Fault>,
-    /// The state that it ended in.
+    /// State at the end.
     pub state: State,
-    /// The nozzle's highest temperature, until a minute after, degrees Celsius.
+    /// Highest temperature of the nozzle, including the first minute after the end, degrees Celsius.
     pub peak_c: f64,
-    /// Heater and steppers were off then.
+    /// True if heater and steppers were off a minute after the end.
     pub off: bool,
 }
 
 impl Seen {
-    /// Why this is not right for a case; none if it is.
+    /// Returns the reason why this result is wrong for a case. `None` if it is right.
     #[must_use]
     pub fn wrong(&self, case: &Case, robot: &Robot) -> Option<String> {
         let limit = robot.description().heater.max_c + ALLOWED_ABOVE_MAX;
@@ -62,26 +62,26 @@ impl Seen {
     }
 }
 
-/// The nozzle of the simulated tips.
+/// Thermal model of the simulated tips.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Plant {
-    /// One lump of heat with a loss in proportion to its warmth, and a thermistor that follows its equation: as the
-    /// firmware reckons.
+    /// One heat capacity with a loss in proportion to its temperature, and a thermistor that follows its equation. The
+    /// firmware computes with the same model.
     Lump,
-    /// A heater cartridge in a block that loses heat by convection and radiation, and a thermistor of which a table is
-    /// published.
+    /// A heater cartridge in a block that loses heat by convection and radiation, and a thermistor with a published
+    /// table.
     Cartridge,
 }
 
 impl Plant {
-    /// Both.
+    /// Both models.
     pub const ALL: [Self; 2] = [Self::Lump, Self::Cartridge];
 }
 
-/// The robot of the campaign: robot A, with the thermistor of the plant.
+/// Returns the robot of the campaign: robot A with the thermistor of the plant.
 ///
 /// # Panics
-/// Never: it is built in.
+/// Never panics, because the robot is built in.
 #[must_use]
 pub fn robot(plant: Plant) -> Robot {
     let robot = robot_file::load("growbot-a".as_ref()).expect("robot A is built in");
@@ -94,8 +94,9 @@ pub fn robot(plant: Plant) -> Robot {
     Robot::new(description).expect("so is its thermistor")
 }
 
-/// A copy of the robot: power, heat capacity and loss within 10 %, supply within 10 %, another room and another sensor.
-/// A cartridge has 10 to 30 % of the heat capacity and conducts 1 to 4 W/K; 10 to 30 % of the loss are radiation.
+/// Returns a variation of the robot. Power, heat capacity, loss and supply vary within 10 %, and the room and the
+/// sensor vary too. A cartridge has 10 to 30 % of the heat capacity and conducts 1 to 4 W/K. Radiation is 10 to 30 % of
+/// the loss.
 #[must_use]
 pub fn copy(plant: Plant, random: &mut Rng, seed: u64) -> Variation {
     let mut within = |min: f64, max: f64| random.uniform_between(min, max);
@@ -118,10 +119,10 @@ pub fn copy(plant: Plant, random: &mut Rng, seed: u64) -> Variation {
     Variation { parts: (plant == Plant::Cartridge).then(&mut parts), ..lump }
 }
 
-/// Lets a copy of the robot grow and meet a fault.
+/// Grows with a variation of the robot, and injects a fault.
 ///
 /// # Panics
-/// If the growth cannot be brought to the moment of the fault.
+/// Panics if the growth does not reach the moment of the fault.
 #[must_use]
 pub fn meet(plant: Plant, case: &Case, seed: u64) -> Seen {
     let mut random = Rng::new(&[seed]);
@@ -133,7 +134,7 @@ pub fn meet(plant: Plant, case: &Case, seed: u64) -> Seen {
     }
     let onset = rig.seconds();
     rig.sim.borrow_mut().inject(case.fault);
-    // What cannot be asked any more has ended.
+    // An error here means that the growth has ended, so it is ignored.
     let _ = grow_on(&mut rig, case.onset);
     let mut ended = rig.pass(PATIENCE, has_ended);
     if rig.state() == State::Done && matches!(case.right(), Right::AtNextStart(_)) {
@@ -154,7 +155,7 @@ fn has_ended(rig: &Rig) -> bool {
     matches!(rig.state(), State::Fault | State::EmergencyStop | State::Done | State::Parked)
 }
 
-/// Brings a growth to a moment: `at` (0 to 1) is where in its phase.
+/// Brings a growth to the moment of a fault. `at` (0 to 1) is the position within the phase.
 fn bring_to(rig: &mut Rig, robot: &Robot, onset: Onset, at: f64) -> Result<(), ClientError> {
     rig.greet()?;
     rig.begin(LAYERS)?;
@@ -183,14 +184,14 @@ fn bring_to(rig: &mut Rig, robot: &Robot, onset: Onset, at: f64) -> Result<(), C
     Ok(())
 }
 
-/// Begins a growth, and starts it.
+/// Begins and starts another growth.
 fn begin_anew(rig: &mut Rig) -> Result<(), ClientError> {
     rig.begin(LAYERS)?;
     rig.hand_over(LAYERS)?;
     rig.start()
 }
 
-/// Continues the growth after the fault, as a host does that knows nothing of it.
+/// Continues the growth after the fault, like a host that has not noticed it.
 fn grow_on(rig: &mut Rig, onset: Onset) -> Result<(), ClientError> {
     match onset {
         Onset::Boot => {

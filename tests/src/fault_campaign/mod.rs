@@ -1,7 +1,8 @@
-//! Every fault of a tip, at every time of a growth, on many copies of a robot: what the firmware makes of it.
+//! Every fault of a tip, at every time of a growth, on many variations of a robot.
 //!
-//! [`cases`] says which fault comes when and which code is right for it, [`growth`] lets one growth meet one fault, [`table`]
-//! is what docs/safety-evidence.md prints. `cargo fault-campaign` runs all of it; the tests run a part.
+//! [`cases`] defines the faults, their onsets and the expected codes. [`growth`] runs one growth with one fault.
+//! [`table`] formats the table of docs/safety-evidence.md. `cargo fault-campaign` runs the whole campaign, and the
+//! tests run a part.
 
 pub mod cases;
 pub mod growth;
@@ -15,10 +16,11 @@ use std::thread;
 use cases::Case;
 use growth::{Plant, Seen};
 
-/// Runs every case on copies of the robot with this plant and these seeds, on all cores. In the order of the cases, copies together.
+/// Runs every case on variations of the robot with this plant and these seeds, on all cores. The result is in the order
+/// of the cases, with all variations of a case together.
 ///
 /// # Panics
-/// If a growth cannot be run at all.
+/// Panics if a growth cannot be run.
 pub fn run(plant: Plant, cases: &[Case], seeds: std::ops::Range<u64>) -> Vec<(Case, Vec<Seen>)> {
     let jobs: Vec<(usize, u64)> =
         (0..cases.len()).flat_map(|case| seeds.clone().map(move |seed| (case, seed))).collect();
@@ -43,7 +45,7 @@ pub fn run(plant: Plant, cases: &[Case], seeds: std::ops::Range<u64>) -> Vec<(Ca
     rows
 }
 
-/// Why growths are not right, those with the seeds from 0 on: one line each.
+/// Returns one line for each growth that is wrong. The seeds start at 0.
 #[must_use]
 pub fn wrong(plant: Plant, rows: &[(Case, Vec<Seen>)]) -> Vec<String> {
     let robot = growth::robot(plant);

@@ -1,4 +1,4 @@
-//! A simulated robot with a host at its link, whose tip can be broken at any moment.
+//! A simulated robot with a host on its link. Its tip can fail at any moment.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -16,12 +16,12 @@ use growbot_sim::tip::Variation;
 
 use growbot_core::random::Rng;
 
-/// The job's name.
+/// Name of the job.
 const PLAN: u64 = 1;
 
-/// A simulated robot with a host at its link.
+/// A simulated robot with a host on its link.
 pub struct Rig {
-    /// The robot.
+    /// The simulated robot.
     pub sim: Rc<RefCell<Sim>>,
     client: Client,
     robot: Robot,
@@ -30,7 +30,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// A robot that has just been switched on.
+    /// Returns a robot that has just been switched on.
     #[must_use]
     pub fn new(robot: &Robot, variation: Variation) -> Self {
         let sim = Rc::new(RefCell::new(Sim::with(robot.clone(), variation)));
@@ -41,7 +41,7 @@ impl Rig {
     /// Opens the session.
     ///
     /// # Errors
-    /// If the board does not answer.
+    /// Returns an error if the board does not respond.
     pub fn greet(&mut self) -> Result<(), ClientError> {
         self.client.hello_robot(&self.robot).map(|_| ())
     }
@@ -49,30 +49,30 @@ impl Rig {
     /// Begins a job of this many layers.
     ///
     /// # Errors
-    /// If the board refuses.
+    /// Returns an error if the board refuses.
     pub fn begin(&mut self, layers: u32) -> Result<(), ClientError> {
         (self.encoder, self.handed_over) = (LayerEncoder::default(), 0);
         let begin = BeginJob { plan_id: PLAN, layers, robot_hash: self.robot.hash() };
         self.client.request("to begin", &Message::Begin(begin)).map(|_| ())
     }
 
-    /// Hands over this many more layers of a bend.
+    /// Sends this many more layers of a bend.
     ///
     /// # Errors
-    /// If the board refuses.
+    /// Returns an error if the board refuses.
     pub fn hand_over(&mut self, count: u32) -> Result<(), ClientError> {
         self.hand_over_shares((0..count).map(|_| 1.0))
     }
 
-    /// Hands over this many more layers, of any height between half of the max and the max.
+    /// Sends this many more layers with random heights between half of the max and the max.
     ///
     /// # Errors
-    /// If the board refuses.
+    /// Returns an error if the board refuses.
     pub fn hand_over_varied(&mut self, count: u32, random: &mut Rng) -> Result<(), ClientError> {
         self.hand_over_shares((0..count).map(|_| random.uniform_between(0.5, 1.0)))
     }
 
-    /// Hands over layers of a bend, each with its share of the max height.
+    /// Sends layers of a bend. `shares` are their heights as fractions of the max height.
     fn hand_over_shares(&mut self, shares: impl Iterator<Item = f64>) -> Result<(), ClientError> {
         let radius = self.robot.description().planning_radius_mm;
         let max_height = 0.97 * self.robot.max_mean_height(1.0 / radius);
@@ -90,40 +90,40 @@ impl Rig {
     /// Starts the job.
     ///
     /// # Errors
-    /// If the board refuses.
+    /// Returns an error if the board refuses.
     pub fn start(&mut self) -> Result<(), ClientError> {
         self.client
             .request("to start", &Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }))
             .map(|_| ())
     }
 
-    /// What the board says of itself.
+    /// Returns the board's status.
     ///
     /// # Errors
-    /// If it does not answer.
+    /// Returns an error if the board does not respond.
     pub fn status(&mut self) -> Result<Status, ClientError> {
         self.client.status()
     }
 
-    /// Seconds since the robot was switched on.
+    /// Returns the time since the robot was switched on, s.
     #[must_use]
     pub fn seconds(&self) -> f64 {
         self.sim.borrow().now_s()
     }
 
-    /// What the robot is doing, as its firmware has it.
+    /// Returns the state of the robot's firmware.
     #[must_use]
     pub fn state(&self) -> State {
         self.sim.borrow().state()
     }
 
-    /// As it is described.
+    /// Returns the robot's description.
     #[must_use]
     pub fn robot(&self) -> &Robot {
         &self.robot
     }
 
-    /// Whether the heater gets power.
+    /// Returns true if the heater gets power.
     #[must_use]
     pub fn heats(&self) -> bool {
         let mut sim = self.sim.borrow_mut();
@@ -131,13 +131,13 @@ impl Rig {
         tip.heater_is_on() && tip.heater_duty() > 0.0
     }
 
-    /// Whether every layer that was handed over is laid.
+    /// Returns true if every layer that was sent has been laid.
     #[must_use]
     pub fn has_laid_all(&self) -> bool {
         self.sim.borrow().controller().laid() == self.handed_over
     }
 
-    /// Lets so much time pass, or less if the robot comes to this state.
+    /// Lets at most `seconds` pass, until `until` returns true. Returns true if it did.
     pub fn pass(&mut self, seconds: f64, until: impl Fn(&Self) -> bool) -> bool {
         let end = self.seconds() + seconds;
         while self.seconds() < end {
@@ -145,7 +145,7 @@ impl Rig {
                 return true;
             }
             let left = Duration::from_secs_f64((end - self.seconds()).clamp(1e-3, 0.1));
-            // Events are not looked at here.
+            // Events are ignored here.
             let _ = self.client.event(left);
         }
         until(self)

@@ -1,4 +1,4 @@
-//! The campaign as a table.
+//! Formats the results of the campaign as a table.
 
 use std::fmt::Write;
 
@@ -7,8 +7,8 @@ use growbot_core::link::message::Fault;
 use super::cases::{Case, Onset, Right};
 use super::growth::Seen;
 
-/// Seconds to detection and peak temperature of each fault and onset, as Markdown: first on the lump, then on the
-/// cartridge.
+/// Returns a Markdown table of the seconds to detection and the peak temperature for each fault and onset, first for
+/// the lump, then for the cartridge.
 #[must_use]
 pub fn markdown(lump: &[(Case, Vec<Seen>)], cartridge: &[(Case, Vec<Seen>)]) -> String {
     let mut text = String::from(
@@ -37,7 +37,7 @@ pub fn markdown(lump: &[(Case, Vec<Seen>)], cartridge: &[(Case, Vec<Seen>)]) -> 
             }
         };
         let fault = if case.onset == Onset::Boot { case.fault.name() } else { "" };
-        // A string takes everything that is written to it.
+        // Writing to a string does not fail.
         let _ = writeln!(
             text,
             "| {fault} | {} | {growths} | {noticed} | {told} | {} | {} |",
@@ -49,7 +49,7 @@ pub fn markdown(lump: &[(Case, Vec<Seen>)], cartridge: &[(Case, Vec<Seen>)]) -> 
     text
 }
 
-/// Median and longest time to detection, s, and the peak, degrees Celsius.
+/// Formats median and longest time to detection, s, and the peak, degrees Celsius.
 fn figures(seen: &[Seen]) -> String {
     let mut after: Vec<f64> = seen.iter().filter_map(|one| one.after_s).collect();
     after.sort_by(f64::total_cmp);

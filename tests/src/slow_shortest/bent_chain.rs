@@ -1,6 +1,6 @@
-//! Shortening directly, with no theory of what a shortest curve looks like: a chain of arcs, each bent by at most 1, is
-//! pulled to the goal, and then its length descends while its end is held there. Arcs that bend about quite another
-//! axis than their neighbours are split, and the length descends again.
+//! Shortens curves directly, without any theory of the form of a shortest curve. The curve is a chain of arcs with
+//! curvature at most 1. The chain is pulled to the goal. Then its length descends while its end is held at the goal.
+//! Arcs whose axis differs much from a neighbour's are split, and the length descends again.
 
 use core::f64::consts::TAU;
 
@@ -9,18 +9,18 @@ use nalgebra::{Matrix6, Rotation3, Vector2, Vector3, Vector6};
 use super::Problem;
 use growbot_core::random::Rng;
 
-/// Arcs at the beginning, equally long.
+/// Number of arcs at the beginning. They are equally long.
 const ARCS: usize = 20;
-/// Strides down the length, at most.
+/// Max number of steps that shorten a chain.
 const SHORTENINGS: usize = 150;
-/// How often arcs are split.
+/// Max number of times that arcs are split.
 const SPLITS: usize = 6;
-/// Arcs are split where their axis is further than this from a neighbour's, radians.
+/// Angle between the axes of neighbouring arcs above which both are split, radians.
 const TURN: f64 = 0.25;
-/// A pulled chain ends within this of the goal, radii and radians.
+/// Tolerance at the goal for a pulled chain, radii and radians.
 const PULLED: f64 = 1e-4;
 
-/// Where a tip is and how it is turned; z is its tangent, and x and y are carried along without twist.
+/// Frame of a tip: position and axes. z is the tangent, and x and y are carried along without twist.
 #[derive(Clone, Copy)]
 struct Frame {
     position: Vector3<f64>,
@@ -37,7 +37,8 @@ impl Frame {
     }
 }
 
-/// What is varied: two numbers per arc, which give its curvature, and the length. `shares` are each arc's share of it.
+/// Unknowns of the search: two numbers per arc, which give its curvature, and the length. `shares` are the fractions of
+/// the length that the arcs have.
 #[derive(Clone)]
 struct Unknowns {
     numbers: Vec<Vector2<f64>>,
@@ -45,25 +46,26 @@ struct Unknowns {
     length: f64,
 }
 
-/// A change of the numbers and of the length.
+/// Change of the numbers and of the length.
 struct Change {
     numbers: Vec<Vector2<f64>>,
     length: f64,
 }
 
-/// How the miss changes with each number, and with the length.
+/// Derivatives of the error at the goal by each number and by the length.
 struct Slopes {
     numbers: Vec<[Vector6<f64>; 2]>,
     length: Vector6<f64>,
 }
 
-/// The curvature vector for two unconstrained numbers: as long as the sine of their norm, so never longer than 1.
+/// Returns the curvature vector for two unconstrained numbers. Its length is the sine of their norm, so it is at most
+/// 1.
 fn curvature(numbers: Vector2<f64>) -> Vector2<f64> {
     let norm = numbers.norm();
     if norm > 0.0 { numbers * (libm::sin(norm) / norm) } else { numbers }
 }
 
-/// The frame at the end of an arc, from its beginning.
+/// Returns the frame at the end of an arc, relative to its beginning.
 fn arc(numbers: Vector2<f64>, length: f64) -> Frame {
     let curvature = curvature(numbers);
     let bend = curvature.norm().max(1e-9);
@@ -86,7 +88,7 @@ impl Unknowns {
         arc(self.numbers[index], self.length * self.shares[index])
     }
 
-    /// The frames along the chain, from the start to the end.
+    /// Returns the frames along the chain, from the start to the end.
     fn frames(&self) -> Vec<Frame> {
         let mut frames = vec![Frame::start()];
         for index in 0..self.numbers.len() {
@@ -99,7 +101,7 @@ impl Unknowns {
         (0..self.numbers.len()).fold(Frame::start(), |frame, index| frame.then(&self.arc(index)))
     }
 
-    /// The miss, and its slopes by differences in one unknown at a time.
+    /// Returns the error at the goal, and its derivatives by differences in one unknown at a time.
     fn miss_and_slopes(&self, problem: &Problem) -> (Vector6<f64>, Slopes) {
         let size = 1e-6;
         let frames = self.frames();
@@ -118,10 +120,11 @@ impl Unknowns {
         (here, Slopes { numbers, length: (miss(problem, &longer.end()) - here) / size })
     }
 
-    /// The least change that changes the miss by this, to first order; least in the square's mean along the chain.
+    /// Returns the smallest change that changes the error at the goal by `change`, to first order. It minimizes the
+    /// mean square along the chain.
     fn min_change(&self, slopes: &Slopes, change: &Vector6<f64>) -> Option<Change> {
         let lightness = |index: usize| 1.0 / (ARCS as f64 * self.shares[index]);
-        // The tangents' difference has but two independent parts: the small number makes up for the third.
+        // The difference of the tangents has only two independent components. The small number stands in for the third.
         let mut squares = Matrix6::identity() * 1e-6 + slopes.length * slopes.length.transpose();
         for (index, pair) in slopes.numbers.iter().enumerate() {
             for slope in pair {
@@ -138,7 +141,7 @@ impl Unknowns {
         })
     }
 
-    /// The unknowns after a change, of which no more than `longest` is made.
+    /// Returns the unknowns after a change, of which at most `longest` is applied.
     fn changed(&self, change: &Change, longest: f64) -> Self {
         let squares: f64 =
             change.numbers.iter().zip(&self.shares).map(|(change, share)| change.norm_squared() * share).sum();
@@ -151,7 +154,7 @@ impl Unknowns {
         }
     }
 
-    /// The nearest chain that ends at the goal.
+    /// Returns the nearest chain that ends at the goal. `None` if `steps` steps do not reach it.
     fn pulled(mut self, problem: &Problem, steps: usize) -> Option<Self> {
         for _ in 0..steps {
             let (miss, slopes) = self.miss_and_slopes(problem);
@@ -166,8 +169,8 @@ impl Unknowns {
         None
     }
 
-    /// The chain after descending in length, as far as this leaves the end where it is; the stride grows while that
-    /// goes well.
+    /// Returns the chain after its length has descended with its end held at the goal. The stride grows after each step
+    /// that succeeds and is halved after each step that fails.
     fn shortened(mut self, problem: &Problem, mut stride: f64) -> Option<Self> {
         for _ in 0..SHORTENINGS {
             let (_, slopes) = self.miss_and_slopes(problem);
@@ -191,7 +194,7 @@ impl Unknowns {
         Some(self)
     }
 
-    /// The axis about which each arc bends, in space.
+    /// Returns the axis about which each arc bends, in the chain's frame.
     fn axes(&self) -> Vec<Vector3<f64>> {
         let axis = |(frame, numbers): (&Frame, &Vector2<f64>)| {
             let curvature = curvature(*numbers);
@@ -200,7 +203,8 @@ impl Unknowns {
         self.frames().iter().zip(&self.numbers).map(axis).collect()
     }
 
-    /// The same chain, with those arcs in two whose axis is far from a neighbour's; nothing if there are none.
+    /// Returns the same chain, with each arc split in two if its axis is far from a neighbour's. `None` if no arc is
+    /// split.
     fn split(&self) -> Option<Self> {
         let axes = self.axes();
         let far = |a: usize, b: usize| axes[a].cross(&axes[b]).norm() > TURN || axes[a].dot(&axes[b]) < 0.0;
@@ -220,18 +224,18 @@ impl Unknowns {
     }
 }
 
-/// A chain that has been shortened as far as it goes.
+/// A chain that has been shortened as far as possible.
 #[derive(Debug, Clone)]
 pub struct Chain {
-    /// The position at the middle of each arc, and the unit axis it bends about; only of those that bend.
+    /// Position of the middle and unit axis of each arc. Arcs that hardly bend are left out.
     pub arcs: Vec<(Vector3<f64>, Vector3<f64>)>,
     /// Arc length, radii.
     pub length: f64,
 }
 
-/// A chain to the goal from a random start, shortened; nothing if the start leads to none.
+/// Returns a shortened chain to the goal from a random start. `None` if this start does not lead to the goal.
 pub fn straightened(problem: &Problem, random: &mut Rng) -> Option<Chain> {
-    // A few stretches, each bent to a side of its own.
+    // One to four sections of the chain, each bent in its own direction.
     let stretches = 1 + (random.uniform() * 4.0) as usize;
     let bends: Vec<_> = (0..stretches)
         .map(|_| {

@@ -1,9 +1,9 @@
-//! Arc, straight line, arc: every such curve between two poses that many random starts lead to.
+//! Curves of an arc, a straight line and an arc between two poses, searched from many random starts.
 //!
-//! The first arc grows forwards from the start, the last one backwards from the goal, each by a bend vector:
-//! perpendicular to the tangent, towards the side to which the arc bends, as long as the arc. The unknowns are the two
-//! bend vectors (2 + 2) and the length of the line; what must vanish is the gap between the line's end and the last arc
-//! (3), and the difference of the directions (3, of which 2 are independent).
+//! The first arc grows forwards from the start, and the last one backwards from the goal. Each is given by a bend
+//! vector. It is perpendicular to the tangent, points towards the side to which the arc bends, and is as long as the
+//! arc. The unknowns are the two bend vectors (2 + 2) and the length of the line. The residuals are the gap between the
+//! line's end and the last arc (3), and the difference of the directions (3, of which 2 are independent).
 
 use core::f64::consts::TAU;
 
@@ -15,7 +15,7 @@ use growbot_core::random::Rng;
 
 type Unknowns = SVector<f64, 5>;
 
-/// The arc that this bend vector means, from a tangent whose perpendiculars are `across`.
+/// Returns the arc of a bend vector, from a tangent whose perpendiculars are `across`.
 fn arc(bend: Vector2<f64>, tangent: &Vector3<f64>) -> Piece {
     let (side, other) = across(tangent);
     let angle = bend.norm();
@@ -37,19 +37,19 @@ fn gap(problem: &Problem, unknowns: &Unknowns) -> Vector6<f64> {
     Vector6::new(across.x, across.y, across.z, turn.x, turn.y, turn.z)
 }
 
-/// What random starts lead to.
+/// Curves that the search found.
 #[derive(Debug, Clone, Default)]
 pub struct Found {
-    /// The shortest arc, line, arc.
+    /// The shortest curve of an arc, a line and an arc. `None` if none was found.
     pub best: Option<Curve>,
-    /// How many starts led to it.
+    /// Number of starts that led to the shortest curve.
     pub hits: usize,
-    /// The angles and lengths of those whose line would have to be walked backwards: no curves, but where the line is
-    /// short, there is a helicoidal arc close by.
+    /// Angles and lengths of the solutions whose line has a negative length. They are not curves, but if the line is
+    /// short, a helicoidal arc is close by.
     pub backwards: Vec<[f64; 3]>,
 }
 
-/// Searches from this many random starts.
+/// Searches from `starts` random starts.
 pub fn search(problem: &Problem, starts: usize, random: &mut Rng) -> Found {
     let mut all = Found::default();
     for _ in 0..starts {

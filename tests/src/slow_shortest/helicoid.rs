@@ -1,9 +1,9 @@
-//! Helicoidal arcs (Sussmann 1995): curves of curvature exactly 1 that bend about w = m / |m|, where m = m0 + p x
-//! position, with constant vectors m0, perpendicular to the first tangent, and p.
+//! Helicoidal arcs (Sussmann 1995). They are curves of curvature exactly 1 that bend about w = m / |m|, where m = m0 +
+//! p x position. The vectors m0 and p are constant, and m0 is perpendicular to the first tangent.
 //!
-//! Which of them reach a goal is searched by shooting: from random curves, from curves close to an arc, a line and an
-//! arc whose line is a little too short to be walked, and from those that [`super::bent_chain`] has shortened directly,
-//! Levenberg and Marquardt's method leads to a curve that arrives, or not.
+//! Arcs to a goal are searched by shooting: Levenberg and Marquardt's method leads a start to a curve that arrives, or
+//! fails. The starts are random curves, curves that [`super::bent_chain`] has shortened directly, and curves near an
+//! arc, a line and an arc. The line of these has a small negative length.
 
 use core::f64::consts::PI;
 
@@ -14,36 +14,36 @@ use super::levenberg;
 use super::{Curve, Problem, Tip};
 use growbot_core::random::Rng;
 
-/// How exactly a curve is searched.
+/// Tolerances of a search.
 struct Precision {
-    /// The error per step of a walk, radii.
+    /// Max error per step of an integration, radii.
     error: f64,
-    /// The difference in a parameter by which slopes are taken.
+    /// Difference in a parameter for numerical derivatives.
     difference: f64,
-    /// A curve arrives within this of the goal, radii and radians.
+    /// Tolerance at the goal, radii and radians.
     arrived: f64,
 }
 
 const ROUGH: Precision = Precision { error: 1e-8, difference: 1e-4, arrived: 1e-5 };
 const FINE: Precision = Precision { error: 1e-14, difference: 1e-6, arrived: 1e-11 };
-/// Lines walked backwards further than this have no helicoidal arc close by, radii.
+/// Max backward length of a line that has a helicoidal arc close by, radii.
 const LONGEST_LINE: f64 = 1.0;
-/// A chain shorter than the best curve by more than this tells of a better one: chains end not exactly at the goal,
-/// radii.
+/// Difference of lengths, radii. A chain that is shorter than the best curve by more than this shows that a better
+/// curve exists. The margin is needed because chains do not end exactly at the goal.
 pub const BEATEN: f64 = 2e-4;
-/// A curve that needs more steps than this is given up.
+/// Max number of steps of an integration.
 const MAX_STEPS: usize = 20_000;
 
-/// A helicoidal arc from the origin along z, given by what it is at one of its points, the anchor. Where m is very
-/// short, only curves that are walked from there, to both sides, end where they should: rounding at the start would be
-/// magnified.
+/// A helicoidal arc from the origin along z, given by its state at one of its points, the anchor. If m is very short,
+/// the curve is only accurate if it is integrated from there to both sides. An integration from the start would magnify
+/// rounding errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Helicoid {
     /// The anchor, and the tangent there.
     pub anchor: Tip,
-    /// What the curve bends about at the anchor, up to its length; perpendicular to the tangent.
+    /// m at the anchor, perpendicular to the tangent. The curve bends about its direction there.
     pub m: Vector3<f64>,
-    /// How that changes with the position.
+    /// The constant vector p: m changes by p x displacement along the curve.
     pub p: Vector3<f64>,
     /// Arc length from the start to the anchor, radii.
     pub before: f64,
@@ -63,15 +63,15 @@ fn state(tip: &Tip) -> State {
     State::new(position.x, position.y, position.z, tangent.x, tangent.y, tangent.z)
 }
 
-/// How position and tangent change along a curve with this m0 and p.
+/// Returns the derivative of position and tangent along the curve with this m0 and p.
 fn rate(m0: &Vector3<f64>, p: &Vector3<f64>, at: &State) -> State {
     let Tip { position, tangent } = tip(at);
     let m = m0 + p.cross(&position);
     state(&Tip { position: tangent, tangent: m.cross(&tangent) / m.norm() })
 }
 
-/// Walks a curve by Dormand and Prince's steps of order 5, each with at most this error; backwards, if the length is
-/// negative.
+/// Integrates a curve by Dormand and Prince's steps of order 5, each with at most this error. A negative length
+/// integrates backwards.
 fn walk(m0: &Vector3<f64>, p: &Vector3<f64>, from: State, length: f64, error: f64) -> Option<State> {
     let rate = |state: &State| rate(m0, p, state);
     let mut state = from;
@@ -145,14 +145,14 @@ impl Helicoid {
         self.before + self.after
     }
 
-    /// Where the curve begins and ends, walked from its anchor.
+    /// Returns the start and the end of the curve, integrated from its anchor.
     #[must_use]
     pub fn ends(&self) -> Option<(Tip, Tip)> {
         Some((self.walk(-self.before)?, self.walk(self.after)?))
     }
 
-    /// Walks from the anchor by another method than the search's: classic Runge-Kutta steps of order 4, each of them as
-    /// long as two of half its length confirm to 1e-14.
+    /// Integrates from the anchor by another method than the search: classic Runge-Kutta steps of order 4. Each step is
+    /// as long as two steps of half its length confirm to 1e-14.
     fn walk(&self, length: f64) -> Option<Tip> {
         let rate = |at: &State| rate(&self.m, &self.p, at);
         let step = |state: &State, h: f64| {
@@ -162,7 +162,7 @@ impl Helicoid {
             let k4 = rate(&(state + k3 * h));
             state + (k1 + (k2 + k3) * 2.0 + k4) * (h / 6.0)
         };
-        // Positions from the anchor.
+        // Positions are relative to the anchor.
         let mut state = state(&Tip { position: Vector3::zeros(), tangent: self.anchor.tangent });
         let mut left = length;
         let mut h: f64 = 1e-3;
@@ -190,7 +190,8 @@ impl Helicoid {
     }
 }
 
-/// The curve from the origin along z that arrives nearest to a start; not one longer than `longest`.
+/// Returns the curve from the origin along z to the goal that is closest to a start. `None` if the search fails or the
+/// curve is longer than `longest`.
 fn shoot(problem: &Problem, start: &Helicoid, longest: f64, precision: &Precision) -> Option<Helicoid> {
     let goal = state(&Tip { position: problem.goal, tangent: problem.tangent });
     let residual = |at: &Unknowns| {
@@ -211,22 +212,23 @@ fn shoot(problem: &Problem, start: &Helicoid, longest: f64, precision: &Precisio
     (found.length() <= longest).then_some(found)
 }
 
-/// As [`shoot`], first roughly, then finely.
+/// Like [`shoot`], but searches first with rough and then with fine tolerances.
 fn arrive(problem: &Problem, start: &Helicoid, longest: f64) -> Option<Helicoid> {
     let rough = shoot(problem, start, longest + 1e-4, &ROUGH)?;
     shoot(problem, &rough, longest + 1e-9, &FINE)
 }
 
-/// A helicoidal arc seen from its narrow point, where m is shortest, wherever it lies: there, with unit vectors t along
-/// the tangent and a along m, m = size a, and p = cos psi t + sin psi a. Where m is short, the curve turns from one
-/// circle to the other within about the square root of `size`, for any `skew` = psi / sqrt(size / (1 + size)).
+/// A helicoidal arc described from its narrow point, where m is shortest. This point may lie outside of the arc. With
+/// unit vectors t along the tangent and a along m, m = size a and p = cos psi t + sin psi a at this point. If m is
+/// short, the curve turns from one circle to the other within about the square root of `size`. This holds for any
+/// `skew` = psi / sqrt(size / (1 + size)).
 ///
-/// These four numbers are as many as there are of poses to reach, but for how they are placed in space.
+/// A goal pose has as many degrees of freedom as these four numbers, apart from the arc's placement in space.
 #[derive(Debug, Clone, Copy)]
 struct Narrow {
     log_size: f64,
     skew: f64,
-    /// Arc lengths from the start to the narrow point, and from there to the end; either may be negative.
+    /// Arc length from the start to the narrow point. `before` and `after` may be negative.
     before: f64,
     after: f64,
 }
@@ -240,21 +242,21 @@ impl Narrow {
         Vector4::new(self.log_size, self.skew, self.before, self.after)
     }
 
-    /// m and p at the narrow point, which is the origin, with t = z and a = x.
+    /// Returns m and p at the narrow point, which is the origin, with t = z and a = x.
     fn m_and_p(&self) -> (Vector3<f64>, Vector3<f64>) {
         let size = libm::exp(self.log_size);
         let (sin, cos) = libm::sincos(self.skew * libm::sqrt(size / (1.0 + size)));
         (Vector3::new(size, 0.0, 0.0), Vector3::new(sin, 0.0, cos))
     }
 
-    /// The first and the last tip.
+    /// Returns the first and the last tip.
     fn ends(&self, error: f64) -> Option<(Tip, Tip)> {
         let (m, p) = self.m_and_p();
         let narrow = state(&Tip::start());
         Some((tip(&walk(&m, &p, narrow, -self.before, error)?), tip(&walk(&m, &p, narrow, self.after, error)?)))
     }
 
-    /// Placed so that it begins at the origin along z and ends as nearly as it can at the goal.
+    /// Places the arc so that it begins at the origin along z and ends as near to the goal as possible.
     fn placed(&self, problem: &Problem, error: f64) -> Option<Helicoid> {
         let (start, end) = self.ends(error)?;
         let turn = turn_onto(&vectors(&start, &end), &goal_vectors(problem))?;
@@ -263,11 +265,11 @@ impl Narrow {
         Some(Helicoid { anchor, m: turn * m, p: turn * p, before: self.before, after: self.after })
     }
 
-    /// One at random, of the lengths that may be shortest.
+    /// Returns a random arc with a length between the distance to the goal and `longest`.
     fn random(problem: &Problem, longest: f64, random: &mut Rng) -> Self {
         let log_size = random.uniform_between(libm::log(1e-8), libm::log(5.0));
         let size = libm::exp(log_size);
-        // Half of them with any psi, half of them turning from one circle to another where they are narrow.
+        // Half of the arcs have any psi. The other half turn from one circle to another at their narrow point.
         let psi = random.uniform_between(-PI, PI);
         let skew = if random.uniform() < 0.5 && libm::cos(psi) + size > 0.0 {
             psi / libm::sqrt(size / (1.0 + size))
@@ -279,7 +281,7 @@ impl Narrow {
         Self { log_size, skew, before, after: length - before }
     }
 
-    /// One at random near arc, line, arc, with a short line that would have to be walked backwards.
+    /// Returns a random arc near an arc, a line and an arc, with a short line of negative length.
     fn near([first, line, last]: &[f64; 3], random: &mut Rng) -> Self {
         Self {
             log_size: 2.0 * libm::log(-line) + random.uniform_between(-4.0, 4.0),
@@ -289,8 +291,8 @@ impl Narrow {
         }
     }
 
-    /// The arc that arrives nearest to this one, by its shape: quick, but not exact where the shape hardly tells poses
-    /// apart, as for tips in one plane.
+    /// Returns the closest arc that reaches the goal, compared by its shape. This is fast, but inexact if the shape
+    /// hardly distinguishes poses, as for tips in one plane.
     fn shoot_shape(&self, problem: &Problem, longest: f64) -> Option<Self> {
         let goal = shape(&goal_vectors(problem));
         let residual = |at: &Vector4<f64>| {
@@ -303,7 +305,7 @@ impl Narrow {
         Some(Self::from_unknowns(&found)).filter(|found| found.before + found.after <= longest)
     }
 
-    /// The arc that arrives nearest to this one, when it is placed as nearly as it can be.
+    /// Returns the closest arc that reaches the goal when it is placed by least squares.
     fn shoot_placed(&self, problem: &Problem, longest: f64) -> Option<Self> {
         let goal = goal_vectors(problem);
         let residual = |at: &Vector4<f64>| {
@@ -318,7 +320,7 @@ impl Narrow {
         Some(Self::from_unknowns(&found)).filter(|found| found.before + found.after <= longest)
     }
 
-    /// What these unknowns mean, if they mean anything that may be walked.
+    /// Returns the arc of these unknowns. `None` if they are out of the range that can be integrated.
     fn admitted(unknowns: &Vector4<f64>, longest: f64) -> Option<Self> {
         let narrow = Self::from_unknowns(unknowns);
         let is_admitted = (-40.0..5.0).contains(&narrow.log_size)
@@ -327,14 +329,15 @@ impl Narrow {
         is_admitted.then_some(narrow)
     }
 
-    /// First by its shape, then exactly.
+    /// Searches first by the shape, then exactly.
     fn arrive(&self, problem: &Problem, longest: f64) -> Option<Helicoid> {
         let rough = self.shoot_shape(problem, longest + 1e-4)?;
         rough.shoot_placed(problem, longest + 1e-9)?.placed(problem, FINE.error)
     }
 }
 
-/// What tells how two tips lie to each other: the first tangent, the way from one to the other, and the last tangent.
+/// Returns the vectors that describe the relative pose of two tips: the first tangent, the displacement and the last
+/// tangent.
 fn vectors(start: &Tip, end: &Tip) -> Matrix3<f64> {
     Matrix3::from_columns(&[start.tangent, end.position - start.position, end.tangent])
 }
@@ -343,7 +346,7 @@ fn goal_vectors(problem: &Problem) -> Matrix3<f64> {
     vectors(&Tip::start(), &Tip { position: problem.goal, tangent: problem.tangent })
 }
 
-/// The rotation that takes three vectors to three others, in the least squares (Kabsch 1976).
+/// Returns the rotation that maps three vectors onto three others by least squares (Kabsch 1976).
 fn turn_onto(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let parts = (to * from.transpose()).svd(true, true);
     let (u, v) = (parts.u?, parts.v_t?);
@@ -351,13 +354,13 @@ fn turn_onto(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     Some(u * Matrix3::from_diagonal(&handed) * v)
 }
 
-/// What the three vectors have in common however they are turned.
+/// Returns the invariants of the three vectors under rotation.
 fn shape(vectors: &Matrix3<f64>) -> Vector5<f64> {
     let [start, across, end] = [0, 1, 2].map(|index| vectors.column(index));
     Vector5::new(across.norm(), across.dot(&start), across.dot(&end), start.dot(&end), vectors.determinant())
 }
 
-/// The best of some random arcs: the one whose ends are placed most nearly as start and goal are.
+/// Returns the best of `among` random arcs: the one whose shape is closest to that of start and goal.
 fn random_start(problem: &Problem, longest: f64, among: usize, random: &mut Rng) -> Narrow {
     let goal = shape(&goal_vectors(problem));
     let mut best = (f64::INFINITY, Narrow::random(problem, longest, random));
@@ -373,8 +376,8 @@ fn random_start(problem: &Problem, longest: f64, among: usize, random: &mut Rng)
     best.1
 }
 
-/// The m0 and p that fit best to a chain: those whose m0 + p x position has, in the sum of squares, least across the
-/// axes that its arcs bend about.
+/// Returns the helicoidal arc whose m0 and p fit a chain best. It minimizes the sum of squares of the component of m0 +
+/// p x position across the axes that the chain's arcs bend about.
 fn fitted(chain: &Chain) -> Helicoid {
     let mut squares = SMatrix::<f64, 5, 5>::zeros();
     let columns = |position: &Vector3<f64>, axis: &Vector3<f64>| {
@@ -395,40 +398,41 @@ fn fitted(chain: &Chain) -> Helicoid {
     Helicoid { anchor: Tip::start(), m: m0 * sign, p: p * sign, before: 0.0, after: chain.length }
 }
 
-/// How long to search.
+/// Limits of a search.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort {
     /// Random shots per round.
     pub shots: usize,
-    /// Shots per round near each arc, line, arc with a line walked backwards.
+    /// Shots per round near each arc, line, arc whose line has a negative length.
     pub lines: usize,
-    /// Chains straightened per round.
+    /// Chains shortened per round.
     pub chains: usize,
-    /// Rounds at least.
+    /// Min number of rounds.
     pub rounds: usize,
-    /// Rounds at most: more than `rounds` only while the best has been found less than `hits` times, or a chain is
-    /// shorter.
+    /// Max number of rounds. There are more than `rounds` only if the best has been found fewer than `hits` times, or
+    /// if a chain is shorter.
     pub max_rounds: usize,
-    /// How often the best has to be found.
+    /// Min number of times that the best has to be found.
     pub hits: usize,
 }
 
-/// What a search found.
+/// Result of a search.
 #[derive(Debug, Clone, Copy)]
 pub struct Found {
     /// The shortest curve.
     pub best: Option<Helicoid>,
-    /// How many shots from random curves led to it.
+    /// Number of shots from random curves that led to it.
     pub by_shots: usize,
-    /// How many starts near arc, line, arc with a line walked backwards led to it.
+    /// Number of starts near an arc, a line and an arc with a line of negative length that led to it.
     pub by_lines: usize,
-    /// How many straightened chains led to it.
+    /// Number of shortened chains that led to it.
     pub by_chains: usize,
     /// Rounds searched.
     pub rounds: usize,
-    /// How many curves were turned down as walking them forwards by the other method did not confirm that they arrive.
+    /// Number of curves that were rejected because integrating them by the other method did not confirm that they
+    /// arrive.
     pub refused: usize,
-    /// The length of the shortest straightened chain, of whatever kind, radii; infinite if there is none.
+    /// Length of the shortest chain of any kind, radii. It is infinite without a chain.
     pub min_chain: f64,
 }
 
@@ -444,7 +448,7 @@ impl Found {
     }
 }
 
-/// How a curve was found.
+/// Kind of start from which a curve was found.
 #[derive(Clone, Copy, PartialEq)]
 enum Way {
     Shot,
@@ -452,8 +456,8 @@ enum Way {
     Chain,
 }
 
-/// The shortest helicoidal arc that a search finds; none longer than `longest`, radii. `backwards` are the arcs, lines,
-/// arcs that [`super::csc::search`] found with a line to be walked backwards.
+/// Searches the shortest helicoidal arc with a length of at most `longest`, radii. `backwards` are the solutions of
+/// [`super::csc::search`] whose line has a negative length.
 pub fn search(problem: &Problem, longest: f64, backwards: &[[f64; 3]], effort: &Effort, random: &mut Rng) -> Found {
     let mut ways = vec![Way::Shot; effort.shots];
     for line in backwards.iter().filter(|[_, line, _]| *line > -LONGEST_LINE) {

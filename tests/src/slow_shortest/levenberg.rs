@@ -1,13 +1,15 @@
-//! Levenberg and Marquardt's method: from a start to the nearest zero of some residuals, if it leads to one.
+//! Levenberg and Marquardt's method: from a start to a nearby zero of some residuals.
 
 use nalgebra::{SMatrix, SVector};
 
-/// Every this many steps the residual must have halved, or the search is given up.
+/// Number of steps within which the residual must have halved. Otherwise the search is given up.
 const PATIENCE: usize = 8;
 
-/// The parameters, found from `start`, at which the norm of the residual is below `tolerance`.
+/// Returns the parameters, found from `start`, at which the norm of the residual is below `tolerance`. `None` if the
+/// search is given up.
 ///
-/// `residual` may refuse parameters (`None`): such a step is not taken. `jacobian` is given a point and the residual there.
+/// `residual` may reject parameters by `None`. Such a step is not taken. `jacobian` gets a point and the residual
+/// there.
 pub fn solve<const PARAMETERS: usize, const RESIDUALS: usize>(
     start: SVector<f64, PARAMETERS>,
     tolerance: f64,
@@ -51,7 +53,7 @@ pub fn solve<const PARAMETERS: usize, const RESIDUALS: usize>(
     None
 }
 
-/// The slopes of residuals by forward differences of this size.
+/// Returns the derivatives of residuals by forward differences of this size.
 pub fn differences<const PARAMETERS: usize, const RESIDUALS: usize>(
     at: &SVector<f64, PARAMETERS>,
     there: &SVector<f64, RESIDUALS>,

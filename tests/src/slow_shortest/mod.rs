@@ -1,13 +1,14 @@
-//! The shortest curve of curvature at most 1 in space, from the origin along z to a goal with a direction, found
-//! slowly: evidence to test a fast planner against, sharing neither code nor method with it.
+//! A slow search of the shortest curve of curvature at most 1 in space, from the origin along z to a goal with a
+//! direction. A fast planner is tested against it. The two share neither code nor method.
 //!
-//! Lengths are in turning radii, angles in radians. How the tip rolls about its tangent is left free.
+//! Lengths are in turning radii, angles in radians. The roll of the tip about its tangent is free.
 //!
-//! A shortest curve is an arc, a straight line and an arc (CSC), or a helicoidal arc (H), or, if all lies in one plane,
-//! one of Dubins' path types; parts may vanish (H. J. Sussmann, "Shortest 3-dimensional paths with a prescribed
-//! curvature bound", Proc. 34th IEEE Conference on Decision and Control, 1995). Each kind is searched from many random
-//! starts ([`csc`], [`helicoid`], helped by [`bent_chain`], which knows nothing of kinds) or written down ([`planar`]).
-//! Nothing is proven shortest; whatever is returned arrives to [`ARRIVED`] when it is walked.
+//! A shortest curve is an arc, a straight line and an arc (CSC), or a helicoidal arc (H). If all lies in one plane, it
+//! is one of Dubins' path types. Segments may vanish (H. J. Sussmann, "Shortest 3-dimensional paths with a prescribed
+//! curvature bound", Proc. 34th IEEE Conference on Decision and Control, 1995). [`csc`] and [`helicoid`] search their
+//! kinds from many random starts. [`bent_chain`], which does not depend on kinds, provides starts for [`helicoid`].
+//! [`planar`] computes its path types in closed form. Nothing is proven shortest, but each returned curve ends within
+//! [`ARRIVED`] of the goal when it is integrated.
 
 pub mod bent_chain;
 pub mod csc;
@@ -21,20 +22,20 @@ use nalgebra::Vector3;
 use growbot_core::random::Rng;
 use helicoid::Helicoid;
 
-/// A curve arrives if it ends within this of the goal, in radii and radians.
+/// Tolerance at the goal, radii and radians.
 pub const ARRIVED: f64 = 1e-9;
 
-/// Where a curve shall end.
+/// Goal of a curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Problem {
-    /// The position, radii.
+    /// Position of the goal, radii.
     pub goal: Vector3<f64>,
-    /// The direction there, a unit vector.
+    /// Direction at the goal, a unit vector.
     pub tangent: Vector3<f64>,
 }
 
 impl Problem {
-    /// Whether a curve, when walked, begins at the start and ends at the goal.
+    /// Returns true if an integrated curve begins at the start and ends at the goal.
     #[must_use]
     pub fn is_reached_by(&self, curve: &Curve) -> bool {
         let goal = Tip { position: self.goal, tangent: self.tangent };
@@ -42,48 +43,48 @@ impl Problem {
     }
 }
 
-/// A position, radii, and a unit tangent.
+/// Position, radii, and unit tangent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tip {
-    /// The position, radii.
+    /// Position, radii.
     pub position: Vector3<f64>,
-    /// The direction of growth, a unit vector.
+    /// Direction of growth, a unit vector.
     pub tangent: Vector3<f64>,
 }
 
 impl Tip {
-    /// The start of every curve: the origin, along z.
+    /// Returns the start of every curve: the origin, along z.
     #[must_use]
     pub fn start() -> Self {
         Self { position: Vector3::zeros(), tangent: Vector3::z() }
     }
 
-    /// Whether this is the other, to [`ARRIVED`].
+    /// Returns true if the tips are equal within [`ARRIVED`].
     #[must_use]
     pub fn is_at(&self, other: &Self) -> bool {
         (self.position - other.position).norm() <= ARRIVED && (self.tangent - other.tangent).norm() <= ARRIVED
     }
 }
 
-/// A piece of a curve of curvature 1 or 0.
+/// A segment of a curve, of curvature 1 or 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Piece {
     /// An arc of radius 1.
     Arc {
-        /// The unit vector about which the tangent turns; perpendicular to it.
+        /// Unit vector about which the tangent turns. It is perpendicular to the tangent.
         axis: Vector3<f64>,
-        /// By how much, radians.
+        /// Angle of the turn, radians.
         angle: f64,
     },
     /// A straight line.
     Line {
-        /// Radii.
+        /// Length, radii.
         length: f64,
     },
 }
 
 impl Piece {
-    /// Arc length, radii.
+    /// Returns the arc length, radii.
     #[must_use]
     pub fn length(&self) -> f64 {
         match self {
@@ -92,7 +93,7 @@ impl Piece {
         }
     }
 
-    /// Where it leads from a tip.
+    /// Returns the tip at the end of the segment if it begins at `from`.
     #[must_use]
     pub fn walk(&self, from: &Tip) -> Tip {
         match self {
@@ -119,7 +120,7 @@ pub enum Curve {
 }
 
 impl Curve {
-    /// Arc length, radii.
+    /// Returns the arc length, radii.
     #[must_use]
     pub fn length(&self) -> f64 {
         match self {
@@ -128,7 +129,7 @@ impl Curve {
         }
     }
 
-    /// Where it begins and ends when it is walked; nothing if that cannot be told exactly.
+    /// Returns the start and the end of the curve, by integration. `None` if they cannot be computed exactly.
     #[must_use]
     pub fn ends(&self) -> Option<(Tip, Tip)> {
         match self {
@@ -140,7 +141,7 @@ impl Curve {
     }
 }
 
-/// Two unit vectors perpendicular to a unit vector and to each other.
+/// Returns two unit vectors perpendicular to a unit vector and to each other.
 #[must_use]
 pub fn across(unit: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let other = if unit.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
@@ -148,39 +149,38 @@ pub fn across(unit: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (side, unit.cross(&side))
 }
 
-/// How long to search.
+/// Limits of a search.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort {
-    /// Random starts for arc, line, arc.
+    /// Number of random starts for arc, line, arc.
     pub csc_starts: usize,
-    /// For helicoidal arcs; nothing where none can be shortest.
+    /// Limits of the search for helicoidal arcs. `None` if a helicoidal arc cannot be shortest.
     pub helicoid: Option<helicoid::Effort>,
 }
 
-/// The shortest curve that was found.
+/// Result of a search.
 #[derive(Debug, Clone)]
 pub struct Best {
-    /// The curve.
+    /// The shortest curve.
     pub curve: Curve,
-    /// CSC, H, or a path type of Dubins.
+    /// CSC, H, or one of Dubins' path types.
     pub path_type: &'static str,
-    /// How often arc, line, arc of min length was found, whether or not it is the best of all.
+    /// Number of times that the shortest arc, line, arc was found, even if another kind is shorter.
     pub csc_hits: usize,
-    /// What the search for helicoidal arcs found, whether or not it is the best of all.
+    /// Result of the search for helicoidal arcs, even if another kind is shorter.
     pub helicoids: helicoid::Found,
 }
 
 /// Searches the shortest curve.
 ///
-/// # Panics
-/// If nothing at all was found, which more starts for arc, line, arc would mend.
+/// Panics if nothing was found. More starts for arc, line, arc correct this.
 pub fn shortest(problem: &Problem, effort: &Effort, random: &mut Rng) -> Best {
     let csc::Found { best: csc, hits: csc_hits, backwards } = csc::search(problem, effort.csc_starts, random);
     let planar = planar::shortest(problem);
     let mut candidates: Vec<(Curve, &'static str)> = planar.into_iter().collect();
     candidates.extend(csc.map(|curve| (curve, "CSC")));
     let shortest = |candidates: Vec<(Curve, &'static str)>| {
-        // Of the same to rounding, the first.
+        // Of curves that are equal to rounding, the first is taken.
         candidates.into_iter().reduce(|best, next| if next.0.length() < best.0.length() - 1e-9 { next } else { best })
     };
     let Some(best) = shortest(candidates) else { panic!("nothing reaches {problem:?}: more starts are needed") };

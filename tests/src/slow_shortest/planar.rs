@@ -1,7 +1,7 @@
-//! The six words of Dubins (1957), for a start, a goal and directions that lie in one plane.
+//! The six path types of Dubins (1957), for a start, a goal and directions that lie in one plane.
 //!
-//! In the plane the start is the origin and heads along y (the third axis of space); left and right circles have radius
-//! 1.
+//! In the plane the start is the origin and its heading is along y (the third axis of space). Left and right circles
+//! have radius 1.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
@@ -11,13 +11,13 @@ use super::{Curve, Piece, Problem, across};
 
 /// Start, goal and directions lie in one plane if the volume they span is below this.
 const FLAT: f64 = 1e-13;
-/// An arc that is short of a full turn by less than this may be no arc at all: both are tried.
+/// An arc that is short of a full turn by less than this may be an empty arc. Both are tried.
 const NEARLY_FULL: f64 = 1e-6;
 
 const LEFT: f64 = 1.0;
 const RIGHT: f64 = -1.0;
 
-/// The plane's first axis, if all lies in one plane; its second one is z.
+/// Returns the plane's first axis. Its second axis is z. `None` if not everything lies in one plane.
 fn plane(problem: &Problem) -> Option<Vector3<f64>> {
     let z = Vector3::z();
     if (z.cross(&problem.tangent).dot(&problem.goal)).abs() > FLAT {
@@ -38,24 +38,24 @@ fn heading(vector: &Vector2<f64>) -> f64 {
     libm::atan2(vector.y, vector.x)
 }
 
-/// Where the centre of the circle lies that touches a point with a heading, on one side.
+/// Returns the centre of the circle that touches a point with a heading, on one side.
 fn centre(at: &Vector2<f64>, heading: f64, side: f64) -> Vector2<f64> {
     at + direction(heading + side * FRAC_PI_2)
 }
 
-/// The angle of an arc to this side between two headings, in [0, 2 pi).
+/// Returns the angle of an arc to this side between two headings, in [0, 2 pi).
 fn turn(from: f64, to: f64, side: f64) -> f64 {
     let angle = (side * (to - from)) % TAU;
     if angle < 0.0 { angle + TAU } else { angle }
 }
 
-/// The words as (name, [side and angle, or 0 and length]), angles as they come out.
+/// Returns the path types as (name, [side and angle, or 0 and length]). Angles are not corrected for rounding.
 fn words(goal: &Vector2<f64>, goal_heading: f64) -> Vec<(&'static str, [(f64, f64); 3])> {
     let mut words = Vec::new();
     for (name, first, last) in [("LSL", LEFT, LEFT), ("RSR", RIGHT, RIGHT), ("LSR", LEFT, RIGHT), ("RSL", RIGHT, LEFT)]
     {
         let between = centre(goal, goal_heading, last) - centre(&Vector2::zeros(), FRAC_PI_2, first);
-        // The line is parallel to the centres' distance, or crosses it midway, tangent to both circles.
+        // The line is tangent to both circles. It is parallel to the line between the centres, or crosses it midway.
         let width: f64 = if first == last { 0.0 } else { 2.0 };
         let apart = between.norm();
         if apart < width - 1e-12 {
@@ -89,7 +89,7 @@ fn words(goal: &Vector2<f64>, goal_heading: f64) -> Vec<(&'static str, [(f64, f6
     words
 }
 
-/// The shortest planar path and its word; nothing unless all lies in one plane.
+/// Returns the shortest planar path and its path type. `None` if not everything lies in one plane.
 #[must_use]
 pub fn shortest(problem: &Problem) -> Option<(Curve, &'static str)> {
     let sideways = plane(problem)?;
@@ -97,7 +97,7 @@ pub fn shortest(problem: &Problem) -> Option<(Curve, &'static str)> {
     let to_the_left = sideways.cross(&Vector3::z());
     let mut best: Option<(Curve, &'static str)> = None;
     for (name, parts) in words(&flat(&problem.goal), heading(&flat(&problem.tangent))) {
-        // Every way of leaving out the arcs that rounding may have made of nothing.
+        // All ways of leaving out arcs that may only be the result of rounding.
         for left_out in 0..8 {
             let mut pieces = Vec::new();
             let mut fits = true;

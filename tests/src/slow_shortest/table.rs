@@ -1,5 +1,5 @@
-//! The cases of `tests/best_known.csv` and its lines: stratum, goal (radii), direction there, best known
-//! length (radii), path type.
+//! The cases of `tests/best_known.csv` and its lines: stratum, goal (radii), direction there, best known length
+//! (radii), path type.
 
 use core::f64::consts::TAU;
 use core::fmt;
@@ -14,25 +14,25 @@ use growbot_core::random::Rng;
 pub enum Stratum {
     /// Goals at 0.2 to 3 radii.
     Near,
-    /// Goals at 3 to 4.5 radii: from 4 radii outwards no shortest curve is helicoidal.
+    /// Goals at 3 to 4.5 radii. From 4 radii outwards no shortest curve is helicoidal.
     Middle,
     /// Goals at 4.5 to 32 radii.
     Far,
     /// Goals at 0.2 to 8 radii, in one plane with both directions.
     Coplanar,
-    /// The same, and then goal and direction moved out of the plane by 0.1 to 1e-7.
+    /// Like `Coplanar`, but goal and direction are moved out of the plane by 0.1 to 1e-7.
     NearlyCoplanar,
-    /// The ends of arc, line, arc with a line walked backwards by 0.3 to 3e-4 radii: shortest there is, in most cases,
-    /// a helicoidal arc that turns from one circle to another within about this length.
+    /// Ends of arc, line, arc whose line has a negative length of 0.3 to 3e-4 radii. In most cases the shortest curve
+    /// to such an end is a helicoidal arc that turns from one circle to another within about this length.
     Narrow,
 }
 
 impl Stratum {
-    /// All of them.
+    /// All strata.
     pub const ALL: [Self; 6] =
         [Self::Near, Self::Middle, Self::Far, Self::Coplanar, Self::NearlyCoplanar, Self::Narrow];
 
-    /// Its name in the table.
+    /// Returns the name of the stratum in the table.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -45,7 +45,8 @@ impl Stratum {
         }
     }
 
-    /// The case of this number: distances, and directions on the sphere (or the circle), are distributed uniformly.
+    /// Returns the case with a number. Distances are distributed uniformly, and so are directions on the sphere or
+    /// circle.
     #[must_use]
     pub fn case(self, seed: u64, number: u64) -> Problem {
         let mut random = Rng::new(&[seed, self as u64, number]);
@@ -83,7 +84,7 @@ fn anywhere(distance: f64, random: &mut Rng) -> Problem {
     Problem { goal: random.direction() * distance, tangent: random.direction() }
 }
 
-/// In the x-z plane, or, if the number is odd, in any other.
+/// Returns a case in the x-z plane, or in another plane if the number is odd.
 fn in_a_plane(number: u64, random: &mut Rng) -> Problem {
     let distance = random.uniform_between(0.2, 8.0);
     let azimuth = if number.is_multiple_of(2) { 0.0 } else { random.uniform_between(0.0, TAU) };
@@ -94,7 +95,7 @@ fn in_a_plane(number: u64, random: &mut Rng) -> Problem {
     Problem { goal: direction() * distance, tangent: direction() }
 }
 
-/// Cases on a plane's or circle's edge: x and z of the goal, x and z of the direction there.
+/// Cases on the edge of a plane or circle: x and z of the goal, x and z of the direction there.
 const SPECIAL: [[f64; 4]; 12] = [
     [0.0, 5.0, 0.0, 1.0],
     [0.0, -5.0, 0.0, 1.0],
@@ -113,17 +114,17 @@ const SPECIAL: [[f64; 4]; 12] = [
 /// A line of the table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
-    /// The stratum's name.
+    /// Name of the stratum.
     pub stratum: String,
     /// The case.
     pub problem: Problem,
-    /// The min length known, radii.
+    /// Best known length, radii.
     pub length: f64,
-    /// The path type of the curve of that length.
+    /// Path type of the curve of that length.
     pub path_type: String,
 }
 
-/// The names of the columns.
+/// Names of the columns.
 pub const COLUMNS: &str = "stratum,goal_x,goal_y,goal_z,tangent_x,tangent_y,tangent_z,length,path_type";
 
 impl fmt::Display for Row {
@@ -134,10 +135,10 @@ impl fmt::Display for Row {
     }
 }
 
-/// The lines of a table; comments begin with `#`.
+/// Returns the lines of a table. Lines that begin with `#` are comments.
 ///
 /// # Panics
-/// If the text is no such table.
+/// Panics if the text is not a valid table.
 #[must_use]
 pub fn read(text: &str) -> Vec<Row> {
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));

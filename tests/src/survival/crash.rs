@@ -1,4 +1,4 @@
-//! The host, the line, the board or its power goes at a moment of a growth; somebody comes back and resumes it.
+//! Interruptions of a growth by loss of the host, the cable, the board or its power. A host then resumes the growth.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -12,44 +12,44 @@ use growbot_sim::port::sim::Sim;
 
 use super::{Board, Cuttable, Undisturbed};
 
-/// What goes.
+/// Kind of interruption.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Crash {
-    /// The host's program is killed; it comes back at once.
+    /// The host's program is killed and restarts at once.
     Host,
-    /// The cable is pulled, and put back after a minute: the board has long held.
+    /// The cable is pulled and put back after a minute. The board has paused long before.
     Cable,
-    /// The board is reset; its RAM keeps what it has.
+    /// The board is reset. Its RAM keeps its contents.
     Board,
-    /// The board's power goes.
+    /// The board loses power.
     Power,
-    /// The board is reset in the midst of the layer that follows.
+    /// The board is reset during the layer that follows.
     BoardInLayer,
-    /// The power goes in the midst of the layer that follows.
+    /// The board loses power during the layer that follows.
     PowerInLayer,
 }
 
 impl Crash {
-    /// All of them.
+    /// All kinds of interruption.
     pub const ALL: [Self; 6] =
         [Self::Host, Self::Cable, Self::Board, Self::Power, Self::BoardInLayer, Self::PowerInLayer];
 }
 
-/// What came of it.
+/// Result of a resumed growth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recovered {
-    /// What the board knew when somebody came back.
+    /// Status of the board when a host reconnected.
     pub found: Status,
-    /// Layers as built, in the end.
+    /// Layers as built, at the end.
     pub as_built: Vec<Option<LayerBytes>>,
-    /// Feed steps more than without the crash: what was laid of the layer that was cut.
+    /// Feed steps in excess of an undisturbed growth: the part that was laid of the interrupted layer.
     pub more_feed_steps: i64,
 }
 
-/// Grows until the host has received this many events, interrupts the growth, and resumes.
+/// Grows until the host has received `event` events, interrupts the growth, and resumes.
 ///
 /// # Errors
-/// What went wrong, in words.
+/// Returns a message that describes the failure.
 pub fn crash_at(job: &Job, undisturbed: &Undisturbed, crash: Crash, event: usize) -> Result<Recovered, String> {
     let board: Board = Rc::new(RefCell::new(Sim::new(job.robot.clone())));
     let mut known = Vec::new();
@@ -69,7 +69,7 @@ pub fn crash_at(job: &Job, undisturbed: &Undisturbed, crash: Crash, event: usize
     Ok(Recovered { found, as_built: grown.as_built, more_feed_steps })
 }
 
-/// The part before.
+/// Grows until the interruption.
 fn grow_until(
     job: &Job,
     board: &Board,
@@ -105,7 +105,7 @@ fn grow_until(
                     sim.reset(ResetCause::PowerOn);
                 }
             }
-            // Nothing the host does from here on counts.
+            // From here on, nothing that the host sends reaches the board.
             cut.set(true);
         }
     });
@@ -113,7 +113,7 @@ fn grow_until(
     grown
 }
 
-/// A host comes back, clears a fault, and resumes.
+/// Connects another host, which clears a fault and resumes.
 fn come_back(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> Result<(Status, Grown), GrowthError> {
     let mut client = Client::new(Box::new(Rc::clone(board)), "sim");
     let hello = client.hello().map_err(GrowthError::Before)?;
@@ -126,17 +126,17 @@ fn come_back(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> Result
     let grown = if found.plan_id == job.plan_id {
         resume_job(&mut client, job, known, OnInterrupted::Again, HostSilencePolicy::Pause, &stop, on_event)
     } else {
-        // Nothing had been begun.
+        // The board has not begun a job, so the growth starts from the beginning.
         grow_job(&mut client, job, HostSilencePolicy::Pause, &stop, on_event)
     };
     Ok((found, grown?))
 }
 
-/// Whether everything is as it must be: every layer laid once and the same as without the crash, and a layer that was
-/// cut told.
+/// Checks that every layer was laid once and equals that of the undisturbed growth, and that an interrupted layer was
+/// reported.
 ///
 /// # Errors
-/// What is not.
+/// Returns a message that describes the first difference.
 pub fn check(job: &Job, undisturbed: &Undisturbed, crash: Crash, recovered: &Recovered) -> Result<(), String> {
     if recovered.as_built != undisturbed.as_built {
         let other = recovered.as_built.iter().zip(&undisturbed.as_built).position(|(one, other)| one != other);
@@ -154,7 +154,7 @@ pub fn check(job: &Job, undisturbed: &Undisturbed, crash: Crash, recovered: &Rec
             if in_layer && crash == Crash::BoardInLayer && max - min > 0.3 {
                 return Err(format!("all that is known is {min} to {max}"));
             }
-            // A layer is no thinner than half of what it is on average.
+            // No layer is thinner than half of its mean height.
             if share > 2.0 * max + 0.01 || share < min / 2.5 - 0.01 {
                 return Err(format!("{share} of a layer was made, and {min} to {max} were told"));
             }

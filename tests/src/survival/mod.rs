@@ -1,7 +1,7 @@
-//! Jobs that are interrupted, and lines that lose what they carry: whatever happens, each layer is laid once.
+//! Growths that are interrupted, and growths over unreliable lines. In each case every layer is laid once.
 //!
-//! - [`crash`]: the host, the line, the board or its power goes at any moment of a growth, which is then resumed;
-//! - [`wire`]: growths over a wire with faults.
+//! - [`crash`]: the host, the cable, the board or its power fails at any moment of a growth, which is then resumed.
+//! - [`wire`]: growths over a line with faults.
 
 pub mod crash;
 pub mod wire;
@@ -21,10 +21,10 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_sim::port::sim::Sim;
 
-/// Robot A, homing and growing faster, so that campaigns do not take long.
+/// Returns robot A with faster homing and growth, so that campaigns do not take long.
 ///
 /// # Panics
-/// Never: its description is valid.
+/// Never panics, because the description is valid.
 #[must_use]
 pub fn robot() -> Robot {
     let mut description = robot_file::load("growbot-a".as_ref()).expect("it is built in").description().clone();
@@ -33,7 +33,7 @@ pub fn robot() -> Robot {
     Robot::new(description).expect("the motors are quick enough")
 }
 
-/// Where a body begins and ends, and a bend of some layers between.
+/// Start and end of a body, with a bend of some layers between them.
 pub struct Body {
     start: Pose,
     goal: Pose,
@@ -41,45 +41,45 @@ pub struct Body {
 }
 
 impl Body {
-    /// A bend of this many layers.
+    /// Returns a bend of this many layers.
     ///
     /// # Panics
-    /// Never: its beginning is a pose.
+    /// Never panics, because its start is a valid pose.
     #[must_use]
     pub fn of(layers: u32) -> Self {
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).expect("upright");
         let length = 0.7 * f64::from(layers);
-        // Never more than a fifth of a turn, so that any number of layers is a path.
+        // The bend is never more than a fifth of a turn, so any number of layers is a path.
         let path = [Segment::Arc { alpha: 1.0, bend: (length / 120.0).min(1.2), length }];
         let goal = Pose::from_frame(&end(&path, &start.frame()));
         Self { start, goal, path }
     }
 
-    /// The job of growing it.
+    /// Returns the job that grows the body.
     #[must_use]
     pub fn job<'a>(&'a self, robot: &'a Robot) -> Job<'a> {
         Job::new(robot, &self.start, &self.goal, &self.path)
     }
 }
 
-/// A simulated robot that its test holds too.
+/// A simulated robot that a test shares with its port.
 pub type Board = Rc<RefCell<Sim>>;
 
-/// A growth that nothing has disturbed.
+/// An undisturbed growth.
 pub struct Undisturbed {
     /// The layers as built.
     pub as_built: Vec<Option<LayerBytes>>,
-    /// Steps that the simulated feed has turned.
+    /// Steps that the simulated feed has made.
     pub feed_steps: u64,
-    /// What the host was told: layers, states, and so on.
+    /// Number of events that the host received: layers, states, and so on.
     pub events: usize,
 }
 
 impl Undisturbed {
-    /// Grows it.
+    /// Grows a job without a disturbance.
     ///
     /// # Panics
-    /// If it does not grow.
+    /// Panics if the growth fails.
     #[must_use]
     pub fn grow(job: &Job) -> Self {
         let board: Board = Rc::new(RefCell::new(Sim::new(job.robot.clone())));
@@ -94,11 +94,11 @@ impl Undisturbed {
     }
 }
 
-/// A line that its test can cut.
+/// A port that a test can cut.
 pub struct Cuttable<P> {
-    /// What it leads to.
+    /// The port behind it.
     pub port: P,
-    /// Whether it is cut.
+    /// True while the port is cut.
     pub cut: Rc<Cell<bool>>,
 }
 

@@ -1,4 +1,4 @@
-//! Growths over a wire with faults: all end, and each layer is laid once.
+//! Growths over an unreliable line. Each growth ends, and each layer is laid once.
 
 use std::cell::RefCell;
 use std::fmt::Write;
@@ -17,30 +17,30 @@ use super::{Board, Body, Undisturbed, robot};
 
 /// Layers of each job.
 const LAYERS: u32 = 20;
-/// Chances that a frame is lost, in each direction.
+/// Probabilities that a frame is lost, in each direction.
 pub const LOSSES: [f64; 5] = [0.0, 0.01, 0.05, 0.1, 0.2];
-/// Chances that a byte has a bit turned over. The last is 1e-3 a bit.
+/// Probabilities that a bit of a byte is flipped. The last is 1e-3 per bit.
 pub const FLIPS: [f64; 4] = [0.0, 1e-4, 1e-3, 8e-3];
 
-/// What jobs over one kind of wire came to.
+/// Results of the jobs over one kind of line.
 #[derive(Debug, Clone, Default)]
 pub struct Row {
-    /// Jobs.
+    /// Number of jobs.
     pub jobs: u64,
-    /// Jobs that did not end as they must, and why.
+    /// Descriptions of the jobs that did not end as expected.
     pub wrong: Vec<String>,
-    /// Frames that came to the wire, both ways.
+    /// Frames that were sent in both directions.
     pub frames: u64,
-    /// Requests that were sent again.
+    /// Requests that were repeated.
     pub repeated: u64,
-    /// Time by the board's clock, s, all together.
+    /// Total time by the boards' clocks, s.
     pub seconds: f64,
 }
 
-/// Runs this many jobs, spread over all wires, on all cores.
+/// Runs this many jobs, spread over all kinds of line, on all cores.
 ///
 /// # Panics
-/// If the undisturbed growth does not grow.
+/// Panics if the undisturbed growth fails.
 #[must_use]
 pub fn run(jobs: u64) -> Vec<(f64, f64, Row)> {
     let (robot, body) = (robot(), Body::of(LAYERS));
@@ -74,7 +74,7 @@ pub fn run(jobs: u64) -> Vec<(f64, f64, Row)> {
     wires.into_iter().zip(rows).map(|((loss, flip), row)| (loss, flip, row)).collect()
 }
 
-/// One job. The wire also doubles, swaps and truncates frames, a tenth as often as it loses them.
+/// Runs one job. The line also duplicates, swaps and truncates frames, a tenth as often as it loses them.
 fn grow(job: &Job, undisturbed: &Undisturbed, loss: f64, flip: f64, seed: u64) -> Row {
     let spec = FaultSpec {
         drop: loss,
@@ -105,7 +105,7 @@ fn grow(job: &Job, undisturbed: &Undisturbed, loss: f64, flip: f64, seed: u64) -
     Row { jobs: 1, wrong: wrong.into_iter().collect(), frames, repeated: client.repeated(), seconds }
 }
 
-/// The rows as a table.
+/// Formats the rows as a table.
 #[must_use]
 pub fn table(rows: &[(f64, f64, Row)]) -> String {
     let mut text = String::from(

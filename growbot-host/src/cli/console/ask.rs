@@ -1,4 +1,4 @@
-//! What a board answers at once, in a few lines of text.
+//! Requests that a board answers at once, with the response as a few lines of text.
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::maintenance::{Presets, in_words};
@@ -15,7 +15,7 @@ use super::commands::Ask;
 use crate::cli::status::Report;
 use crate::cli::{Failure, kind};
 
-/// Asks the board of this robot, simulated or not, whose bodies begin at `start`.
+/// Sends a request to the board of `robot` and returns the response as text. The robot's bodies begin at `start`.
 pub fn ask(
     client: &mut Client,
     robot: &Robot,
@@ -65,7 +65,7 @@ fn plan(client: &mut Client, robot: &Robot, start: &Pose, goal: &Pose) -> Result
     }
 }
 
-/// Has the board do what this command of maintenance asks for.
+/// Sends the task of a maintenance command to the board, and returns a description of the task.
 pub fn maintain(
     client: &mut Client,
     robot: &Robot,
@@ -92,7 +92,7 @@ fn start_stored(client: &mut Client) -> Result<String, Failure> {
     let plan_id = status.plan_id;
     let mut text = String::new();
     if plan_id != 0 && (status.state == State::Stopped || status.interrupted.is_some()) {
-        // An interrupted layer is laid again; `growbot resume` has the choice.
+        // An interrupted layer is laid again. `growbot resume` offers the choice.
         let resume = Resume { plan_id, start_layer: status.layers_laid, reported_layers: status.layers_laid };
         client.request("to resume", &Message::Resume(resume))?;
         text += &format!("resumes at layer {}\n", status.layers_laid);

@@ -6,50 +6,50 @@ use growbot_client::pose_text::{parse_goal, parse_number, parse_pose};
 use growbot_client::suggest::did_you_mean;
 use growbot_core::pose::Pose;
 
-/// The longest wait, s.
+/// Longest time that `wait` accepts, s.
 const LONGEST_WAIT_S: f64 = 1e6;
 
-/// A line, understood.
+/// A parsed line.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Command {
     /// An empty line.
     Nothing,
-    /// Something that the board answers at once.
+    /// A request that the board answers at once.
     Ask(Ask),
-    /// Plan, hand over and grow.
+    /// Plan to this goal, and grow the body.
     Grow(Goal),
-    /// Show what happens for this time, s.
+    /// Print the events of this time, s.
     Wait(f64),
-    /// List the commands.
+    /// Print the list of commands.
     Help,
-    /// Leave.
+    /// Leave the console.
     Quit,
 }
 
-/// What the board answers at once.
+/// Requests that the board answers at once.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Ask {
-    /// Who it is and what it does.
+    /// Identity, status and sensors of the board.
     Status,
-    /// The board plans to this pose and stores the layers.
+    /// Plan to this pose on the board, which stores the layers.
     Plan(Pose),
     /// Grow the stored layers, or continue after a pause.
     Start,
     /// Pause after the layer under way.
     Pause,
-    /// Some stored layers, from this one on, or from the next to be laid.
+    /// Stored layers, from this index on. `None` means from the next layer to be laid on.
     Layers(Option<u32>),
-    /// Heater and steppers off.
+    /// Switch heater and steppers off.
     Stop,
-    /// The same, ahead of all else and until it is cleared.
+    /// Emergency stop: switch heater and steppers off before anything else, until the stop is cleared.
     EmergencyStop,
-    /// Leave a fault.
+    /// Clear a fault or an emergency stop.
     Clear,
-    /// Maintenance: its command and the argument, which presets may name.
+    /// A maintenance command and its argument, which may name a preset.
     Maintain(&'static str, String),
 }
 
-/// A command as the list has it.
+/// A command in the list of commands.
 struct Entry {
     name: &'static str,
     argument: &'static str,
@@ -75,10 +75,10 @@ const COMMANDS: [Entry; 12] = [
     Entry { name: "quit", argument: "", help: "leave; a robot that grows finishes its layer and pauses" },
 ];
 
-/// Poses to begin with: straight up, to the side, and bent in both planes.
+/// Poses that completion offers: straight up, to the side, and bent in both planes.
 const POSES: [&str; 3] = ["0,0,100,0,90", "200,100,600,0,45", "550,345,610,120,-25"];
 
-/// The list of commands.
+/// Returns the list of commands as text.
 pub fn help() -> String {
     let line = |name: &str, argument: &str, help: &str| format!("{:<23}{help}\n", format!("{name} {argument}"));
     let own = COMMANDS.iter().map(|entry| line(entry.name, entry.argument, entry.help));
@@ -86,10 +86,10 @@ pub fn help() -> String {
     own.chain(maintaining).collect()
 }
 
-/// Understands a line.
+/// Parses a line.
 ///
 /// # Errors
-/// What is wrong with it, as a message.
+/// Returns a message about the mistake in the line.
 pub fn parse(line: &str) -> Result<Command, String> {
     let line = line.trim();
     let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
@@ -116,7 +116,7 @@ pub fn parse(line: &str) -> Result<Command, String> {
             .map(Command::Wait)
             .ok_or_else(|| format!("{rest:?} is no time: give seconds, 0 to {LONGEST_WAIT_S}")),
         "stop" => alone(Command::Ask(Ask::Stop)),
-        // What follows it is ignored: an emergency is no time for grammar.
+        // The rest of the line is ignored, so that a typing error does not prevent an emergency stop.
         "estop" => Ok(Command::Ask(Ask::EmergencyStop)),
         "clear" => alone(Command::Ask(Ask::Clear)),
         "help" => alone(Command::Help),
@@ -131,7 +131,7 @@ pub fn parse(line: &str) -> Result<Command, String> {
     }
 }
 
-/// The names of all commands.
+/// Returns the names of all commands.
 fn names() -> impl Iterator<Item = &'static str> {
     COMMANDS.iter().map(|entry| entry.name).chain(maintenance::COMMANDS.iter().map(|(name, ..)| *name))
 }
@@ -140,7 +140,7 @@ fn pose(text: &str) -> Result<Pose, String> {
     parse_pose(text).map_err(|error| error.to_string())
 }
 
-/// How the beginning of a line can be completed: from which byte on, and the texts that fit.
+/// Returns completions for the beginning of a line: the byte from which they start, and the texts that fit.
 pub fn complete(begun: &str) -> (usize, Vec<String>) {
     let indent = begun.len() - begun.trim_start().len();
     match begun.trim_start().split_once(char::is_whitespace) {
@@ -161,7 +161,7 @@ pub fn complete(begun: &str) -> (usize, Vec<String>) {
     }
 }
 
-/// What a command without its argument wants.
+/// Returns a hint for the argument of a command that ends with a space. `None` if it takes no pose and no goal.
 pub fn hint(line: &str) -> Option<&'static str> {
     let word = line.strip_suffix(' ')?;
     match argument(word.trim()) {
@@ -171,7 +171,7 @@ pub fn hint(line: &str) -> Option<&'static str> {
     }
 }
 
-/// What the argument of a command is called.
+/// Returns the placeholder of a command's argument. It is empty if the command takes none.
 fn argument(name: &str) -> &'static str {
     COMMANDS.iter().find(|entry| entry.name == name).map_or("", |entry| entry.argument)
 }

@@ -1,12 +1,12 @@
-//! Where the lines that were typed are remembered.
+//! Place of the history of typed lines.
 
 use std::env;
 use std::ffi::OsString;
 use std::fs;
 use std::path::PathBuf;
 
-/// The file of the history, its directory made where it was not there: `growbot/history` in `$XDG_STATE_HOME`, or in
-/// `~/.local/state`. None where there is no such place.
+/// Returns the file of the history, and creates its directory. The file is `growbot/history` in `$XDG_STATE_HOME`, or
+/// in `~/.local/state`. `None` if neither directory is known, or if the directory cannot be created.
 pub fn file() -> Option<PathBuf> {
     let directory = directory(env::var_os("XDG_STATE_HOME"), env::var_os("HOME"))?;
     fs::create_dir_all(&directory).ok()?;
@@ -14,7 +14,7 @@ pub fn file() -> Option<PathBuf> {
 }
 
 fn directory(state: Option<OsString>, home: Option<OsString>) -> Option<PathBuf> {
-    // What is not absolute is to be passed over, by the XDG base directory specification.
+    // The XDG base directory specification requires that relative paths are ignored.
     let absolute = |name: Option<OsString>| name.map(PathBuf::from).filter(|path| path.is_absolute());
     let state = absolute(state).or_else(|| Some(absolute(home)?.join(".local/state")))?;
     Some(state.join("growbot"))

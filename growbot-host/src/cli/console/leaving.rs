@@ -1,4 +1,4 @@
-//! What is said of a robot that a console leaves, and of commands that a script leaves out.
+//! Lines of standard input, warnings about a robot that a console leaves, and script commands that are not run.
 
 use std::io::{self, BufRead, BufReader};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
@@ -12,14 +12,14 @@ use growbot_core::robot::Robot;
 use super::commands::{Ask, Command, parse};
 use crate::cli::ChosenPort;
 
-/// Lines of standard input as they come.
+/// Lines of standard input, as they arrive.
 pub type Lines = Receiver<io::Result<Vec<u8>>>;
 
-/// The time for which the rest of a script is read, to tell what is not carried out.
+/// Maximum time for reading the rest of a script to count the commands that are not run.
 const READING: Duration = Duration::from_millis(500);
 
-/// Lines are read by a thread of their own, which may wait for long, while Ctrl-C must not. It ends with the input or
-/// with the program.
+/// Starts a thread that reads lines of standard input. A read may block for long, but Ctrl-C must not wait for it. The
+/// thread ends with the input or with the program.
 pub fn lines_of_stdin() -> Lines {
     let (read, lines) = mpsc::sync_channel(0);
     thread::spawn(move || {
@@ -33,7 +33,7 @@ pub fn lines_of_stdin() -> Lines {
     lines
 }
 
-/// Whether a robot in this state is hot or moves.
+/// Returns true if a robot in this state is hot or moves.
 pub fn works(state: State) -> bool {
     matches!(
         state,
@@ -41,7 +41,7 @@ pub fn works(state: State) -> bool {
     )
 }
 
-/// What becomes of a robot that is left while it works, and the remedy.
+/// Returns a message about the further behaviour of a robot that is left while it works, with the remedy.
 pub fn left(state: State, robot: &Robot, port: &ChosenPort) -> String {
     let name = if state == State::Maintenance { "in maintenance" } else { state.name() };
     if port.ends_with_program() {
@@ -68,18 +68,18 @@ struct StopCommand {
     line: usize,
 }
 
-/// Commands of a script that are not carried out.
+/// Commands of a script that are not run.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct LeftOut {
     commands: usize,
-    /// The first of them that stops the robot.
+    /// First of these commands that stops the robot, if any.
     stop: Option<StopCommand>,
-    /// The end of the script was not reached in time.
+    /// True if the end of the script was not reached in time.
     continues: bool,
 }
 
 impl LeftOut {
-    /// Reads on after this line.
+    /// Counts the commands after this line, for at most `READING`.
     pub fn after(number: usize, lines: &Lines) -> Self {
         let began = Instant::now();
         let mut left_out = Self::default();
@@ -100,7 +100,7 @@ impl LeftOut {
         left_out
     }
 
-    /// Counts a line. False for the one that ends the script.
+    /// Counts a line. Returns false if the line ends the script.
     fn count(&mut self, number: usize, line: &str) -> bool {
         let stop = match parse(line) {
             Ok(Command::Nothing) => return true,
@@ -114,12 +114,12 @@ impl LeftOut {
         true
     }
 
-    /// Whether nothing is left out.
+    /// Returns true if no command was left out.
     pub fn is_nothing(&self) -> bool {
         self.commands == 0 && !self.continues
     }
 
-    /// As part of a message.
+    /// Returns the text for a message.
     pub fn text(&self) -> String {
         let (count, some) = (self.commands, if self.continues { "at least " } else { "" });
         let commands = if count == 1 { "command is" } else { "commands are" };

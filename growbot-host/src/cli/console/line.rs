@@ -1,4 +1,4 @@
-//! The console line by line: on a terminal, with history and completion, or in a pipe.
+//! Console that reads line by line: on a terminal, with history and completion, or in a pipe.
 
 use std::io::{self, IsTerminal};
 use std::sync::Arc;
@@ -32,39 +32,39 @@ use crate::cli::interrupt::stop_on_interrupt;
 use crate::cli::status::Report;
 use crate::cli::{ChosenPort, Failure, following, growth_table};
 
-/// So often Ctrl-C is looked for while a line is waited for.
+/// Interval of the checks for Ctrl-C while the console waits for a line.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// A session on a terminal or a pipe.
 pub struct Session {
     client: Client,
-    /// What the tip has really laid, where it is a simulated one.
+    /// The simulated tip, with the body as it is really laid. `None` if the tip is not simulated.
     simulation: Option<Box<dyn Simulation>>,
     robot: Robot,
     presets: Presets,
     port: ChosenPort,
     start: Pose,
-    /// What Ctrl-C orders: to stop.
+    /// Requests to stop, by Ctrl-C.
     orders: Arc<Orders>,
 }
 
-/// A script that has ended before its end.
+/// End of a script before its last line.
 struct Ended {
     failure: Failure,
-    /// The last line that was begun, from 1; 0 for none.
+    /// The last line that was started, from 1. It is 0 if none was.
     line: usize,
-    /// Whether it is that line that failed.
+    /// True if that line failed.
     failed: bool,
 }
 
-/// What to do after a command.
+/// Action after a command.
 enum Next {
     Continue,
     Quit,
 }
 
 impl Session {
-    /// A session with a board.
+    /// Creates a session with a board. Ctrl-C requests a stop from then on.
     pub fn new(
         mut client: Client,
         simulation: Option<Box<dyn Simulation>>,
@@ -77,7 +77,7 @@ impl Session {
         Self { client, simulation, robot, presets, port, start, orders }
     }
 
-    /// Carries commands out until the last one.
+    /// Runs commands until the last one.
     pub fn run(&mut self) -> Result<(), Failure> {
         if io::stdin().is_terminal() { self.interact() } else { self.read_pipe() }
     }
@@ -88,7 +88,7 @@ impl Session {
         let mut editor: Editor<Help, FileHistory> = Editor::with_config(config).map_err(Failure::bad_input)?;
         editor.set_helper(Some(Help));
         let history = history::file();
-        // A history that cannot be read or written is no reason to stop.
+        // A history that cannot be read or written is not an error.
         let _ = history.as_ref().map(|file| editor.load_history(file));
         loop {
             match editor.readline("growbot> ") {
@@ -112,8 +112,8 @@ impl Session {
         }
     }
 
-    /// Carries lines out until the last one, or the first that fails: what follows a failure was written for a robot
-    /// that had done as asked.
+    /// Runs lines until the last one, or until the first that fails. The lines after a failure are not run, because
+    /// they assume that it succeeded.
     fn read_pipe(&mut self) -> Result<(), Failure> {
         let lines = lines_of_stdin();
         match self.carry_out(&lines) {
@@ -150,15 +150,15 @@ impl Session {
         Ok(())
     }
 
-    /// Who the board is, before the first command.
+    /// Prints the board's status before the first command.
     fn greet(&mut self) -> Result<(), Failure> {
         Ok(print(&Report::of(&mut self.client, self.port.is_simulated())?.text())?)
     }
 
-    /// A script has ended before its end: why, what is left out, what the robot is doing.
+    /// Reports why a script ended early, which commands are not run, and what the robot is doing.
     fn give_up(&mut self, ended: Ended, lines: &Lines) -> Result<(), Failure> {
         let Ended { failure, line, failed } = ended;
-        // At once: the board may take long to answer.
+        // The failure is printed first, because the board may take long to respond.
         if !failure.is_reader_gone() {
             let message = failure.message();
             if failed {
@@ -170,7 +170,7 @@ impl Session {
         let left_out = LeftOut::after(line, lines);
         let stopped = self.stop_if_interrupted();
         let status = self.client.status();
-        // Asking may take long enough for Ctrl-C.
+        // The user may have pressed Ctrl-C during the status request.
         let stopped = stopped.and_then(|()| self.stop_if_interrupted());
         let state = match (stopped, status) {
             (Err(stopped), _) => stopped.message().to_owned(),
@@ -193,7 +193,7 @@ impl Session {
             (true, 0) => format!("standard output was closed by its reader: {left_out}; {state}"),
             (true, line) => format!("standard output was closed by its reader at line {line}: {left_out}; {state}"),
         };
-        // Nothing was carried out where not even the first line could be read.
+        // No command was run if not even the first line could be read.
         let rest = if line == 0 && failure.is_bad_input() {
             Failure::bad_input(message)
         } else {
@@ -202,7 +202,7 @@ impl Session {
         Err(if failure.is_reader_gone() { rest } else { rest.into_warning() })
     }
 
-    /// Says what becomes of a robot that works, where it does not end with this program.
+    /// Warns about a real robot that still works when the console is left.
     fn leave(&mut self) -> Result<(), Failure> {
         if self.port.is_simulated() {
             return Ok(());
@@ -220,7 +220,7 @@ impl Session {
         }
     }
 
-    /// Ctrl-C at the prompt, where it is a key: it stops a robot that works, as it does elsewhere.
+    /// Handles Ctrl-C at the prompt, where it is a key. A robot is stopped if it works, or if its status is unknown.
     fn stop_if_it_works(&mut self) -> Result<(), Failure> {
         match self.client.status() {
             Ok(status) if !works(status.state) => Ok(()),
@@ -228,12 +228,12 @@ impl Session {
         }
     }
 
-    /// Has the robot stop where Ctrl-C was pressed.
+    /// Stops the robot if Ctrl-C was pressed. In that case it returns an error.
     fn stop_if_interrupted(&mut self) -> Result<(), Failure> {
         if self.orders.clear() { Err(self.stop()) } else { Ok(()) }
     }
 
-    /// Has the robot stop, and says what came of it.
+    /// Stops the robot, and returns the result as a failure.
     fn stop(&mut self) -> Failure {
         match self.ask(&Ask::Stop) {
             Ok(stopped) => Failure::answered_no(stopped.trim_end()),
@@ -268,7 +268,7 @@ impl Session {
                 emergency |= status.state == State::EmergencyStop;
             }
             if let JobEvent::State(state) = event {
-                // A reader that is gone is noticed when the table is printed.
+                // A closed standard output is reported when the table is printed.
                 let _ = print(&format!("{}\n", state.name()));
             }
         };
@@ -285,7 +285,7 @@ impl Session {
 
     fn wait(&mut self, seconds: f64) -> Result<(), Failure> {
         let clock = |client: &mut Client| client.status().map(|status| status.uptime_ms);
-        // By the board's clock: on `sim` time passes only while we wait.
+        // The wait uses the board's clock, because on `sim` time passes only during the wait.
         let until = clock(&mut self.client)?.saturating_add((seconds * 1000.0) as u64);
         loop {
             let now = clock(&mut self.client)?;
@@ -314,7 +314,7 @@ impl Session {
     }
 }
 
-/// Completes and hints at what is typed.
+/// Completion and hints for the line being typed.
 struct Help;
 
 impl Completer for Help {
@@ -325,7 +325,7 @@ impl Completer for Help {
     }
 }
 
-/// What is shown behind the cursor, and never taken into the line.
+/// Hint after the cursor. It is never inserted into the line.
 struct Argument(&'static str);
 
 impl Hint for Argument {

@@ -16,11 +16,11 @@ use growbot_sim::port::TipSettings;
 use super::service::borrow_line;
 use super::{Connection, Failure, PortArg, RobotArg};
 
-/// Type commands, see the robot; works in a pipe
+/// Control a robot with typed commands, on a terminal or in a pipe
 ///
-/// `help` lists the commands. In a pipe each line of standard input is a command; the first one that fails, or whose
-/// result nobody reads any more, ends it, with exit code 1. The lines after it are not carried out: what they were, and
-/// what the robot is doing, is printed.
+/// `help` lists the commands. In a pipe each line of standard input is a command. The console ends with exit code 1 at
+/// the first command that fails, or whose result cannot be printed because the reader is gone. The lines after it are
+/// not run. The console prints which commands were not run, and what the robot is doing.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  growbot console --port /dev/ttyACM0\n  growbot console --tui\n  printf 'plan \
                   0,0,60,0,90\\nstart\\nwait 60\\nstatus\\n' | growbot console")]
@@ -29,11 +29,10 @@ pub struct ConsoleArgs {
     port: PortArg,
     #[command(flatten)]
     robot: RobotArg,
-    /// Use the whole screen: charts of temperature and layers, the body as it
-    /// grows, a key for each command
+    /// Use the whole screen: charts of temperature and layers, the body as it grows, a key for each command
     ///
-    /// Needs a terminal, from 80x24 on. Leaving it leaves the robot as it is. On
-    /// sim, time passes 60 times as fast as real time; + and - change that.
+    /// Needs a terminal of at least 80x24. Leaving the screen does not stop the robot. On sim, time passes 60 times as
+    /// fast as real time, and + and - change the speed.
     #[arg(long)]
     tui: bool,
 }

@@ -1,4 +1,4 @@
-//! What a person types, a line an answer.
+//! Answers that a person types, one per line.
 
 use std::io::{self, BufRead, IsTerminal, Read};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
@@ -7,37 +7,37 @@ use std::time::Duration;
 
 use growbot_client::pose_text::parse_number;
 
-/// No answer is longer than this, bytes.
+/// Length from which an answer is too long, bytes.
 const LONGEST_ANSWER: u64 = 256;
 
-/// What is expected.
+/// Expected kind of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wanted {
-    /// That something is done; Enter says so.
+    /// Confirmation that something is done: Enter or yes.
     Ready,
-    /// Yes or no, in words.
+    /// The word yes or no.
     YesOrNo,
     /// A number above 0.
     Number,
 }
 
-/// An answer, understood.
+/// A parsed answer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Answer {
-    /// It is done, or it is so.
+    /// Done, or yes.
     Yes,
-    /// It is not so.
+    /// No.
     No,
-    /// The step is left out.
+    /// Skip the step.
     Skip,
-    /// The rest is left for another time.
+    /// Quit, and leave the remaining steps for another time.
     Quit,
     /// A number.
     Number(f64),
 }
 
 impl Wanted {
-    /// What may be typed.
+    /// Returns the choices for the user.
     pub fn choices(self) -> &'static str {
         match self {
             Self::Ready => "Enter, skip or quit",
@@ -46,10 +46,10 @@ impl Wanted {
         }
     }
 
-    /// Understands a line.
+    /// Parses a line.
     ///
     /// # Errors
-    /// What is wrong with it, and what may be typed.
+    /// Returns a message about the mistake, with the choices.
     pub fn read(self, line: &str) -> Result<Answer, String> {
         let line = line.trim();
         match (self, line.to_lowercase().as_str()) {
@@ -65,26 +65,26 @@ impl Wanted {
     }
 }
 
-/// Why there is no line.
+/// Reason why no line was received.
 #[derive(Debug, PartialEq, Eq)]
 pub enum NoLine {
-    /// Not yet.
+    /// No line has arrived yet.
     Yet,
-    /// Nor will there be one.
+    /// The input has ended.
     Ever,
-    /// It cannot be read.
+    /// The input cannot be read.
     Unreadable(String),
 }
 
-/// The lines that are typed.
+/// Lines that the user types.
 pub struct Answers {
     lines: Receiver<Result<String, String>>,
-    /// Somebody types them: what is wrong is asked for again.
+    /// True if a person types at a terminal. In that case a question is repeated after an invalid answer.
     pub by_hand: bool,
 }
 
 impl Answers {
-    /// Those of standard input, read by a thread that ends with the program.
+    /// Starts a thread that reads lines of standard input. It ends with the input or with the program.
     pub fn of_standard_input() -> Self {
         let (tell, lines) = mpsc::sync_channel(1);
         thread::spawn(move || {
@@ -98,7 +98,7 @@ impl Answers {
         Self { lines, by_hand: io::stdin().is_terminal() }
     }
 
-    /// These.
+    /// Returns answers with these lines.
     #[cfg(test)]
     pub fn of(lines: &[&str]) -> Self {
         let (tell, told) = mpsc::sync_channel(lines.len());
@@ -108,7 +108,7 @@ impl Answers {
         Self { lines: told, by_hand: false }
     }
 
-    /// The next line, if there is one within this time.
+    /// Returns the next line, if it arrives within this time.
     pub fn within(&self, time: Duration) -> Result<String, NoLine> {
         match self.lines.recv_timeout(time) {
             Ok(line) => line.map_err(NoLine::Unreadable),
@@ -118,7 +118,7 @@ impl Answers {
     }
 }
 
-/// A line of standard input, none at its end.
+/// Reads a line of standard input. `None` at its end.
 fn next_line() -> Option<Result<String, String>> {
     let mut line = Vec::new();
     if let Err(error) = io::stdin().lock().take(LONGEST_ANSWER).read_until(b'\n', &mut line) {

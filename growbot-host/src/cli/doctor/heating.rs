@@ -11,28 +11,28 @@ use super::report::Finding;
 use super::session::{Session, in_words};
 use crate::cli::Failure;
 
-/// The nozzle is heated to this, C: the least that the board heats to, and some more.
+/// Temperature to which the nozzle is heated, C. It is a little above the lowest that the board heats to.
 const LOW_C: f64 = 60.0;
-/// A nozzle without its heater does not get warmer by this, degrees.
+/// Limit of the warming of a nozzle without its heater, degrees.
 const WARMER_C: f64 = 5.0;
-/// The proof of the two switches, with all its pauses.
+/// Maximum time of the proof test of the two switches, with all its pauses.
 const PROOF: Duration = Duration::from_secs(60);
 
 fn preheat() -> MaintenanceTask {
     MaintenanceTask::Preheat { target_centi_c: (LOW_C * 100.0) as i32 }
 }
 
-/// What a board says that heats a nozzle which does not get warmer.
+/// Returns true if a board raises this fault when a heated nozzle does not get warmer.
 fn is_no_heat(fault: Fault) -> bool {
     matches!(fault, Fault::HeatingTooSlow | Fault::TemperatureDrop | Fault::ThermistorFrozen | Fault::HeaterEnergy)
 }
 
-/// How long a nozzle that does not get warmer may be heated before the board says so.
+/// Returns the maximum time until the board reports that a heated nozzle does not get warmer.
 fn patience(session: &Session) -> Duration {
     Duration::from_secs_f64(session.robot.description().heater.heating_timeout_s.clamp(1.0, 3600.0)) + PROOF
 }
 
-/// With no heater connected the board must find that the nozzle does not get warmer, and switch off.
+/// Checks with no heater connected that the board detects that the nozzle stays cold, and switches off.
 pub fn without_heater(session: &mut Session) -> Result<Finding, Failure> {
     let question = "Disconnect both wires of the heater from the board; the thermistor stays. The board is going to \
                     heat, with nothing that could get warm, until it finds that out.";
@@ -77,14 +77,14 @@ fn heat_nothing(session: &mut Session) -> Result<Finding, Failure> {
     })
 }
 
-/// A lamp shows that the power reaches the terminals, and that the emergency stop cuts it.
+/// Checks with a lamp that the power reaches the terminals, and that the emergency stop cuts it.
 pub fn lamp(session: &mut Session) -> Result<Finding, Failure> {
     let question = "Connect a lamp for the supply's voltage, 5 to 20 W, in place of the heater; the thermistor stays. \
                     It is dark while the switches are proved, some 20 s, and then lights.";
     if !session.is_ready(question)? {
         return Ok(Finding::skipped());
     }
-    // Nor does a lamp warm the nozzle.
+    // A lamp does not warm the nozzle either.
     session.by_hand(Hand::DisconnectHeater(true));
     let found = light(session);
     session.by_hand(Hand::DisconnectHeater(false));
@@ -99,7 +99,7 @@ fn light(session: &mut Session) -> Result<Finding, Failure> {
         return Ok(Finding::failed(why, "see `growbot status`"));
     }
     let heater = &session.robot.description().heater;
-    // The proof drives the power stage, too: docs/decisions/0021-heater-proof-test.md.
+    // The proof test drives the power stage, too: docs/decisions/0021-heater-proof-test.md.
     let proof_s = 8.0 * heater.heat_capacity_j_per_k / heater.power_w.max(1e-3) + 5.0;
     let looks = ((proof_s + 2.0) / super::session::LOOK.as_secs_f64()) as u32;
     let mut driven = 0;
@@ -116,14 +116,14 @@ fn light(session: &mut Session) -> Result<Finding, Failure> {
     is_lit(session)
 }
 
-/// Asks whether the lamp is lit, and whether the emergency stop switches it off.
+/// Checks with the person that the lamp is lit, and that the emergency stop switches it off.
 pub fn is_lit(session: &mut Session) -> Result<Finding, Failure> {
     let lit = session.ask("Is the lamp lit? Answer soon: the board finds that the nozzle stays cold.", Wanted::YesOrNo);
-    // The emergency stop changes it. Without an answer it is given at once.
+    // The status is read first, because the emergency stop changes it. Without an answer the stop is sent at once.
     let status = matches!(lit, Ok(Some(_))).then(|| session.status());
     session.emergency_stop()?;
     let (Some(lit), Some(status)) = (lit?, status) else { return Ok(Finding::skipped()) };
-    // What was seen of the lamp counts only while the board drove it.
+    // The answer about the lamp counts only if the board was driving the lamp.
     if let Some(by) = switched_off_by(&status?) {
         return Ok(Finding::failed(
             format!("the board switched off before you answered, by {by}"),
@@ -146,7 +146,7 @@ pub fn is_lit(session: &mut Session) -> Result<Finding, Failure> {
     })
 }
 
-/// What has switched the heater off, where something has.
+/// Returns the cause if the heater was switched off. `None` in maintenance.
 fn switched_off_by(status: &Status) -> Option<String> {
     match (status.fault, status.state) {
         (Some(fault), _) => Some(in_words(fault)),
@@ -155,7 +155,7 @@ fn switched_off_by(status: &Status) -> Option<String> {
     }
 }
 
-/// The nozzle itself, to a low temperature.
+/// Heats the nozzle itself, to a low temperature.
 pub fn nozzle(session: &mut Session) -> Result<Finding, Failure> {
     let question = format!(
         "Connect the nozzle's heater in place of the lamp, with its thermal cut-off, the thermistor in its seat, your \

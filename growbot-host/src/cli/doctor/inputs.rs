@@ -1,4 +1,4 @@
-//! What the board measures while nothing heats or moves.
+//! Checks of the board's measurements while nothing heats or moves.
 
 use growbot_core::link::message::{SensorReadings, State};
 use growbot_sim::tip::hand::Hand;
@@ -7,14 +7,14 @@ use super::report::Finding;
 use super::session::{Session, WATCH};
 use crate::cli::Failure;
 
-/// Temperatures of a room, C.
+/// Range of a room's temperature, C.
 const ROOM_C: [f64; 2] = [5.0, 45.0];
-/// What an accelerometer at rest shows, of the earth's gravity.
+/// Range of the acceleration that an accelerometer at rest measures, as a multiple of the earth's gravity.
 const GRAVITY: [f64; 2] = [0.85, 1.15];
-/// A tip that was tilted shows gravity turned by more than this, degrees.
+/// Angle by which gravity must turn if the tip was tilted, degrees.
 const TILT_DEG: f64 = 20.0;
 
-/// A nozzle that was not heated has the temperature of the room.
+/// Checks that a nozzle that was not heated has the temperature of the room.
 pub fn temperature(session: &mut Session) -> Result<Finding, Failure> {
     let Some(centi_c) = session.look()?.status.temperature_centi_c else {
         return Ok(Finding::failed("there is no reading", "check the thermistor's wires"));
@@ -31,7 +31,7 @@ pub fn temperature(session: &mut Session) -> Result<Finding, Failure> {
     ))
 }
 
-/// The supply is within the robot's limits.
+/// Checks that the supply is within the robot's limits.
 pub fn supply(session: &mut Session) -> Result<Finding, Failure> {
     let description = session.robot.description();
     let (min, max) = (description.supply.min_v, description.supply.max_v);
@@ -50,7 +50,7 @@ pub fn supply(session: &mut Session) -> Result<Finding, Failure> {
     })
 }
 
-/// Whether an input shows both levels while it is watched.
+/// Levels that an input has shown while it is watched: low and high.
 struct BothLevels([bool; 2]);
 
 impl BothLevels {
@@ -62,7 +62,7 @@ impl BothLevels {
     }
 }
 
-/// The index sensor sees its mark at one place of a turn and not at another.
+/// Checks that the index sensor detects its mark at one place of a turn, and not at another.
 pub fn index(session: &mut Session) -> Result<Finding, Failure> {
     if !session.is_ready("Turn the head by hand, slowly, by more than a turn, from now until it is seen.")? {
         return Ok(Finding::skipped());
@@ -79,12 +79,12 @@ pub fn index(session: &mut Session) -> Result<Finding, Failure> {
     ))
 }
 
-/// An input with a switch: both positions are asked for and seen.
+/// An input with a switch. The person is guided to both positions.
 struct Switch {
     close: (&'static str, Hand),
     open: (&'static str, Hand),
     level: fn(&SensorReadings) -> Option<bool>,
-    /// What the levels are called: that of `close` first.
+    /// Names of the levels, that of `close` first.
     names: [&'static str; 2],
     remedy: &'static str,
 }
@@ -107,7 +107,7 @@ impl Switch {
     }
 }
 
-/// The filament's switch.
+/// Checks the filament switch.
 pub fn filament(session: &mut Session) -> Result<Finding, Failure> {
     if session.robot.description().sensors.filament_presence.is_none() {
         return Ok(Finding::absent("sensors.filament_presence"));
@@ -124,7 +124,7 @@ pub fn filament(session: &mut Session) -> Result<Finding, Failure> {
     Ok(found)
 }
 
-/// The emergency stop: pressed it is a state of its own, and released it can be cleared.
+/// Checks the emergency stop. Pressed, it leads to a state of its own. Released, it can be cleared.
 pub fn emergency_stop(session: &mut Session) -> Result<Finding, Failure> {
     if session.robot.description().sensors.emergency_stop.is_none() {
         return Ok(Finding::absent("sensors.emergency_stop"));
@@ -154,7 +154,7 @@ pub fn emergency_stop(session: &mut Session) -> Result<Finding, Failure> {
     })
 }
 
-/// The orientation sensor shows one gravity, and follows the tip.
+/// Checks that the orientation sensor measures the earth's gravity, and follows the tip.
 pub fn orientation(session: &mut Session) -> Result<Finding, Failure> {
     if !session.robot.description().sensors.orientation {
         return Ok(Finding::absent("sensors.orientation"));
@@ -196,7 +196,7 @@ fn length(a: [f64; 3]) -> f64 {
     libm::sqrt(dot(a, a))
 }
 
-/// The angle between two directions.
+/// Returns the angle between two directions, degrees.
 fn angle_deg(a: [f64; 3], b: [f64; 3]) -> f64 {
     let cosine = dot(a, b) / (length(a) * length(b)).max(1e-9);
     libm::acos(cosine.clamp(-1.0, 1.0)).to_degrees()

@@ -1,4 +1,4 @@
-//! The board itself: that it answers, with what, and that it is configured.
+//! Checks of the board itself: link, firmware and robot description.
 
 use growbot_client::client::{Client, ClientError};
 use growbot_core::link::message::{BootReport, ImageCheck, Refusal};
@@ -8,7 +8,7 @@ use super::session::{Session, in_words};
 use crate::cli::Failure;
 use crate::cli::status::{described, is_configured};
 
-/// The board answers: its firmware, why it has started, whether it has crashed.
+/// Checks that the board responds. Reports its firmware, the cause of its start, and a crash.
 pub fn talks(session: &mut Session) -> Result<Finding, Failure> {
     let hello = session.client.board()?;
     let [major, minor, patch] = hello.firmware;
@@ -35,7 +35,7 @@ pub fn talks(session: &mut Session) -> Result<Finding, Failure> {
     }
 }
 
-/// What the board says of its start; none from one that does not know the question.
+/// Returns the board's report about its start. `None` if the board does not know the request.
 fn boot(client: &mut Client) -> Result<Option<BootReport>, Failure> {
     match client.boot() {
         Ok(report) => Ok(Some(report)),
@@ -44,7 +44,7 @@ fn boot(client: &mut Client) -> Result<Option<BootReport>, Failure> {
     }
 }
 
-/// The board has the description of this robot.
+/// Checks that the board has the description of this robot.
 pub fn is_described(session: &mut Session) -> Result<Finding, Failure> {
     let hello = session.client.board()?;
     let (name, hash) = (session.robot.name(), session.robot.hash());

@@ -1,7 +1,7 @@
-//! `growbot doctor`: leads through the commissioning of a new robot, and records what was found and answered.
+//! `growbot doctor`: guides the user through the commissioning of a new robot, and records findings and answers.
 //!
-//! - `session`: the board, the person and the report; `answers`: what the person types; `report`: the file.
-//! - `link`, `inputs`, `motors`, `heating`: the steps, in their order.
+//! - `session` has the board, the person and the report, `answers` the person's input, and `report` the file.
+//! - `link`, `inputs`, `motors` and `heating` have the steps, in their order.
 
 mod answers;
 mod heating;
@@ -31,11 +31,15 @@ use super::{ChosenPort, Connection, Failure, RobotArg, RobotPortArg};
 
 /// Commission a new robot step by step: link, sensors, motors, heater
 ///
-/// Asks for one thing after the other and checks what the board says of it: the sensors at rest, the motors in a dry
-/// run, and the heater last: first with nothing connected, then with a lamp, then with the nozzle. Enter says that it
-/// is done, `skip` leaves a step out, `quit` leaves; Ctrl-C switches everything off. Answers may come from a pipe, a
-/// line each. The report keeps each answer with its time; with a report that is there already, steps that have passed
-/// are not done again; where the robot file has changed since, those are that the steps after them rely on.
+/// The command guides you from one action to the next, and checks the board's readings. It checks the sensors at rest,
+/// then the motors in a dry run. The heater comes last: first with nothing connected, then with a lamp, then with the
+/// nozzle.
+///
+/// Enter confirms that an action is done, `skip` skips a step, and `quit` leaves. Ctrl-C switches everything off.
+/// Answers may come from a pipe, one per line.
+///
+/// The report records each answer with its time. If the report exists, steps that have passed are not repeated. If the
+/// robot file has changed since, the steps on which later steps rely are repeated.
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct DoctorArgs {
@@ -43,10 +47,10 @@ pub struct DoctorArgs {
     port: RobotPortArg,
     #[command(flatten)]
     robot: RobotArg,
-    /// The report: written after each step, and continued where it is there
+    /// File of the report. It is written after each step, and continued if it exists
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Do the steps again that have passed according to the report
+    /// Repeat the steps that have passed according to the report
     #[arg(long)]
     again: bool,
     /// Print the report as one line of JSON
@@ -63,12 +67,12 @@ Exit codes: 0, every step passed, was left out by choice, or is for a part that
 the robot does not have; 1, one failed or was not reached; 2, something was
 wrong before.";
 
-/// A step: its name in the report, and what does it.
+/// A step: its name in the report, and its function.
 struct Step {
     name: &'static str,
-    /// Whether a person takes part. Others are done each time.
+    /// True if a person takes part. The other steps are done each time.
     asks: bool,
-    /// Where it fails, none of those after it is safe or of use.
+    /// True if a failure ends the command, because the steps after it would be unsafe or useless.
     gates: bool,
     run: fn(&mut Session) -> Result<Finding, Failure>,
 }
@@ -90,14 +94,14 @@ const STEPS: [Step; 13] = [
     Step { name: "nozzle", asks: true, gates: true, run: heating::nozzle },
 ];
 
-/// How the steps are done.
+/// Options of the steps.
 #[derive(Clone, Copy)]
 struct Manner<'a> {
     /// The report's file.
     file: Option<&'a Path>,
-    /// Also those that have passed.
+    /// True to repeat steps that have passed.
     again: bool,
-    /// Each is printed as it ends.
+    /// True to print each step as it ends.
     prints: bool,
 }
 
@@ -113,7 +117,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
     let _lent = borrow_line(&port, "growbot doctor")?;
     let Connection { mut client, simulation } = port.connect(&robot, &TipSettings::default())?;
     client.hello()?;
-    // Before anything heats or moves: from here on Ctrl-C stops the board.
+    // From here on Ctrl-C stops the board. Nothing heats or moves before this line.
     let orders = stop_on_interrupt(&mut client, &port);
     let mut session = Session {
         client,
@@ -134,7 +138,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
     let remark = if session.simulated { ", simulated: it says nothing of a real one" } else { "" };
     manner.print(&format!("{} at {}{remark}\n\n", session.robot.name(), session.port))?;
     let done = commission(&mut session, &mut report, manner);
-    // Whatever has happened, nothing stays on.
+    // In every case, heater and motors are off at the end.
     let off = session.switch_off();
     manner.save(&report)?;
     if args.json {
@@ -145,7 +149,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
     conclude(&report, manner, &port)
 }
 
-/// Does the steps. A step that is broken off is in the report, too.
+/// Does the steps. The report includes a step that was interrupted.
 fn commission(session: &mut Session, report: &mut Report, manner: Manner) -> Result<(), Failure> {
     let gates: Vec<&str> = STEPS.iter().filter(|step| step.gates).map(|step| step.name).collect();
     for outdated in report.outdate(&gates) {
@@ -192,7 +196,7 @@ impl Manner<'_> {
     }
 }
 
-/// Says what came of it and what to do next.
+/// Prints the summary and the next command. Returns an error if a step failed or was not done.
 fn conclude(report: &Report, manner: Manner, port: &ChosenPort) -> Result<(), Failure> {
     let summary = report.summary(&STEPS.map(|step| step.name));
     manner.print(&format!("\n{summary}"))?;

@@ -1,4 +1,4 @@
-//! Head and feed in a dry run, with the heater off.
+//! Checks of head and feed in a dry run, with the heater off.
 
 use std::time::Duration;
 
@@ -10,18 +10,18 @@ use super::report::Finding;
 use super::session::{Session, in_words};
 use crate::cli::Failure;
 
-/// The head turns by this, degrees.
+/// Turn of the head, degrees.
 const TURN_DEG: f64 = 90.0;
-/// Homing turns the head by this at most, and some more: 1.5 turns to the mark, and nearly one from there to zero.
+/// Maximum turns of the head for homing, with a margin: 1.5 turns to the mark, and nearly one from there to zero.
 const HOMING_TURNS: f64 = 2.6;
-/// The feed moves by this, mm.
+/// Length that the feed moves, mm.
 const FEED_MM: f64 = 50.0;
-/// The feed may be off by this, percent.
+/// Permitted error of the feed, percent.
 const FEED_PERCENT: f64 = 2.0;
-/// What a move may take beyond its time.
+/// Margin beyond the time of a move.
 const SPARE: Duration = Duration::from_secs(2);
 
-/// Does a task and waits for so long. `Some` is why it has failed.
+/// Starts a task and watches the board for this time. Returns a finding if the task has failed.
 fn moves(session: &mut Session, task: MaintenanceTask, time: Duration) -> Result<Option<Finding>, Failure> {
     if let Some(why) = session.maintain(task)? {
         return Ok(Some(Finding::failed(why, "see `growbot status`")));
@@ -35,7 +35,7 @@ fn moves(session: &mut Session, task: MaintenanceTask, time: Duration) -> Result
     }))
 }
 
-/// A dry run with what it does in it. Afterwards the motors are let go, and a fault is cleared.
+/// Runs a check in a dry run. Afterwards the motors are released, and a fault is cleared.
 fn in_dry_run(
     session: &mut Session,
     run: impl FnOnce(&mut Session) -> Result<Finding, Failure>,
@@ -43,16 +43,16 @@ fn in_dry_run(
     if let Some(why) = session.dry_run()? {
         return Ok(Finding::failed(why, "see `growbot status`"));
     }
-    // The step interrupt takes no order before it has let go of the motors.
+    // The step interrupt accepts no command before it has released the motors.
     session.look()?;
     let found = run(session)?;
     session.switch_off()?;
-    // What remains is found by the next step.
+    // The next step detects a fault that remains.
     session.clear()?;
     Ok(found)
 }
 
-/// The head finds its mark and turns the right way.
+/// Checks that the head finds its mark and turns the right way.
 pub fn head(session: &mut Session) -> Result<Finding, Failure> {
     if !session.is_ready("The head is going to turn, up to three turns: hands off, nothing in its way.")? {
         return Ok(Finding::skipped());
@@ -80,7 +80,7 @@ pub fn head(session: &mut Session) -> Result<Finding, Failure> {
     })
 }
 
-/// The feed moves filament by what it is told to.
+/// Checks that the feed moves filament by the commanded length.
 pub fn feed(session: &mut Session) -> Result<Finding, Failure> {
     let question = format!(
         "Take the filament out of the nozzle, so that it moves freely, and mark it where it enters the feed. The feed \
@@ -91,7 +91,7 @@ pub fn feed(session: &mut Session) -> Result<Finding, Failure> {
     }
     session.by_hand(Hand::FreeFilament(true));
     let found = in_dry_run(session, |session| {
-        // Slower than any feed goes.
+        // The time is that of the slowest possible feed.
         let time = Duration::from_secs_f64(feed_s(session).clamp(1.0, 290.0));
         if let Some(failed) = moves(session, MaintenanceTask::Feed { um: (FEED_MM * 1000.0) as i32 }, time)? {
             return Ok(failed);
@@ -105,12 +105,12 @@ pub fn feed(session: &mut Session) -> Result<Finding, Failure> {
     found
 }
 
-/// How long the feed takes, s: the speed is that of growth, or less.
+/// Returns the time that the feed takes, s. The speed is that of growth, or less.
 fn feed_s(session: &Session) -> f64 {
     let description = session.robot.description();
     let grows = description.layer.height_mm * session.robot.wall_area() / session.robot.filament_area();
     let feed = &description.feed;
-    // A step takes two ticks at least.
+    // A step takes at least two ticks.
     let fastest = f64::from(description.motion.tick_hz) / (2.0 * feed.steps_per_mm);
     let slowest =
         (grows / description.layer.period_s).min(feed.retract_mm_per_s).min(feed.speed_jump_mm_per_s).min(fastest);

@@ -1,4 +1,4 @@
-//! The report: what each step found, and what was answered when.
+//! The report: the finding of each step, and each answer with its time.
 
 use std::fmt;
 use std::fs;
@@ -15,33 +15,33 @@ use time::OffsetDateTime;
 
 use crate::cli::Failure;
 
-/// What the file says it is.
+/// Identifier of the file's format.
 const FORMAT: &str = "growbot-doctor/1";
-/// No report is larger than this, bytes.
+/// Maximum size of a report, bytes.
 const LARGEST: u64 = 1 << 20;
 /// Columns of a line on the terminal.
 const WIDTH: usize = 80;
-/// Where the text of a line begins.
+/// Column at which the text of a line begins.
 const INDENT: usize = 24;
 
-/// How a step ended.
+/// Outcome of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {
-    /// As it should.
+    /// The step passed.
     Passed,
-    /// Not as it should.
+    /// The step failed.
     Failed,
-    /// It was left out by choice.
+    /// The user skipped the step.
     Skipped,
     /// The robot does not have the part.
     Absent,
-    /// It was broken off.
+    /// The step was interrupted, was not done, or must be repeated.
     NotDone,
 }
 
 impl Outcome {
-    /// In a word.
+    /// Returns the name.
     fn name(self) -> &'static str {
         match self {
             Self::Passed => "passed",
@@ -53,45 +53,46 @@ impl Outcome {
     }
 }
 
-/// What a step found.
+/// Finding of a step.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Finding {
-    /// How it ended.
+    /// Outcome of the step.
     pub outcome: Outcome,
-    /// What was found, with the values and their limits.
+    /// Observation, with the values and their limits.
     pub found: String,
-    /// What to do about it.
+    /// Remedy, if the step failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remedy: Option<String>,
 }
 
 impl Finding {
-    /// A step that passed.
+    /// Returns the finding of a step that passed.
     pub fn passed(found: impl Into<String>) -> Self {
         Self { outcome: Outcome::Passed, found: found.into(), remedy: None }
     }
 
-    /// A step that failed, and what to do.
+    /// Returns the finding of a step that failed, with the remedy.
     pub fn failed(found: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { outcome: Outcome::Failed, found: found.into(), remedy: Some(remedy.into()) }
     }
 
-    /// A step that was left out by choice.
+    /// Returns the finding of a step that the user skipped.
     pub fn skipped() -> Self {
         Self { outcome: Outcome::Skipped, found: "left out by choice".to_owned(), remedy: None }
     }
 
-    /// A step for a part that the robot does not have, by this key of its file.
+    /// Returns the finding of a step for a part that the robot does not have. `key` is the part's key in the robot
+    /// file.
     pub fn absent(key: &str) -> Self {
         Self { outcome: Outcome::Absent, found: format!("the robot file has no {key}"), remedy: None }
     }
 
-    /// A step that was broken off.
+    /// Returns the finding of a step that was interrupted.
     pub fn not_done(why: &str) -> Self {
         Self { outcome: Outcome::NotDone, found: one_line(why).into_owned(), remedy: None }
     }
 
-    /// As a line, or some, for the terminal.
+    /// Returns one or more lines for the terminal.
     pub fn line(&self, step: &str) -> String {
         let mut text = format!("{:9}{step:15}", self.outcome.name());
         let remedy = self.remedy.as_deref().map_or(String::new(), |remedy| format!("; {remedy}"));
@@ -115,15 +116,15 @@ impl Finding {
 /// An answer, with its question and its time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Answered {
-    /// What was asked.
+    /// The question.
     pub question: String,
-    /// What was typed.
+    /// Text that the user typed.
     pub answer: String,
-    /// When.
+    /// Time of the answer, UTC.
     pub utc: String,
 }
 
-/// A step that was done.
+/// A step in the report.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Done {
     step: String,
@@ -132,7 +133,7 @@ struct Done {
     #[serde(default)]
     answers: Vec<Answered>,
     utc: String,
-    /// Hash of the robot's description then, 16 hexadecimal digits; empty where it is not known.
+    /// Hash of the robot's description at that time, 16 hexadecimal digits. Empty if it is not known.
     #[serde(default)]
     description: String,
 }
@@ -164,7 +165,7 @@ impl Default for Report {
 }
 
 impl Report {
-    /// The report of this file, or a new one where there is none.
+    /// Reads the report from this file, or creates one if the file does not exist.
     pub fn open(file: &Path) -> Result<Self, Failure> {
         let unusable = |what: &str| {
             Failure::bad_input(format!("{} is no report of growbot doctor: {what}; name another file", file.display()))
@@ -184,7 +185,7 @@ impl Report {
         Ok(report)
     }
 
-    /// It is about this robot from now on.
+    /// Sets the robot of the report. Returns an error if the report is about another robot.
     pub fn begin(&mut self, robot: &Robot, port: &str, simulated: bool) -> Result<(), Failure> {
         let name = robot.name();
         let is_new = self.robot.is_empty();
@@ -202,13 +203,14 @@ impl Report {
         Ok(())
     }
 
-    /// When this step passed.
+    /// Returns the time at which this step passed. `None` if it did not pass.
     pub fn passed_at(&self, step: &str) -> Option<&str> {
         let done = self.steps.iter().find(|done| done.step == step)?;
         (done.finding.outcome == Outcome::Passed).then_some(done.utc.as_str())
     }
 
-    /// Of these steps, those that passed with another description count as not done. Says which, and why.
+    /// Marks each of these steps as not done that passed with another description. Returns a message about each of
+    /// them.
     pub fn outdate(&mut self, names: &[&str]) -> Vec<String> {
         let now = &self.description;
         let outdated = self.steps.iter_mut().filter(|done| {
@@ -224,7 +226,7 @@ impl Report {
             .collect()
     }
 
-    /// Adds a step, or replaces what is known of it.
+    /// Adds a step, or replaces an earlier result of it.
     pub fn add(&mut self, step: &str, finding: Finding, answers: Vec<Answered>) {
         let done = Done { step: step.to_owned(), finding, answers, utc: now(), description: self.description.clone() };
         match self.steps.iter_mut().find(|known| known.step == step) {
@@ -233,17 +235,17 @@ impl Report {
         }
     }
 
-    /// Writes it, whole or not at all.
+    /// Writes the report, whole or not at all.
     pub fn write(&self, file: &Path) -> Result<(), Failure> {
         Ok(replace_file(file, json_line(&self.json()).as_bytes())?)
     }
 
-    /// As JSON.
+    /// Returns the report as JSON.
     pub fn json(&self) -> Value {
         serde_json::to_value(self).unwrap_or_default()
     }
 
-    /// What came of these steps.
+    /// Returns the summary of these steps.
     pub fn summary(&self, names: &[&'static str]) -> Summary {
         let outcome = |name: &str| {
             let done = self.steps.iter().find(|done| done.step == name);
@@ -253,16 +255,16 @@ impl Report {
     }
 }
 
-/// The present time.
+/// Returns the present time as text, UTC.
 pub fn now() -> String {
     utc_text(OffsetDateTime::now_utc())
 }
 
-/// How the steps ended.
+/// Outcomes of the steps.
 pub struct Summary(Vec<(&'static str, Outcome)>);
 
 impl Summary {
-    /// Whether nothing is left to be done.
+    /// Returns true if no step failed or is left to do.
     pub fn is_good(&self) -> bool {
         !self.0.iter().any(|(_, outcome)| matches!(outcome, Outcome::Failed | Outcome::NotDone))
     }
@@ -271,7 +273,7 @@ impl Summary {
         self.0.iter().filter(|(_, other)| *other == outcome).map(|(name, _)| *name).collect()
     }
 
-    /// What is not good, in words.
+    /// Returns a text about the steps that failed or were not done.
     pub fn in_words(&self) -> String {
         let part = |outcome: Outcome, words: &str| {
             let names = self.of(outcome);

@@ -1,4 +1,4 @@
-//! A board that is commissioned, and the person beside it.
+//! Session with a board that is commissioned, and with the person beside it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,18 +16,18 @@ use super::answers::{Answer, Answers, NoLine, Wanted};
 use super::report::{Answered, now};
 use crate::cli::Failure;
 
-/// So often it is looked whether there is an answer, or what a sensor says.
+/// Interval of the checks for an answer, and of sensor requests.
 pub const LOOK: Duration = Duration::from_millis(100);
-/// How long somebody has for what is watched.
+/// Time that a person has for a watched action.
 pub const WATCH: Duration = Duration::from_secs(60);
-/// The board is asked at least so often while an answer is awaited, in looks.
+/// Number of checks for an answer after which the board gets a status request.
 const GREET: u32 = 10;
 
-/// A board, a person, and what the person has answered in this step.
+/// A board, a person, and the person's answers in this step.
 pub struct Session {
     pub client: Client,
     pub robot: Robot,
-    /// Who does what is asked for, where the robot is a simulated one.
+    /// Simulation that does the requested actions. `None` if the robot is not simulated.
     pub hands: Option<Box<dyn Simulation>>,
     pub orders: Arc<Orders>,
     pub answers: Answers,
@@ -36,14 +36,14 @@ pub struct Session {
     pub port: String,
 }
 
-/// What the board says of itself at a moment.
+/// Status and sensors of the board at one moment.
 pub struct Seen {
     pub status: Status,
     pub sensors: SensorReadings,
 }
 
 impl Session {
-    /// Asks the person. None where the step is left out.
+    /// Prints a question and waits for the answer. `None` if the step is skipped.
     pub fn ask(&mut self, question: &str, wanted: Wanted) -> Result<Option<Answer>, Failure> {
         loop {
             for line in wrapped(question) {
@@ -69,12 +69,12 @@ impl Session {
         }
     }
 
-    /// Asks whether something is done. False where the step is left out.
+    /// Waits for the confirmation that something is done. Returns false if the step is skipped.
     pub fn is_ready(&mut self, question: &str) -> Result<bool, Failure> {
         Ok(self.ask(question, Wanted::Ready)?.is_some())
     }
 
-    /// Waits for a line. Meanwhile the board hears of its host.
+    /// Waits for a line. Meanwhile it sends status requests, so that the board does not lose its host.
     fn line(&mut self) -> Result<String, Failure> {
         for look in 1_u32.. {
             self.check()?;
@@ -95,7 +95,7 @@ impl Session {
         ))
     }
 
-    /// Ends everything when that was ordered.
+    /// Stops the board and returns an error, if a stop was requested.
     fn check(&mut self) -> Result<(), Failure> {
         if self.orders.stops() {
             return Err(Failure::answered_no(self.client.stop()?.in_words(self.simulated)));
@@ -103,21 +103,21 @@ impl Session {
         Ok(())
     }
 
-    /// Lets the simulation do this, where there is one.
+    /// Lets the simulation do an action, if the robot is simulated.
     pub fn by_hand(&mut self, hand: Hand) {
         if let Some(hands) = &mut self.hands {
             hands.by_hand(hand);
         }
     }
 
-    /// What the board says now, a little later.
+    /// Waits for [`LOOK`], and returns the status and the sensors of the board.
     pub fn look(&mut self) -> Result<Seen, Failure> {
         self.check()?;
         self.client.pass(LOOK).map_err(lost)?;
         Ok(Seen { status: self.client.status().map_err(lost)?, sensors: self.client.sensors().map_err(lost)? })
     }
 
-    /// Looks for so long until this is so, while the simulation does `hand`. None where it was not.
+    /// Watches the board until `is_so` returns true, while the simulation does `hand`. `None` after this time.
     pub fn watch(
         &mut self,
         time: Duration,
@@ -136,7 +136,7 @@ impl Session {
         Ok(None)
     }
 
-    /// Has the board do a task of maintenance. `Some` is why it has refused.
+    /// Requests a maintenance task from the board. Returns the reason if the board refuses it.
     pub fn maintain(&mut self, task: MaintenanceTask) -> Result<Option<String>, Failure> {
         self.check()?;
         match self.client.maintain(task) {
@@ -146,7 +146,7 @@ impl Session {
         }
     }
 
-    /// Leaves a fault or an emergency stop. `Some` is why that is refused.
+    /// Clears a fault or an emergency stop. Returns the reason if the board refuses it.
     pub fn clear(&mut self) -> Result<Option<String>, Failure> {
         match self.client.clear_fault() {
             Ok(()) => Ok(None),
@@ -155,7 +155,7 @@ impl Session {
         }
     }
 
-    /// Switches heater and motors off, where they may be on.
+    /// Switches heater and motors off, if they may be on.
     pub fn switch_off(&mut self) -> Result<(), Failure> {
         let rests = |state| {
             matches!(
@@ -175,28 +175,28 @@ impl Session {
         }
     }
 
-    /// What the board says now.
+    /// Returns the present status of the board.
     pub fn status(&mut self) -> Result<Status, Failure> {
         self.client.status().map_err(lost)
     }
 
-    /// Gives the emergency stop over the line.
+    /// Sends the emergency stop over the link.
     pub fn emergency_stop(&mut self) -> Result<(), Failure> {
         Ok(self.client.emergency_stop()?)
     }
 
-    /// Starts a dry run.
+    /// Starts a dry run. Returns the reason if the board refuses it.
     pub fn dry_run(&mut self) -> Result<Option<String>, Failure> {
         self.maintain(MaintenanceTask::DryRun)
     }
 }
 
-/// A fault in words.
+/// Returns the code and the explanation of a fault.
 pub fn in_words(fault: Fault) -> String {
     format!("{}: {}", fault.code(), fault.explanation())
 }
 
-/// A board that does not answer in the midst of this.
+/// Converts an error during a step. The message warns that the robot may be heating if the board does not respond.
 fn lost(error: ClientError) -> Failure {
     match error {
         ClientError::Refused { .. } | ClientError::NotStopped { .. } => error.into(),
@@ -206,7 +206,7 @@ fn lost(error: ClientError) -> Failure {
     }
 }
 
-/// Lines of a question.
+/// Wraps a question into lines of at most 80 columns.
 fn wrapped(question: &str) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in question.split(' ') {

@@ -1,4 +1,4 @@
-//! Dialogues with simulated robots: a good one, and one for each defect that can be made.
+//! Dialogues with simulated robots: one without defects, and one for each possible defect.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -16,7 +16,7 @@ use growbot_sim::tip::hand::Hand;
 
 use super::*;
 
-/// The answers of a person to whose robot nothing is wrong.
+/// Answers of a person whose robot has no defects.
 const GOOD: [&str; 15] = ["", "", "", "", "", "", "", "yes", "", "50", "", "", "yes", "yes", ""];
 
 /// A robot on its bench.
@@ -51,7 +51,7 @@ impl Bench {
         Self { sim, session, report }
     }
 
-    /// Nobody does what is asked for.
+    /// Removes the simulation that does the requested actions.
     fn without_hands(mut self) -> Self {
         self.session.hands = None;
         self
@@ -71,7 +71,7 @@ impl Bench {
         done
     }
 
-    /// What was found at a step, with its outcome.
+    /// Returns the outcome and the finding of a step.
     fn step(&self, name: &str) -> (Outcome, String) {
         let json = self.report.json();
         let steps = json["steps"].as_array().unwrap();
@@ -85,7 +85,7 @@ impl Bench {
     }
 }
 
-/// The default robot, changed.
+/// Returns the default robot with a change.
 fn robot_with(change: impl FnOnce(&mut RobotDescription)) -> Robot {
     let mut description = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap().description().clone();
     change(&mut description);
@@ -164,7 +164,7 @@ fn a_head_that_turns_the_wrong_way_or_not_at_all_is_found() {
     assert_eq!(bench.sim.borrow().fault(), None, "cleared for the next step");
 }
 
-/// From wherever the head stands, it is at zero before it is told to turn.
+/// From any starting position, the head is at zero before it is commanded to turn.
 #[test]
 fn a_head_that_homes_for_long_is_waited_for() {
     let robot = robot_with(|description| {
@@ -315,7 +315,7 @@ fn another_description_has_the_gates_done_again() {
 
     let edited = robot_with(|description| description.heater.power_w += 1.0);
     let gates = STEPS.iter().filter(|step| step.asks && step.gates).count();
-    // The emergency stop is tried, and everything after it left for another time.
+    // The emergency stop is tried, and the steps after it are left for another time.
     let mut again = Bench::of(edited.clone(), &["", "", "quit"]);
     again.report = Report::open(&file).unwrap_or_default();
     assert!(again.report.begin(&edited, "sim", true).is_ok());

@@ -22,7 +22,7 @@ use growbot_pictures::view::{SceneFile, Subject, page};
 
 use super::super::Failure;
 
-/// The formats of a body.
+/// Formats of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum BodyFormat {
     Csv,
@@ -34,18 +34,18 @@ pub enum BodyFormat {
     Pdf,
 }
 
-/// All endings of `-o`.
+/// All extensions of `-o`.
 const ENDINGS: [&str; 8] = ["csv", "stl", "glb", "html", "svg", "png", "pdf", "json"];
-/// Chords round a wall, and layers to a ring, of a mesh.
+/// Chords round a wall, and layers per ring, of a mesh.
 const RESOLUTION: Resolution = Resolution { segments: 64, every: 1 };
 /// Width of a PNG, pixels.
 const WIDTH: u32 = 1600;
 
 impl BodyFormat {
-    /// By the ending of a file; none where it is a result's.
+    /// Returns the format of a file by its extension. `None` for a result, and for standard output.
     pub fn of(file: &Path) -> Result<Option<Self>, Failure> {
         match format_of(file, &ENDINGS)? {
-            // Of the endings all but that of the result are formats of bodies.
+            // All extensions but that of the result are formats of bodies.
             Some(ending) => Ok(Self::from_str(ending, true).ok()),
             None if is_standard_output(file) => Ok(None),
             None => Err(Failure::bad_input(format!(
@@ -56,14 +56,14 @@ impl BodyFormat {
     }
 }
 
-/// A body that was grown.
+/// A grown body.
 pub struct Grown<'a> {
-    /// How what was grown is called.
+    /// Name of the growth.
     pub name: &'a str,
     pub robot: &'a Robot,
     pub plan: &'a Plan,
     pub laid: &'a [DisturbedLayer],
-    /// The scene that it was grown in.
+    /// Scene in which the body was grown.
     pub scene: Option<SceneFile<'a>>,
 }
 
@@ -91,7 +91,7 @@ pub fn write(file: &Path, format: BodyFormat, grown: &Grown) -> Result<(), Failu
     Ok(())
 }
 
-/// Layers whose chain without any twist is the same body: the twist of a tip turns the angles of all layers after it.
+/// Returns layers without twist that form the same body. The twist of a tip turns the angles of all later layers.
 fn untwisted(laid: &[DisturbedLayer]) -> Vec<Layer> {
     let mut twist = 0.0;
     let layers = laid.iter().map(|DisturbedLayer { layer, twist: more }| {

@@ -1,4 +1,4 @@
-//! How layers and measurements of a simulation were off, with the distribution of every error: JSON, words, columns.
+//! Errors of layers and measurements in a simulation, with their distributions: JSON, text, columns.
 
 use growbot_client::run_log::{Distribution, Disturbances, Unit};
 use growbot_core::simulation::{ErrorModel, SimulatedSensors};
@@ -6,18 +6,18 @@ use growbot_core::tracking::SensorNoise;
 use growbot_sim::simulation::Simulation;
 use serde::Serialize;
 
-/// How layers and measurements are off, each error with its distribution.
+/// Errors of layers and measurements, each with its distribution.
 #[derive(Serialize)]
 pub struct WrittenDisturbances {
     #[serde(flatten)]
     pub errors: Disturbances,
-    /// Of the odometry; in closed loop only.
+    /// Error of the odometry's scale, in closed loop only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub odometry_scale: Option<Distribution>,
 }
 
 impl WrittenDisturbances {
-    /// Those of a simulation with this seed.
+    /// Returns the disturbances of a simulation with this seed.
     pub fn of(simulation: &Simulation, seed: u64) -> Self {
         let sensors = simulation.sensors.as_ref();
         let noise = sensors.map_or(SensorNoise { odometry: 0.0, direction: 0.0 }, |sensors| sensors.noise);
@@ -29,7 +29,7 @@ impl WrittenDisturbances {
         Self { errors, odometry_scale: sensors.map(scale) }
     }
 
-    /// All of them: the name of what is off, in files and in words.
+    /// Returns all errors: their names in files and in text, and their distributions.
     fn all(&self) -> Vec<([&'static str; 2], &Distribution)> {
         let errors = &self.errors;
         let all = [
@@ -49,7 +49,7 @@ impl WrittenDisturbances {
             .collect()
     }
 
-    /// A line for each error that is not 0.
+    /// Returns a line for each error that is not 0.
     pub fn in_words(&self) -> String {
         let line = |[_, what]: [&str; 2], distribution: &Distribution| {
             let (label, words) = match distribution {
@@ -67,7 +67,7 @@ impl WrittenDisturbances {
         off.map(|(what, distribution)| line(what, distribution)).collect()
     }
 
-    /// Name, with distribution and unit, and value of all of them: columns of a table.
+    /// Returns the columns of a table: name with distribution and unit, and value.
     pub fn columns(&self) -> Vec<(String, f64)> {
         let column = |[name, _]: [&str; 2], distribution: &Distribution| {
             let (kind, unit) = match distribution {
@@ -82,7 +82,7 @@ impl WrittenDisturbances {
     }
 }
 
-/// The one number of a distribution besides its mean, which is 0 of all noise.
+/// Returns the only number of a distribution besides its mean. The mean of all noise is 0.
 fn value(distribution: &Distribution) -> f64 {
     match distribution {
         Distribution::Uniform { max, .. } => *max,

@@ -1,4 +1,4 @@
-//! `growbot simulate`: a growth without a robot, with what goes wrong, in open or in closed loop, once or many times.
+//! `growbot simulate`: simulates growths with errors, without a robot, in open or closed loop, once or many times.
 
 mod body;
 mod disturbances;
@@ -33,62 +33,62 @@ use super::units::mm;
 
 /// Simulate a growth with noise, with or without feedback, once or many times
 ///
-/// Lays the plan's layers one by one, each with the errors that are asked for, and tells how near the tip comes. There
-/// is no board in it and no clock: `growbot grow` has those. With --feedback the growth of each layer (odometry) and
-/// the tip's direction are measured, and the rest of the path is planned again after each layer.
+/// The command lays the plan's layers one by one, each with the given errors, and prints how near the tip comes to its
+/// goal. The simulation has no board and no clock, unlike `growbot grow`. With --feedback the growth of each layer
+/// (odometry) and the tip's direction are measured. The rest of the path is planned again after each layer.
 ///
-/// Errors are those of Del Dottore et al. 2019, Eqs 26 to 28; the normalized one is over the length of the planned
-/// path.
+/// Errors are those of Del Dottore et al. 2019, Eqs 26 to 28. The normalized error is relative to the length of the
+/// planned path.
 ///
 /// Noise of layers is uniform, given by its half-width: 10 means anywhere from -10 to +10. Noise of sensors is normal,
-/// given by its standard deviation (SD). All draws are independent, from layer to layer and of each other, of mean 0.
+/// given by its standard deviation (SD). All draws are independent, from layer to layer and of each other, with mean 0.
 ///
-/// In a scene, of the plan or of --scene, it tells whether the true body touches an obstacle, and where first; with
-/// --repeat, how many do. With --feedback each correction keeps off the obstacles, as in `growbot grow`.
+/// In a scene, of the plan or of --scene, the command prints whether the true body touches an obstacle, and the first
+/// contact. With --repeat it prints how many bodies do. With --feedback each correction stays clear of the obstacles,
+/// as in `growbot grow`.
 ///
-/// With --samples it writes one row of CSV for each growth; with -o, the body as it was laid, or the result as JSON.
+/// --samples writes one row of CSV for each growth. -o writes the body as it was laid, or the result as JSON.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct SimulateArgs {
     #[command(flatten)]
     goal: GoalArgs,
-    /// How the path is cut into layers: so that they end where it does, or into
-    /// whole steps, rounded up, as in the paper
+    /// Slicing of the path: into layers that end where it does, or into whole steps, rounded up, as in the paper
     #[arg(long, value_name = "HOW", value_enum, default_value = "exact")]
     slice: Slice,
     /// Height of the whole steps, mm [default: the robot's layer.height_mm]
     #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = step_mm)]
     step: Option<f64>,
-    /// Let the body hang under its own weight (material and tip of the robot's
-    /// file; z is up)
+    /// Let the body hang under its own weight (with material and tip of the robot's file, and z up)
     #[arg(long)]
     sag: bool,
     /// Close the loop: measure each layer, and plan the rest again after it
     ///
-    /// --odometry-noise and --direction-noise say how well: 1 percent and 0.5 degrees unless given.
+    /// --odometry-noise and --direction-noise set the accuracy of the sensors. The defaults are 1 percent and 0.5
+    /// degrees.
     #[arg(long)]
     feedback: bool,
-    /// Measure the direction of gravity only: the heading is dead reckoning
+    /// Measure only the direction of gravity: the heading is dead reckoning
     #[arg(long, requires = "feedback")]
     gravity_only: bool,
-    /// How much too long the odometry shows everything: its own scale, which no
-    /// loop can see
+    /// Excess of all lengths that the odometry shows: an error of its scale, which no loop can detect
     #[arg(long, value_name = "PERCENT", requires = "feedback", allow_hyphen_values = true, value_parser = signed_percent)]
     odometry_scale: Option<f64>,
     /// Grow this many times, with the seeds N, N + 1, ..., and print statistics
     #[arg(long, value_name = "TIMES", value_parser = clap::value_parser!(u64).range(1..))]
     repeat: Option<u64>,
-    /// Threads of a repetition; the results are the same [default: all cores]
+    /// Threads of a repetition, which do not change the results [default: all cores]
     #[arg(long, value_name = "N", requires = "repeat", value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
-    /// Write every growth to this file, a row each: CSV
+    /// Write every growth as a row of CSV to this file
     ///
-    /// The seed, start, goal and final pose, layers, lengths, all errors, in a scene what became of it there, and the
-    /// disturbances with their distributions; the columns' names have the units.
+    /// The columns are the seed, start, goal and final pose, layers, lengths, all errors, in a scene the contact,
+    /// clearance, detours and pause, and the disturbances with their distributions. The names of the columns contain
+    /// the units.
     #[arg(long, value_name = "FILE")]
     samples: Option<PathBuf>,
-    /// Write the body as it was laid to this file, in the format of its ending:
-    /// .csv, .stl, .glb, .html, .svg, .png, .pdf; or the result: .json
+    /// Write the body as it was laid to this file, in the format of its extension: .csv, .stl, .glb, .html, .svg, .png,
+    /// .pdf. With .json, write the result
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Print one line of JSON instead of a table
@@ -108,7 +108,7 @@ Examples:
   growbot simulate plan.json --noise 10 --repeat 1000 --scene room.toml
   growbot simulate plan.json --slice whole --step 3.096 --json";
 
-/// How a path is cut, as the command line says it.
+/// Slicing of a path on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Slice {
     /// Equal layers that end where the path does
@@ -117,7 +117,7 @@ enum Slice {
     Whole,
 }
 
-/// Heights of whole steps that are taken, mm.
+/// Range of the height of whole steps, mm.
 const STEPS_MM: [f64; 2] = [0.01, 1e4];
 
 fn step_mm(text: &str) -> Result<f64, String> {
@@ -174,7 +174,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
         growbot_host::note!("result written to {}", file.display());
     }
     if args.samples.as_deref().is_some_and(is_standard_output) {
-        // The samples are what was asked for.
+        // The samples are the requested output.
         return Ok(());
     }
     Ok(print(if args.json { &json } else { &table })?)
@@ -187,7 +187,7 @@ fn warn(warnings: &[Warning]) {
 }
 
 impl SimulateArgs {
-    /// `height`: the robot's full layer, mm.
+    /// Returns the slicing. `height` is the robot's full layer, mm.
     fn slicing(&self, height: f64) -> Result<Slicing, Failure> {
         match (self.slice, self.step) {
             (Slice::Whole, _) if self.feedback => Err(Failure::bad_input(
@@ -201,7 +201,7 @@ impl SimulateArgs {
         }
     }
 
-    /// What a loop measures.
+    /// Returns the sensors of the closed loop. `None` without feedback.
     fn sensors(&self) -> Option<SimulatedSensors> {
         self.feedback.then(|| SimulatedSensors {
             noise: self.disturbance.sensor_noise_or(ASSUMED),
@@ -210,7 +210,7 @@ impl SimulateArgs {
         })
     }
 
-    /// The format of the body that is written; none for a result, or where nothing is.
+    /// Returns the format of the body in the output file. `None` for a result, or without an output file.
     fn body_format(&self) -> Result<Option<BodyFormat>, Failure> {
         let Some(file) = &self.output else { return Ok(None) };
         let format = BodyFormat::of(file)?;
@@ -228,7 +228,7 @@ impl SimulateArgs {
         }
     }
 
-    /// Grows once; the layers as laid are told where the body is written.
+    /// Grows once. It returns the layers as laid only if there is an output file.
     fn grow_once(&self, simulation: &Simulation) -> Result<(Outcome, Vec<DisturbedLayer>), Failure> {
         let mut laid = Vec::new();
         let outcome = simulation.run_by_layer(self.disturbance.seed, |layer| {
@@ -243,7 +243,7 @@ impl SimulateArgs {
         Ok((outcome, laid))
     }
 
-    /// Grows many times, shows how far it is, and writes every growth where that is asked for.
+    /// Grows many times, shows the progress, and writes every growth if samples are requested.
     fn repeat(&self, simulation: &Simulation, runs: u64) -> Result<Campaign, Failure> {
         let Disturbance { growth_noise, tilt_noise, alpha_noise, twist_noise, .. } = simulation.disturbance;
         let even = [growth_noise, tilt_noise, alpha_noise, twist_noise].iter().all(|noise| *noise == 0.0);

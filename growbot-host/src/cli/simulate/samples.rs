@@ -1,4 +1,4 @@
-//! Every growth of a simulation as a row of CSV, written as they come.
+//! Growths of a simulation as rows of CSV, written as they come.
 
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
@@ -13,28 +13,29 @@ use growbot_sim::simulation::{Outcome, Simulation};
 use super::super::Failure;
 use super::disturbances::WrittenDisturbances;
 
-/// Columns of a growth itself; `_mm` and `_deg` are units, the normalized error has none.
+/// Columns of a growth itself. `_mm` and `_deg` are units. The normalized error has none.
 const GROWTH: &str = "layers,length_mm,path_length_mm";
 const ERRORS: &str =
     "position_error_mm,normalized_position_error,heading_error_deg,pitch_error_deg,direction_error_deg";
-/// Columns of a body that hangs.
+/// Columns of a body that hangs under its weight.
 const SAG: &str = "sag_mm,root_stress_mpa,root_moment_n_mm";
 
-/// Columns of a growth in a scene: empty where it touches nothing, and where it does not pause.
+/// Columns of a growth in a scene. The contact is empty if the body touches nothing, and the pause if it does not
+/// pause.
 const AMONG: &str = "contact_at_mm,clearance_mm,detours,paused_at_mm";
 
 /// A table that is being written.
 pub struct Samples<'a> {
     file: BufWriter<Box<dyn Write + 'a>>,
     path_length: f64,
-    /// Start and goal, alike in every row.
+    /// Start and goal, which are the same in every row.
     ends: String,
-    /// The disturbances, alike in every row.
+    /// The disturbances, which are the same in every row.
     disturbances: String,
 }
 
 impl Samples<'_> {
-    /// Writes the table that `fill` fills, whole or not at all.
+    /// Writes the table with the rows that `fill` adds, whole or not at all.
     pub fn write<T>(
         path: &Path,
         simulation: &Simulation,
@@ -57,7 +58,7 @@ impl Samples<'_> {
         Ok(filled)
     }
 
-    /// Refuses a place that nothing is written to, before anything is grown.
+    /// Checks the destination before anything is grown.
     pub fn check(path: &Path, json: bool) -> Result<(), Failure> {
         if is_standard_output(path) {
             return match json {
@@ -107,14 +108,14 @@ impl Samples<'_> {
             [contact, Some(clearance), Some(f64::from(detours)), paused.map(|paused| paused.at)]
         });
         for value in errors.into_iter().chain(sag.into_iter().flatten()).chain(among.into_iter().flatten()) {
-            // What is vertical has no heading.
+            // A vertical pose has no heading.
             write!(self.file, ",{}", value.map(shortest).unwrap_or_default())?;
         }
         writeln!(self.file, ",{}", self.disturbances)
     }
 }
 
-/// A pose as five fields, mm and degrees.
+/// Returns a pose as five fields, mm and degrees.
 fn pose(pose: &Pose) -> String {
     pose.to_degrees().map(shortest).join(",")
 }

@@ -1,4 +1,4 @@
-//! The tables that simulated growths end with.
+//! Tables at the end of simulated growths.
 
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
@@ -11,7 +11,7 @@ use growbot_sim::simulation::{Hung, Outcome, Simulation};
 use super::super::growth_table::{arrived, row};
 use super::disturbances::WrittenDisturbances;
 
-/// Target and final pose, the error between them, and the body.
+/// Returns the table of a growth: target and final pose, the error between them, and the body.
 pub fn growth(goal: &Pose, outcome: &Outcome, disturbances: &WrittenDisturbances, seed: u64) -> String {
     let Outcome { grown, arrival, hung, among } = outcome;
     let mut table = arrived(goal, arrival);
@@ -44,7 +44,7 @@ fn hangs(hung: &Hung) -> String {
     )
 }
 
-/// What became of a growth in a scene.
+/// Returns the rows about a growth in a scene.
 fn went(among: &Among) -> String {
     let Among { contact, clearance, detours, paused } = among;
     let mut text = match contact {
@@ -63,13 +63,13 @@ fn went(among: &Among) -> String {
     text
 }
 
-/// Where a body touches what.
+/// Returns the obstacle and the place of a contact.
 fn place(Contact { layer, at, point, obstacle }: &Contact) -> String {
     let obstacle = obstacle.map_or_else(|| "an obstacle".to_owned(), |obstacle| obstacle.to_string());
     format!("{obstacle} in layer {layer}, {at:.1} mm along, at {:.1}, {:.1}, {:.1}", point.x, point.y, point.z)
 }
 
-/// What became of many growths in a scene.
+/// Returns the lines about many growths in a scene.
 fn many(among: &ManyAmong) -> String {
     let ManyAmong { contacts, first_contact, clearance, with_detours, pauses } = among;
     let mut text = format!(
@@ -82,7 +82,7 @@ fn many(among: &ManyAmong) -> String {
     text
 }
 
-/// The errors of many growths.
+/// Returns the table with the errors of many growths.
 pub fn campaign(campaign: &Campaign, robot: &str, simulation: &Simulation, seed: u64) -> String {
     let path_length = simulation.path_length();
     let last = seed.wrapping_add(campaign.runs - 1);
@@ -108,13 +108,13 @@ pub fn campaign(campaign: &Campaign, robot: &str, simulation: &Simulation, seed:
     table + &campaign.hung.as_ref().map(|hung| format!("Max: {}", hangs(hung))).unwrap_or_default()
 }
 
-/// To hundredths, with its sign, which is + for 0.
+/// Formats a number to hundredths, with its sign. The sign of 0 is +.
 fn with_sign(number: f64) -> String {
     let text = fixed(number, 2);
     if text.starts_with('-') { text } else { format!("+{text}") }
 }
 
-/// One error, in units of `1 / scale`; of no growths, none.
+/// Returns the row of one error, in units of `1 / scale`. Without growths it shows no numbers.
 fn line(name: &str, statistics: &Statistics, scale: f64) -> String {
     let values = [
         statistics.mean(),
@@ -129,10 +129,10 @@ fn line(name: &str, statistics: &Statistics, scale: f64) -> String {
     format!("{name:<17}{columns}\n")
 }
 
-/// Less than this is rounding, and 0.
+/// Limit below which a number is a rounding error and counts as 0.
 const ROUNDING: f64 = 1e-9;
 
-/// Four digits or so, in nine columns.
+/// Formats a number with about four digits, in nine columns.
 fn readable(value: f64) -> String {
     if value.abs() < ROUNDING {
         "0".to_owned()

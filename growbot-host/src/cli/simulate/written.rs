@@ -1,4 +1,4 @@
-//! Simulated growths as scripts read them: JSON.
+//! Simulated growths as JSON for scripts.
 
 use growbot_client::plan_file::WrittenTip;
 use growbot_client::run_log::WrittenArrival;
@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use super::disturbances::WrittenDisturbances;
 
-/// A growth as scripts read it.
+/// A growth as JSON for scripts.
 #[derive(Serialize)]
 pub struct SimulatedGrowth {
     #[serde(flatten)]
@@ -32,7 +32,7 @@ pub struct SimulatedGrowth {
 }
 
 impl SimulatedGrowth {
-    /// Of this growth, with this seed.
+    /// Returns the JSON of this growth, with this seed.
     pub fn new(outcome: &Outcome, simulation: &Simulation, seed: u64) -> Self {
         let Outcome { grown, arrival, hung, among } = outcome;
         Self {
@@ -49,7 +49,7 @@ impl SimulatedGrowth {
     }
 }
 
-/// What feedback has found.
+/// Estimate of feedback.
 #[derive(Serialize)]
 struct WrittenEstimate {
     estimate: WrittenTip,
@@ -76,7 +76,7 @@ impl From<&Estimate> for WrittenEstimate {
     }
 }
 
-/// Many growths as scripts read them.
+/// Many growths as JSON for scripts.
 #[derive(Serialize)]
 pub struct SimulatedCampaign {
     repeat: u64,
@@ -85,7 +85,7 @@ pub struct SimulatedCampaign {
     layers: WrittenStatistics,
     position_error_mm: WrittenStatistics,
     normalized_position_error: WrittenStatistics,
-    /// Null where no growth has a heading error.
+    /// Null if no growth has a heading error.
     heading_error_deg: Option<WrittenStatistics>,
     pitch_error_deg: WrittenStatistics,
     direction_error_deg: WrittenStatistics,
@@ -98,7 +98,7 @@ pub struct SimulatedCampaign {
 }
 
 impl SimulatedCampaign {
-    /// Of these growths, with the seeds from this one on.
+    /// Returns the JSON of these growths, with the seeds from this one on.
     pub fn new(campaign: &Campaign, simulation: &Simulation, seed: u64) -> Self {
         Self {
             repeat: campaign.runs,
@@ -142,7 +142,7 @@ impl From<&Statistics> for WrittenStatistics {
     }
 }
 
-/// How a body hangs under its weight.
+/// Sag of a body under its weight.
 #[derive(Serialize)]
 struct WrittenSag {
     deflection_mm: f64,
@@ -156,7 +156,7 @@ impl From<&Hung> for WrittenSag {
     }
 }
 
-/// Where a body touches an obstacle first.
+/// First contact of a body with an obstacle.
 #[derive(Serialize)]
 struct WrittenContact {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -175,7 +175,7 @@ impl WrittenContact {
     }
 }
 
-/// Where a growth paused.
+/// Place at which a growth paused.
 #[derive(Serialize)]
 struct WrittenPause {
     layers: u64,
@@ -184,14 +184,14 @@ struct WrittenPause {
     deviation_mm: f64,
 }
 
-/// What became of a growth in a scene.
+/// Result of a growth in a scene.
 #[derive(Serialize)]
 struct WrittenAmong {
-    /// Null where it touches nothing.
+    /// Null if the body touches nothing.
     contact: Option<WrittenContact>,
     clearance_mm: f64,
     detours: u32,
-    /// Null where it does not pause.
+    /// Null if the growth does not pause.
     paused: Option<WrittenPause>,
 }
 
@@ -212,11 +212,11 @@ impl From<&Among> for WrittenAmong {
     }
 }
 
-/// What became of many growths in a scene.
+/// Results of many growths in a scene.
 #[derive(Serialize)]
 struct WrittenManyAmong {
     contacts: u64,
-    /// Of the first growth that touches an obstacle; null where none does.
+    /// Contact of the first growth that touches an obstacle. Null if none does.
     first_contact: Option<WrittenContact>,
     min_clearance_mm: f64,
     with_detours: u64,

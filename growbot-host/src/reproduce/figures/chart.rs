@@ -1,4 +1,4 @@
-//! What all figures are drawn with: one palette, one style, marks, clouds of dots.
+//! Common parts of all figures: colours, styles, marks, and clouds of dots.
 
 use growbot_pictures::drawing::canvas::Canvas;
 use growbot_pictures::drawing::chart::Panel;
@@ -6,24 +6,23 @@ use growbot_pictures::drawing::chart::Panel;
 use super::super::paper::MeanSd;
 use super::super::statistics::Summary;
 
-/// Okabe and Ito's colours, told apart by the colour-blind too: steps of the text, of the table, exact slicing, closed
-/// loop.
+/// Colour of steps of the text. The colours are those of Okabe and Ito, which colour-blind readers can distinguish.
 pub const TEXT_STEP: &str = "#0072b2";
-/// Steps of the table.
+/// Colour of steps of the table.
 pub const TABLE_STEP: &str = "#e69f00";
-/// Exact slicing.
+/// Colour of exact slicing.
 pub const EXACT: &str = "#009e73";
-/// Closed loop.
+/// Colour of the closed loop.
 pub const CLOSED: &str = "#b5488f";
-/// What the paper has.
+/// Colour of the paper's numbers.
 pub const PAPER: &str = "#1c2430";
-/// Robots A, B and C, where colours tell robots apart.
+/// Colours of robots A, B and C, in figures that distinguish robots by colour.
 pub const ROBOT: [&str; 3] = ["#0072b2", "#d55e00", "#009e73"];
 
-/// Half the width of a cloud of dots, in places of the x axis.
+/// Half the width of a cloud of dots, in units of the x axis.
 const CLOUD: f64 = 0.11;
 
-/// A drawing of this size, with a title and lines of notes below it.
+/// Returns a drawing of this size, with a title and lines of notes below it.
 pub fn figure(width: f64, height: f64, title: &str, notes: &[String]) -> Canvas {
     let mut canvas = Canvas::new(width, height, title);
     canvas.text(24.0, 34.0, "title", title);
@@ -33,9 +32,9 @@ pub fn figure(width: f64, height: f64, title: &str, notes: &[String]) -> Canvas 
     canvas
 }
 
-/// Legends of drawings.
+/// Drawing of legends.
 pub trait CanvasExt {
-    /// Draws a legend in a row, each entry a mark, its colour and a text. Returns the x coordinate of its end.
+    /// Draws a legend in a row. Each entry is a mark, its colour and a text. Returns the x coordinate of its end.
     fn legend(&mut self, x: f64, y: f64, entries: &[(Mark, &str, String)]) -> f64;
 }
 
@@ -51,27 +50,27 @@ impl CanvasExt for Canvas {
     }
 }
 
-/// What stands for a value.
+/// Shape that represents a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mark {
-    /// A single growth.
+    /// Dot: a single growth.
     Dot,
-    /// A median.
+    /// Square: a median.
     Square,
-    /// A mean, on a dashed line.
+    /// Dashed line: a mean.
     Dash,
-    /// A number of the paper's.
+    /// Diamond: a number of the paper.
     Diamond,
-    /// A mean of ours on a line.
+    /// Disc on a line: one of our means.
     Disc,
-    /// A line.
+    /// Line.
     Line,
-    /// A ring, empty.
+    /// Empty ring.
     Ring,
 }
 
 impl Mark {
-    /// Draws it.
+    /// Draws the mark.
     pub fn draw(self, canvas: &mut Canvas, (x, y): (f64, f64), colour: &str) {
         match self {
             Self::Dot => canvas.add(format_args!(
@@ -105,26 +104,27 @@ impl Mark {
     }
 }
 
-/// The style of a dashed line.
+/// Returns the style of a dashed line.
 pub fn dashed(colour: &str) -> String {
     format!("stroke=\"{colour}\" stroke-width=\"1.8\" stroke-dasharray=\"6 4\"")
 }
 
-/// Samples and means in a panel.
+/// Drawing of samples and means in a panel.
 pub trait PanelExt {
-    /// Draws single values round a place of the x axis, spread sideways so that each can be seen, with their median.
+    /// Draws single values around a position on the x axis, with their median. The dots are spread sideways, so that
+    /// each is visible.
     fn cloud(&self, canvas: &mut Canvas, x: f64, values: &[f64], colour: &str);
 
     /// Draws means, connected by a dashed line.
     fn means(&self, canvas: &mut Canvas, means: &[(f64, f64)], colour: &str);
 
-    /// Draws a mean with its standard deviation to either side.
+    /// Draws a mean with its standard deviation to both sides.
     fn whisker(&self, canvas: &mut Canvas, x: f64, value: MeanSd, mark: Mark, colour: &str);
 }
 
 impl PanelExt for Panel {
     fn cloud(&self, canvas: &mut Canvas, x: f64, values: &[f64], colour: &str) {
-        /// The golden section: neighbours in order are spread far apart.
+        /// Golden ratio: with it, dots of neighbouring values are far apart.
         const SPREAD: f64 = 0.618_033_988_749_895;
         for (index, value) in values.iter().enumerate() {
             let spread = 2.0 * (SPREAD * index as f64).fract() - 1.0;

@@ -1,4 +1,4 @@
-//! Figure 4: errors in position, heading and pitch by distance of the goal, and how long the paths are.
+//! Figure 4: errors in position, heading and pitch by distance of the goal, and lengths of the paths.
 
 use growbot_core::plan::Planner;
 
@@ -13,7 +13,7 @@ use growbot_pictures::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 920.0);
 
-/// Draws it.
+/// Returns the figure.
 pub fn svg(of: &Reproduction, title: &'static str) -> String {
     let notes = [
         format!(
@@ -47,14 +47,14 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
     canvas.finish()
 }
 
-/// Where the groups are on the x axis, and what they are called.
+/// Returns the positions of the groups on the x axis, with their labels.
 pub fn group_ticks() -> Vec<(f64, String)> {
     GROUPS.iter().enumerate().map(|(place, group)| (place as f64, format!("{group} R"))).collect()
 }
 
 fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quantity, head: &str, y_name: &str) {
     let clouds: &[(SlicingRule, f64, &str)] = match quantity {
-        // The path is the same, however it is sliced.
+        // The path is the same for every slicing rule.
         Quantity::Length => &[(SlicingRule::Text, 0.0, TEXT_STEP)],
         _ => &[(SlicingRule::Text, -0.24, TEXT_STEP), (SlicingRule::Table, 0.0, TABLE_STEP)],
     };
@@ -107,7 +107,7 @@ fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quant
     }
 }
 
-/// The paper's number that stands for all groups.
+/// Draws the paper's number for all groups.
 fn over_groups(canvas: &mut Canvas, panel: &Panel, number: MeanSd) {
     const AT: f64 = 3.36;
     panel.whisker(canvas, AT, number, Mark::Diamond, PAPER);
@@ -115,7 +115,8 @@ fn over_groups(canvas: &mut Canvas, panel: &Panel, number: MeanSd) {
     canvas.text(x + 8.0, y - 8.0, "note end", "paper, all groups");
 }
 
-/// The scale of a quantity, and where it ends: single heading errors at steep pitch would hide all others.
+/// Returns the scale of a quantity, and the limit above which values are cut off. Single heading errors at steep pitch
+/// would otherwise hide all others.
 fn scale(quantity: Quantity, values: &[f64]) -> (Scale, Option<f64>) {
     if quantity != Quantity::Heading {
         return (Scale::from_zero(values.iter().copied()), None);

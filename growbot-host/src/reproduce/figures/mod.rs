@@ -1,4 +1,4 @@
-//! The figures, each an SVG of its own.
+//! The figures, each as a separate SVG.
 
 mod chart;
 mod errors;
@@ -11,18 +11,18 @@ use super::Reproduction;
 /// A figure.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Figure {
-    /// Its number in the paper.
+    /// Number in the paper.
     pub number: u8,
-    /// What it shows, in a line.
+    /// Title, one line.
     pub title: &'static str,
-    /// The drawing.
+    /// The drawing as SVG.
     pub svg: String,
 }
 
-/// Draws a figure under a title.
+/// Function that draws a figure under a title.
 type Draw = fn(&Reproduction, &'static str) -> String;
 
-/// The figures that were asked for.
+/// Returns the requested figures.
 #[must_use]
 pub fn all(of: &Reproduction) -> Vec<Figure> {
     let draw: [(u8, &'static str, Draw); 5] = [

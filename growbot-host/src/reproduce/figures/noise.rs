@@ -8,10 +8,10 @@ use super::chart::{CLOSED, CanvasExt, EXACT, Mark, PanelExt, TABLE_STEP, TEXT_ST
 use growbot_pictures::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 936.0);
-/// Errors below this are rounding, and are not drawn.
+/// Limit below which an error is rounding and is not drawn.
 const ROUNDING: f64 = 1e-9;
 
-/// How growths are told apart: colour, place beside the tick, name.
+/// Returns the colour of a set of growths, its offset from the tick, and its name.
 fn series(set: &Set) -> Option<(&'static str, f64, &'static str)> {
     Some(match (set.condition.slicing, set.condition.feedback) {
         (_, true) => (CLOSED, 0.36, "closed loop"),
@@ -22,7 +22,7 @@ fn series(set: &Set) -> Option<(&'static str, f64, &'static str)> {
     })
 }
 
-/// The legend: each series once, then the median and the means.
+/// Returns the legend: each series once, then the median and the means.
 fn legend(sets: &[Set]) -> Vec<(Mark, &'static str, String)> {
     let mut legend: Vec<(Mark, &str, String)> = Vec::new();
     for (colour, _, name) in sets.iter().filter_map(series) {
@@ -35,7 +35,7 @@ fn legend(sets: &[Set]) -> Vec<(Mark, &'static str, String)> {
     legend
 }
 
-/// Draws it.
+/// Returns the figure.
 pub fn svg(of: &Reproduction, title: &'static str) -> String {
     let notes = [
         format!(

@@ -11,19 +11,19 @@ use growbot_pictures::drawing::canvas::Canvas;
 use growbot_pictures::drawing::chart::{number, round_below};
 use growbot_pictures::duration::duration_text;
 
-/// Arcs and straight lines, as in the paper.
+/// Colours of arcs and straight lines, as in the paper.
 const ARC: &str = "#c8102e";
 const STRAIGHT: &str = "#0072b2";
 const BODY: &str = "#e69f00";
 const SHINE: &str = "#f6c453";
 const START: &str = "#b5488f";
 const GOAL: &str = "#1c2430";
-/// How steeply the paths are looked down at, radians.
+/// Angle at which the view looks down at the paths, radians.
 const ELEVATION: f64 = 0.42;
-/// Directions that are tried to look from.
+/// Number of horizontal view directions that are tried.
 const AZIMUTHS: u32 = 36;
 
-/// Draws Figure 5.
+/// Returns Figure 5.
 pub fn of_robot_a(of: &Reproduction, title: &'static str) -> String {
     let examples: Vec<&Example> = of.experiments.examples.iter().filter(|e| e.growth.robot == paper::A).collect();
     let first = "The growth of each group whose position error is nearest to the group's median; two-plane paths, \
@@ -31,7 +31,7 @@ pub fn of_robot_a(of: &Reproduction, title: &'static str) -> String {
     draw(of, title, first, &examples, 236.0)
 }
 
-/// Draws Figure 7.
+/// Returns Figure 7.
 pub fn of_robots_b_and_c(of: &Reproduction, title: &'static str) -> String {
     let examples: Vec<&Example> = of.experiments.examples.iter().filter(|e| e.growth.robot != paper::A).collect();
     let first = "The growth to goals at 8 R whose position error is nearest to the median; two-plane paths, steps of \
@@ -90,15 +90,15 @@ fn round(mm: f64) -> f64 {
     if mm < 100.0 { libm::round(10.0 * mm) / 10.0 } else { libm::round(mm) }
 }
 
-/// How an example is looked at: without perspective, from where it is seen best.
+/// View of an example: a parallel projection from the direction in which it is seen best.
 #[derive(Clone, Copy)]
 struct View {
-    /// Left, top, width, height, pixels.
+    /// Left, top, width and height, pixels.
     area: [f64; 4],
     azimuth: f64,
-    /// Pixels for a mm.
+    /// Pixels per mm.
     scale: f64,
-    /// What is in the middle, mm to the right and up as seen.
+    /// Point in the middle of the area, mm to the right and up in the projection.
     middle: (f64, f64),
     /// Height of the ground, mm.
     ground: f64,
@@ -117,13 +117,13 @@ impl View {
             for (x, y) in points().copied().chain(shadows).map(|point| seen(azimuth, &point)) {
                 bounds = [bounds[0].min(x), bounds[1].max(x), bounds[2].min(y), bounds[3].max(y)];
             }
-            // Room for arrows and the scale.
+            // The margins are room for arrows and the scale.
             let scale = ((width - 40.0) / (bounds[1] - bounds[0] + diameter))
                 .min((height - 60.0) / (bounds[3] - bounds[2] + diameter));
             let middle = (0.5 * (bounds[0] + bounds[1]), 0.5 * (bounds[2] + bounds[3]));
             Self { area, azimuth, scale, middle, ground }
         });
-        // Where it is drawn the longest, as seen.
+        // The best direction is the one in which the projected curve is longest.
         let length = |view: &Self| {
             let line: Vec<(f64, f64)> = points().map(|point| view.place(point)).collect();
             line.windows(2).map(|pair| libm::hypot(pair[1].0 - pair[0].0, pair[1].1 - pair[0].1)).sum::<f64>()
@@ -146,7 +146,7 @@ impl View {
         )
     }
 
-    /// Frame, shadow, scale and the base's axes.
+    /// Draws frame, shadow, scale and the axes of the base.
     fn ground(&self, canvas: &mut Canvas, curve: &[Vector3<f64>]) {
         let [left, top, width, height] = self.area;
         canvas.add(format_args!(
@@ -174,7 +174,7 @@ impl View {
         }
     }
 
-    /// An arrow from a point along a direction.
+    /// Draws an arrow from a point along a direction.
     fn arrow(&self, canvas: &mut Canvas, from: &Vector3<f64>, direction: &Vector3<f64>, colour: &str) {
         const LONG: f64 = 34.0;
         let (x, y) = self.place(from);
@@ -228,7 +228,7 @@ impl View {
     }
 }
 
-/// A point as seen: to the right and up, mm.
+/// Projects a point, mm to the right and up.
 fn seen(azimuth: f64, point: &Vector3<f64>) -> (f64, f64) {
     let (sine, cosine) = libm::sincos(azimuth);
     let away = cosine * point.y + sine * point.x;

@@ -14,10 +14,10 @@ use growbot_pictures::drawing::canvas::Canvas;
 use growbot_pictures::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 950.0);
-/// The robots of panels A to C.
+/// Robots of panels A to C.
 const SHOWN: [usize; 3] = [paper::A, paper::B, paper::C];
 
-/// Draws it.
+/// Returns the figure.
 pub fn svg(of: &Reproduction, title: &'static str) -> String {
     let notes = [
         format!(
@@ -72,7 +72,7 @@ fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Qu
     let y = Scale::log_around(everywhere.map(|summary| summary.mean).chain(quoted));
     let panel = Panel { area, x: Scale::Linear(-0.5, 3.5), y };
     panel.axes(canvas, head, "distance from start to goal", y_name, Some(&group_ticks()));
-    // The paper's first, so that ours are on top.
+    // The paper's numbers are drawn first, so that ours are on top.
     let across = |canvas: &mut Canvas, mean: f64, from: f64, colour: &str| {
         canvas.line([panel.place(from, mean), panel.place(3.5, mean)], dashed(colour));
     };
@@ -84,7 +84,7 @@ fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Qu
                 panel.whisker(canvas, group as f64 + 0.16, number, Mark::Diamond, PAPER);
             }
         }
-        // About the same for all robots.
+        // The paper quotes about the same value for all robots.
         Quantity::Heading => across(canvas, paper::HEADING_ERROR_DEG.mean, -0.5, PAPER),
         _ => across(canvas, paper::PITCH_ERROR_DEG.mean, -0.5, PAPER),
     }
@@ -99,7 +99,7 @@ fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Qu
     }
 }
 
-/// The robots whose name is written beside the paper's number; those of one k lie together.
+/// Returns the name to write next to the paper's number. Robots with the same `k` share one name.
 fn named(robot: usize) -> Option<&'static str> {
     match robot {
         0 => Some("A, A1, A2"),
@@ -111,7 +111,7 @@ fn named(robot: usize) -> Option<&'static str> {
     }
 }
 
-/// Mean position errors in the groups from 8 radii on, by the bend of a step that was laid.
+/// Draws the mean position errors in the groups from 8 radii on, by the bend of a laid step.
 fn by_k(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4]) {
     let long = 1..GROUPS.len();
     let mean_of = |robot: usize, slicing: SlicingRule| {

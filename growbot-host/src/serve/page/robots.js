@@ -1,8 +1,8 @@
-// The page of all robots: it shows what the service says, and gives the orders of people.
+// The page of all robots. It shows the state that the service reports and sends the user's commands.
 
 const api = "api/v1";
 const cards = new Map();
-/** Whether this address may give orders. */
+/** True if this address can send commands. */
 let may = false;
 const byId = (id) => document.getElementById(id);
 const units = {
@@ -11,7 +11,7 @@ const units = {
   rotate: "Angle in degrees", jog: "Length in mm, negative to pull",
 };
 
-/** Asks the service, or sends it something or a file; throws what it says against it. */
+/** Requests a path, or sends a value or file to it. Throws the error that the service responds with. */
 async function ask(path, what) {
   const options = {};
   if (what !== undefined) options.method = "POST";
@@ -33,7 +33,7 @@ function duration(seconds) {
   return minutes < 1 ? `${Math.round(seconds)} s` : minutes < 60 ? `${minutes} min` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }
 
-/** The card of a robot, made once. */
+/** Returns the card of a robot. Creates it on the first call. */
 function cardOf(name) {
   if (cards.has(name)) return cards.get(name);
   const card = byId("robot").content.firstElementChild.cloneNode(true);
@@ -65,7 +65,7 @@ function say({ find }, words, refused) {
   find(".answer").classList.toggle("refused", Boolean(refused));
 }
 
-/** Does something for a card, and says what came of it. */
+/** Runs an action of a card and shows its result. */
 async function attempt(of, words, what) {
   say(of, `${words} …`);
   try {
@@ -124,7 +124,7 @@ function maintain(of, event) {
   });
 }
 
-/** Shows a page of the service beside the robots, of which one can be stopped from there. */
+/** Shows a page of the service in a panel with an emergency stop of the card's robot. */
 function open(address, title, of) {
   shown = { of, from: document.activeElement };
   byId("body-stop").hidden = !of || !may;
@@ -160,7 +160,7 @@ function facts(robot) {
   return list;
 }
 
-/** Why maintenance is not possible now; empty if it is. */
+/** Returns the reason why maintenance is not possible now, empty if it is possible. */
 function unsafe(robot) {
   if (!may) return "This address may only look.";
   if (robot.state === "disconnected") return "The robot is not connected.";
@@ -169,7 +169,7 @@ function unsafe(robot) {
   return "";
 }
 
-/** Shows robots as the service knows them. */
+/** Shows the latest state of robots. */
 function show(robots) {
   for (const robot of robots) {
     const of = cardOf(robot.name);
@@ -210,7 +210,7 @@ function link(text, address) {
   return anchor;
 }
 
-/** Asks for the jobs, and shows them. */
+/** Requests the latest jobs and shows them. */
 async function jobs() {
   const list = await ask("jobs?max=50");
   byId("no-jobs").hidden = list.length > 0;
@@ -235,7 +235,7 @@ async function jobs() {
   }));
 }
 
-/** Follows the service; the browser connects again by itself. */
+/** Follows the events of the service. The browser reconnects by itself. */
 function follow() {
   const events = new EventSource(`${api}/events`);
   events.addEventListener("open", () => { byId("connection").textContent = "connected"; });

@@ -1,19 +1,19 @@
-//! Common Data Representation (OMG formal/02-06-51 15.3), as ROS 2 has it: plain, little-endian, numbers aligned to
-//! their size from the end of the header on.
+//! Common Data Representation (OMG formal/02-06-51 15.3) as used by ROS 2: plain and little-endian, with numbers
+//! aligned to their size, counted from the end of the header.
 
 /// Plain CDR, little-endian, without options.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
 
-/// A message in progress.
+/// An unfinished message.
 pub struct Cdr(Vec<u8>);
 
 impl Cdr {
-    /// An empty one.
+    /// Returns an empty message.
     pub fn new() -> Self {
         Self(HEADER.to_vec())
     }
 
-    /// The finished message.
+    /// Returns the finished message.
     pub fn finish(self) -> Vec<u8> {
         self.0
     }
@@ -24,32 +24,33 @@ impl Cdr {
         self.0.extend(bytes);
     }
 
-    /// `byte`, `uint8` or `bool`.
+    /// Appends a `byte`, `uint8` or `bool`.
     pub fn u8(&mut self, value: u8) {
         self.0.push(value);
     }
 
-    /// `uint32`, and how many there are of a sequence.
+    /// Appends a `uint32`, or the length of a sequence.
     pub fn u32(&mut self, value: u32) {
         self.number(value.to_le_bytes());
     }
 
-    /// `int32`.
+    /// Appends an `int32`.
     pub fn i32(&mut self, value: i32) {
         self.number(value.to_le_bytes());
     }
 
-    /// `float32`.
+    /// Appends a `float32`.
     pub fn f32(&mut self, value: f32) {
         self.number(value.to_le_bytes());
     }
 
-    /// `float64`.
+    /// Appends a `float64`.
     pub fn f64(&mut self, value: f64) {
         self.number(value.to_le_bytes());
     }
 
-    /// `string`: its length with the zero that ends it, and both. A zero within would end it before.
+    /// Appends a `string`: its length including the final zero, its bytes and the zero. Zeros within become spaces,
+    /// because a zero would end the string.
     pub fn string(&mut self, text: &str) {
         let text = text.replace('\0', " ");
         self.u32(text.len() as u32 + 1);

@@ -1,4 +1,4 @@
-//! What a run log tells as messages of ROS 2, in CDR: metres, seconds, the frames `base` and `tip`.
+//! The content of a run log as messages of ROS 2, in CDR: metres, seconds, the frames `base` and `tip`.
 
 mod cdr;
 mod types;
@@ -15,23 +15,23 @@ use super::messages::{FRAME, Level};
 
 /// The frame that moves with the tip.
 const TIP: &str = "tip";
-/// The name of a marker's kind and action, as its definition has them.
+/// Type and action of a marker, from the definition of its message.
 const CYLINDER: i32 = 3;
 const ADD: i32 = 0;
 
-/// The name of a type.
+/// Name of the type of poses.
 pub const POSE: &str = "geometry_msgs/msg/PoseStamped";
-/// The name of a type.
+/// Name of the type of paths.
 pub const PATH: &str = "nav_msgs/msg/Path";
-/// The name of a type.
+/// Name of the type of transforms.
 pub const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";
-/// The name of a type.
+/// Name of the type of markers.
 pub const MARKER: &str = "visualization_msgs/msg/Marker";
-/// The name of a type.
+/// Name of the type of diagnostics.
 pub const DIAGNOSTICS: &str = "diagnostic_msgs/msg/DiagnosticArray";
 
-/// A message at this time, in the type of its topic; none of what ROS 2 has no type for. `hardware` is what the robot
-/// is called.
+/// Returns a message at this time, in the type of its topic. `None` if ROS 2 has no type for it. `hardware` is the name
+/// of the robot.
 pub fn encode(ms: u64, message: &Message, hardware: &str) -> Option<Vec<u8>> {
     let bytes = match message {
         Message::Pose(frame) => {
@@ -54,7 +54,7 @@ pub fn encode(ms: u64, message: &Message, hardware: &str) -> Option<Vec<u8>> {
     Some(bytes)
 }
 
-/// A path through poses, each at its time.
+/// Returns a path through poses, each with its time.
 pub fn path(ms: u64, poses: impl ExactSizeIterator<Item = (u64, Frame)>) -> Vec<u8> {
     let mut cdr = Cdr::new();
     header(&mut cdr, ms);
@@ -65,7 +65,7 @@ pub fn path(ms: u64, poses: impl ExactSizeIterator<Item = (u64, Frame)>) -> Vec<
     cdr.finish()
 }
 
-/// Where the tip is, as a transform.
+/// Returns the tip's frame as a transform.
 pub fn transform(ms: u64, base_from_tip: &Frame) -> Vec<u8> {
     let mut cdr = Cdr::new();
     cdr.u32(1);
@@ -86,7 +86,7 @@ fn pose_stamped(cdr: &mut Cdr, ms: u64, frame: &Frame) {
     pose(cdr, frame);
 }
 
-/// A pose, or a transform, which has the same numbers.
+/// Appends a pose or a transform, which has the same numbers.
 fn pose(cdr: &mut Cdr, frame: &Frame) {
     let Point3 { coords } = Point3::from(frame.translation.vector);
     let turn = UnitQuaternion::from_rotation_matrix(&frame.rotation);
@@ -105,11 +105,11 @@ fn marker(ms: u64, index: usize, middle: &Frame, size: [f64; 3], color: [f64; 3]
     pose(&mut cdr, middle);
     size.iter().for_each(|mm| cdr.f64(mm / 1000.0));
     color.iter().chain([&1.0]).for_each(|part| cdr.f32(*part as f32));
-    // It stays, and moves with its frame.
+    // The marker has no end of life and moves with its frame.
     cdr.i32(0);
     cdr.u32(0);
     cdr.u8(1);
-    // Neither points nor colours of them, nor a texture: its name, image and coordinates.
+    // The marker has no points, no colours of points and no texture (name, image and coordinates).
     cdr.u32(0);
     cdr.u32(0);
     cdr.string("");
@@ -119,7 +119,7 @@ fn marker(ms: u64, index: usize, middle: &Frame, size: [f64; 3], color: [f64; 3]
     cdr.string("");
     cdr.u32(0);
     cdr.u32(0);
-    // Neither a text nor a mesh: its place, name and bytes.
+    // The marker has no text and no mesh (location, name and bytes).
     cdr.string("");
     cdr.string("");
     cdr.string("");
@@ -146,7 +146,7 @@ fn diagnostic(ms: u64, level: Level, [name, message, hardware]: [&str; 3], value
     cdr.finish()
 }
 
-/// What is known of the board's status.
+/// Returns the known values of the board's status.
 fn values(status: &BoardStatus) -> Vec<(&'static str, String)> {
     let BoardStatus { fault, temperature_c, target_c, laid, uptime_ms, .. } = status;
     let values = [

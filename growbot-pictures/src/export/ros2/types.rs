@@ -1,9 +1,9 @@
-//! Definitions of message types of ROS 2 Jazzy, by the types that they are made of.
+//! Definitions of message types of ROS 2 Jazzy, including the types that they contain.
 
-/// Separates a definition from those that it refers to.
+/// Separator between a definition and those that it refers to.
 const LINE: &str = "================================================================================\n";
 
-/// Every type, with its fields.
+/// All types, with their fields.
 const TYPES: [(&str, &str); 20] = [
     ("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec\n"),
     ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n"),
@@ -45,13 +45,13 @@ const TYPES: [(&str, &str); 20] = [
     ("visualization_msgs/UVCoordinate", "float32 u\nfloat32 v\n"),
 ];
 
-/// The fields of a type, `package/Name`; none of a type that no message here has.
+/// Returns the fields of a type, `package/Name`. `None` if no message here has the type.
 fn fields(name: &str) -> Option<&'static str> {
     TYPES.iter().find(|(known, _)| *known == name).map(|(_, fields)| *fields)
 }
 
-/// The whole definition of a type, `package/msg/Name`: its fields, and below them those of all types that it is made
-/// of, as `ros2msg` schemas of MCAP have it.
+/// Returns the whole definition of a type, `package/msg/Name`: its fields, then those of all types that it contains, in
+/// the format of `ros2msg` schemas of MCAP.
 pub fn definition(name: &str) -> String {
     let mut names = vec![name.replace("/msg/", "/")];
     let mut text = String::new();
@@ -84,7 +84,7 @@ mod tests {
         for name in ["std_msgs/Header", "builtin_interfaces/Time", "geometry_msgs/Pose", "geometry_msgs/Quaternion"] {
             assert_eq!(path.matches(&format!("MSG: {name}\n")).count(), 1, "{name}");
         }
-        // No type is named that has no definition.
+        // Every type that is named has a definition.
         for (_, fields) in TYPES {
             for kind in fields.lines().filter_map(|field| field.split([' ', '[']).next()) {
                 assert!(!kind.contains('/') || super::fields(kind).is_some(), "{kind}");

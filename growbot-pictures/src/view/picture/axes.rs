@@ -1,4 +1,4 @@
-//! Axes round a body, in mm: a box of round numbers, of which the edges that hide least carry ticks and names.
+//! Axes around a body, in mm. They are a box of round numbers, and the edges that hide least carry ticks and names.
 
 use nalgebra::Vector3;
 
@@ -6,14 +6,14 @@ use super::place::Place;
 use crate::drawing::canvas::Canvas;
 use crate::drawing::chart::number;
 
-/// From an edge to its numbers and to the middle of its name, below it and beside it, and length of a tick, units of
-/// the drawing.
+/// Distances from an edge to its numbers and to the middle of its name, below the edge and next to it, and the length
+/// of a tick, units of the drawing.
 const NUMBERS: [f64; 2] = [17.0, 9.0];
 const NAME: [f64; 2] = [40.0, 62.0];
 const TICK: f64 = 5.0;
-/// Numbers stand no closer, units of the drawing.
+/// Smallest distance between two numbers, units of the drawing.
 const BETWEEN: f64 = 38.0;
-/// An axis that is seen this short, as a share of its length, is seen from its end.
+/// Largest projected length of an axis that is drawn as seen from its end, as a share of its length.
 const END_ON: f64 = 0.2;
 const NAMES: [&str; 3] = ["x, mm", "y, mm", "z, mm"];
 
@@ -26,19 +26,20 @@ pub struct Axes {
 }
 
 impl Axes {
-    /// Round what lies between these corners, in steps of so much, mm.
+    /// Returns the smallest box of whole steps (mm) around these corners. It is at least one step wide in each
+    /// direction.
     pub fn round(min: Vector3<f64>, max: Vector3<f64>, step: f64) -> Self {
         let min = min.map(|at| step * libm::floor(at / step + 1e-9));
         let max = max.map(|at| step * libm::ceil(at / step - 1e-9));
         Self { min, max: max.sup(&min.add_scalar(step)), step }
     }
 
-    /// Its eight corners.
+    /// Returns the eight corners of the box.
     pub fn corners(&self) -> impl Iterator<Item = Vector3<f64>> + '_ {
         (0..8).map(|corner| self.corner([corner & 1, corner >> 1 & 1, corner >> 2 & 1]))
     }
 
-    /// Height of its floor.
+    /// Returns the height of the lower face, mm.
     pub fn floor(&self) -> f64 {
         self.min.z
     }
@@ -47,7 +48,7 @@ impl Axes {
         Vector3::from_fn(|axis, _| if ends[axis] == 0 { self.min[axis] } else { self.max[axis] })
     }
 
-    /// The four edges along an axis, each by its ends.
+    /// Returns the four edges along an axis, each by its two ends.
     fn edges(&self, axis: usize) -> [[Vector3<f64>; 2]; 4] {
         [[0, 0], [0, 1], [1, 0], [1, 1]].map(|[one, other]| {
             [0, 1].map(|end| {
@@ -59,7 +60,7 @@ impl Axes {
         })
     }
 
-    /// The lines of its floor, and the three edges with ticks, numbers and names.
+    /// Draws the grid of the floor, and the three edges with ticks, numbers and names.
     pub fn draw(&self, canvas: &mut Canvas, place: &Place) {
         if place.camera.towards.z.abs() > 0.1 {
             self.draw_floor(canvas, place);
@@ -86,7 +87,7 @@ impl Axes {
         canvas.add(format_args!("<path class=\"grid\" d=\"{lines}\"/>"));
     }
 
-    /// Places of ticks along an axis, every so many steps, from a round number on.
+    /// Returns the ticks along an axis, one for each `every` steps, at multiples of that distance.
     fn ticks(&self, axis: usize, every: u32) -> Vec<f64> {
         let step = self.step * f64::from(every);
         let first = libm::ceil(self.min[axis] / step - 1e-9) as i64;
@@ -102,7 +103,8 @@ impl Axes {
         if seen < END_ON {
             return;
         }
-        // On the floor the lowest edge, or of those that look upright the rightmost; of z the leftmost.
+        // For x and y this is the lowest edge of the floor, or the rightmost if the edges look upright. For z it is the
+        // leftmost.
         let is_upright = down.abs() > 2.0 * right.abs();
         let rank = |edge: &[Vector3<f64>; 2]| {
             let [x, y] = place.point(&(0.5 * (edge[0] + edge[1])));
@@ -116,7 +118,7 @@ impl Axes {
         let Some(edge) = edges.max_by(|a, b| rank(a).total_cmp(&rank(b))) else { return };
         let [from, to] = edge.map(|end| place.point(&end));
         let middle = [0.5 * (from[0] + to[0]), 0.5 * (from[1] + to[1])];
-        // Away from the box, across the edge.
+        // Direction away from the box, perpendicular to the edge.
         let across = [-down / seen, right / seen];
         let side = (middle[0] - centre[0]) * across[0] + (middle[1] - centre[1]) * across[1];
         let out = if side < 0.0 { across.map(|part| -part) } else { across };
@@ -141,7 +143,7 @@ impl Axes {
                 "<path class=\"axis\" d=\"M{:.1} {:.1}L{:.1} {:.1}\"/>",
                 tick[0], tick[1], end[0], end[1]
             ));
-            // Adding 0 makes 0 of -0.
+            // Adding 0 turns -0 into 0.
             canvas.text(x, y + 4.5, &format!("note {anchor}"), number(at + 0.0));
         }
         let [x, y] = beside(middle, NAME[usize::from(anchor != "mid")]);

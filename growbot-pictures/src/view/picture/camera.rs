@@ -1,36 +1,36 @@
-//! The camera of a picture: orthographic, as on the page (growbot-pictures/viewer/src/stage.js), so that one scale holds
-//! everywhere.
+//! The camera of a picture. It is orthographic, like the page's (growbot-pictures/viewer/src/stage.js), so one scale
+//! holds everywhere.
 
 use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
-/// From where.
+/// The viewpoint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Look {
-    /// A corner: of eight, the one from which start and goal are seen best from the side.
+    /// The corner, of eight, from which start and goal are seen best from the side.
     Corner,
-    /// Against the y axis.
+    /// From the front, along the y axis.
     Front,
-    /// Against the x axis, from its far end.
+    /// From the side, against the x axis.
     Side,
     /// From above.
     Top,
 }
 
-/// A direction to look from, and what is right and up in the picture: unit vectors, perpendicular.
+/// Viewing direction, with the directions to the right and up in the picture: perpendicular unit vectors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
-    /// Rightwards in the picture.
+    /// Direction to the right in the picture.
     pub right: Vector3<f64>,
-    /// Upwards in the picture.
+    /// Direction up in the picture.
     pub up: Vector3<f64>,
-    /// Towards who looks.
+    /// Direction towards the viewer.
     pub towards: Vector3<f64>,
 }
 
 impl Camera {
-    /// The one that looks so; from a corner, these directions are to be seen well, the first most.
+    /// Returns the camera of a viewpoint. [`Look::Corner`] shows the directions in `facing` best, the first above all.
     pub fn new(look: Look, facing: &[Vector3<f64>]) -> Self {
         let towards = match look {
             Look::Corner => best_corner(facing),
@@ -42,18 +42,18 @@ impl Camera {
         Self { right, up: towards.cross(&right), towards }
     }
 
-    /// Where a point is in the picture, rightwards and upwards, mm.
+    /// Returns the coordinates of a point in the picture, to the right and up, mm.
     pub fn see(&self, point: &Vector3<f64>) -> [f64; 2] {
         [self.right.dot(point), self.up.dot(point)]
     }
 
-    /// How near a point is: the greater, the nearer, mm.
+    /// Returns the depth of a point, mm. A nearer point has a greater value.
     pub fn nearness(&self, point: &Vector3<f64>) -> f64 {
         self.towards.dot(point)
     }
 }
 
-/// As stage.js has it: seen from the side, and rather towards the camera than away from it.
+/// Selects the corner as stage.js does. It prefers directions seen from the side, and those that point to the camera.
 fn best_corner(facing: &[Vector3<f64>]) -> Vector3<f64> {
     let mut best = (-1.0, Vector3::z());
     for corner in 0..8 {
@@ -91,7 +91,7 @@ mod tests {
     fn a_corner_shows_the_goal_from_the_side() {
         let camera = Camera::new(Look::Corner, &[Vector3::x()]);
         assert!(camera.see(&Vector3::x())[0].abs() > 0.6, "{camera:?}");
-        // No direction at all is no reason to look from nowhere.
+        // A direction of length 0 still gives a valid camera.
         let camera = Camera::new(Look::Corner, &[Vector3::zeros()]);
         assert!((camera.towards.norm() - 1.0).abs() < 1e-12);
     }

@@ -1,4 +1,4 @@
-//! What stands around a tube: arrows, the tip's axes, discs, words, the floor.
+//! Marks around a tube: arrows, the tip's axes, discs, labels and the floor.
 
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
@@ -7,29 +7,29 @@ use super::WIDE;
 use super::place::{Bounds, Place, solid};
 use crate::drawing::canvas::Canvas;
 
-/// The tip's axes: names and colours.
+/// Axes of the tip: names and colours.
 const AXES: [(&str, &str); 3] = [("x", "#d93a3a"), ("y", "#2f9e4f"), ("z", "#2f6fe0")];
-/// Half the width of a letter, and half the height of a word with the gap before it, units of the drawing.
+/// Half the width of a letter, and half the height of a word with the gap above it, units of the drawing.
 const LETTER: f64 = 4.2;
 const WORD: f64 = 14.0;
-/// From a point to a word at its free side, units of the drawing.
+/// Distance from a point to a word on its free side, units of the drawing.
 const FAR: f64 = 52.0;
-/// Room that such a word takes round its point.
+/// Space that such a word needs around its point, units of the drawing.
 pub const FREE_SIDE: f64 = FAR + 2.0 * WORD;
 
 /// An arrow, mm.
 pub struct Arrow {
-    /// Its tail.
+    /// Position of the tail.
     pub from: Vector3<f64>,
-    /// Its direction, a unit vector.
+    /// Direction, a unit vector.
     pub along: Vector3<f64>,
-    /// From tail to point.
+    /// Length from the tail to the point.
     pub length: f64,
-    /// Radius of its shaft.
+    /// Radius of the shaft.
     pub thick: f64,
 }
 
-/// Its shaft and head.
+/// Returns the shaft and head of an arrow as a path.
 pub fn arrow(place: &Place, arrow: &Arrow, colour: &str) -> String {
     let Arrow { from, along, length, thick } = arrow;
     let at = |share: f64| from + share * length * along;
@@ -38,7 +38,7 @@ pub fn arrow(place: &Place, arrow: &Arrow, colour: &str) -> String {
     format!("<path fill=\"{colour}\" stroke=\"none\" d=\"{shaft}{head}\"/>\n")
 }
 
-/// The axes of the tip, x, y and z, over everything. One that points at who looks has no name.
+/// Draws the axes of the tip, x, y and z, over everything. An axis that points at the viewer has no name.
 pub fn draw_axes(canvas: &mut Canvas, place: &Place, base_from_tip: &Frame, length: f64) {
     let mut axes: Vec<_> = [Vector3::x(), Vector3::y(), Vector3::z()]
         .into_iter()
@@ -61,23 +61,23 @@ pub fn draw_axes(canvas: &mut Canvas, place: &Place, base_from_tip: &Frame, leng
     }
 }
 
-/// A line beside a body.
+/// A line next to a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Line {
-    /// What it tells.
+    /// Meaning of the line.
     pub name: &'static str,
-    /// How it is drawn, as attributes.
+    /// Style of the line, as SVG attributes.
     pub style: &'static str,
 }
 
 impl Line {
-    /// Draws it along these places, mm.
+    /// Draws the line through these points, mm.
     pub fn draw(&self, canvas: &mut Canvas, place: &Place, places: impl Iterator<Item = Vector3<f64>>) {
         canvas.line(places.map(|at| place.point(&at).into()), self.style);
     }
 }
 
-/// Samples of lines with their names, side by side, in the middle of which is `middle`.
+/// Draws samples of lines with their names, side by side and centred on `middle`.
 pub fn key(canvas: &mut Canvas, [middle, y]: [f64; 2], lines: &[Line]) {
     const SAMPLE: f64 = 30.0;
     const GAP: f64 = 7.0;
@@ -91,7 +91,7 @@ pub fn key(canvas: &mut Canvas, [middle, y]: [f64; 2], lines: &[Line]) {
     }
 }
 
-/// A round mark.
+/// Draws a round mark.
 pub fn disc(canvas: &mut Canvas, [x, y]: [f64; 2], radius: f64, colour: &str) {
     canvas.add(format_args!(
         "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{:.1}\" fill=\"{colour}\" stroke=\"#fff\"/>",
@@ -99,7 +99,7 @@ pub fn disc(canvas: &mut Canvas, [x, y]: [f64; 2], radius: f64, colour: &str) {
     ));
 }
 
-/// A word whose middle is there, or as near as it fits into the drawing, readable on whatever it stands.
+/// Draws a word centred on a point, moved as far as needed to fit into the drawing, and readable on any background.
 pub fn word(canvas: &mut Canvas, [x, y]: [f64; 2], text: &str, colour: &str) {
     let half = LETTER * text.chars().count() as f64 + 4.0;
     let x = x.max(half).min(WIDE - half);
@@ -111,7 +111,7 @@ pub fn word(canvas: &mut Canvas, [x, y]: [f64; 2], text: &str, colour: &str) {
     }
 }
 
-/// A word beyond the end of an arrow.
+/// Draws a word beyond the end of an arrow.
 pub fn word_beyond(
     canvas: &mut Canvas,
     place: &Place,
@@ -128,7 +128,7 @@ pub fn word_beyond(
     word(canvas, [x + right * aside, y + down * WORD + 4.5], text, colour);
 }
 
-/// A word beside a point, with a line to it, on the side from which these directions point away most.
+/// Draws a word next to a point, with a line to it, on the side that is farthest from the directions in `taken`.
 pub fn word_at_free_side(
     canvas: &mut Canvas,
     place: &Place,
@@ -138,7 +138,7 @@ pub fn word_at_free_side(
     colour: &str,
 ) {
     let taken: Vec<[f64; 2]> = taken.iter().map(|along| place.direction(along)).collect();
-    // How far a side goes along with what is there.
+    // Greatest dot product of a side with the directions in `taken`. A free side has a small one.
     let crowded = |[right, down]: &[f64; 2]| {
         taken.iter().map(|[along, below]| right * along + down * below).fold(f64::NEG_INFINITY, f64::max)
     };
@@ -156,16 +156,16 @@ pub fn word_at_free_side(
 
 /// A floor of whole squares.
 pub struct Floor {
-    /// Its least corner, x and y, and its height, mm.
+    /// Corner with the smallest x and y, at the height of the floor, mm.
     corner: Vector3<f64>,
-    /// Squares along x and y.
+    /// Number of squares along x and y.
     squares: [u32; 2],
     /// Side of a square, mm.
     side: f64,
 }
 
 impl Floor {
-    /// At this height under these bounds, x and y, with squares of this side, mm.
+    /// Returns a floor at a height under these bounds (x and y), with squares of this side, mm.
     pub fn under(bounds: &Bounds, height: f64, side: f64) -> Self {
         let squares = bounds.size().map(|size| libm::ceil(size / side).max(1.0));
         let [x, y] = bounds.centre();
@@ -173,18 +173,18 @@ impl Floor {
         Self { corner, squares: squares.map(|count| count as u32), side }
     }
 
-    /// The point this many squares from its corner.
+    /// Returns the point this many squares from the corner.
     fn at(&self, x: u32, y: u32) -> Vector3<f64> {
         self.corner + self.side * Vector3::new(f64::from(x), f64::from(y), 0.0)
     }
 
-    /// Its four corners.
+    /// Returns the four corners.
     pub fn corners(&self) -> [Vector3<f64>; 4] {
         let [x, y] = self.squares;
         [(0, 0), (x, 0), (0, y), (x, y)].map(|(x, y)| self.at(x, y))
     }
 
-    /// Draws it.
+    /// Draws the floor.
     pub fn draw(&self, canvas: &mut Canvas, place: &Place) {
         let [wide, deep] = self.squares;
         let along = (0..=wide).map(|x| [self.at(x, 0), self.at(x, deep)]);

@@ -1,24 +1,25 @@
 //! A body, or several side by side, as a picture for papers: one SVG, drawn here.
 //!
-//! - `camera`: from where; `place`: where that is in the drawing;
-//! - `tube`: the printed wall as shaded faces, far ones first;
-//! - `axes`: x, y and z with numbers, round a body;
-//! - `marks`: arrows, the tip's frame, poses, the floor;
-//! - `obstacles`: the scene around it;
-//! - `stage`: one body with all of that.
+//! - `camera`: the viewpoint
+//! - `place`: projection into the drawing
+//! - `tube`: the printed wall as shaded faces, far ones first
+//! - `axes`: x, y and z with numbers, around a body
+//! - `marks`: arrows, the tip's frame, poses, the floor
+//! - `obstacles`: the scene around it
+//! - `stage`: one body with its marks
 //!
-//! - **Faces.** The tube is rings of flat faces. Each ring is drawn after those farther away (painter's algorithm),
-//!   and the faces of one by how much they face the viewer. Two stretches that pass each other are ordered by their
-//!   rings. A ring ends with a piece of the path, after 2.9 degrees of bend, or after 0.7 radii of length. Long
-//!   bodies have longer rings, so that an SVG stays below 500 kB. Every face has an edge in its own colour, because
-//!   renderers leave seams otherwise.
+//! - **Faces.** The tube is rings of flat faces. Each ring is drawn after those farther away (painter's algorithm), and
+//!   the faces of a ring are ordered by how much they face the viewer. Two stretches that pass each other are ordered
+//!   by their rings. A ring ends with a piece of the path, after 2.9 degrees of bend, or after 0.7 radii of length.
+//!   Long bodies have longer rings, so that an SVG stays below 500 kB. Every face has an edge in its own colour,
+//!   because renderers leave seams otherwise.
 //! - **Around it.** The shadow is the tube's own, straight down onto a floor of whole squares. Arrows are solids,
 //!   drawn by their outlines in the order of depth. The tip's axes and the names lie over everything. The planned
 //!   tube of a run is two lines where a tube's surface turns away: its centreline, moved by a radius to both sides of
 //!   the line of sight.
 //! - **Colours of heights** end at percentiles 1 and 99 of all heights shown, so that a few layers do not take the
 //!   contrast from all others. The legend names the percentiles if there are heights beyond. Colour-blind readers can
-//!   distinguish the scales and series; viridis and cividis suit print in grey.
+//!   distinguish the scales and series. Viridis and cividis suit print in grey.
 //! - **Axes** are three edges of a box of whole squares, those that hide least of the body.
 //! - **Several bodies** have one camera and one scale. If start and goal are the same, they also have one frame, so
 //!   that equal places appear at equal places.
@@ -51,42 +52,43 @@ use crate::drawing::canvas::{Canvas, escape};
 use crate::drawing::chart::{number, round_below};
 use crate::drawing::colours::Palette;
 
-/// Width of a drawing, and how high a stage in it must be, and may be alone and beside another, units of the drawing.
+/// Width of a drawing, and heights of a body's area: minimum, maximum alone, and maximum next to another, units of the
+/// drawing.
 const WIDE: f64 = 960.0;
 const MIN_HIGH: f64 = 240.0;
 const HIGH: f64 = 600.0;
 const HIGH_OF_TWO: f64 = 440.0;
-/// Room round a body for arrows' words, and above and below it for caption, scale bar and legend.
+/// Margins around a body for the labels of the arrows, and above and below it for caption, scale bar and legend.
 const MARGIN: [f64; 2] = [44.0, 30.0];
 const HEAD: f64 = 84.0;
 const FOOT: f64 = 76.0;
-/// Left and right edge of what is written.
+/// Left and right margin of texts.
 const EDGE: f64 = 28.0;
-/// Width of a letter in a title and in what is written below it, about.
+/// Approximate width of a letter in a title and in the text below it.
 const TITLE_LETTER: f64 = 10.0;
 const LETTER: f64 = 6.8;
-/// Room above a body without a title, and round one with axes.
+/// Space above a body without a title, and around one with axes.
 const UNTITLED: f64 = 10.0;
 const AXES_ROOM: f64 = 44.0;
-/// The middle of the text between scale bar and legend, and the number of letters that fit.
+/// Middle of the text between scale bar and legend, and the number of letters that fit.
 const MIDDLE: f64 = 0.47 * WIDE;
 const MAX_LETTERS: usize = 70;
-/// How finely a body alone is drawn and each of two: a picture has some hundreds of kB.
+/// Detail of a body alone, and of one of two. A picture then has some hundreds of kB.
 const FINE: Detail = Detail { rings: 200, faces: 56 };
 const LESS_FINE: Detail = Detail { rings: 80, faces: 36 };
 
-/// What a picture shows, and how.
+/// Options of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// From where.
+    /// The viewpoint.
     pub look: Look,
-    /// The colours of heights.
+    /// Colours of heights.
     pub palette: Palette,
-    /// Where they end, mm; none to find it.
+    /// Range of the colours, mm. `None` to derive it from the heights.
     pub range: Option<[f64; 2]>,
-    /// Whether names and captions stand over the bodies.
+    /// True to draw names and captions above the bodies.
     pub title: bool,
-    /// Whether axes with numbers stand round them.
+    /// True to draw axes with numbers around the bodies.
     pub axes: bool,
 }
 
@@ -96,7 +98,7 @@ impl Default for Options {
     }
 }
 
-/// The picture of any number of bodies, which are then seen from one side and at one scale.
+/// Returns the picture of any number of bodies, with one camera and one scale.
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
@@ -112,7 +114,7 @@ pub fn svg(subjects: &[&Subject], options: &Options) -> Result<String, ViewError
     let boxes: Vec<Option<Axes>> = stages.iter().map(|stage| options.axes.then(|| stage.axes(square))).collect();
     let mut bounds: Vec<Bounds> =
         stages.iter().zip(&boxes).map(|(stage, axes)| stage.bounds(&camera, square, axes.as_ref())).collect();
-    // Bodies to one goal are seen in one frame, so that what is at one place is at one place.
+    // Bodies with the same start and goal share one frame, so that equal points appear at equal points.
     if stages.iter().all(|stage| stages.first().is_some_and(|first| stage.has_ends_of(first))) {
         let together = bounds.iter().fold(Bounds::NONE, |all, one| all.and(*one));
         bounds.fill(together);
@@ -153,18 +155,18 @@ pub fn svg(subjects: &[&Subject], options: &Options) -> Result<String, ViewError
     Ok(canvas.finish())
 }
 
-/// Where bodies stand in a picture.
+/// Arrangement of bodies in a picture.
 struct Grid {
     columns: usize,
     rows: usize,
-    /// Width of a column, and how high a stage may be, units of the drawing.
+    /// Width of a column, and greatest height of a body's area, units of the drawing.
     width: f64,
     max_high: f64,
     detail: Detail,
 }
 
 impl Grid {
-    /// For so many bodies.
+    /// Returns the grid for `count` bodies.
     fn of(count: usize) -> Self {
         let columns = match count {
             0 | 1 => 1,
@@ -175,20 +177,20 @@ impl Grid {
         Self { columns, rows: count.div_ceil(columns).max(1), width: WIDE / columns as f64, max_high, detail }
     }
 
-    /// The left upper corner of a body's place; `high`: of a row.
+    /// Returns the upper left corner of a body's area. `high` is the height of a row.
     fn corner(&self, index: usize, high: f64) -> [f64; 2] {
         [self.width * (index % self.columns) as f64, high * (index / self.columns) as f64]
     }
 }
 
-/// The colours of the layers of all bodies.
+/// Returns the colours of the layers of all bodies.
 fn height_scale(all: &[(&Subject, &Layers)], options: &Options) -> HeightScale {
     let bodies: Vec<(&[LayerBytes], f64)> =
         all.iter().map(|(subject, layers)| (layers.body(), subject.robot.tip_radius())).collect();
     HeightScale::of(&bodies, options.palette, options.range)
 }
 
-/// What the picture is called for who cannot see it.
+/// Returns the title for screen readers.
 fn spoken(all: &[(&Subject, &Layers)], stages: &[Stage]) -> String {
     let title = |((subject, layers), stage): (&(&Subject, &Layers), &Stage)| {
         let scene = stage.around().and_then(clear_of).map_or_else(String::new, |words| format!(", {words}"));
@@ -197,19 +199,19 @@ fn spoken(all: &[(&Subject, &Layers)], stages: &[Stage]) -> String {
     all.iter().zip(stages).map(title).collect::<Vec<_>>().join("; ")
 }
 
-/// How near a body comes to its scene, in a line.
+/// Returns a line with the smallest clearance of a body from its scene.
 fn clear_of(around: &Around) -> Option<String> {
     let (clearance, place) = around.clearance().zip(around.place())?;
     Some(format!("{}: narrowest {clearance}, {place}; obstacles: {}", around.file, around.shown.summary()))
 }
 
-/// How bodies are called: without their files' endings, unless they would have one name then.
+/// Returns the names of bodies: files without their extensions, unless two bodies would then have the same name.
 fn names<'a>(subjects: &[&'a Subject]) -> Vec<&'a str> {
     let alike = |one: &Subject| subjects.iter().filter(|other| other.stem() == one.stem()).count() > 1;
     subjects.iter().map(|subject| if alike(subject) { subject.name } else { subject.stem() }).collect()
 }
 
-/// The lines beside bodies, each once.
+/// Returns the lines next to all bodies, without repetitions.
 fn lines(stages: &[Stage]) -> Vec<Line> {
     stages.iter().flat_map(Stage::lines).fold(Vec::new(), |mut lines, line| {
         if !lines.contains(&line) {
@@ -219,19 +221,19 @@ fn lines(stages: &[Stage]) -> Vec<Line> {
     })
 }
 
-/// What the picture from a corner is to show, the first most: where goals point, and where they lie.
+/// Returns the directions that a picture from a corner shows best: first those of the goals, then those to the goals.
 fn facing(stages: &[Stage]) -> Vec<Vector3<f64>> {
     let goals = stages.iter().map(Stage::goal_direction);
     goals.chain(stages.iter().map(Stage::way_to_goal)).collect()
 }
 
-/// Units for a mm at which these bounds fit on a stage of this width and height.
+/// Returns the units for a mm at which these bounds fit into an area of this width and height.
 fn scale(bounds: &Bounds, [width, max_high]: [f64; 2], margin: [f64; 2]) -> f64 {
     let [wide, high] = bounds.size().map(|size| size.max(1.0));
     ((width - 2.0 * margin[0]) / wide).min((max_high - 2.0 * margin[1]) / high)
 }
 
-/// What is written over a stage, from this left upper corner on, `width` wide.
+/// Writes the texts above a body, from this upper left corner on, within `width`.
 fn head(canvas: &mut Canvas, [left, top]: [f64; 2], width: f64, name: &str, subject: &Subject, layers: &Layers) {
     canvas.text(left, top + 42.0, "title", escape(&fitting(name, width / TITLE_LETTER)));
     canvas.text(left, top + 64.0, "", escape(&fitting(&caption(subject, layers, name), width / LETTER)));
@@ -240,7 +242,7 @@ fn head(canvas: &mut Canvas, [left, top]: [f64; 2], width: f64, name: &str, subj
     }
 }
 
-/// A text, shortened to at most `max` letters.
+/// Returns a text, shortened to at most `max` letters.
 fn fitting(text: &str, max: f64) -> String {
     let max = max as usize;
     if text.chars().count() <= max {

@@ -1,4 +1,4 @@
-//! The scene around a body: obstacles as translucent outlines, between which the tube passes, and its narrowest place.
+//! The scene around a body: obstacles as translucent outlines between which the tube passes, and the narrowest point.
 
 use growbot_scene::obstacle_selection::SelectionLimits;
 use growbot_scene::shapes::{Shape, Triangle};
@@ -10,23 +10,23 @@ use super::place::{Place, outline, round_points, within};
 use crate::drawing::canvas::Canvas;
 use crate::view::around::Around;
 
-/// A picture shows no more of a scene.
+/// Largest part of a scene that a picture shows.
 pub const LIMITS: SelectionLimits = SelectionLimits { shapes: 300, triangles: 4000, points: 3000 };
 
-/// The colours of obstacles, of half spaces and of the narrowest place.
+/// Colours of obstacles, of half spaces and of the narrowest point.
 const OBSTACLE: &str = "#7a6a55";
 const PLANE: &str = "#8a94a3";
 const NARROWEST: &str = "#b3261e";
-/// How opaque faces and their edges are.
+/// Opacity of faces and of their edges.
 const FACE: &str = "fill-opacity=\".17\" stroke-opacity=\".4\"";
 const FINE_FACE: &str = "fill-opacity=\".14\" stroke-opacity=\".12\"";
-/// Points along an obstacle of which one is to be nearest to the tube in the picture.
+/// Number of points along an obstacle among which the one nearest to the tube in the picture is searched.
 const SAMPLES: u32 = 24;
 
 /// A rectangle of the drawing: left, top, right, bottom.
 pub type Room = [f64; 4];
 
-/// The obstacles as pieces of the drawing within this room, each with how near it is; `tube` are places of the
+/// Returns the obstacles within a rectangle as pieces of the drawing, each with its depth. `tube` holds points of the
 /// centreline.
 pub fn pieces(around: &Around, tube: &[Vector3<f64>], place: &Place, room: &Room) -> Vec<(f64, String)> {
     let shown = &around.shown;
@@ -40,7 +40,7 @@ pub fn pieces(around: &Around, tube: &[Vector3<f64>], place: &Place, room: &Room
         }
     };
     for square in &shown.squares {
-        // Behind everything on its free side.
+        // A half space lies behind everything on its free side.
         let near = square.iter().map(|corner| camera.nearness(corner)).fold(f64::INFINITY, f64::min);
         add(near, square.iter().map(|corner| place.point(corner)).collect(), PLANE, FINE_FACE);
     }
@@ -74,7 +74,7 @@ pub fn pieces(around: &Around, tube: &[Vector3<f64>], place: &Place, room: &Room
     pieces
 }
 
-/// How near a shape is where it passes the tube in the picture.
+/// Returns the depth of a shape where it passes the tube in the picture.
 fn nearness(shape: &Shape, tube: &[Vector3<f64>], place: &Place) -> f64 {
     let (from, to) = match shape {
         Shape::Ball { centre, .. } => (*centre, *centre),
@@ -96,7 +96,7 @@ fn nearness(shape: &Shape, tube: &[Vector3<f64>], place: &Place) -> f64 {
     camera.nearness(&nearest.map_or(from, |(_, at)| at))
 }
 
-/// The faces of a box that look at the camera.
+/// Returns the faces of a box that face the camera.
 fn faces(
     centre: &Vector3<f64>,
     half: &Vector3<f64>,
@@ -114,7 +114,7 @@ fn faces(
     })
 }
 
-/// The ball of a point, as large as can be seen.
+/// Returns the ball of a point, at least as large as can be seen.
 fn dot(place: &Place, at: &Vector3<f64>, radius: f64) -> Vec<[f64; 2]> {
     let [x, y] = place.point(at);
     let radius = (radius * place.scale).max(0.8);
@@ -125,7 +125,7 @@ fn dot(place: &Place, at: &Vector3<f64>, radius: f64) -> Vec<[f64; 2]> {
     (0..6).map(corner).collect()
 }
 
-/// The narrowest place, marked over everything; `along`: the body's direction there, which the words avoid.
+/// Marks the narrowest point, over everything. `along` is the body's direction there, and the label avoids it.
 pub fn mark(canvas: &mut Canvas, place: &Place, around: &Around, along: &Vector3<f64>) {
     let (Some((found, _)), Some(clearance)) = (&around.narrowest, around.clearance()) else { return };
     let [from, to] = [&found.on_body, &found.on_obstacle].map(|point| place.point(point));

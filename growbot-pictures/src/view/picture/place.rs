@@ -1,4 +1,4 @@
-//! Where points are in a drawing, and the outlines of solids there.
+//! Projection of points into a drawing, and the outlines of solids there.
 
 use std::f64::consts::TAU;
 use std::fmt::Write;
@@ -7,20 +7,20 @@ use nalgebra::Vector3;
 
 use super::camera::Camera;
 
-/// What a stretch of the picture takes: min and max, rightwards and upwards, mm.
+/// A rectangle of the picture: min and max, to the right and up, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
-    /// Least, rightwards and upwards.
+    /// Smallest coordinates, to the right and up.
     pub min: [f64; 2],
-    /// Greatest.
+    /// Greatest coordinates.
     pub max: [f64; 2],
 }
 
 impl Bounds {
-    /// Nothing yet.
+    /// Empty bounds.
     pub const NONE: Self = Self { min: [f64::INFINITY; 2], max: [f64::NEG_INFINITY; 2] };
 
-    /// With this point and so much around it.
+    /// Returns bounds that also contain the square of half side `around` about a point.
     pub fn with(self, [right, up]: [f64; 2], around: f64) -> Self {
         Self {
             min: [self.min[0].min(right - around), self.min[1].min(up - around)],
@@ -28,51 +28,51 @@ impl Bounds {
         }
     }
 
-    /// Both.
+    /// Returns bounds that contain both.
     pub fn and(self, other: Self) -> Self {
         self.with(other.min, 0.0).with(other.max, 0.0)
     }
 
-    /// Width and height.
+    /// Returns width and height.
     pub fn size(&self) -> [f64; 2] {
         [self.max[0] - self.min[0], self.max[1] - self.min[1]]
     }
 
-    /// The middle.
+    /// Returns the centre.
     pub fn centre(&self) -> [f64; 2] {
         [0.5 * (self.min[0] + self.max[0]), 0.5 * (self.min[1] + self.max[1])]
     }
 }
 
-/// Where the picture of a camera goes in a drawing.
+/// Projection of a camera's picture into a drawing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
-    /// From where.
+    /// The camera.
     pub camera: Camera,
     /// Units of the drawing for a mm.
     pub scale: f64,
-    /// What the camera sees there (mm) is at `at` in the drawing.
+    /// Point of the camera's picture (mm) that is drawn at `at`.
     pub centre: [f64; 2],
-    /// In units of the drawing, rightwards and downwards.
+    /// Point in units of the drawing, to the right and down.
     pub at: [f64; 2],
 }
 
 impl Place {
-    /// Where a point is in the drawing.
+    /// Returns the position of a point in the drawing.
     pub fn point(&self, point: &Vector3<f64>) -> [f64; 2] {
         let [right, up] = self.camera.see(point);
         [self.at[0] + self.scale * (right - self.centre[0]), self.at[1] - self.scale * (up - self.centre[1])]
     }
 
-    /// Which way a direction goes in the drawing, as long as it is seen.
+    /// Returns a direction in the drawing. It is as long as the projected direction.
     pub fn direction(&self, direction: &Vector3<f64>) -> [f64; 2] {
         let [right, up] = self.camera.see(direction);
         [right, -up]
     }
 }
 
-/// A closed outline through corners, as the `d` of a path: from corner to corner in tenths, in as few letters as there
-/// may be.
+/// Returns a closed outline through corners, as the `d` of a path. Coordinates are rounded to tenths and relative, in
+/// as few characters as possible.
 pub fn outline(corners: &[[f64; 2]]) -> String {
     let mut path = String::with_capacity(8 * corners.len());
     let mut before: Option<[i64; 2]> = None;
@@ -89,7 +89,7 @@ pub fn outline(corners: &[[f64; 2]]) -> String {
     path + "z"
 }
 
-/// A letter and two numbers, given in tenths.
+/// Appends a letter and two numbers, given in tenths.
 fn push(path: &mut String, letter: &str, [x, y]: [i64; 2]) {
     *path += letter;
     for (part, first) in [(x, !letter.is_empty()), (y, false)] {
@@ -106,12 +106,12 @@ fn push(path: &mut String, letter: &str, [x, y]: [i64; 2]) {
     }
 }
 
-/// The outline of a solid that has its corners on rounds: each a middle, an axis and a radius, mm.
+/// Returns the outline of a solid whose corners lie on circles, each with a centre, an axis and a radius, mm.
 pub fn solid(place: &Place, rounds: &[(Vector3<f64>, Vector3<f64>, f64)]) -> String {
     outline(&round_points(place, rounds))
 }
 
-/// The same, as its corners.
+/// Returns the corners of that outline.
 pub fn round_points(place: &Place, rounds: &[(Vector3<f64>, Vector3<f64>, f64)]) -> Vec<[f64; 2]> {
     const CORNERS: u32 = 20;
     let mut points: Vec<[f64; 2]> = Vec::new();
@@ -126,9 +126,9 @@ pub fn round_points(place: &Place, rounds: &[(Vector3<f64>, Vector3<f64>, f64)])
     hull(points)
 }
 
-/// The part of a convex outline that lies within a rectangle: left, top, right, bottom (Sutherland and Hodgman 1974).
+/// Returns the part of a convex outline within a rectangle: left, top, right, bottom (Sutherland and Hodgman 1974).
 pub fn within(mut corners: Vec<[f64; 2]>, [left, top, right, bottom]: &[f64; 4]) -> Vec<[f64; 2]> {
-    // Axis, limit, and 1 where the limit is the least value.
+    // Axis, limit, and 1 if the limit is a lower one.
     for (axis, limit, sign) in [(0, *left, 1.0), (0, *right, -1.0), (1, *top, 1.0), (1, *bottom, -1.0)] {
         let inside = |corner: &[f64; 2]| sign * (corner[axis] - limit);
         let mut kept = Vec::with_capacity(corners.len() + 1);
@@ -148,7 +148,7 @@ pub fn within(mut corners: Vec<[f64; 2]>, [left, top, right, bottom]: &[f64; 4])
     corners
 }
 
-/// The corners of the convex outline of points.
+/// Returns the corners of the convex hull of points.
 fn hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     let left = |a: &[f64; 2], b: &[f64; 2], c: &[f64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);

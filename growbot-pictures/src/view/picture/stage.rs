@@ -1,4 +1,4 @@
-//! One body in the picture, with what stands around it.
+//! One body in the picture, with its marks.
 
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::pose::{Frame, Pose};
@@ -16,14 +16,14 @@ use crate::view::around::Around;
 use crate::view::heights::HeightScale;
 use crate::view::{Layers, Subject, measured_end};
 
-/// Colours of marks, and of what lies behind: as the page has them.
+/// Colours of marks and of the background, equal to the page's.
 const START: &str = "#2b8a57";
 const GOAL: &str = "#b3367a";
 const REACHED: &str = "#4a5563";
 const GHOST: &str = "#a9b2be";
 const SHADOW: &str = "#e6e9ee";
 
-/// The lines that may lie beside a body: names, and how they are drawn.
+/// Lines that may be drawn next to a body: names and styles.
 const PLANNED_LINE: Line =
     Line { name: "plan", style: "stroke=\"#4a5563\" stroke-width=\"1.3\" stroke-dasharray=\"7 4\"" };
 const COMMANDED_LINE: Line =
@@ -33,18 +33,18 @@ const ESTIMATED_LINE: Line = Line { name: "estimated", style: "stroke=\"#c2185b\
 /// A body and its marks, mm.
 pub struct Stage {
     tube: Tube,
-    /// The planned body, where another one is shown.
+    /// The planned body, if another body is shown.
     planned: Option<Tube>,
-    /// Where the tip would be if the plastic lay as commanded, where it is known not to.
+    /// Positions of the tip if the plastic lay as commanded. `None` unless the plastic is known to lie otherwise.
     commanded: Option<Vec<Vector3<f64>>>,
-    /// Where feedback took the tip to be.
+    /// Positions of the tip as estimated by feedback.
     estimated: Option<Vec<Vector3<f64>>>,
-    /// The scene around it.
+    /// The scene around the body.
     around: Option<Around>,
     start: Pose,
     goal: Pose,
     via: Vec<Pose>,
-    /// Where the tip really is, if it is not at the goal.
+    /// Measured position of the tip. `None` if it is at the goal or was not measured.
     reached: Option<Vector3<f64>>,
     outer: f64,
     /// Length of arrows.
@@ -54,7 +54,7 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// Of this subject.
+    /// Returns the body of a subject with its marks.
     pub fn new(subject: &Subject, layers: &Layers, detail: Detail) -> Self {
         let Subject { robot, plan, .. } = subject;
         let outer = 0.5 * robot.outer_diameter();
@@ -67,7 +67,7 @@ impl Stage {
         let reach = (3.0 * outer).max(0.06 * (max - min).norm());
         let tail = plan.start.position() - reach * plan.start.direction();
         let floor = min.z.min(tail.z) - outer;
-        // What is less than a dot off the tip is said in words only.
+        // A distance from the goal of less than a dot is given as text only.
         let reached = subject.run.and_then(measured_end).map(|(reached, _)| reached.position());
         let reached = reached.filter(|reached| (reached - plan.goal.position()).norm() > 0.5 * outer);
         Self {
@@ -86,42 +86,42 @@ impl Stage {
         }
     }
 
-    /// The lines beside the body.
+    /// Returns the lines next to the body.
     pub fn lines(&self) -> impl Iterator<Item = Line> {
         let planned = self.planned.as_ref().map(|_| PLANNED_LINE);
         let commanded = self.commanded.as_ref().map(|_| COMMANDED_LINE);
         planned.into_iter().chain(commanded).chain(self.estimated.as_ref().map(|_| ESTIMATED_LINE))
     }
 
-    /// The scene around it.
+    /// Returns the scene around the body.
     pub fn around(&self) -> Option<&Around> {
         self.around.as_ref()
     }
 
-    /// Whether it has a word for where the tip really is.
+    /// Returns true if the measured position of the tip has a label.
     pub fn has_reached(&self) -> bool {
         self.reached.is_some()
     }
 
-    /// Where the goal points.
+    /// Returns the direction of the goal.
     pub fn goal_direction(&self) -> Vector3<f64> {
         self.goal.direction()
     }
 
-    /// How to get there.
+    /// Returns the vector from the start to the goal.
     pub fn way_to_goal(&self) -> Vector3<f64> {
         self.goal.position() - self.start.position()
     }
 
-    /// Whether it is to go from and to where the other is.
+    /// Returns true if both bodies have the same start and goal.
     pub fn has_ends_of(&self, other: &Self) -> bool {
         self.start == other.start && self.goal == other.goal
     }
 
-    /// Axes round it, with ticks this far apart or further, mm.
+    /// Returns the axes around the body, with ticks at least this far apart, mm.
     pub fn axes(&self, square: f64) -> Axes {
         let points = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
-        // With room for the words beyond both arrows.
+        // The axes leave space for the labels beyond both arrows.
         let below = Vector3::new(0.0, 0.0, 0.8 * self.reach);
         let goal = self.goal_arrow();
         let ends = [self.start_arrow().from - below, goal.from + 1.6 * goal.length * goal.along];
@@ -132,11 +132,11 @@ impl Stage {
         Axes::round(min, max, square)
     }
 
-    /// What is to be seen of it, with a floor of squares of this side, mm, or axes.
+    /// Returns the bounds of the body with its marks, and with the axes or a floor of squares of this side, mm.
     pub fn bounds(&self, camera: &Camera, square: f64, axes: Option<&Axes>) -> Bounds {
         let centrelines = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
         let lines = centrelines.chain(self.commanded.iter().chain(&self.estimated).flatten().copied());
-        // Of a scene something is seen beside the body.
+        // A part of the scene is visible next to the body.
         let room = if self.around.is_some() { 2.0 * self.reach } else { self.outer };
         let seen = lines.fold(Bounds::NONE, |seen, point| seen.with(camera.see(&point), room));
         let [start, goal] = [self.start_arrow(), self.goal_arrow()];
@@ -149,30 +149,30 @@ impl Stage {
         floor.iter().flat_map(Floor::corners).fold(seen, |seen, corner| seen.with(camera.see(&corner), 0.0))
     }
 
-    /// The floor, of squares of this side, mm.
+    /// Returns the floor, with squares of this side, mm.
     fn floor(&self, square: f64) -> Option<Floor> {
         Some(Floor::under(&self.ground()?, self.floor, square))
     }
 
-    /// What lies under it, x and y.
+    /// Returns the bounds of the area under the body, x and y.
     fn ground(&self) -> Option<Bounds> {
         let points = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
         let points = points.chain([self.goal.position()]).map(|point| [point.x, point.y]);
         points.map(|point| Bounds::NONE.with(point, self.outer)).reduce(Bounds::and)
     }
 
-    /// Side of the floor's squares that suits it, mm.
+    /// Returns a suitable side of the floor's squares, mm.
     pub fn square(&self) -> f64 {
         let [wide, deep] = self.ground().map_or([0.0; 2], |ground| ground.size());
         round_below(0.3 * (0.5 * libm::hypot(wide, deep)).max(200.0))
     }
 
-    /// A floor that is seen from its edge tells nothing, and one from above hides behind the body.
+    /// Returns true if the floor is drawn. From its edge a floor shows nothing, and from above the body hides it.
     fn has_floor(&self, camera: &Camera) -> bool {
         (0.1..0.9).contains(&camera.towards.z)
     }
 
-    /// It leads to the start.
+    /// Returns the arrow that leads to the start.
     fn start_arrow(&self) -> Arrow {
         let along = self.start.direction();
         Arrow {
@@ -183,7 +183,7 @@ impl Stage {
         }
     }
 
-    /// It leaves the goal, or the axes of a tip that is there.
+    /// Returns the arrow that leaves the goal. It begins beyond the axes of the tip if the tip is there.
     fn goal_arrow(&self) -> Arrow {
         let there = (self.tube.base_from_tip().translation.vector - self.goal.position()).norm() < self.outer;
         let along = self.goal.direction();
@@ -191,13 +191,13 @@ impl Stage {
         Arrow { from, along, length: self.reach, thick: 0.035 * self.reach }
     }
 
-    /// Length of the tip's axes.
+    /// Returns the length of the tip's axes.
     fn axis(&self) -> f64 {
         2.0 * self.outer
     }
 
-    /// Draws it, coloured by these heights, obstacles within this room; the floor has squares of this side, mm, or is
-    /// that of the axes.
+    /// Draws the body, coloured by these heights, and the obstacles within a rectangle. The floor has squares of this
+    /// side, mm, or is that of the axes.
     pub fn draw(
         &self,
         canvas: &mut Canvas,
@@ -233,13 +233,13 @@ impl Stage {
             pieces.extend(obstacles::pieces(around, &tube, place, room));
         }
         pieces.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // Edges in the colour of the face leave no seams.
+        // Edges in the colour of their face leave no seams.
         canvas.add("<g stroke-width=\".7\" stroke-linejoin=\"round\">");
         for (_, piece) in &pieces {
             canvas.add(piece.trim_end());
         }
         canvas.add("</g>");
-        // The dashed line last: where both agree, both are seen.
+        // The dashed line is drawn last, so that both lines are visible where they coincide.
         if let Some(estimated) = &self.estimated {
             ESTIMATED_LINE.draw(canvas, place, estimated.iter().copied());
         }
@@ -255,7 +255,7 @@ impl Stage {
         self.words(canvas, place);
     }
 
-    /// Which way the body goes at its narrowest place.
+    /// Returns the direction of the body at its narrowest point.
     fn way_past(&self, around: &Around) -> Vector3<f64> {
         let Some((found, _)) = &around.narrowest else { return Vector3::z() };
         let frames = self.tube.frames();
@@ -264,7 +264,7 @@ impl Stage {
         nearest.map_or_else(Vector3::z, |frame| frame.rotation * Vector3::z())
     }
 
-    /// What lies over everything: the tip's axes, poses on the way, and names.
+    /// Draws what lies over everything: the tip's axes, poses on the way, and labels.
     fn words(&self, canvas: &mut Canvas, place: &Place) {
         draw_axes(canvas, place, &self.tube.base_from_tip(), self.axis());
         let [start, goal] = [self.start_arrow(), self.goal_arrow()];

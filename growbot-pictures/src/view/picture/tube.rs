@@ -15,47 +15,47 @@ use super::place::{Place, outline};
 use crate::drawing::colours::hex;
 use crate::view::heights::HeightScale;
 
-/// The rim of the wall, and the inside of the tube.
+/// Colours of the rim of the wall and of the inside of the tube.
 const RIM: &str = "#9aa3b0";
 const INSIDE: &str = "#4a5361";
 
-/// Corners of a ring that is seen whole.
+/// Number of corners of a ring that is seen whole.
 const CORNERS: u32 = 72;
-/// A stretch between rings is no longer than this many radii of the tube and not bent by more than that, radians: of
-/// less nothing is seen.
+/// Greatest length of a stretch between rings, in radii of the tube, and greatest bend, radians. Finer rings would show
+/// no difference.
 const LONG: f64 = 0.7;
 const BENT: f64 = 0.05;
-/// Where the light comes from, rightwards, upwards and towards who looks, and how bright it and what is around are.
+/// Direction of the light (to the right, up and towards the viewer), and strengths of the direct and the ambient light.
 const LIGHT: [f64; 3] = [-0.5, 0.8, 2.0];
 const SUN: f64 = 2.4;
 const AROUND: f64 = 1.3;
 
-/// A tube: rings, each at the end of some layers, and the layer in the middle of those.
+/// A tube, as rings. Each ring is at the end of some layers and has the layer in the middle of these.
 #[derive(Debug, Clone)]
 pub struct Tube {
-    /// Where it begins.
+    /// Frame of the start.
     pub base_from_start: Frame,
-    /// The rings after that.
+    /// Rings after the start.
     rings: Vec<(Frame, Layer)>,
-    /// Radius over the wall, on its middle where layers are measured, and inside, mm.
+    /// Radius of the outside of the wall, of its middle, where layers are measured, and of its inside, mm.
     outer: f64,
     tip_radius: f64,
     inner: f64,
-    /// Faces round it, of which half are seen.
+    /// Number of faces around the tube. Half of them are visible.
     faces: u32,
 }
 
-/// How finely a tube is drawn.
+/// Detail of a drawn tube.
 #[derive(Debug, Clone, Copy)]
 pub struct Detail {
-    /// Some such number of rings at most.
+    /// Approximate greatest number of rings.
     pub rings: usize,
-    /// Faces round it.
+    /// Number of faces around the tube.
     pub faces: u32,
 }
 
 impl Tube {
-    /// Of these layers; radii over the wall, on its middle and inside it, mm.
+    /// Returns a tube of these layers. The radii are those of the outside, the middle and the inside of the wall, mm.
     pub fn new(
         base_from_start: Frame,
         layers: &[LayerBytes],
@@ -73,22 +73,22 @@ impl Tube {
         Self { base_from_start, rings: rings.collect(), outer, tip_radius, inner, faces: detail.faces }
     }
 
-    /// The tip.
+    /// Returns the frame of the tip.
     pub fn base_from_tip(&self) -> Frame {
         self.rings.last().map_or(self.base_from_start, |(frame, _)| *frame)
     }
 
-    /// All frames along it.
+    /// Returns all frames along the tube.
     pub fn frames(&self) -> impl Iterator<Item = Frame> + '_ {
         std::iter::once(self.base_from_start).chain(self.rings.iter().map(|(frame, _)| *frame))
     }
 
-    /// Its centreline.
+    /// Returns the points of the centreline.
     pub fn centreline(&self) -> impl Iterator<Item = Vector3<f64>> + '_ {
         self.frames().map(|frame| frame.translation.vector)
     }
 
-    /// The faces that are seen, ring by ring, each with how near it is; coloured by the heights of layers.
+    /// Returns the visible faces, ring by ring, each ring with its depth. Faces are coloured by the heights of layers.
     pub fn pieces(&self, camera: &Camera, place: &Place, heights: &HeightScale) -> Vec<(f64, String)> {
         let mut pieces = Vec::with_capacity(self.rings.len() + 2);
         let mut below = self.base_from_start;
@@ -99,7 +99,7 @@ impl Tube {
                     [0.0, 0.5, 1.0].map(|part| TAU * (f64::from(face) + part) / f64::from(self.faces));
                 let normal = around(frame, middle);
                 let facing = normal.dot(&camera.towards);
-                // A little round the edge, so that no gap is left there.
+                // Faces a little around the edge are drawn too, so that no gap is left there.
                 if facing < -0.06 {
                     continue;
                 }
@@ -123,7 +123,7 @@ impl Tube {
         pieces
     }
 
-    /// The open end: the rim, and what is seen inside; none where it looks away.
+    /// Returns the rim and the visible inside of an open end. `None` if the end faces away.
     fn end(&self, frame: &Frame, outwards: f64, camera: &Camera, place: &Place) -> Option<(f64, String)> {
         let ahead = outwards * (frame.rotation * Vector3::z());
         (ahead.dot(&camera.towards) > 0.0).then(|| {
@@ -136,12 +136,12 @@ impl Tube {
                 "<path fill=\"{RIM}\" stroke=\"{RIM}\" d=\"{rim}\"/>\n<path fill=\"{INSIDE}\" stroke=\"none\" \
                  d=\"{inside}\"/>\n"
             );
-            // Before the ring that ends there.
+            // The end is nearer than the ring that ends there, so it is drawn later.
             (camera.nearness(&(frame.translation.vector + 0.02 * self.outer * ahead)), faces)
         })
     }
 
-    /// Its two edges in the picture, as the tube of a plan is drawn behind the one as built.
+    /// Returns the two edges of the tube in the picture. They show the planned tube behind the one as built.
     pub fn edges(&self, camera: &Camera, place: &Place) -> [String; 2] {
         [-1.0, 1.0].map(|side| {
             let points = self.frames().filter_map(|frame| {
@@ -153,7 +153,7 @@ impl Tube {
         })
     }
 
-    /// Its shadow on a floor at this height, mm: faces of one colour.
+    /// Returns the shadow on a floor at this height (mm), as faces of one colour.
     pub fn shadow(&self, floor: f64, place: &Place) -> String {
         let onto = |point: Vector3<f64>| place.point(&Vector3::new(point.x, point.y, floor));
         let mut shadow = String::new();
@@ -170,14 +170,14 @@ impl Tube {
             }
         }
         for end in [self.base_from_start, self.base_from_tip()] {
-            // A tube that ends upright ends in a disc, one that lies in a line.
+            // A tube that ends upright ends in a disc. A tube that ends horizontally ends in a line.
             shadow += &outline(&one_way_round(round().map(|angle| onto(on(&end, angle, self.outer))).collect()));
         }
         shadow
     }
 }
 
-/// Corners in the order in which they go round one way: overlapping outlines of a path then add up.
+/// Returns corners in one sense of rotation, so that overlapping outlines of a path add up.
 fn one_way_round(mut corners: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     let next = corners.iter().skip(1).chain(corners.first());
     let area: f64 = corners.iter().zip(next).map(|(a, b)| a[0] * b[1] - b[0] * a[1]).sum();
@@ -187,8 +187,9 @@ fn one_way_round(mut corners: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     corners
 }
 
-/// Layers by rings: each stretch as long and as bent as is not seen, or, if that were too many, as gives so many; and
-/// none with layers of two kinds, where there are few kinds.
+/// Divides layers into one stretch for each ring. A stretch is so short and so little bent that no difference is
+/// visible, unless that gives more than about `max` stretches. If there are few pieces, no stretch crosses from one
+/// piece of the path to the next.
 fn stretches(layers: &[Layer], max: usize, outer: f64) -> Vec<&[Layer]> {
     let max = max.max(1);
     let length: f64 = layers.iter().map(|layer| layer.height).sum();
@@ -215,7 +216,7 @@ fn stretches(layers: &[Layer], max: usize, outer: f64) -> Vec<&[Layer]> {
     stretches
 }
 
-/// Whether another piece of the path begins between two layers, by how they look.
+/// Returns true if two successive layers differ so much that they belong to different pieces of the path.
 fn is_other(one: &Layer, next: &Layer) -> bool {
     let high = one.height.max(next.height);
     (one.height - next.height).abs() > 0.05 * high
@@ -223,22 +224,22 @@ fn is_other(one: &Layer, next: &Layer) -> bool {
         || (one.tilt > 1e-4 && libm::cos(one.alpha - next.alpha) < 0.99)
 }
 
-/// Angles round a ring.
+/// Returns the angles of the corners of a ring.
 fn round() -> impl Iterator<Item = f64> {
     (0..CORNERS).map(|corner| TAU * f64::from(corner) / f64::from(CORNERS))
 }
 
-/// Outwards at an angle round a ring.
+/// Returns the outward direction at an angle around a ring.
 fn around(frame: &Frame, angle: f64) -> Vector3<f64> {
     frame.rotation * Vector3::new(libm::cos(angle), libm::sin(angle), 0.0)
 }
 
-/// A point on a ring.
+/// Returns a point on a ring.
 fn on(frame: &Frame, angle: f64, radius: f64) -> Vector3<f64> {
     frame.translation.vector + radius * around(frame, angle)
 }
 
-/// A colour as it is seen on a dull surface that faces there: reckoned in linear light, as three.js does.
+/// Returns a colour as seen on a matt surface with this normal, computed in linear light like three.js.
 fn shaded(colour: [u8; 3], normal: &Vector3<f64>, camera: &Camera) -> [u8; 3] {
     let light = Vector3::from(LIGHT).normalize();
     let facing = [&camera.right, &camera.up, &camera.towards].map(|axis| axis.dot(normal));
@@ -276,7 +277,7 @@ mod tests {
         assert_eq!(found.concat(), layers);
         assert!(found.len() < 60, "{}", found.len());
         assert!(found.iter().all(|stretch| stretch.windows(2).all(|pair| pair[0] == pair[1])));
-        // Few rings are few for any layers.
+        // The number of rings stays small for any layers.
         let noisy: Vec<Layer> =
             (0..5000).map(|i| Layer { height: 0.7 + 0.1 * f64::from(i % 2), ..layers[0] }).collect();
         assert!(stretches(&noisy, 100, 22.0).len() <= 101);

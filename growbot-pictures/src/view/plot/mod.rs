@@ -1,7 +1,7 @@
-//! Layers, error and temperature along a body or over time, of one body or several: one panel each under one axis, as
-//! one SVG.
+//! Plots of layers, error and temperature along a body or over time, for one body or several. Each quantity has a
+//! panel, all panels share one axis, and the plot is one SVG.
 //!
-//! Beyond 800 layers those of a stretch become one point: their mean, and for the wall the min and the max. The time
+//! Beyond 800 layers, those of a stretch become one point: their mean, and for the wall the min and the max. The time
 //! of a run log is that of recordings ([`growbot_client::run_clock`]).
 
 pub(crate) mod series;
@@ -19,20 +19,20 @@ use crate::drawing::canvas::{Canvas, escape};
 use crate::drawing::chart::{Panel, Scale, number};
 use crate::drawing::colours::{SERIES, series};
 
-/// What a panel shows.
+/// Quantity of a panel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
-    /// Heights of the layers: mean, and over the wall.
+    /// Heights of the layers: the mean, and the range around the wall.
     Heights,
     /// Tilt of the layers.
     Tilt,
-    /// How far the body lies off its plan; of a run.
+    /// Deviation of the body from its plan. Runs only.
     Error,
-    /// Temperature of the nozzle and its setpoint; of a run.
+    /// Temperature of the nozzle and its setpoint. Runs only.
     Temperature,
 }
 
-/// What the axis is.
+/// Quantity of the horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Along {
     /// Length of the body.
@@ -41,8 +41,8 @@ pub enum Along {
     Time,
 }
 
-/// Width of a drawing, left and right edge of its panels, height of one and the gap above it, and room above and below
-/// all.
+/// Width of a drawing, left and right margin of its panels, height of a panel and the gap above it, and space above and
+/// below all panels.
 const WIDE: f64 = 960.0;
 const LEFT: f64 = 96.0;
 const RIGHT: f64 = 28.0;
@@ -50,49 +50,49 @@ const HIGH: f64 = 140.0;
 const GAP: f64 = 52.0;
 const HEAD: f64 = 72.0;
 const FOOT: f64 = 62.0;
-/// Room over the panels of a body without a title.
+/// Space above the panels of a body without a title.
 const UNTITLED: f64 = -14.0;
-/// Left edge of what is written over them.
+/// Left margin of the texts above the panels.
 const EDGE: f64 = 28.0;
-/// A line has no more points: of more, those of a stretch become one.
+/// Greatest number of points of a line. If there are more, those of a stretch become one.
 const MAX_POINTS: usize = 800;
 
-/// The axis of the error is never finer than this, mm: what is off by less is rounding.
+/// Smallest range of the error's axis, mm. Smaller deviations are rounding errors.
 const FINEST: f64 = 0.001;
 
 const BAND: &str = "#c9dbe8";
-/// The setpoint, and what was commanded, beside the line of one body.
+/// Colour of the setpoint and of commanded values, next to the line of one body.
 const DASHED: &str = "#d55e00";
-/// Names of bodies over the panels: rows of so many.
+/// Number of names in a row above the panels, and height of such a row.
 const NAMES_IN_ROW: usize = 3;
 const NAMES_ROW: f64 = 20.0;
-/// Letters of a name that fit into its place.
+/// Number of letters of a name that fit into its column.
 const NAME_LETTERS: usize = 34;
 
-/// A body, and the bytes of its log where it is a run.
+/// A body, with the bytes of its log if it is a run.
 #[derive(Debug, Clone, Copy)]
 pub struct Plotted<'a> {
     /// The body.
     pub subject: &'a Subject<'a>,
-    /// Its log.
+    /// Bytes of the log.
     pub log: Option<&'a [u8]>,
 }
 
-/// What is plotted, and how.
+/// Options of a plot.
 #[derive(Debug, Clone, Copy)]
 pub struct Options<'a> {
-    /// A panel for each.
+    /// Quantities, each with a panel.
     pub quantities: &'a [Quantity],
-    /// What goes along.
+    /// Quantity of the horizontal axis.
     pub along: Along,
-    /// Whether names and captions stand over the panels.
+    /// True to draw names and captions above the panels.
     pub title: bool,
 }
 
-/// The panels of a body, or of several in the same panels.
+/// Returns the panels of a body, or of several bodies in the same panels.
 ///
 /// # Errors
-/// [`ViewError`]: too many layers, or something that a body does not have.
+/// [`ViewError`] if a body has too many layers or lacks a quantity.
 pub fn svg(plotted: &[Plotted], options: &Options) -> Result<String, ViewError> {
     let curves = plotted.iter().map(Curve::of).collect::<Result<Vec<_>, _>>()?;
     let axis = Axis::new(options.along, &curves);
@@ -119,13 +119,13 @@ pub fn svg(plotted: &[Plotted], options: &Options) -> Result<String, ViewError> 
     Ok(canvas.finish())
 }
 
-/// How bodies are called: without their files' endings, unless they would have one name then.
+/// Returns the names of bodies: files without their extensions, unless two bodies would then have the same name.
 fn names<'a>(plotted: &[Plotted<'a>]) -> Vec<&'a str> {
     let alike = |one: &Subject| plotted.iter().filter(|other| other.subject.stem() == one.stem()).count() > 1;
     plotted.iter().map(|Plotted { subject, .. }| if alike(subject) { subject.name } else { subject.stem() }).collect()
 }
 
-/// Room over the panels.
+/// Returns the space above the panels.
 fn head_height(curves: &[Curve], title: bool) -> f64 {
     match curves {
         [_] if !title => UNTITLED,
@@ -134,7 +134,7 @@ fn head_height(curves: &[Curve], title: bool) -> f64 {
     }
 }
 
-/// What is written over the panels of one body.
+/// Writes the texts above the panels of one body.
 fn title(canvas: &mut Canvas, curve: &Curve) {
     let subject = curve.subject;
     canvas.text(EDGE, 42.0, "title", escape(subject.stem()));
@@ -144,7 +144,7 @@ fn title(canvas: &mut Canvas, curve: &Curve) {
     }
 }
 
-/// Names of several bodies with samples of their lines, from this height on.
+/// Draws the names of several bodies with samples of their lines, from this height on.
 fn key(canvas: &mut Canvas, names: &[&str], top: f64) {
     let width = (WIDE - LEFT - RIGHT) / NAMES_IN_ROW as f64;
     for (index, name) in names.iter().enumerate() {
@@ -156,14 +156,14 @@ fn key(canvas: &mut Canvas, names: &[&str], top: f64) {
     }
 }
 
-/// How the line of a body is drawn: beyond the last colour, with dashes too.
+/// Returns the style of the line of a body. Beyond the last colour, lines are dashed too.
 fn line_style(index: usize) -> String {
     let dashes = ["", " stroke-dasharray=\"9 3\"", " stroke-dasharray=\"3 2\""];
     let dash = dashes[index / SERIES.len() % dashes.len()];
     format!("stroke=\"{}\" stroke-width=\"1.6\" stroke-linejoin=\"round\"{dash}", series(index))
 }
 
-/// A body with all that is plotted of it.
+/// A body with everything that is plotted of it.
 struct Curve<'a> {
     subject: &'a Subject<'a>,
     layers: Layers,
@@ -184,7 +184,7 @@ impl<'a> Curve<'a> {
         Ok(Self { subject, layers, layered, timeline })
     }
 
-    /// The last time there is something of, s.
+    /// Returns the time of the last layer or reading, s.
     fn longest(&self) -> f64 {
         let readings = self.timeline.temperatures.iter().map(|reading| reading.at);
         self.timeline.laid.iter().copied().chain(readings).fold(0.0, f64::max)
@@ -196,7 +196,7 @@ struct Axis {
     scale: Scale,
     name: &'static str,
     along: Along,
-    /// s for a unit of it, where it is time.
+    /// Seconds for a unit of the axis, if it is time.
     unit: f64,
 }
 
@@ -216,7 +216,7 @@ impl Axis {
         Self { scale: Scale::Linear(0.0, if end > 0.0 { end } else { 1.0 }), name, along, unit }
     }
 
-    /// Where each layer stands on it.
+    /// Returns the position of each layer on the axis.
     fn layers(&self, curve: &Curve) -> Vec<f64> {
         match self.along {
             Along::Path => curve.layered.lengths.clone(),
@@ -224,7 +224,7 @@ impl Axis {
         }
     }
 
-    /// Where a reading stands on it.
+    /// Returns the position of a reading on the axis.
     fn of(&self, reading: &Reading, curve: &Curve) -> f64 {
         match self.along {
             Along::Path => {
@@ -258,7 +258,7 @@ impl Quantity {
         }
     }
 
-    /// What a panel of several bodies is called.
+    /// Returns the title of a panel of several bodies.
     fn head_of_several(self) -> &'static str {
         match self {
             Self::Heights => "Mean height of the layers",
@@ -268,7 +268,7 @@ impl Quantity {
         }
     }
 
-    /// The axis of these values.
+    /// Returns the scale for these values.
     fn scale(self, values: impl Iterator<Item = f64>) -> Scale {
         match self {
             Self::Heights | Self::Temperature => Scale::around(values),
@@ -278,14 +278,14 @@ impl Quantity {
     }
 }
 
-/// What a panel has of a body.
+/// The lines of a body in a panel.
 #[derive(Default)]
 struct Lines {
     head: &'static str,
-    /// Min and max at places of the axis, filled between.
+    /// Min and max at positions on the axis, with the area between them filled.
     band: Vec<(f64, [f64; 2])>,
     line: Vec<(f64, f64)>,
-    /// A dashed line; none where there is nothing to draw.
+    /// A dashed line with gaps at `None`.
     dashed: Vec<(f64, Option<f64>)>,
 }
 
@@ -310,7 +310,7 @@ impl Lines {
     }
 }
 
-/// A panel with the lines of all bodies. Bands and dashed lines are of one body alone.
+/// Draws a panel with the lines of all bodies. Bands and dashed lines are drawn only for a body alone.
 fn draw(canvas: &mut Canvas, top: f64, axis: &Axis, quantity: Quantity, lines: &[Lines], is_last: bool) {
     let (y, head) = match lines {
         [one] => (quantity.scale(one.values().chain(one.band.iter().flat_map(|(_, ends)| *ends))), one.head),
@@ -338,7 +338,7 @@ fn draw(canvas: &mut Canvas, top: f64, axis: &Axis, quantity: Quantity, lines: &
     }
 }
 
-/// A line through points, as the `d` of a path.
+/// Returns a line through points, as the `d` of a path.
 fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
     points.fold(String::new(), |mut path, (x, y)| {
         // Writing to a String cannot fail.
@@ -391,7 +391,7 @@ fn temperature(curve: &Curve, axis: &Axis) -> Result<Lines, ViewError> {
     }
     let at: Vec<f64> = readings.iter().map(|reading| axis.of(reading, curve)).collect();
     let line = means(&at, &readings.iter().map(|reading| reading.celsius).collect::<Vec<_>>());
-    // The target is steps: its corners are all of it.
+    // The target changes in steps, so its corners suffice.
     let target = |index: usize| readings.get(index).map(|reading| reading.target);
     let is_corner =
         |index: usize| index == 0 || target(index - 1) != target(index) || target(index + 1) != target(index);
@@ -404,12 +404,12 @@ fn temperature(curve: &Curve, axis: &Axis) -> Result<Lines, ViewError> {
     Ok(Lines { head: "Temperature of the nozzle; dashed, the setpoint", line, dashed, ..Lines::default() })
 }
 
-/// The mean of each stretch of values, where it ends.
+/// Returns the mean of each stretch of values, at the end of the stretch.
 fn means(at: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
     stretches(at, values).map(|(at, stretch)| (at, stretch.iter().sum::<f64>() / stretch.len() as f64)).collect()
 }
 
-/// The values in stretches, as many as a line has points, and where each ends.
+/// Returns the values in at most [`MAX_POINTS`] stretches, each with its end on the axis.
 fn stretches<'a, T>(at: &'a [f64], values: &'a [T]) -> impl Iterator<Item = (f64, &'a [T])> {
     let stride = values.len().div_ceil(MAX_POINTS).max(1);
     at.chunks(stride).zip(values.chunks(stride)).filter_map(|(at, stretch)| Some((*at.last()?, stretch)))

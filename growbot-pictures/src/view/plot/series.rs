@@ -1,4 +1,4 @@
-//! What there is to plot of a body: one value for each layer, and the temperatures that a run log tells.
+//! Series to plot of a body: one value for each layer, and the temperatures in a run log.
 
 use growbot_client::plan::Plan;
 use growbot_client::run_clock::{Clock, events, time_for};
@@ -10,18 +10,18 @@ use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
-/// The layers of a body, each at the end of what it adds.
+/// Values of the layers of a body. Each belongs to the end of its layer.
 pub struct Layered {
-    /// Length of the body then, mm.
+    /// Length of the body after the layer, mm.
     pub lengths: Vec<f64>,
-    /// Height on the middle of the wall, mm: min, mean, max round it.
+    /// Height on the middle of the wall, mm: min, mean and max around it.
     pub heights: Vec<[f64; 3]>,
     /// Tilt, degrees.
     pub tilts: Vec<f64>,
 }
 
 impl Layered {
-    /// Of these layers; radius of the middle of the wall, mm.
+    /// Returns the values of these layers. `tip_radius` is the radius of the middle of the wall, mm.
     pub fn of(layers: &[LayerBytes], tip_radius: f64) -> Self {
         let mut length = 0.0;
         let mut of = Self { lengths: Vec::new(), heights: Vec::new(), tilts: Vec::new() };
@@ -35,7 +35,7 @@ impl Layered {
     }
 }
 
-/// Deviation of a body from the planned one at the same length after each of its layers, mm.
+/// Returns the distance of a body from the planned one at the same length, after each of its layers, mm.
 pub fn off_the_plan(start: &Frame, built: &[LayerBytes], planned: &[LayerBytes]) -> Vec<f64> {
     let planned = centreline(start, planned);
     let mut near = 0;
@@ -51,7 +51,7 @@ pub fn off_the_plan(start: &Frame, built: &[LayerBytes], planned: &[LayerBytes])
     off.collect()
 }
 
-/// Length and position of the tip, from the start on, mm.
+/// Returns length and position of the tip, from the start on, mm.
 fn centreline(start: &Frame, layers: &[LayerBytes]) -> Vec<(f64, Vector3<f64>)> {
     let (mut base_from_tip, mut length) = (*start, 0.0);
     let mut points = vec![(length, base_from_tip.translation.vector)];
@@ -63,30 +63,30 @@ fn centreline(start: &Frame, layers: &[LayerBytes]) -> Vec<(f64, Vector3<f64>)> 
     points
 }
 
-/// When things were, s.
+/// Times of layers and readings, s.
 #[derive(Debug, Default, PartialEq)]
 pub struct Timeline {
-    /// When each layer was laid.
+    /// Time at which each layer was laid.
     pub laid: Vec<f64>,
-    /// What the nozzle's temperature was.
+    /// Temperatures of the nozzle.
     pub temperatures: Vec<Reading>,
 }
 
-/// What a status says of the nozzle.
+/// Temperature of the nozzle in a status report.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading {
-    /// When, s.
+    /// Time of the report, s.
     pub at: f64,
-    /// Layers laid before.
+    /// Number of layers laid before the report.
     pub laid: usize,
-    /// Its temperature, C.
+    /// Temperature, degrees Celsius.
     pub celsius: f64,
-    /// The setpoint, C; none while the heater is off.
+    /// Setpoint, degrees Celsius. `None` if the heater is off.
     pub target: Option<f64>,
 }
 
 impl Timeline {
-    /// Of a plan: as long as the robot needs for each layer.
+    /// Returns the timeline of a plan, with the time that the robot needs for each layer.
     pub fn planned(layers: &[Layer], plan: &Plan) -> Self {
         let mut now = 0;
         let laid = layers.iter().map(|layer| {
@@ -96,7 +96,7 @@ impl Timeline {
         Self { laid: laid.collect(), temperatures: Vec::new() }
     }
 
-    /// Of a run log of these bytes, whose body has these layers.
+    /// Returns the timeline of the run log in these bytes, whose body has these layers.
     pub fn told(log: &[u8], layers: &[Layer], plan: &Plan) -> Self {
         let mut clock = Clock::default();
         let mut told = Self::default();
@@ -110,8 +110,8 @@ impl Timeline {
                     }
                 }
                 RunEvent::Laid(laid) if (laid.layer as usize) < layers.len() => {
-                    // A layer may be told again after a resumption: the first report stands. One whose line is lost
-                    // came before the next.
+                    // A layer may be reported again after a resumption, and the first report counts. A layer whose line
+                    // is lost came before the next layer.
                     while let Some(layer) = layers.get(told.laid.len())
                         && laid.layer as usize >= told.laid.len()
                     {
@@ -144,7 +144,7 @@ mod tests {
     fn a_body_is_off_its_plan_by_what_lies_beside_and_beyond_it() {
         let start = Frame::identity();
         let planned = straight(&[1.0; 10]);
-        // Higher layers lie on the same line: not off until they continue beyond its end.
+        // Higher layers lie on the same line. They deviate only beyond its end.
         let off = off_the_plan(&start, &straight(&[1.5; 8]), &planned);
         assert!(off[..6].iter().all(|mm| *mm < 1e-6), "{off:?}");
         assert!((off[7] - 2.0).abs() < 1e-6, "{off:?}");

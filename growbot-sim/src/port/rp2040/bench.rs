@@ -1,4 +1,4 @@
-//! Node with the emulator, and the messages to it (`tests/rp2040/bench.js`).
+//! Node with the emulator, and its messages (`tests/rp2040/bench.js`).
 
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
@@ -10,36 +10,36 @@ use growbot_core::robot::{Board, Signal};
 use super::Line;
 use crate::tip::Motor;
 
-/// The script, from the source's directory.
+/// Path of the script in the source directory.
 const SCRIPT: &str = "tests/rp2040/bench.js";
-/// The emulator, beside the script.
+/// Path of the emulator, next to the script.
 const EMULATOR: &str = "node_modules/rp2040js";
-/// The variable of the environment by which the script is told where to write figures.
+/// Environment variable with the path of the script's figures.
 const FIGURES: &str = "RP2040_FIGURES";
-/// Bytes of an answer before its edges.
+/// Length of a response before its edges, bytes.
 const HEAD: usize = 48;
-/// Bytes of an edge.
+/// Length of an edge, bytes.
 const EDGE: usize = 8;
-/// A channel of the converter that never gets ready, and an orientation sensor that does not answer.
+/// Values for a channel of the converter that is never ready, and for an orientation sensor that does not respond.
 const SILENT: u16 = u16::MAX;
 const NO_GRAVITY: [i16; 3] = [i16::MIN; 3];
 
-/// Why the emulated Pico does not run.
+/// Reason why the emulated Pico does not run.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
-    /// The image is not there; holds its path.
+    /// The image does not exist. The field is its path.
     #[error("there is no firmware at {}: build it with `cargo build-pico`", .0.display())]
     NoFirmware(PathBuf),
-    /// The script is not there; holds where it was looked for.
+    /// The script does not exist. The field is the expected path.
     #[error("there is no {}: the port rp2040 works in growbot's source directory", .0.display())]
     NoScript(PathBuf),
-    /// The emulator is not there; holds where it was looked for.
+    /// The emulator does not exist. The field is the expected path.
     #[error("there is no emulator at {}: install it with `npm ci --prefix tests/rp2040`", .0.display())]
     NoEmulator(PathBuf),
     /// Node cannot be run.
     #[error("cannot run `node` ({0}): install Node 18 or newer (package nodejs)")]
     NoNode(io::Error),
-    /// It ended; holds what it said.
+    /// The emulation ended. The field is its error message.
     #[error("the emulation of the board ended: {0}")]
     Ended(String),
 }
@@ -50,11 +50,11 @@ impl From<BenchError> for PortError {
     }
 }
 
-/// What the board is to do next, and what its sensors show meanwhile.
+/// Limits of the board's next run, with the sensor readings during it.
 #[derive(Debug)]
 pub(super) struct Run {
     pub until_ns: u64,
-    /// Steps of head and feed at most.
+    /// Greatest numbers of steps of head and feed.
     pub steps: [u32; 2],
     pub thermistor: Option<u16>,
     pub supply: Option<u16>,
@@ -63,7 +63,7 @@ pub(super) struct Run {
     pub gravity: Option<[i16; 3]>,
 }
 
-/// What the board has done.
+/// Outputs of the board during a run.
 #[derive(Debug)]
 pub(super) struct Answer {
     pub now_ns: u64,
@@ -75,14 +75,14 @@ pub(super) struct Answer {
     pub flash_changed: u32,
     pub lost_power: bool,
     pub edges: Vec<Edge>,
-    /// Bytes on the link.
+    /// Bytes that the board sent.
     pub sent: Vec<u8>,
 }
 
 /// A change of an output.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Edge {
-    /// Time since the run began.
+    /// Time since the beginning of the run, ns.
     pub after_ns: u32,
     pub output: Output,
     pub state: State,
@@ -103,14 +103,14 @@ pub(super) enum State {
     Floating,
 }
 
-/// What ends the firmware of a board.
+/// Ways to crash the firmware of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Crash {
-    /// Its main loop hangs.
+    /// The main loop hangs.
     Hangs,
     /// The processor faults.
     Faults,
-    /// The crystal stops, and with it the timer and the watchdog. The processor's clock goes on until the next reset.
+    /// The crystal stops, and with it the timer and the watchdog. The processor's clock runs until the next reset.
     CrystalStops,
 }
 
@@ -125,13 +125,13 @@ const OUTPUTS: [Output; 7] = [
     Output::HeaterEnable,
 ];
 
-/// The pins of a board as the script takes them.
+/// Returns the pins of a board in the script's format.
 fn pins(board: &Board) -> serde_json::Value {
     let number = |signal: Signal| Some((signal.name().to_owned(), board.pin(signal)?.into()));
     serde_json::Value::Object(Signal::ALL.into_iter().filter_map(number).collect())
 }
 
-/// Node with the emulator; it ends when this is dropped.
+/// Node with the emulator. It ends when this is dropped.
 pub(super) struct Bench {
     node: Child,
     to: ChildStdin,
@@ -146,8 +146,8 @@ impl Drop for Bench {
 }
 
 impl Bench {
-    /// With the firmware's image on a board with these pins; what the step interrupt and the stack cost is written to a file
-    /// of figures.
+    /// Starts Node with the firmware's image on a board with these pins. If `figures` is given, the costs of the step
+    /// interrupt and the stack are written to that file.
     pub fn start(firmware: &Path, board: &Board, line: Line, figures: Option<&Path>) -> Result<Self, BenchError> {
         if !firmware.is_file() {
             return Err(BenchError::NoFirmware(firmware.to_path_buf()));
@@ -234,7 +234,7 @@ impl Bench {
         Ok(answer)
     }
 
-    /// What Node said as it ended.
+    /// Returns an error with the message that Node printed when it ended.
     fn last_words(&mut self, error: &io::Error) -> BenchError {
         let mut said = String::new();
         if let Some(mut errors) = self.node.stderr.take() {
@@ -276,7 +276,7 @@ impl Edge {
     }
 }
 
-/// The script: above this program, or in the working directory.
+/// Returns the path of the script: in a directory above this program, or in the working directory.
 fn script() -> PathBuf {
     let above = std::env::current_exe().ok().and_then(|program| {
         // target/release/growbot, or target/debug/deps/some-test

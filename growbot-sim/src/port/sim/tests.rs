@@ -11,7 +11,7 @@ fn robot() -> Robot {
     growbot_client::robot_file::load("growbot-a".as_ref()).unwrap()
 }
 
-/// An upright body of this many layers.
+/// Grows an upright body of this many layers.
 fn grow(sim: Sim, layers: u32) -> Grown {
     let robot = sim.robot.clone();
     let path = [Segment::Straight { length: 0.774 * f64::from(layers) }];

@@ -1,14 +1,14 @@
-//! The body as far as it is known: as built, layer by layer, and as planned.
+//! The known part of a body: as built, layer by layer, and as planned.
 
 use std::iter::once;
 
 use growbot_core::layer::{Layer, grow};
 use growbot_core::pose::{Frame, Pose};
 
-/// The max number of reports that may be lost in a row, of a job whose plan is not known here.
+/// Maximum number of reports that may be lost in a row, for a job whose plan is not known here.
 const MAX_UNREPORTED: usize = 65_536;
 
-/// A point, x, y, z, mm.
+/// Coordinates of a point: x, y, z, mm.
 pub type Point = [f64; 3];
 
 /// The body of one job.
@@ -16,7 +16,7 @@ pub struct Body {
     plan_id: u64,
     planned: Vec<Layer>,
     planned_points: Vec<Point>,
-    /// Index of the first layer that we have seen laid; those before are not known.
+    /// Index of the first layer whose report was received. Earlier layers are not known.
     first: u32,
     built: Vec<Layer>,
     points: Vec<Point>,
@@ -25,7 +25,7 @@ pub struct Body {
 }
 
 impl Body {
-    /// Nothing is laid yet. `planned` may be empty where the plan is not known here.
+    /// Creates a body without layers. `planned` is empty if the plan is not known here.
     pub fn new(plan_id: u64, start: &Pose, planned: Vec<Layer>) -> Self {
         let tip = start.frame();
         let mut reached = tip;
@@ -46,17 +46,17 @@ impl Body {
         }
     }
 
-    /// The same job from its beginning.
+    /// Starts the same job again from its beginning.
     pub fn begin_again(&mut self, start: &Pose) {
         *self = Self::new(self.plan_id, start, std::mem::take(&mut self.planned));
     }
 
-    /// A layer is laid. One whose report was lost counts as planned, or as an even one of `full` height (mm).
+    /// Adds a laid layer. A layer whose report was lost counts as planned, or as an even layer of `full` height (mm).
     pub fn lay(&mut self, index: u32, layer: Layer, full: f64) {
         let known = self.planned.len().max(self.built.len().saturating_add(MAX_UNREPORTED));
         let is_far = !self.built.is_empty() && (index.saturating_sub(self.first) as usize) > known;
         if is_far || index == u32::MAX {
-            // No board has laid that many since: the index is ignored.
+            // No board can have laid that many layers since, so the index is ignored.
             return;
         }
         if self.built.is_empty() {
@@ -78,42 +78,42 @@ impl Body {
         self.points.push(point(&self.tip));
     }
 
-    /// The job's name.
+    /// Returns the identifier of the job's plan.
     pub fn plan_id(&self) -> u64 {
         self.plan_id
     }
 
-    /// Index of the layer that is expected next.
+    /// Returns the index of the next expected layer.
     pub fn next(&self) -> u32 {
         self.first.saturating_add(self.built.len() as u32)
     }
 
-    /// Index of the first layer that is known.
+    /// Returns the index of the first known layer.
     pub fn first(&self) -> u32 {
         self.first
     }
 
-    /// Layers whose reports were lost.
+    /// Returns the number of layers whose reports were lost.
     pub fn unreported(&self) -> u32 {
         self.unreported
     }
 
-    /// The layers as built, from the first that is known.
+    /// Returns the layers as built, from the first known one.
     pub fn built(&self) -> &[Layer] {
         &self.built
     }
 
-    /// Where the tip was after each of them, and before the first.
+    /// Returns the positions of the tip: before the first known layer, and after each layer.
     pub fn points(&self) -> &[Point] {
         &self.points
     }
 
-    /// Where it is to be after each layer of the plan, as far as that is known.
+    /// Returns the planned positions of the tip: before the first layer, and after each layer of a known plan.
     pub fn planned_points(&self) -> &[Point] {
         &self.planned_points
     }
 
-    /// Where the tip is.
+    /// Returns the present pose of the tip.
     pub fn tip(&self) -> Pose {
         Pose::from_frame(&self.tip)
     }

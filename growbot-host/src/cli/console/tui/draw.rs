@@ -1,4 +1,4 @@
-//! The model as text and braille: nothing here knows a terminal or a board.
+//! Draws the model as text and braille. This module knows neither a terminal nor a board.
 
 use growbot_client::forecast::Forecast;
 use growbot_client::printable::steers;
@@ -20,14 +20,14 @@ use super::keys::KEYS;
 use super::model::{Model, explanation};
 use crate::cli::console::commands::hint;
 
-/// Below this there is no room for pictures.
+/// Smallest screen that has room for pictures: columns and rows.
 const MIN_SIZE: (u16, u16) = (72, 20);
-/// The planned body is dotted; the distance of its dots, in dots of braille.
+/// Distance between the dots of the planned body, in dots of braille.
 const PLANNED_APART: f64 = 4.0;
-/// Heights that are seen from the beginning, mm.
+/// Height that the pictures of the body show at least, mm.
 const MIN_SEEN_MM: f64 = 50.0;
 
-/// What can be done while a command is typed.
+/// Help in the command line while it is empty.
 const TYPING: &str = "a command, `help` lists them; Tab completes, Esc gives up, ^E EMERGENCY STOP";
 
 const TITLE: Style = Style::new().fg(Color::Cyan).add_modifier(Modifier::BOLD);
@@ -37,7 +37,8 @@ const WORKING: Style = Style::new().fg(Color::Yellow).add_modifier(Modifier::BOL
 const BAD: Style = Style::new().fg(Color::Red).add_modifier(Modifier::BOLD);
 const KEY: Style = Style::new().fg(Color::Cyan).add_modifier(Modifier::BOLD.union(Modifier::REVERSED));
 
-/// Draws the whole screen. Names and messages of a board must not steer the terminal.
+/// Draws the whole screen. Names and messages of a board must not control the terminal, so control characters become
+/// spaces.
 pub fn screen(frame: &mut Frame, model: &Model) {
     draw(frame, model);
     for cell in &mut frame.buffer_mut().content {
@@ -114,14 +115,14 @@ fn state_line(model: &Model) -> Line<'static> {
     Line::from(spans)
 }
 
-/// How far a job is, and how long it takes yet.
+/// Returns the progress of a job and its remaining time as text.
 fn progress(model: &Model, status: &Status) -> String {
     let share = 100.0 * f64::from(status.layers_laid) / f64::from(status.layer_count.max(1));
     let left =
         f64::from(status.layer_count.saturating_sub(status.layers_laid)) * model.robot.description().layer.period_s;
     let text =
         format!("layer {} of {} ({share:.0} %), {} left", status.layers_laid, status.layer_count, duration_text(left));
-    // A simulated robot's time is not ours.
+    // No finish time is shown for a simulated robot, because its time is not real time.
     let forecast = Forecast { period_s: model.robot.description().layer.period_s, pace: 1.0 };
     let finish = model.speed.is_none().then(|| forecast.finish_of(OffsetDateTime::now_utc(), status)).flatten();
     finish.map_or(text.clone(), |finish| format!("{text}, done at {}", clock_text_here(finish)))
@@ -147,16 +148,16 @@ fn heater_line(model: &Model) -> Line<'static> {
     Line::raw(parts.join("; "))
 }
 
-/// Where the tip is.
+/// Returns the line about the tip's pose.
 fn tip_line(model: &Model) -> Line<'static> {
-    // Tenths, and no zero with a sign.
+    // The numbers have tenths, and zero has no sign.
     let [x, y, z, heading, pitch] = model.body.tip().to_degrees().map(|number| (number * 10.0).round() / 10.0 + 0.0);
     let late = match model.body.first() {
         0 => "",
         _ => " (without the layers laid before we came)",
     };
     let direction = match pitch {
-        // There a heading says nothing.
+        // A vertical tip has no heading.
         90.0 => "straight up".to_owned(),
         -90.0 => "straight down".to_owned(),
         _ => format!("heading {heading:.1}, pitch {pitch:.1} deg"),
@@ -164,7 +165,7 @@ fn tip_line(model: &Model) -> Line<'static> {
     Line::raw(format!("tip {x:.1}, {y:.1}, {z:.1} mm, {direction}{late}"))
 }
 
-/// What is wrong, in words.
+/// Returns a text about a lost connection or a fault. `None` without either.
 fn trouble_text(model: &Model) -> Option<String> {
     if let Some(why) = &model.lost {
         return Some(format!("NO ANSWER: {why}"));
@@ -173,13 +174,13 @@ fn trouble_text(model: &Model) -> Option<String> {
     Some(format!("{}: {}", fault.code(), fault.explanation()))
 }
 
-/// Rows that a text takes when its words are wrapped, three at most.
+/// Returns the number of rows of a wrapped text, at most 3.
 fn rows(text: &str, width: u16) -> u16 {
     let paragraph = Paragraph::new(text).wrap(Wrap { trim: true });
     (1..=3).find(|rows| fits(&paragraph, width, *rows)).unwrap_or(3)
 }
 
-/// Whether a paragraph has nothing left below this many rows.
+/// Returns true if a wrapped paragraph fits into this many rows.
 fn fits(paragraph: &Paragraph, width: u16, rows: u16) -> bool {
     use ratatui::buffer::Buffer;
     use ratatui::widgets::Widget;
@@ -230,12 +231,12 @@ fn draw_layers(frame: &mut Frame, area: Rect, model: &Model) {
         .render_widget(chart(sets.into(), numbers, [limits.height_min_mm, limits.height_max_mm], 2).block(block), area);
 }
 
-/// A line of pairs.
+/// Returns a data set that is drawn as a line.
 fn line(pairs: &[(f64, f64)], style: Style) -> Dataset<'_> {
     Dataset::default().marker(Marker::Braille).graph_type(GraphType::Line).style(style).data(pairs)
 }
 
-/// A chart that labels its heights, with `digits` decimals. Its frame may label the width.
+/// Returns a chart that labels its heights, with `digits` decimals. Its frame may label the width.
 fn chart<'a>(sets: Vec<Dataset<'a>>, across: [f64; 2], up: [f64; 2], digits: usize) -> Chart<'a> {
     let labels = up.map(|end| format!("{end:.digits$}"));
     let up = Axis::default().style(DIM).bounds(up).labels(labels).labels_alignment(Alignment::Right);
@@ -249,7 +250,7 @@ fn nothing_yet(frame: &mut Frame, area: Rect, block: Block, what: &'static str) 
     frame.render_widget(Paragraph::new(what).style(DIM).centered(), middle);
 }
 
-/// The body from the side, seen along y and along x, at one scale.
+/// Draws the body from the side, seen along y and along x, at one scale.
 fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
     let [left, right] = Layout::horizontal([Constraint::Fill(1), Constraint::Fill(1)]).areas(area);
     let points = || model.body.points().iter().chain(model.body.planned_points());
@@ -259,14 +260,15 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
     };
     let (x, y, z) = (range(0, 0.0), range(1, 0.0), range(2, MIN_SEEN_MM));
     let reach = |(min, max): (f64, f64)| max - min;
-    // Two dots of braille across a cell, four down: about as far apart. The frame takes a cell on each side.
+    // A cell has two dots of braille across and four down, at about the same distance. The frame takes a cell on each
+    // side.
     let dots = |cells: u16, each: f64| f64::from(cells.saturating_sub(2).max(1)) * each;
     let (across, down) = (dots(left.width.min(right.width), 2.0), dots(left.height, 4.0));
-    // Millimetres from dot to dot; a dot is left free at each edge.
+    // Millimetres from dot to dot. One dot is left free at each edge.
     let scale = (reach(x).max(reach(y)) / (across - 2.0).max(1.0)).max(reach(z) / (down - 2.0));
     let apart = (PLANNED_APART * scale / model.robot.description().layer.height_mm).ceil() as usize;
     for (part, axis, name, range) in [(left, 0, "x", x), (right, 1, "y", y)] {
-        // The middle falls on a dot, not between two, where a straight body would flicker.
+        // The middle falls on a dot, because a straight body would flicker between two dots.
         let bounds = |(min, max): (f64, f64), dots: f64| {
             let low = f64::midpoint(min, max) - scale * (dots / 2.0 - 1.0);
             [low, low + scale * (dots - 1.0)]
@@ -301,8 +303,8 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
     }
 }
 
-/// Where on a canvas, as a share of its extent, a letter is printed into the same cell as a dot: letters are placed by
-/// whole cells, dots by some a cell.
+/// Returns the position of a letter on a canvas that prints it into the same cell as a dot, as a share of the canvas.
+/// Letters are placed by whole cells, but a cell has several dots.
 fn beside(dot: f64, each: f64, dots: f64) -> f64 {
     let last = (dots / each - 1.0).max(1.0);
     (((dot.round() / each).floor() + 0.5) / last).clamp(0.0, 1.0)
@@ -329,7 +331,7 @@ fn draw_keys(frame: &mut Frame, area: Rect, model: &Model) {
         return frame.render_widget(Line::from_iter(spans), area);
     };
     let text = prompt.text();
-    // The end of a long line is what is being typed.
+    // A line that is too long shows its end, because the user types there.
     let room = usize::from(area.width).saturating_sub(2);
     let hidden = prompt.cursor().saturating_sub(room);
     let visible: String = text.chars().skip(hidden).collect();
@@ -339,12 +341,12 @@ fn draw_keys(frame: &mut Frame, area: Rect, model: &Model) {
     frame.set_cursor_position(Position::new(area.x + 1 + column, area.y));
 }
 
-/// A length without what is behind the point, and without a zero's sign.
+/// Rounds a length to a whole number, without the sign of a zero.
 fn whole(length: f64) -> f64 {
     length.round() + 0.0
 }
 
-/// A time as hours, minutes and seconds.
+/// Formats a time as hours, minutes and seconds.
 fn clock(seconds: f64) -> String {
     let seconds = seconds as u64;
     format!("{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
@@ -359,7 +361,7 @@ mod tests {
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
 
-    /// The screen as text, line by line.
+    /// Returns the screen as text, line by line.
     fn drawn(model: &Model, width: u16, height: u16) -> Vec<String> {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
         terminal.draw(|frame| screen(frame, model)).unwrap();
@@ -369,7 +371,7 @@ mod tests {
             .collect()
     }
 
-    /// Forty layers of a hundred are laid.
+    /// Returns a model with 40 of 100 layers laid.
     fn growing() -> Model {
         let mut model = model();
         for second in 0..60 {

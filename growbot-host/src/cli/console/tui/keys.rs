@@ -1,25 +1,25 @@
-//! Which key does what.
+//! Keys of the whole screen and their actions.
 
 use crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 use crate::cli::console::commands::Ask;
 
-/// What a key asks for.
+/// Action of a key.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Action {
-    /// Something of the board.
+    /// A request to the board.
     Ask(Ask),
-    /// A command is to be typed, which begins so.
+    /// Open the prompt with this beginning of a command.
     Prompt(&'static str),
-    /// Time on `sim` is to pass faster.
+    /// Let time on `sim` pass faster.
     Faster,
-    /// Or slower.
+    /// Let time on `sim` pass slower.
     Slower,
-    /// Leave; a robot that grows finishes its layer and pauses.
+    /// Leave the screen. A robot that grows finishes its layer and pauses.
     Quit,
 }
 
-/// The keys, as the last line of the screen shows them; with + and - where there is a speed to change.
+/// Keys in the last line of the screen. The first line shows + and - if the speed can be changed.
 pub const KEYS: [(&str, &str); 8] = [
     ("h", "pause"),
     ("g", "start"),
@@ -31,7 +31,7 @@ pub const KEYS: [(&str, &str); 8] = [
     ("q", "quit"),
 ];
 
-/// What a key does while no command is being typed.
+/// Returns the action of a key while no command is being typed.
 pub fn action(key: KeyEvent) -> Option<Action> {
     if let Some(action) = always(key) {
         return Some(action);
@@ -54,7 +54,7 @@ pub fn action(key: KeyEvent) -> Option<Action> {
     }
 }
 
-/// What a key does even while a command is being typed.
+/// Returns the action of a key that also works while a command is being typed.
 pub fn always(key: KeyEvent) -> Option<Action> {
     match key.code {
         KeyCode::Char('e') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Action::Ask(Ask::EmergencyStop)),

@@ -1,11 +1,11 @@
 //! The console on the whole screen.
 //!
-//! `watch` follows the board and fills the `model`; `draw` turns that into text; `keys` and `prompt` say what a key
-//! means. Here is the loop around them, and the terminal.
+//! `watch` follows the board and fills the `model`. `draw` turns the model into text. `keys` and `prompt` define the
+//! meaning of keys. This file has the loop around them, and the terminal.
 //!
-//! `draw` knows neither terminal nor board, so tests check it on a buffer. On `sim` time passes only in `watch`, as
-//! many times faster as the user chose. `grow` here plans on the host, to show the body and its warnings, and the
-//! board plans the same to the same bits. So the board has all layers, and pauses after one if the console ends.
+//! `draw` knows neither terminal nor board, so tests check it on a buffer. On `sim` time passes only in `watch`, by the
+//! factor that the user chose. `grow` plans on the host, to show the body and its warnings, and the board computes the
+//! same plan to the same bits. So the board has all layers, and pauses after a layer if the console ends.
 
 mod body;
 mod draw;
@@ -45,15 +45,15 @@ use model::Model;
 use prompt::{Prompt, Typed};
 use watch::Watch;
 
-/// How long to wait for a key before the screen is drawn anew.
+/// Maximum time to wait for a key before the screen is drawn again.
 const TICK: Duration = Duration::from_millis(80);
-/// Time that was spent elsewhere, say planning, does not pass on `sim` all at once.
+/// Maximum real time of a tick, so that time spent elsewhere, for example on planning, does not pass on `sim` at once.
 const LONGEST_TICK: Duration = Duration::from_millis(250);
 
-/// The time limit for leaving after a request to end.
+/// Time limit for leaving after a request to end.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Whether there is a terminal to draw on and to read keys from.
+/// Checks that standard input and standard output are terminals.
 pub fn check_terminal() -> Result<(), Failure> {
     for (is_terminal, what) in
         [(io::stdin().is_terminal(), "standard input"), (io::stdout().is_terminal(), "standard output")]
@@ -71,7 +71,7 @@ pub fn check_terminal() -> Result<(), Failure> {
 pub fn run(client: Client, robot: Robot, presets: Presets, start: Pose, port: &ChosenPort) -> Result<(), Failure> {
     let (name, simulated) = (port.name(), port.is_simulated());
     let mut watch = Watch::new(client, name.is_virtual());
-    // What cannot be talked to at all is better said before the screen is taken.
+    // A board that does not respond is reported before the screen is taken.
     let hello = watch.client().hello()?;
     let place = format!("{}{}", port.text(), port.remark());
     let mut model = Model::new(robot, &place, start, watch.speed());
@@ -98,13 +98,14 @@ pub fn run(client: Client, robot: Robot, presets: Presets, start: Pose, port: &C
     Ok(())
 }
 
-/// Set by a request to end, or when the terminal goes away. The robot finishes its layer and pauses, as after `q`.
+/// Returns a flag that is set by a request to end, or when the terminal goes away. The robot then finishes its layer
+/// and pauses, as after `q`.
 fn leave_when_told() -> Result<Arc<AtomicBool>, Failure> {
     let leave = Arc::new(AtomicBool::new(false));
     let told = Arc::clone(&leave);
     ctrlc::set_handler(move || {
         told.store(true, Ordering::Relaxed);
-        // Reading keys from a terminal that has gone may never come to an end.
+        // A read of keys from a terminal that has gone away may never return.
         thread::sleep(PATIENCE);
         ratatui::restore();
         std::process::exit(0);
@@ -113,12 +114,12 @@ fn leave_when_told() -> Result<Arc<AtomicBool>, Failure> {
     Ok(leave)
 }
 
-/// The terminal, given back however we end.
+/// The terminal. It is restored on drop.
 struct Screen(DefaultTerminal);
 
 impl Screen {
     fn open() -> Result<Self, Failure> {
-        // A panic gives the terminal back too: ratatui sees to that.
+        // After a panic, ratatui restores the terminal.
         ratatui::try_init().map(Self).map_err(|error| {
             ratatui::restore();
             Failure::bad_input(format!("cannot use the whole screen ({error}): leave --tui away"))
@@ -128,7 +129,7 @@ impl Screen {
 
 impl Drop for Screen {
     fn drop(&mut self) {
-        // A panic has given it back already; doing it again would put the cursor before what it said.
+        // A panic has already restored the terminal. A second time would put the cursor before the panic's message.
         if !thread::panicking() {
             ratatui::restore();
         }
@@ -139,7 +140,7 @@ impl Drop for Screen {
 struct Console {
     watch: Watch,
     model: Model,
-    /// Whether the robot is a simulated one.
+    /// True if the robot is simulated.
     simulated: bool,
     presets: Presets,
     start: Pose,
@@ -234,13 +235,14 @@ impl Console {
         self.tell(answer);
     }
 
-    /// Plans here to see whether the body may be grown, and has the board plan the same. Whether it does.
+    /// Plans on the host to check the body, and requests the same plan from the board. Returns true if the board has
+    /// the plan.
     fn plan(&mut self, goal: &Goal) -> bool {
         let robot = &self.model.robot;
         let search =
             Search { radius: robot.description().planning_radius_mm, planner: Planner::Shortest, clear_of_self: false };
         let planned = Plan::through(robot, &self.start, &[], goal, &search);
-        // The board plans to poses: the direction is chosen here.
+        // The board plans only to poses, so the direction is chosen here.
         let planned = planned.and_then(|plan| match goal {
             Goal::Pose(_) => Ok(plan),
             Goal::Position(_) => Plan::through(robot, &self.start, &[], &plan.goal, &search),
@@ -288,7 +290,7 @@ mod tests {
     use growbot_core::link::message::State;
     use growbot_sim::port::sim::Sim;
 
-    /// The console on a simulated robot, without a terminal.
+    /// Returns a console on a simulated robot, without a terminal.
     fn console() -> Console {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();

@@ -1,4 +1,4 @@
-//! What the screen shows, apart from how: everything known of the robot, gathered from its messages.
+//! Contents of the screen, without its layout: everything known of the robot, gathered from its messages.
 
 use std::collections::VecDeque;
 
@@ -11,7 +11,7 @@ use super::body::Body;
 use super::prompt::Prompt;
 use super::readings::Readings;
 
-/// Lines of the log that stay.
+/// Maximum number of lines in the log.
 const LOG: usize = 200;
 
 /// Everything that the screen shows.
@@ -20,21 +20,21 @@ pub struct Model {
     pub robot: Robot,
     /// The port's name.
     pub port: String,
-    /// How many times as fast as real time it goes; none where the robot is real.
+    /// Speed of the board's clock, in multiples of real time. `None` if the board has a clock of its own.
     pub speed: Option<f64>,
-    /// What the board said of itself latest.
+    /// Latest status of the board.
     pub status: Option<Status>,
-    /// What its sensors said latest.
+    /// Latest readings of the sensors.
     pub sensors: Option<SensorReadings>,
-    /// Why the board does not answer, if so.
+    /// Reason why the board does not respond. `None` if it responds.
     pub lost: Option<String>,
     /// Temperatures so far.
     pub readings: Readings,
     /// The body so far.
     pub body: Body,
-    /// What has happened, the latest last.
+    /// Events so far, the latest last.
     pub log: VecDeque<Line>,
-    /// An answer of many lines, shown until the next key.
+    /// A response of many lines, shown until the next key.
     pub sheet: Option<String>,
     /// The command being typed.
     pub prompt: Option<Prompt>,
@@ -45,16 +45,16 @@ pub struct Model {
 /// A line of the log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Line {
-    /// When, s on the board's clock.
+    /// Time on the board's clock, s.
     pub at_s: f64,
-    /// What.
+    /// Text of the line.
     pub text: String,
-    /// Whether something went wrong.
+    /// True if something went wrong.
     pub bad: bool,
 }
 
 impl Model {
-    /// Nothing is known of the robot yet. Its bodies begin at `start`.
+    /// Creates the model of a robot whose state is not known yet. Its bodies begin at `start`.
     pub fn new(robot: Robot, port: &str, start: Pose, speed: Option<f64>) -> Self {
         Self {
             robot,
@@ -73,7 +73,7 @@ impl Model {
         }
     }
 
-    /// The board says how it does.
+    /// Applies a status of the board.
     pub fn apply_status(&mut self, status: Status) {
         if self.lost.take().is_some() {
             self.say("the board answers again");
@@ -83,18 +83,18 @@ impl Model {
         if status.plan_id != self.body.plan_id() {
             self.body = Body::new(status.plan_id, &self.start, Vec::new());
         } else if status.layers_laid < self.body.next() {
-            // The same job from the beginning.
+            // The same job starts again from the beginning.
             self.body.begin_again(&self.start);
         }
         let (state, fault) = (status.state, status.fault);
         let before = self.status.replace(status).map(|before| (before.state, before.fault));
-        // The event was lost, or there was a fault before we came.
+        // The event was lost, or it came before the console was connected.
         if before.is_none_or(|before| before != (state, fault)) {
             self.say_state(state, fault);
         }
     }
 
-    /// The board says something unasked.
+    /// Applies an event that the board sent.
     pub fn apply_event(&mut self, event: &Message) {
         match event {
             Message::StateChanged(change) => {
@@ -116,19 +116,19 @@ impl Model {
         }
     }
 
-    /// The board does not answer.
+    /// Records that the board does not respond.
     pub fn apply_loss(&mut self, why: &str) {
         if self.lost.replace(why.to_owned()).is_none() {
             self.complain(why);
         }
     }
 
-    /// A line for the log.
+    /// Adds a line to the log.
     pub fn say(&mut self, text: &str) {
         self.write(text, false);
     }
 
-    /// A line for the log about something that went wrong.
+    /// Adds a line about something that went wrong to the log.
     pub fn complain(&mut self, text: &str) {
         self.write(text, true);
     }
@@ -145,14 +145,14 @@ impl Model {
             if self.log.len() >= LOG {
                 self.log.pop_front();
             }
-            // What comes from outside must not move the cursor.
+            // Text from outside must not move the cursor.
             let text = line.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
             self.log.push_back(Line { at_s: self.clock_s, text, bad });
         }
     }
 }
 
-/// What a state means, in words, and what may be done.
+/// Returns the meaning of a state, and the possible actions.
 pub fn explanation(state: State) -> &'static str {
     match state {
         State::SelfTest => "just started, looking at its sensors",

@@ -1,10 +1,10 @@
-//! The line in which a command is typed.
+//! Prompt in which the user types a command.
 
 use crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 use crate::cli::console::commands::complete;
 
-/// No command is longer, characters.
+/// Maximum length of a command, characters.
 const LONGEST: usize = 200;
 
 /// A command being typed.
@@ -12,23 +12,23 @@ const LONGEST: usize = 200;
 pub struct Prompt {
     text: Vec<char>,
     cursor: usize,
-    /// How far back in the history.
+    /// Number of lines back in the history.
     back: usize,
 }
 
-/// What a key did to the line.
+/// Effect of a key on the line.
 #[derive(Debug, PartialEq)]
 pub enum Typed {
-    /// It is being typed yet.
+    /// The user is still typing the line.
     Continue,
-    /// It is to be carried out.
+    /// The line is to be run.
     Done(String),
-    /// It was given up.
+    /// The user has cancelled the line.
     Cancelled,
 }
 
 impl Prompt {
-    /// A line with its beginning.
+    /// Creates a prompt that starts with this text.
     pub fn new(begun: &str) -> Self {
         let mut prompt = Self::default();
         prompt.set(begun);
@@ -40,17 +40,17 @@ impl Prompt {
         self.cursor = self.text.len();
     }
 
-    /// The text.
+    /// Returns the text.
     pub fn text(&self) -> String {
         self.text.iter().collect()
     }
 
-    /// Characters before the cursor.
+    /// Returns the number of characters before the cursor.
     pub fn cursor(&self) -> usize {
         self.cursor
     }
 
-    /// Applies a key. `history` has the earlier lines, the latest last.
+    /// Applies a key. `history` contains the earlier lines, the latest last.
     pub fn apply(&mut self, key: KeyEvent, history: &[String]) -> Typed {
         let plain = !key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT);
         match key.code {

@@ -1,23 +1,23 @@
-//! Temperatures over time, as many as a chart can show: the whole time, however long it gets.
+//! Temperatures over time, as many as a chart can show. They are thinned out, so that they always cover the whole time.
 
-/// The max number of readings that stay.
+/// Maximum number of stored readings.
 const MAX_READINGS: usize = 1024;
 
-/// What the nozzle was and what it was to be, over time: pairs of s on the board's clock and degrees Celsius.
+/// Readings and targets of the nozzle over time: pairs of s on the board's clock and degrees Celsius.
 #[derive(Debug, Default)]
 pub struct Readings {
     readings: Vec<(f64, f64)>,
     targets: Vec<(f64, f64)>,
-    /// The time between two readings that stay, s.
+    /// Minimum time between two stored readings, s.
     apart_s: f64,
     latest_s: Option<f64>,
 }
 
 impl Readings {
-    /// Takes a reading, hundredths of a degree.
+    /// Adds a reading and a target, hundredths of a degree.
     pub fn add(&mut self, at_s: f64, reading: Option<i32>, target: Option<i32>) {
         match self.latest_s {
-            // The board has started anew: its clock too.
+            // The board has restarted, and its clock with it.
             Some(latest) if at_s < latest => *self = Self::default(),
             Some(latest) if at_s < latest + self.apart_s || at_s <= latest => return,
             _ => {}
@@ -39,24 +39,24 @@ impl Readings {
         }
     }
 
-    /// What the nozzle was.
+    /// Returns the measured temperatures.
     pub fn readings(&self) -> &[(f64, f64)] {
         &self.readings
     }
 
-    /// What it was to be.
+    /// Returns the target temperatures.
     pub fn targets(&self) -> &[(f64, f64)] {
         &self.targets
     }
 
-    /// From when to when there are readings, s.
+    /// Returns the first and the last time with readings, s.
     pub fn span(&self) -> Option<(f64, f64)> {
         let tracks = [&self.readings, &self.targets];
         let first = tracks.iter().filter_map(|track| track.first()).map(|(at, _)| *at).reduce(f64::min)?;
         Some((first, self.latest_s.unwrap_or(first).max(first)))
     }
 
-    /// The min and the max temperature.
+    /// Returns the minimum and the maximum temperature of readings and targets.
     pub fn range(&self) -> Option<(f64, f64)> {
         let all = || self.readings.iter().chain(&self.targets).map(|(_, celsius)| *celsius);
         Some((all().reduce(f64::min)?, all().reduce(f64::max)?))

@@ -1,4 +1,4 @@
-//! Boards' messages for the tests of this folder.
+//! Messages of boards for the tests of this folder.
 
 use growbot_client::robot_file;
 use growbot_core::layer::Layer;
@@ -8,13 +8,13 @@ use growbot_core::pose::Pose;
 
 use super::model::Model;
 
-/// A screen on a simulated robot A, of which nothing is known yet.
+/// Returns the model of a simulated robot A whose state is not known yet.
 pub fn model() -> Model {
     let robot = robot_file::load("growbot-a".as_ref()).unwrap();
     Model::new(robot, "sim", Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap(), Some(60.0))
 }
 
-/// A board with a job of 100 layers, of which all that were seen here are laid; at 200 C of 210 C.
+/// Returns the status of a board with a job of 100 layers, none of them laid, at 200 C with a target of 210 C.
 pub fn status(state: State, uptime_s: f64) -> Status {
     Status {
         state,
@@ -33,7 +33,7 @@ pub fn status(state: State, uptime_s: f64) -> Status {
     }
 }
 
-/// A layer of that job, leaning a little.
+/// Returns the report of a layer of that job. The layer leans a little.
 pub fn laid(index: u32) -> Message {
     let layer = Layer { alpha: 0.5, height: 0.7, tilt: 0.005 };
     let as_built = LayerEncoder::default().encode(&layer);

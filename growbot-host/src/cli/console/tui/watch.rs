@@ -1,4 +1,4 @@
-//! Follows a board while the screen lives: lets time pass on `sim`, takes what the board says, asks how it does.
+//! Follows a board while the screen is shown: lets time pass on `sim`, receives events and requests the status.
 
 use std::time::{Duration, Instant};
 
@@ -7,46 +7,46 @@ use growbot_client::client::{Client, ClientError};
 use super::model::Model;
 use crate::cli::following::stopped_for;
 
-/// How often a real board is asked how it does,
+/// Interval of status requests to a real board.
 const STATUS: Duration = Duration::from_millis(500);
-/// how often for its sensors,
+/// Interval of sensor requests.
 const SENSORS: Duration = Duration::from_secs(2);
-/// and how often once it does not answer.
+/// Interval of requests to a board that does not respond.
 const LOST: Duration = Duration::from_secs(3);
-/// How long to wait for what a real board says unasked.
+/// Time to wait for an event of a real board.
 const EVENT: Duration = Duration::from_millis(10);
-/// The longest that time on `sim` passes without a look, unless it runs fast.
+/// Longest step of time on `sim` between two status requests, unless `sim` runs fast.
 const VIRTUAL_STEP: Duration = Duration::from_secs(2);
-/// Looks at `sim` in one go, at most.
+/// Maximum number of steps in one go if `sim` runs fast.
 const LOOKS: u32 = 20;
-/// How long `sim` may compute before the keys are looked at again.
+/// Maximum time to compute `sim` or to receive events before the keys are read again.
 const COMPUTE: Duration = Duration::from_millis(200);
-/// How many times as fast as real time `sim` may run; it begins with the fifth.
+/// Possible speeds of `sim`, in multiples of real time. The fifth is the initial one.
 const SPEEDS: [u32; 9] = [1, 3, 10, 30, 60, 200, 600, 2_000, 6_000];
 
-/// A board that is followed.
+/// A board that the screen follows.
 pub struct Watch {
     client: Client,
-    /// Index into [`SPEEDS`]; none for a board with a clock of its own.
+    /// Index into [`SPEEDS`]. `None` for a board with a clock of its own.
     speed: Option<usize>,
-    /// The board's clock when it was asked latest, ms.
+    /// The board's clock at the latest status request, ms.
     latest_ms: u64,
     asked: Option<Instant>,
     sensed: Option<Instant>,
 }
 
 impl Watch {
-    /// Follows a board; on a virtual clock, time passes only here.
+    /// Creates the watch of a board. With a virtual clock, time passes only in this type.
     pub fn new(client: Client, virtual_clock: bool) -> Self {
         Self { client, speed: virtual_clock.then_some(4), latest_ms: 0, asked: None, sensed: None }
     }
 
-    /// The board.
+    /// Returns the client of the board.
     pub fn client(&mut self) -> &mut Client {
         &mut self.client
     }
 
-    /// How many times as fast as real time it runs; none for a board with a clock of its own.
+    /// Returns the speed in multiples of real time. `None` for a board with a clock of its own.
     pub fn speed(&self) -> Option<f64> {
         self.factor().map(f64::from)
     }
@@ -55,7 +55,7 @@ impl Watch {
         self.speed.and_then(|index| SPEEDS.get(index)).copied()
     }
 
-    /// Lets time on `sim` pass faster or slower. Whether there is such a speed.
+    /// Lets time on `sim` pass faster or slower. Returns false if the speed stays as it is.
     pub fn change_speed(&mut self, faster: bool) -> bool {
         let Some(speed) = &mut self.speed else { return false };
         let next = if faster { speed.saturating_add(1) } else { speed.wrapping_sub(1) };
@@ -66,7 +66,7 @@ impl Watch {
         there
     }
 
-    /// Takes what happens within so much real time.
+    /// Updates the model after this much real time.
     pub fn follow(&mut self, model: &mut Model, passed: Duration) {
         let due = |asked: Option<Instant>, every| asked.is_none_or(|at| at.elapsed() >= every);
         if model.lost.is_some() && !due(self.asked, LOST) {
@@ -112,19 +112,19 @@ impl Watch {
             let before = now;
             now = self.ask(model)?;
             if now < before {
-                // The board has started anew, and its clock too.
+                // The board has restarted, and its clock with it.
                 break;
             }
         }
         Ok(())
     }
 
-    /// How the board does; gives its clock, ms.
+    /// Requests the board's status and applies it. Returns the board's clock, ms.
     fn ask(&mut self, model: &mut Model) -> Result<u64, ClientError> {
         self.asked = Some(Instant::now());
         let mut status = self.client.status()?;
         if status.uptime_ms < self.latest_ms {
-            // It has started anew, and knows nothing of our session.
+            // The board has restarted, and does not know the session.
             status = self.client.hello()?.status;
             model.say("the board has started anew");
         }
