@@ -40,7 +40,7 @@ fn the_image_checks_and_keeps_a_description_and_restarts_with_it() {
     let [old, new] = ["growbot-a", "growbot-b"].map(robot);
     let emulator = Emulator::start(&old, Some(&firmware("an386"))).unwrap();
     let mut client = Client::new(Box::new(emulator), "the emulated board");
-    client.hello_robot(&old).unwrap();
+    client.open_session_for(&old).unwrap();
 
     let mut buffer = [0; MAX_VERSIONED_LEN];
     let bytes = new.encode_for_board(&mut buffer).unwrap().to_vec();
@@ -58,7 +58,7 @@ fn the_image_checks_and_keeps_a_description_and_restarts_with_it() {
     ] {
         assert_eq!(refusal(hand_over(&mut client, &new, bad)), Refusal::InvalidDescription { why });
     }
-    assert_eq!(client.board().unwrap().robot_hash, old.hash());
+    assert_eq!(client.identify().unwrap().robot_hash, old.hash());
 
     let hello = client.configure(&new).unwrap();
     assert_eq!((hello.robot_hash, hello.robot_name.as_str()), (new.hash(), "growbot-b"));
@@ -67,5 +67,5 @@ fn the_image_checks_and_keeps_a_description_and_restarts_with_it() {
     client.maintain(MaintenanceTask::Preheat { target_centi_c: 20_000 }).unwrap();
     assert_eq!(refusal(client.configure(&old)), Refusal::WrongState { state: State::Maintenance });
     client.stop().unwrap();
-    assert_eq!(client.board().unwrap().robot_hash, new.hash());
+    assert_eq!(client.identify().unwrap().robot_hash, new.hash());
 }

@@ -21,7 +21,7 @@ fn board(image: &Path) -> (Client, Words) {
     let mut emulator = Emulator::start(&robot, Some(image)).unwrap();
     let words = Words::of(&mut emulator);
     let mut client = Client::new(Box::new(emulator), "the emulated board");
-    client.hello_robot(&robot).unwrap();
+    client.open_session_for(&robot).unwrap();
     (client, words)
 }
 
@@ -38,7 +38,7 @@ fn a_crash_is_told_after_the_reset_by_function_and_line() {
     let path = firmware("an386");
     let image = Image::open(&path).unwrap();
     let (mut client, words) = board(&path);
-    let report = client.boot().unwrap();
+    let report = client.boot_report().unwrap();
     assert_eq!((report.image, report.crash), (ImageCheck::Valid { crc: image.crc().unwrap() }, None));
 
     let nowhere = Some(format!("{:08x}", table::NOWHERE));
@@ -47,11 +47,11 @@ fn a_crash_is_told_after_the_reset_by_function_and_line() {
         (table::CRASH_BY_ACCESS, ResetCause::ProcessorFault, "access_in_vain", Some("PRECISERR"), nowhere),
         (table::CRASH_BY_HANGING, ResetCause::Watchdog, "hang", None, None),
     ] {
-        let boot_id = client.board().unwrap().boot_id;
+        let boot_id = client.identify().unwrap().boot_id;
         crash(&words, how);
-        let hello = client.hello().unwrap();
+        let hello = client.open_session().unwrap();
         assert_eq!((hello.reset_cause, hello.status.state), (cause, State::Idle), "{function}");
-        let told = client.boot().unwrap().crash.expect("the board knows of the crash");
+        let told = client.boot_report().unwrap().crash.expect("the board knows of the crash");
         let crash = Crash::new(&told, Some(&image));
         let text = crash.text();
         println!("{text}");
@@ -84,8 +84,8 @@ fn a_crash_is_told_after_the_reset_by_function_and_line() {
     words.write(table::OVERFLOW_STACK, 1);
     words.wait("another boot", |words| words.read(table::BOOTS) != boots);
     words.write(table::OVERFLOW_STACK, 0);
-    assert_eq!(client.hello().unwrap().reset_cause, ResetCause::StackOverflow);
-    let told = client.boot().unwrap().crash.unwrap();
+    assert_eq!(client.open_session().unwrap().reset_cause, ResetCause::StackOverflow);
+    let told = client.boot_report().unwrap().crash.unwrap();
     let crash = Crash::new(&told, Some(&image));
     println!("{}", crash.text());
     assert_eq!(crash.record.cause, ResetCause::StackOverflow);
@@ -121,9 +121,9 @@ fn an_image_that_is_damaged_is_told_and_never_heats() {
     let path = damaged("damaged");
     assert!(is_sealed(&std::fs::read(&path).unwrap()));
     let (mut client, words) = board(&path);
-    let hello = client.board().unwrap();
+    let hello = client.identify().unwrap();
     assert_eq!((hello.status.state, hello.status.fault), (State::Fault, Some(Fault::ImageCorrupt)));
-    let report = client.boot().unwrap();
+    let report = client.boot_report().unwrap();
     assert!(matches!(report.image, ImageCheck::Corrupt { sealed, found } if sealed != found), "{report:?}");
 
     let plan_id = 1;

@@ -74,7 +74,7 @@ fn with_a_job() -> (Rc<RefCell<Emulator>>, Words, Client) {
     let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
     let words = Words::of(&mut emulator.borrow_mut());
     let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
-    client.hello_robot(&robot).unwrap();
+    client.open_session_for(&robot).unwrap();
     client
         .request("to begin", &Message::Begin(BeginJob { plan_id: PLAN, layers: 8, robot_hash: robot.hash() }))
         .unwrap();

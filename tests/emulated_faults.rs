@@ -34,7 +34,7 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
     let words = Words::of(&mut emulator.borrow_mut());
     let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
-    client.hello_robot(&robot).unwrap();
+    client.open_session_for(&robot).unwrap();
     let plan_id = 1;
     client.request("to begin", &Message::Begin(BeginJob { plan_id, layers: 8, robot_hash: robot.hash() })).unwrap();
     // The nozzle is warmed only now, because the board erases its journal only with a cold nozzle.

@@ -3,7 +3,9 @@
 
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
-use growbot_client::growth::{Grown, Job, JobEvent, Manner, MeasuredBy, Orders, Outcome, WhenParked, grow_job};
+use growbot_client::growth::{
+    CommandQueue, GrowthOptions, GrowthReport, Job, JobEvent, MeasuredBy, OnParked, Outcome, grow_job,
+};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Leg, Segment, end};
 use growbot_core::pose::Pose;
@@ -11,8 +13,8 @@ use growbot_core::robot::Robot;
 use growbot_core::simulation::Disturbance;
 use growbot_core::simulation::ErrorModel;
 use growbot_core::tracking::SensorNoise;
+use growbot_sim::ground_truth::grow_with_ground_truth;
 use growbot_sim::port::emulator::Emulator;
-use growbot_sim::truth::compare;
 use growbot_tests::firmware;
 
 /// Returns robot A2, which is fast, with robot A's sensors.
@@ -28,7 +30,7 @@ fn robot() -> Robot {
 }
 
 /// Grows 62 layers on an emulated robot that lays 10 % too little, with 10 % noise.
-fn grow(robot: &Robot, with_feedback: bool) -> Grown {
+fn grow(robot: &Robot, with_feedback: bool) -> GrowthReport {
     let path = [
         Segment::Arc { alpha: 1.0, bend: 0.15, length: 20.0 },
         Segment::Straight { length: 10.0 },
@@ -46,25 +48,26 @@ fn grow(robot: &Robot, with_feedback: bool) -> Grown {
     emulator.simulated_tip(|tip| {
         tip.disturb(&imperfection);
         // A warm nozzle saves the heating time.
-        tip.warm_at_once(190.0);
+        tip.preheat_instantly(190.0);
     });
     let feedback = with_feedback.then(|| Feedback::new(robot, &start, &path, &legs, noise));
-    let mut simulation = emulator.simulation();
+    let mut simulation = emulator.tip_handle();
     let mut client = Client::new(Box::new(emulator), "a board under test");
-    let manner = Manner { silence: HostSilencePolicy::Pause, feedback, parked: WhenParked::Ends };
-    let grow = |on_event: &mut dyn FnMut(&JobEvent)| grow_job(&mut client, &job, manner, &Orders::default(), on_event);
-    compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
+    let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::End };
+    let grow =
+        |on_event: &mut dyn FnMut(&JobEvent)| grow_job(&mut client, &job, manner, &CommandQueue::default(), on_event);
+    grow_with_ground_truth(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }
 
 #[test]
 fn an_emulated_board_is_amended_while_it_grows_and_arrives() {
     let robot = robot();
     let (open, closed) = (grow(&robot, false), grow(&robot, true));
-    let miss = |grown: &Grown| {
+    let miss = |grown: &GrowthReport| {
         assert_eq!((grown.outcome, grown.measured_by), (Outcome::Done, MeasuredBy::Tip));
         grown.arrival.normalized_position_error
     };
-    let fed_back = closed.fed_back.as_ref().unwrap();
+    let fed_back = closed.feedback.as_ref().unwrap();
     let estimated = fed_back.estimate.base_from_tip.translation.vector;
     let off = (estimated - closed.arrival.final_pose.position()).norm();
     println!("{:.4} without feedback, {:.4} with; {} amendments", miss(&open), miss(&closed), fed_back.amendments);

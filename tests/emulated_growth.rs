@@ -1,29 +1,29 @@
 //! The firmware in the emulator grows a body with the same steps as the controller in a simulation on the desktop.
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Grown, Job, JobEvent, Orders, Outcome, grow_job};
+use growbot_client::growth::{CommandQueue, GrowthReport, Job, JobEvent, Outcome, grow_job};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Segment, end, length};
 use growbot_core::pose::{Pose, angle_between};
 use growbot_core::robot::Robot;
+use growbot_sim::ground_truth::{SimulatedTip, grow_with_ground_truth};
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::port::sim::Sim;
-use growbot_sim::truth::{Simulation, compare};
 use growbot_tests::firmware;
 
 /// Grows a path and returns the result.
-fn grow_on(opened: (Box<dyn Port>, Box<dyn Simulation>), robot: &Robot, path: &[Segment]) -> Grown {
+fn grow_on(opened: (Box<dyn Port>, Box<dyn SimulatedTip>), robot: &Robot, path: &[Segment]) -> GrowthReport {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&end(path, &start.frame()));
     let job = Job::new(robot, &start, &goal, path);
     let (port, mut simulation) = opened;
     let mut client = Client::new(port, "a board under test");
     let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
-        grow_job(&mut client, &job, HostSilencePolicy::Pause, &Orders::default(), on_event)
+        grow_job(&mut client, &job, HostSilencePolicy::Pause, &CommandQueue::default(), on_event)
     };
-    compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
+    grow_with_ground_truth(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }
 
 #[test]
@@ -40,11 +40,11 @@ fn the_emulated_board_lays_the_layers_that_the_simulation_lays() {
 
     let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
     // A warm nozzle saves the heating time.
-    emulator.simulated_tip(|tip| tip.warm_at_once(190.0));
-    let tip = emulator.simulation();
+    emulator.simulated_tip(|tip| tip.preheat_instantly(190.0));
+    let tip = emulator.tip_handle();
     let emulated = grow_on((Box::new(emulator), tip), &robot, &path);
     let sim = Sim::new(robot.clone());
-    let tip = sim.simulation();
+    let tip = sim.tip_handle();
     let simulated = grow_on((Box::new(sim), tip), &robot, &path);
 
     assert_eq!(emulated.outcome, Outcome::Done);

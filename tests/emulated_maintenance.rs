@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::{
-    Grown, Job, JobEvent, Manner, Order, Orders, Outcome, WhenParked, as_built_hash, grow_job,
+    Command, CommandQueue, GrowthOptions, GrowthReport, Job, JobEvent, OnParked, Outcome, as_built_hash, grow_job,
 };
 use growbot_client::robot_file;
 use growbot_core::link::message::{HostSilencePolicy, MaintenanceTask, PauseCause, Refusal, State};
@@ -38,10 +38,10 @@ type Board = Rc<RefCell<Emulator>>;
 
 fn board(robot: &Robot) -> (Board, Client) {
     let mut emulator = Emulator::start(robot, Some(&firmware("an386"))).unwrap();
-    emulator.simulated_tip(|tip| tip.warm_at_once(198.0));
+    emulator.simulated_tip(|tip| tip.preheat_instantly(198.0));
     let board = Rc::new(RefCell::new(emulator));
     let mut client = Client::new(Box::new(Rc::clone(&board)), "the emulated board");
-    client.hello_robot(robot).unwrap();
+    client.open_session_for(robot).unwrap();
     (board, client)
 }
 
@@ -61,7 +61,7 @@ fn once_possible(board: &Board, client: &mut Client, task: MaintenanceTask) {
             done => return done.unwrap(),
         }
         limit.check(format_args!("{task:?}: {:?}", client.status()));
-        client.pass(Duration::from_millis(200)).unwrap();
+        client.wait(Duration::from_millis(200)).unwrap();
     }
 }
 
@@ -109,15 +109,15 @@ fn what_is_refused_cold_is_done_hot_and_seen_by_the_tip() {
 }
 
 /// Grows a straight body of 20 layers. `on_event` may inject a fault into the tip.
-fn grow(robot: &Robot, mut on_event: impl FnMut(&Board, &JobEvent, &Orders)) -> Grown {
+fn grow(robot: &Robot, mut on_event: impl FnMut(&Board, &JobEvent, &CommandQueue)) -> GrowthReport {
     let (board, mut client) = board(robot);
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let length = 22.0 * 0.7;
     let path = [Segment::Straight { length }];
     let goal = Pose::from_degrees([0.0, 0.0, length, 0.0, 90.0]).unwrap();
     let job = Job::new(robot, &start, &goal, &path);
-    let orders = Orders::default();
-    let manner = Manner { silence: HostSilencePolicy::Pause, feedback: None, parked: WhenParked::Waits };
+    let orders = CommandQueue::default();
+    let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback: None, parked: OnParked::Wait };
     grow_job(&mut client, &job, manner, &orders, &mut |event| on_event(&board, event, &orders)).unwrap()
 }
 
@@ -126,7 +126,7 @@ fn a_body_that_ran_out_of_filament_is_the_one_that_nothing_disturbed() {
     let robot = robot();
     let undisturbed = grow(&robot, |_, _, _| {});
     assert_eq!(undisturbed.outcome, Outcome::Done);
-    let (mut ran_out, mut waited, mut steps) = (false, 0, vec![Order::Continue, Order::Load, Order::Preheat]);
+    let (mut ran_out, mut waited, mut steps) = (false, 0, vec![Command::Continue, Command::Load, Command::Preheat]);
     let grown = grow(&robot, |board, event, orders| match event {
         JobEvent::Laid { index: 3, .. } if !std::mem::replace(&mut ran_out, true) => {
             board.borrow_mut().inject(TipFault::FilamentOut);
@@ -134,15 +134,15 @@ fn a_body_that_ran_out_of_filament_is_the_one_that_nothing_disturbed() {
         JobEvent::Status(status) if status.state == State::Paused => {
             assert_eq!(status.pause_cause, PauseCause::FilamentOut);
             waited += 1;
-            board.borrow_mut().mend(TipFault::FilamentOut);
+            board.borrow_mut().clear_fault(TipFault::FilamentOut);
             // A refused command is given again with the next status.
             if let Some(order) = steps.last() {
-                orders.give(*order);
+                orders.push(*order);
             }
         }
-        JobEvent::Ordered(order) if steps.last() == Some(order) => drop(steps.pop()),
+        JobEvent::Command(order) if steps.last() == Some(order) => drop(steps.pop()),
         // The command came too early.
-        JobEvent::NotObeyed(_) => steps.push(if steps.is_empty() { Order::Continue } else { Order::Load }),
+        JobEvent::CommandFailed(_) => steps.push(if steps.is_empty() { Command::Continue } else { Command::Load }),
         _ => {}
     });
     assert_eq!((grown.outcome, ran_out), (Outcome::Done, true));

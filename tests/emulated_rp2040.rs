@@ -8,7 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Grown, Job, JobEvent, Orders, Outcome, grow_job};
+use growbot_client::growth::{CommandQueue, GrowthReport, Job, JobEvent, Outcome, grow_job};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::job::summarize;
@@ -17,11 +17,11 @@ use growbot_core::path::{Segment, end, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_core::robot::{Board, BoardKind, DriverSettings, PinOverrides, Robot};
+use growbot_sim::ground_truth::{SimulatedTip, grow_with_ground_truth};
 use growbot_sim::port::emulator::Emulator;
-use growbot_sim::port::rp2040::{Line, Rp2040};
+use growbot_sim::port::rp2040::{HostLink, Rp2040Emulator};
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::Variation;
-use growbot_sim::truth::{Simulation, compare};
 use growbot_tests::{firmware, pico_firmware};
 
 /// Returns robot A2, which lays a layer in 0.18 s.
@@ -44,37 +44,42 @@ fn on_skr_pico() -> Robot {
 }
 
 /// Grows a path with robot A2.
-fn grow_on(port: Box<dyn Port>, simulation: Box<dyn Simulation>, path: &[Segment]) -> Grown {
+fn grow_on(port: Box<dyn Port>, simulation: Box<dyn SimulatedTip>, path: &[Segment]) -> GrowthReport {
     grow_as(&robot(), port, simulation, path)
 }
 
 /// Grows a path with a robot.
-fn grow_as(robot: &Robot, port: Box<dyn Port>, mut simulation: Box<dyn Simulation>, path: &[Segment]) -> Grown {
+fn grow_as(
+    robot: &Robot,
+    port: Box<dyn Port>,
+    mut simulation: Box<dyn SimulatedTip>,
+    path: &[Segment],
+) -> GrowthReport {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&end(path, &start.frame()));
     let job = Job::new(robot, &start, &goal, path);
     let mut client = Client::new(port, "a board under test");
     let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
-        grow_job(&mut client, &job, HostSilencePolicy::Pause, &Orders::default(), on_event)
+        grow_job(&mut client, &job, HostSilencePolicy::Pause, &CommandQueue::default(), on_event)
     };
-    compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
+    grow_with_ground_truth(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }
 
 /// Grows a path on the simulated board. Also returns the time on its clock.
-fn simulated(path: &[Segment]) -> (Grown, Duration) {
+fn simulated(path: &[Segment]) -> (GrowthReport, Duration) {
     let sim = Rc::new(RefCell::new(Sim::new(robot())));
-    sim.borrow_mut().simulated_tip().warm_at_once(WARM_C);
-    let tip = sim.borrow().simulation();
+    sim.borrow_mut().simulated_tip().preheat_instantly(WARM_C);
+    let tip = sim.borrow().tip_handle();
     let grown = grow_on(Box::new(Rc::clone(&sim)), tip, path);
     let time = sim.now();
     (grown, time)
 }
 
 /// Grows a path on the emulated M4.
-fn on_an386(path: &[Segment]) -> Grown {
+fn on_an386(path: &[Segment]) -> GrowthReport {
     let mut emulator = Emulator::start(&robot(), Some(&firmware("an386"))).unwrap();
-    emulator.simulated_tip(|tip| tip.warm_at_once(WARM_C));
-    let tip = emulator.simulation();
+    emulator.simulated_tip(|tip| tip.preheat_instantly(WARM_C));
+    let tip = emulator.tip_handle();
     grow_on(Box::new(emulator), tip, path)
 }
 
@@ -86,10 +91,10 @@ const STEPS_PER_S: u64 = 10_000;
 const STACK: u64 = 64 * 1024;
 
 /// Returns a board for robot A2 that measures its step interrupt and its stack, and the file of the measurements.
-fn measured(name: &str) -> (Rp2040, PathBuf) {
+fn measured(name: &str) -> (Rp2040Emulator, PathBuf) {
     let figures = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let _ = std::fs::remove_file(&figures);
-    (Rp2040::start_measured(&robot(), &pico_firmware("growbot-a2"), &figures).unwrap(), figures)
+    (Rp2040Emulator::start_measured(&robot(), &pico_firmware("growbot-a2"), &figures).unwrap(), figures)
 }
 
 /// Checks the measurements in a file.
@@ -115,8 +120,8 @@ fn the_pico_lays_the_layers_that_the_simulation_and_another_processor_lay() {
     let began = Instant::now();
     let (board, figures) = measured("growing.json");
     let board = Rc::new(RefCell::new(board));
-    board.borrow_mut().simulated_tip().warm_at_once(WARM_C);
-    let tip = board.borrow().simulation();
+    board.borrow_mut().simulated_tip().preheat_instantly(WARM_C);
+    let tip = board.borrow().tip_handle();
     let pico = grow_on(Box::new(Rc::clone(&board)), tip, &path);
     let took = began.elapsed();
     let (simulated, time) = simulated(&path);
@@ -148,14 +153,14 @@ fn the_pico_lays_the_layers_that_the_simulation_and_another_processor_lay() {
 fn a_board_that_is_configured_as_an_skr_pico_grows_at_its_pins() {
     let path = [Segment::Arc { alpha: 1.0, bend: 0.2, length: 20.0 }];
     let robot = on_skr_pico();
-    let board = Rc::new(RefCell::new(Rp2040::start(&robot, Some(&pico_firmware("none"))).unwrap()));
+    let board = Rc::new(RefCell::new(Rp2040Emulator::start(&robot, Some(&pico_firmware("none"))).unwrap()));
     let mut client = Client::new(Box::new(Rc::clone(&board)), "a board under test");
-    client.hello().unwrap();
+    client.open_session().unwrap();
     let hello = client.configure(&robot).unwrap();
     drop(client);
     assert_eq!((hello.robot_name.as_str(), hello.robot_hash), (robot.name(), robot.hash()));
-    board.borrow_mut().simulated_tip().warm_at_once(WARM_C);
-    let tip = board.borrow().simulation();
+    board.borrow_mut().simulated_tip().preheat_instantly(WARM_C);
+    let tip = board.borrow().tip_handle();
     let grown = grow_as(&robot, Box::new(Rc::clone(&board)), tip, &path);
     assert_eq!(grown.outcome, Outcome::Done);
     assert_eq!(grown.as_built, simulated(&path).0.as_built);
@@ -167,10 +172,10 @@ fn a_board_that_is_configured_as_an_skr_pico_grows_at_its_pins() {
 fn over_usb_the_pico_lays_the_same_layers() {
     let path = [Segment::Straight { length: 4.0 }, Segment::Arc { alpha: 1.0, bend: 0.1, length: 10.0 }];
     let image = pico_firmware("growbot-a2");
-    let board = Rp2040::start_over(Line::Usb, &robot(), Some(&image), Variation::default()).unwrap();
+    let board = Rp2040Emulator::start_on_link(HostLink::Usb, &robot(), Some(&image), Variation::default()).unwrap();
     let board = Rc::new(RefCell::new(board));
-    board.borrow_mut().simulated_tip().warm_at_once(WARM_C);
-    let tip = board.borrow().simulation();
+    board.borrow_mut().simulated_tip().preheat_instantly(WARM_C);
+    let tip = board.borrow().tip_handle();
     let grown = grow_on(Box::new(Rc::clone(&board)), tip, &path);
     let (simulated, _) = simulated(&path);
     assert_eq!(grown.outcome, Outcome::Done);
@@ -194,7 +199,7 @@ fn the_pico_plans_the_desktops_layers_bit_for_bit() {
     let (board, figures) = measured("planning.json");
     let board = Rc::new(RefCell::new(board));
     let mut client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
-    client.hello_robot(&robot).unwrap();
+    client.open_session_for(&robot).unwrap();
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     for (goal, planner) in GOALS {
         let goal = Pose::from_degrees(goal).unwrap();

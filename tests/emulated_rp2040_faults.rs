@@ -20,7 +20,7 @@ use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerEncoder;
 use growbot_core::link::message::{AppendLayers, BeginJob, Fault, HostSilencePolicy, Message, Start, State, Status};
 use growbot_core::robot::Robot;
-use growbot_sim::port::rp2040::Rp2040;
+use growbot_sim::port::rp2040::Rp2040Emulator;
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::{Tip, TipFault};
 use growbot_tests::fault_campaign::cases::{Case, Onset, Right};
@@ -79,7 +79,7 @@ impl Tested for Sim {
     }
 }
 
-impl Tested for Rp2040 {
+impl Tested for Rp2040Emulator {
     fn tip(&mut self) -> RefMut<'_, Tip> {
         self.simulated_tip()
     }
@@ -185,9 +185,9 @@ fn meet(board: impl Tested, case: Case) -> Met {
     if case.onset == Onset::Boot {
         bench.board.borrow_mut().tip().inject(case.fault);
     }
-    bench.client.hello_robot(&robot()).unwrap();
+    bench.client.open_session_for(&robot()).unwrap();
     // The tests at the board's start take a while.
-    bench.client.pass(Duration::from_secs(3)).unwrap();
+    bench.client.wait(Duration::from_secs(3)).unwrap();
     let begun = bench.begin(if case.onset == Onset::Heating { HEATING_C } else { WARM_C });
     if case.right() == Right::Refused {
         assert!(matches!(begun, Err(ClientError::Refused { .. })), "{}: {begun:?}", bench.what);
@@ -215,7 +215,7 @@ fn meet(board: impl Tested, case: Case) -> Met {
 /// Runs a fault on both boards. Returns a line of the table, or an error message.
 fn check(case: Case) -> Result<String, String> {
     let simulated = meet(Sim::new(robot()), case);
-    let pico = meet(Rp2040::start(&robot(), Some(&pico_firmware("growbot-a"))).unwrap(), case);
+    let pico = meet(Rp2040Emulator::start(&robot(), Some(&pico_firmware("growbot-a"))).unwrap(), case);
     let (fault, onset, met) = (case.fault.name(), case.onset.name(), [&pico, &simulated]);
     let [name, other] = met.map(Met::name);
     let [after, others] = met.map(|met| met.after);

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
-use growbot_client::growth::{Job, JobEvent, Manner, MeasuredBy, Orders, Outcome, WhenParked, grow_job};
+use growbot_client::growth::{CommandQueue, GrowthOptions, Job, JobEvent, MeasuredBy, OnParked, Outcome, grow_job};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::link::message::{HostSilencePolicy, State};
@@ -16,8 +16,8 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::{FilamentMotion, Robot};
 use growbot_core::simulation::{Disturbance, ErrorModel};
 use growbot_core::tracking::SensorNoise;
-use growbot_sim::port::rp2040::Rp2040;
-use growbot_sim::truth::compare;
+use growbot_sim::ground_truth::grow_with_ground_truth;
+use growbot_sim::port::rp2040::Rp2040Emulator;
 use growbot_tests::pico_firmware;
 
 /// Max excess of the mean time of a layer over that of the robot's description, as a fraction.
@@ -46,7 +46,7 @@ impl Seen {
     fn see(&mut self, event: &JobEvent, now: Duration) {
         match event {
             JobEvent::Laid { .. } => self.laid.push(now),
-            JobEvent::Amending(amendment) => {
+            JobEvent::Amendment(amendment) => {
                 let lead = amendment.from.saturating_sub(self.laid.len() as u32 + 1);
                 self.lead = Some(self.lead.map_or(lead, |least| least.min(lead)));
             }
@@ -70,30 +70,30 @@ fn corrected_layers_come_to_the_pico_in_time_and_it_arrives() {
     let goal = Pose::from_frame(&end(&path, &start.frame()));
     let legs = [Leg { goal, segment_count: path.len() }];
     let job = Job::new(&robot, &start, &goal, &path);
-    let board = Rc::new(RefCell::new(Rp2040::start(&robot, Some(&pico_firmware("growbot-a2"))).unwrap()));
+    let board = Rc::new(RefCell::new(Rp2040Emulator::start(&robot, Some(&pico_firmware("growbot-a2"))).unwrap()));
     let mut client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
-    client.hello().unwrap();
+    client.open_session().unwrap();
     client.configure(&robot).unwrap();
     // The robot lays 10 % too little, with 10 % noise.
     let noise = SensorNoise { odometry: 0.01, direction: 0.005 };
     let disturbance = Disturbance { growth_bias: -0.1, growth_noise: 0.1, ..Disturbance::default() };
     let imperfection = ErrorModel { disturbance, noise, seed: 11 };
     board.borrow_mut().simulated_tip().disturb(&imperfection);
-    board.borrow_mut().simulated_tip().warm_at_once(190.0);
+    board.borrow_mut().simulated_tip().preheat_instantly(190.0);
     let feedback = Some(Feedback::new(&robot, &start, &path, &legs, noise));
-    let manner = Manner { silence: HostSilencePolicy::Pause, feedback, parked: WhenParked::Ends };
-    let mut simulation = board.borrow().simulation();
+    let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::End };
+    let mut simulation = board.borrow().tip_handle();
     let mut seen = Seen::default();
     let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
-        grow_job(&mut client, &job, manner, &Orders::default(), &mut |event| {
+        grow_job(&mut client, &job, manner, &CommandQueue::default(), &mut |event| {
             seen.see(event, board.now());
             on_event(event);
         })
     };
-    let grown = compare(Some(&mut simulation), &job, &mut |_| (), grow).unwrap();
+    let grown = grow_with_ground_truth(Some(&mut simulation), &job, &mut |_| (), grow).unwrap();
 
     assert_eq!((grown.outcome, grown.measured_by), (Outcome::Done, MeasuredBy::Tip));
-    let fed_back = grown.fed_back.as_ref().unwrap();
+    let fed_back = grown.feedback.as_ref().unwrap();
     let miss = grown.arrival.normalized_position_error;
     let steps: Vec<f64> = seen.laid.windows(2).map(|two| (two[1] - two[0]).as_secs_f64()).collect();
     let mean = steps.iter().sum::<f64>() / steps.len() as f64;

@@ -14,7 +14,7 @@ use growbot_core::link::message::{
 };
 use growbot_host::crash::{Crash, Image};
 use growbot_sim::image_seal::seal;
-use growbot_sim::port::rp2040::{self, Rp2040};
+use growbot_sim::port::rp2040::{self, Rp2040Emulator};
 use growbot_sim::uf2;
 use growbot_tests::pico_firmware;
 use object::{Object, ObjectSection, ObjectSymbol};
@@ -22,16 +22,16 @@ use object::{Object, ObjectSection, ObjectSymbol};
 /// Time of the watchdog, with a margin.
 const WATCHDOG: Duration = Duration::from_millis(2500);
 
-type Board = Rc<RefCell<Rp2040>>;
+type Board = Rc<RefCell<Rp2040Emulator>>;
 
 /// Returns a board that runs these bytes as its image, a client of it, and the path of the image.
 fn board(name: &str, image: &[u8]) -> (Board, Client, PathBuf) {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     std::fs::write(&path, image).unwrap();
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-    let board = Rc::new(RefCell::new(Rp2040::start(&robot, Some(&path)).unwrap()));
+    let board = Rc::new(RefCell::new(Rp2040Emulator::start(&robot, Some(&path)).unwrap()));
     let mut client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
-    client.hello_robot(&robot).unwrap();
+    client.open_session_for(&robot).unwrap();
     (board, client, path)
 }
 
@@ -52,14 +52,14 @@ fn the_uf2_file_of_a_sealed_image_starts_and_a_crash_is_told_after_the_reset() {
     let elf = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pico-sealed.elf");
     std::fs::write(&elf, &sealed).unwrap();
     let image = Image::open(&elf).unwrap();
-    let report = client.boot().unwrap();
+    let report = client.boot_report().unwrap();
     assert_eq!((report.image, report.crash), (ImageCheck::Valid { crc: image.crc().unwrap() }, None));
 
-    let boot_id = client.board().unwrap().boot_id;
-    board.borrow_mut().crash(rp2040::Crash::Faults).unwrap();
-    let hello = client.hello().unwrap();
+    let boot_id = client.identify().unwrap().boot_id;
+    board.borrow_mut().crash(rp2040::CrashMode::Faults).unwrap();
+    let hello = client.open_session().unwrap();
     assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::ProcessorFault, State::Idle));
-    let told = client.boot().unwrap().crash.expect("the board knows of the crash");
+    let told = client.boot_report().unwrap().crash.expect("the board knows of the crash");
     let crash = Crash::new(&told, Some(&image));
     println!("{}", crash.text());
     assert_eq!((crash.record.cause, crash.record.boot_id), (ResetCause::ProcessorFault, boot_id));
@@ -69,9 +69,9 @@ fn the_uf2_file_of_a_sealed_image_starts_and_a_crash_is_told_after_the_reset() {
     assert_off(&board);
 
     // The processor has no interrupt of the watchdog, so the board only knows of the reset after its main loop hangs.
-    board.borrow_mut().crash(rp2040::Crash::Hangs).unwrap();
-    board.borrow_mut().pass(WATCHDOG).unwrap();
-    let hello = client.hello().unwrap();
+    board.borrow_mut().crash(rp2040::CrashMode::Hangs).unwrap();
+    board.borrow_mut().run_for(WATCHDOG).unwrap();
+    let hello = client.open_session().unwrap();
     assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::Watchdog, State::Idle));
     assert_eq!(board.borrow().resets(), 2);
     assert_off(&board);
@@ -89,19 +89,19 @@ fn a_crystal_that_stops_while_it_heats_switches_everything_off_and_is_told() {
         if is_hot(&board) {
             break;
         }
-        client.pass(Duration::from_millis(500)).unwrap();
+        client.wait(Duration::from_millis(500)).unwrap();
     }
     assert!(is_hot(&board), "{:?}", client.status());
 
-    board.borrow_mut().crash(rp2040::Crash::CrystalStops).unwrap();
+    board.borrow_mut().crash(rp2040::CrashMode::CrystalStops).unwrap();
     // Five step ticks take 1.25 ms. The watchdog would take 2 s, and its clock stands too.
-    board.borrow_mut().pass(Duration::from_millis(2)).unwrap();
+    board.borrow_mut().run_for(Duration::from_millis(2)).unwrap();
     assert_eq!(board.borrow().resets(), 1);
     // The tip's heater duty is the mean over the last interval.
-    board.borrow_mut().pass(Duration::from_millis(1)).unwrap();
+    board.borrow_mut().run_for(Duration::from_millis(1)).unwrap();
     assert_off(&board);
     // The board responds, so the crystal must have started again.
-    let hello = client.hello().unwrap();
+    let hello = client.open_session().unwrap();
     assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::ClockFailed, State::Fault));
     assert_eq!(hello.status.fault, Some(Fault::ClockFailed));
     client.request("to clear it", &Message::ClearFault(Empty {})).unwrap();
@@ -130,9 +130,9 @@ fn damaged() -> Vec<u8> {
 #[test]
 fn a_damaged_image_is_told_and_never_heats() {
     let (board, mut client, _) = board("pico-damaged", &damaged());
-    let hello = client.board().unwrap();
+    let hello = client.identify().unwrap();
     assert_eq!((hello.status.state, hello.status.fault), (State::Fault, Some(Fault::ImageCorrupt)));
-    let report = client.boot().unwrap();
+    let report = client.boot_report().unwrap();
     assert!(matches!(report.image, ImageCheck::Corrupt { sealed, found } if sealed != found), "{report:?}");
 
     let plan_id = 1;
@@ -150,7 +150,7 @@ fn a_damaged_image_is_told_and_never_heats() {
         }
         assert_off(&board);
     }
-    board.borrow_mut().pass(Duration::from_secs(2)).unwrap();
+    board.borrow_mut().run_for(Duration::from_secs(2)).unwrap();
     assert_eq!(client.status().unwrap().fault, Some(Fault::ImageCorrupt));
     let ambient_c = growbot_sim::tip::Variation::default().ambient_c;
     let mut board = board.borrow_mut();

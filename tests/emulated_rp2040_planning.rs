@@ -21,7 +21,7 @@ use growbot_core::link::message::{Message, PlanRequest};
 use growbot_core::path::length;
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
-use growbot_sim::port::rp2040::Rp2040;
+use growbot_sim::port::rp2040::Rp2040Emulator;
 use growbot_tests::pico_firmware;
 
 use goals::{RADIUS, goal};
@@ -50,11 +50,11 @@ type Cost = (u64, f64);
 fn measure(kind: &Kind, count: u32) -> Vec<Cost> {
     let robot = robot_file::load("growbot-a".as_ref()).unwrap();
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
-    let board = Rc::new(RefCell::new(Rp2040::start(&robot, Some(&pico_firmware("growbot-a"))).unwrap()));
+    let board = Rc::new(RefCell::new(Rp2040Emulator::start(&robot, Some(&pico_firmware("growbot-a"))).unwrap()));
     let mut client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
-    client.hello_robot(&robot).unwrap();
+    client.open_session_for(&robot).unwrap();
     // The tests at the board's start take a while.
-    client.pass(Duration::from_secs(3)).unwrap();
+    client.wait(Duration::from_secs(3)).unwrap();
     let [nearest, farthest] = kind.radii;
     let mut costs = Vec::new();
     for number in 0..count {

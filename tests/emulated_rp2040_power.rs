@@ -10,12 +10,14 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, OnInterrupted, Orders, Outcome, grow_job, resume_job};
+use growbot_client::growth::{
+    CommandQueue, GrowthError, GrowthReport, Job, JobEvent, OnInterrupted, Outcome, grow_job, resume_job,
+};
 use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, State, Status};
 use growbot_core::robot::Robot;
-use growbot_sim::port::rp2040::Rp2040;
+use growbot_sim::port::rp2040::Rp2040Emulator;
 use growbot_tests::pico_firmware;
 use growbot_tests::survival::crash::{self, Crash, Recovered};
 use growbot_tests::survival::{Body, Undisturbed};
@@ -30,7 +32,7 @@ const ERASED: usize = 256;
 const PAGE: u32 = 256;
 const RECORD: u32 = 32;
 
-type Board = Rc<RefCell<Rp2040>>;
+type Board = Rc<RefCell<Rp2040Emulator>>;
 
 fn robot(name: &str) -> Robot {
     robot_file::load(name.as_ref()).unwrap()
@@ -61,7 +63,7 @@ fn each<B>(places: &[u32], begin: impl Fn() -> B + Sync, work: impl Fn(&mut B, u
 }
 
 fn start(robot: &Robot, image: &str) -> Board {
-    Rc::new(RefCell::new(Rp2040::start(robot, Some(&pico_firmware(image))).unwrap()))
+    Rc::new(RefCell::new(Rp2040Emulator::start(robot, Some(&pico_firmware(image))).unwrap()))
 }
 
 fn client(board: &Board) -> Client {
@@ -73,13 +75,13 @@ fn client(board: &Board) -> Client {
 fn cut_description(board: &Board, old: &Robot, new: &Robot, bytes: u32) -> bool {
     board.borrow_mut().restore_flash().unwrap();
     let mut before = client(board);
-    assert_eq!(before.hello().unwrap().robot_hash, old.hash());
+    assert_eq!(before.open_session().unwrap().robot_hash, old.hash());
     board.borrow_mut().lose_power_after(bytes).unwrap();
     before.configure(new).unwrap_err();
     assert!(board.borrow().has_lost_power(), "no power was lost after {bytes} bytes");
-    before.vanish();
+    before.drop_without_goodbye();
     board.borrow_mut().power_up().unwrap();
-    let hello = client(board).hello().unwrap();
+    let hello = client(board).open_session().unwrap();
     let (state, fault) = (hello.status.state, hello.status.fault);
     assert_eq!((state, fault), (State::Idle, None), "after {bytes} bytes");
     assert!([old.hash(), new.hash()].contains(&hello.robot_hash), "after {bytes} bytes it is {}", hello.robot_name);
@@ -94,9 +96,9 @@ fn power_lost_while_a_description_is_stored_leaves_the_old_one_or_the_new_one() 
         let board = start(&robot("growbot-a"), "growbot-a");
         for robot in [&first, &old] {
             let mut client = client(&board);
-            client.hello().unwrap();
+            client.open_session().unwrap();
             client.configure(robot).unwrap();
-            client.vanish();
+            client.drop_without_goodbye();
         }
         board.borrow_mut().keep_flash().unwrap();
         board
@@ -105,7 +107,7 @@ fn power_lost_while_a_description_is_stored_leaves_the_old_one_or_the_new_one() 
         let board = begin();
         let changed = board.borrow().flash_changed();
         let mut client = client(&board);
-        client.hello().unwrap();
+        client.open_session().unwrap();
         client.configure(&new).unwrap();
         board.borrow().flash_changed() - changed
     };
@@ -130,9 +132,14 @@ const LENGTH: u32 = 6;
 const LAID: usize = 4;
 
 /// Grows until power is lost, `bytes` bytes of flash after the last layer was reported.
-fn grow(job: &Job, board: &Board, bytes: u32, known: &mut Vec<Option<LayerBytes>>) -> Result<Grown, GrowthError> {
+fn grow(
+    job: &Job,
+    board: &Board,
+    bytes: u32,
+    known: &mut Vec<Option<LayerBytes>>,
+) -> Result<GrowthReport, GrowthError> {
     let mut client = client(board);
-    let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &Orders::default(), &mut |event| {
+    let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &CommandQueue::default(), &mut |event| {
         if let JobEvent::Laid { as_built, .. } = event {
             known.push(*as_built);
             if known.len() == LAID {
@@ -140,16 +147,16 @@ fn grow(job: &Job, board: &Board, bytes: u32, known: &mut Vec<Option<LayerBytes>
             }
         }
     });
-    client.vanish();
+    client.drop_without_goodbye();
     grown
 }
 
 /// Switches the power on and resumes the growth. Returns the status that the host found, and the result.
-fn resume(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> (Status, Grown) {
+fn resume(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> (Status, GrowthReport) {
     board.borrow_mut().power_up().unwrap();
     let mut client = client(board);
-    let found = client.hello().unwrap().status;
-    let (again, orders) = (OnInterrupted::Again, Orders::default());
+    let found = client.open_session().unwrap().status;
+    let (again, orders) = (OnInterrupted::Redo, CommandQueue::default());
     let grown = resume_job(&mut client, job, known, again, HostSilencePolicy::Pause, &orders, &mut |_| ()).unwrap();
     (found, grown)
 }
@@ -171,10 +178,10 @@ fn power_lost_while_a_layer_is_noted_costs_the_open_layer_at_most() {
         |(), bytes| {
             let board = start(&robot, "growbot-a2");
             let mut first = client(&board);
-            first.hello().unwrap();
+            first.open_session().unwrap();
             first.configure(&robot).unwrap();
-            first.vanish();
-            board.borrow_mut().simulated_tip().warm_at_once(198.0);
+            first.drop_without_goodbye();
+            board.borrow_mut().simulated_tip().preheat_instantly(198.0);
             let mut known = Vec::new();
             let lost = grow(&job, &board, bytes, &mut known);
             assert!(lost.is_err() && board.borrow().has_lost_power(), "{bytes} bytes: {lost:?}");

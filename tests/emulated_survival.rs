@@ -16,8 +16,10 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, OnInterrupted, Orders, Outcome, grow_job, resume_job};
-use growbot_client::port::faulty::{FaultSpec, Faulty};
+use growbot_client::growth::{
+    CommandQueue, GrowthError, GrowthReport, Job, JobEvent, OnInterrupted, Outcome, grow_job, resume_job,
+};
+use growbot_client::port::faulty::{FaultSpec, FaultyPort};
 use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::crash::CrashRecord;
@@ -63,7 +65,7 @@ fn number(variable: &str, otherwise: u64) -> u64 {
 fn board(robot: &Robot, flash: &[u8]) -> Result<Board, String> {
     let mut emulator =
         Emulator::start_with_flash(robot, Some(&firmware("an386")), flash).map_err(|error| error.to_string())?;
-    emulator.simulated_tip(|tip| tip.warm_at_once(198.0));
+    emulator.simulated_tip(|tip| tip.preheat_instantly(198.0));
     Ok(Rc::new(RefCell::new(emulator)))
 }
 
@@ -125,15 +127,15 @@ fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &Undisturbed, seed: u6
     let (drop, flip) = (random.uniform_between(0.0, 0.1), random.uniform_between(0.0, 1e-3));
     let few = drop / 10.0;
     let spec = FaultSpec { drop, flip, dup: few, reorder: few, truncate: few, seed, ..FaultSpec::default() };
-    let wire = Rc::new(RefCell::new(Faulty::new(Rc::clone(board), spec)));
+    let wire = Rc::new(RefCell::new(FaultyPort::new(Rc::clone(board), spec)));
     let mut client = Client::new(Box::new(Rc::clone(&wire)), "the emulated board");
-    let never = Orders::default();
-    let laid_before = board.borrow().simulation().laid().map_err(|error| error.to_string())?.body.len();
+    let never = CommandQueue::default();
+    let laid_before = board.borrow().tip_handle().laid().map_err(|error| error.to_string())?.body.len();
     let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &never, &mut |_| ());
     let what = format!("{:.1} % of frames lost, {flip:.1e} of bytes flipped", 100.0 * drop);
     let grown = grown.map_err(|error| format!("{what}: {error}"))?;
     // The tip has recorded each layer that was laid.
-    let laid = board.borrow().simulation().laid().map_err(|error| format!("{what}: {error}"))?.body.len() - laid_before;
+    let laid = board.borrow().tip_handle().laid().map_err(|error| format!("{what}: {error}"))?.body.len() - laid_before;
     if (grown.outcome, laid) != (Outcome::Done, LAYERS) || grown.as_built != undisturbed.as_built {
         return Err(format!("{what}: {:?} after {laid} layers, {:?}", grown.outcome, grown.as_built));
     }
@@ -209,13 +211,13 @@ impl Point {
         job: &Job,
         board: &Board,
         known: &mut Vec<Option<LayerBytes>>,
-    ) -> (Result<Grown, GrowthError>, Option<Vec<u8>>) {
+    ) -> (Result<GrowthReport, GrowthError>, Option<Vec<u8>>) {
         let gone = Rc::new(Cell::new(false));
         let line = Cuttable { port: Rc::clone(board), cut: Rc::clone(&gone) };
         let mut client = Client::new(Box::new(line), "the emulated board");
         let (mut told, mut flash) = (0, None);
         let mut crashed = None;
-        let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &Orders::default(), &mut |event| {
+        let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &CommandQueue::default(), &mut |event| {
             match event {
                 JobEvent::Laid { as_built, .. } => known.push(*as_built),
                 JobEvent::State(_) => {}
@@ -232,7 +234,7 @@ impl Point {
                 }
             }
         });
-        client.vanish();
+        client.drop_without_goodbye();
         // A board whose firmware crashed reports this after its restart.
         assert_eq!(crashed, (self.crash == Crash::Board).then_some(ResetCause::StackOverflow));
         (grown, flash)
@@ -249,7 +251,7 @@ fn reset(board: &Board) {
 }
 
 fn feed_steps(board: &Board) -> u64 {
-    board.borrow().simulation().laid().unwrap().feed_steps
+    board.borrow().tip_handle().laid().unwrap().feed_steps
 }
 
 /// Connects another host, which clears a fault and resumes. Returns the status that it found, and the growth.
@@ -258,22 +260,22 @@ fn come_back(
     job: &Job,
     known: Vec<Option<LayerBytes>>,
     crash: Crash,
-) -> Result<(Status, Grown), GrowthError> {
+) -> Result<(Status, GrowthReport), GrowthError> {
     let mut client = Client::new(Box::new(Rc::clone(board)), "the emulated board");
-    let hello = client.hello().map_err(GrowthError::Before)?;
+    let hello = client.open_session().map_err(GrowthError::NotStarted)?;
     let cause = if crash == Crash::Board { ResetCause::StackOverflow } else { ResetCause::PowerOn };
     assert_eq!(hello.reset_cause, cause, "{crash:?}");
     if hello.status.state == State::Fault {
-        client.request("to clear the fault", &Message::ClearFault(Empty {})).map_err(GrowthError::Before)?;
+        client.request("to clear the fault", &Message::ClearFault(Empty {})).map_err(GrowthError::NotStarted)?;
     }
-    let found = client.status().map_err(GrowthError::Before)?;
+    let found = client.status().map_err(GrowthError::NotStarted)?;
     let grown = resume_job(
         &mut client,
         job,
         known,
-        OnInterrupted::Again,
+        OnInterrupted::Redo,
         HostSilencePolicy::Pause,
-        &Orders::default(),
+        &CommandQueue::default(),
         &mut |_| (),
     )?;
     Ok((found, grown))

@@ -11,7 +11,7 @@ use std::io::{BufRead, BufReader};
 use std::time::Duration;
 
 use growbot_client::robot_file;
-use growbot_sim::port::qemu::{Line, Qemu};
+use growbot_sim::port::qemu::{Qemu, QemuSocket};
 use growbot_tests::{build_image, firmware};
 
 /// Max instructions of a layer: a seventh of a second of the robot's processor, at two cycles an instruction.
@@ -24,7 +24,7 @@ const NEXT: Duration = Duration::from_secs(300);
 #[test]
 fn closed_loops_come_to_the_same_bits_on_the_microcontroller() {
     build_image("build-feedback-cost");
-    let line = Line::open("serial line").unwrap();
+    let line = QemuSocket::open("serial line").unwrap();
     let serial = line.argument().unwrap();
     let arguments = ["-icount", "shift=10,sleep=off", "-serial", &serial];
     let mut qemu = Qemu::start("mps2-an386", &firmware("feedback_cost"), arguments).unwrap();

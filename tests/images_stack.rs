@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Job, Orders, Outcome, grow_job};
+use growbot_client::growth::{CommandQueue, Job, Outcome, grow_job};
 use growbot_client::robot_file;
 use growbot_core::link::message::{HostSilencePolicy, Message, PlanRequest, ResetCause, State};
 use growbot_core::path::{Segment, end};
@@ -24,7 +24,7 @@ fn a_stack_overflow_is_a_clean_fault_and_the_next_boot_says_so() {
     let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
     let words = Words::of(&mut emulator);
     let mut client = Client::new(Box::new(emulator), "the emulated board");
-    assert_eq!(client.hello_robot(&robot).unwrap().reset_cause, ResetCause::PowerOn);
+    assert_eq!(client.open_session_for(&robot).unwrap().reset_cause, ResetCause::PowerOn);
 
     words.write(table::OVERFLOW_STACK, 1);
     words.wait("a second boot", |words| words.read(table::BOOTS) > 1);
@@ -34,7 +34,7 @@ fn a_stack_overflow_is_a_clean_fault_and_the_next_boot_says_so() {
     for output in [table::HEATER_DUTY, table::HEATER_ENABLE, table::HEAD_ENABLE, table::FEED_ENABLE] {
         assert_eq!(words.read(output), 0);
     }
-    let hello = client.hello_robot(&robot).unwrap();
+    let hello = client.open_session_for(&robot).unwrap();
     assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::StackOverflow, State::Idle));
 }
 
@@ -44,9 +44,9 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
     let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
     let words = Words::of(&mut emulator);
     // A warm nozzle saves the heating time.
-    emulator.simulated_tip(|tip| tip.warm_at_once(190.0));
+    emulator.simulated_tip(|tip| tip.preheat_instantly(190.0));
     let mut client = Client::new(Box::new(emulator), "the emulated board");
-    client.hello_robot(&robot).unwrap();
+    client.open_session_for(&robot).unwrap();
 
     // A near goal, for which helicoidal arcs are searched, and one further away.
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
@@ -62,13 +62,13 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
     let path = [Segment::Arc { alpha: 1.0, bend: 0.03, length: 3.0 }];
     let goal = Pose::from_frame(&end(&path, &start.frame()));
     let job = Job::new(&robot, &start, &goal, &path);
-    let grown = grow_job(&mut client, &job, HostSilencePolicy::Pause, &Orders::default(), &mut |_| ()).unwrap();
+    let grown = grow_job(&mut client, &job, HostSilencePolicy::Pause, &CommandQueue::default(), &mut |_| ()).unwrap();
     assert_eq!(grown.outcome, Outcome::Done);
 
     // Time of a whole scan of the stack, by the board's clock.
     let grown_ms = client.status().unwrap().uptime_ms;
     while client.status().unwrap().uptime_ms < grown_ms + 1000 {
-        client.pass(Duration::from_millis(50)).unwrap();
+        client.wait(Duration::from_millis(50)).unwrap();
     }
     words.wait("a count of the stack", |words| words.read(table::STACK_UNUSED) > 0);
     let used = STACK - words.read(table::STACK_UNUSED);

@@ -7,7 +7,7 @@
 use std::io::{BufRead, BufReader};
 use std::time::Duration;
 
-use growbot_sim::port::qemu::{Line, Qemu};
+use growbot_sim::port::qemu::{Qemu, QemuSocket};
 use growbot_tests::{build_image, firmware};
 
 /// Max median of the instructions of the planar planner for random goals.
@@ -46,7 +46,7 @@ impl Row {
 }
 
 fn measure() -> Vec<Row> {
-    let line = Line::open("serial line").unwrap();
+    let line = QemuSocket::open("serial line").unwrap();
     let serial = line.argument().unwrap();
     let arguments = ["-icount", "shift=10,sleep=off", "-serial", &serial];
     let mut qemu = Qemu::start("mps2-an386", &firmware("plan_cost"), arguments).unwrap();

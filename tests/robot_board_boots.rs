@@ -28,13 +28,13 @@ fn the_robots_board_says_hello_and_answers_requests() {
     let mut client = client_of(&board);
 
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-    let hello = client.hello_robot(&robot).unwrap();
+    let hello = client.open_session_for(&robot).unwrap();
     assert_eq!(hello.robot_name, "growbot-a");
     assert!(matches!(hello.status.state, State::SelfTest | State::Fault), "{:?}", hello.status.state);
     assert_eq!((hello.status.target_centi_c, hello.status.duty), (None, 0));
 
     // The image has been checked and is sound. The memory lost power since the last crash, so the board knows of none.
-    let report = client.boot().unwrap();
+    let report = client.boot_report().unwrap();
     assert_eq!(report, BootReport { image: ImageCheck::Valid { crc: sealed.crc }, crash: None });
 
     // The clock runs.
@@ -81,7 +81,7 @@ fn without_its_crystal_the_board_answers_and_refuses_to_work() {
     let board = netduinoplus2::boot_with(&firmware("stm32f405"), &setup).unwrap();
     let mut client = client_of(&board);
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-    client.hello_robot(&robot).unwrap();
+    client.open_session_for(&robot).unwrap();
     let status = client.status().unwrap();
     assert_eq!((status.state, status.fault), (State::Fault, Some(Fault::ClockFailed)));
     let refused = client.request("to clear the fault", &Message::ClearFault(Empty {})).unwrap_err();

@@ -65,7 +65,7 @@ fn a_halted_processor_is_reset_and_its_heater_off() {
     let traced = Traced::boot();
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let mut client = traced.client();
-    client.hello_robot(&robot).unwrap();
+    client.open_session_for(&robot).unwrap();
     // The watchdog has been fed since. Probes change these registers, and each feed restores them.
     let began = Instant::now();
     while to(&traced.writes(), DBGMCU_APB1_FZ).len() < 3 {
@@ -91,7 +91,7 @@ fn a_halted_processor_is_reset_and_its_heater_off() {
 fn the_clock_is_watched_from_before_it_is_used() {
     let traced = Traced::boot();
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-    traced.client().hello_robot(&robot).unwrap();
+    traced.client().open_session_for(&robot).unwrap();
     let writes = traced.writes();
     // The first writes come from the test.
     let watchdog = position(&writes, "the watchdog starts", |write| {
@@ -110,7 +110,7 @@ fn a_crystal_that_stops_switches_everything_off_and_is_told_after_the_reset() {
     let traced = Traced::boot();
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let mut client = traced.client();
-    client.hello_robot(&robot).unwrap();
+    client.open_session_for(&robot).unwrap();
     let before = traced.writes().len();
     traced.board.raise_nmi().unwrap();
     let began = Instant::now();
@@ -143,7 +143,7 @@ fn a_crystal_that_stops_switches_everything_off_and_is_told_after_the_reset() {
         sleep(Duration::from_millis(5));
     }
     traced.board.make_clocks_ready(true).unwrap();
-    let hello = traced.client().hello_robot(&robot).unwrap();
+    let hello = traced.client().open_session_for(&robot).unwrap();
     assert_eq!(hello.reset_cause, ResetCause::ClockFailed);
     assert!(matches!(hello.status.state, State::SelfTest | State::Fault), "{:?}", hello.status.state);
 }

@@ -92,7 +92,7 @@ fn compare<'a>(goals: impl Iterator<Item = &'a [f64; 5]>) -> Compared {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
     let mut client = Client::new(Box::new(emulator), "the emulated board");
-    client.hello_robot(&robot).unwrap();
+    client.open_session_for(&robot).unwrap();
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
 
     let mut compared = Compared::default();

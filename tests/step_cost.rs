@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::MAX_FRAME_LEN;
-use growbot_sim::port::qemu::{Line, Qemu};
+use growbot_sim::port::qemu::{Qemu, QemuSocket};
 use growbot_tests::{build_image, firmware};
 
 /// Clock of the robot's board, Hz.
@@ -59,7 +59,7 @@ impl Row {
 }
 
 fn measure() -> Vec<Row> {
-    let line = Line::open("serial line").unwrap();
+    let line = QemuSocket::open("serial line").unwrap();
     let serial = line.argument().unwrap();
     let arguments = ["-icount", "shift=10,sleep=off", "-serial", &serial];
     let mut qemu = Qemu::start("mps2-an386", &firmware("step_cost"), arguments).unwrap();

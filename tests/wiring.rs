@@ -109,7 +109,7 @@ fn writes_of(image: &Path) -> Vec<RegisterWrite> {
     let board = netduinoplus2::boot_with(image, &setup).unwrap();
     let link = Stream::over("netduinoplus2".to_owned(), board.link.try_clone().unwrap()).unwrap();
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-    Client::new(Box::new(link), "netduinoplus2").hello_robot(&robot).unwrap();
+    Client::new(Box::new(link), "netduinoplus2").open_session_for(&robot).unwrap();
     netduinoplus2::writes(&std::fs::read_to_string(trace).unwrap())
 }
 

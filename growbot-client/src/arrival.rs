@@ -42,9 +42,9 @@ impl Arrival {
 
     /// Returns the distance of this pose from another one, for example of an estimate from the true pose.
     #[must_use]
-    pub fn error_from(&self, other: &Self) -> PoseError {
+    pub fn difference_from(&self, other: &Self) -> PoseDifference {
         let (this, other) = (&self.final_pose, &other.final_pose);
-        PoseError {
+        PoseDifference {
             position_mm: (this.position() - other.position()).norm(),
             direction_deg: degrees(angle_between(&this.direction(), &other.direction())),
         }
@@ -53,7 +53,7 @@ impl Arrival {
 
 /// Difference between two poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PoseError {
+pub struct PoseDifference {
     /// Distance, mm.
     pub position_mm: f64,
     /// Angle between the directions, degrees.

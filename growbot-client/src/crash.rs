@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// A crash of the firmware. Processor words are hexadecimal.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct WrittenCrash {
+pub struct CrashJson {
     /// Cause of the crash.
     pub cause: String,
     /// Boot number of the board's start in which it crashed.
@@ -38,7 +38,7 @@ pub struct WrittenCrash {
     pub stack: Vec<String>,
     /// Functions that contain `pc`, the innermost first. Empty without an image.
     #[serde(default)]
-    pub at: Vec<Place>,
+    pub at: Vec<CodeLocation>,
     /// Functions that may have called them. Empty without an image.
     #[serde(default)]
     pub called_from: Vec<Caller>,
@@ -47,7 +47,7 @@ pub struct WrittenCrash {
 /// A function that contains an address, or that was inlined there.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Place {
+pub struct CodeLocation {
     /// Name of the function.
     pub function: String,
     /// File of the function. Null if unknown.
@@ -63,10 +63,10 @@ pub struct Caller {
     /// Address in the code.
     pub address: String,
     /// Functions that contain the call, the innermost first.
-    pub at: Vec<Place>,
+    pub at: Vec<CodeLocation>,
 }
 
-impl From<&CrashRecord> for WrittenCrash {
+impl From<&CrashRecord> for CrashJson {
     fn from(record: &CrashRecord) -> Self {
         let CrashRecord { cause, boot_id, image, exception, frame, cfsr, hfsr, address, sp, stack } = record;
         Self {

@@ -33,7 +33,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::arrival::Arrival;
-use crate::keep_clear::{Detour, Keeper, Surroundings, TooNear};
+use crate::clearance_guard::{ClearanceGuard, ClearanceViolation, Detour, SceneContext};
 use crate::plan::Plan;
 
 /// Reports whether a robot has a sensor that measures layers.
@@ -44,10 +44,11 @@ pub fn can_measure(robot: &Robot) -> bool {
 }
 
 /// Default noise of a robot's sensors: odometry to 1 % of a layer, a direction to half a degree.
-pub const ASSUMED: SensorNoise = SensorNoise { odometry: 0.01, direction: 0.5 * std::f64::consts::PI / 180.0 };
+pub const DEFAULT_SENSOR_NOISE: SensorNoise =
+    SensorNoise { odometry: 0.01, direction: 0.5 * std::f64::consts::PI / 180.0 };
 
 /// Standard deviation of a value that is rounded to whole units, units.
-const ROUNDED: f64 = 0.288_675_134_594_812_9;
+const ROUNDING_STD_DEV: f64 = 0.288_675_134_594_812_9;
 /// The board's unit of gravity, g.
 const MILLI_G: f64 = 1e-3;
 
@@ -57,7 +58,7 @@ pub struct Feedback<'a> {
     robot: &'a Robot,
     tracker: Tracker<'a>,
     /// Keeps the rest of the path clear of the obstacles. `None` without a scene.
-    keeper: Option<Keeper<'a>>,
+    keeper: Option<ClearanceGuard<'a>>,
     /// Growth per pulse of the filament's encoder, mm. `None` without an encoder.
     mm_per_pulse: Option<f64>,
     /// Count of the encoder from which growth is measured. `expected` is the expected growth of the layers since, mm.
@@ -86,7 +87,7 @@ pub struct Correction {
 /// Start of a count of the filament's encoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Count {
+pub struct EncoderReference {
     /// Boot number of the board's start.
     pub boot_id: u32,
     /// Number of layers laid before.
@@ -98,14 +99,14 @@ pub struct Count {
 
 /// Result of the feedback.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FedBack {
+pub struct FeedbackReport {
     /// Number of amendments of the job.
     pub amendments: u32,
     /// Estimate of the tip from all measurements.
     pub estimate: Estimate,
 }
 
-impl FedBack {
+impl FeedbackReport {
     /// Returns the estimated pose of the tip and its errors from the goal of a plan.
     #[must_use]
     pub fn arrival(&self, plan: &Plan) -> Arrival {
@@ -122,10 +123,11 @@ impl<'a> Feedback<'a> {
         let filament_per_length = robot.feed_steps_per_length() / description.feed.steps_per_mm;
         let mm_per_pulse = description.sensors.filament_motion.map(|motion| motion.mm_per_pulse / filament_per_length);
         // A layer lies between two counts.
-        let counts = mm_per_pulse.unwrap_or(0.0) * ROUNDED * std::f64::consts::SQRT_2 / description.layer.height_mm;
+        let counts =
+            mm_per_pulse.unwrap_or(0.0) * ROUNDING_STD_DEV * std::f64::consts::SQRT_2 / description.layer.height_mm;
         let noise = SensorNoise {
             odometry: libm::hypot(noise.odometry, counts),
-            direction: libm::hypot(noise.direction, MILLI_G * ROUNDED),
+            direction: libm::hypot(noise.direction, MILLI_G * ROUNDING_STD_DEV),
         };
         Self {
             robot,
@@ -144,10 +146,10 @@ impl<'a> Feedback<'a> {
 
     /// Adds a scene. Each correction is then checked to stay clear of its obstacles before it is sent to a board.
     #[must_use]
-    pub fn among(mut self, around: &'a Surroundings<'a>) -> Self {
+    pub fn with_scene(mut self, around: &'a SceneContext<'a>) -> Self {
         let growth = self.mm_per_pulse.is_some();
         let up = self.robot.description().sensors.orientation;
-        self.keeper = Some(Keeper::new(around, MeasuredQuantities { growth, direction: false, up }));
+        self.keeper = Some(ClearanceGuard::new(around, MeasuredQuantities { growth, direction: false, up }));
         self
     }
 
@@ -156,28 +158,28 @@ impl<'a> Feedback<'a> {
     ///
     /// # Errors
     /// If it does not.
-    pub fn can_begin(&self) -> Result<(), TooNear> {
+    pub fn check_start(&self) -> Result<(), ClearanceViolation> {
         let mut trial = self.clone();
         let Self { keeper: Some(keeper), tracker, .. } = &mut trial else { return Ok(()) };
-        keeper.keep_clear(tracker, &[]).map(drop)
+        keeper.ensure_clear(tracker, &[]).map(drop)
     }
 
     /// Reports whether the encoder's count belongs to this start of the board.
     #[must_use]
-    pub fn counts_in(&self, boot_id: u32) -> bool {
+    pub fn counts_since_boot(&self, boot_id: u32) -> bool {
         self.boot_id == Some(boot_id)
     }
 
     /// Restarts the count of the encoder in this start of the board. Nothing is being fed, and `laid` layers are laid.
     /// The growth of those among them that were not measured stays unknown.
-    pub fn count_from(&mut self, count: &Count) {
+    pub fn set_encoder_reference(&mut self, count: &EncoderReference) {
         self.uncounted += std::mem::take(&mut self.expected);
         (self.boot_id, self.counts_from, self.counted) = (Some(count.boot_id), count.laid, count.filament_pulses);
     }
 
     /// Records that the next layer has been laid. `layer` is the layer as commanded, or better as the steps were made.
     /// `measured` are the readings of the board's sensors.
-    pub fn laid(&mut self, layer: &LayerBytes, measured: Option<&LayerReadings>) {
+    pub fn record_layer(&mut self, layer: &LayerBytes, measured: Option<&LayerReadings>) {
         let layer = decode(layer);
         let measured = measured.copied().unwrap_or_default();
         let growth = self.growth(&layer, measured.filament_pulses);
@@ -185,7 +187,7 @@ impl<'a> Feedback<'a> {
         let up = measured.gravity_milli_g.map(|[x, y, z]| Vector3::new(x, y, z).map(|part| f64::from(part) * MILLI_G));
         self.tracker.record_layer(&layer, &Measurement { growth, direction: None, up });
         if let Some(keeper) = &mut self.keeper {
-            keeper.laid(&layer, &self.tracker.estimate().systematic_errors);
+            keeper.record_layer(&layer, &self.tracker.estimate().systematic_errors);
         }
     }
 
@@ -211,11 +213,11 @@ impl<'a> Feedback<'a> {
     ///
     /// # Errors
     /// In a scene, if they would be too near to an obstacle and no detour was found.
-    pub fn rest(&mut self, under_way: &[LayerBytes]) -> Result<Correction, TooNear> {
+    pub fn replan_rest(&mut self, under_way: &[LayerBytes]) -> Result<Correction, ClearanceViolation> {
         let under_way: Vec<Layer> = under_way.iter().map(decode).collect();
         self.tracker.replan(&under_way);
         let detour = match &mut self.keeper {
-            Some(keeper) => keeper.keep_clear(&mut self.tracker, &under_way)?,
+            Some(keeper) => keeper.ensure_clear(&mut self.tracker, &under_way)?,
             None => None,
         };
         let mut encoder = LayerEncoder::default();
@@ -234,7 +236,7 @@ impl<'a> Feedback<'a> {
     }
 
     /// Records that the job has been amended.
-    pub fn amended(&mut self) {
+    pub fn record_amendment(&mut self) {
         self.amendments += 1;
     }
 
@@ -246,8 +248,8 @@ impl<'a> Feedback<'a> {
 
     /// Returns the number of amendments so far and the current estimate of the tip.
     #[must_use]
-    pub fn result(&self) -> FedBack {
-        FedBack { amendments: self.amendments, estimate: self.tracker.estimate() }
+    pub fn result(&self) -> FeedbackReport {
+        FeedbackReport { amendments: self.amendments, estimate: self.tracker.estimate() }
     }
 }
 
@@ -293,8 +295,8 @@ mod tests {
         feedback.result().estimate.base_from_tip.translation.z
     }
 
-    fn count(boot_id: u32, laid: u32, pulses: u32) -> Count {
-        Count { boot_id, laid, filament_pulses: Some(pulses) }
+    fn count(boot_id: u32, laid: u32, pulses: u32) -> EncoderReference {
+        EncoderReference { boot_id, laid, filament_pulses: Some(pulses) }
     }
 
     #[test]
@@ -303,16 +305,16 @@ mod tests {
         let (mut feedback, layer) = upright.feedback();
         // The count wraps within the first layers.
         let before = u32::MAX - 100;
-        feedback.count_from(&count(1, 0, before));
+        feedback.set_encoder_reference(&count(1, 0, before));
         for index in 1..=100 {
             let pulses = before.wrapping_add((1.1 * PULSES * f64::from(index)) as u32);
-            feedback.laid(&layer, (index % 7 != 0).then_some(counted(pulses)).as_ref());
+            feedback.record_layer(&layer, (index % 7 != 0).then_some(counted(pulses)).as_ref());
         }
         let grown = 1.1 * HEIGHT * 100.0;
         assert!((height(&feedback) / grown - 1.0).abs() < 0.002, "{} {grown}", height(&feedback));
         assert!((feedback.result().estimate.systematic_errors.growth - 0.1).abs() < 0.01);
         // The rest is commanded less high and ends at the planned height.
-        let rest = feedback.rest(&[]).unwrap().layers;
+        let rest = feedback.replan_rest(&[]).unwrap().layers;
         let end = grow(&feedback.result().estimate.base_from_tip, rest.iter().map(decode));
         let commanded = end.translation.z - height(&feedback);
         assert!((1.1 * commanded + height(&feedback) - 200.0 * HEIGHT).abs() < 0.5, "{commanded}");
@@ -322,18 +324,18 @@ mod tests {
     fn a_count_that_begins_anew_is_no_growth() {
         let upright = Upright::new(200);
         let (mut feedback, layer) = upright.feedback();
-        feedback.count_from(&count(1, 0, 7));
-        assert!(feedback.counts_in(1) && !feedback.counts_in(2));
+        feedback.set_encoder_reference(&count(1, 0, 7));
+        assert!(feedback.counts_since_boot(1) && !feedback.counts_since_boot(2));
         for index in 1..=50 {
-            feedback.laid(&layer, Some(&counted(7 + (PULSES * f64::from(index)) as u32)));
+            feedback.record_layer(&layer, Some(&counted(7 + (PULSES * f64::from(index)) as u32)));
         }
         // Ten more were laid before the board restarted, and nothing is known of them.
-        feedback.count_from(&count(2, 60, 2));
+        feedback.set_encoder_reference(&count(2, 60, 2));
         for _ in 0..10 {
-            feedback.laid(&layer, None);
+            feedback.record_layer(&layer, None);
         }
         for index in 1..=40 {
-            feedback.laid(&layer, Some(&counted(2 + (PULSES * f64::from(index)) as u32)));
+            feedback.record_layer(&layer, Some(&counted(2 + (PULSES * f64::from(index)) as u32)));
         }
         assert!((height(&feedback) - 100.0 * HEIGHT).abs() < 0.05, "{}", height(&feedback));
         assert!(feedback.result().estimate.systematic_errors.growth.abs() < 0.005);

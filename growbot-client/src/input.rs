@@ -5,12 +5,12 @@ use std::io::{self, Read};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::files::{FileError, note_input};
+use crate::atomic_file::{FileError, note_input};
 
 /// Maximum length of a plan or a robot description, bytes (1 MiB).
-pub const LONGEST_TEXT: u64 = 1 << 20;
+pub const MAX_TEXT_BYTES: u64 = 1 << 20;
 /// Maximum length of a run log, bytes (256 MiB): a growth of weeks with frequent status requests.
-pub const LONGEST_LOG: u64 = 256 << 20;
+pub const MAX_LOG_BYTES: u64 = 256 << 20;
 
 /// True if an argument has taken standard input, which can be read only once.
 static TAKEN: AtomicBool = AtomicBool::new(false);
@@ -40,7 +40,7 @@ pub enum InputError {
         "cannot read {name}: it is {what}, and might never end; give a file, or send it to standard input (-), as in \
          `growbot COMMAND - < FILE`"
     )]
-    NoFile {
+    NotAFile {
         /// Name of the input.
         name: String,
         /// Kind of the input instead of a file.
@@ -51,7 +51,7 @@ pub enum InputError {
     ReadAlready,
     /// Standard output would destroy the input.
     #[error(transparent)]
-    Destroyed(#[from] FileError),
+    WouldOverwrite(#[from] FileError),
     /// The bytes are not UTF-8.
     #[error("{name} is not UTF-8 text (at byte {position}): save it as UTF-8")]
     NotText {
@@ -64,12 +64,12 @@ pub enum InputError {
 
 /// Returns the kind of input that has this limit.
 fn kind(max: &u64) -> &'static str {
-    if *max == LONGEST_LOG { "run log" } else { "plan or robot description" }
+    if *max == MAX_LOG_BYTES { "run log" } else { "plan or robot description" }
 }
 
 /// Returns the name of a path in messages.
 #[must_use]
-pub fn name_of(path: &Path) -> String {
+pub fn display_name(path: &Path) -> String {
     if is_standard_input(path) { "standard input".to_owned() } else { path.display().to_string() }
 }
 
@@ -93,10 +93,10 @@ pub fn open(path: &Path) -> Result<Box<dyn Read>, InputError> {
         note_standard_input()?;
         return Ok(Box::new(io::stdin().lock()));
     }
-    let unreadable = |error| InputError::Unreadable { name: name_of(path), error };
+    let unreadable = |error| InputError::Unreadable { name: display_name(path), error };
     // Check the kind before opening, because opening a named pipe waits for a writer.
     if let Some(what) = never_ending(path, &fs::metadata(path).map_err(unreadable)?) {
-        return Err(InputError::NoFile { name: name_of(path), what });
+        return Err(InputError::NotAFile { name: display_name(path), what });
     }
     let file = File::open(path).map_err(unreadable)?;
     // Opening a directory succeeds on Unix. An error here is clearer than the first failing read.
@@ -104,7 +104,7 @@ pub fn open(path: &Path) -> Result<Box<dyn Read>, InputError> {
         return Err(unreadable(io::ErrorKind::IsADirectory.into()));
     }
     if let Ok(same) = file.try_clone() {
-        note_input(same, &name_of(path))?;
+        note_input(same, &display_name(path))?;
     }
     Ok(Box::new(file))
 }
@@ -172,8 +172,9 @@ impl<R: Read> Read for BoundedLines<R> {
         let count = self.lines.read(buffer)?;
         for byte in buffer.get(..count).unwrap_or_default() {
             self.length = if *byte == b'\n' { 0 } else { self.length + 1 };
-            if self.length > LONGEST_TEXT {
-                let said = format!("a line is longer than {LONGEST_TEXT} bytes, more than any: is it the right file?");
+            if self.length > MAX_TEXT_BYTES {
+                let said =
+                    format!("a line is longer than {MAX_TEXT_BYTES} bytes, more than any: is it the right file?");
                 return Err(io::Error::new(io::ErrorKind::InvalidData, said));
             }
         }
@@ -190,8 +191,8 @@ pub fn read_bytes(path: &Path, max: u64) -> Result<Vec<u8>, InputError> {
     open(path)?
         .take(max + 1)
         .read_to_end(&mut bytes)
-        .map_err(|error| InputError::Unreadable { name: name_of(path), error })?;
-    if bytes.len() as u64 > max { Err(InputError::TooLong { name: name_of(path), max }) } else { Ok(bytes) }
+        .map_err(|error| InputError::Unreadable { name: display_name(path), error })?;
+    if bytes.len() as u64 > max { Err(InputError::TooLong { name: display_name(path), max }) } else { Ok(bytes) }
 }
 
 /// Reads the whole text of a file, or of standard input for `-`, without a byte order mark.
@@ -199,7 +200,7 @@ pub fn read_bytes(path: &Path, max: u64) -> Result<Vec<u8>, InputError> {
 /// # Errors
 /// If it cannot be opened or read, is longer than [`LONGEST_TEXT`], or is not UTF-8.
 pub fn read_text(path: &Path) -> Result<String, InputError> {
-    text_of(read_bytes(path, LONGEST_TEXT)?, path)
+    text_of(read_bytes(path, MAX_TEXT_BYTES)?, path)
 }
 
 /// Converts the bytes of a file to text without a byte order mark.
@@ -207,11 +208,13 @@ pub fn read_text(path: &Path) -> Result<String, InputError> {
 /// # Errors
 /// Like [`read_text`].
 pub fn text_of(bytes: Vec<u8>, path: &Path) -> Result<String, InputError> {
-    if bytes.len() as u64 > LONGEST_TEXT {
-        return Err(InputError::TooLong { name: name_of(path), max: LONGEST_TEXT });
+    if bytes.len() as u64 > MAX_TEXT_BYTES {
+        return Err(InputError::TooLong { name: display_name(path), max: MAX_TEXT_BYTES });
     }
-    let text = String::from_utf8(bytes)
-        .map_err(|error| InputError::NotText { name: name_of(path), position: error.utf8_error().valid_up_to() })?;
+    let text = String::from_utf8(bytes).map_err(|error| InputError::NotText {
+        name: display_name(path),
+        position: error.utf8_error().valid_up_to(),
+    })?;
     Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
 }
 
@@ -229,7 +232,7 @@ mod tests {
         };
         assert_eq!(read_text(&write("bom", "\u{feff}a".as_bytes())).unwrap(), "a");
         assert!(matches!(read_text(&write("bytes", b"ab\xff")), Err(InputError::NotText { position: 2, .. })));
-        let long = vec![b' '; LONGEST_TEXT as usize + 1];
+        let long = vec![b' '; MAX_TEXT_BYTES as usize + 1];
         assert!(matches!(read_text(&write("long", &long)), Err(InputError::TooLong { .. })));
         assert!(matches!(read_text(directory.path()), Err(InputError::Unreadable { .. })));
         assert!(matches!(read_text(&directory.path().join("none")), Err(InputError::Unreadable { .. })));
@@ -237,7 +240,7 @@ mod tests {
 
     #[test]
     fn a_line_that_does_not_end_is_refused_and_a_stream_of_lines_is_not() {
-        let line = vec![b'x'; LONGEST_TEXT as usize];
+        let line = vec![b'x'; MAX_TEXT_BYTES as usize];
         let lines = [&line[..], b"\n"].concat().repeat(3);
         assert_eq!(io::copy(&mut BoundedLines::of(&lines[..]), &mut io::sink()).unwrap(), lines.len() as u64);
         let endless = [&line[..], b"xy"].concat();
@@ -256,7 +259,7 @@ mod tests {
             [(fifo, "pipe"), ("/dev/zero".into(), "device"), (directory.path().join("socket"), "socket")]
         {
             let error = read_text(&path).unwrap_err();
-            assert!(matches!(error, InputError::NoFile { .. }) && error.to_string().contains(what), "{error}");
+            assert!(matches!(error, InputError::NotAFile { .. }) && error.to_string().contains(what), "{error}");
         }
         assert_eq!(read_text("/dev/null".as_ref()).unwrap(), "");
     }

@@ -22,26 +22,26 @@
 #![forbid(unsafe_code)]
 
 pub mod arrival;
-pub mod clearance;
+pub mod atomic_file;
+pub mod clearance_guard;
 pub mod client;
 pub mod crash;
 pub mod degrees;
 pub mod feedback;
-pub mod files;
 pub mod forecast;
 pub mod growth;
 pub mod input;
-pub mod keep_clear;
 pub mod maintenance;
 pub mod plan;
 pub mod plan_file;
 pub mod port;
 pub mod pose_text;
-pub mod printable;
 pub mod robot_file;
 pub mod run_clock;
 pub mod run_log;
+pub mod sanitize;
+pub mod scene_planning;
+pub mod self_collision;
 pub mod suggest;
-pub mod through_scene;
 pub mod warning;
 pub mod waypoints;

@@ -16,7 +16,7 @@ use crate::suggest::did_you_mean;
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
-pub struct Preset {
+pub struct MaterialPreset {
     /// Temperature of the nozzle, C. Defaults to `heater.target_c`.
     pub nozzle_c: Option<f64>,
     /// Filament that is pushed in to load it, mm.
@@ -43,7 +43,7 @@ fn length<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     }
 }
 
-impl Default for Preset {
+impl Default for MaterialPreset {
     fn default() -> Self {
         Self { nozzle_c: None, load_mm: 60.0, unload_mm: 80.0, purge_mm: 30.0 }
     }
@@ -51,8 +51,8 @@ impl Default for Preset {
 
 /// Presets of a robot.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Presets {
-    by_name: BTreeMap<String, Preset>,
+pub struct MaterialPresets {
+    by_name: BTreeMap<String, MaterialPreset>,
 }
 
 /// Commands with their arguments and descriptions.
@@ -67,7 +67,7 @@ pub const COMMANDS: [(&str, &str, &str); 8] = [
     ("jog", "MM", "move filament, forwards or backwards"),
 ];
 
-impl Presets {
+impl MaterialPresets {
     /// Reads the presets of this robot file. A built-in robot has none.
     ///
     /// # Errors
@@ -77,7 +77,7 @@ impl Presets {
         Ok(Self { by_name: robot_file::materials(&text, &file)? })
     }
 
-    fn find(&self, name: &str) -> Result<Preset, String> {
+    fn find(&self, name: &str) -> Result<MaterialPreset, String> {
         self.by_name.get(name).copied().ok_or_else(|| {
             let meant = did_you_mean(name, self.by_name.keys().map(String::as_str));
             format!(
@@ -98,8 +98,8 @@ impl Presets {
         let parse_number = |text: &str| parse_number(text).filter(|number| number.is_finite());
         let number = || parse_number(rest).ok_or_else(|| format!("{rest:?} is no number: give one, as `{word} 10`"));
         let feed = |mm: f64| MaintenanceTask::Feed { um: (mm * 1000.0).round() as i32 };
-        let of_preset = |of: fn(&Preset) -> f64| match (rest, parse_number(rest)) {
-            ("", _) => Ok(of(&Preset::default())),
+        let of_preset = |of: fn(&MaterialPreset) -> f64| match (rest, parse_number(rest)) {
+            ("", _) => Ok(of(&MaterialPreset::default())),
             (_, Some(number)) if number >= 0.0 => Ok(number),
             (_, Some(number)) => Err(format!("{number} mm: `{word}` takes 0 or more; `jog` moves either way")),
             (name, None) => self.find(name).map(|preset| of(&preset)),
@@ -135,14 +135,14 @@ pub fn request_name(task: MaintenanceTask) -> &'static str {
         MaintenanceTask::Preheat { .. } => "to preheat",
         MaintenanceTask::CoolDown => "to cool down",
         MaintenanceTask::Home | MaintenanceTask::Rotate { .. } => "to turn the head",
-        MaintenanceTask::Feed { .. } => crate::client::FEEDING,
+        MaintenanceTask::Feed { .. } => crate::client::MOVE_FILAMENT,
         MaintenanceTask::DryRun => "to move without heat",
     }
 }
 
 /// Returns a message with the action of the board.
 #[must_use]
-pub fn in_words(task: MaintenanceTask) -> String {
+pub fn task_message(task: MaintenanceTask) -> String {
     match task {
         MaintenanceTask::Preheat { target_centi_c } => format!(
             "heats to {} C; it goes off by itself when nobody gives commands for long",
@@ -167,9 +167,9 @@ mod tests {
         robot_file::load("growbot-a".as_ref()).unwrap()
     }
 
-    fn presets() -> Presets {
+    fn presets() -> MaterialPresets {
         let text = "[materials.pla]\nnozzle_c = 205.0\nload_mm = 90.0\n\n[materials.pcl]\nnozzle_c = 110.0\n";
-        Presets { by_name: robot_file::materials(text, "mine.toml").unwrap() }
+        MaterialPresets { by_name: robot_file::materials(text, "mine.toml").unwrap() }
     }
 
     #[test]

@@ -12,7 +12,7 @@ use growbot_core::robot::Robot;
 use growbot_core::to_position::{self, PositionPlan};
 use nalgebra::Vector3;
 
-use crate::clearance::first_collision;
+use crate::self_collision::closest_self_approach;
 use crate::warning::{Warning, warnings};
 use crate::waypoints;
 
@@ -34,13 +34,13 @@ pub struct Plan {
     /// The legs from pose to pose, at least one.
     pub legs: Vec<Leg>,
     /// Search statistics of each leg. `None` in plans written by older versions.
-    pub choices: Vec<Option<Choice>>,
+    pub choices: Vec<Option<SearchSummary>>,
     /// True for each leg of which only the position of the goal was given, so that the planner chose the direction.
     pub free_directions: Vec<bool>,
     /// The path from start to goal.
     pub path: Vec<Segment>,
     /// Length, layers, time and filament.
-    pub needs: Requirements,
+    pub requirements: Requirements,
     /// Reasons against growing it.
     pub warnings: Vec<Warning>,
     /// The scene through which the path was planned. `None` in empty space.
@@ -60,16 +60,16 @@ pub struct SceneClearance {
 
 /// Search statistics of the path of a leg or of a plan.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Choice {
+pub struct SearchSummary {
     /// Number of paths found that reach the goal. For several legs, the sum.
     pub candidates: usize,
     /// Number of shorter paths that were rejected because the body would have collided with itself.
-    pub passed_over: usize,
+    pub rejected: usize,
     /// Length of the two-plane path, mm.
     pub two_plane_length: f64,
 }
 
-impl Choice {
+impl SearchSummary {
     /// Returns by how much the two-plane path is longer than one of this length (mm), percent. 0 for a path of no
     /// length.
     #[must_use]
@@ -80,7 +80,7 @@ impl Choice {
     fn and(self, other: Self) -> Self {
         Self {
             candidates: self.candidates + other.candidates,
-            passed_over: self.passed_over + other.passed_over,
+            rejected: self.rejected + other.rejected,
             two_plane_length: self.two_plane_length + other.two_plane_length,
         }
     }
@@ -120,18 +120,18 @@ impl Goal {
 
 /// The legs of a plan and the search statistics of each. All lists have the same length.
 #[derive(Debug)]
-pub(crate) struct ChosenLegs {
+pub(crate) struct PlanLegs {
     /// The legs, at least one.
     pub(crate) legs: Vec<Leg>,
     /// Search statistics of each leg. `None` if a plan file does not contain them.
-    pub(crate) choices: Vec<Option<Choice>>,
+    pub(crate) choices: Vec<Option<SearchSummary>>,
     /// True for each leg at whose end the planner chose the direction.
     pub(crate) free_directions: Vec<bool>,
 }
 
 /// Parameters of the search for a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Search {
+pub struct PlanOptions {
     /// Radius of the arcs, mm.
     pub radius: f64,
     /// Planner that generates the candidates.
@@ -159,8 +159,8 @@ impl Plan {
     ///
     /// # Errors
     /// Like [`growbot_core::plan::plan`], mainly a radius to which the robot cannot bend.
-    pub fn make(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Self, PlanError> {
-        Self::through(robot, start, &[], goal, &Search { radius, planner, clear_of_self: false })
+    pub fn new(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Self, PlanError> {
+        Self::through_waypoints(robot, start, &[], goal, &PlanOptions { radius, planner, clear_of_self: false })
     }
 
     /// Plans from the start through these poses or positions, in order, to the goal. Each leg starts where the previous
@@ -173,20 +173,25 @@ impl Plan {
     ///
     /// # Errors
     /// Like [`Plan::make`].
-    pub fn through<G: Copy + Into<Goal>>(
+    pub fn through_waypoints<G: Copy + Into<Goal>>(
         robot: &Robot,
         start: &Pose,
         via: &[G],
         goal: &G,
-        search: &Search,
+        search: &PlanOptions,
     ) -> Result<Self, PlanError> {
         let goals: Vec<Goal> = via.iter().chain([goal]).map(|goal| (*goal).into()).collect();
         let plan = Self::leg_by_leg(robot, start, &goals, search)?;
-        Ok(waypoints::shorter(&plan, robot, &goals, search).unwrap_or(plan))
+        Ok(waypoints::optimize_directions(&plan, robot, &goals, search).unwrap_or(plan))
     }
 
     /// Plans each leg on its own. The direction at a position is the one that makes this leg the shortest.
-    pub(crate) fn leg_by_leg(robot: &Robot, start: &Pose, goals: &[Goal], search: &Search) -> Result<Self, PlanError> {
+    pub(crate) fn leg_by_leg(
+        robot: &Robot,
+        start: &Pose,
+        goals: &[Goal],
+        search: &PlanOptions,
+    ) -> Result<Self, PlanError> {
         Self::by_legs(robot, start, goals, search, |from, goal, body, roll| {
             plan_leg(robot, from, goal, search, body, roll)
         })
@@ -198,7 +203,7 @@ impl Plan {
         robot: &Robot,
         start: &Pose,
         goals: &[Goal],
-        search: &Search,
+        search: &PlanOptions,
         mut plan_leg: impl FnMut(&Pose, &Goal, &[Segment], f64) -> Result<PlannedLeg, E>,
     ) -> Result<Self, E> {
         let mut body: Vec<Segment> = Vec::new();
@@ -219,7 +224,7 @@ impl Plan {
             roll = roll_from(&from, &base_from_tip);
         }
         let free_directions = goals.iter().map(Goal::is_free).collect();
-        let legs = ChosenLegs { legs, choices, free_directions };
+        let legs = PlanLegs { legs, choices, free_directions };
         Ok(Self::of_path(robot, start, search.radius, search.planner, legs, body))
     }
 
@@ -229,7 +234,7 @@ impl Plan {
         start: &Pose,
         radius: f64,
         planner: Planner,
-        ChosenLegs { legs, choices, free_directions }: ChosenLegs,
+        PlanLegs { legs, choices, free_directions }: PlanLegs,
         path: Vec<Segment>,
     ) -> Self {
         let needs = planning::requirements(&path, robot);
@@ -241,7 +246,7 @@ impl Plan {
             start: *start,
             goal: legs.last().map_or(*start, |leg| leg.goal),
             warnings: warnings(&path, &needs, robot),
-            needs,
+            requirements: needs,
             legs,
             choices,
             free_directions,
@@ -258,7 +263,7 @@ impl Plan {
     }
 
     /// Returns the segments of each leg and its search statistics.
-    pub fn by_leg(&self) -> impl Iterator<Item = (Option<Choice>, &[Segment])> {
+    pub fn by_leg(&self) -> impl Iterator<Item = (Option<SearchSummary>, &[Segment])> {
         let mut rest = self.path.as_slice();
         self.legs.iter().zip(&self.choices).map(move |(leg, choice)| {
             let (own, after) = rest.split_at_checked(leg.segment_count).unwrap_or((rest, &[]));
@@ -282,8 +287,8 @@ impl Plan {
 
     /// Returns the search statistics of the whole path. `None` if a leg has none.
     #[must_use]
-    pub fn choice(&self) -> Option<Choice> {
-        self.choices.iter().try_fold(Choice::default(), |sum, choice| Some(sum.and((*choice)?)))
+    pub fn search_summary(&self) -> Option<SearchSummary> {
+        self.choices.iter().try_fold(SearchSummary::default(), |sum, choice| Some(sum.and((*choice)?)))
     }
 }
 
@@ -324,14 +329,18 @@ pub(crate) struct PlannedLeg {
     /// The path, in the pose's own frame.
     pub(crate) path: Vec<Segment>,
     /// Search statistics, if the path is one of several that were found.
-    pub(crate) choice: Option<Choice>,
+    pub(crate) choice: Option<SearchSummary>,
 }
 
 impl PlannedLeg {
     /// Creates a leg from a chosen path, with the number of shorter candidates that were rejected.
     pub(crate) fn chosen(goal: Pose, chosen: &PlannedPath, passed_over: usize) -> Self {
         let &PlannedPath { ref path, candidate_count: candidates, two_plane_length } = chosen;
-        Self { goal, path: path.to_vec(), choice: Some(Choice { candidates, passed_over, two_plane_length }) }
+        Self {
+            goal,
+            path: path.to_vec(),
+            choice: Some(SearchSummary { candidates, rejected: passed_over, two_plane_length }),
+        }
     }
 }
 
@@ -340,7 +349,7 @@ fn plan_leg(
     robot: &Robot,
     from: &Pose,
     goal: &Goal,
-    search: &Search,
+    search: &PlanOptions,
     body: &[Segment],
     roll: f64,
 ) -> Result<PlannedLeg, PlanError> {
@@ -351,7 +360,7 @@ fn plan_leg(
         let is_clear = |candidate: &[Segment]| {
             whole.truncate(body.len());
             whole.extend(candidate.iter().map(|segment| segment.rolled(roll)));
-            let clear = first_collision(&whole, robot.outer_diameter(), before).is_none();
+            let clear = closest_self_approach(&whole, robot.outer_diameter(), before).is_none();
             passed_over += usize::from(!clear);
             clear
         };
@@ -368,7 +377,7 @@ pub(crate) fn plan_where(
     robot: &Robot,
     from: &Pose,
     goal: &Goal,
-    &Search { radius, planner, .. }: &Search,
+    &PlanOptions { radius, planner, .. }: &PlanOptions,
     accept: impl FnMut(&[Segment]) -> bool,
 ) -> Result<Option<(Pose, PlannedPath)>, PlanError> {
     Ok(match goal {

@@ -12,7 +12,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use crate::input::{self, InputError};
-use crate::maintenance::Preset;
+use crate::maintenance::MaterialPreset;
 use crate::suggest::{did_you_mean, suggest};
 
 /// The default robot: the paper's robot A.
@@ -106,7 +106,7 @@ pub fn text_of(name_or_file: &Path) -> Result<(Cow<'static, str>, String), Robot
         return Ok(((*text).into(), (*name).to_owned()));
     }
     match input::read_text(name_or_file) {
-        Ok(text) => Ok((text.into(), input::name_of(name_or_file))),
+        Ok(text) => Ok((text.into(), input::display_name(name_or_file))),
         Err(InputError::Unreadable { name, error })
             if error.kind() == std::io::ErrorKind::NotFound && looks_like_a_name(name_or_file) =>
         {
@@ -144,11 +144,11 @@ pub fn from_toml<T: DeserializeOwned>(text: &str, file: &str) -> Result<T, Robot
 ///
 /// # Errors
 /// [`RobotFileError::Toml`] with the position.
-pub fn materials(text: &str, file: &str) -> Result<BTreeMap<String, Preset>, RobotFileError> {
+pub fn materials(text: &str, file: &str) -> Result<BTreeMap<String, MaterialPreset>, RobotFileError> {
     #[derive(Deserialize, Default)]
     #[serde(default)]
     struct Materials {
-        materials: BTreeMap<String, Preset>,
+        materials: BTreeMap<String, MaterialPreset>,
     }
     let text = only(text, is_of_materials);
     Ok(from_toml::<Materials>(&text, file)?.materials)

@@ -12,7 +12,7 @@ use crate::run_log::{BoardStatus, Events, RunEvent};
 
 /// The time of a growth, ms.
 #[derive(Debug, Default)]
-pub struct Clock {
+pub struct RunClock {
     now: u64,
     /// Offset of this clock from the board's, and the board's time in the previous status.
     board: Option<(i64, u64)>,
@@ -20,7 +20,7 @@ pub struct Clock {
     laid: Option<u64>,
 }
 
-impl Clock {
+impl RunClock {
     /// Returns the time, ms.
     #[must_use]
     pub fn now(&self) -> u64 {
@@ -30,12 +30,12 @@ impl Clock {
     /// Updates the clock from a status.
     pub fn status(&mut self, status: &BoardStatus) {
         if let Some(uptime_ms) = status.uptime_ms {
-            self.board_says(uptime_ms);
+            self.set_uptime(uptime_ms);
         }
     }
 
     /// Updates the clock from the board's time since its start, ms.
-    pub fn board_says(&mut self, uptime_ms: u64) {
+    pub fn set_uptime(&mut self, uptime_ms: u64) {
         let ahead = match self.board {
             Some((ahead, before)) if before <= uptime_ms => ahead,
             _ => (self.now as i64).saturating_sub_unsigned(uptime_ms),
@@ -45,7 +45,7 @@ impl Clock {
     }
 
     /// Records a layer whose duration is given, ms.
-    pub fn layer_took(&mut self, duration: u64) {
+    pub fn add_layer(&mut self, duration: u64) {
         self.now = self.laid.map_or(self.now, |laid| self.now.max(laid.saturating_add(duration)));
         self.laid = Some(self.now);
     }
@@ -54,8 +54,8 @@ impl Clock {
 /// Returns the time that the robot needs for a layer, ms: its fraction of the plan's duration.
 #[must_use]
 pub fn time_for(layer: &Layer, plan: &Plan) -> u64 {
-    let share = if plan.needs.length > 0.0 { layer.height / plan.needs.length } else { 0.0 };
-    (1000.0 * share * plan.needs.duration).round() as u64
+    let share = if plan.requirements.length > 0.0 { layer.height / plan.requirements.length } else { 0.0 };
+    (1000.0 * share * plan.requirements.duration).round() as u64
 }
 
 /// Returns the events of a log after its header.

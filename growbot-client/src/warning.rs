@@ -8,7 +8,7 @@ use growbot_core::robot::Robot;
 use growbot_core::slicing::{LIMIT_SLACK, Slicing, layers};
 use serde::{Deserialize, Serialize};
 
-use crate::clearance::{Collision, first_collision};
+use crate::self_collision::{Collision, closest_self_approach};
 
 /// A reason against growing a plan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -37,7 +37,7 @@ pub const FILAMENT_SHORT: &str = "filament-short";
 pub const LAYER_LIMIT: &str = "layer-limit";
 
 /// Codes of the warnings that prevent a growth, because it cannot succeed.
-pub const PREVENTING: [&str; 3] = [SELF_COLLISION, FILAMENT_SHORT, LAYER_LIMIT];
+pub const BLOCKING: [&str; 3] = [SELF_COLLISION, FILAMENT_SHORT, LAYER_LIMIT];
 
 /// Maximum number of layers of helicoidal arcs of a path that are checked. The layers of such an arc differ.
 const MAX_LAYERS: usize = 100_000;
@@ -57,7 +57,7 @@ pub fn warnings(path: &[Segment], needs: &Requirements, robot: &Robot) -> Vec<Wa
 
 fn self_collision(path: &[Segment], robot: &Robot) -> Option<Warning> {
     let limit = robot.outer_diameter();
-    let Collision { distance: value, at: [from, to] } = first_collision(path, limit, 0.0)?;
+    let Collision { distance: value, at: [from, to] } = closest_self_approach(path, limit, 0.0)?;
     let message = format!(
         "the body runs into itself: after {to:.0} mm its centreline comes within {value:.1} mm of where it was after \
          {from:.0} mm, and the tube is {limit:.1} mm wide"

@@ -28,7 +28,7 @@ use growbot_core::trigonometry::hypot;
 use growbot_core::two_plane::two_plane;
 use nalgebra::Vector3;
 
-use crate::plan::{Goal, Plan, Search};
+use crate::plan::{Goal, Plan, PlanOptions};
 use crate::warning::SELF_COLLISION;
 
 /// Initial step, radians.
@@ -44,12 +44,12 @@ const MAX_SWEEPS: usize = 200;
 
 /// Returns a plan that is shorter than this one, which was planned leg by leg, and has the same goals. `None` if none
 /// is found.
-pub(crate) fn shorter(plan: &Plan, robot: &Robot, goals: &[Goal], search: &Search) -> Option<Plan> {
+pub(crate) fn optimize_directions(plan: &Plan, robot: &Robot, goals: &[Goal], search: &PlanOptions) -> Option<Plan> {
     let on_the_way = goals.split_last()?.1;
     if !on_the_way.iter().any(Goal::is_free) {
         return None;
     }
-    let chain = Chain { start: plan.start, goals, search };
+    let chain = WaypointChain { start: plan.start, goals, search };
     let mut best: Option<(f64, Vec<Pose>)> = None;
     for poses in [plan.via(), chain.reversed(robot), chain.bisectors()] {
         let found = chain.refined(poses);
@@ -62,17 +62,17 @@ pub(crate) fn shorter(plan: &Plan, robot: &Robot, goals: &[Goal], search: &Searc
     shorter.free_directions.clone_from(&plan.free_directions);
     let runs_into_itself = |plan: &Plan| plan.warnings.iter().any(|warning| warning.code == SELF_COLLISION);
     let worse = search.clear_of_self && runs_into_itself(&shorter) && !runs_into_itself(plan);
-    (!worse && shorter.needs.length < plan.needs.length - NO_GAIN * search.radius).then_some(shorter)
+    (!worse && shorter.requirements.length < plan.requirements.length - NO_GAIN * search.radius).then_some(shorter)
 }
 
 /// A chain of goals, some of which have no direction.
-struct Chain<'a> {
+struct WaypointChain<'a> {
     start: Pose,
     goals: &'a [Goal],
-    search: &'a Search,
+    search: &'a PlanOptions,
 }
 
-impl Chain<'_> {
+impl WaypointChain<'_> {
     /// Returns the waypoints with the directions in which the reversed chain arrives leg by leg.
     fn reversed(&self, robot: &Robot) -> Vec<Pose> {
         let Some((last, on_the_way)) = self.goals.split_last() else { return Vec::new() };
@@ -82,7 +82,7 @@ impl Chain<'_> {
             Goal::Position(_) => directed(last, &(last.position() - before)),
         };
         let goals: Vec<Goal> = on_the_way.iter().rev().map(turned_back_goal).collect();
-        let search = Search { clear_of_self: false, ..*self.search };
+        let search = PlanOptions { clear_of_self: false, ..*self.search };
         match Plan::leg_by_leg(robot, &turned_back(&end), &goals, &search) {
             Ok(plan) => plan.legs.iter().rev().map(|leg| turned_back(&leg.goal)).collect(),
             // This start is then left out.
@@ -164,7 +164,7 @@ impl Chain<'_> {
 }
 
 /// Returns the length of the leg to a pose, without helicoidal arcs, mm. Infinite if none is found.
-fn leg_to_pose(from: &Pose, to: &Pose, &Search { radius, planner, .. }: &Search) -> f64 {
+fn leg_to_pose(from: &Pose, to: &Pose, &PlanOptions { radius, planner, .. }: &PlanOptions) -> f64 {
     let by_two_planes = two_plane(from, to, radius).map_or(f64::INFINITY, |path| path::length(&path));
     if planner == Planner::TwoPlane {
         return by_two_planes;
@@ -240,8 +240,8 @@ mod tests {
         robot_file::load(robot_file::DEFAULT.as_ref()).unwrap()
     }
 
-    fn search(planner: Planner) -> Search {
-        Search { radius: RADIUS, planner, clear_of_self: false }
+    fn search(planner: Planner) -> PlanOptions {
+        PlanOptions { radius: RADIUS, planner, clear_of_self: false }
     }
 
     fn up() -> Pose {
@@ -263,7 +263,7 @@ mod tests {
     fn plans(goals: &[Goal], planner: Planner) -> (Plan, Plan) {
         let (robot, search) = (robot(), search(planner));
         let (last, via) = goals.split_last().unwrap();
-        let plan = |via: &[Goal], last: &Goal| Plan::through(&robot, &up(), via, last, &search).unwrap();
+        let plan = |via: &[Goal], last: &Goal| Plan::through_waypoints(&robot, &up(), via, last, &search).unwrap();
         (Plan::leg_by_leg(&robot, &up(), goals, &search).unwrap(), plan(via, last))
     }
 
@@ -279,10 +279,10 @@ mod tests {
                 let since = Instant::now();
                 let (separate, joint) = plans(&goals, Planner::Shortest);
                 slowest = slowest.max(since.elapsed().as_secs_f64());
-                assert!(joint.needs.length <= separate.needs.length, "chain {seed}");
+                assert!(joint.requirements.length <= separate.requirements.length, "chain {seed}");
                 assert!(joint.legs.iter().zip(&goals).all(|(leg, goal)| leg.goal.position() == goal.position()));
                 assert!(joint.free_directions.iter().all(|free| *free));
-                gains.push(100.0 * (1.0 - joint.needs.length / separate.needs.length));
+                gains.push(100.0 * (1.0 - joint.requirements.length / separate.requirements.length));
             }
             let time = begun.elapsed().as_secs_f64() / gains.len() as f64;
             println!("| {count} | {} | {:.0} ms |", row(&mut gains), 1e3 * time);
@@ -310,8 +310,8 @@ mod tests {
             let mut random = Rng::new(&[seed]);
             for _ in 0..400 {
                 let via = Goal::Pose(directed(&goals[0], &random.direction()));
-                let other = Plan::through(&robot, &up(), &[via], &goals[1], &search).unwrap();
-                assert!(joint.needs.length <= other.needs.length + 1e-6, "chain {seed}: {via:?}");
+                let other = Plan::through_waypoints(&robot, &up(), &[via], &goals[1], &search).unwrap();
+                assert!(joint.requirements.length <= other.requirements.length + 1e-6, "chain {seed}: {via:?}");
             }
         }
     }
@@ -325,7 +325,7 @@ mod tests {
             let end = directed(&goals[3], &Vector3::new(-1.0, 0.0, 1.0));
             goals[3] = Goal::Pose(end);
             let (separate, joint) = plans(&goals, planner);
-            assert!(joint.needs.length < separate.needs.length);
+            assert!(joint.requirements.length < separate.requirements.length);
             assert_eq!((joint.legs[1].goal, joint.goal), (kept, end));
             assert_eq!(joint.free_directions, [true, false, true, false]);
         }
@@ -335,8 +335,8 @@ mod tests {
     fn positions_in_a_line_or_in_one_point_are_no_exception() {
         let at = |x: f64, z: f64| Goal::Position(Position::new(Vector3::new(x, 0.0, z)).unwrap());
         let (separate, joint) = plans(&[at(0.0, 300.0), at(0.0, 600.0), at(0.0, 900.0)], Planner::Shortest);
-        assert_eq!((separate.needs.length, joint.needs.length), (900.0, 900.0));
+        assert_eq!((separate.requirements.length, joint.requirements.length), (900.0, 900.0));
         let (separate, joint) = plans(&[at(0.0, 0.0), at(0.0, 0.0), at(300.0, 0.0)], Planner::Shortest);
-        assert!(joint.needs.length <= separate.needs.length);
+        assert!(joint.requirements.length <= separate.requirements.length);
     }
 }

@@ -12,7 +12,7 @@
 //! ```
 
 use growbot_client::robot_file;
-use growbot_client::through_scene::{LAID_APART, laid};
+use growbot_client::scene_planning::{MAX_LAYER_OFFSET_MM, laid};
 use growbot_core::job::job_layers;
 use growbot_core::layer_bytes::decode;
 use growbot_core::path::{Segment, length};
@@ -84,7 +84,7 @@ fn layers_lie_on_the_path_that_was_proven_clear() {
         let path = plan(&robot, &start, &goal, RADIUS, Planner::Shortest).expect("a path").path;
         let is_helicoidal = path.iter().any(|segment| matches!(segment, Segment::Helicoid { .. }));
         let found = apart(&robot, &path, &laid(&path, &robot));
-        assert!(found <= LAID_APART, "{found} mm: {goal:?}");
+        assert!(found <= MAX_LAYER_OFFSET_MM, "{found} mm: {goal:?}");
         most = most.max(found);
         if is_helicoidal {
             helicoidal = helicoidal.max(apart(&robot, &path, &path));

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use addr2line::Context;
 use gimli::{Dwarf, EndianArcSlice, RunTimeEndian};
-use growbot_client::crash::{Caller, Place, WrittenCrash, hex};
+use growbot_client::crash::{Caller, CodeLocation, CrashJson, hex};
 use growbot_client::input::read_bytes;
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_sim::image_seal;
@@ -59,7 +59,7 @@ impl Image {
 
     /// Returns the functions that contain an address, the innermost first. Empty if the address is not in known code.
     #[must_use]
-    pub fn places(&self, address: u32) -> Vec<Place> {
+    pub fn places(&self, address: u32) -> Vec<CodeLocation> {
         let address = u64::from(address & !1);
         if !self.code.iter().any(|code| code.contains(&address)) {
             return Vec::new();
@@ -71,14 +71,14 @@ impl Image {
             let function = name.map_or_else(|| "?".to_string(), std::borrow::Cow::into_owned);
             let line = frame.location.and_then(|at| Some((shortened(at.file?), at.line?)));
             let (file, line) = line.unzip();
-            places.push(Place { function, file, line });
+            places.push(CodeLocation { function, file, line });
         }
         places
     }
 
     /// Returns the functions that contain the call with this return address.
     #[must_use]
-    pub fn callers(&self, return_address: u32) -> Vec<Place> {
+    pub fn callers(&self, return_address: u32) -> Vec<CodeLocation> {
         // Return addresses of Thumb code are odd, so an even value is not a return address.
         if return_address & 1 == 0 { Vec::new() } else { self.places((return_address & !1).wrapping_sub(2)) }
     }
@@ -111,17 +111,17 @@ impl<'a> Crash<'a> {
     }
 
     /// Returns the functions that contain the program counter of the crash.
-    fn at(&self) -> Vec<Place> {
+    fn at(&self) -> Vec<CodeLocation> {
         let (Some(image), Some(frame)) = (self.image, self.record.frame) else { return Vec::new() };
         image.places(frame.pc)
     }
 
     /// Returns the possible callers, the innermost first. They come from return addresses in the link register and on
     /// the stack. The stack may contain return addresses of earlier calls.
-    fn calls(&self) -> Vec<(u32, Vec<Place>)> {
+    fn calls(&self) -> Vec<(u32, Vec<CodeLocation>)> {
         let Some(image) = self.image else { return Vec::new() };
         let addresses = self.record.frame.map(|frame| frame.lr).into_iter().chain(self.record.stack);
-        let mut calls: Vec<(u32, Vec<Place>)> = Vec::new();
+        let mut calls: Vec<(u32, Vec<CodeLocation>)> = Vec::new();
         for address in addresses {
             let places = image.callers(address);
             if !places.is_empty() && calls.last().is_none_or(|(latest, _)| *latest != address) {
@@ -167,16 +167,16 @@ impl<'a> Crash<'a> {
 
     /// Returns the crash for JSON.
     #[must_use]
-    pub fn written(&self) -> WrittenCrash {
-        let caller = |(address, at): (u32, Vec<Place>)| Caller { address: hex(address), at };
+    pub fn written(&self) -> CrashJson {
+        let caller = |(address, at): (u32, Vec<CodeLocation>)| Caller { address: hex(address), at };
         let called_from = self.calls().into_iter().map(caller).collect();
-        WrittenCrash { at: self.at(), called_from, ..WrittenCrash::from(&self.record) }
+        CrashJson { at: self.at(), called_from, ..CrashJson::from(&self.record) }
     }
 }
 
 /// Formats functions with their lines, the innermost first.
-fn text_of(places: &[Place]) -> String {
-    let place = |place: &Place| match (&place.file, place.line) {
+fn text_of(places: &[CodeLocation]) -> String {
+    let place = |place: &CodeLocation| match (&place.file, place.line) {
         (Some(file), Some(line)) => format!(" {} ({file}:{line})", place.function),
         _ => format!(" {}", place.function),
     };

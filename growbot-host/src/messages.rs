@@ -8,7 +8,7 @@ use std::fmt;
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
-use growbot_client::printable::one_line;
+use growbot_client::sanitize::one_line;
 
 /// Columns of a line.
 const WIDTH: usize = 80;

@@ -6,8 +6,8 @@
 use std::io::{self, IsTerminal, Write};
 use std::path::Path;
 
-use growbot_client::files::{FileError, replace_file};
-use growbot_client::printable::lines;
+use growbot_client::atomic_file::{FileError, write_atomic};
+use growbot_client::sanitize::lines;
 
 /// Errors of writing a result.
 #[derive(Debug, thiserror::Error)]
@@ -51,7 +51,7 @@ pub fn write_to(path: &Path, contents: &[u8]) -> Result<bool, OutputError> {
         print_bytes(contents)?;
         return Ok(false);
     }
-    replace_file(path, contents)?;
+    write_atomic(path, contents)?;
     Ok(true)
 }
 

@@ -7,7 +7,7 @@
 
 pub mod written;
 
-use growbot_client::maintenance::Preset;
+use growbot_client::maintenance::MaterialPreset;
 use growbot_client::robot_file;
 use growbot_core::robot::{Robot, RobotDescription, RobotError};
 use schemars::generate::SchemaSettings;
@@ -42,7 +42,7 @@ pub fn of_fields() -> Value {
     settings.inline_subschemas = true;
     let mut schema = settings.into_generator().into_root_schema_for::<RobotDescription>().to_value();
     let materials = SchemaSettings::draft07().with(|settings| settings.inline_subschemas = true);
-    let preset = materials.into_generator().into_root_schema_for::<Preset>().to_value();
+    let preset = materials.into_generator().into_root_schema_for::<MaterialPreset>().to_value();
     schema["properties"]["materials"] = json!({
         "description": "Presets of materials for maintenance, by name: the host's alone, and no part of what the robot is.",
         "type": "object",

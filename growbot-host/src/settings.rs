@@ -222,7 +222,7 @@ pub fn service_of(text: &str, file: &str) -> Result<Robots, SettingsError> {
 /// [`SettingsError`] of the files that had to be read.
 pub fn service() -> Result<Robots, SettingsError> {
     for file in [nearest(), user_file()].into_iter().flatten().filter(|file| file.is_file()) {
-        let (robots, serve) = service_of(&input::read_text(&file)?, &input::name_of(&file))?;
+        let (robots, serve) = service_of(&input::read_text(&file)?, &input::display_name(&file))?;
         if !robots.is_empty() || serve != ServeEntry::default() {
             let directory = file.parent().unwrap_or(Path::new(""));
             let robots = robots.into_iter().map(|(name, entry)| (name, entry.in_directory(directory)));
@@ -234,7 +234,7 @@ pub fn service() -> Result<Robots, SettingsError> {
 
 /// Returns the value of a setting in a file. `None` if the file does not set it.
 fn value_in(file: &Path, key: Key) -> Result<Option<String>, SettingsError> {
-    let name = input::name_of(file);
+    let name = input::display_name(file);
     let written: Written = robot_file::from_toml(&input::read_text(file)?, &name)?;
     for (key, value) in [(Key::Robot, &written.robot), (Key::Port, &written.port)] {
         if value.as_ref().is_some_and(String::is_empty) {

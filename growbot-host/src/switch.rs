@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use growbot_sim::resident::{Line, Place};
+use growbot_sim::sim_daemon::{DaemonPort, StateDir};
 
 /// Maximum time until a started process serves the robot, or a stopped one has ended.
 const LIMIT: Duration = Duration::from_secs(10);
@@ -33,7 +33,7 @@ pub enum SwitchError {
 ///
 /// # Errors
 /// [`SwitchError::Process`], [`SwitchError::NotOn`].
-pub fn switch_on(place: &Place, robot: Option<&Path>, pace: f64) -> Result<(), SwitchError> {
+pub fn switch_on(place: &StateDir, robot: Option<&Path>, pace: f64) -> Result<(), SwitchError> {
     let mut command = Command::new(env::current_exe()?);
     command.args(["power", "on", "--foreground", "--pace", &pace.to_string()]);
     command.args(["--port", &format!("sim:{}", place.name())]);
@@ -44,7 +44,7 @@ pub fn switch_on(place: &Place, robot: Option<&Path>, pace: f64) -> Result<(), S
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).process_group(0);
     let mut process = command.spawn()?;
     let began = Instant::now();
-    while Line::open_beside(place).is_err() {
+    while DaemonPort::open_shared(place).is_err() {
         if process.try_wait()?.is_some() || began.elapsed() > LIMIT {
             return Err(SwitchError::NotOn(place.name().to_owned()));
         }
@@ -57,7 +57,7 @@ pub fn switch_on(place: &Place, robot: Option<&Path>, pace: f64) -> Result<(), S
 ///
 /// # Errors
 /// [`SwitchError::NotOff`].
-pub fn wait_until_off(place: &Place) -> Result<(), SwitchError> {
+pub fn wait_until_off(place: &StateDir) -> Result<(), SwitchError> {
     let began = Instant::now();
     while place.is_on() {
         if began.elapsed() > LIMIT {

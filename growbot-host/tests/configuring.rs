@@ -130,7 +130,7 @@ fn a_port_that_goes_while_the_board_restarts_is_opened_again() {
                     Ok(count) => sim.send(&buffer[..count]).unwrap(),
                     Err(_) => {}
                 }
-                sim.pass(Duration::from_millis(2));
+                sim.run_for(Duration::from_millis(2));
                 let count = sim.receive(&mut buffer, Duration::ZERO).unwrap();
                 let _ = line.write_all(&buffer[..count]);
             }

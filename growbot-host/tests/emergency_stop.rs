@@ -65,7 +65,7 @@ impl Port for Noisy {
         let count = buffer.len().min(32);
         let mut answer = [0; 256];
         let answered = self.sim.receive(&mut answer, Duration::ZERO)?;
-        self.sim.borrow_mut().pass(BYTE * (count + answered) as u32);
+        self.sim.borrow_mut().run_for(BYTE * (count + answered) as u32);
         // Bytes of the board arrive unbroken between the noise. A zero before them ends the frame that the noise has
         // begun.
         let noise = buffer.iter_mut().take(count - answered.min(count));
@@ -88,7 +88,7 @@ impl Port for Noisy {
 /// board's state, the numbers of stops sent and carried, and the duration of the attempts, s.
 fn stop_behind_noise(usable_after: Duration) -> (Result<(), ClientError>, State, (u32, u32), f64) {
     let sim = Rc::new(RefCell::new(Sim::new(robot_file::load("growbot-a".as_ref()).unwrap())));
-    sim.borrow_mut().pass(Duration::from_secs(5));
+    sim.borrow_mut().run_for(Duration::from_secs(5));
     let began = sim.borrow().now();
     let sent = Rc::default();
     let line =
@@ -113,7 +113,7 @@ fn noise_at_the_rate_of_the_line_ends_no_emergency_stop_early() {
 #[test]
 fn an_emergency_stop_is_tried_for_the_whole_time_and_no_longer() {
     let (done, _, (sent, _), seconds) = stop_behind_noise(Duration::MAX / 2);
-    assert!(matches!(done, Err(ClientError::NotStopped { .. })), "{done:?}");
+    assert!(matches!(done, Err(ClientError::StopNotAcknowledged { .. })), "{done:?}");
     let limit = EMERGENCY_LIMIT.as_secs_f64();
     assert!((limit..limit + EMERGENCY_PAUSE.as_secs_f64()).contains(&seconds), "{seconds} s");
     let attempts = (limit / EMERGENCY_PAUSE.as_secs_f64()) as u32;
@@ -143,7 +143,7 @@ impl Port for Broken {
 fn a_broken_line_is_tried_again_for_the_whole_time() {
     let sent = Rc::default();
     let done = Client::new(Box::new(Broken(Rc::clone(&sent))), "nowhere").emergency_stop();
-    assert!(matches!(done, Err(ClientError::NotStopped { .. })), "{done:?}");
+    assert!(matches!(done, Err(ClientError::StopNotAcknowledged { .. })), "{done:?}");
     assert_eq!(u64::from(sent.get()), EMERGENCY_LIMIT.as_secs());
 }
 

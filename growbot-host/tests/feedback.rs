@@ -11,13 +11,13 @@ use std::time::Duration;
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
 use growbot_client::growth::{
-    Grown, GrowthError, Job, JobEvent, Manner, MeasuredBy, OnInterrupted, Order, Orders, Outcome, WhenParked, grow_job,
-    resume_job,
+    Command, CommandQueue, GrowthError, GrowthOptions, GrowthReport, Job, JobEvent, MeasuredBy, OnInterrupted,
+    OnParked, Outcome, grow_job, resume_job,
 };
-use growbot_client::plan::{Plan, Search};
+use growbot_client::plan::{Plan, PlanOptions};
 use growbot_client::port::{Port, PortError};
 use growbot_client::robot_file;
-use growbot_client::run_log::{RunLog, RunRecord};
+use growbot_client::run_log::{RecordedRun, RunLog};
 use growbot_core::link::message::{Empty, HostSilencePolicy, Message, ResetCause, State};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
@@ -164,9 +164,9 @@ impl Try {
     fn new() -> Self {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let pose = |numbers| Pose::from_degrees(numbers).unwrap();
-        let search = Search { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
+        let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
         let (start, goal) = (pose([0.0, 0.0, 0.0, 0.0, 90.0]), pose([40.0, 30.0, 120.0, 30.0, 45.0]));
-        let plan = Plan::through(&robot, &start, &[], &goal, &search).unwrap();
+        let plan = Plan::through_waypoints(&robot, &start, &[], &goal, &search).unwrap();
         let mut sim = Sim::new(robot.clone());
         let disturbance = Disturbance { growth_bias: -0.08, growth_noise: 0.1, ..Disturbance::default() };
         sim.simulated_tip().disturb(&ErrorModel { disturbance, noise: NOISE, seed: 3 });
@@ -179,61 +179,61 @@ impl Try {
     }
 
     /// Grows, and calls `at` after the layer of index 60. `at` may cut the line and give orders.
-    fn grow(&self, mut at: impl FnMut(&Cell<bool>, &Orders)) -> Result<Grown, GrowthError> {
+    fn grow(&self, mut at: impl FnMut(&Cell<bool>, &CommandQueue)) -> Result<GrowthReport, GrowthError> {
         let job = self.job();
-        let mut log = RunLog::begin(&self.folder.path().join("run"), &self.plan, &job, Some(NOISE), "sim").unwrap();
+        let mut log = RunLog::create(&self.folder.path().join("run"), &self.plan, &job, Some(NOISE), "sim").unwrap();
         let feedback = Feedback::new(&self.robot, &self.plan.start, &self.plan.path, &self.plan.legs, NOISE);
         let cut = Rc::new(Cell::new(false));
         let mut client = Client::new(Box::new(Line(Rc::clone(&self.sim), Rc::clone(&cut))), "sim");
-        let orders = Orders::default();
+        let orders = CommandQueue::default();
         let manner =
-            Manner { silence: HostSilencePolicy::Continue, feedback: Some(feedback), parked: WhenParked::Ends };
+            GrowthOptions { silence: HostSilencePolicy::Continue, feedback: Some(feedback), parked: OnParked::End };
         let grown = grow_job(&mut client, &job, manner, &orders, &mut |event| {
             log.record(event).unwrap();
             if matches!(event, JobEvent::Laid { index: 60, .. }) {
                 at(&cut, &orders);
             }
         });
-        client.vanish();
+        client.drop_without_goodbye();
         grown
     }
 
     /// Resumes the growth from its log.
-    fn resume(&self) -> Grown {
+    fn resume(&self) -> GrowthReport {
         let mut client = Client::new(Box::new(Rc::clone(&self.sim)), "sim");
-        let hello = client.hello().unwrap();
+        let hello = client.open_session().unwrap();
         if hello.status.state == State::Fault {
             client.request("to clear the fault", &Message::ClearFault(Empty {})).unwrap();
         }
-        let mut record = RunRecord::open(&self.folder.path().join("run")).unwrap();
-        record.is_stored_as(hello.status.plan_id);
+        let mut record = RecordedRun::open(&self.folder.path().join("run")).unwrap();
+        record.sync_to_board(hello.status.plan_id);
         let mut job = self.job();
         (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
         let plan = record.plan(&self.robot).unwrap();
         let feedback = record.feedback(&job, &plan, None);
         assert!(feedback.is_some());
-        let (orders, known) = (Orders::default(), record.as_built.clone());
-        let manner = Manner { silence: HostSilencePolicy::Pause, feedback, parked: WhenParked::Ends };
-        resume_job(&mut client, &job, known, OnInterrupted::Again, manner, &orders, &mut |_| {}).unwrap()
+        let (orders, known) = (CommandQueue::default(), record.as_built.clone());
+        let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::End };
+        resume_job(&mut client, &job, known, OnInterrupted::Redo, manner, &orders, &mut |_| {}).unwrap()
     }
 
     /// Returns the true distance of the tip from the goal, relative to the length.
     fn miss(&self) -> f64 {
         let there = self.sim.borrow_mut().simulated_tip().base_from_tip();
-        (there.translation.vector - self.plan.goal.position()).norm() / self.plan.needs.length
+        (there.translation.vector - self.plan.goal.position()).norm() / self.plan.requirements.length
     }
 }
 
 #[test]
 fn a_growth_that_was_stopped_goes_on_with_feedback() {
     let tried = Try::new();
-    let stopped = tried.grow(|_, orders| orders.give(Order::Stop)).unwrap();
+    let stopped = tried.grow(|_, orders| orders.push(Command::Stop)).unwrap();
     assert_eq!(stopped.outcome, Outcome::Stopped);
     let done = tried.resume();
     assert_eq!((done.outcome, done.measured_by), (Outcome::Done, MeasuredBy::Estimate));
     // Without feedback it would be 8 %. The encoder measures the interrupted layer and its repetition.
     assert!(tried.miss() < 0.006, "{}", tried.miss());
-    assert!(done.fed_back.is_some_and(|fed_back| (fed_back.estimate.systematic_errors.growth + 0.08).abs() < 0.02));
+    assert!(done.feedback.is_some_and(|fed_back| (fed_back.estimate.systematic_errors.growth + 0.08).abs() < 0.02));
 }
 
 #[test]
@@ -251,10 +251,10 @@ fn a_board_that_went_on_without_its_host_is_amended_again_while_it_grows() {
     let tried = Try::new();
     tried.grow(|cut, _| cut.set(true)).unwrap_err();
     // The board lays five more layers without reporting them to a host.
-    tried.sim.borrow_mut().pass(Duration::from_secs(90));
+    tried.sim.borrow_mut().run_for(Duration::from_secs(90));
     assert_eq!(tried.sim.borrow_mut().state(), State::Growing);
     let done = tried.resume();
     assert_eq!(done.outcome, Outcome::Done);
-    assert!(done.unknown() == 0 && done.as_built.len() > 150, "{}", done.as_built.len());
+    assert!(done.unknown_layers() == 0 && done.as_built.len() > 150, "{}", done.as_built.len());
     assert!(tried.miss() < 0.006, "{}", tried.miss());
 }

@@ -9,7 +9,7 @@ use std::fs;
 use std::os::unix::fs::symlink;
 use std::process::Stdio;
 
-use growbot_client::printable::steers;
+use growbot_client::sanitize::is_control;
 use running::{PROGRAM, Ran, command, growbot, growbot_reading, in_lines};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -44,7 +44,7 @@ fn text_of_robot() -> String {
 #[track_caller]
 fn assert_plain(ran: &Ran) {
     for text in [&ran.out, &ran.err] {
-        let hostile = text.chars().find(|letter| *letter != '\n' && steers(*letter));
+        let hostile = text.chars().find(|letter| *letter != '\n' && is_control(*letter));
         assert_eq!(hostile, None, "{text:?}");
     }
 }

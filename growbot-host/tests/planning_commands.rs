@@ -423,7 +423,7 @@ fn an_id_comes_back_as_it_was_and_steers_no_terminal() {
     assert_eq!(ran.out.lines().count(), 2, "{}", ran.out);
     for line in ran.out.lines() {
         assert_eq!(json(line)["id"], id, "{line}");
-        assert!(!line.contains(growbot_client::printable::steers), "{line:?}");
+        assert!(!line.contains(growbot_client::sanitize::is_control), "{line:?}");
         assert!(line.contains("\\u009b2J\\u202e\\u2066\\u2028\\tb\u{e4}"), "{line}");
     }
 }

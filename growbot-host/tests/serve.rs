@@ -12,7 +12,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use growbot_client::growth::as_built_hash;
-use growbot_client::run_log::RunRecord;
+use growbot_client::run_log::RecordedRun;
 use growbot_core::random::Rng;
 use lab::{GOAL, LAYERS, Lab, http, wait_for};
 use running::command;
@@ -36,7 +36,7 @@ fn a_service_that_is_killed_finds_its_robot_and_lays_each_layer_once() {
     let undisturbed = lab.wait_for_end(job["id"].as_str().unwrap());
     assert_eq!(undisturbed["state"], "done");
     let built = |job: &Value| {
-        let record = RunRecord::open(&lab_log(&lab, job)).unwrap();
+        let record = RecordedRun::open(&lab_log(&lab, job)).unwrap();
         assert_eq!(record.as_built.len(), LAYERS);
         as_built_hash(&record.as_built)
     };
@@ -63,7 +63,7 @@ fn a_service_that_is_killed_finds_its_robot_and_lays_each_layer_once() {
         let job = lab.wait_for_end(&id);
         assert_eq!(job["state"], "done", "{job}\n{}", lab.heard());
         assert_eq!(laid(&lab.log(&id)), (0..LAYERS as u64).collect::<Vec<_>>());
-        let record = RunRecord::open(&lab.log(&id)).unwrap();
+        let record = RecordedRun::open(&lab.log(&id)).unwrap();
         assert_eq!(as_built_hash(&record.as_built), hash, "growth {growths}");
         let database =
             rusqlite::Connection::open(lab.directory.path().join("state/growbot/serve/jobs.sqlite")).unwrap();
@@ -117,7 +117,7 @@ fn commands_ask_the_service_that_owns_their_robot() {
     let (code, said) = lab.run(&["estop"]);
     assert!(code == Some(0) && said.starts_with("emergency stop"), "{said}");
     assert_eq!(growth.wait().unwrap().code(), Some(1));
-    let copy = RunRecord::open(&lab.directory.path().join("copy.jsonl")).unwrap();
+    let copy = RecordedRun::open(&lab.directory.path().join("copy.jsonl")).unwrap();
     assert_eq!(copy.outcome().name(), "stopped");
     let (code, said) = lab.run(&["pause"]);
     assert!(code == Some(1) && said.contains("nothing to pause"), "{said}");

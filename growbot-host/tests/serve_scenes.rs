@@ -4,7 +4,7 @@ use crate::lab;
 
 use std::fs;
 
-use growbot_client::run_log::RunRecord;
+use growbot_client::run_log::RecordedRun;
 use lab::{Lab, http};
 use serde_json::{Value, json};
 
@@ -34,7 +34,7 @@ fn bodies_that_the_service_grows_are_kept_clear_of_their_scene() {
     assert_eq!(code, Some(0), "{said}");
     let (code, said) = lab.run(&["grow", "plan.json", "--port", "sim:sensed", "--feedback", "--log", "run.jsonl"]);
     assert_eq!(code, Some(0), "{said}");
-    let record = RunRecord::open(&lab.directory.path().join("run.jsonl")).unwrap();
+    let record = RecordedRun::open(&lab.directory.path().join("run.jsonl")).unwrap();
     let (robot, of) = (record.own_robot().unwrap(), record.feedback.is_some());
     let plan = record.plan(&robot).unwrap();
     assert!(of && record.scene(&plan, &robot, None).unwrap().is_some(), "the log knows scene and feedback");

@@ -7,8 +7,8 @@ use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::Arc;
 
-use growbot_client::growth::{Job, JobEvent, Orders};
-use growbot_client::plan::{Plan, Search};
+use growbot_client::growth::{CommandQueue, Job, JobEvent};
+use growbot_client::plan::{Plan, PlanOptions};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_host::watch::Watch;
@@ -18,11 +18,11 @@ use serde_json::{Value, json};
 use running::{PATIENCE, growbot};
 
 /// Returns a page of a body of 40 mm.
-fn watch(orders: Option<Arc<Orders>>) -> Watch {
+fn watch(orders: Option<Arc<CommandQueue>>) -> Watch {
     let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
-    let search = Search { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
-    let plan = Plan::through(&robot, &up(0.0), &[], &up(40.0), &search).unwrap();
+    let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
+    let plan = Plan::through_waypoints(&robot, &up(0.0), &[], &up(40.0), &search).unwrap();
     let job = Job::of_plan(&robot, &plan);
     let subject = Subject { name: "plan.json", robot: &robot, plan: &plan, run: None, laid: None, scene: None };
     Watch::start(&subject, &job, &[], orders, 0).unwrap()
@@ -111,14 +111,14 @@ fn the_page_is_on_the_loopback_interface_alone() {
 
 #[test]
 fn orders_are_taken_where_the_page_may_control_and_refused_where_it_may_look() {
-    let orders = Arc::new(Orders::default());
+    let orders = Arc::new(CommandQueue::default());
     let controlling = watch(Some(Arc::clone(&orders)));
     let (address, path) = parts(&controlling);
     let origin = format!("http://{address}");
     assert_eq!(ask(address, "GET", &format!("{path}orders/stop"), &[]).0, 404);
-    assert!(!orders.stops());
+    assert!(!orders.stop_requested());
     assert_eq!(ask(address, "POST", &format!("{path}orders/stop"), &[("Origin", &origin)]).0, 202);
-    assert!(orders.stops());
+    assert!(orders.stop_requested());
 
     let looking = watch(None);
     let (address, path) = parts(&looking);

@@ -4,7 +4,7 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-use growbot_client::files::{FileError, replace_file};
+use growbot_client::atomic_file::{FileError, write_atomic};
 use growbot_firmware::image_seal::{EMPTY, PARTS, SEAL_WORDS, SEALED, SYMBOL, Seal, crc_of};
 use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{ElfFile32, ProgramHeader};
@@ -149,6 +149,6 @@ pub fn seal_in_place(path: &Path) -> Result<u32, SealError> {
     if is_sealed(&image) {
         return if bytes == image { Ok(crc) } else { Err(SealError::Damaged { file }) };
     }
-    replace_file(path, &bytes)?;
+    write_atomic(path, &bytes)?;
     Ok(crc)
 }

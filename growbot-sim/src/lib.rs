@@ -10,11 +10,11 @@
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]
 
+pub mod ground_truth;
 pub mod image_seal;
 pub mod parallel;
 pub mod port;
-pub mod resident;
+pub mod sim_daemon;
 pub mod simulation;
 pub mod tip;
-pub mod truth;
 pub mod uf2;

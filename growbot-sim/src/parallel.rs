@@ -6,7 +6,7 @@ use std::thread;
 use std::time::Duration;
 
 /// Interval at which progress is reported.
-const LOOK: Duration = Duration::from_millis(50);
+const PROGRESS_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Applies `work` to all items and returns the results in the order of the items. Calls `at` with the number of
 /// finished items, from time to time and at the end.
@@ -42,7 +42,7 @@ pub fn map_on<T: Sync, U: Send>(
             })
             .collect();
         drop(working);
-        while finished.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
+        while finished.recv_timeout(PROGRESS_INTERVAL) == Err(RecvTimeoutError::Timeout) {
             at(done.load(Ordering::Relaxed));
         }
         at(done.load(Ordering::Relaxed));

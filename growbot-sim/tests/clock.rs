@@ -6,7 +6,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Grown, Job, Orders, Outcome, grow_job};
+use growbot_client::growth::{CommandQueue, GrowthReport, Job, Outcome, grow_job};
 use growbot_client::port::{Port, PortError};
 use growbot_client::robot_file;
 use growbot_core::link::message::{HostSilencePolicy, State};
@@ -35,7 +35,7 @@ impl Port for Skewed {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         self.sim.send(bytes)?;
         let delay = Duration::from_secs_f64(self.random.uniform_between(0.0, self.jitter));
-        self.sim.borrow_mut().pass(self.on_board(delay));
+        self.sim.borrow_mut().run_for(self.on_board(delay));
         Ok(())
     }
 
@@ -50,7 +50,7 @@ impl Port for Skewed {
 
 /// Grows 20 upright layers, which takes six minutes. Also returns the state of the board and the host's time at the
 /// end, s.
-fn grow(rate: f64, jitter: f64) -> (Grown, State, f64) {
+fn grow(rate: f64, jitter: f64) -> (GrowthReport, State, f64) {
     let robot = robot_file::load("growbot-a".as_ref()).unwrap();
     let path = [Segment::Straight { length: 20.0 * 0.774 }];
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
@@ -59,7 +59,7 @@ fn grow(rate: f64, jitter: f64) -> (Grown, State, f64) {
     let sim = Rc::new(RefCell::new(Sim::new(robot.clone())));
     let line = Skewed { sim: Rc::clone(&sim), rate, jitter, random: Rng::new(&[1]) };
     let mut client = Client::new(Box::new(line), "a board of its own time");
-    let grown = grow_job(&mut client, &job, HostSilencePolicy::Pause, &Orders::default(), &mut |_| {}).unwrap();
+    let grown = grow_job(&mut client, &job, HostSilencePolicy::Pause, &CommandQueue::default(), &mut |_| {}).unwrap();
     let (state, seconds) = (sim.borrow().state(), sim.borrow().now_s() / rate);
     (grown, state, seconds)
 }

@@ -19,7 +19,7 @@ fn the_board_restarts_as_every_robot_that_a_board_can_drive() {
     let sim = Sim::new(robot("growbot-a"));
     let flash = sim.descriptions();
     let mut client = Client::new(Box::new(sim), "sim");
-    client.hello().unwrap();
+    client.open_session().unwrap();
     let mut configured = 0;
     for name in robot_file::names() {
         let next = robot(name);
@@ -49,12 +49,12 @@ fn a_board_without_a_description_is_found_out_and_configured() {
     let mut sim = Sim::new(robot("growbot-a"));
     sim.restart_without_description();
     let mut client = Client::new(Box::new(sim), "sim");
-    let error = client.hello_robot(&robot("growbot-a")).unwrap_err();
+    let error = client.open_session_for(&robot("growbot-a")).unwrap_err();
     assert!(matches!(error, ClientError::NotConfigured { .. }), "{error}");
     let refused = client.clear_fault().unwrap_err().to_string();
     assert!(refused.contains("not configured") && refused.contains("growbot configure"), "{refused}");
     client.configure(&robot("growbot-b")).unwrap();
-    client.hello_robot(&robot("growbot-b")).unwrap();
+    client.open_session_for(&robot("growbot-b")).unwrap();
 }
 
 /// Number of bytes of an erasure between two power cuts that are tested.
@@ -93,13 +93,13 @@ fn a_power_cut_while_it_is_configured_over_the_link_is_survived() {
         let sim = Sim::new(old.clone());
         let flash = sim.descriptions();
         let mut client = Client::new(Box::new(sim), "sim");
-        client.hello().unwrap();
+        client.open_session().unwrap();
         flash.lose_power_after(cut, cut as u64);
         let refused = client.configure(&new).unwrap_err();
         assert!(matches!(refused, ClientError::Refused { .. }), "cut at byte {cut}: {refused}");
         // The power fails at the next tick.
-        client.pass(Duration::from_millis(100)).unwrap();
-        assert_eq!(client.hello().unwrap().robot_hash, old.hash(), "cut at byte {cut}");
+        client.wait(Duration::from_millis(100)).unwrap();
+        assert_eq!(client.open_session().unwrap().robot_hash, old.hash(), "cut at byte {cut}");
         assert_eq!(client.configure(&new).unwrap().robot_hash, new.hash(), "cut at byte {cut}");
     }
 }

@@ -11,10 +11,10 @@
 //! -10 % to all layers of a growth. The sensors are those that feedback assumes: odometry to 1 % of a layer, gravity's
 //! direction to 0.5 degrees. The scenes have a planted path, for robot A with a margin of 5 mm.
 
-use growbot_client::feedback::ASSUMED;
-use growbot_client::plan::{Goal, Plan, Search};
+use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
+use growbot_client::plan::{Goal, Plan, PlanOptions};
 use growbot_client::robot_file;
-use growbot_client::through_scene::{self, LENGTH_MAX, Through};
+use growbot_client::scene_planning::{self, MAX_LENGTH_MM, SceneOptions};
 use growbot_core::plan::Planner;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
@@ -24,7 +24,7 @@ use growbot_scene::centreline::{TipPose, any_perpendicular};
 use growbot_scene::random_scenes::{self, FAMILIES, TubeLimits};
 use growbot_scene::scene_file::LoadedScene;
 use growbot_sim::simulation::Simulation;
-use growbot_sim::simulation::campaign::{Campaign, ManyAmong};
+use growbot_sim::simulation::campaign::{Campaign, ObstacleStatistics};
 use nalgebra::{Matrix3, Rotation3, Translation3};
 
 const MARGIN: f64 = 5.0;
@@ -53,15 +53,16 @@ fn no_growth_in_closed_loop_touches_an_obstacle() {
 
 /// Results of the growths in all scenes.
 struct Both {
-    closed: ManyAmong,
-    open: ManyAmong,
+    closed: ObstacleStatistics,
+    open: ObstacleStatistics,
 }
 
 /// Prints a row for each scene, and returns their sum.
 fn table(robot: &Robot, scenes: u64, growths: u64, biased: bool) -> Both {
     println!("{}", if biased { "\nnoise of 10 %, bias of +10 or -10 %" } else { "\nnoise of 10 %" });
     println!("scene           length  clear   closed: contact  pause  detour  min clear   open: contact  min clear");
-    let none = ManyAmong { contacts: 0, first_contact: None, clearance: f64::INFINITY, with_detours: 0, pauses: 0 };
+    let none =
+        ObstacleStatistics { contacts: 0, first_contact: None, clearance: f64::INFINITY, with_detours: 0, pauses: 0 };
     let mut sum = Both { closed: none, open: none };
     for index in 0..scenes {
         let (name, loaded, plan) = scene(robot, index);
@@ -73,13 +74,16 @@ fn table(robot: &Robot, scenes: u64, growths: u64, biased: bool) -> Both {
         simulation.scene = Some(&loaded);
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let open = among(&simulation, growths, threads);
-        simulation.sensors =
-            Some(SimulatedSensors { noise: ASSUMED, odometry_scale: 0.0, direction: DirectionSensor::Gravity });
+        simulation.sensors = Some(SimulatedSensors {
+            noise: DEFAULT_SENSOR_NOISE,
+            odometry_scale: 0.0,
+            direction: DirectionSensor::Gravity,
+        });
         let closed = among(&simulation, growths, threads);
         let clear = plan.scene.as_ref().map_or(0.0, |scene| scene.clearance);
         println!(
             "{name:<12}{:>10.1}{clear:>7.2}{:>17}{:>7}{:>8}{:>11.2}{:>16}{:>11.2}",
-            plan.needs.length,
+            plan.requirements.length,
             closed.contacts,
             closed.pauses,
             closed.with_detours,
@@ -93,14 +97,14 @@ fn table(robot: &Robot, scenes: u64, growths: u64, biased: bool) -> Both {
             sum.with_detours += found.with_detours;
         }
     }
-    let Both { closed: ManyAmong { contacts, pauses, with_detours, .. }, open } = &sum;
+    let Both { closed: ObstacleStatistics { contacts, pauses, with_detours, .. }, open } = &sum;
     let all = scenes * growths;
     println!("{all} in closed loop: {contacts} touch, {pauses} pause, {with_detours} take a detour");
     println!("{all} in open loop: {} touch", open.contacts);
     sum
 }
 
-fn among(simulation: &Simulation, growths: u64, threads: usize) -> ManyAmong {
+fn among(simulation: &Simulation, growths: u64, threads: usize) -> ObstacleStatistics {
     Campaign::run(simulation, 1, growths, threads, |_| ()).among.unwrap()
 }
 
@@ -114,8 +118,8 @@ fn scene(robot: &Robot, index: u64) -> (String, LoadedScene, Plan) {
     let drawn = random_scenes::random_scene(family, number, &body);
     let loaded = LoadedScene { scene: drawn.scene(), margin: MARGIN, hash: 0 };
     let (start, goal) = (pose(&drawn.start), pose(&drawn.goal));
-    let search = Search { radius: RADIUS, planner: Planner::Shortest, clear_of_self: true };
-    let through = Through {
+    let search = PlanOptions { radius: RADIUS, planner: Planner::Shortest, clear_of_self: true };
+    let through = SceneOptions {
         file: "scene",
         loaded: &loaded,
         margin: MARGIN,
@@ -123,10 +127,10 @@ fn scene(robot: &Robot, index: u64) -> (String, LoadedScene, Plan) {
         effort: EFFORT,
         deadline: None,
         first_only: false,
-        length_max: LENGTH_MAX,
+        length_max: MAX_LENGTH_MM,
     };
     let name = format!("{family:?} {number}");
-    let plan = through_scene::plan(robot, &start, &[Goal::Pose(goal)], &search, &through)
+    let plan = scene_planning::plan(robot, &start, &[Goal::Pose(goal)], &search, &through)
         .unwrap_or_else(|error| panic!("{name}: {error}"));
     (name, loaded, plan)
 }

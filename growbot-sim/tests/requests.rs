@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::time::Duration;
 
-use growbot_client::client::{Client, ClientError, Stopped};
+use growbot_client::client::{Client, ClientError, StopOutcome};
 use growbot_client::port::{Port, PortError};
 use growbot_client::robot_file;
 use growbot_core::layer::Layer;
@@ -37,7 +37,7 @@ fn on_a_clean_line_most_of_what_is_sent_is_layers() {
     let robot = robot_file::load("growbot-a".as_ref()).unwrap();
     let sent = Rc::new(Cell::new(0));
     let mut client = Client::new(Box::new(Counting(Sim::new(robot.clone()), Rc::clone(&sent))), "sim");
-    client.hello_robot(&robot).unwrap();
+    client.open_session_for(&robot).unwrap();
     let mut encoder = LayerEncoder::default();
     let layers: Vec<LayerBytes> = (0..4096)
         .map(|index| encoder.encode(&Layer { alpha: f64::from(index) * 0.01, height: 0.7, tilt: 0.006 }))
@@ -46,7 +46,7 @@ fn on_a_clean_line_most_of_what_is_sent_is_layers() {
     let begin = BeginJob { plan_id, layers: 4096, robot_hash: robot.hash() };
     let Message::Accepted(accepted) = client.request("to begin", &Message::Begin(begin)).unwrap() else { panic!() };
     let before = sent.get();
-    let accepted = client.hand_over(plan_id, &layers, accepted).unwrap();
+    let accepted = client.upload_layers(plan_id, &layers, accepted).unwrap();
     assert_eq!((accepted.next, accepted.free_layers), (4096, 0));
     let bytes = sent.get() - before;
     let share = (layers.len() * 12) as f64 / bytes as f64;
@@ -81,18 +81,18 @@ fn shared_sim() -> Rc<RefCell<Sim>> {
 fn a_stop_that_is_not_answered_becomes_the_emergency_stop() {
     let sim = shared_sim();
     let mut client = Client::new(Box::new(OnlyStops(Rc::clone(&sim))), "sim");
-    assert_eq!(client.stop().unwrap(), Stopped::AtOnce);
+    assert_eq!(client.stop().unwrap(), StopOutcome::ByEmergencyStop);
     assert_eq!(sim.borrow().state(), State::EmergencyStop);
     let mut client = Client::new(Box::new(shared_sim()), "sim");
-    client.hello().unwrap();
-    assert_eq!(client.stop().unwrap(), Stopped::ByRequest);
+    client.open_session().unwrap();
+    assert_eq!(client.stop().unwrap(), StopOutcome::ByRequest);
 }
 
 #[test]
 fn an_emergency_stop_by_the_link_is_cleared_at_once_and_one_of_a_button_that_is_pressed_is_not() {
     let sim = shared_sim();
     let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
-    client.hello().unwrap();
+    client.open_session().unwrap();
     for _ in 0..3 {
         client.emergency_stop().unwrap();
         assert_eq!(sim.borrow().state(), State::EmergencyStop);
@@ -100,7 +100,7 @@ fn an_emergency_stop_by_the_link_is_cleared_at_once_and_one_of_a_button_that_is_
         assert_eq!(sim.borrow().state(), State::Idle);
     }
     sim.borrow_mut().inject(TipFault::EmergencyStop);
-    client.pass(Duration::from_millis(100)).unwrap();
+    client.wait(Duration::from_millis(100)).unwrap();
     let refused = client.clear_fault().unwrap_err();
     assert!(matches!(refused, ClientError::Refused { refusal: Refusal::EmergencyStop, .. }), "{refused}");
 }

@@ -13,7 +13,7 @@ use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use growbot_sim::port::qemu::{Line, Qemu, QemuError, doing};
+use growbot_sim::port::qemu::{Qemu, QemuError, QemuSocket, doing};
 
 /// Clock control register.
 pub const RCC_CR: u32 = 0x4002_3800;
@@ -120,7 +120,7 @@ pub fn boot(firmware: &Path) -> Result<Board, QemuError> {
 pub fn boot_with(firmware: &Path, setup: &Setup) -> Result<Board, QemuError> {
     let trace = setup.trace.as_ref().map(|file| file.to_string_lossy().into_owned());
     let (serial, control, registers) =
-        (Line::open("serial line")?, Line::open("control line")?, Line::open("register line")?);
+        (QemuSocket::open("serial line")?, QemuSocket::open("control line")?, QemuSocket::open("register line")?);
     let (serial_to, control_to, registers_to) = (serial.argument()?, control.argument()?, registers.argument()?);
     let mut arguments = vec![
         // USART1 is not used, because in QEMU 10.0 the reset of any peripheral on its bus ends the emulator.

@@ -14,15 +14,15 @@ use serde::{Deserialize, Serialize};
 
 /// Maximum relative error of a clock. Crystals are within 0.01 %, a UART needs 3 %, and the heater is supervised with
 /// margins of 10 %.
-const LIMIT: f64 = 0.02;
+const MAX_DRIFT: f64 = 0.02;
 /// Minimum length of the window over which the clocks are compared.
 const WINDOW: Duration = Duration::from_secs(30);
 /// Maximum ratio of the delays to the window at which the clocks may count as equal.
-const BLUR: f64 = 0.01;
+const MAX_UNCERTAINTY: f64 = 0.01;
 /// Maximum delay of a response that is used as a reading.
 const SLOWEST_ANSWER: Duration = Duration::from_secs(2);
 /// Interval at which the board's clock is sampled.
-const ASK: Duration = Duration::from_secs(10);
+const SAMPLE_INTERVAL: Duration = Duration::from_secs(10);
 /// Number of successive windows after which a clock counts as wrong.
 const WINDOWS: u32 = 2;
 /// Factor above which a faster clock is not compared. No failed clock is that fast, so this is the virtual clock of a
@@ -32,7 +32,7 @@ const VIRTUAL: f64 = 2.0;
 /// A board's clock that runs at the wrong rate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(into = "WrittenDrift", from = "WrittenDrift")]
+#[serde(into = "ClockDriftJson", from = "ClockDriftJson")]
 pub struct ClockDrift {
     /// Time that has passed on the board's clock, ms.
     pub board_ms: u64,
@@ -57,7 +57,7 @@ impl ClockDrift {
 /// A wrong clock in the form that scripts, run logs and pages read.
 #[derive(Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-struct WrittenDrift {
+struct ClockDriftJson {
     /// Excess of the board's clock over the host's, percent: the bound nearer to 0.
     #[serde(default)]
     percent: f64,
@@ -76,11 +76,11 @@ struct WrittenDrift {
     remedy: String,
 }
 
-impl From<ClockDrift> for WrittenDrift {
+impl From<ClockDrift> for ClockDriftJson {
     fn from(drift: ClockDrift) -> Self {
         Self {
             percent: drift.percent(),
-            limit_percent: 100.0 * LIMIT,
+            limit_percent: 100.0 * MAX_DRIFT,
             board_ms: drift.board_ms,
             host_ms: drift.host_ms,
             message: drift.to_string(),
@@ -89,8 +89,8 @@ impl From<ClockDrift> for WrittenDrift {
     }
 }
 
-impl From<WrittenDrift> for ClockDrift {
-    fn from(written: WrittenDrift) -> Self {
+impl From<ClockDriftJson> for ClockDrift {
+    fn from(written: ClockDriftJson) -> Self {
         Self { board_ms: written.board_ms, host_ms: written.host_ms }
     }
 }
@@ -105,14 +105,14 @@ impl fmt::Display for ClockDrift {
             self.percent().abs(),
             self.board_ms as f64 / 1000.0,
             longest as f64 / 1000.0,
-            100.0 * LIMIT
+            100.0 * MAX_DRIFT
         )
     }
 }
 
 /// A response that contains the board's clock.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Reading {
+pub(super) struct ClockSample {
     /// The board's clock, ms.
     pub board_ms: u64,
     /// Time at which the request was first sent, on the port's clock.
@@ -125,8 +125,8 @@ pub(super) struct Reading {
 #[derive(Debug, Default)]
 pub(super) struct ClockWatch {
     /// First reading of the window.
-    first: Option<Reading>,
-    latest: Option<Reading>,
+    first: Option<ClockSample>,
+    latest: Option<ClockSample>,
     /// Number of successive windows in which the clock was fast; negative if it was slow.
     wrong: i32,
     drift: Option<ClockDrift>,
@@ -140,11 +140,11 @@ impl ClockWatch {
 
     /// Reports whether the latest reading is so old that another one is due.
     pub fn wants(&self, now: Duration) -> bool {
-        self.latest.is_none_or(|latest| now.saturating_sub(latest.received) >= ASK)
+        self.latest.is_none_or(|latest| now.saturating_sub(latest.received) >= SAMPLE_INTERVAL)
     }
 
     /// Adds a reading.
-    pub fn take(&mut self, reading: &Reading) {
+    pub fn take(&mut self, reading: &ClockSample) {
         let latest = self.latest.replace(*reading);
         if latest.is_some_and(|latest| reading.board_ms < latest.board_ms) {
             // The board has restarted.
@@ -163,13 +163,13 @@ impl ClockWatch {
             return;
         }
         let board = (reading.board_ms - first.board_ms) as f64 / 1000.0;
-        let way = if board < (1.0 - LIMIT) * shortest.as_secs_f64() {
+        let way = if board < (1.0 - MAX_DRIFT) * shortest.as_secs_f64() {
             -1
         } else if board > VIRTUAL * longest.as_secs_f64() {
             0
-        } else if board > (1.0 + LIMIT) * longest.as_secs_f64() {
+        } else if board > (1.0 + MAX_DRIFT) * longest.as_secs_f64() {
             1
-        } else if (longest - shortest).as_secs_f64() > BLUR * shortest.as_secs_f64() {
+        } else if (longest - shortest).as_secs_f64() > MAX_UNCERTAINTY * shortest.as_secs_f64() {
             // The delays are too long for this window, so it must get longer.
             return;
         } else {
@@ -200,7 +200,7 @@ mod tests {
             let [there, back] = [(); 2].map(|()| random.uniform_between(0.0, jitter));
             let board_ms = ((now + there) * rate * 1000.0) as u64;
             let [sent, received] = [now, now + there + back].map(Duration::from_secs_f64);
-            watch.take(&Reading { board_ms, sent, received });
+            watch.take(&ClockSample { board_ms, sent, received });
             if let Some(drift) = watch.drift() {
                 println!("rate {rate}, jitter {jitter} s: after {:.0} s: {drift}", now - 1000.0);
                 return Some(now - 1000.0);
@@ -235,7 +235,7 @@ mod tests {
         let mut watch = ClockWatch::default();
         let mut take = |host: f64, board: f64| {
             let [sent, received] = [host, host + 0.01].map(Duration::from_secs_f64);
-            watch.take(&Reading { board_ms: (board * 1000.0) as u64, sent, received });
+            watch.take(&ClockSample { board_ms: (board * 1000.0) as u64, sent, received });
             watch.drift()
         };
         for second in 0..40 {

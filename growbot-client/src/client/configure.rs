@@ -5,7 +5,7 @@ use std::time::Duration;
 use growbot_core::link::message::{BoardInfo, Configure, Configured, MAX_DESCRIPTION_PART, Message, Refusal};
 use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
 
-use super::error::CONFIGURING;
+use super::error::SEND_DESCRIPTION;
 use super::{Client, ClientError};
 
 /// Maximum number of polls for the restart, which comes about 0.5 s after the description is stored.
@@ -20,7 +20,7 @@ impl Client {
     /// # Errors
     /// [`ClientError::Description`], a refusal, or [`ClientError::NotRestarted`].
     pub fn configure(&mut self, robot: &Robot) -> Result<BoardInfo, ClientError> {
-        let before = self.board()?.boot_id;
+        let before = self.identify()?.boot_id;
         let mut buffer = [0; MAX_VERSIONED_LEN];
         robot.check_for_board().map_err(ClientError::Description)?;
         let description = robot.encode_for_board(&mut buffer).map_err(ClientError::Description)?;
@@ -33,9 +33,9 @@ impl Client {
                 offset: (index * MAX_DESCRIPTION_PART) as u16,
                 bytes: bytes.iter().copied().collect(),
             };
-            stored = match self.request(CONFIGURING, &Message::Configure(part)) {
+            stored = match self.request(SEND_DESCRIPTION, &Message::Configure(part)) {
                 Ok(Message::Configured(Configured { stored, .. })) => stored,
-                Ok(other) => return Err(ClientError::Unexpected { request: CONFIGURING, kind: other.kind() }),
+                Ok(other) => return Err(ClientError::Unexpected { request: SEND_DESCRIPTION, kind: other.kind() }),
                 // After the last part, the board may have restarted already, and its response may be lost. Before the
                 // last part, another host has taken the board.
                 Err(ClientError::Refused { refusal: Refusal::NoSession, .. }) if index == last => true,
@@ -48,10 +48,10 @@ impl Client {
     /// Waits until the board has restarted as this robot.
     fn await_restart(&mut self, robot: &Robot, before: u32) -> Result<BoardInfo, ClientError> {
         for _ in 0..LOOKS_AT_RESTART {
-            self.pass(LOOK_AT_RESTART)?;
-            let now = self.board()?;
+            self.wait(LOOK_AT_RESTART)?;
+            let now = self.identify()?;
             if now.boot_id != before && now.robot_hash == robot.hash() {
-                return self.hello();
+                return self.open_session();
             }
         }
         Err(self.not_restarted())

@@ -37,7 +37,7 @@ impl Client {
                 Err(_) => sleep(EMERGENCY_PAUSE.min(left)),
             }
         }
-        Err(ClientError::NotStopped { port: self.name.clone() })
+        Err(ClientError::StopNotAcknowledged { port: self.name.clone() })
     }
 
     /// Like [`Client::emergency_stop`], but with this time limit and without retries on a broken line. Returns true if

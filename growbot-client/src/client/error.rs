@@ -4,7 +4,7 @@ use growbot_core::link::frame::FrameError;
 use growbot_core::link::message::{DescriptionError, Fault, Refusal};
 use growbot_core::robot::{ENCODING_VERSION, RobotError};
 
-use super::patience::SILENCE;
+use super::timeouts::SILENCE_TIMEOUT;
 use crate::port::PortError;
 
 /// Error of a request.
@@ -13,9 +13,9 @@ pub enum ClientError {
     /// No byte was received.
     #[error(
         "the board at {port} does not answer (for {} s): check power, cable and baud rate, and that growbot's \
-         firmware is on it", SILENCE.as_secs()
+         firmware is on it", SILENCE_TIMEOUT.as_secs()
     )]
-    Silent {
+    NoResponse {
         /// The port.
         port: String,
     },
@@ -88,7 +88,7 @@ pub enum ClientError {
         "the board at {port} is owned by {host}, last received {silent_s:.1} s ago: end that program, wait until it has been \
          silent for 10 s, or take the board over (--take-over)"
     )]
-    Held {
+    Owned {
         /// The port.
         port: String,
         /// Name of the host that owns the board.
@@ -98,7 +98,7 @@ pub enum ClientError {
     },
     /// The board did not confirm the emergency stop.
     #[error("NOBODY HAS ACKNOWLEDGED THE EMERGENCY STOP at {port}: cut the power of the robot now")]
-    NotStopped {
+    StopNotAcknowledged {
         /// The port.
         port: String,
     },
@@ -124,10 +124,10 @@ pub enum ClientError {
 }
 
 /// Name of a request that moves filament.
-pub const FEEDING: &str = "to move filament";
+pub const MOVE_FILAMENT: &str = "to move filament";
 
 /// Name of a request that sends part of a robot description.
-pub const CONFIGURING: &str = "the robot description";
+pub const SEND_DESCRIPTION: &str = "the robot description";
 
 /// Returns a message for a rejected description.
 fn explain_description(why: DescriptionError) -> String {
@@ -166,7 +166,7 @@ fn explain(request: &str, refusal: &Refusal) -> String {
         Refusal::RobotMismatch { board } => format!("it is another robot ({board:016x})"),
         Refusal::PlanMismatch { board: 0 } => "it stores no plan: hand one over first".to_string(),
         Refusal::PlanMismatch { board } => format!("it stores another plan ({board:016x})"),
-        Refusal::OutOfOrder { expected } if request == CONFIGURING => {
+        Refusal::OutOfOrder { expected } if request == SEND_DESCRIPTION => {
             format!("it expects byte {expected} of the description next: try again")
         }
         Refusal::OutOfOrder { expected } => format!("it expects layer {expected} next"),
@@ -188,7 +188,7 @@ fn explain(request: &str, refusal: &Refusal) -> String {
         Refusal::LayerAlreadyBegun { first } => {
             format!("those layers have been begun; the first that can be replaced is {first}")
         }
-        Refusal::NozzleTooHot { below } if request == CONFIGURING => format!(
+        Refusal::NozzleTooHot { below } if request == SEND_DESCRIPTION => format!(
             "it writes to its flash only with the nozzle below {} C, or after 20 minutes at rest: wait until it has \
              cooled",
             f64::from(below) / 100.0
@@ -205,7 +205,7 @@ fn explain(request: &str, refusal: &Refusal) -> String {
             f64::from(now) / 100.0,
             f64::from(min) / 100.0
         ),
-        Refusal::MoveTooLong { max } if request == FEEDING => {
+        Refusal::MoveTooLong { max } if request == MOVE_FILAMENT => {
             format!("it moves {} mm of filament at a time at most: ask for less, and again", f64::from(max) / 1000.0)
         }
         Refusal::MoveTooLong { max } => {

@@ -5,11 +5,11 @@ use std::time::Duration;
 use growbot_core::link::frame::{self, Frame, FrameError, Header, MAX_BODY_LEN, next_seq};
 use growbot_core::link::message::{Empty, Message, MessageError, Refused};
 
-use super::patience::{FIRST_REPEAT, MAX_TRIES, REPEAT_OF_PLAN, SILENCE_OF_PLAN, SLOWEST_REPEAT, Wait};
+use super::timeouts::{FIRST_RETRY_DELAY, MAX_ATTEMPTS, MAX_RETRY_DELAY, PLAN_RETRY_DELAY, PLAN_TIMEOUT, ResponseWait};
 use super::{Client, ClientError};
 
 /// Interval of the signs of life in long waits. A board pauses if its host sends nothing for 10 s.
-const SIGN_OF_LIFE: Duration = Duration::from_secs(3);
+const KEEP_ALIVE_INTERVAL: Duration = Duration::from_secs(3);
 
 impl Client {
     /// Sends a request and waits for the response, repeating the request if none arrives. `what` is its name in error
@@ -19,22 +19,22 @@ impl Client {
     /// If no response arrives, or the board refuses.
     pub fn request(&mut self, what: &'static str, request: &Message) -> Result<Message, ClientError> {
         let plans = matches!(request, Message::Plan(_));
-        let mut repeat = if plans { REPEAT_OF_PLAN } else { FIRST_REPEAT };
+        let mut repeat = if plans { PLAN_RETRY_DELAY } else { FIRST_RETRY_DELAY };
         self.seq = next_seq(self.seq);
         let seq = self.seq;
-        let mut wait = Wait::default();
-        for attempt in 0..MAX_TRIES {
+        let mut wait = ResponseWait::default();
+        for attempt in 0..MAX_ATTEMPTS {
             self.repeated += u64::from(attempt > 0);
             self.post(seq, request)?;
-            if let Some(frame) = self.answer_to(|ack| ack == seq, repeat, &mut wait)? {
-                return answer(what, &frame);
+            if let Some(frame) = self.wait_for_response(|ack| ack == seq, repeat, &mut wait)? {
+                return decode_response(what, &frame);
             }
-            if wait.is_hopeless(if plans { SILENCE_OF_PLAN } else { Duration::ZERO }, self.open) {
+            if wait.has_timed_out(if plans { PLAN_TIMEOUT } else { Duration::ZERO }, self.open) {
                 break;
             }
-            repeat = (repeat * 5 / 4).min(SLOWEST_REPEAT.max(repeat));
+            repeat = (repeat * 5 / 4).min(MAX_RETRY_DELAY.max(repeat));
         }
-        Err(self.given_up(&wait))
+        Err(self.timeout_error(&wait))
     }
 
     /// Sends a frame with the number of the latest event.
@@ -49,11 +49,11 @@ impl Client {
     }
 
     /// Waits up to `patience` for the response to one of some requests. Stores the events that arrive meanwhile.
-    pub(super) fn answer_to(
+    pub(super) fn wait_for_response(
         &mut self,
         is_asked: impl Fn(u16) -> bool,
         patience: Duration,
-        wait: &mut Wait,
+        wait: &mut ResponseWait,
     ) -> Result<Option<Frame>, ClientError> {
         let step = patience.min(Duration::from_millis(100));
         let mut waited = Duration::ZERO;
@@ -90,10 +90,10 @@ impl Client {
     }
 
     /// Returns the error that explains why the wait was given up.
-    pub(super) fn given_up(&self, wait: &Wait) -> ClientError {
+    pub(super) fn timeout_error(&self, wait: &ResponseWait) -> ClientError {
         let port = self.name.clone();
         match wait.unreadable {
-            None => ClientError::Silent { port },
+            None => ClientError::NoResponse { port },
             Some(source @ FrameError::Version { .. }) => ClientError::Version { port, source },
             Some(_) => ClientError::Garbage { port },
         }
@@ -116,7 +116,7 @@ impl Client {
     ///
     /// # Errors
     /// If the line is broken.
-    pub fn pass(&mut self, time: Duration) -> Result<(), ClientError> {
+    pub fn wait(&mut self, time: Duration) -> Result<(), ClientError> {
         let step = Duration::from_millis(50);
         for _ in 0..time.as_millis().div_ceil(step.as_millis()) {
             if let Some(Ok(frame)) = self.next_frame(step)? {
@@ -178,7 +178,7 @@ impl Client {
     fn receive(&mut self, timeout: Duration) -> Result<(), ClientError> {
         let mut left = timeout;
         loop {
-            let slice = if self.open { left.min(SIGN_OF_LIFE) } else { left };
+            let slice = if self.open { left.min(KEEP_ALIVE_INTERVAL) } else { left };
             let mut buffer = [0; 256];
             let count = self.port.receive(&mut buffer, slice)?;
             self.arrived.extend(&buffer[..count]);
@@ -192,7 +192,7 @@ impl Client {
 }
 
 /// Decodes the response in a frame. A refusal is returned as an error.
-pub(super) fn answer(request: &'static str, frame: &Frame) -> Result<Message, ClientError> {
+pub(super) fn decode_response(request: &'static str, frame: &Frame) -> Result<Message, ClientError> {
     match Message::decode(frame.header.kind, &frame.body) {
         Ok(Message::Refused(Refused { refusal, .. })) => Err(ClientError::Refused { request, refusal }),
         Ok(message) => Ok(message),

@@ -10,10 +10,10 @@ mod configure;
 mod emergency;
 mod error;
 mod exchange;
-mod hand_over;
-mod patience;
+mod layer_upload;
 mod requests;
 mod session;
+mod timeouts;
 
 use std::collections::VecDeque;
 
@@ -23,8 +23,8 @@ use growbot_core::link::message::{Empty, Message};
 pub use self::clock::ClockDrift;
 use self::clock::ClockWatch;
 pub use self::emergency::{EMERGENCY_LIMIT, EMERGENCY_PAUSE};
-pub use self::error::{ClientError, FEEDING};
-pub use self::requests::Stopped;
+pub use self::error::{ClientError, MOVE_FILAMENT};
+pub use self::requests::StopOutcome;
 use self::session::new_session;
 use crate::port::Port;
 
@@ -74,7 +74,7 @@ impl Client {
 
     /// Sets whether this client takes the board from another host that owns it when it opens its session.
     #[must_use]
-    pub fn taking_over(mut self, takes_over: bool) -> Self {
+    pub fn with_take_over(mut self, takes_over: bool) -> Self {
         self.takes_over = takes_over;
         self
     }
@@ -91,14 +91,14 @@ impl Client {
     }
 
     /// Drops the client without sending `Goodbye`, as if the process had been killed.
-    pub fn vanish(mut self) {
+    pub fn drop_without_goodbye(mut self) {
         self.open = false;
     }
 
     /// Returns a port on the same line with which another thread can send the emergency stop. `None` if the robot ends
     /// with this program. From the first use of that port on, this client blocks until the program ends.
-    pub fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
-        self.port.emergency_line()
+    pub fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
+        self.port.emergency_port()
     }
 }
 

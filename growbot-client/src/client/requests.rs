@@ -6,7 +6,7 @@ use growbot_core::link::message::{
     BootReport, Empty, FaultRecord, LatestFault, Maintain, MaintenanceTask, Message, Refusal, SensorReadings, Status,
 };
 
-use super::clock::{ClockDrift, ClockWatch, Reading};
+use super::clock::{ClockDrift, ClockSample, ClockWatch};
 use super::{Client, ClientError};
 use crate::maintenance::request_name;
 
@@ -17,21 +17,21 @@ const LOOK_AT_RELEASE: Duration = Duration::from_millis(50);
 
 /// The way in which a board was stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stopped {
+pub enum StopOutcome {
     /// Stopped by a request. The body can be resumed.
     ByRequest,
     /// Stopped by the emergency stop, because the request was not answered.
-    AtOnce,
+    ByEmergencyStop,
 }
 
-impl Stopped {
+impl StopOutcome {
     /// Returns a message for the user.
     #[must_use]
-    pub fn in_words(self, is_simulated: bool) -> String {
+    pub fn message(self, is_simulated: bool) -> String {
         let kind = if is_simulated { "simulated " } else { "" };
         match self {
             Self::ByRequest => format!("stopped: heater and steppers of the {kind}robot are off"),
-            Self::AtOnce => format!(
+            Self::ByEmergencyStop => format!(
                 "emergency stop, as the request to stop was not answered: heater and steppers of the {kind}robot are off, until it is cleared (`clear` in `growbot console`)"
             ),
         }
@@ -48,8 +48,8 @@ impl Client {
         let sent = self.port.now();
         match self.request(what, &Message::GetStatus(Empty {}))? {
             Message::Status(status) => {
-                if self.port.compares_clocks() {
-                    self.clocks.take(&Reading { board_ms: status.uptime_ms, sent, received: self.port.now() });
+                if self.port.has_comparable_clock() {
+                    self.clocks.take(&ClockSample { board_ms: status.uptime_ms, sent, received: self.port.now() });
                 }
                 Ok(status)
             }
@@ -63,11 +63,11 @@ impl Client {
     /// # Errors
     /// A refusal. [`ClientError::NotStopped`] if it is unknown whether the board has stopped. The power must then be
     /// cut.
-    pub fn stop(&mut self) -> Result<Stopped, ClientError> {
+    pub fn stop(&mut self) -> Result<StopOutcome, ClientError> {
         match self.request("to stop", &Message::Stop(Empty {})) {
-            Ok(_) => Ok(Stopped::ByRequest),
+            Ok(_) => Ok(StopOutcome::ByRequest),
             Err(error @ ClientError::Refused { .. }) => Err(error),
-            Err(_) => self.emergency_stop().map(|()| Stopped::AtOnce),
+            Err(_) => self.emergency_stop().map(|()| StopOutcome::ByEmergencyStop),
         }
     }
 
@@ -80,7 +80,7 @@ impl Client {
         let (what, request) = ("to clear the fault", Message::ClearFault(Empty {}));
         for _ in 0..MAX_LOOKS_AT_RELEASE {
             match self.request(what, &request) {
-                Err(ClientError::Refused { refusal: Refusal::EmergencyStop, .. }) => self.pass(LOOK_AT_RELEASE)?,
+                Err(ClientError::Refused { refusal: Refusal::EmergencyStop, .. }) => self.wait(LOOK_AT_RELEASE)?,
                 done => return done.map(drop),
             }
         }
@@ -105,8 +105,8 @@ impl Client {
 
     /// Reports whether another status is due for the comparison of the clocks.
     #[must_use]
-    pub fn wants_clock(&self) -> bool {
-        self.port.compares_clocks() && self.clocks.wants(self.port.now())
+    pub fn clock_sample_due(&self) -> bool {
+        self.port.has_comparable_clock() && self.clocks.wants(self.port.now())
     }
 
     /// Starts a maintenance task on the board.
@@ -145,7 +145,7 @@ impl Client {
     ///
     /// # Errors
     /// Like [`Client::request`].
-    pub fn boot(&mut self) -> Result<BootReport, ClientError> {
+    pub fn boot_report(&mut self) -> Result<BootReport, ClientError> {
         let what = "how it came up";
         match self.request(what, &Message::GetBootReport(Empty {}))? {
             Message::BootReport(report) => Ok(report),

@@ -29,30 +29,30 @@ impl Client {
     /// without `Goodbye`.
     /// # Errors
     /// A board that is silent, garbled, of another version, or owned by another host.
-    pub fn hello(&mut self) -> Result<BoardInfo, ClientError> {
+    pub fn open_session(&mut self) -> Result<BoardInfo, ClientError> {
         let mut silent_before = 0;
         for _ in 0..OWNED_LOOKS {
-            match self.open_session(self.takes_over) {
+            match self.try_open_session(self.takes_over) {
                 Err(ClientError::Refused { refusal: Refusal::OwnedByOtherHost { .. }, .. })
-                    if self.board()?.owner == Some(host_name()) =>
+                    if self.identify()?.owner == Some(host_name()) =>
                 {
                     // The owner is this program, whose earlier connection was lost.
-                    return self.open_session(true);
+                    return self.try_open_session(true);
                 }
                 // While the owner stays silent, it may be gone.
                 Err(ClientError::Refused { refusal: Refusal::OwnedByOtherHost { silent_ms }, .. })
                     if silent_ms >= silent_before =>
                 {
                     silent_before = silent_ms;
-                    self.pass(OWNED_LOOK)?;
+                    self.wait(OWNED_LOOK)?;
                 }
                 other => return other.or_else(|error| self.name_owner(error)),
             }
         }
-        self.open_session(false).or_else(|error| self.name_owner(error))
+        self.try_open_session(false).or_else(|error| self.name_owner(error))
     }
 
-    fn open_session(&mut self, take_over: bool) -> Result<BoardInfo, ClientError> {
+    fn try_open_session(&mut self, take_over: bool) -> Result<BoardInfo, ClientError> {
         if self.open {
             // Use another session number, because the board may have restarted or dropped this session.
             self.session = new_session();
@@ -63,7 +63,7 @@ impl Client {
         match self.request("hello", &request) {
             Ok(Message::BoardHello(hello)) => {
                 self.open = true;
-                self.after_self_test(same_schema(hello)?)
+                self.wait_for_self_test(same_schema(hello)?)
             }
             Err(ClientError::Refused { refusal: Refusal::SchemaMismatch { board }, .. }) => {
                 Err(ClientError::Schema { board, host: SCHEMA_HASH })
@@ -78,8 +78,8 @@ impl Client {
         let ClientError::Refused { refusal: Refusal::OwnedByOtherHost { silent_ms }, .. } = error else {
             return Err(error);
         };
-        let owner = self.board()?.owner.unwrap_or_default();
-        Err(ClientError::Held {
+        let owner = self.identify()?.owner.unwrap_or_default();
+        Err(ClientError::Owned {
             port: self.name.clone(),
             host: String::from_utf8_lossy(&owner).into_owned(),
             silent_s: f64::from(silent_ms) / 1000.0,
@@ -90,10 +90,10 @@ impl Client {
     ///
     /// # Errors
     /// A board that is silent, garbled or of another version.
-    pub fn board(&mut self) -> Result<BoardInfo, ClientError> {
+    pub fn identify(&mut self) -> Result<BoardInfo, ClientError> {
         let what = "the question who it is";
         match self.request(what, &Message::GetBoardInfo(Empty {})) {
-            Ok(Message::BoardHello(hello)) => self.after_self_test(same_schema(hello)?),
+            Ok(Message::BoardHello(hello)) => self.wait_for_self_test(same_schema(hello)?),
             Ok(other) => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
             Err(ClientError::Refused { refusal: Refusal::SchemaMismatch { board }, .. }) => {
                 Err(ClientError::Schema { board, host: SCHEMA_HASH })
@@ -107,7 +107,7 @@ impl Client {
     }
 
     /// Waits until a board that has just started has finished its self-test. Until then it accepts no job.
-    fn after_self_test(&mut self, mut hello: BoardInfo) -> Result<BoardInfo, ClientError> {
+    fn wait_for_self_test(&mut self, mut hello: BoardInfo) -> Result<BoardInfo, ClientError> {
         let mut standing = 0;
         for _ in 0..MAX_LOOKS_AT_SELF_TEST {
             let before = hello.status.uptime_ms;
@@ -119,7 +119,7 @@ impl Client {
             {
                 break;
             }
-            self.pass(SELF_TEST_LOOK)?;
+            self.wait(SELF_TEST_LOOK)?;
             hello.status = self.status()?;
             standing = if hello.status.uptime_ms == before { standing + 1 } else { 0 };
         }
@@ -129,7 +129,7 @@ impl Client {
     /// Checks that the board belongs to this robot.
     /// # Errors
     /// [`ClientError::OtherRobot`] if it does not, or if the board is not configured.
-    pub fn belongs_to(hello: &BoardInfo, robot: &Robot) -> Result<(), ClientError> {
+    pub fn check_robot(hello: &BoardInfo, robot: &Robot) -> Result<(), ClientError> {
         if hello.robot_hash == robot.hash() {
             return Ok(());
         }
@@ -145,12 +145,12 @@ impl Client {
     ///
     /// # Errors
     /// Like [`Client::hello`], or if the board belongs to another robot.
-    pub fn hello_robot(&mut self, robot: &Robot) -> Result<BoardInfo, ClientError> {
-        let hello = self.hello()?;
+    pub fn open_session_for(&mut self, robot: &Robot) -> Result<BoardInfo, ClientError> {
+        let hello = self.open_session()?;
         if hello.robot_hash == 0 {
             return Err(ClientError::NotConfigured { port: self.name.clone() });
         }
-        Self::belongs_to(&hello, robot)?;
+        Self::check_robot(&hello, robot)?;
         Ok(hello)
     }
 }

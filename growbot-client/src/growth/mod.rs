@@ -1,11 +1,11 @@
 //! One growth: sends a plan's layers to a board and follows it until the last of them is laid, or resumes an earlier
 //! job.
 
-mod beginning;
-mod following;
-mod grown;
-mod handover;
-mod orders;
+mod amendment;
+mod commands;
+mod monitor;
+mod report;
+mod start;
 
 use growbot_core::job::{job_layers, plan_id};
 use growbot_core::layer::Layer;
@@ -20,11 +20,11 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use serde::{Deserialize, Serialize};
 
-pub use self::grown::{Grown, MeasuredBy, as_built_hash, as_built_or_commanded};
-pub use self::orders::{Order, Orders};
+pub use self::commands::{Command, CommandQueue};
+pub use self::report::{GrowthReport, MeasuredBy, as_built_hash, as_built_or_commanded};
+use crate::clearance_guard::{ClearanceViolation, Detour};
 use crate::client::{Client, ClientError, ClockDrift};
-use crate::feedback::{Count, Feedback};
-use crate::keep_clear::{Detour, TooNear};
+use crate::feedback::{EncoderReference, Feedback};
 use crate::plan::Plan;
 
 /// A job: the layers of a path, for a robot.
@@ -123,32 +123,32 @@ pub enum JobEvent {
         layers: Vec<Layer>,
     },
     /// Feedback counts filament from here on.
-    Counting(Count),
+    EncoderReference(EncoderReference),
     /// An amendment is about to be sent. It takes effect unless `NotAmended` follows.
-    Amending(Amendment),
+    Amendment(Amendment),
     /// The board has not accepted the latest amendment. Contains the reason, unless the amendment just came too late.
-    NotAmended(Option<String>),
+    AmendmentRejected(Option<String>),
     /// With feedback in a scene: the rest takes another path, because the previous one would be too near to an
     /// obstacle.
     Detour(Detour),
     /// With feedback in a scene: the rest would be too near to an obstacle and no other path was found, so the board is
     /// commanded to pause.
-    TooNear(TooNear),
+    ClearanceViolation(ClearanceViolation),
     /// With feedback: layers of the job beyond those of its latest amendment are sent.
-    HandingOver {
+    LayersSent {
         /// Index of the first layer.
         from: u32,
         /// The layers.
         layers: Vec<LayerBytes>,
     },
     /// An order was given and is now executed.
-    Ordered(Order),
+    Command(Command),
     /// The board refused the order. Contains the reason.
-    NotObeyed(String),
+    CommandFailed(String),
     /// The board does not respond. The host reconnects.
-    Silent,
+    NoResponse,
     /// The board responds again.
-    Back,
+    Reconnected,
 }
 
 /// Replacement of the layers from an index on.
@@ -174,10 +174,10 @@ pub struct Amendment {
 pub enum GrowthError {
     /// The growth did not start: nothing was heated or moved.
     #[error(transparent)]
-    Before(ClientError),
+    NotStarted(ClientError),
     /// The board was lost during the growth. It may still be growing.
     #[error("{0}; the robot may still be growing: see `growbot status`, and cut its power if that does not answer")]
-    During(ClientError),
+    Interrupted(ClientError),
     /// There is nothing to resume.
     #[error("the board has no unfinished body of this plan ({plan_id:016x}); it has {stored}")]
     NothingToResume {
@@ -215,8 +215,10 @@ impl GrowthError {
     #[must_use]
     pub fn is_refusal(&self) -> bool {
         match self {
-            Self::Before(ClientError::Refused { .. }) | Self::NothingToResume { .. } | Self::Unfinished { .. } => true,
-            Self::Before(_) | Self::During(_) => false,
+            Self::NotStarted(ClientError::Refused { .. }) | Self::NothingToResume { .. } | Self::Unfinished { .. } => {
+                true
+            }
+            Self::NotStarted(_) | Self::Interrupted(_) => false,
         }
     }
 }
@@ -226,36 +228,36 @@ impl GrowthError {
 pub enum OnInterrupted {
     /// The layer is laid again, on top of what there is of it.
     #[default]
-    Again,
+    Redo,
     /// The layer is skipped and stays as it is.
-    LetBe,
+    Skip,
 }
 
 /// Options of a growth.
-pub struct Manner<'a> {
+pub struct GrowthOptions<'a> {
     /// Reaction of the board when this host falls silent.
     pub silence: HostSilencePolicy,
     /// If given, the remaining layers are planned again after each layer. For a job that is resumed, it must include
     /// the known layers.
     pub feedback: Option<Feedback<'a>>,
     /// Effect on the growth when the board parks.
-    pub parked: WhenParked,
+    pub parked: OnParked,
 }
 
 /// Effect on a growth when its board parks after a long pause.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum WhenParked {
+pub enum OnParked {
     /// The growth ends, and can be resumed.
     #[default]
-    Ends,
+    End,
     /// The growth waits, because a user can order it to continue.
-    Waits,
+    Wait,
 }
 
-impl From<HostSilencePolicy> for Manner<'_> {
+impl From<HostSilencePolicy> for GrowthOptions<'_> {
     /// Creates options without feedback. A board that parks ends the growth.
     fn from(silence: HostSilencePolicy) -> Self {
-        Self { silence, feedback: None, parked: WhenParked::Ends }
+        Self { silence, feedback: None, parked: OnParked::End }
     }
 }
 
@@ -266,11 +268,11 @@ impl From<HostSilencePolicy> for Manner<'_> {
 pub fn grow_job<'a>(
     client: &'a mut Client,
     job: &Job<'a>,
-    manner: impl Into<Manner<'a>>,
-    orders: &Orders,
+    manner: impl Into<GrowthOptions<'a>>,
+    orders: &CommandQueue,
     on_event: &mut dyn FnMut(&JobEvent),
-) -> Result<Grown, GrowthError> {
-    let mut growth = Growth::begin(client, job, manner.into(), on_event)?;
+) -> Result<GrowthReport, GrowthError> {
+    let mut growth = JobRunner::begin(client, job, manner.into(), on_event)?;
     growth.start_unless_stopped(orders)?;
     growth.finish(orders, on_event)
 }
@@ -284,30 +286,30 @@ pub fn resume_job<'a>(
     job: &Job<'a>,
     known: Vec<Option<LayerBytes>>,
     cut: OnInterrupted,
-    manner: impl Into<Manner<'a>>,
-    orders: &Orders,
+    manner: impl Into<GrowthOptions<'a>>,
+    orders: &CommandQueue,
     on_event: &mut dyn FnMut(&JobEvent),
-) -> Result<Grown, GrowthError> {
-    let mut growth = Growth::take_up(client, job, known, cut, manner.into(), on_event)?;
+) -> Result<GrowthReport, GrowthError> {
+    let mut growth = JobRunner::resume(client, job, known, cut, manner.into(), on_event)?;
     growth.start_unless_stopped(orders)?;
     growth.finish(orders, on_event)
 }
 
 /// A growth in progress.
-struct Growth<'a> {
+struct JobRunner<'a> {
     client: &'a mut Client,
     /// The job after its latest amendment.
     job: Job<'a>,
     silence: HostSilencePolicy,
     feedback: Option<Feedback<'a>>,
-    parked: WhenParked,
-    sent: Sent,
-    built: Built,
+    parked: OnParked,
+    sent: UploadState,
+    built: LaidProgress,
     board: BoardClock,
 }
 
 /// Parts of the job that were sent to the board; see `handover.rs`.
-struct Sent {
+struct UploadState {
     /// All plan ids that the job has had.
     names: Vec<u64>,
     /// An amendment that the board may or may not have applied.
@@ -326,7 +328,7 @@ struct Sent {
 
 /// Progress of the job as reported by the board.
 #[derive(Default)]
-struct Built {
+struct LaidProgress {
     /// Number of laid layers.
     laid: u32,
     /// The layers as built, as the board reports them.
@@ -334,7 +336,7 @@ struct Built {
     interrupted: Option<InterruptedLayer>,
 }
 
-impl Built {
+impl LaidProgress {
     /// Reports whether every laid layer is reported.
     fn is_reported(&self) -> bool {
         self.as_built.len() >= self.laid as usize
@@ -370,7 +372,7 @@ struct PendingAmendment {
 /// Reports the latest crash of the board's firmware, if the board has one recorded.
 fn report_crash(client: &mut Client, on_event: &mut dyn FnMut(&JobEvent)) {
     // The growth continues even if the board does not respond to this.
-    if let Ok(BootReport { crash: Some(crash), .. }) = client.boot() {
+    if let Ok(BootReport { crash: Some(crash), .. }) = client.boot_report() {
         on_event(&JobEvent::Crash(crash));
     }
 }
@@ -380,22 +382,22 @@ fn is_crash(cause: ResetCause) -> bool {
     matches!(cause, ResetCause::Watchdog | ResetCause::ProcessorFault | ResetCause::StackOverflow)
 }
 
-impl<'a> Growth<'a> {
-    fn new(client: &'a mut Client, job: &Job<'a>, manner: Manner<'a>, hello: &BoardInfo) -> Self {
+impl<'a> JobRunner<'a> {
+    fn new(client: &'a mut Client, job: &Job<'a>, manner: GrowthOptions<'a>, hello: &BoardInfo) -> Self {
         Self {
             client,
             job: job.clone(),
             silence: manner.silence,
             feedback: manner.feedback,
             parked: manner.parked,
-            sent: Sent::new(job, hello.layer_capacity),
-            built: Built::default(),
+            sent: UploadState::new(job, hello.layer_capacity),
+            built: LaidProgress::default(),
             board: BoardClock { boot_id: hello.boot_id, began_ms: None, ended_ms: 0 },
         }
     }
 
     /// Sends a request whose response is `Accepted`.
-    fn ask(&mut self, what: &'static str, request: &Message) -> Result<(), ClientError> {
+    fn request_accepted(&mut self, what: &'static str, request: &Message) -> Result<(), ClientError> {
         match self.client.request(what, request)? {
             Message::Accepted(accepted) => self.sent.accepted = accepted,
             other => return Err(ClientError::Unexpected { request: what, kind: other.kind() }),
@@ -404,18 +406,21 @@ impl<'a> Growth<'a> {
     }
 
     /// Starts the growth, unless a stop was ordered while layers were sent. Then nothing is heated.
-    fn start_unless_stopped(&mut self, orders: &Orders) -> Result<(), GrowthError> {
-        if orders.stops() {
+    fn start_unless_stopped(&mut self, orders: &CommandQueue) -> Result<(), GrowthError> {
+        if orders.stop_requested() {
             return Ok(());
         }
         self.start().map_err(|error| match error {
-            ClientError::Refused { .. } => GrowthError::Before(error),
+            ClientError::Refused { .. } => GrowthError::NotStarted(error),
             // It may have started, and only the response is lost.
-            error => GrowthError::During(error),
+            error => GrowthError::Interrupted(error),
         })
     }
 
     fn start(&mut self) -> Result<(), ClientError> {
-        self.ask("to start", &Message::Start(Start { plan_id: self.job.plan_id, on_host_silence: self.silence }))
+        self.request_accepted(
+            "to start",
+            &Message::Start(Start { plan_id: self.job.plan_id, on_host_silence: self.silence }),
+        )
     }
 }

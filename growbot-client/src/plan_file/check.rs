@@ -13,9 +13,9 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
 
-use super::fault::MAX_SEGMENTS;
-use super::{PlanFault, PlanFile, WrittenLeg, WrittenPose, WrittenSegment, written_hash};
-use crate::plan::{Choice, ChosenLegs, Plan, path_type};
+use super::check_error::MAX_SEGMENTS;
+use super::{LegJson, PlanCheckError, PlanFile, PoseJson, SegmentJson, format_hash};
+use crate::plan::{Plan, PlanLegs, SearchSummary, path_type};
 
 use crate::pose_text::pose_of_numbers;
 use crate::warning::{THIN_LAYER, Warning};
@@ -48,11 +48,11 @@ impl PlanFile {
     ///
     /// # Errors
     /// The first fault.
-    pub fn check(&self, robot: &Robot) -> Result<Plan, PlanFault> {
+    pub fn check(&self, robot: &Robot) -> Result<Plan, PlanCheckError> {
         self.check_robot(robot)?;
         range("radius_mm", self.radius_mm, robot.min_radius(), MAX_RADIUS_MM)?;
-        let start = pose("start", &self.start)?;
-        let goal = pose("goal", &self.goal.pose())?;
+        let start = pose_from_json("start", &self.start)?;
+        let goal = pose_from_json("goal", &self.goal.pose())?;
         let path = self.path(robot, &start)?;
         let legs = self.legs(&start, &goal, &path)?;
         let mut plan = Plan::of_path(robot, &start, self.radius_mm, self.planner, legs, path);
@@ -66,27 +66,27 @@ impl PlanFile {
         Ok(plan)
     }
 
-    fn check_robot(&self, robot: &Robot) -> Result<(), PlanFault> {
+    fn check_robot(&self, robot: &Robot) -> Result<(), PlanCheckError> {
         if self.robot != robot.name() {
-            return Err(PlanFault::OtherRobot { plan: self.robot.clone(), robot: robot.name().to_owned() });
+            return Err(PlanCheckError::OtherRobot { plan: self.robot.clone(), robot: robot.name().to_owned() });
         }
-        let here = written_hash(robot.hash());
+        let here = format_hash(robot.hash());
         if self.robot_hash != here {
-            return Err(PlanFault::OtherHash { robot: self.robot.clone(), plan: self.robot_hash.clone(), here });
+            return Err(PlanCheckError::OtherHash { robot: self.robot.clone(), plan: self.robot_hash.clone(), here });
         }
         Ok(())
     }
 
-    fn path(&self, robot: &Robot, start: &Pose) -> Result<Vec<Segment>, PlanFault> {
+    fn path(&self, robot: &Robot, start: &Pose) -> Result<Vec<Segment>, PlanCheckError> {
         let found = self.segments.len();
         if found > MAX_SEGMENTS {
-            return Err(PlanFault::TooManySegments { found });
+            return Err(PlanCheckError::TooManySegments { found });
         }
         let mut path = Vec::with_capacity(found);
         let mut base_from_tip = start.frame();
         let mut turns = 0.0;
         for (index, written) in self.segments.iter().enumerate() {
-            if let WrittenSegment::Helicoid { length_mm, .. } = written {
+            if let SegmentJson::Helicoid { length_mm, .. } = written {
                 turns += length_mm / self.radius_mm;
                 range(format!("the helicoids' length up to segment {index}, in radii,"), turns, 0.0, MAX_TURNS)?;
             }
@@ -98,16 +98,16 @@ impl PlanFile {
     }
 
     /// Returns the legs and their search statistics. Each leg ends at its own pose, the last at the goal.
-    fn legs(&self, start: &Pose, goal: &Pose, path: &[Segment]) -> Result<ChosenLegs, PlanFault> {
+    fn legs(&self, start: &Pose, goal: &Pose, path: &[Segment]) -> Result<PlanLegs, PlanCheckError> {
         let (found, expected) = (self.legs.len(), if self.via.is_empty() { 0 } else { self.via.len() + 1 });
         if found != expected {
-            return Err(PlanFault::Legs { found, expected });
+            return Err(PlanCheckError::Legs { found, expected });
         }
         let whole;
         let written = if self.legs.is_empty() {
             let (candidates, two_plane_length_mm, passed_over) =
                 (self.candidates, self.two_plane_length_mm, self.passed_over);
-            whole = [WrittenLeg {
+            whole = [LegJson {
                 segments: path.len(),
                 path_type: self.path_type.clone().unwrap_or_else(|| path_type(path)),
                 length_mm: self.length_mm,
@@ -121,7 +121,7 @@ impl PlanFile {
         };
         let sum = written.iter().map(|leg| leg.segments as u128).sum::<u128>();
         if sum != path.len() as u128 {
-            return Err(PlanFault::Total {
+            return Err(PlanCheckError::Total {
                 what: "the number of segments in the legs",
                 value: sum as f64,
                 expected: path.len() as f64,
@@ -131,7 +131,7 @@ impl PlanFile {
         let (mut base_from_tip, mut from, mut rest) = (start.frame(), *start, path);
         for (index, leg) in written.iter().enumerate() {
             let to = match self.via.get(index) {
-                Some(written) => pose("via", &written.pose())?,
+                Some(written) => pose_from_json("via", &written.pose())?,
                 None => *goal,
             };
             let (own, after) = rest.split_at_checked(leg.segments).unwrap_or((rest, &[]));
@@ -146,19 +146,19 @@ impl PlanFile {
             from = to;
         }
         let goals = self.via.iter().chain([&self.goal]);
-        Ok(ChosenLegs { legs, choices, free_directions: goals.map(|goal| goal.direction_free).collect() })
+        Ok(PlanLegs { legs, choices, free_directions: goals.map(|goal| goal.direction_free).collect() })
     }
 
     /// Checks the path type, and the comparison of the path with others.
-    fn check_description(&self, plan: &Plan) -> Result<(), PlanFault> {
+    fn check_description(&self, plan: &Plan) -> Result<(), PlanCheckError> {
         if let Some(written) = &self.path_type {
             check_path_type(written, &plan.path)?;
         }
-        let Some(choice) = plan.choice() else { return Ok(()) };
-        let percent = choice.two_plane_longer_percent(plan.needs.length);
+        let Some(choice) = plan.search_summary() else { return Ok(()) };
+        let percent = choice.two_plane_longer_percent(plan.requirements.length);
         for (what, value, expected) in [
             ("candidates", self.candidates.map(|count| count as f64), choice.candidates as f64),
-            ("passed_over", Some(self.passed_over as f64), choice.passed_over as f64),
+            ("passed_over", Some(self.passed_over as f64), choice.rejected as f64),
             ("two_plane_length_mm", self.two_plane_length_mm, choice.two_plane_length),
         ] {
             check_total(what, value.unwrap_or(expected), expected, 0.0)?;
@@ -168,8 +168,8 @@ impl PlanFile {
     }
 
     /// Checks the totals. A mismatch shows that segments were changed, dropped or duplicated.
-    fn check_totals(&self, plan: &Plan, robot: &Robot) -> Result<(), PlanFault> {
-        let needs = &plan.needs;
+    fn check_totals(&self, plan: &Plan, robot: &Robot) -> Result<(), PlanCheckError> {
+        let needs = &plan.requirements;
         // If a segment is almost exactly a whole number of layers, rounding may give one layer more or less.
         let layers_off = plan.path.len() as f64;
         let duration_off = layers_off * robot.description().layer.period_s;
@@ -185,73 +185,73 @@ impl PlanFile {
     }
 }
 
-impl WrittenLeg {
-    fn choice(&self) -> Result<Option<Choice>, PlanFault> {
+impl LegJson {
+    fn choice(&self) -> Result<Option<SearchSummary>, PlanCheckError> {
         let (Some(candidates), Some(two_plane_length)) = (self.candidates, self.two_plane_length_mm) else {
             return Ok(None);
         };
         range("candidates", candidates as f64, 1.0, MAX_CANDIDATES)?;
         range("passed_over", self.passed_over as f64, 0.0, candidates as f64 - 1.0)?;
         range("two_plane_length_mm", two_plane_length, 0.0, LONGEST_SEGMENT)?;
-        Ok(Some(Choice { candidates, passed_over: self.passed_over, two_plane_length }))
+        Ok(Some(SearchSummary { candidates, rejected: self.passed_over, two_plane_length }))
     }
 }
 
 /// Checks a total. It may differ by `off`, and by rounding.
-fn check_total(what: &'static str, value: f64, expected: f64, off: f64) -> Result<(), PlanFault> {
+fn check_total(what: &'static str, value: f64, expected: f64, off: f64) -> Result<(), PlanCheckError> {
     // This rejects NaN too.
     if (value - expected).abs() <= off + ROUNDING * expected.abs() {
         return Ok(());
     }
-    Err(PlanFault::Total { what, value, expected })
+    Err(PlanCheckError::Total { what, value, expected })
 }
 
-fn check_path_type(found: &str, path: &[Segment]) -> Result<(), PlanFault> {
+fn check_path_type(found: &str, path: &[Segment]) -> Result<(), PlanCheckError> {
     let expected = path_type(path);
     if found == expected {
         return Ok(());
     }
-    Err(PlanFault::PathType { found: found.chars().take(LONGEST_PATH_TYPE).collect(), expected })
+    Err(PlanCheckError::PathType { found: found.chars().take(LONGEST_PATH_TYPE).collect(), expected })
 }
 
-fn range(what: impl Into<String>, value: f64, min: f64, max: f64) -> Result<(), PlanFault> {
+fn range(what: impl Into<String>, value: f64, min: f64, max: f64) -> Result<(), PlanCheckError> {
     if (min..=max).contains(&value) {
         return Ok(());
     }
-    Err(PlanFault::Range { what: what.into(), value, min, max })
+    Err(PlanCheckError::Range { what: what.into(), value, min, max })
 }
 
 /// Converts a pose of a file.
-pub fn pose(which: &'static str, written: &WrittenPose) -> Result<Pose, PlanFault> {
-    let &WrittenPose { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = written;
-    pose_of_numbers([x_mm, y_mm, z_mm, heading_deg, pitch_deg]).map_err(|error| PlanFault::Pose { which, error })
+pub fn pose_from_json(which: &'static str, written: &PoseJson) -> Result<Pose, PlanCheckError> {
+    let &PoseJson { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = written;
+    pose_of_numbers([x_mm, y_mm, z_mm, heading_deg, pitch_deg]).map_err(|error| PlanCheckError::Pose { which, error })
 }
 
 fn segment(
     index: usize,
-    written: &WrittenSegment,
+    written: &SegmentJson,
     radius: f64,
     base_from_tip: &Frame,
     min_radius: f64,
-) -> Result<Segment, PlanFault> {
+) -> Result<Segment, PlanCheckError> {
     let named = |field: &str| format!("{field} of segment {index}");
     let check_length = |length_mm| range(named("length_mm"), length_mm, f64::MIN_POSITIVE, LONGEST_SEGMENT);
     match *written {
-        WrittenSegment::Straight { length_mm } => {
+        SegmentJson::Straight { length_mm } => {
             check_length(length_mm)?;
             Ok(Segment::Straight { length: length_mm })
         }
-        WrittenSegment::Arc { alpha_deg, beta_deg, length_mm } => {
+        SegmentJson::Arc { alpha_deg, beta_deg, length_mm } => {
             check_length(length_mm)?;
             range(named("alpha_deg"), alpha_deg, -360.0, 360.0)?;
             range(named("beta_deg"), beta_deg, 0.0, 360.0)?;
             let bend = radians(beta_deg);
             if bend * min_radius > length_mm * (1.0 + ROUNDING) {
-                return Err(PlanFault::TooTight { segment: index, radius: length_mm / bend, limit: min_radius });
+                return Err(PlanCheckError::TooTight { segment: index, radius: length_mm / bend, limit: min_radius });
             }
             Ok(Segment::Arc { alpha: wrap_positive(radians(alpha_deg)), bend, length: length_mm })
         }
-        WrittenSegment::Helicoid { length_mm, m0, p } => {
+        SegmentJson::Helicoid { length_mm, m0, p } => {
             check_length(length_mm)?;
             for value in m0.into_iter().chain(p) {
                 range(named("m0 and p"), value, -MAX_MOMENT, MAX_MOMENT)?;
@@ -261,7 +261,11 @@ fn segment(
             let scale = m0.norm().max(p.norm());
             range(format!("the scale of m0 and p of segment {index}"), scale, MIN_MOMENT, MAX_MOMENT)?;
             if m0.z.abs() > PERPENDICULAR * scale {
-                return Err(PlanFault::NotPerpendicular { segment: index, value: m0.z / scale, limit: PERPENDICULAR });
+                return Err(PlanCheckError::NotPerpendicular {
+                    segment: index,
+                    value: m0.z / scale,
+                    limit: PERPENDICULAR,
+                });
             }
             // Remove the remainder of rounding along the tip, which would add up along the curve.
             Ok(Segment::Helicoid {
@@ -279,7 +283,7 @@ fn check_arrival(
     start: &Pose,
     goal: &Pose,
     radius: f64,
-) -> Result<(), PlanFault> {
+) -> Result<(), PlanCheckError> {
     let distance = (goal.position() - start.position()).norm();
     let scale = (distance / (100.0 * radius)).max(1.0);
     let limit = GoalError { distance: ARRIVED_DISTANCE.max(1e-8 * scale * radius), angle: ARRIVED_ANGLE * scale };
@@ -287,7 +291,7 @@ fn check_arrival(
     if error.distance <= limit.distance && error.angle <= limit.angle {
         return Ok(());
     }
-    Err(PlanFault::Missed { which, miss: error, limit })
+    Err(PlanCheckError::Missed { which, miss: error, limit })
 }
 
 #[cfg(test)]
@@ -305,7 +309,7 @@ mod tests {
 
     fn plan() -> Plan {
         let (start, goal) = (parse_pose("1,2,3,40,50").unwrap(), parse_pose("-300,200,900,170,-20").unwrap());
-        Plan::make(&robot("growbot-a"), &start, &goal, 100.0, Planner::TwoPlane).unwrap()
+        Plan::new(&robot("growbot-a"), &start, &goal, 100.0, Planner::TwoPlane).unwrap()
     }
 
     /// Returns the error message for a plan after a change.
@@ -323,7 +327,7 @@ mod tests {
     fn a_plan_that_was_written_has_the_same_layers() {
         let (plan, robot) = (plan(), robot("growbot-a"));
         let again = PlanFile::from(&plan).check(&robot).unwrap();
-        assert_eq!((again.start, again.goal, again.needs), (plan.start, plan.goal, plan.needs));
+        assert_eq!((again.start, again.goal, again.requirements), (plan.start, plan.goal, plan.requirements));
         let (before, after) = (sliced(&plan.path, &robot), sliced(&again.path, &robot));
         assert_eq!(before.len(), after.len());
         for (before, after) in before.iter().zip(&after) {
@@ -338,7 +342,7 @@ mod tests {
         let written = PlanFile::from(&plan());
         let message = written.check(&robot("growbot-b")).unwrap_err().to_string();
         assert!(message.contains("\"growbot-a\"") && message.contains("\"growbot-b\""), "{message}");
-        let here = written_hash(robot("growbot-a").hash());
+        let here = format_hash(robot("growbot-a").hash());
         let message = fault(|plan| plan.robot_hash = "0123456789abcdef".to_owned());
         assert!(message.contains("0123456789abcdef") && message.contains(&here), "{message}");
     }
@@ -349,7 +353,7 @@ mod tests {
             plan.segments
                 .iter_mut()
                 .find_map(|segment| match segment {
-                    WrittenSegment::Arc { alpha_deg, beta_deg, length_mm } => Some((alpha_deg, beta_deg, length_mm)),
+                    SegmentJson::Arc { alpha_deg, beta_deg, length_mm } => Some((alpha_deg, beta_deg, length_mm)),
                     _ => None,
                 })
                 .unwrap()
@@ -374,7 +378,7 @@ mod tests {
             let message = fault(change);
             assert!(message.contains(part), "{part}: {message}");
         }
-        let message = fault(|plan| plan.segments = vec![WrittenSegment::Straight { length_mm: 1.0 }; 10_001]);
+        let message = fault(|plan| plan.segments = vec![SegmentJson::Straight { length_mm: 1.0 }; 10_001]);
         assert!(message.contains("10001 segments") && message.contains("10000"), "{message}");
     }
 }

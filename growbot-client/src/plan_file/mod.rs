@@ -4,8 +4,8 @@
 //! the plan is consistent and for this robot. [`open`] does both.
 
 mod check;
-mod fault;
-mod written;
+mod check_error;
+mod json;
 
 use std::path::Path as FilePath;
 
@@ -13,15 +13,13 @@ use growbot_core::robot::Robot;
 use growbot_scene::scene_file::LoadedScene;
 use serde::Deserialize;
 
-pub use self::check::pose;
-pub use self::fault::PlanFault;
-pub use self::written::{
-    PlanFile, WrittenGoal, WrittenLeg, WrittenPose, WrittenScene, WrittenSegment, WrittenTip, written_hash,
-};
+pub use self::check::pose_from_json;
+pub use self::check_error::PlanCheckError;
+pub use self::json::{GoalJson, LegJson, PlanFile, PoseJson, SceneRefJson, SegmentJson, TipPoseJson, format_hash};
 use crate::input::{self, InputError};
 use crate::plan::Plan;
 use crate::robot_file::{self, RobotFileError};
-use crate::through_scene::{self, UnclearError};
+use crate::scene_planning::{self, SceneCheckError};
 
 /// Format that this version writes and reads.
 pub const FORMAT: &str = "growbot-plan/1";
@@ -36,7 +34,7 @@ pub enum PlanFileError {
     #[error(
         "{file} stops in the middle of the plan, at line {line}: it was not written whole; copy it again, or plan again"
     )]
-    CutShort {
+    Truncated {
         /// The file.
         file: String,
         /// Line at which it ends.
@@ -81,14 +79,14 @@ pub enum PlanFileError {
     Robot(#[from] RobotFileError),
     /// The plan is not clear of the scene that it names.
     #[error(transparent)]
-    Scene(#[from] UnclearError),
+    Scene(#[from] SceneCheckError),
     /// The plan is not consistent, or not for this robot.
     #[error("{file}: {fault}")]
     Fault {
         /// The file.
         file: String,
         /// The fault.
-        fault: PlanFault,
+        fault: PlanCheckError,
     },
 }
 
@@ -106,11 +104,11 @@ impl PlanFile {
     pub fn parse(text: &str, file: &str) -> Result<Self, PlanFileError> {
         let file = || file.to_owned();
         let classify = |error: serde_json::Error| match error.classify() {
-            serde_json::error::Category::Eof => PlanFileError::CutShort { file: file(), line: error.line() },
+            serde_json::error::Category::Eof => PlanFileError::Truncated { file: file(), line: error.line() },
             serde_json::error::Category::Data => PlanFileError::NoPlan { file: file(), reason: error.to_string() },
             // For serde_json, a cut inside a number, such as after `100.`, is not an "end of file".
             _ if text.ends_with(['.', '-', '+', 'e', 'E']) && error.to_string().starts_with("invalid number") => {
-                PlanFileError::CutShort { file: file(), line: error.line() }
+                PlanFileError::Truncated { file: file(), line: error.line() }
             }
             _ => PlanFileError::NotJson { file: file(), reason: error.to_string() },
         };
@@ -141,7 +139,7 @@ impl PlanFile {
 
 /// A plan that was read and checked.
 #[derive(Debug)]
-pub struct Opened {
+pub struct LoadedPlan {
     /// The plan's robot.
     pub robot: Robot,
     /// The plan.
@@ -157,7 +155,7 @@ pub struct Opened {
 /// # Errors
 /// Any fault of the file, the robot's description, or the plan.
 pub fn open(path: &FilePath, robot: Option<&FilePath>) -> Result<(Robot, Plan), PlanFileError> {
-    read(&input::read_text(path)?, &input::name_of(path), robot)
+    read(&input::read_text(path)?, &input::display_name(path), robot)
 }
 
 /// Like [`open`], but also loads the scene that the plan names, or the scene given here, which must have the same hash.
@@ -168,8 +166,8 @@ pub fn open_in_scene(
     path: &FilePath,
     robot: Option<&FilePath>,
     scene: Option<&FilePath>,
-) -> Result<Opened, PlanFileError> {
-    read_in_scene(&input::read_text(path)?, &input::name_of(path), robot, scene)
+) -> Result<LoadedPlan, PlanFileError> {
+    read_in_scene(&input::read_text(path)?, &input::display_name(path), robot, scene)
 }
 
 /// Like [`open`], but takes the text. `file` is its name in error messages.
@@ -177,7 +175,7 @@ pub fn open_in_scene(
 /// # Errors
 /// Any fault of the text, the robot's description, or the plan.
 pub fn read(text: &str, file: &str, robot: Option<&FilePath>) -> Result<(Robot, Plan), PlanFileError> {
-    read_in_scene(text, file, robot, None).map(|Opened { robot, plan, .. }| (robot, plan))
+    read_in_scene(text, file, robot, None).map(|LoadedPlan { robot, plan, .. }| (robot, plan))
 }
 
 /// Like [`open_in_scene`], but takes the text. `file` is its name in error messages.
@@ -189,18 +187,18 @@ pub fn read_in_scene(
     file: &str,
     robot: Option<&FilePath>,
     scene: Option<&FilePath>,
-) -> Result<Opened, PlanFileError> {
+) -> Result<LoadedPlan, PlanFileError> {
     let written = PlanFile::parse(text, file)?;
     let robot = match robot {
         Some(robot) => robot_file::load(robot)?,
         None => written.own_robot(file)?,
     };
     let mut plan = written.check(&robot).map_err(|fault| PlanFileError::Fault { file: file.to_owned(), fault })?;
-    let Some(named) = &written.scene else { return Ok(Opened { robot, plan, scene: None }) };
+    let Some(named) = &written.scene else { return Ok(LoadedPlan { robot, plan, scene: None }) };
     let beside = FilePath::new(file).parent().unwrap_or(FilePath::new(""));
-    let (clearance, loaded) = through_scene::verified(named, &plan, &robot, beside, scene)?;
+    let (clearance, loaded) = scene_planning::load_verified_scene(named, &plan, &robot, beside, scene)?;
     plan.scene = Some(clearance);
-    Ok(Opened { robot, plan, scene: Some(loaded) })
+    Ok(LoadedPlan { robot, plan, scene: Some(loaded) })
 }
 
 #[cfg(test)]
@@ -212,7 +210,7 @@ mod tests {
     fn text() -> String {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let (start, goal) = (parse_pose("0,0,0,30,60").unwrap(), parse_pose("-300,200,400,0.1,-12.3").unwrap());
-        PlanFile::from(&Plan::make(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap()).to_text()
+        PlanFile::from(&Plan::new(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap()).to_text()
     }
 
     fn refused(text: &str) -> PlanFileError {
@@ -232,12 +230,12 @@ mod tests {
         let text = text();
         for end in 1..text.trim_end().len() {
             assert!(
-                matches!(refused(&text[..end]), PlanFileError::CutShort { .. }),
+                matches!(refused(&text[..end]), PlanFileError::Truncated { .. }),
                 "cut at {end}: {}",
                 refused(&text[..end])
             );
         }
-        assert!(matches!(refused(""), PlanFileError::CutShort { .. }));
+        assert!(matches!(refused(""), PlanFileError::Truncated { .. }));
     }
 
     #[test]

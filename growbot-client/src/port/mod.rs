@@ -38,19 +38,19 @@ pub trait Port {
 
     /// Returns the time on the clock of [`Port::receive`]: real time, unless the port has a virtual clock.
     fn now(&self) -> Duration {
-        real_time()
+        time_since_boot()
     }
 
     /// Reports whether a healthy board's clock runs like [`Port::now`]. The clock of an emulated board stands still
     /// while a busy machine runs other programs.
-    fn compares_clocks(&self) -> bool {
+    fn has_comparable_clock(&self) -> bool {
         true
     }
 
     /// Returns a port on the same line with which another thread can send the emergency stop. From the first use of
     /// that port on, this end of the line neither sends nor receives, and blocks until the program ends. `None` if the
     /// robot ends with this program.
-    fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
+    fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
         None
     }
 }
@@ -74,12 +74,12 @@ impl<P: Port> Port for Rc<RefCell<P>> {
         self.borrow().now()
     }
 
-    fn compares_clocks(&self) -> bool {
-        self.borrow().compares_clocks()
+    fn has_comparable_clock(&self) -> bool {
+        self.borrow().has_comparable_clock()
     }
 
-    fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
-        self.borrow_mut().emergency_line()
+    fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
+        self.borrow_mut().emergency_port()
     }
 }
 
@@ -100,18 +100,18 @@ impl Port for Box<dyn Port> {
         self.as_ref().now()
     }
 
-    fn compares_clocks(&self) -> bool {
-        self.as_ref().compares_clocks()
+    fn has_comparable_clock(&self) -> bool {
+        self.as_ref().has_comparable_clock()
     }
 
-    fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
-        self.as_mut().emergency_line()
+    fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
+        self.as_mut().emergency_port()
     }
 }
 
 /// Returns the real time since the machine was started, including its sleep.
 #[must_use]
-pub fn real_time() -> Duration {
+pub fn time_since_boot() -> Duration {
     let time = clock_gettime(ClockId::Boottime);
     Duration::new(time.tv_sec.unsigned_abs(), time.tv_nsec.unsigned_abs() as u32)
 }
@@ -130,7 +130,7 @@ pub enum PortError {
     Busy(String, String),
     /// Another program has opened the device for exclusive use.
     #[error("port {0} is closed to other programs by {1}: end that")]
-    Closed(String, String),
+    Exclusive(String, String),
     /// This user has no permission to use it.
     #[error("port {0} may not be used by this user: join its group (often `dialout`) and log in again")]
     Forbidden(String),

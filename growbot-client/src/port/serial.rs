@@ -46,7 +46,7 @@ impl Serial {
     /// # Errors
     /// If the device is missing, busy or forbidden, or is not a serial device.
     pub fn open(device: &str) -> Result<Self, PortError> {
-        let serial = Self::open_beside(device, false)?;
+        let serial = Self::open_shared(device, false)?;
         match serial.file.try_lock() {
             Ok(()) => {}
             Err(fs::TryLockError::WouldBlock) => return Err(PortError::Busy(device.to_string(), holder(device))),
@@ -61,7 +61,7 @@ impl Serial {
     /// # Errors
     /// Like [`Serial::open`], but busy only if a program other than growbot has opened the device for exclusive use.
     pub fn open_for_emergency_stop(device: &str) -> Result<Self, PortError> {
-        let serial = Self::open_beside(device, true)?;
+        let serial = Self::open_shared(device, true)?;
         serial.set_up().map_err(|error| unusable(device, &error))?;
         for _ in 0..SILENCE_TRIES {
             // Without the lock, another stop or two may be needed until the acknowledgement is received.
@@ -74,7 +74,7 @@ impl Serial {
     }
 
     /// Reports whether another program needs the line for an emergency stop, so that this one must not read.
-    fn is_to_be_silent(&self) -> bool {
+    fn must_yield(&self) -> bool {
         if self.is_for_emergency {
             return false;
         }
@@ -88,11 +88,11 @@ impl Serial {
         }
     }
 
-    fn open_beside(device: &str, is_for_emergency: bool) -> Result<Self, PortError> {
+    fn open_shared(device: &str, is_for_emergency: bool) -> Result<Self, PortError> {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         match rustix::fs::open(device, flags, Mode::empty()) {
             Ok(file) => Ok(Self { file: file.into(), is_for_emergency }),
-            Err(Errno::BUSY) => Err(PortError::Closed(device.to_string(), holder(device))),
+            Err(Errno::BUSY) => Err(PortError::Exclusive(device.to_string(), holder(device))),
             Err(error) => Err(unusable(device, &error.into())),
         }
     }
@@ -176,7 +176,7 @@ impl Serial {
     ) -> io::Result<Option<usize>> {
         let began = Instant::now();
         self.wait(PollFlags::IN, timeout)?;
-        while self.is_to_be_silent() {
+        while self.must_yield() {
             if leaves() || began.elapsed() >= timeout {
                 return Ok(None);
             }
@@ -213,7 +213,7 @@ fn unusable(device: &str, error: &io::Error) -> PortError {
     let name = device.to_string();
     match error.kind() {
         ErrorKind::PermissionDenied => PortError::Forbidden(name),
-        ErrorKind::NotFound => PortError::Missing(name, there_are()),
+        ErrorKind::NotFound => PortError::Missing(name, available_ports_hint()),
         _ => PortError::Missing(name, format!(" ({error})")),
     }
 }
@@ -243,7 +243,7 @@ fn found_holder(device: &str) -> Option<String> {
 }
 
 /// Lists the available serial devices for an error message.
-fn there_are() -> String {
+fn available_ports_hint() -> String {
     let names: Vec<String> =
         serialport::available_ports().unwrap_or_default().into_iter().map(|port| port.port_name).collect();
     if names.is_empty() { "; I see no serial device".to_string() } else { format!("; I see {}", names.join(", ")) }

@@ -106,7 +106,7 @@ impl Stream {
     }
 
     /// Leaves the line to the emergency stop of another thread, which ends the program once it is finished.
-    fn wait_for_end(&self) {
+    fn block_if_yielded(&self) {
         while self.is_left_to_emergency() {
             thread::sleep(Duration::from_millis(100));
         }
@@ -136,18 +136,18 @@ fn is_timeout(error: &io::Error) -> bool {
 
 impl Port for Stream {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.wait_for_end();
+        self.block_if_yielded();
         let emergency = &self.emergency;
         let sent = match &mut self.bytes {
             Bytes::Tcp(stream) => stream.write_all(bytes),
             Bytes::Serial(serial) => serial.send(bytes, || emergency.load(Ordering::Relaxed)),
         };
-        self.wait_for_end();
+        self.block_if_yielded();
         sent.map_err(|error| self.lost(&error))
     }
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
-        self.wait_for_end();
+        self.block_if_yielded();
         // A timeout of zero would mean to wait for ever.
         let timeout = timeout.max(Duration::from_millis(1));
         let (emergency, leaves) = (&self.emergency, !self.is_for_emergency);
@@ -158,7 +158,7 @@ impl Port for Stream {
                 received.and_then(|count| count.ok_or_else(|| io::ErrorKind::WouldBlock.into()))
             }
         };
-        self.wait_for_end();
+        self.block_if_yielded();
         match received {
             Ok(0) => Err(PortError::Lost(self.name.clone(), "the other side closed it".to_string())),
             Ok(count) => Ok(count),
@@ -169,7 +169,7 @@ impl Port for Stream {
 
     fn send_emergency_stop(&mut self) -> Result<(), PortError> {
         self.take_line();
-        self.wait_for_end();
+        self.block_if_yielded();
         let sent = match &mut self.bytes {
             Bytes::Tcp(stream) => stream.write_all(&EMERGENCY_STOP),
             Bytes::Serial(serial) => serial.send_ahead(&EMERGENCY_STOP),
@@ -177,7 +177,7 @@ impl Port for Stream {
         sent.map_err(|error| self.lost(&error))
     }
 
-    fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
+    fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
         // Without this port, an interrupted program advises to cut the power.
         self.try_clone().ok().map(|line| Box::new(line) as Box<dyn Port + Send>)
     }

@@ -14,14 +14,14 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
-use super::header::{Header, Resumed};
-use super::result::{GrowthResult, InterruptedLayer};
-use crate::crash::WrittenCrash;
+use super::header::{Resumed, RunHeader};
+use super::result::{GrowthResult, InterruptedLayerJson};
+use crate::clearance_guard::{ClearanceViolation, Detour};
+use crate::crash::CrashJson;
 use crate::degrees::degrees_below_turn;
-use crate::feedback::Count;
-use crate::growth::{Amendment, JobEvent, Order};
-use crate::keep_clear::{Detour, TooNear};
-use crate::plan_file::WrittenTip;
+use crate::feedback::EncoderReference;
+use crate::growth::{Amendment, Command, JobEvent};
+use crate::plan_file::TipPoseJson;
 
 /// A line of a run log: an event and the time of day at which it was written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -42,11 +42,11 @@ pub struct RunLine {
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum RunEvent {
     /// The first line: versions, command, robot, plan and the layers that were sent.
-    Header(Box<Header>),
+    Header(Box<RunHeader>),
     /// The board reported its identity.
-    Board(Board),
+    Board(BoardRecord),
     /// The board has restarted because its firmware crashed.
-    Crash(Box<WrittenCrash>),
+    Crash(Box<CrashJson>),
     /// The board changed its state.
     State {
         /// Name of the state.
@@ -59,7 +59,7 @@ pub enum RunEvent {
     /// A layer of a simulated tip as its plastic lies.
     Simulated(SimulatedLayer),
     /// With feedback: the filament's encoder counts from this value on.
-    Counting(Count),
+    Counting(EncoderReference),
     /// With feedback: an amendment is about to be sent. It takes effect unless `not-amended` follows.
     Amending(Amendment),
     /// The board has refused the latest amendment.
@@ -72,7 +72,7 @@ pub enum RunEvent {
     Detour(Detour),
     /// With feedback in a scene: the rest would be too near to an obstacle and no other path was found, so the robot
     /// pauses.
-    TooNear(TooNear),
+    TooNear(ClearanceViolation),
     /// With feedback: more layers of the job are sent.
     HandingOver {
         /// Index of the first layer.
@@ -85,7 +85,7 @@ pub enum RunEvent {
     /// An order was given and is executed.
     Ordered {
         /// The order.
-        order: Order,
+        order: Command,
     },
     /// The board has refused the order.
     NotObeyed {
@@ -108,7 +108,7 @@ pub enum RunEvent {
 /// Identity and state of the board when the session was opened.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Board {
+pub struct BoardRecord {
     /// Version of the firmware: major, minor, patch.
     pub firmware: [u8; 3],
     /// Hash of the link's messages.
@@ -124,10 +124,10 @@ pub struct Board {
     /// Number of laid layers.
     pub laid: u32,
     /// The interrupted layer. Null if none was.
-    pub interrupted: Option<InterruptedLayer>,
+    pub interrupted: Option<InterruptedLayerJson>,
 }
 
-impl From<&BoardInfo> for Board {
+impl From<&BoardInfo> for BoardRecord {
     fn from(hello: &BoardInfo) -> Self {
         let status = &hello.status;
         Self {
@@ -137,7 +137,7 @@ impl From<&BoardInfo> for Board {
             reset_cause: hello.reset_cause.name().to_owned(),
             state: status.state.name().to_owned(),
             laid: status.layers_laid,
-            interrupted: status.interrupted.map(|layer| InterruptedLayer::new(status.layers_laid as usize, layer)),
+            interrupted: status.interrupted.map(|layer| InterruptedLayerJson::new(status.layers_laid as usize, layer)),
         }
     }
 }
@@ -187,7 +187,7 @@ impl From<&Status> for BoardStatus {
 /// Dimensions of a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct WrittenLayer {
+pub struct LayerJson {
     /// Angle of greatest deposition, degrees.
     pub alpha_deg: f64,
     /// Mean height, mm.
@@ -208,23 +208,23 @@ pub struct LaidLayer {
     pub as_built: Option<LayerBytes>,
     /// Dimensions of the layer.
     #[serde(flatten)]
-    pub numbers: Option<WrittenLayer>,
+    pub numbers: Option<LayerJson>,
     /// Sensor readings after the layer, if the line contains them.
     #[serde(flatten)]
-    pub measured: Option<WrittenMeasured>,
+    pub measured: Option<MeasuredJson>,
 }
 
 impl LaidLayer {
     fn new(index: u32, as_built: Option<LayerBytes>, measured: Option<LayerReadings>) -> Self {
         let numbers = |bytes: &LayerBytes| {
             let Layer { alpha, height, tilt } = decode(bytes);
-            WrittenLayer { alpha_deg: degrees(alpha), height_mm: height, tilt_deg: degrees(tilt) }
+            LayerJson { alpha_deg: degrees(alpha), height_mm: height, tilt_deg: degrees(tilt) }
         };
         Self {
             layer: index,
             as_built,
             numbers: as_built.as_ref().map(numbers),
-            measured: measured.map(|LayerReadings { filament_pulses, gravity_milli_g }| WrittenMeasured {
+            measured: measured.map(|LayerReadings { filament_pulses, gravity_milli_g }| MeasuredJson {
                 filament_pulses,
                 gravity_milli_g,
             }),
@@ -235,7 +235,7 @@ impl LaidLayer {
 /// Sensor readings after a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct WrittenMeasured {
+pub struct MeasuredJson {
     /// Pulses of the filament's encoder since the board started. Null without an encoder.
     #[serde(default, deserialize_with = "lenient")]
     pub filament_pulses: Option<u32>,
@@ -244,9 +244,9 @@ pub struct WrittenMeasured {
     pub gravity_milli_g: Option<[i16; 3]>,
 }
 
-impl From<WrittenMeasured> for LayerReadings {
-    fn from(written: WrittenMeasured) -> Self {
-        let WrittenMeasured { filament_pulses, gravity_milli_g } = written;
+impl From<MeasuredJson> for LayerReadings {
+    fn from(written: MeasuredJson) -> Self {
+        let MeasuredJson { filament_pulses, gravity_milli_g } = written;
         Self { filament_pulses, gravity_milli_g }
     }
 }
@@ -259,16 +259,16 @@ pub struct SimulatedLayer {
     pub layer: u32,
     /// The layer as it came out.
     #[serde(flatten)]
-    pub numbers: WrittenLayer,
+    pub numbers: LayerJson,
     /// Pose of the tip after the layer.
     #[serde(default, deserialize_with = "lenient")]
-    pub tip: Option<WrittenTip>,
+    pub tip: Option<TipPoseJson>,
 }
 
 /// Converts an event of a job to events of a log. `laid_tip` is the simulated tip after the layers reported so far, and
 /// is updated with each of its layers.
 #[must_use]
-pub fn events_of(event: &JobEvent, laid_tip: &mut Frame) -> Vec<RunEvent> {
+pub fn to_run_events(event: &JobEvent, laid_tip: &mut Frame) -> Vec<RunEvent> {
     let written = match event {
         JobEvent::Board(hello) => RunEvent::Board(hello.into()),
         JobEvent::Crash(words) => RunEvent::Crash(Box::new((&CrashRecord::from(words)).into())),
@@ -278,16 +278,16 @@ pub fn events_of(event: &JobEvent, laid_tip: &mut Frame) -> Vec<RunEvent> {
         JobEvent::Simulated { from, layers } => {
             return (*from..).zip(layers).map(|(index, layer)| simulated(index, layer, laid_tip)).collect();
         }
-        JobEvent::Counting(count) => RunEvent::Counting(*count),
-        JobEvent::Amending(amendment) => RunEvent::Amending(amendment.clone()),
-        JobEvent::NotAmended(why) => RunEvent::NotAmended { why: why.clone() },
+        JobEvent::EncoderReference(count) => RunEvent::Counting(*count),
+        JobEvent::Amendment(amendment) => RunEvent::Amending(amendment.clone()),
+        JobEvent::AmendmentRejected(why) => RunEvent::NotAmended { why: why.clone() },
         JobEvent::Detour(detour) => RunEvent::Detour(detour.clone()),
-        JobEvent::TooNear(too_near) => RunEvent::TooNear(too_near.clone()),
-        JobEvent::HandingOver { from, layers } => RunEvent::HandingOver { from: *from, layers: layers.clone() },
-        JobEvent::Ordered(order) => RunEvent::Ordered { order: *order },
-        JobEvent::NotObeyed(why) => RunEvent::NotObeyed { why: why.clone() },
-        JobEvent::Silent => RunEvent::Silent,
-        JobEvent::Back => RunEvent::Back,
+        JobEvent::ClearanceViolation(too_near) => RunEvent::TooNear(too_near.clone()),
+        JobEvent::LayersSent { from, layers } => RunEvent::HandingOver { from: *from, layers: layers.clone() },
+        JobEvent::Command(order) => RunEvent::Ordered { order: *order },
+        JobEvent::CommandFailed(why) => RunEvent::NotObeyed { why: why.clone() },
+        JobEvent::NoResponse => RunEvent::Silent,
+        JobEvent::Reconnected => RunEvent::Back,
     };
     vec![written]
 }
@@ -296,12 +296,12 @@ fn simulated(index: u32, layer: &Layer, laid_tip: &mut Frame) -> RunEvent {
     *laid_tip = advance(laid_tip, &layer.step());
     RunEvent::Simulated(SimulatedLayer {
         layer: index,
-        numbers: WrittenLayer {
+        numbers: LayerJson {
             alpha_deg: degrees_below_turn(layer.alpha),
             height_mm: layer.height,
             tilt_deg: degrees(layer.tilt),
         },
-        tip: Some(WrittenTip::from(&Pose::from_frame(laid_tip))),
+        tip: Some(TipPoseJson::from(&Pose::from_frame(laid_tip))),
     })
 }
 

@@ -12,7 +12,7 @@ use crate::plan_file::PlanFile;
 /// The first line of a run log.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Header {
+pub struct RunHeader {
     /// Name and version of the format.
     pub format: String,
     /// Version of the program that has written it.
@@ -28,10 +28,10 @@ pub struct Header {
     #[serde(default)]
     pub port: String,
     /// Kind of tip that lays the body.
-    pub tip: RecordedTip,
+    pub tip: TipKind,
     /// Disturbances of a simulated tip. Null for a robot.
     #[serde(default, deserialize_with = "lenient")]
-    pub disturbances: Option<Disturbances>,
+    pub disturbances: Option<DisturbancesJson>,
     /// Name of the robot.
     pub robot: String,
     /// Hash of the robot's description, 16 hexadecimal digits.
@@ -48,7 +48,7 @@ pub struct Header {
     pub layers: Vec<LayerBytes>,
     /// Assumed noise of the sensors. Null without feedback.
     #[serde(default, deserialize_with = "lenient")]
-    pub feedback: Option<WrittenNoise>,
+    pub feedback: Option<SensorNoiseJson>,
     /// The plan.
     pub plan: PlanFile,
 }
@@ -70,7 +70,7 @@ pub struct Resumed {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
-pub enum RecordedTip {
+pub enum TipKind {
     /// The tip of a robot. The true position of its plastic was not measured.
     Robot,
     /// A simulated tip.
@@ -80,20 +80,20 @@ pub enum RecordedTip {
 /// Noise of the sensors, as standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct WrittenNoise {
+pub struct SensorNoiseJson {
     /// Noise of the odometry, as a fraction of a layer's growth.
     pub odometry: f64,
     /// Noise of a direction, radians.
     pub direction: f64,
 }
 
-impl From<SensorNoise> for WrittenNoise {
+impl From<SensorNoise> for SensorNoiseJson {
     fn from(noise: SensorNoise) -> Self {
         Self { odometry: noise.odometry, direction: noise.direction }
     }
 }
 
-impl WrittenNoise {
+impl SensorNoiseJson {
     /// Returns the noise. `None` if a number is negative.
     pub(super) fn checked(self) -> Option<SensorNoise> {
         let Self { odometry, direction } = self;
@@ -104,7 +104,7 @@ impl WrittenNoise {
 /// Disturbances of a simulated tip: the distribution of each error, and the seed of the random numbers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Disturbances {
+pub struct DisturbancesJson {
     /// Seed of all noise.
     pub seed: u64,
     /// Noise of the height of a layer.
@@ -172,7 +172,7 @@ pub enum Unit {
     Deg,
 }
 
-impl From<&ErrorModel> for Disturbances {
+impl From<&ErrorModel> for DisturbancesJson {
     fn from(imperfection: &ErrorModel) -> Self {
         let ErrorModel { disturbance, noise, seed } = imperfection;
         let uniform = |max, unit| Distribution::Uniform { mean: 0.0, max, unit };

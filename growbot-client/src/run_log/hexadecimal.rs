@@ -74,7 +74,7 @@ pub mod hash {
     /// Serializes a hash.
     #[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
     pub fn serialize<S: Serializer>(hash: &u64, to: S) -> Result<S::Ok, S::Error> {
-        to.serialize_str(&crate::plan_file::written_hash(*hash))
+        to.serialize_str(&crate::plan_file::format_hash(*hash))
     }
 
     /// Deserializes a hash.
@@ -92,7 +92,7 @@ pub mod hash_or_none {
     /// Serializes a hash.
     #[expect(clippy::ref_option, reason = "the form that serde calls")]
     pub fn serialize<S: Serializer>(hash: &Option<u64>, to: S) -> Result<S::Ok, S::Error> {
-        hash.map(crate::plan_file::written_hash).serialize(to)
+        hash.map(crate::plan_file::format_hash).serialize(to)
     }
 
     /// Deserializes a hash.

@@ -16,9 +16,9 @@
 mod event;
 mod header;
 mod hexadecimal;
-mod lines;
 mod queue;
-mod record;
+mod reader;
+mod recorded_run;
 mod result;
 
 use std::fs::{self, File, OpenOptions};
@@ -35,21 +35,21 @@ use time::format_description::well_known::iso8601::{Config, EncodedConfig, TimeP
 
 pub(crate) use self::event::lenient;
 pub use self::event::{
-    Board, BoardStatus, LaidLayer, RunEvent, RunLine, SimulatedLayer, WrittenLayer, WrittenMeasured, events_of,
+    BoardRecord, BoardStatus, LaidLayer, LayerJson, MeasuredJson, RunEvent, RunLine, SimulatedLayer, to_run_events,
 };
-pub use self::header::{Distribution, Disturbances, Header, RecordedTip, Resumed, Unit, WrittenNoise};
+pub use self::header::{Distribution, DisturbancesJson, Resumed, RunHeader, SensorNoiseJson, TipKind, Unit};
 pub use self::hexadecimal::hex_of;
 pub(crate) use self::hexadecimal::{hash, layers};
-pub use self::lines::{Damage, Events};
 use self::queue::LineQueue;
-pub use self::record::{BodyKind, RobotId, RunRecord, RunRecordError};
-pub use self::result::{FeedbackResult, GrowthResult, InterruptedLayer, ResultOutcome, WrittenArrival};
-use crate::files::{FileError, SetAside, format_of, refuse_inputs};
+pub use self::reader::{Damage, Events};
+pub use self::recorded_run::{BodyKind, ReadRunLogError, RecordedRun, RobotId};
+pub use self::result::{ArrivalJson, FeedbackResult, GrowthResult, InterruptedLayerJson, OutcomeKind};
+use crate::atomic_file::{DisplacedFile, FileError, format_from_extension, refuse_inputs};
 use crate::forecast::Forecast;
 use crate::growth::{Job, JobEvent};
 use crate::plan::Plan;
 use crate::plan_file::PlanFile;
-use crate::printable::json_line;
+use crate::sanitize::json_line;
 
 /// Name and version of the format, in the first line.
 pub const FORMAT: &str = "growbot-run/3";
@@ -122,16 +122,16 @@ impl<'a> From<&'a str> for Origin<'a> {
 
 /// An open log, or none.
 #[derive(Default)]
-pub struct RunLog(Option<Open>);
+pub struct RunLog(Option<OpenLog>);
 
 /// An open log.
-struct Open {
+struct OpenLog {
     lines: LineQueue,
     file: String,
     /// True if the file belongs to this growth alone.
     is_new: bool,
     /// The earlier log that is to be replaced, until the first layer is laid.
-    replaced: Option<SetAside>,
+    replaced: Option<DisplacedFile>,
     /// The simulated tip after the layers whose position was logged.
     laid_tip: Frame,
     /// Forecast from which finish times are computed. `None` if the pace is unknown.
@@ -141,7 +141,7 @@ struct Open {
 impl RunLog {
     /// Returns a log that writes nothing.
     #[must_use]
-    pub fn none() -> Self {
+    pub fn disabled() -> Self {
         Self::default()
     }
 
@@ -150,14 +150,14 @@ impl RunLog {
     ///
     /// # Errors
     /// If the file cannot be created. An existing log is not overwritten, because it may be the only record of a body.
-    pub fn begin<'a>(
+    pub fn create<'a>(
         path: &Path,
         plan: &Plan,
         job: &Job,
         feedback: Option<SensorNoise>,
         origin: impl Into<Origin<'a>>,
     ) -> Result<Self, RunLogError> {
-        format_of(path, &ENDINGS)?;
+        format_from_extension(path, &ENDINGS)?;
         refuse_inputs(path)?;
         let name = path.display().to_string();
         let file = File::create_new(path).map_err(|error| match error.kind() {
@@ -180,12 +180,12 @@ impl RunLog {
         feedback: Option<SensorNoise>,
         origin: impl Into<Origin<'a>>,
     ) -> Result<Self, RunLogError> {
-        format_of(path, &ENDINGS)?;
+        format_from_extension(path, &ENDINGS)?;
         refuse_inputs(path)?;
-        let Some(replaced) = SetAside::existing(path)? else {
-            return Self::begin(path, plan, job, feedback, origin);
+        let Some(replaced) = DisplacedFile::move_aside(path)? else {
+            return Self::create(path, plan, job, feedback, origin);
         };
-        match Self::begin(replaced.place(), plan, job, feedback, origin) {
+        match Self::create(replaced.place(), plan, job, feedback, origin) {
             Ok(mut log) => {
                 if let Some(open) = &mut log.0 {
                     open.replaced = Some(replaced);
@@ -235,20 +235,20 @@ impl RunLog {
         Origin { port, imperfection }: Origin<'_>,
     ) -> Result<Self, RunLogError> {
         let mut log = self;
-        let tip = if imperfection.is_some() { RecordedTip::Simulated } else { RecordedTip::Robot };
-        let header = RunEvent::Header(Box::new(Header {
+        let tip = if imperfection.is_some() { TipKind::Simulated } else { TipKind::Robot };
+        let header = RunEvent::Header(Box::new(RunHeader {
             format: FORMAT.to_owned(),
             growbot: env!("CARGO_PKG_VERSION").to_owned(),
             started_utc: utc_now(),
             command: command_line(),
             port: port.to_owned(),
             tip,
-            disturbances: imperfection.map(Disturbances::from),
+            disturbances: imperfection.map(DisturbancesJson::from),
             robot: job.robot.name().to_owned(),
             robot_hash: job.robot.hash(),
             plan_id: job.plan_id,
             layers: job.layers.clone(),
-            feedback: feedback.map(WrittenNoise::from),
+            feedback: feedback.map(SensorNoiseJson::from),
             plan: PlanFile::with_robot(plan, job.robot),
         }));
         if let Err(error) = log.write(header) {
@@ -264,7 +264,7 @@ impl RunLog {
 
     /// Creates a log that writes to any output, for a body that begins at this frame.
     fn to(out: Box<dyn Write>, file: &str, base_from_start: Frame) -> Self {
-        Self(Some(Open {
+        Self(Some(OpenLog {
             lines: LineQueue::new(out),
             file: file.to_owned(),
             is_new: true,
@@ -278,7 +278,7 @@ impl RunLog {
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn resume(path: &Path, record: &RunRecord, port: &str) -> Result<Self, RunLogError> {
+    pub fn resume(path: &Path, record: &RecordedRun, port: &str) -> Result<Self, RunLogError> {
         let name = path.display().to_string();
         let open = || {
             let mut file = OpenOptions::new().read(true).append(true).open(path)?;
@@ -310,7 +310,7 @@ impl RunLog {
     }
 
     /// Sets the forecast from which `finish_utc` of each status is computed. `None` if the pace is unknown.
-    pub fn tell_finish(&mut self, forecast: Option<Forecast>) {
+    pub fn set_forecast(&mut self, forecast: Option<Forecast>) {
         if let Some(open) = &mut self.0 {
             open.forecast = forecast;
         }
@@ -331,7 +331,7 @@ impl RunLog {
             (JobEvent::Status(status), Some(forecast)) => forecast.finish_of(OffsetDateTime::now_utc(), status),
             _ => None,
         };
-        for mut event in events_of(event, &mut open.laid_tip) {
+        for mut event in to_run_events(event, &mut open.laid_tip) {
             if let RunEvent::Status(status) = &mut event {
                 status.finish_utc = finish.map(utc_text);
             }
@@ -361,7 +361,7 @@ impl RunLog {
 
     /// Returns the number of lines that are not in the file: those that wait and those that are lost.
     #[must_use]
-    pub fn missing(&self) -> usize {
+    pub fn missing_lines(&self) -> usize {
         self.0.as_ref().map_or(0, |open| open.lines.missing())
     }
 

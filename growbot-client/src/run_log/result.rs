@@ -12,10 +12,10 @@ use serde_json::Value;
 use super::event::lenient;
 use crate::arrival::Arrival;
 use crate::client::ClockDrift;
-use crate::feedback::FedBack;
-use crate::growth::{Grown, MeasuredBy, Outcome, as_built_hash};
+use crate::feedback::FeedbackReport;
+use crate::growth::{GrowthReport, MeasuredBy, Outcome, as_built_hash};
 use crate::plan::Plan;
-use crate::plan_file::WrittenTip;
+use crate::plan_file::TipPoseJson;
 
 /// Result of a growth.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -23,7 +23,7 @@ use crate::plan_file::WrittenTip;
 pub struct GrowthResult {
     /// Outcome of the growth.
     #[serde(deserialize_with = "outcome_or_unknown")]
-    pub outcome: ResultOutcome,
+    pub outcome: OutcomeKind,
     /// True if the robot was simulated.
     #[serde(default)]
     pub simulated: bool,
@@ -37,7 +37,7 @@ pub struct GrowthResult {
     pub clock_drift: Option<ClockDrift>,
     /// Pose of the tip and its errors from the goal. If nothing was grown, the tip is at the start.
     #[serde(flatten)]
-    pub arrival: Option<WrittenArrival>,
+    pub arrival: Option<ArrivalJson>,
     /// Number of layers of the body.
     #[serde(default)]
     pub layers: usize,
@@ -70,10 +70,10 @@ pub struct GrowthResult {
     pub unknown_layers: usize,
     /// The interrupted layer. Null if none was.
     #[serde(default, deserialize_with = "lenient")]
-    pub interrupted: Option<InterruptedLayer>,
+    pub interrupted: Option<InterruptedLayerJson>,
     /// In the output of `replay` on a simulated robot: the arrival if its plastic lay as commanded.
     #[serde(default, deserialize_with = "lenient")]
-    pub commanded: Option<WrittenArrival>,
+    pub commanded: Option<ArrivalJson>,
     /// In the output of `replay`: number of lines of the log that could not be read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub skipped_lines: Option<usize>,
@@ -86,7 +86,7 @@ pub struct GrowthResult {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
-pub enum ResultOutcome {
+pub enum OutcomeKind {
     /// Every layer is laid.
     Done,
     /// Stopped on request, or by the emergency stop.
@@ -110,12 +110,12 @@ pub enum ResultOutcome {
 }
 
 /// Deserializes an outcome. An outcome of another version becomes `Unknown`.
-fn outcome_or_unknown<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ResultOutcome, D::Error> {
+fn outcome_or_unknown<'de, D: Deserializer<'de>>(deserializer: D) -> Result<OutcomeKind, D::Error> {
     let outcome = Value::deserialize(deserializer)?;
-    Ok(serde_json::from_value(outcome).unwrap_or(ResultOutcome::Unknown))
+    Ok(serde_json::from_value(outcome).unwrap_or(OutcomeKind::Unknown))
 }
 
-impl ResultOutcome {
+impl OutcomeKind {
     /// Returns the name in files.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -134,13 +134,13 @@ impl ResultOutcome {
     }
 }
 
-impl fmt::Display for ResultOutcome {
+impl fmt::Display for OutcomeKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }
 }
 
-impl From<&Outcome> for ResultOutcome {
+impl From<&Outcome> for OutcomeKind {
     fn from(outcome: &Outcome) -> Self {
         match outcome {
             Outcome::Done => Self::Done,
@@ -157,10 +157,10 @@ impl From<&Outcome> for ResultOutcome {
 /// Pose of a tip, and its errors from the goal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct WrittenArrival {
+pub struct ArrivalJson {
     /// Pose of the tip.
     #[serde(rename = "final")]
-    pub final_pose: WrittenTip,
+    pub final_pose: TipPoseJson,
     /// Distance from the goal, mm.
     pub position_error_mm: f64,
     /// Distance from the goal over the length of the planned path. 0 if the path has no length.
@@ -173,10 +173,10 @@ pub struct WrittenArrival {
     pub direction_error_deg: f64,
 }
 
-impl From<&Arrival> for WrittenArrival {
+impl From<&Arrival> for ArrivalJson {
     fn from(arrival: &Arrival) -> Self {
         Self {
-            final_pose: WrittenTip::from(&arrival.final_pose),
+            final_pose: TipPoseJson::from(&arrival.final_pose),
             position_error_mm: arrival.position_error_mm,
             normalized_position_error: arrival.normalized_position_error,
             heading_error_deg: arrival.heading_error_deg,
@@ -193,7 +193,7 @@ pub struct FeedbackResult {
     /// Number of amendments of the job.
     pub amendments: u32,
     /// Estimated pose of the tip.
-    pub estimate: WrittenTip,
+    pub estimate: TipPoseJson,
     /// Distance of the estimate from the goal, mm.
     pub estimated_position_error_mm: f64,
     /// Angle between the directions of the estimate and the goal, degrees.
@@ -213,13 +213,13 @@ pub struct FeedbackResult {
 impl FeedbackResult {
     /// Creates the result of the feedback on the way to a plan's goal. `truth` is the true tip, if known.
     #[must_use]
-    pub fn new(fed_back: &FedBack, plan: &Plan, truth: Option<&Arrival>) -> Self {
-        let FedBack { amendments, estimate } = fed_back;
+    pub fn new(fed_back: &FeedbackReport, plan: &Plan, truth: Option<&Arrival>) -> Self {
+        let FeedbackReport { amendments, estimate } = fed_back;
         let estimated = fed_back.arrival(plan);
-        let error = truth.map(|truth| estimated.error_from(truth));
+        let error = truth.map(|truth| estimated.difference_from(truth));
         Self {
             amendments: *amendments,
-            estimate: WrittenTip::from(&estimated.final_pose),
+            estimate: TipPoseJson::from(&estimated.final_pose),
             estimated_position_error_mm: estimated.position_error_mm,
             estimated_direction_error_deg: estimated.direction_error_deg,
             position_sd_mm: estimate.position_sd,
@@ -234,7 +234,7 @@ impl FeedbackResult {
 /// An interrupted layer, with bounds of the completed fraction of its turn.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct InterruptedLayer {
+pub struct InterruptedLayerJson {
     /// Index of the layer, from 0.
     pub layer: usize,
     /// Minimum fraction that was completed.
@@ -243,7 +243,7 @@ pub struct InterruptedLayer {
     pub max: f64,
 }
 
-impl InterruptedLayer {
+impl InterruptedLayerJson {
     /// Creates the bounds for the layer of this index.
     #[must_use]
     pub fn new(layer: usize, interrupted: message::InterruptedLayer) -> Self {
@@ -255,7 +255,7 @@ impl InterruptedLayer {
 impl GrowthResult {
     /// Creates the result of a growth that has not begun, or of which nothing is known.
     #[must_use]
-    pub fn nothing_grown(outcome: ResultOutcome, plan: &Plan, seed: Option<u64>, simulated: bool) -> Self {
+    pub fn nothing_grown(outcome: OutcomeKind, plan: &Plan, seed: Option<u64>, simulated: bool) -> Self {
         let arrival = Arrival::of(&plan.start.frame(), &plan.goal, length(&plan.path));
         Self {
             outcome,
@@ -283,7 +283,7 @@ impl GrowthResult {
 
     /// Creates the result of a growth that has ended.
     #[must_use]
-    pub fn new(grown: &Grown, plan: &Plan, seed: Option<u64>, simulated: bool) -> Self {
+    pub fn new(grown: &GrowthReport, plan: &Plan, seed: Option<u64>, simulated: bool) -> Self {
         let truth = (grown.measured_by == MeasuredBy::Tip).then_some(&grown.arrival);
         let (fault, clock_drift) = match grown.outcome {
             Outcome::Fault(fault) => (Some(fault.code().to_owned()), None),
@@ -297,13 +297,13 @@ impl GrowthResult {
             layers: grown.body.len(),
             length_mm: grown.length_mm(),
             measured_by: Some(grown.measured_by),
-            feedback: grown.fed_back.as_ref().map(|fed_back| FeedbackResult::new(fed_back, plan, truth)),
+            feedback: grown.feedback.as_ref().map(|fed_back| FeedbackResult::new(fed_back, plan, truth)),
             duration_s: Some(grown.duration_s),
             filament_mm: Some(grown.filament_mm),
             plan_id: Some(grown.plan_id),
             as_built_hash: Some(as_built_hash(&grown.as_built)),
-            unknown_layers: grown.unknown(),
-            interrupted: grown.interrupted.map(|layer| InterruptedLayer::new(grown.as_built.len(), layer)),
+            unknown_layers: grown.unknown_layers(),
+            interrupted: grown.interrupted.map(|layer| InterruptedLayerJson::new(grown.as_built.len(), layer)),
             ..Self::nothing_grown((&grown.outcome).into(), plan, seed, simulated)
         }
     }

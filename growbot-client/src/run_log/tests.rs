@@ -10,12 +10,12 @@ use growbot_core::simulation::Disturbance;
 use serde_json::{Value, json};
 
 use super::hexadecimal::hex;
-use super::record::CountBefore;
+use super::recorded_run::CountBefore;
 use super::*;
 use crate::client::ClockDrift;
-use crate::feedback::Count;
-use crate::plan::Search;
-use crate::plan_file::written_hash;
+use crate::feedback::EncoderReference;
+use crate::plan::PlanOptions;
+use crate::plan_file::format_hash;
 use time::format_description::well_known::Rfc3339;
 
 /// Returns a log of three layers of a robot with feedback, with these lines after its header.
@@ -27,13 +27,13 @@ fn log(lines: &[Value]) -> Vec<u8> {
 fn log_from(origin: Origin, lines: &[Value]) -> Vec<u8> {
     let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
-    let search = Search { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
-    let plan = Plan::through(&robot, &up(0.0), &[], &up(2.1), &search).unwrap();
+    let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
+    let plan = Plan::through_waypoints(&robot, &up(0.0), &[], &up(2.1), &search).unwrap();
     let job = Job::of_plan(&robot, &plan);
     let file = tempfile::tempdir().unwrap();
     let path = file.path().join("run.jsonl");
     let noise = SensorNoise { odometry: 0.01, direction: 0.002 };
-    RunLog::begin(&path, &plan, &job, Some(noise), origin).unwrap();
+    RunLog::create(&path, &plan, &job, Some(noise), origin).unwrap();
     let mut log = fs::read(&path).unwrap();
     log.extend(lines.iter().flat_map(|line| format!("{line}\n").into_bytes()));
     log
@@ -47,7 +47,7 @@ fn done() -> GrowthResult {
 #[test]
 fn amendments_are_read_back_and_those_that_the_board_did_not_take_are_none() {
     let other = |byte: u8| [byte; 12];
-    let amending = |plan_id: u64, from: u32, layers: &[LayerBytes]| json!({ "event": "amending", "plan_id": written_hash(plan_id), "from": from, "total": 9, "layers": hex_of(layers) });
+    let amending = |plan_id: u64, from: u32, layers: &[LayerBytes]| json!({ "event": "amending", "plan_id": format_hash(plan_id), "from": from, "total": 9, "layers": hex_of(layers) });
     let lines = [
         json!({ "event": "counting", "boot_id": 5, "laid": 0, "filament_pulses": 3 }),
         amending(7, 1, &[other(1), other(2)]),
@@ -58,7 +58,7 @@ fn amendments_are_read_back_and_those_that_the_board_did_not_take_are_none() {
         json!({ "event": "handing-over", "from": 3, "layers": hex_of(&[other(4)]) }),
         amending(9, 3, &[other(5)]),
     ];
-    let mut record = RunRecord::read(&log(&lines), "log").unwrap();
+    let mut record = RecordedRun::read(&log(&lines), "log").unwrap();
     assert_eq!((record.plan_id, record.total, record.layers.len()), (9, 9, 4));
     assert_eq!(record.layers[1..], [other(1), other(2), other(5)]);
     assert_eq!(
@@ -66,24 +66,24 @@ fn amendments_are_read_back_and_those_that_the_board_did_not_take_are_none() {
         Some(LayerReadings { filament_pulses: Some(60), gravity_milli_g: Some([0, -3, 999]) })
     );
     assert_eq!(record.measured[1], Some(LayerReadings::default()));
-    let count = Count { boot_id: 5, laid: 0, filament_pulses: Some(3) };
+    let count = EncoderReference { boot_id: 5, laid: 0, filament_pulses: Some(3) };
     assert_eq!(record.counts, [CountBefore { layer: 0, count }]);
     // The board has or has not accepted the latest amendment.
-    record.is_stored_as(9);
+    record.sync_to_board(9);
     assert_eq!(record.plan_id, 9);
-    record.is_stored_as(7);
+    record.sync_to_board(7);
     assert_eq!((record.plan_id, record.layers[3]), (7, other(4)));
 }
 
 #[test]
 fn a_log_without_feedback_has_none() {
     let mut bytes = log(&[]);
-    assert!(RunRecord::read(&bytes, "log").unwrap().feedback.is_some());
+    assert!(RecordedRun::read(&bytes, "log").unwrap().feedback.is_some());
     let text = String::from_utf8(bytes).unwrap();
     let mut header: Value = serde_json::from_str(&text).unwrap();
     header["feedback"] = Value::Null;
     bytes = format!("{header}\n").into_bytes();
-    assert_eq!(RunRecord::read(&bytes, "log").unwrap().feedback, None);
+    assert_eq!(RecordedRun::read(&bytes, "log").unwrap().feedback, None);
 }
 
 /// A disk that is full from a number of bytes on, until space is freed.
@@ -143,14 +143,14 @@ fn a_disk_that_is_full_for_a_while_costs_no_line_wherever_it_tears_one() {
         let disk = Disk::with_room(room);
         let mut log = RunLog::to(Box::new(disk.clone()), "run", Frame::identity());
         let failed = (0..3).filter(|index| log.record(&laid(*index)).is_err()).count();
-        assert!(failed > 0 && log.missing() > 0, "{room}");
+        assert!(failed > 0 && log.missing_lines() > 0, "{room}");
         disk.make_room(10_000);
         log.end(&done()).unwrap();
-        assert_eq!(log.missing(), 0, "{room}");
-        let record = RunRecord::read(&[header.clone(), disk.written()].concat(), "run").unwrap();
+        assert_eq!(log.missing_lines(), 0, "{room}");
+        let record = RecordedRun::read(&[header.clone(), disk.written()].concat(), "run").unwrap();
         let layers: Vec<Option<LayerBytes>> = (1..=3).map(|byte| Some([byte; 12])).collect();
         assert_eq!((&record.as_built, record.lost.len()), (&layers, 0), "{room}");
-        assert_eq!(record.outcome(), ResultOutcome::Done, "{room}");
+        assert_eq!(record.outcome(), OutcomeKind::Done, "{room}");
         assert!(record.damage.lines <= 1 && record.damage.cut_off == 0, "{room}: {:?}", record.damage);
     }
 }
@@ -167,8 +167,8 @@ fn all_lines_of_an_event_wait_for_a_disk_that_is_full() {
         log.record(&simulated).unwrap_err();
         disk.make_room(10_000);
         log.end(&done()).unwrap();
-        let record = RunRecord::read(&[header.clone(), disk.written()].concat(), "run").unwrap();
-        assert!((0..3).all(|index| record.says_where(index)), "{room}");
+        let record = RecordedRun::read(&[header.clone(), disk.written()].concat(), "run").unwrap();
+        assert!((0..3).all(|index| record.has_simulated_layer(index)), "{room}");
     }
 }
 
@@ -178,9 +178,9 @@ fn what_another_version_says_of_the_end_costs_no_more_than_itself() {
     end["result"]["outcome"] = "melted".into();
     end["result"]["feedback"] = json!({ "believed": 1 });
     end["result"]["seed"] = "seven".into();
-    let record = RunRecord::read(&[header_of_three(), format!("{end}\n").into_bytes()].concat(), "run").unwrap();
+    let record = RecordedRun::read(&[header_of_three(), format!("{end}\n").into_bytes()].concat(), "run").unwrap();
     let result = record.result.unwrap();
-    assert_eq!((result.outcome, result.layers), (ResultOutcome::Unknown, done().layers));
+    assert_eq!((result.outcome, result.layers), (OutcomeKind::Unknown, done().layers));
     assert_eq!((result.feedback, result.seed, record.damage), (None, None, Damage::default()));
 }
 
@@ -194,16 +194,16 @@ fn a_layer_whose_line_is_spoilt_is_lost_and_those_after_it_are_not() {
     bytes.extend(&line(1).as_bytes()[..20]);
     bytes.extend(b"\n");
     bytes.extend(line(2).bytes());
-    let damaged = RunRecord::read(&bytes, "run").unwrap();
+    let damaged = RecordedRun::read(&bytes, "run").unwrap();
     assert_eq!(damaged.as_built, [Some([1; 12]), None, Some([3; 12])]);
-    assert_eq!((&damaged.lost[..], damaged.known()), (&[1][..], vec![Some([1; 12])]));
+    assert_eq!((&damaged.lost[..], damaged.known_layers()), (&[1][..], vec![Some([1; 12])]));
     assert_eq!(damaged.damage, Damage { lines: 1, first: 3, cut_off: 0 });
     assert_eq!(damaged.commanded().count(), 3);
     // A repeated report of the board fills the gap.
     bytes.extend(line(1).bytes());
-    let mended = RunRecord::read(&bytes, "run").unwrap();
+    let mended = RecordedRun::read(&bytes, "run").unwrap();
     assert_eq!(mended.as_built, [Some([1; 12]), Some([2; 12]), Some([3; 12])]);
-    assert!(mended.lost.is_empty() && mended.known().len() == 3);
+    assert!(mended.lost.is_empty() && mended.known_layers().len() == 3);
 }
 
 #[test]
@@ -214,12 +214,12 @@ fn a_log_is_resumed_without_losing_a_byte() {
     for end in ["", "{\"event\":\"la", "{\"event\":\"la\n{\"event\":\"silent\"}\n"] {
         let before = [&header_of_three()[..], good.as_bytes(), end.as_bytes()].concat();
         fs::write(&path, &before).unwrap();
-        let record = RunRecord::open(&path).unwrap();
+        let record = RecordedRun::open(&path).unwrap();
         let mut log = RunLog::resume(&path, &record, "sim").unwrap();
         log.record(&laid(1)).unwrap();
         let after = fs::read(&path).unwrap();
         assert!(after.starts_with(&before), "{end:?}");
-        let record = RunRecord::open(&path).unwrap();
+        let record = RecordedRun::open(&path).unwrap();
         assert_eq!((record.as_built.len(), record.lost.len()), (2, 0), "{end:?}");
         // A log of another growth must not be deleted.
         log.discard();
@@ -234,11 +234,11 @@ fn a_log_that_cannot_be_begun_leaves_nothing_behind_and_one_that_is_there_stays(
     fs::write(&path, b"a body").unwrap();
     let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
-    let plan = Plan::make(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
+    let plan = Plan::new(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
     let job = Job::of_plan(&robot, &plan);
-    assert!(RunLog::begin(&path, &plan, &job, None, "sim").is_err());
+    assert!(RunLog::create(&path, &plan, &job, None, "sim").is_err());
     assert_eq!(fs::read(&path).unwrap(), b"a body");
-    assert!(RunLog::begin(&folder.path().join("run.pdf"), &plan, &job, None, "sim").is_err());
+    assert!(RunLog::create(&folder.path().join("run.pdf"), &plan, &job, None, "sim").is_err());
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
@@ -248,12 +248,12 @@ fn the_header_tells_of_the_command_the_time_and_the_disturbances_and_every_event
     let path = folder.path().join("run.jsonl");
     let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
-    let plan = Plan::make(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
+    let plan = Plan::new(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
     let job = Job::of_plan(&robot, &plan);
     let disturbance = Disturbance { growth_noise: 0.1, tilt_bias: 0.05, ..Disturbance::default() };
     let imperfection = ErrorModel { disturbance, seed: 7, ..ErrorModel::default() };
     let origin = Origin { port: "sim", imperfection: Some(&imperfection) };
-    let mut log = RunLog::begin(&path, &plan, &job, None, origin).unwrap();
+    let mut log = RunLog::create(&path, &plan, &job, None, origin).unwrap();
     log.record(&laid(0)).unwrap();
     log.record(&JobEvent::Simulated { from: 0, layers: vec![Layer { alpha: 1.0, height: 0.7, tilt: 0.004 }] }).unwrap();
     log.end(&done()).unwrap();
@@ -272,7 +272,7 @@ fn the_header_tells_of_the_command_the_time_and_the_disturbances_and_every_event
         OffsetDateTime::parse(time, &Rfc3339).unwrap();
         assert!(time.ends_with('Z'), "{time}");
     }
-    let record = RunRecord::open(&path).unwrap();
+    let record = RecordedRun::open(&path).unwrap();
     let laid = record.simulated().unwrap();
     assert_eq!(laid.len(), 1);
     assert!((laid[0].alpha - 1.0).abs() < 1e-15 && (laid[0].tilt - 0.004).abs() < 1e-15, "{laid:?}");
@@ -285,20 +285,20 @@ fn whose_tip_it_was_is_what_the_header_says_and_nothing_else() {
     let simulated = Origin { port: "sim", imperfection: Some(&imperfection) };
     let told = |layer: u32| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
     let lies = |layer: u32| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": 0.7, "tilt_deg": 0.0 });
-    let read = |origin, lines: &[Value]| RunRecord::read(&log_from(origin, lines), "run").unwrap();
-    let known = |record: &RunRecord| (record.tip, record.body_kind(), record.simulated().map(|layers| layers.len()));
+    let read = |origin, lines: &[Value]| RecordedRun::read(&log_from(origin, lines), "run").unwrap();
+    let known = |record: &RecordedRun| (record.tip, record.body_kind(), record.simulated().map(|layers| layers.len()));
     // Three cases: the growth stopped before its first layer; its lines on plastic are missing; its lines are present.
     for (lines, kind, layers) in [
         (&[][..], BodyKind::Laid, Some(0)),
         (&[told(0)], BodyKind::Commanded, None),
         (&[told(0), lies(0)], BodyKind::Laid, Some(1)),
     ] {
-        assert_eq!(known(&read(simulated, lines)), (RecordedTip::Simulated, kind, layers));
-        assert_eq!(known(&read("tcp:robot:1".into(), lines)), (RecordedTip::Robot, BodyKind::AsBuilt, None));
+        assert_eq!(known(&read(simulated, lines)), (TipKind::Simulated, kind, layers));
+        assert_eq!(known(&read("tcp:robot:1".into(), lines)), (TipKind::Robot, BodyKind::AsBuilt, None));
     }
     let text = String::from_utf8(log(&[])).unwrap();
     for (changed, said) in [("\"tip\":\"both\"", "\"both\""), ("\"tap\":\"robot\"", "has no \"tip\"")] {
-        let error = RunRecord::read(text.replace("\"tip\":\"robot\"", changed).as_bytes(), "run").unwrap_err();
+        let error = RecordedRun::read(text.replace("\"tip\":\"robot\"", changed).as_bytes(), "run").unwrap_err();
         assert!(error.to_string().contains(said), "{error}");
     }
 }
@@ -311,9 +311,13 @@ fn the_layer_under_way_makes_up_for_none_that_the_log_does_not_place() {
     for (places, missing) in [(&[0, 1, 2][..], 0), (&[0, 2], 1), (&[1], 1), (&[2], 2), (&[0, 1], 0), (&[], 2)] {
         let lines: Vec<Value> = [told(0), told(1)].into_iter().chain(places.iter().map(|layer| lies(*layer))).collect();
         let origin = Origin { port: "sim", imperfection: Some(&imperfection) };
-        let record = RunRecord::read(&log_from(origin, &lines), "run").unwrap();
-        assert_eq!(record.not_simulated(), missing, "{places:?}");
-        assert_eq!(RunRecord::read(&log(&lines), "run").unwrap().not_simulated(), 0, "of a robot: {places:?}");
+        let record = RecordedRun::read(&log_from(origin, &lines), "run").unwrap();
+        assert_eq!(record.missing_simulated_layers(), missing, "{places:?}");
+        assert_eq!(
+            RecordedRun::read(&log(&lines), "run").unwrap().missing_simulated_layers(),
+            0,
+            "of a robot: {places:?}"
+        );
     }
 }
 
@@ -321,10 +325,10 @@ fn the_layer_under_way_makes_up_for_none_that_the_log_does_not_place() {
 fn a_clock_that_was_wrong_is_read_back_from_the_end() {
     let drift = ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
     let end = json!({ "event": "end", "result": { "outcome": "clock-drift", "clock_drift": drift } });
-    let record = RunRecord::read(&log(std::slice::from_ref(&end)), "run").unwrap();
-    assert_eq!((record.outcome(), record.clock_drift()), (ResultOutcome::ClockDrift, Some(drift)));
-    let resumed = RunRecord::read(&log(&[end, json!({ "event": "resumed" })]), "run").unwrap();
-    assert_eq!((resumed.outcome(), resumed.clock_drift()), (ResultOutcome::Unfinished, None));
+    let record = RecordedRun::read(&log(std::slice::from_ref(&end)), "run").unwrap();
+    assert_eq!((record.outcome(), record.clock_drift()), (OutcomeKind::ClockDrift, Some(drift)));
+    let resumed = RecordedRun::read(&log(&[end, json!({ "event": "resumed" })]), "run").unwrap();
+    assert_eq!((resumed.outcome(), resumed.clock_drift()), (OutcomeKind::Unfinished, None));
 }
 
 #[test]
@@ -334,10 +338,10 @@ fn numbers_beyond_reason_do_no_harm() {
     let most = u64::from(u32::MAX);
     let lines =
         [told(u64::MAX), told(most), told(1 << 40), lie(u64::MAX, 1.0), lie(most, 1.0), lie(0, -1.0), lie(0, 1e300)];
-    let record = RunRecord::read(&log(&lines), "run").unwrap();
+    let record = RecordedRun::read(&log(&lines), "run").unwrap();
     assert!(record.as_built.is_empty() && record.simulated().is_none());
     let amending = |from: u64| json!({ "event": "amending", "plan_id": "0000000000000007", "from": from, "total": 4_000_000_000_u32, "layers": "" });
-    let record = RunRecord::read(&log(&[amending(most), amending(0), amending(0), told(0), told(1)]), "run").unwrap();
+    let record = RecordedRun::read(&log(&[amending(most), amending(0), amending(0), told(0), told(1)]), "run").unwrap();
     assert_eq!((record.layers.len(), record.commanded().count()), (0, 2));
 }
 
@@ -346,7 +350,7 @@ fn a_crash_of_the_firmware_is_written_with_its_registers_and_changes_nothing_els
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("run.jsonl");
     fs::write(&path, log(&[])).unwrap();
-    let before = RunRecord::open(&path).unwrap();
+    let before = RecordedRun::open(&path).unwrap();
     let mut log = RunLog::resume(&path, &before, "sim").unwrap();
     let mut words = [0x1001; growbot_core::link::crash::CRASH_WORDS];
     words[..9].copy_from_slice(&[3 << 16 | 3, 7, 0xfeed_beef, 0x1000_0800, 0xFFFF_FFF9, 1 << 16, 1 << 30, 1, 2]);
@@ -359,13 +363,13 @@ fn a_crash_of_the_firmware_is_written_with_its_registers_and_changes_nothing_els
     );
     assert_eq!((&line["pc"], &line["cfsr"]), (&"00001001".into(), &"00010000".into()));
     assert_eq!((&line["reasons"][0], &line["image_crc"]), (&"UNDEFINSTR".into(), &"feedbeef".into()));
-    let after = RunRecord::open(&path).unwrap();
+    let after = RecordedRun::open(&path).unwrap();
     assert_eq!((after.as_built, after.layers, after.result), (before.as_built, before.layers, before.result));
 }
 
 #[test]
 fn every_event_is_read_back_as_it_was_written() {
-    let header = RunRecord::read(&log(&[]), "run").unwrap();
+    let header = RecordedRun::read(&log(&[]), "run").unwrap();
     let mut tip = header.start_frame();
     let words = [0x1001; growbot_core::link::crash::CRASH_WORDS];
     let measured = LayerReadings { filament_pulses: Some(7), gravity_milli_g: None };
@@ -376,17 +380,17 @@ fn every_event_is_read_back_as_it_was_written() {
         laid(0),
         JobEvent::Laid { index: 1, as_built: None, measured: Some(measured) },
         JobEvent::Simulated { from: 0, layers: vec![Layer { alpha: 1.0, height: 0.7, tilt: 0.004 }; 2] },
-        JobEvent::Counting(Count { boot_id: 1, laid: 2, filament_pulses: None }),
-        JobEvent::Amending(amendment),
-        JobEvent::NotAmended(None),
-        JobEvent::NotAmended(Some("no room".to_owned())),
-        JobEvent::HandingOver { from: 3, layers: vec![[6; 12]] },
-        JobEvent::Ordered(crate::growth::Order::EmergencyStop),
-        JobEvent::NotObeyed("not now".to_owned()),
-        JobEvent::Silent,
-        JobEvent::Back,
+        JobEvent::EncoderReference(EncoderReference { boot_id: 1, laid: 2, filament_pulses: None }),
+        JobEvent::Amendment(amendment),
+        JobEvent::AmendmentRejected(None),
+        JobEvent::AmendmentRejected(Some("no room".to_owned())),
+        JobEvent::LayersSent { from: 3, layers: vec![[6; 12]] },
+        JobEvent::Command(crate::growth::Command::EmergencyStop),
+        JobEvent::CommandFailed("not now".to_owned()),
+        JobEvent::NoResponse,
+        JobEvent::Reconnected,
     ];
-    let written: Vec<RunEvent> = happened.iter().flat_map(|event| events_of(event, &mut tip)).collect();
+    let written: Vec<RunEvent> = happened.iter().flat_map(|event| to_run_events(event, &mut tip)).collect();
     let end = RunEvent::End { result: Box::new(done()) };
     let written: Vec<RunEvent> = written.into_iter().chain([end]).collect();
     let line = |event: &RunEvent| json_line(&RunLine { event: event.clone(), utc: Some(utc_now()) });

@@ -8,10 +8,10 @@ mod columns;
 use std::io::Read;
 
 use csv::{ByteRecord, Reader, ReaderBuilder};
-use growbot_client::plan::{Goal, Plan, Search, planner_name};
+use growbot_client::plan::{Goal, Plan, PlanOptions, planner_name};
 use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::{parse_number, pose_of_numbers};
-use growbot_client::printable;
+use growbot_client::sanitize;
 use growbot_core::compact_number::CompactNumber;
 use growbot_core::plan::{PlanError, Planner};
 use growbot_core::pose::{Pose, PoseError, Position};
@@ -110,7 +110,7 @@ pub struct TooLong {
 /// # Errors
 /// [`TooLong`] if it is longer.
 pub fn short_enough(plan: Plan, length_max: Option<f64>) -> Result<Plan, TooLong> {
-    let found = plan.needs.length;
+    let found = plan.requirements.length;
     match length_max.filter(|max| found > *max) {
         Some(max) => Err(TooLong { found, max }),
         None => Ok(plan),
@@ -142,7 +142,7 @@ impl Answer {
                 fields.push(planner_name(plan.planner).to_owned());
                 fields.push(shortest(plan.radius));
                 fields.push(plan.path_type());
-                let needs = &plan.needs;
+                let needs = &plan.requirements;
                 fields.extend([shortest(needs.length), needs.layers.to_string()]);
                 fields.extend([needs.duration, needs.filament].map(shortest));
                 let codes: Vec<&str> = plan.warnings.iter().map(|warning| warning.code.as_str()).collect();
@@ -172,7 +172,7 @@ impl Answer {
             Ok(plan) => PlanFile { id: Some(self.id.clone()), ..PlanFile::with_robot(plan, robot) }.to_line(),
             Err(error) => {
                 let failed = Failed { id: &self.id, error: error.to_string() };
-                printable::json_line(&failed)
+                sanitize::json_line(&failed)
             }
         }
     }
@@ -184,7 +184,7 @@ pub struct Defaults {
     /// Start pose of the tip.
     pub start: Pose,
     /// Parameters of the path search.
-    pub search: Search,
+    pub search: PlanOptions,
     /// Maximum length of the body, mm. `None` for any length.
     pub length_max: Option<f64>,
 }
@@ -240,7 +240,7 @@ impl<R: Read> Batch<R> {
             }
         }
         let (start, goal) = (self.start()?, self.goal()?);
-        let Search { radius, planner, .. } = self.defaults.search;
+        let PlanOptions { radius, planner, .. } = self.defaults.search;
         let radius = match self.columns.radius {
             Some(column) if !self.text(column).is_empty() => self.number(column)?,
             _ => radius,
@@ -249,8 +249,8 @@ impl<R: Read> Batch<R> {
             Some(column) if !self.text(column).is_empty() => planner_of_name(self.text(column))?,
             _ => planner,
         };
-        let search = Search { radius, planner, ..self.defaults.search };
-        Ok(short_enough(Plan::through(robot, &start, &[], &goal, &search)?, self.defaults.length_max)?)
+        let search = PlanOptions { radius, planner, ..self.defaults.search };
+        Ok(short_enough(Plan::through_waypoints(robot, &start, &[], &goal, &search)?, self.defaults.length_max)?)
     }
 
     fn start(&self) -> Result<Pose, QueryError> {
@@ -320,7 +320,7 @@ mod tests {
                           to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg";
 
     fn defaults() -> Defaults {
-        let search = Search { radius: 100.0, planner: Planner::TwoPlane, clear_of_self: false };
+        let search = PlanOptions { radius: 100.0, planner: Planner::TwoPlane, clear_of_self: false };
         Defaults { start: parse_pose("0,0,0,0,90").unwrap(), search, length_max: None }
     }
 
@@ -410,7 +410,7 @@ mod tests {
             (field(0, "id"), field(0, "to_y_mm"), field(0, "to_z_mm")),
             ("a, b".into(), "1e-14".into(), "400.1".into())
         );
-        assert_eq!(field(0, "length_mm").parse::<f64>().unwrap(), plan.needs.length);
+        assert_eq!(field(0, "length_mm").parse::<f64>().unwrap(), plan.requirements.length);
         assert_eq!((field(0, "direction_free"), field(0, "error")), ("true".into(), String::new()));
         assert_eq!((field(1, "length_mm"), field(1, "id")), (String::new(), "c".into()));
         assert!(field(1, "error").contains("to_z_mm is"));

@@ -28,7 +28,7 @@ pub fn run(args: &CancelArgs) -> Result<(), Failure> {
     }
     let robot = args.robot.load()?;
     let mut client = port.client(&robot)?;
-    let hello = client.hello()?;
+    let hello = client.open_session()?;
     let plan_id = hello.status.plan_id;
     if plan_id == 0 {
         return Ok(print(&format!("the {}board stores no body\n", port.kind()))?);

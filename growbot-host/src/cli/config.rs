@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use clap::Args;
-use growbot_client::printable::json_line;
+use growbot_client::sanitize::json_line;
 use growbot_host::output::print;
 use growbot_host::settings::{FILE, Key, Origin, Setting, nearest, user_file};
 use serde_json::{Map, Value, json};

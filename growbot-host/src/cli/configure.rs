@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use growbot_client::client::ClientError;
 use growbot_client::port::PortError;
-use growbot_client::printable::json_line;
 use growbot_client::robot_file;
+use growbot_client::sanitize::json_line;
 use growbot_core::link::message::BoardInfo;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
@@ -51,7 +51,7 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
     let _lent = borrow_line(&port, "growbot configure")?;
     // A simulated robot that starts with this command has a board with a description, like a board that was flashed.
     let mut client = port.client(&robot_file::load(robot_file::DEFAULT.as_ref())?)?;
-    let before = client.hello()?;
+    let before = client.open_session()?;
     let now = match client.configure(&robot) {
         Err(ClientError::Port(PortError::Lost(..))) => {
             drop(client);
@@ -94,7 +94,7 @@ fn after_restart(port: &ChosenPort, robot: &Robot) -> Result<BoardInfo, Failure>
     let began = Instant::now();
     while began.elapsed() < RESTART {
         sleep(LOOK);
-        let hello = port.client(robot).ok().and_then(|mut client| client.hello().ok());
+        let hello = port.client(robot).ok().and_then(|mut client| client.open_session().ok());
         if let Some(hello) = hello.filter(|hello| hello.robot_hash == robot.hash()) {
             return Ok(hello);
         }

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use growbot_client::files::{FileError, replace_file};
+use growbot_client::atomic_file::{FileError, write_atomic};
 use growbot_host::output::is_standard_output;
 
 use super::Failure;
@@ -35,7 +35,7 @@ pub fn make(directory: &Path) -> Result<(), Failure> {
 pub fn fill<'a>(directory: &Path, files: impl IntoIterator<Item = (&'a str, &'a [u8])>) -> Result<(), Failure> {
     let mut count = 0;
     for (name, contents) in files {
-        replace_file(&directory.join(name), contents)?;
+        write_atomic(&directory.join(name), contents)?;
         count += 1;
     }
     growbot_host::note!("{count} files written to {}", directory.display());

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
 
-use growbot_client::files::replace_file;
+use growbot_client::atomic_file::write_atomic;
 use growbot_host::note;
 use growbot_sim::uf2;
 
@@ -39,7 +39,7 @@ pub fn write(image: &Path, file: Option<&Path>, drive: Option<&Path>, way: &str)
             .map_err(|reason| failed(format!("{reason}; give the image that cargo build-pico makes, or a UF2 file")))?
     };
     if let Some(file) = file {
-        replace_file(file, &uf2)?;
+        write_atomic(file, &uf2)?;
         note!("written {}: {way}, and copy it to the drive {DRIVE}", file.display());
         return Ok(());
     }

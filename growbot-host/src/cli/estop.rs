@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use clap::Args;
 use growbot_client::client::{Client, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
-use growbot_client::port::real_time;
+use growbot_client::port::time_since_boot;
 use growbot_host::output::print;
 use growbot_sim::port::{self, OpenError, PortName};
 
@@ -75,8 +75,8 @@ fn stop(port: &ChosenPort, robot: &RobotArg) -> Result<(), String> {
         };
         return Err(tried(&why, attempts, client.port().now().saturating_sub(began)));
     }
-    let began = real_time();
-    let elapsed = || real_time().saturating_sub(began);
+    let began = time_since_boot();
+    let elapsed = || time_since_boot().saturating_sub(began);
     let left = || EMERGENCY_LIMIT.saturating_sub(elapsed());
     let mut why: Option<OpenError> = None;
     loop {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use growbot_client::files::{format_of, replace_file};
+use growbot_client::atomic_file::{format_from_extension, write_atomic};
 use growbot_client::run_log::BodyKind;
 use growbot_host::output::{is_standard_output, print_bytes, refuse_terminal};
 use growbot_pictures::export::body::Body;
@@ -150,7 +150,7 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
         }
         return Ok(print_bytes(&bytes)?);
     };
-    replace_file(path, &bytes)?;
+    write_atomic(path, &bytes)?;
     let kind = simulated.map_or_else(String::new, |kind| format!(", {kind},"));
     growbot_host::note!("body{kind} written to {}, {} bytes", path.display(), bytes.len());
     Ok(())
@@ -166,7 +166,7 @@ impl ExportArgs {
     fn format(&self) -> Result<Format, Failure> {
         let asked = self.format.map(|format| [format.ending()]);
         let formats: &[&str] = asked.as_ref().map_or(&Format::ENDINGS, |format| format);
-        let ending = self.output.as_deref().map(|output| format_of(output, formats)).transpose()?.flatten();
+        let ending = self.output.as_deref().map(|output| format_from_extension(output, formats)).transpose()?.flatten();
         self.format.or_else(|| Format::from_str(ending?, true).ok()).ok_or_else(|| {
             Failure::bad_input(
                 "which format? Name a file that ends in .stl, .glb, .csv, .tum or .mcap with -o, or say --format",
@@ -230,7 +230,7 @@ impl ExportArgs {
                 None => Err(Failure::bad_input(format!(
                     "{} is a plan, and MCAP is a recording of a growth: give a run log, as `growbot grow --log` \
                      writes it",
-                    growbot_client::input::name_of(&self.body)
+                    growbot_client::input::display_name(&self.body)
                 ))),
             },
         }

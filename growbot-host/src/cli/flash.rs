@@ -198,7 +198,7 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
 /// Returns images that may have been built last in this source tree.
 pub fn built_images() -> Vec<PathBuf> {
     let target = target_in(&source_tree().unwrap_or_else(|| ".".into()));
-    [IMAGE, growbot_sim::port::emulator::FIRMWARE].map(|image| target.join(image)).into()
+    [IMAGE, growbot_sim::port::emulator::FIRMWARE_PATH].map(|image| target.join(image)).into()
 }
 
 /// Returns cargo's target directory if cargo runs in this directory.

@@ -3,13 +3,13 @@
 use std::fmt::Display;
 
 use clap::ValueEnum;
+use growbot_client::clearance_guard::Detour;
 use growbot_client::client::ClockDrift;
 use growbot_client::forecast::Forecast;
-use growbot_client::growth::{Grown, GrowthError, JobEvent, Order, Outcome, WhenParked};
-use growbot_client::keep_clear::Detour;
+use growbot_client::growth::{Command, GrowthError, GrowthReport, JobEvent, OnParked, Outcome};
 use growbot_client::plan::Plan;
-use growbot_client::printable::json_line;
-use growbot_client::run_log::{GrowthResult, ResultOutcome, RunLog, RunLogError};
+use growbot_client::run_log::{GrowthResult, OutcomeKind, RunLog, RunLogError};
+use growbot_client::sanitize::json_line;
 use growbot_core::link::message::{HostSilencePolicy, PauseCause, State};
 use growbot_core::robot::Robot;
 use growbot_host::finish_time::clock_text_here;
@@ -85,22 +85,22 @@ pub struct Following<'a> {
 
 impl Following<'_> {
     /// Returns the effect of a parked board: the growth waits if the user can let it continue, or else it ends.
-    pub fn when_parked(&self) -> WhenParked {
-        if self.keyboard.is_there() || self.page_controls { WhenParked::Waits } else { WhenParked::Ends }
+    pub fn when_parked(&self) -> OnParked {
+        if self.keyboard.is_there() || self.page_controls { OnParked::Wait } else { OnParked::End }
     }
 
     /// Shows a growth while it runs, and prints its result.
     pub fn follow(
         mut self,
-        grow: impl FnOnce(&mut dyn FnMut(&JobEvent)) -> Result<Grown, GrowthError>,
+        grow: impl FnOnce(&mut dyn FnMut(&JobEvent)) -> Result<GrowthReport, GrowthError>,
     ) -> Result<(), Failure> {
         let period_s = self.robot.description().layer.period_s;
         let forecast = self.pace.map(|pace| Forecast { period_s, pace });
-        self.log.tell_finish(forecast);
+        self.log.set_forecast(forecast);
         if let Some(watch) = &self.watch {
             watch.runs_at(self.pace);
         }
-        let mut show = Show::new(self.plan.needs.layers, self.laid as u64, forecast);
+        let mut show = Show::new(self.plan.requirements.layers, self.laid as u64, forecast);
         let mut logging = Logging::default();
         let grown = grow(&mut |event| {
             show.ingest(event);
@@ -114,13 +114,13 @@ impl Following<'_> {
                 watch.ingest(event);
             }
             let written = self.log.record(event);
-            logging.update(written, self.log.missing(), self.watch.as_ref(), |words| show.warn(words));
+            logging.update(written, self.log.missing_lines(), self.watch.as_ref(), |words| show.warn(words));
         });
         show.end();
         match grown {
             Ok(grown) => self.result(&grown, show.emergency),
-            Err(GrowthError::During(error)) => {
-                let mut result = self.nothing_grown(ResultOutcome::Lost, &error);
+            Err(GrowthError::Interrupted(error)) => {
+                let mut result = self.nothing_grown(OutcomeKind::Lost, &error);
                 let logged = self.end(&mut result);
                 // The loss of the robot is printed even if the result cannot be.
                 if self.print == Print::Json
@@ -131,11 +131,11 @@ impl Following<'_> {
                 if let Err(failure) = logged {
                     failure.say();
                 }
-                Err(failed(GrowthError::During(error), self.simulated))
+                Err(failed(GrowthError::Interrupted(error), self.simulated))
             }
             Err(error) => {
                 std::mem::take(&mut self.log).discard();
-                let result = self.nothing_grown(ResultOutcome::Refused, &error);
+                let result = self.nothing_grown(OutcomeKind::Refused, &error);
                 if self.print == Print::Json && error.is_refusal() {
                     refuse(&result);
                 }
@@ -143,7 +143,7 @@ impl Following<'_> {
                     watch.end(result);
                 }
                 Err(match error {
-                    GrowthError::Before(error) => error.into(),
+                    GrowthError::NotStarted(error) => error.into(),
                     error => failed(error, self.simulated),
                 })
             }
@@ -151,7 +151,7 @@ impl Following<'_> {
     }
 
     /// Returns the result of a growth that has not started, or whose outcome is not known.
-    fn nothing_grown(&self, outcome: ResultOutcome, error: &dyn Display) -> GrowthResult {
+    fn nothing_grown(&self, outcome: OutcomeKind, error: &dyn Display) -> GrowthResult {
         let nothing = GrowthResult::nothing_grown(outcome, self.plan, self.seed, self.simulated);
         GrowthResult { error: Some(error.to_string()), ..nothing }
     }
@@ -160,7 +160,7 @@ impl Following<'_> {
     /// lines.
     fn end(&mut self, result: &mut GrowthResult) -> Result<(), Failure> {
         let written = self.log.end(result);
-        let missing = self.log.missing();
+        let missing = self.log.missing_lines();
         result.log_lines_missing = (missing > 0).then_some(missing);
         if let Some(watch) = self.watch.take() {
             watch.end(result.clone());
@@ -174,7 +174,7 @@ impl Following<'_> {
         }
     }
 
-    fn result(mut self, grown: &Grown, emergency: bool) -> Result<(), Failure> {
+    fn result(mut self, grown: &GrowthReport, emergency: bool) -> Result<(), Failure> {
         let mut result = GrowthResult::new(grown, self.plan, self.seed, self.simulated);
         let logged = self.end(&mut result);
         let printed = match self.print {
@@ -208,7 +208,7 @@ fn all_off(simulated: bool) -> &'static str {
 /// Returns the failure for a growth without an outcome that could be measured.
 pub fn failed(error: GrowthError, simulated: bool) -> Failure {
     match error {
-        GrowthError::During(error) if simulated => {
+        GrowthError::Interrupted(error) if simulated => {
             Failure::answered_no(format_args!("{error}; the robot is a simulated one"))
         }
         error => Failure::answered_no(error),
@@ -334,25 +334,28 @@ impl Show {
                 self.state = status.state.name();
                 self.emergency |= status.state == State::EmergencyStop;
             }
-            JobEvent::Amending(amendment) => {
+            JobEvent::Amendment(amendment) => {
                 self.layers_before = std::mem::replace(&mut self.layers, amendment.total as usize);
             }
             JobEvent::Crash(_) => self.progress.warn("the board's firmware crashed: `growbot status` says where"),
-            JobEvent::Board(_) | JobEvent::Counting(_) | JobEvent::HandingOver { .. } | JobEvent::Simulated { .. } => {}
-            JobEvent::Ordered(order) => {
-                self.emergency |= *order == Order::EmergencyStop;
+            JobEvent::Board(_)
+            | JobEvent::EncoderReference(_)
+            | JobEvent::LayersSent { .. }
+            | JobEvent::Simulated { .. } => {}
+            JobEvent::Command(order) => {
+                self.emergency |= *order == Command::EmergencyStop;
                 self.progress.say(&format!("ordered: {}", order.name()));
             }
             JobEvent::Detour(Detour { from, clearance_mm, instead_of, .. }) => self.progress.warn(&format!(
                 "{instead_of}: from layer {from} on the body takes another path, {clearance_mm:.2} mm clear"
             )),
-            JobEvent::TooNear(too_near) => self.progress.warn(&format!(
+            JobEvent::ClearanceViolation(too_near) => self.progress.warn(&format!(
                 "{too_near}; the robot pauses: take the obstacle away, or stop and plan another body from where it is"
             )),
-            JobEvent::NotObeyed(why) => self.progress.warn(why),
-            JobEvent::Silent => self.progress.warn("the board does not answer: calling it again"),
-            JobEvent::Back => self.progress.say("the board answers again"),
-            JobEvent::NotAmended(why) => {
+            JobEvent::CommandFailed(why) => self.progress.warn(why),
+            JobEvent::NoResponse => self.progress.warn("the board does not answer: calling it again"),
+            JobEvent::Reconnected => self.progress.say("the board answers again"),
+            JobEvent::AmendmentRejected(why) => {
                 self.layers = self.layers_before;
                 if let Some(why) = why.as_ref().filter(|why| self.not_amended.as_ref() != Some(why)) {
                     self.progress.warn(&format!("{why}; it continues with the layers that it has"));
@@ -398,8 +401,8 @@ mod tests {
     fn a_clock_that_is_wrong_has_its_own_outcome_with_drift_and_limit() {
         let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
         let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
-        let plan = Plan::make(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
-        let grown = |outcome| Grown {
+        let plan = Plan::new(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
+        let grown = |outcome| GrowthReport {
             outcome,
             plan_id: 1,
             body: Vec::new(),
@@ -409,7 +412,7 @@ mod tests {
             as_built: Vec::new(),
             interrupted: None,
             measured_by: MeasuredBy::Steps,
-            fed_back: None,
+            feedback: None,
         };
         let json = |outcome| serde_json::to_value(GrowthResult::new(&grown(outcome), &plan, None, false)).unwrap();
         let drifted = json(Outcome::ClockDrift(DRIFT));
@@ -438,7 +441,8 @@ mod tests {
             assert!(said(true).contains("simulated") && !said(true).contains("power"), "{}", said(true));
             assert!(!said(false).contains("simulated"), "{}", said(false));
         }
-        let silent = || GrowthError::During(ClientError::NotStopped { port: "sim (simulated)".to_owned() });
+        let silent =
+            || GrowthError::Interrupted(ClientError::StopNotAcknowledged { port: "sim (simulated)".to_owned() });
         assert!(failed(silent(), true).message().ends_with("the robot is a simulated one"));
         assert!(failed(silent(), false).message().contains("cut its power"));
     }

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use growbot_client::input::name_of;
+use growbot_client::input::display_name;
 use growbot_client::plan::Plan;
-use growbot_client::plan_file::{self, Opened};
+use growbot_client::plan_file::{self, LoadedPlan};
 use growbot_client::pose_text::{TypedGoal, parse_goal};
-use growbot_client::through_scene::{self, UnclearError};
+use growbot_client::scene_planning::{self, SceneCheckError};
 use growbot_core::robot::Robot;
 use growbot_scene::scene_file::{self, LoadedScene};
 
@@ -70,16 +70,16 @@ impl GoalArgs {
     pub fn open(&self, json: bool) -> Result<ToGrow, Failure> {
         let given = self.scene.scene.as_deref();
         if let Some(path) = &self.plan {
-            let Opened { robot, mut plan, scene } = plan_file::open_in_scene(path, self.robot.as_deref(), given)?;
+            let LoadedPlan { robot, mut plan, scene } = plan_file::open_in_scene(path, self.robot.as_deref(), given)?;
             if self.robot.is_none() {
-                growbot_host::detail!("robot {}, from: {}", robot.name(), name_of(path));
+                growbot_host::detail!("robot {}, from: {}", robot.name(), display_name(path));
             }
             let (Some(file), None) = (given, &scene) else {
                 return Ok(ToGrow { robot, plan, scene, unclear: None });
             };
             // The plan does not refer to the scene.
             let loaded = scene_file::load(file)?;
-            let unclear = match through_scene::clear_in(&plan, &robot, &file.display().to_string(), &loaded) {
+            let unclear = match scene_planning::check_clearance(&plan, &robot, &file.display().to_string(), &loaded) {
                 Ok(clearance) => {
                     plan.scene = Some(clearance);
                     None
@@ -112,5 +112,5 @@ pub struct ToGrow {
     /// Scene in which the body grows.
     pub scene: Option<LoadedScene>,
     /// Reason why the plan is not clear of the scene.
-    pub unclear: Option<UnclearError>,
+    pub unclear: Option<SceneCheckError>,
 }

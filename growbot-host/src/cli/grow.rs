@@ -3,21 +3,21 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser};
-use growbot_client::feedback::{ASSUMED, Feedback, can_measure};
-use growbot_client::growth::{Job, Manner, grow_job};
-use growbot_client::keep_clear::Surroundings;
+use growbot_client::clearance_guard::SceneContext;
+use growbot_client::feedback::{DEFAULT_SENSOR_NOISE, Feedback, can_measure};
+use growbot_client::growth::{GrowthOptions, Job, grow_job};
 use growbot_client::plan::Plan;
 use growbot_client::robot_file;
-use growbot_client::run_log::{GrowthResult, Origin, ResultOutcome, RunLog, RunLogError};
-use growbot_client::warning::PREVENTING;
+use growbot_client::run_log::{GrowthResult, Origin, OutcomeKind, RunLog, RunLogError};
+use growbot_client::warning::BLOCKING;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
 use growbot_core::tracking::SensorNoise;
 use growbot_host::output::is_standard_output;
 use growbot_pictures::duration::duration_text;
 use growbot_pictures::view::{SceneFile, Subject};
+use growbot_sim::ground_truth::grow_with_ground_truth;
 use growbot_sim::port::{PortName, TipSettings};
-use growbot_sim::truth::compare;
 
 use super::disturbance::DisturbanceArgs;
 use super::following::{Following, OnSilence, Print, refuse};
@@ -114,14 +114,13 @@ pub fn run_main_job() -> Result<(), Failure> {
 pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let (port, print) = (args.port.choose()?, args.print()?);
     let ToGrow { robot, plan, scene, unclear } = args.goal.open(args.json)?;
-    let preventing: Vec<_> =
-        plan.warnings.iter().filter(|warning| PREVENTING.contains(&warning.code.as_str())).collect();
+    let preventing: Vec<_> = plan.warnings.iter().filter(|warning| BLOCKING.contains(&warning.code.as_str())).collect();
     for warning in &plan.warnings {
         growbot_host::warning!("{}: {}", warning.code, warning.message);
     }
     let refused = |why: String| {
         if args.json {
-            let nothing = GrowthResult::nothing_grown(ResultOutcome::Refused, &plan, None, port.is_simulated());
+            let nothing = GrowthResult::nothing_grown(OutcomeKind::Refused, &plan, None, port.is_simulated());
             refuse(&GrowthResult { error: Some(why.clone()), ..nothing });
         }
         Failure::answered_no(why)
@@ -143,21 +142,25 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     }
     let pace = args.watching.pace(port.name())?;
     if matches!(port.name(), PortName::Emulator(_)) {
-        let time = duration_text(plan.needs.duration);
+        let time = duration_text(plan.requirements.duration);
         growbot_host::note!("the emulated board runs in real time: the layers alone take {time}");
     }
     let job = Job::of_plan(&robot, &plan);
     let disturbance = &args.disturbance;
-    let assumed = if port.is_simulated() { disturbance.sensor_noise() } else { disturbance.sensor_noise_or(ASSUMED) };
+    let assumed = if port.is_simulated() {
+        disturbance.sensor_noise()
+    } else {
+        disturbance.sensor_noise_or(DEFAULT_SENSOR_NOISE)
+    };
     let noise = args.feedback.then_some(assumed);
     // With --force the body is not kept clear of the scene.
     let around = scene.as_ref().filter(|_| !args.force);
-    let around = around.map(|scene| Surroundings::new(&robot, scene, plan.radius));
+    let around = around.map(|scene| SceneContext::new(&robot, scene, plan.radius));
     let feedback = noise.map(|noise| {
         let feedback = Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise);
-        around.iter().fold(feedback, Feedback::among)
+        around.iter().fold(feedback, Feedback::with_scene)
     });
-    if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::can_begin) {
+    if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
         return Err(refused(format!(
             "{too_near}: give a larger margin_mm or another --radius to `growbot plan --scene`, a better sensor, or grow \
              it all the same with --force"
@@ -194,9 +197,11 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         keyboard: Keyboard::of_terminal(&orders),
         page_controls: args.watching.controls(),
     };
-    let manner = Manner { silence: args.on_silence.into(), feedback, parked: following.when_parked() };
+    let manner = GrowthOptions { silence: args.on_silence.into(), feedback, parked: following.when_parked() };
     following.follow(|on_event| {
-        compare(simulation.as_mut(), &job, on_event, |on_event| grow_job(&mut client, &job, manner, &orders, on_event))
+        grow_with_ground_truth(simulation.as_mut(), &job, on_event, |on_event| {
+            grow_job(&mut client, &job, manner, &orders, on_event)
+        })
     })
 }
 
@@ -247,13 +252,13 @@ impl GrowArgs {
         origin: Origin,
     ) -> Result<RunLog, RunLogError> {
         match &self.log {
-            None => Ok(RunLog::none()),
+            None => Ok(RunLog::disabled()),
             Some(Some(path)) if is_standard_output(path) => RunLog::to_standard_output(plan, job, noise, origin),
             Some(Some(path)) if self.force => RunLog::replace(path, plan, job, noise, origin),
-            Some(Some(path)) => RunLog::begin(path, plan, job, noise, origin),
+            Some(Some(path)) => RunLog::create(path, plan, job, noise, origin),
             Some(None) => {
                 let path = RunLog::free_name();
-                let log = RunLog::begin(&path, plan, job, noise, origin)?;
+                let log = RunLog::create(&path, plan, job, noise, origin)?;
                 growbot_host::note!("run log in {}", path.display());
                 Ok(log)
             }

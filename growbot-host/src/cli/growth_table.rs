@@ -1,8 +1,8 @@
 //! The table at the end of a growth.
 
-use growbot_client::arrival::{Arrival, PoseError};
-use growbot_client::feedback::FedBack;
-use growbot_client::growth::{Grown, MeasuredBy};
+use growbot_client::arrival::{Arrival, PoseDifference};
+use growbot_client::feedback::FeedbackReport;
+use growbot_client::growth::{GrowthReport, MeasuredBy};
 use growbot_client::plan::Plan;
 use growbot_core::angle::degrees;
 use growbot_core::layer::SECTORS;
@@ -15,10 +15,10 @@ use growbot_pictures::figures::fixed;
 use super::kind;
 
 /// Returns the table: target and final pose, the error between them and, with feedback, the estimate.
-pub fn table(plan: &Plan, robot: &Robot, grown: &Grown, seed: Option<u64>, simulated: bool) -> String {
+pub fn table(plan: &Plan, robot: &Robot, grown: &GrowthReport, seed: Option<u64>, simulated: bool) -> String {
     let length = grown.length_mm();
     let mut table = arrived(&plan.goal, &grown.arrival);
-    table += &format!("body      {} layers of {}, {length:.1} mm\n", grown.body.len(), plan.needs.layers);
+    table += &format!("body      {} layers of {}, {length:.1} mm\n", grown.body.len(), plan.requirements.layers);
     table += &format!(
         "growth    {} on {}{}, {:.2} m of filament\n",
         duration_text(grown.duration_s),
@@ -29,13 +29,13 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &Grown, seed: Option<u64>, simul
     if let Some(seed) = seed {
         table += &format!("seed      {seed}\n");
     }
-    if let Some(fed_back) = &grown.fed_back {
+    if let Some(fed_back) = &grown.feedback {
         table += &feedback(plan, grown, fed_back);
     }
-    if grown.unknown() > 0 {
+    if grown.unknown_layers() > 0 {
         table += &format!(
             "caution   {} layers were interrupted and kept as they are: they are counted as planned\n",
-            grown.unknown()
+            grown.unknown_layers()
         );
     }
     if let Some(interrupted) = grown.interrupted {
@@ -67,11 +67,11 @@ pub fn row(name: &str, pose: &Pose) -> String {
 }
 
 /// Returns the rows about feedback: the number of amendments, and the accuracy of the estimate.
-fn feedback(plan: &Plan, grown: &Grown, fed_back: &FedBack) -> String {
+fn feedback(plan: &Plan, grown: &GrowthReport, fed_back: &FeedbackReport) -> String {
     let estimate = &fed_back.estimate;
     let arrived = match grown.measured_by {
         MeasuredBy::Tip => {
-            let PoseError { position_mm, direction_deg } = fed_back.arrival(plan).error_from(&grown.arrival);
+            let PoseDifference { position_mm, direction_deg } = fed_back.arrival(plan).difference_from(&grown.arrival);
             format!("estimate  {position_mm:.3} mm and {direction_deg:.3} deg from where the tip is\n")
         }
         MeasuredBy::Estimate | MeasuredBy::Steps => {

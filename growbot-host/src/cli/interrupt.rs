@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use growbot_client::client::{Client, ClientError};
-use growbot_client::growth::Orders;
+use growbot_client::growth::CommandQueue;
 use growbot_client::port::Port;
 
 use super::ChosenPort;
@@ -11,10 +11,10 @@ use super::ChosenPort;
 /// Requests a stop at Ctrl-C, at SIGTERM and when the terminal goes away. A second signal gives the emergency stop and
 /// ends the program, because users expect that of a program that seems to hang. The emergency stop has its own link, so
 /// that it does not wait for the rest of the program.
-pub fn stop_on_interrupt(client: &mut Client, port: &ChosenPort) -> Arc<Orders> {
-    let orders = Arc::new(Orders::default());
+pub fn stop_on_interrupt(client: &mut Client, port: &ChosenPort) -> Arc<CommandQueue> {
+    let orders = Arc::new(CommandQueue::default());
     let given = Arc::clone(&orders);
-    let (mut line, name, ends_with_us) = (client.emergency_line(), port.text().to_string(), port.ends_with_program());
+    let (mut line, name, ends_with_us) = (client.emergency_port(), port.text().to_string(), port.ends_with_program());
     let kind = port.kind();
     let installed = ctrlc::set_handler(move || {
         if given.interrupt() {
@@ -43,7 +43,7 @@ fn stop_at_once(line: Option<Box<dyn Port + Send>>, name: &str) {
             "emergency stop: heater and steppers are off, until it is cleared (`clear` in `growbot console`)"
         );
     } else {
-        let error = ClientError::NotStopped { port: name.to_string() };
+        let error = ClientError::StopNotAcknowledged { port: name.to_string() };
         growbot_host::error!("{error}");
     }
 }

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use growbot_client::growth::{Order, Orders};
+use growbot_client::growth::{Command, CommandQueue};
 use growbot_core::link::message::State;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::getpgrp;
@@ -24,7 +24,7 @@ pub struct Keyboard {
 
 impl Keyboard {
     /// Starts to read commands from the terminal, if this program has one.
-    pub fn of_terminal(orders: &Arc<Orders>) -> Self {
+    pub fn of_terminal(orders: &Arc<CommandQueue>) -> Self {
         if !(io::stdin().is_terminal() && io::stderr().is_terminal()) {
             return Self::default();
         }
@@ -49,7 +49,7 @@ impl Keyboard {
 }
 
 /// Reads lines while the robot waits.
-fn read(orders: &Orders, waits: &AtomicBool) {
+fn read(orders: &CommandQueue, waits: &AtomicBool) {
     loop {
         if !waits.load(Ordering::Relaxed) || !is_typed() {
             thread::sleep(LOOK);
@@ -59,7 +59,7 @@ fn read(orders: &Orders, waits: &AtomicBool) {
         match io::stdin().read_line(&mut line) {
             Ok(0) | Err(_) => return,
             Ok(_) => match order(&line) {
-                Ok(Some(order)) => orders.give(order),
+                Ok(Some(order)) => orders.push(order),
                 Ok(None) => {}
                 Err(why) => growbot_host::error!("{why}"),
             },
@@ -78,15 +78,15 @@ fn is_typed() -> bool {
 }
 
 /// Parses a line. `None` if it is empty.
-fn order(line: &str) -> Result<Option<Order>, String> {
+fn order(line: &str) -> Result<Option<Command>, String> {
     match line.trim() {
         "" => Ok(None),
-        "c" | "continue" => Ok(Some(Order::Continue)),
-        "stop" => Ok(Some(Order::Stop)),
-        "preheat" => Ok(Some(Order::Preheat)),
-        "unload" => Ok(Some(Order::Unload)),
-        "load" => Ok(Some(Order::Load)),
-        "purge" => Ok(Some(Order::Purge)),
+        "c" | "continue" => Ok(Some(Command::Continue)),
+        "stop" => Ok(Some(Command::Stop)),
+        "preheat" => Ok(Some(Command::Preheat)),
+        "unload" => Ok(Some(Command::Unload)),
+        "load" => Ok(Some(Command::Load)),
+        "purge" => Ok(Some(Command::Purge)),
         other => Err(format!(
             "{other:?} is no order: type `continue` or `stop`; or, to change filament, `preheat`, `unload`, `load`, \
              `purge`"
@@ -115,9 +115,9 @@ mod tests {
 
     #[test]
     fn words_are_orders_and_nothing_else_is() {
-        assert_eq!(order("continue\n"), Ok(Some(Order::Continue)));
-        assert_eq!(order(" c \n"), Ok(Some(Order::Continue)));
-        assert_eq!(order("stop\n"), Ok(Some(Order::Stop)));
+        assert_eq!(order("continue\n"), Ok(Some(Command::Continue)));
+        assert_eq!(order(" c \n"), Ok(Some(Command::Continue)));
+        assert_eq!(order("stop\n"), Ok(Some(Command::Stop)));
         assert_eq!(order("\n"), Ok(None));
         assert!(order("go\n").unwrap_err().contains("`continue`"));
     }

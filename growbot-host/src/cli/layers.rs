@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use growbot_client::files::format_of;
+use growbot_client::atomic_file::format_from_extension;
 use growbot_client::plan_file;
 use growbot_host::output::{OutputError, write_to};
 use growbot_pictures::layer_table::write_layers;
@@ -34,7 +34,7 @@ pub struct LayersArgs {
 
 /// Runs the command.
 pub fn run(args: &LayersArgs) -> Result<(), Failure> {
-    format_of(&args.output, &["csv"])?;
+    format_from_extension(&args.output, &["csv"])?;
     let (robot, plan) = plan_file::open(&args.plan, args.robot.as_deref())?;
     let mut table = Vec::new();
     write_layers(&mut table, &plan.path, &robot).map_err(OutputError::from)?;

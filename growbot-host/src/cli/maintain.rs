@@ -43,7 +43,7 @@ pub fn run(args: &MaintainArgs) -> Result<(), Failure> {
     }
     let (robot, presets) = (args.robot.load()?, args.robot.presets()?);
     let mut client = port.client(&robot)?;
-    client.hello_robot(&robot)?;
+    client.open_session_for(&robot)?;
     let done = maintain(&mut client, &robot, &presets, &args.task, &args.value)?;
     Ok(print(&format!("{}{done}", if port.is_simulated() { "simulated robot: " } else { "" }))?)
 }

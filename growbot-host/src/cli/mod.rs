@@ -59,24 +59,24 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
+use growbot_client::atomic_file::FileError;
 use growbot_client::client::{Client, ClientError};
-use growbot_client::files::FileError;
-use growbot_client::input::{InputError, name_of};
-use growbot_client::maintenance::Presets;
+use growbot_client::input::{InputError, display_name};
+use growbot_client::maintenance::MaterialPresets;
 use growbot_client::plan_file::PlanFileError;
 use growbot_client::port::PortError;
 use growbot_client::port::faulty::FaultSpec;
 use growbot_client::robot_file::{self, RobotFileError};
-use growbot_client::run_log::RunRecord;
+use growbot_client::run_log::RecordedRun;
 use growbot_core::robot::Robot;
 use growbot_host::batch::BatchError;
 use growbot_host::messages::{self, Kind};
 use growbot_host::output::OutputError;
 use growbot_host::settings::{FILE, Key, Origin, Setting, SettingsError};
 use growbot_host::switch::SwitchError;
-use growbot_sim::port::{self, OpenError, Opened, PortName, TipSettings};
-use growbot_sim::resident::{Place, ResidentError};
-use growbot_sim::truth::Simulation;
+use growbot_sim::ground_truth::SimulatedTip;
+use growbot_sim::port::{self, OpenError, OpenPort, PortName, TipSettings};
+use growbot_sim::sim_daemon::{SimDaemonError, StateDir};
 
 /// Plan, slice and grow: the control stack of robots that grow by printing their
 /// own body.
@@ -283,7 +283,7 @@ bad_input!(
     OpenError,
     PlanFileError,
     PortError,
-    ResidentError,
+    SimDaemonError,
     RobotFileError,
     SettingsError,
     SwitchError
@@ -292,7 +292,7 @@ bad_input!(
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
         match error {
-            ClientError::Refused { .. } | ClientError::NotStopped { .. } => Self::answered_no(error),
+            ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => Self::answered_no(error),
             error => Self::bad_input(error),
         }
     }
@@ -402,7 +402,7 @@ impl ChosenPort {
     /// robot. `None` if it is not known.
     fn pace(&self, asked: Option<f64>) -> Option<f64> {
         match self.name.resident() {
-            Some(name) => Place::of(name).ok()?.pace(),
+            Some(name) => StateDir::of(name).ok()?.pace(),
             None if self.name.is_virtual() => asked,
             None => Some(1.0),
         }
@@ -430,9 +430,9 @@ impl ChosenPort {
 
     /// Opens the port of this robot. The settings are those of a simulated tip.
     fn connect(&self, robot: &Robot, settings: &TipSettings) -> Result<Connection, Failure> {
-        let Opened { port, simulation } = port::open(&self.name, robot, settings)?;
+        let OpenPort { port, simulated_tip: simulation } = port::open(&self.name, robot, settings)?;
         let name = if self.is_simulated() { format!("{} (simulated)", self.text()) } else { self.text().to_owned() };
-        Ok(Connection { client: Client::new(port, &name).taking_over(self.take_over), simulation })
+        Ok(Connection { client: Client::new(port, &name).with_take_over(self.take_over), simulation })
     }
 
     /// Returns the port's name as it was given.
@@ -446,7 +446,7 @@ pub struct Connection {
     /// Client of the robot's board.
     client: Client,
     /// The simulated tip, with the body as it is really laid. `None` if the tip is not simulated.
-    simulation: Option<Box<dyn Simulation>>,
+    simulation: Option<Box<dyn SimulatedTip>>,
 }
 
 /// Returns the word that precedes "robot" or "board" in messages if the robot is simulated.
@@ -456,7 +456,7 @@ fn kind(is_simulated: bool) -> &'static str {
 
 /// Returns the robot of a run: the given one, or else the one that the log describes or names. A log refers to no other
 /// file.
-fn robot_of(record: &RunRecord, robot: Option<&Path>) -> Result<Robot, Failure> {
+fn robot_of(record: &RecordedRun, robot: Option<&Path>) -> Result<Robot, Failure> {
     match robot {
         Some(robot) => Ok(robot_file::load(robot)?),
         None => Ok(record.own_robot()?),
@@ -464,8 +464,8 @@ fn robot_of(record: &RunRecord, robot: Option<&Path>) -> Result<Robot, Failure> 
 }
 
 /// Warns about the parts of a run log that could not be read.
-fn say_damage(record: &RunRecord, file: &Path) {
-    if let Some(words) = record.damage.in_words(&name_of(file)) {
+fn say_damage(record: &RecordedRun, file: &Path) {
+    if let Some(words) = record.damage.message(&display_name(file)) {
         growbot_host::warning!("{words}");
     }
 }
@@ -497,7 +497,7 @@ impl RobotArg {
     }
 
     /// Reads the presets of materials.
-    fn presets(&self) -> Result<Presets, Failure> {
-        Ok(Presets::load(&self.name()?)?)
+    fn presets(&self) -> Result<MaterialPresets, Failure> {
+        Ok(MaterialPresets::load(&self.name()?)?)
     }
 }

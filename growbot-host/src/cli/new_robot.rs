@@ -4,7 +4,7 @@ use std::io::{self, BufRead, IsTerminal, Read};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_client::files::format_of;
+use growbot_client::atomic_file::format_from_extension;
 use growbot_client::input::is_standard_input;
 use growbot_client::robot_file;
 use growbot_host::messages::ask as ask_line;
@@ -45,7 +45,7 @@ pub struct NewRobotArgs {
 /// Runs the command.
 pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
     if let Some(output) = &args.output {
-        format_of(output, &["toml"])?;
+        format_from_extension(output, &["toml"])?;
         refuse_to_overwrite(output, args.force)?;
     }
     if is_standard_input(&args.base) {

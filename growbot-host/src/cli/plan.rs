@@ -5,12 +5,12 @@ use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_client::files::{Replacement, format_of};
+use growbot_client::atomic_file::{AtomicFile, format_from_extension};
 use growbot_client::input::{self, BoundedLines};
 use growbot_client::plan::Plan;
 use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::{TypedGoal, parse_goal};
-use growbot_client::through_scene::LENGTH_MAX;
+use growbot_client::scene_planning::MAX_LENGTH_MM;
 use growbot_core::robot::Robot;
 use growbot_host::batch::{ANSWERS, Batch, Defaults, short_enough};
 use growbot_host::finish_time::now_here;
@@ -94,7 +94,7 @@ The exit code is 1 if any failed.";
 /// Runs the command.
 pub fn run(args: &PlanArgs) -> Result<(), Failure> {
     if let (Some(output), None) = (&args.output, &args.batch) {
-        format_of(output, &["json"])?;
+        format_from_extension(output, &["json"])?;
     }
     let robot = args.robot.load()?;
     match (&args.batch, &args.to) {
@@ -117,10 +117,10 @@ fn plan(args: &PlanArgs, robot: &Robot, goal: &TypedGoal) -> Result<Plan, Failur
 /// Parses a length above 0, mm.
 fn length(text: &str) -> Result<f64, String> {
     let length = mm(text)?;
-    if length > 0.0 && length <= LENGTH_MAX {
+    if length > 0.0 && length <= MAX_LENGTH_MM {
         return Ok(length);
     }
-    Err(format!("it is {length} mm: give a length above 0 and of at most {LENGTH_MAX} mm"))
+    Err(format!("it is {length} mm: give a length above 0 and of at most {MAX_LENGTH_MM} mm"))
 }
 
 fn run_one(args: &PlanArgs, robot: &Robot, plan: &Plan) -> Result<(), Failure> {
@@ -147,17 +147,17 @@ enum Format {
 /// Destination of the answers to a batch.
 struct Answers {
     format: Format,
-    file: Option<Replacement>,
+    file: Option<AtomicFile>,
 }
 
 impl Answers {
     fn begin(args: &PlanArgs) -> Result<Self, Failure> {
         let to = args.output.as_deref().filter(|path| !is_standard_output(path));
         let formats: &[&str] = if args.json { &["json", "jsonl"] } else { &["csv", "json", "jsonl"] };
-        let ending = to.map(|path| format_of(path, formats)).transpose()?.flatten();
+        let ending = to.map(|path| format_from_extension(path, formats)).transpose()?.flatten();
         let as_json = args.json || matches!(ending, Some("json" | "jsonl"));
         let format = if as_json { Format::JsonLines } else { Format::Csv };
-        let file = to.map(Replacement::begin).transpose()?;
+        let file = to.map(AtomicFile::begin).transpose()?;
         let mut answers = Self { format, file };
         if format == Format::Csv {
             answers.write(ANSWERS)?;
@@ -192,9 +192,9 @@ fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot) -> Result<(), Failu
     let defaults = Defaults { start: args.search.start()?, search, length_max: args.length_max };
     // A radius that is invalid for every query is an error of the command, not of each query.
     let start = defaults.start;
-    Plan::through(robot, &start, &[], &start, &defaults.search)?;
+    Plan::through_waypoints(robot, &start, &[], &start, &defaults.search)?;
 
-    let name = input::name_of(queries);
+    let name = input::display_name(queries);
     let total = fs::metadata(queries).ok().filter(fs::Metadata::is_file).map(|file| file.len());
     let named = |error| Failure::bad_input(format!("{name}: {error}"));
     let mut batch = Batch::open(BoundedLines::of(input::open(queries)?), defaults).map_err(named)?;

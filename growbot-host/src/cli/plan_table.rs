@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use growbot_client::degrees::{shortest_degrees, shortest_heading};
-use growbot_client::plan::{Choice, Plan, SceneClearance, path_type, planner_name};
+use growbot_client::plan::{Plan, SceneClearance, SearchSummary, path_type, planner_name};
 use growbot_core::angle::degrees;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
@@ -51,7 +51,7 @@ pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
             }
         };
     }
-    let needs = &plan.needs;
+    let needs = &plan.requirements;
     text += "\n";
     let legs: Vec<_> = plan.by_leg().collect();
     for (index, (choice, path)) in legs.iter().enumerate() {
@@ -76,16 +76,17 @@ pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
 
 /// Returns the finish time of a growth whose first layer starts now. Empty if it is not known.
 fn done_at(plan: &Plan, now: Option<OffsetDateTime>) -> String {
-    let finish = now.and_then(|now| Some((now, now.checked_add(Duration::checked_seconds_f64(plan.needs.duration)?)?)));
+    let finish =
+        now.and_then(|now| Some((now, now.checked_add(Duration::checked_seconds_f64(plan.requirements.duration)?)?)));
     finish.map_or_else(String::new, |(now, finish)| format!(", from now until {}", clock_text(now, finish)))
 }
 
 /// Returns a text about the candidates from which a path of this length (mm) was chosen.
-fn chosen(plan: &Plan, choice: &Choice, length: f64) -> String {
+fn chosen(plan: &Plan, choice: &SearchSummary, length: f64) -> String {
     if plan.planner == Planner::TwoPlane {
         return planner_name(plan.planner).to_owned();
     }
-    let &Choice { candidates, passed_over, .. } = choice;
+    let &SearchSummary { candidates, rejected: passed_over, .. } = choice;
     let rank = match (candidates, passed_over) {
         (1, _) => "the only path found".to_owned(),
         (_, 0) => format!("the shortest of {candidates} paths"),

@@ -8,7 +8,7 @@ use growbot_core::robot::Robot;
 use growbot_host::output::print;
 use growbot_host::switch::{switch_on, wait_until_off};
 use growbot_sim::port::PortName;
-use growbot_sim::resident::{Line, Place, play};
+use growbot_sim::sim_daemon::{DaemonPort, StateDir, serve};
 
 use super::watching::times;
 use super::{Failure, ROBOT, RobotArg, RobotPortArg};
@@ -60,13 +60,13 @@ enum What {
 /// Runs the command.
 pub fn run(args: &PowerArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
-    let PortName::Resident(name) = port.name() else {
+    let PortName::SimDaemon(name) = port.name() else {
         return Err(Failure::bad_input(format!(
             "port {} has no switch that growbot knows: it is for simulated robots that stay on, sim:NAME",
             port.text()
         )));
     };
-    let place = Place::of(name)?;
+    let place = StateDir::of(name)?;
     let done = match args.what {
         What::On if args.foreground => return args.play(&place),
         What::On => {
@@ -74,12 +74,12 @@ pub fn run(args: &PowerArgs) -> Result<(), Failure> {
             format!("the simulated robot sim:{name} is on, {} times as fast as real time\n", args.pace)
         }
         What::Off => {
-            Line::open_beside(&place)?.power_off()?;
+            DaemonPort::open_shared(&place)?.power_off()?;
             wait_until_off(&place)?;
             format!("the simulated robot sim:{name} is off\n")
         }
         What::Reset => {
-            Line::open_beside(&place)?.reset()?;
+            DaemonPort::open_shared(&place)?.reset()?;
             format!("the board of the simulated robot sim:{name} was reset\n")
         }
         What::Status => {
@@ -92,7 +92,7 @@ pub fn run(args: &PowerArgs) -> Result<(), Failure> {
 
 impl PowerArgs {
     /// Returns the given robot, or the stored one, or else the configured one.
-    fn robot(&self, place: &Place) -> Result<Robot, Failure> {
+    fn robot(&self, place: &StateDir) -> Result<Robot, Failure> {
         match (&self.robot, place.robot()?) {
             (Some(robot), _) => Ok(robot_file::load(robot)?),
             (None, Some(robot)) => Ok(robot),
@@ -100,13 +100,13 @@ impl PowerArgs {
         }
     }
 
-    fn play(&self, place: &Place) -> Result<(), Failure> {
+    fn play(&self, place: &StateDir) -> Result<(), Failure> {
         let robot = self.robot(place)?;
-        Ok(play(place, &robot, self.pace, || growbot_host::note!("the simulated robot sim:{} is on", place.name()))?)
+        Ok(serve(place, &robot, self.pace, || growbot_host::note!("the simulated robot sim:{} is on", place.name()))?)
     }
 
     /// Starts a separate process that runs the robot, and waits until the robot is on.
-    fn switch_on(&self, place: &Place) -> Result<(), Failure> {
+    fn switch_on(&self, place: &StateDir) -> Result<(), Failure> {
         // Errors are reported by this process, whose messages the user reads.
         place.check(&self.robot(place)?)?;
         Ok(switch_on(place, self.robot.as_deref(), self.pace)?)

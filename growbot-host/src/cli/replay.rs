@@ -6,12 +6,12 @@ use clap::Args;
 use growbot_client::arrival::Arrival;
 use growbot_client::client::ClockDrift;
 use growbot_client::degrees::degrees_below_turn;
-use growbot_client::feedback::FedBack;
+use growbot_client::feedback::FeedbackReport;
 use growbot_client::growth::{Job, MeasuredBy, as_built_hash};
 use growbot_client::plan::Plan;
-use growbot_client::plan_file::written_hash;
-use growbot_client::printable::json_line;
-use growbot_client::run_log::{FeedbackResult, GrowthResult, RunRecord, WrittenArrival};
+use growbot_client::plan_file::format_hash;
+use growbot_client::run_log::{ArrivalJson, FeedbackResult, GrowthResult, RecordedRun};
+use growbot_client::sanitize::json_line;
 use growbot_core::angle::degrees;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::decode;
@@ -47,7 +47,7 @@ pub struct ReplayArgs {
 
 /// Runs the command.
 pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
-    let record = RunRecord::open(&args.run).map_err(Failure::bad_input)?;
+    let record = RecordedRun::open(&args.run).map_err(Failure::bad_input)?;
     say_damage(&record, &args.run);
     let replayed = Replayed::of(&record);
     if args.layers {
@@ -63,14 +63,14 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
 }
 
 /// Returns a text of a few lines about the body of a log.
-pub fn text_of(record: &RunRecord) -> Result<String, Failure> {
+pub fn text_of(record: &RecordedRun) -> Result<String, Failure> {
     let replayed = Replayed::of(record);
     Ok(replayed.text(&replayed.arrivals()?, None))
 }
 
 /// The body of a log.
 struct Replayed<'a> {
-    record: &'a RunRecord,
+    record: &'a RecordedRun,
     /// Layers by the steps of the board.
     commanded: Vec<Layer>,
     /// Layers of the plastic of a simulated tip. `None` if the log does not contain them.
@@ -87,12 +87,12 @@ struct Arrivals {
 
 /// Result of feedback, and the plan that it followed.
 struct ReplayedFeedback {
-    fed_back: FedBack,
+    fed_back: FeedbackReport,
     plan: Plan,
 }
 
 impl<'a> Replayed<'a> {
-    fn of(record: &'a RunRecord) -> Self {
+    fn of(record: &'a RecordedRun) -> Self {
         let commanded = record.commanded().map(|layer| decode(&layer)).collect();
         Self { record, commanded, simulated: record.simulated() }
     }
@@ -134,9 +134,9 @@ impl<'a> Replayed<'a> {
             filament_mm: logged.and_then(|logged| logged.filament_mm),
             plan_id: Some(record.plan_id),
             as_built_hash: Some(as_built_hash(&record.as_built)),
-            unknown_layers: record.unknown(),
+            unknown_layers: record.unknown_layers(),
             interrupted: logged.and_then(|logged| logged.interrupted),
-            commanded: arrivals.commanded.as_ref().map(WrittenArrival::from),
+            commanded: arrivals.commanded.as_ref().map(ArrivalJson::from),
             skipped_lines: Some(record.damage.lines),
             log_lines_missing: logged.and_then(|logged| logged.log_lines_missing),
         }
@@ -146,7 +146,7 @@ impl<'a> Replayed<'a> {
     fn text(&self, arrivals: &Arrivals, feedback: Option<&ReplayedFeedback>) -> String {
         let record = self.record;
         let remark = if record.is_simulated() { ", simulated" } else { "" };
-        let plan_id = written_hash(record.plan_id);
+        let plan_id = format_hash(record.plan_id);
         let mut text = format!("run       {}, plan {plan_id}, robot {}{remark}\n", record.outcome(), record.robot.name);
         if let Some(drift) = record.clock_drift() {
             text += &format!("clock     {drift}; {}\n", ClockDrift::REMEDY);
@@ -156,7 +156,7 @@ impl<'a> Replayed<'a> {
             self.body().len(),
             record.total,
             self.length_mm(),
-            written_hash(as_built_hash(&record.as_built))
+            format_hash(as_built_hash(&record.as_built))
         );
         let by = match &arrivals.commanded {
             Some(_) => ", laid (simulated)",
@@ -178,7 +178,7 @@ impl<'a> Replayed<'a> {
     fn cautions(&self) -> String {
         let record = self.record;
         let mut text = String::new();
-        let (unknown, lost) = (record.unknown(), record.lost.len());
+        let (unknown, lost) = (record.unknown_layers(), record.lost.len());
         if unknown > lost {
             let kept = unknown - lost;
             text += &format!(
@@ -189,7 +189,7 @@ impl<'a> Replayed<'a> {
             text +=
                 &format!("caution   the lines of {lost} layers are missing in the log: they are counted as planned\n");
         }
-        match record.not_simulated() {
+        match record.missing_simulated_layers() {
             0 => {}
             layers => {
                 text += &format!(
@@ -224,7 +224,7 @@ impl<'a> Replayed<'a> {
 
 /// Returns the result of feedback with its plan. `None` if the growth had no feedback. If no robot is given and the
 /// robot of the log cannot be used, the estimate is omitted with a warning.
-fn fed_back(record: &RunRecord, robot: Option<&Path>) -> Result<Option<ReplayedFeedback>, Failure> {
+fn fed_back(record: &RecordedRun, robot: Option<&Path>) -> Result<Option<ReplayedFeedback>, Failure> {
     if record.feedback.is_none() {
         return Ok(None);
     }

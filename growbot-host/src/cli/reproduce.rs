@@ -6,7 +6,7 @@ use std::thread;
 
 use clap::Args;
 use clap::builder::RangedI64ValueParser;
-use growbot_client::printable::json_line;
+use growbot_client::sanitize::json_line;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, Results};
 use growbot_host::reproduce::{FIGURES, REPEATS, Reproduction, Request, SEED, TABLES, paper, summary, tables};

@@ -5,11 +5,11 @@ use std::io::{self, BufRead, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
+use growbot_client::clearance_guard::SceneContext;
 use growbot_client::client::Client;
-use growbot_client::growth::{GrowthError, Job, Manner, OnInterrupted, resume_job};
-use growbot_client::input::name_of;
-use growbot_client::keep_clear::Surroundings;
-use growbot_client::run_log::{RunLog, RunRecord};
+use growbot_client::growth::{GrowthError, GrowthOptions, Job, OnInterrupted, resume_job};
+use growbot_client::input::display_name;
+use growbot_client::run_log::{RecordedRun, RunLog};
 use growbot_core::link::message::{BoardInfo, State};
 use growbot_pictures::view::{SceneFile, Subject};
 use growbot_sim::port::TipSettings;
@@ -111,14 +111,14 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         scene = record.scene(&plan, &robot, args.scene.as_deref())?.map(|loaded| (named, loaded));
     }
     let around = scene.as_ref().filter(|_| with_feedback.is_some());
-    let around = around.map(|(_, scene)| Surroundings::new(&robot, scene, plan.radius));
+    let around = around.map(|(_, scene)| SceneContext::new(&robot, scene, plan.radius));
     let pace = args.watching.pace(port.name())?;
     let mut client = port.connect(&robot, &TipSettings { pace, ..TipSettings::default() })?.client;
-    let board = client.board()?;
-    Client::belongs_to(&board, &robot)?;
+    let board = client.identify()?;
+    Client::check_robot(&board, &robot)?;
     let mut job = Job::of_plan(&robot, &plan);
     if let Some(record) = &mut record {
-        record.is_stored_as(board.status.plan_id);
+        record.sync_to_board(board.status.plan_id);
         // The original layers, because the plan's file may have rounded its numbers.
         (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
     }
@@ -126,14 +126,14 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     if !args.yes {
         ask(&board)?;
     }
-    let known = record.as_ref().map_or_else(Vec::new, RunRecord::known);
+    let known = record.as_ref().map_or_else(Vec::new, RecordedRun::known_layers);
     let log = match &record {
         Some(record) => RunLog::resume(file, record, port.text()).map_err(Failure::bad_input)?,
-        None => RunLog::none(),
+        None => RunLog::disabled(),
     };
     let cut = match args.interrupted_layer {
-        WithCut::Again => OnInterrupted::Again,
-        WithCut::LetBe => OnInterrupted::LetBe,
+        WithCut::Again => OnInterrupted::Redo,
+        WithCut::LetBe => OnInterrupted::Skip,
     };
     let orders = stop_on_interrupt(&mut client, &port);
     let name = file.file_name().unwrap_or_default().to_string_lossy();
@@ -160,7 +160,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         keyboard: Keyboard::of_terminal(&orders),
         page_controls: args.watching.controls(),
     };
-    let manner = Manner { silence: args.on_silence.into(), feedback, parked: following.when_parked() };
+    let manner = GrowthOptions { silence: args.on_silence.into(), feedback, parked: following.when_parked() };
     following.follow(|on_event| resume_job(&mut client, &job, known, cut, manner, &orders, on_event))
 }
 
@@ -187,14 +187,14 @@ impl ResumeArgs {
         if let (None, Some(scene)) = (&opened.plan.scene, &self.scene) {
             return Err(Failure::bad_input(format_args!(
                 "the plan of {} leads through no scene, so that {} proves nothing: leave --scene out",
-                name_of(file),
+                display_name(file),
                 scene.display()
             )));
         }
         if opened.run.is_some() && !fs::metadata(file).is_ok_and(|file| file.is_file()) {
             return Err(Failure::bad_input(format_args!(
                 "{} is no file, and a run log is continued where it is: give the file itself",
-                name_of(file)
+                display_name(file)
             )));
         }
         Ok(opened)

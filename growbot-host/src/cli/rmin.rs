@@ -1,7 +1,7 @@
 //! `growbot rmin`: prints the tightest bend of a robot.
 
 use clap::Args;
-use growbot_client::printable::json_line;
+use growbot_client::sanitize::json_line;
 use growbot_host::output::print;
 use serde::Serialize;
 

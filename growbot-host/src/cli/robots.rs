@@ -4,8 +4,8 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_client::printable::json_line;
 use growbot_client::robot_file;
+use growbot_client::sanitize::json_line;
 use growbot_core::angle::degrees;
 use growbot_core::robot::{Robot, Signal};
 use growbot_host::output::print;

@@ -4,9 +4,11 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use growbot_client::plan::{Goal, Plan, Search};
-use growbot_client::printable;
-use growbot_client::through_scene::{self, EFFORT, LENGTH_MAX, NoPath, Through, ThroughError, UnclearError};
+use growbot_client::plan::{Goal, Plan, PlanOptions};
+use growbot_client::sanitize;
+use growbot_client::scene_planning::{
+    self, EFFORT, MAX_LENGTH_MM, NoPathError, SceneCheckError, SceneOptions, ScenePlanError,
+};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
@@ -56,7 +58,7 @@ impl SceneArgs {
         scene: &Path,
         robot: &Robot,
         ends: &(Pose, Vec<Goal>),
-        search: &Search,
+        search: &PlanOptions,
         length_max: Option<f64>,
         json: bool,
     ) -> Result<Plan, Failure> {
@@ -70,37 +72,37 @@ impl SceneArgs {
         (scene, loaded): (&Path, &LoadedScene),
         robot: &Robot,
         (start, goals): &(Pose, Vec<Goal>),
-        search: &Search,
+        search: &PlanOptions,
         length_max: Option<f64>,
         json: bool,
     ) -> Result<Plan, Failure> {
         let begin = Instant::now();
         let effort = self.effort.unwrap_or(if self.time_limit.is_some() { u64::MAX } else { EFFORT });
         let deadline = self.time_limit.and_then(|seconds| begin.checked_add(Duration::from_secs(seconds)));
-        let length_max = length_max.unwrap_or(LENGTH_MAX);
+        let length_max = length_max.unwrap_or(MAX_LENGTH_MM);
         let (file, margin) = (scene.display().to_string(), loaded.margin);
         let through =
-            Through { file: &file, loaded, margin, grown: None, effort, deadline, first_only: false, length_max };
-        through_scene::plan(robot, start, goals, search, &through).map_err(|error| match error {
-            ThroughError::Plan(error) => error.into(),
-            ThroughError::NoPath(no_path) => refused(no_path, json),
+            SceneOptions { file: &file, loaded, margin, grown: None, effort, deadline, first_only: false, length_max };
+        scene_planning::plan(robot, start, goals, search, &through).map_err(|error| match error {
+            ScenePlanError::Plan(error) => error.into(),
+            ScenePlanError::NoPath(no_path) => refused(no_path, json),
         })
     }
 }
 
-fn refused(no_path: NoPath, json: bool) -> Failure {
+fn refused(no_path: NoPathError, json: bool) -> Failure {
     if json {
-        let resolution_mm = if let NoPath::AtResolution { step, .. } = no_path { Some(step) } else { None };
+        let resolution_mm = if let NoPathError::AtResolution { step, .. } = no_path { Some(step) } else { None };
         let error = WrittenError { code: no_path.code(), message: no_path.to_string(), resolution_mm };
-        if let Err(error) = print(&printable::json_line(&Answer { error })) {
+        if let Err(error) = print(&sanitize::json_line(&Answer { error })) {
             return error.into();
         }
     }
     Failure::answered_no(no_path)
 }
 
-impl From<UnclearError> for Failure {
-    fn from(error: UnclearError) -> Self {
+impl From<SceneCheckError> for Failure {
+    fn from(error: SceneCheckError) -> Self {
         Self::bad_input(error)
     }
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use growbot_client::files::format_of;
+use growbot_client::atomic_file::format_from_extension;
 use growbot_host::output::write_to;
 use growbot_scene::demo_scenes::{DemoScene, to_toml};
 
@@ -43,7 +43,7 @@ pub fn run(args: &SceneArgs) -> Result<(), Failure> {
         Kind::PipeRack => (DemoScene::PipeRack, "pipe-rack"),
         Kind::RubbleHeap => (DemoScene::RubbleHeap, "rubble-heap"),
     };
-    format_of(&args.output, &["toml"])?;
+    format_from_extension(&args.output, &["toml"])?;
     let (from, to) = example.endpoints();
     let comments = [
         format!("Written by `growbot scene {name} --seed {}`.", args.seed),

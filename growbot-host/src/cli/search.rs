@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use growbot_client::input;
-use growbot_client::plan::{Goal, Plan, Search};
+use growbot_client::plan::{Goal, Plan, PlanOptions};
 use growbot_client::pose_text::{TypedGoal, parse_goal, parse_pose, parse_typed_pose};
 use growbot_core::plan::{PlanError, Planner};
 use growbot_core::pose::Pose;
@@ -68,7 +68,7 @@ impl SearchArgs {
     /// Returns the poses and positions on the way.
     fn on_the_way(&self) -> Result<Vec<Goal>, Failure> {
         let Some(file) = &self.via_csv else { return Ok(self.via.iter().map(|typed| typed.goal).collect()) };
-        let name = input::name_of(file);
+        let name = input::display_name(file);
         via_csv::read(&input::read_text(file)?).map_err(|error| Failure::bad_input(format!("{name}: {error}")))
     }
 
@@ -76,7 +76,7 @@ impl SearchArgs {
     pub fn plan(&self, robot: &Robot, goal: &TypedGoal, clear_of_self: bool) -> Result<Plan, Failure> {
         let (start, mut via) = self.start_and_goals(robot, goal)?;
         let goal = via.pop().unwrap_or(goal.goal);
-        Ok(Plan::through(robot, &start, &via, &goal, &self.search(robot, clear_of_self))?)
+        Ok(Plan::through_waypoints(robot, &start, &via, &goal, &self.search(robot, clear_of_self))?)
     }
 
     /// Returns the start, and all goals including the last. Warns about units that may be mistaken.
@@ -91,8 +91,8 @@ impl SearchArgs {
     }
 
     /// Returns the search for paths of this robot.
-    pub fn search(&self, robot: &Robot, clear_of_self: bool) -> Search {
-        Search {
+    pub fn search(&self, robot: &Robot, clear_of_self: bool) -> PlanOptions {
+        PlanOptions {
             radius: self.radius.unwrap_or(robot.description().planning_radius_mm),
             planner: self.planner.unwrap_or(PlannerName::Shortest).into(),
             clear_of_self,

@@ -7,8 +7,8 @@ use std::time::Duration;
 use clap::Args;
 use growbot_client::plan::Plan;
 use growbot_client::plan_file::PlanFile;
-use growbot_client::printable::json_line;
-use growbot_client::run_log::{GrowthResult, ResultOutcome, RunEvent, RunRecord};
+use growbot_client::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunEvent};
+use growbot_client::sanitize::json_line;
 use growbot_core::robot::Robot;
 use growbot_host::finish_time::clock_text_here;
 use growbot_host::output::print;
@@ -199,7 +199,7 @@ impl Owned {
     fn end(&self, job: &Job, result: Option<GrowthResult>, options: &Options) -> Result<(), Failure> {
         let log = self.log(&job.id)?;
         if let Some(path) = &options.log {
-            growbot_client::files::replace_file(path, &log)?;
+            growbot_client::atomic_file::write_atomic(path, &log)?;
         }
         let now: Job = self.caller.get(&format!("/jobs/{}", job.id))?;
         let Some(result) = result else {
@@ -209,13 +209,13 @@ impl Owned {
         match options.print {
             Print::Json => print(&json_line(&result))?,
             Print::Table => {
-                let record = RunRecord::read(&log, &job.id).map_err(Failure::bad_input)?;
+                let record = RecordedRun::read(&log, &job.id).map_err(Failure::bad_input)?;
                 print(&replay::text_of(&record)?)?;
             }
             Print::Nothing => {}
         }
         match result.outcome {
-            ResultOutcome::Done => Ok(()),
+            OutcomeKind::Done => Ok(()),
             outcome => Err(Failure::answered_no(format!(
                 "{}: job {} of the {}robot {}{}",
                 outcome,

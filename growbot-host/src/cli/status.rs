@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 use growbot_client::client::{Client, ClientError};
 use growbot_client::forecast::Forecast;
-use growbot_client::printable::json_line;
 use growbot_client::robot_file;
-use growbot_client::run_log::{InterruptedLayer, utc_text};
+use growbot_client::run_log::{InterruptedLayerJson, utc_text};
+use growbot_client::sanitize::json_line;
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_core::link::message::{
     BoardInfo, BootReport, DriverReport, Fault, FaultRecord, ImageCheck, PauseCause, Refusal, SensorReadings, State,
@@ -77,10 +77,10 @@ impl Report {
     pub fn of(client: &mut Client, simulated: bool) -> Result<Self, ClientError> {
         Ok(Self {
             simulated,
-            hello: client.board()?,
+            hello: client.identify()?,
             sensors: client.sensors()?,
             latest_fault: client.latest_fault()?,
-            boot: match client.boot() {
+            boot: match client.boot_report() {
                 Ok(report) => Some(report),
                 Err(ClientError::Refused { refusal: Refusal::UnknownRequest, .. }) => None,
                 Err(error) => return Err(error),
@@ -279,7 +279,7 @@ fn json_of(hello: &BoardInfo, is_simulated: bool) -> Value {
         "laid": status.layers_laid,
         "stored": status.next_layer.saturating_sub(status.layers_laid),
         "capacity": hello.layer_capacity,
-        "interrupted": status.interrupted.map(|layer| InterruptedLayer::new(status.layers_laid as usize, layer)),
+        "interrupted": status.interrupted.map(|layer| InterruptedLayerJson::new(status.layers_laid as usize, layer)),
         "pause_cause": is_paused(status.state).then(|| pause_cause(status.pause_cause)),
         "journal": status.is_resumable,
         "owner": hello.owner.as_ref().map(|owner| String::from_utf8_lossy(owner).into_owned()),

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use growbot_client::input::{LONGEST_LOG, name_of, read_bytes, text_of};
+use growbot_client::input::{MAX_LOG_BYTES, display_name, read_bytes, text_of};
 use growbot_client::plan::Plan;
-use growbot_client::plan_file::{self, Opened as OpenedPlan, PlanFileError};
-use growbot_client::run_log::RunRecord;
+use growbot_client::plan_file::{self, LoadedPlan as OpenedPlan, PlanFileError};
+use growbot_client::run_log::RecordedRun;
 use growbot_core::robot::Robot;
 use growbot_scene::scene_file::{LoadedScene, load};
 use serde_json::Value;
@@ -17,7 +17,7 @@ pub struct Subject {
     pub robot: Robot,
     pub plan: Plan,
     /// The run log: its record, and its bytes.
-    pub run: Option<(RunRecord, Vec<u8>)>,
+    pub run: Option<(RecordedRun, Vec<u8>)>,
     /// The scene of the view: its name, and its contents.
     pub scene: Option<(String, LoadedScene)>,
 }
@@ -35,9 +35,9 @@ impl Subject {
     }
 
     fn read(file: &Path, robot: Option<&Path>, given: Option<&Path>) -> Result<Self, Failure> {
-        let bytes = read_bytes(file, LONGEST_LOG)?;
+        let bytes = read_bytes(file, MAX_LOG_BYTES)?;
         if is_log(&bytes) {
-            let record = RunRecord::read(&bytes, &name_of(file)).map_err(Failure::bad_input)?;
+            let record = RecordedRun::read(&bytes, &display_name(file)).map_err(Failure::bad_input)?;
             say_damage(&record, file);
             let robot = robot_of(&record, robot)?;
             let plan = record.plan(&robot)?;
@@ -46,14 +46,14 @@ impl Subject {
                 Err(error) if given.is_some() => return Err(error.into()),
                 // A grown body can be shown without its scene.
                 Err(error) => {
-                    growbot_host::warning!("{error}; {} is shown without it", name_of(file));
+                    growbot_host::warning!("{error}; {} is shown without it", display_name(file));
                     None
                 }
             };
             let scene = scene.map(|scene| (called(given, record.plan.scene.as_ref().map(|scene| &scene.file)), scene));
             return Ok(Self { robot, plan, run: Some((record, bytes)), scene });
         }
-        match plan_file::read_in_scene(&text_of(bytes, file)?, &name_of(file), robot, given) {
+        match plan_file::read_in_scene(&text_of(bytes, file)?, &display_name(file), robot, given) {
             Err(PlanFileError::NotJson { file, reason }) => Err(neither(&file, &format!("no JSON: {reason}"))),
             Err(PlanFileError::NoPlan { file, reason }) => Err(neither(&file, &reason)),
             Err(error) => Err(error.into()),

@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use clap::Args;
 use growbot_client::client::{Client, ClientError};
-use growbot_client::growth::Orders;
+use growbot_client::growth::CommandQueue;
 use growbot_client::pose_text::parse_number;
-use growbot_client::printable::json_line;
+use growbot_client::sanitize::json_line;
 use growbot_core::link::message::{Message, State, Tune, Tuned};
 use growbot_host::output::print;
 use serde_json::json;
@@ -50,7 +50,7 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
     };
     let _lent = borrow_line(&port, "growbot tune")?;
     let mut client = port.client(&robot)?;
-    client.hello_robot(&robot)?;
+    client.open_session_for(&robot)?;
     // From here on Ctrl-C stops the board. Nothing heats before this line.
     let orders = stop_on_interrupt(&mut client, &port);
     let tuned = tune(&mut client, &orders, target, port.is_simulated())?;
@@ -77,8 +77,8 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
 }
 
 /// Tunes on the board, unless a stop was requested before.
-fn tune(client: &mut Client, orders: &Orders, target: f64, is_simulated: bool) -> Result<Tuned, Failure> {
-    if orders.stops() {
+fn tune(client: &mut Client, orders: &CommandQueue, target: f64, is_simulated: bool) -> Result<Tuned, Failure> {
+    if orders.stop_requested() {
         return Err(Failure::answered_no("stopped before anything was heated"));
     }
     client.request("to tune", &Message::Tune(Tune { target_centi_c: (target * 100.0) as i32 })).map_err(lost)?;
@@ -90,17 +90,17 @@ fn tune(client: &mut Client, orders: &Orders, target: f64, is_simulated: bool) -
 /// respond.
 fn lost(error: ClientError) -> Failure {
     match error {
-        ClientError::Refused { .. } | ClientError::NotStopped { .. } => error.into(),
+        ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => error.into(),
         error => Failure::answered_no(format!(
             "{error}; the robot may still be heating: see `growbot status`, and cut its power if that does not answer"
         )),
     }
 }
 
-fn follow(client: &mut Client, orders: &Orders, is_simulated: bool) -> Result<Tuned, Failure> {
+fn follow(client: &mut Client, orders: &CommandQueue, is_simulated: bool) -> Result<Tuned, Failure> {
     loop {
-        if orders.stops() {
-            return Err(Failure::answered_no(client.stop()?.in_words(is_simulated)));
+        if orders.stop_requested() {
+            return Err(Failure::answered_no(client.stop()?.message(is_simulated)));
         }
         if let Some(drift) = client.stop_if_clock_drifts()? {
             return Err(stopped_for(&drift, is_simulated));
@@ -142,14 +142,14 @@ mod tests {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let sim = Rc::new(RefCell::new(Sim::new(robot.clone())));
         let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
-        client.hello_robot(&robot).unwrap();
+        client.open_session_for(&robot).unwrap();
         (sim, client)
     }
 
     #[test]
     fn an_interruption_before_the_board_tunes_heats_nothing() {
         let (sim, mut client) = board();
-        let orders = Orders::default();
+        let orders = CommandQueue::default();
         orders.interrupt();
         let Err(failure) = tune(&mut client, &orders, 200.0, true) else { panic!("it has tuned") };
         assert!(failure.message().contains("before anything was heated"), "{}", failure.message());
@@ -160,9 +160,9 @@ mod tests {
     #[test]
     fn an_interruption_while_the_board_tunes_stops_it() {
         let (sim, mut client) = board();
-        let orders = Orders::default();
+        let orders = CommandQueue::default();
         client.request("to tune", &Message::Tune(Tune { target_centi_c: 20_000 })).unwrap();
-        client.pass(Duration::from_secs(5)).unwrap();
+        client.wait(Duration::from_secs(5)).unwrap();
         assert_eq!(sim.borrow().state(), State::Tuning);
         orders.interrupt();
         let Err(failure) = follow(&mut client, &orders, true) else { panic!("it has tuned") };

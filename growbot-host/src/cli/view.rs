@@ -4,8 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use growbot_client::files::format_of;
-use growbot_client::input::{is_standard_input, name_of};
+use growbot_client::atomic_file::format_from_extension;
+use growbot_client::input::{display_name, is_standard_input};
 use growbot_host::output::{is_standard_output, refuse_terminal, write_to};
 use growbot_pictures::drawing::colours::Palette;
 use growbot_pictures::drawing::pdf::pdf;
@@ -356,7 +356,7 @@ impl ViewArgs {
     fn output(&self) -> Result<PathBuf, Failure> {
         self.check_options()?;
         if let Some(output) = &self.output {
-            format_of(output, self.formats())?;
+            format_from_extension(output, self.formats())?;
             if matches!(self.format(), Format::Png | Format::Pdf) && is_standard_output(output) {
                 refuse_terminal()?;
             }
@@ -419,7 +419,7 @@ fn ends_in(file: &Path, format: Format) -> bool {
 fn names(files: &[PathBuf]) -> Vec<String> {
     let short = |file: &PathBuf| file.file_name().map(|name| name.to_string_lossy().into_owned());
     let alike = |one: &PathBuf| files.iter().filter(|other| short(other) == short(one)).count() > 1;
-    files.iter().map(|file| short(file).filter(|_| !alike(file)).unwrap_or_else(|| name_of(file))).collect()
+    files.iter().map(|file| short(file).filter(|_| !alike(file)).unwrap_or_else(|| display_name(file))).collect()
 }
 
 fn subject<'a>(opened: &'a Opened, name: &'a str) -> Subject<'a> {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use clap::Args;
-use growbot_client::growth::{Job, Orders};
+use growbot_client::growth::{CommandQueue, Job};
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_host::watch::Watch;
 use growbot_pictures::view::Subject;
@@ -71,7 +71,7 @@ impl WatchArgs {
         subject: &Subject,
         job: &Job,
         known: &[Option<LayerBytes>],
-        orders: &Arc<Orders>,
+        orders: &Arc<CommandQueue>,
     ) -> Result<Option<Watch>, Failure> {
         if !self.watch {
             return Ok(None);

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use growbot_client::files::{format_of, refuse_inputs};
-use growbot_client::plan_file::WrittenPose;
+use growbot_client::atomic_file::{format_from_extension, refuse_inputs};
+use growbot_client::plan_file::PoseJson;
 use growbot_client::pose_text::{parse_pose, pose_of_numbers};
-use growbot_client::printable::json_line;
+use growbot_client::sanitize::json_line;
 use growbot_core::compact_number::CompactNumber;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -119,7 +119,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
         if args.json && is_standard_output(output) {
             return Err(Failure::bad_input("-o - and --json both go to standard output: leave one of them out"));
         }
-        format_of(output, if args.scene.is_some() { &["csv"] } else { &FORMATS })?;
+        format_from_extension(output, if args.scene.is_some() { &["csv"] } else { &FORMATS })?;
         refuse_inputs(output)?;
     }
     let question = Question {
@@ -151,7 +151,7 @@ fn draw(args: &WorkspaceArgs, question: &Question) -> Result<(), Failure> {
     let answer = answer?;
     if let Some(path) = &args.output {
         let svg = svg(question, &answer);
-        let bytes = match format_of(path, &FORMATS)? {
+        let bytes = match format_from_extension(path, &FORMATS)? {
             Some("png") => png(&svg, WIDTH).map_err(Failure::bad_input)?,
             Some("pdf") => pdf(&svg).map_err(Failure::bad_input)?,
             _ => svg.into_bytes(),
@@ -215,7 +215,7 @@ fn json_of(args: &WorkspaceArgs, question: &Question, answer: &Workspace) -> Val
         "planner": question.planner,
         "length_mm": question.length,
         "radius_mm": question.radius,
-        "start": WrittenPose::from(&question.start),
+        "start": PoseJson::from(&question.start),
         "heading_deg": args.heading,
         "pitch_deg": args.pitch,
         "volume_mm3": volume,

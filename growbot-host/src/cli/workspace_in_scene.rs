@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use growbot_client::plan_file::{WrittenPose, written_hash};
-use growbot_client::printable::json_line;
-use growbot_client::through_scene::{Through, ThroughError};
+use growbot_client::plan_file::{PoseJson, format_hash};
+use growbot_client::sanitize::json_line;
+use growbot_client::scene_planning::{SceneOptions, ScenePlanError};
 use growbot_core::compact_number::CompactNumber;
 use growbot_host::output::{print, write_to};
 use growbot_host::progress::{Progress, Results};
@@ -25,7 +25,7 @@ pub struct Room<'a> {
 /// Plans to all goals and prints the result. `output` gets each goal, as CSV.
 pub fn run(question: &Question, room: &Room, output: Option<&Path>, json: bool) -> Result<(), Failure> {
     let loaded = scene_file::load(room.scene)?;
-    let through = Through {
+    let through = SceneOptions {
         file: &room.scene.display().to_string(),
         loaded: &loaded,
         margin: loaded.margin,
@@ -44,8 +44,8 @@ pub fn run(question: &Question, room: &Room, output: Option<&Path>, json: bool) 
         progress.finish();
     }
     let answer = answer.map_err(|error| match error {
-        ThroughError::Plan(error) => error.into(),
-        ThroughError::NoPath(no_path) => Failure::answered_no(no_path),
+        ScenePlanError::Plan(error) => error.into(),
+        ScenePlanError::NoPath(no_path) => Failure::answered_no(no_path),
     })?;
     if let Some(path) = output {
         if !write_to(path, csv(&answer).as_bytes())? {
@@ -83,7 +83,7 @@ fn in_words(name: &str, answer: &InScene) -> String {
     }
 }
 
-fn table(question: &Question, through: &Through, answer: &InScene) -> String {
+fn table(question: &Question, through: &SceneOptions, answer: &InScene) -> String {
     let Counts { path, none, not_found } = answer.counts();
     let (length, radius) = ((question.length * 10.0).round() / 10.0, question.radius);
     let name = question.robot.name();
@@ -116,7 +116,7 @@ fn table(question: &Question, through: &Through, answer: &InScene) -> String {
     text
 }
 
-fn json_of(question: &Question, through: &Through, answer: &InScene) -> Value {
+fn json_of(question: &Question, through: &SceneOptions, answer: &InScene) -> Value {
     let Counts { path, none, not_found } = answer.counts();
     let (volume, error) = answer.volume(path);
     let reasons: serde_json::Map<_, _> =
@@ -130,10 +130,10 @@ fn json_of(question: &Question, through: &Through, answer: &InScene) -> Value {
         "planner": question.planner,
         "length_mm": question.length,
         "radius_mm": question.radius,
-        "start": WrittenPose::from(&question.start),
+        "start": PoseJson::from(&question.start),
         "heading_deg": question.direction.map(|(heading, _)| degrees(heading)),
         "pitch_deg": question.direction.map(|(_, pitch)| degrees(pitch)),
-        "scene": { "file": through.file, "hash": written_hash(through.loaded.hash), "margin_mm": through.margin },
+        "scene": { "file": through.file, "hash": format_hash(through.loaded.hash), "margin_mm": through.margin },
         "effort": through.effort,
         "goals": answer.goals.len(),
         "path": path,

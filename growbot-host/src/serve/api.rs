@@ -19,10 +19,10 @@ use axum::routing::{get, post};
 use axum::{Extension, Json, Router};
 use futures_util::stream::unfold;
 use growbot_client::feedback::can_measure;
-use growbot_client::growth::Order;
+use growbot_client::growth::Command;
 use growbot_client::plan_file::PlanFile;
-use growbot_client::run_log::{RunRecord, utc_now};
-use growbot_client::warning::PREVENTING;
+use growbot_client::run_log::{RecordedRun, utc_now};
+use growbot_client::warning::BLOCKING;
 use growbot_core::job::{job_layers, plan_id};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -244,7 +244,7 @@ fn make_job(
         )));
     }
     let Course { plan, scene } = wanted.course(&robot, service.places(), access)?;
-    let preventing = plan.warnings.iter().find(|warning| PREVENTING.contains(&warning.code.as_str()));
+    let preventing = plan.warnings.iter().find(|warning| BLOCKING.contains(&warning.code.as_str()));
     if let Some(warning) = preventing.filter(|_| !wanted.force) {
         return Err(Problem::conflict(format!(
             "not grown because of {}: {}; change the plan, or say force",
@@ -266,7 +266,7 @@ fn make_job(
         plan_id: format!("{:016x}", plan_id(&robot, &layers)),
         layers: u32::try_from(layers.len()).unwrap_or(u32::MAX),
         laid: 0,
-        length_mm: plan.needs.length,
+        length_mm: plan.requirements.length,
         simulated: keeper.is_simulated(),
         created_utc: utc_now(),
         ended_utc: None,
@@ -494,7 +494,7 @@ async fn live_order(
     let by = operator(access)?;
     let job = found_job(&service, &id)?;
     let live = live_of(&service, &job)?;
-    if order != Order::EmergencyStop.name() {
+    if order != Command::EmergencyStop.name() {
         let answer = watch::give(&live, &order).await;
         if answer.status().is_success() {
             service.shared.audit.note(by, &job.robot, &order, None);
@@ -519,7 +519,7 @@ async fn view(State(service): Shared, Path(id): Path<String>) -> Result<Html<Str
 async fn page_of(service: &Service, job: Job, control: Option<bool>) -> Result<Html<String>, Problem> {
     let path = service.shared.jobs_to_read().log(&job.id);
     beside(move || {
-        let record = RunRecord::open(&path).map_err(Problem::conflict)?;
+        let record = RecordedRun::open(&path).map_err(Problem::conflict)?;
         let robot = record.own_robot().map_err(Problem::conflict)?;
         let plan = record.plan(&robot).map_err(Problem::conflict)?;
         let name = format!("{} on {}", job.name, job.robot);

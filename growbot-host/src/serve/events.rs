@@ -14,7 +14,7 @@ use axum::extract::ws::{Message, WebSocket};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream::{Stream, StreamExt, unfold};
-use growbot_client::printable::json_line;
+use growbot_client::sanitize::json_line;
 use tokio::sync::watch;
 use tokio::time::{sleep, timeout};
 

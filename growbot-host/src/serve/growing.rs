@@ -3,22 +3,22 @@
 use std::sync::Arc;
 use std::sync::mpsc::Sender;
 
+use growbot_client::clearance_guard::SceneContext;
 use growbot_client::client::ClientError;
-use growbot_client::feedback::{ASSUMED, Feedback};
+use growbot_client::feedback::{DEFAULT_SENSOR_NOISE, Feedback};
 use growbot_client::forecast::Forecast;
 use growbot_client::growth::{
-    Grown, GrowthError, Job as BoardJob, JobEvent, Manner, OnInterrupted, Orders, Outcome, WhenParked, grow_job,
-    resume_job,
+    CommandQueue, GrowthError, GrowthOptions, GrowthReport, Job as BoardJob, JobEvent, OnInterrupted, OnParked,
+    Outcome, grow_job, resume_job,
 };
-use growbot_client::keep_clear::Surroundings;
 use growbot_client::plan::Plan;
-use growbot_client::run_log::{GrowthResult, Origin, ResultOutcome, RunLog, RunRecord, utc_text};
+use growbot_client::run_log::{GrowthResult, Origin, OutcomeKind, RecordedRun, RunLog, utc_text};
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, State};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
 use growbot_scene::scene_file::LoadedScene;
-use growbot_sim::truth::compare;
+use growbot_sim::ground_truth::grow_with_ground_truth;
 use time::OffsetDateTime;
 
 use super::jobs::{Job, JobState};
@@ -33,32 +33,33 @@ impl Keeper {
     pub(super) fn begin(&self, connection: &mut Connection, new: NewJob, reply: Reply) -> Left {
         let NewJob { job, plan, robot, scene, feedback } = new;
         let board_job = BoardJob::of_plan(&robot, &plan);
-        let noise = feedback.then_some(ASSUMED);
-        let around = scene.as_ref().map(|scene| Surroundings::new(&robot, scene, plan.radius));
+        let noise = feedback.then_some(DEFAULT_SENSOR_NOISE);
+        let around = scene.as_ref().map(|scene| SceneContext::new(&robot, scene, plan.radius));
         let feedback = noise.map(|noise| {
             let feedback = Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise);
-            around.iter().fold(feedback, Feedback::among)
+            around.iter().fold(feedback, Feedback::with_scene)
         });
-        if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::can_begin) {
+        if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
             let remedy = "give the scene a larger margin_mm or the plan another radius, or say force";
             return refuse(&reply, &format!("{too_near}: {remedy}"));
         }
         let imperfection = ErrorModel::default();
         let origin = Origin { port: &self.entry.port, imperfection: self.is_simulated().then_some(&imperfection) };
         let path = self.shared.jobs().log(&job.id);
-        let log = match RunLog::begin(&path, &plan, &board_job, noise, origin) {
+        let log = match RunLog::create(&path, &plan, &board_job, noise, origin) {
             Ok(log) => log,
             Err(error) => return refuse(&reply, &error.to_string()),
         };
         // The client may have given the request up by now.
         self.put(&job, JobState::Active, None);
         let mut growing = Growing::new(self, &job, &board_job, &[], log, Some(reply));
-        let manner = Manner { silence: HostSilencePolicy::Pause, feedback, parked: WhenParked::Waits };
+        let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
         let orders = Arc::clone(&growing.orders);
         let Connection { client, simulation, .. } = connection;
-        let grown = compare(simulation.as_mut(), &board_job, &mut |event| growing.ingest(event), |on_event| {
-            grow_job(client, &board_job, manner, &orders, on_event)
-        });
+        let grown =
+            grow_with_ground_truth(simulation.as_mut(), &board_job, &mut |event| growing.ingest(event), |on_event| {
+                grow_job(client, &board_job, manner, &orders, on_event)
+            });
         growing.end(grown, &plan)
     }
 
@@ -84,16 +85,16 @@ impl Keeper {
         reply: Option<Reply>,
         may: impl FnOnce(State) -> Result<(), String>,
     ) -> Left {
-        let hello = match connection.client.board() {
+        let hello = match connection.client.identify() {
             Ok(hello) => hello,
             Err(error) => return Left::Lost(error.to_string()),
         };
         let path = self.shared.jobs().log(&job.id);
-        let opened = || -> Result<(RunRecord, Robot, Plan, Option<LoadedScene>), String> {
-            let mut record = RunRecord::open(&path).map_err(|error| error.to_string())?;
+        let opened = || -> Result<(RecordedRun, Robot, Plan, Option<LoadedScene>), String> {
+            let mut record = RecordedRun::open(&path).map_err(|error| error.to_string())?;
             let robot = record.own_robot().map_err(|error| error.to_string())?;
             let plan = record.plan(&robot).map_err(|error| error.to_string())?;
-            record.is_stored_as(hello.status.plan_id);
+            record.sync_to_board(hello.status.plan_id);
             if hello.status.plan_id != record.plan_id {
                 let stored = GrowthError::nothing_to_resume(record.plan_id, &hello.status);
                 return Err(stored.to_string());
@@ -130,17 +131,17 @@ impl Keeper {
         };
         let mut board_job = BoardJob::of_plan(&robot, &plan);
         (board_job.plan_id, board_job.layers) = (record.plan_id, record.layers.clone());
-        let around = scene.as_ref().map(|scene| Surroundings::new(&robot, scene, plan.radius));
+        let around = scene.as_ref().map(|scene| SceneContext::new(&robot, scene, plan.radius));
         let feedback = record.feedback(&board_job, &plan, around.as_ref());
-        let manner = Manner { silence: HostSilencePolicy::Pause, feedback, parked: WhenParked::Waits };
+        let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
         self.put(job, JobState::Active, None);
-        let mut growing = Growing::new(self, job, &board_job, &record.known(), log, reply);
+        let mut growing = Growing::new(self, job, &board_job, &record.known_layers(), log, reply);
         let orders = Arc::clone(&growing.orders);
         let grown = resume_job(
             &mut connection.client,
             &board_job,
-            record.known(),
-            OnInterrupted::Again,
+            record.known_layers(),
+            OnInterrupted::Redo,
             manner,
             &orders,
             &mut |event| growing.ingest(event),
@@ -191,7 +192,7 @@ struct Growing<'a> {
     keeper: &'a Keeper,
     job: &'a Job,
     log: RunLog,
-    orders: Arc<Orders>,
+    orders: Arc<CommandQueue>,
     live: Arc<Live>,
     forecast: Option<Forecast>,
     layers: u32,
@@ -209,12 +210,12 @@ impl<'a> Growing<'a> {
         mut log: RunLog,
         reply: Option<Reply>,
     ) -> Self {
-        let orders = Arc::new(Orders::default());
+        let orders = Arc::new(CommandQueue::default());
         let live = Live::new(board_job, known, Some(Arc::clone(&orders)));
         live.runs_at(keeper.pace());
         let period_s = board_job.robot.description().layer.period_s;
         let forecast = keeper.pace().map(|pace| Forecast { period_s, pace });
-        log.tell_finish(forecast);
+        log.set_forecast(forecast);
         keeper.know(|known| {
             (known.orders, known.live) = (Some(Arc::clone(&orders)), Some(Arc::clone(&live)));
             known.refused = None;
@@ -249,9 +250,9 @@ impl<'a> Growing<'a> {
                 });
                 self.count();
             }
-            JobEvent::Amending(amendment) => self.layers = amendment.total,
-            JobEvent::NotObeyed(why) => self.keeper.know(|known| known.refused = Some(why.clone())),
-            JobEvent::Ordered(_) => self.keeper.know(|known| known.refused = None),
+            JobEvent::Amendment(amendment) => self.layers = amendment.total,
+            JobEvent::CommandFailed(why) => self.keeper.know(|known| known.refused = Some(why.clone())),
+            JobEvent::Command(_) => self.keeper.know(|known| known.refused = None),
             _ => self.keeper.shared.changed(),
         }
     }
@@ -270,31 +271,32 @@ impl<'a> Growing<'a> {
     }
 
     /// Records the outcome of the growth.
-    fn end(mut self, grown: Result<Grown, GrowthError>, plan: &Plan) -> Left {
+    fn end(mut self, grown: Result<GrowthReport, GrowthError>, plan: &Plan) -> Left {
         self.keeper.know(|known| (known.orders, known.live, known.finish_utc) = (None, None, None));
         let simulated = self.keeper.is_simulated();
         match grown {
             Ok(grown) if grown.outcome == Outcome::Lost => self.leave("the board has not answered for too long"),
             Ok(grown) => {
                 let mut result = GrowthResult::new(&grown, plan, None, simulated);
-                let missing = self.log.missing();
+                let missing = self.log.missing_lines();
                 result.log_lines_missing = (missing > 0).then_some(missing);
                 self.laid = u32::try_from(grown.as_built.len()).unwrap_or(u32::MAX);
                 self.count();
                 self.close(&result, result.fault.clone());
                 Left::Ready
             }
-            Err(GrowthError::During(error)) => self.leave(&error.to_string()),
+            Err(GrowthError::Interrupted(error)) => self.leave(&error.to_string()),
             Err(error) => {
                 let reply = self.reply.take();
                 let why = error.to_string();
-                let lost = matches!(&error, GrowthError::Before(ClientError::Port(_) | ClientError::Silent { .. }));
-                let nothing = GrowthResult::nothing_grown(ResultOutcome::Refused, plan, None, simulated);
+                let lost =
+                    matches!(&error, GrowthError::NotStarted(ClientError::Port(_) | ClientError::NoResponse { .. }));
+                let nothing = GrowthResult::nothing_grown(OutcomeKind::Refused, plan, None, simulated);
                 if self.laid == 0 {
                     std::mem::take(&mut self.log).discard();
                     self.keeper.put(self.job, JobState::Ended, Some(&why));
                 } else {
-                    let interrupted = GrowthResult { outcome: ResultOutcome::Interrupted, ..nothing };
+                    let interrupted = GrowthResult { outcome: OutcomeKind::Interrupted, ..nothing };
                     self.close(&interrupted, Some(why.clone()));
                 }
                 if let Some(reply) = reply {
@@ -309,7 +311,7 @@ impl<'a> Growing<'a> {
     /// then repeats a stop that the board may not have received.
     fn leave(&mut self, why: &str) -> Left {
         self.live.leave();
-        let stops = self.orders.stops();
+        let stops = self.orders.stop_requested();
         self.keeper.know(|known| known.stop_when_back |= stops);
         self.begun();
         Left::Lost(why.to_owned())

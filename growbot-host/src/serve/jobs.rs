@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use growbot_client::run_log::{ResultOutcome, RunRecord, utc_now};
+use growbot_client::run_log::{OutcomeKind, RecordedRun, utc_now};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, named_params};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -121,10 +121,10 @@ impl JobState {
     }
 
     /// Returns the state of a job after a growth with this outcome.
-    pub fn after(outcome: ResultOutcome) -> Self {
+    pub fn after(outcome: OutcomeKind) -> Self {
         match outcome {
-            ResultOutcome::Done => Self::Done,
-            ResultOutcome::Refused => Self::Ended,
+            OutcomeKind::Done => Self::Done,
+            OutcomeKind::Refused => Self::Ended,
             _ => Self::Interrupted,
         }
     }
@@ -235,7 +235,7 @@ impl Jobs {
         for path in entries.flatten().map(|entry| entry.path()) {
             let Some(id) = path.file_stem().and_then(|id| id.to_str()) else { continue };
             let Some((_, robot)) = id.split_once('_') else { continue };
-            let record = match RunRecord::open(&path) {
+            let record = match RecordedRun::open(&path) {
                 Ok(record) => record,
                 Err(error) => {
                     crate::warning!("a job is missing in the list, whose run log cannot be read: {error}");

@@ -5,8 +5,8 @@
 //! the service may be killed at any moment. A notice is sent twice only if the service is killed between sending and
 //! recording.
 
-use growbot_client::printable::json_line;
 use growbot_client::run_log::utc_now;
+use growbot_client::sanitize::json_line;
 use growbot_core::link::message::{Fault, PauseCause, State, Status};
 use rusqlite::{OptionalExtension, named_params};
 use schemars::JsonSchema;

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use growbot_client::growth::Order;
+use growbot_client::growth::Command;
 use growbot_core::link::message::State as BoardState;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -63,10 +63,10 @@ pub struct Given {
 /// queues.
 pub(super) fn give(keeper: &Keeper, order: OrderName) -> Result<(), String> {
     let of_growth = match order {
-        OrderName::Pause => Some(Order::Pause),
-        OrderName::Continue => Some(Order::Continue),
-        OrderName::Stop => Some(Order::Stop),
-        OrderName::EmergencyStop => Some(Order::EmergencyStop),
+        OrderName::Pause => Some(Command::Pause),
+        OrderName::Continue => Some(Command::Continue),
+        OrderName::Stop => Some(Command::Stop),
+        OrderName::EmergencyStop => Some(Command::EmergencyStop),
         OrderName::ClearFault | OrderName::Cancel => None,
     };
     match (order, of_growth) {

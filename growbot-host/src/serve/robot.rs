@@ -8,16 +8,16 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use growbot_client::client::{Client, ClientError};
-use growbot_client::growth::{Order, Orders};
-use growbot_client::maintenance::Presets;
+use growbot_client::growth::{Command, CommandQueue};
+use growbot_client::maintenance::MaterialPresets;
 use growbot_client::plan::Plan;
 use growbot_client::robot_file;
 use growbot_core::link::message::{BoardInfo, Cancel, Fault, MaintenanceTask, Message, PauseCause, State, Status};
 use growbot_core::robot::Robot;
 use growbot_scene::scene_file::LoadedScene;
-use growbot_sim::port::{self, Opened, PortName, TipSettings};
-use growbot_sim::resident::Place;
-use growbot_sim::truth::Simulation;
+use growbot_sim::ground_truth::SimulatedTip;
+use growbot_sim::port::{self, OpenPort, PortName, TipSettings};
+use growbot_sim::sim_daemon::StateDir;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -153,7 +153,7 @@ pub struct Known {
     pub status: Option<Status>,
     pub job: Option<String>,
     /// Queue of commands to the active growth.
-    pub orders: Option<Arc<Orders>>,
+    pub orders: Option<Arc<CommandQueue>>,
     /// Updates of the active growth for pages.
     pub live: Option<Arc<Live>>,
     pub finish_utc: Option<String>,
@@ -165,7 +165,7 @@ pub struct Known {
 /// An open connection to a board.
 pub struct Connection {
     pub client: Client,
-    pub simulation: Option<Box<dyn Simulation>>,
+    pub simulation: Option<Box<dyn SimulatedTip>>,
     pub robot: Robot,
     pub hello: BoardInfo,
 }
@@ -249,7 +249,7 @@ impl Keeper {
     /// Returns the pace of the robot's time, in multiples of real time. `None` if it is not known.
     pub(super) fn pace(&self) -> Option<f64> {
         match self.port().ok()? {
-            PortName::Resident(name) => Place::of(&name).ok()?.pace(),
+            PortName::SimDaemon(name) => StateDir::of(&name).ok()?.pace(),
             port if port.is_virtual() => None,
             _ => Some(1.0),
         }
@@ -300,9 +300,9 @@ impl Keeper {
     }
 
     /// Returns the material presets of the configured or default robot.
-    pub fn presets(&self) -> Presets {
+    pub fn presets(&self) -> MaterialPresets {
         let robot = self.entry.robot.as_deref().unwrap_or(robot_file::DEFAULT);
-        Presets::load(robot.as_ref()).unwrap_or_default()
+        MaterialPresets::load(robot.as_ref()).unwrap_or_default()
     }
 
     /// Returns the active growth if it belongs to this job.
@@ -312,9 +312,9 @@ impl Keeper {
     }
 
     /// Queues a command for the active growth. Returns false if no growth is active.
-    pub fn order(&self, order: Order) -> bool {
+    pub fn order(&self, order: Command) -> bool {
         let known = self.known();
-        known.orders.as_ref().map(|orders| orders.give(order)).is_some()
+        known.orders.as_ref().map(|orders| orders.push(order)).is_some()
     }
 
     /// Locks the start of jobs. While the guard is held, no other caller can start a job.
@@ -394,8 +394,8 @@ impl Keeper {
             Some(robot) => Some(robot_file::load(robot).map_err(|error| error.to_string())?),
             None => None,
         };
-        if let PortName::Resident(name) = &name {
-            let place = Place::of(name).map_err(|error| error.to_string())?;
+        if let PortName::SimDaemon(name) = &name {
+            let place = StateDir::of(name).map_err(|error| error.to_string())?;
             if switches_on && !place.is_on() {
                 let pace = self.entry.pace.unwrap_or(1.0);
                 switch_on(&place, configured.as_deref(), pace).map_err(|error| error.to_string())?;
@@ -413,15 +413,15 @@ impl Keeper {
         let any = robot_file::load(robot_file::DEFAULT.as_ref()).map_err(|error| error.to_string())?;
         let settings = TipSettings::default();
         let opened = port::open(&name, robot.as_ref().unwrap_or(&any), &settings).map_err(|error| error.to_string())?;
-        let Opened { port, simulation } = opened;
+        let OpenPort { port, simulated_tip: simulation } = opened;
         let mut client = Client::new(port, &self.entry.port);
-        let hello = client.board().map_err(|error| error.to_string())?;
+        let hello = client.identify().map_err(|error| error.to_string())?;
         let robot = match robot {
             Some(robot) => robot,
             None => robot_file::load(hello.robot_name.as_str().as_ref())
                 .map_err(|_| format!("its board is {}, which is not built in: say `robot` of it", hello.robot_name))?,
         };
-        let hello = client.hello_robot(&robot).map_err(|error| error.to_string())?;
+        let hello = client.open_session_for(&robot).map_err(|error| error.to_string())?;
         Ok(Connection { client, simulation, robot, hello })
     }
 
@@ -488,7 +488,7 @@ impl Keeper {
             Ask::Task(task) => client.maintain(task),
         };
         let left = match &done {
-            Err(error @ (ClientError::Port(_) | ClientError::Silent { .. })) => Left::Lost(error.to_string()),
+            Err(error @ (ClientError::Port(_) | ClientError::NoResponse { .. })) => Left::Lost(error.to_string()),
             _ => Left::Ready,
         };
         let _ = asked.reply.send(done.map_err(|error| error.to_string()));

@@ -5,8 +5,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use growbot_client::files::replace_file;
-use growbot_client::plan_file::written_hash;
+use growbot_client::atomic_file::write_atomic;
+use growbot_client::plan_file::format_hash;
 use growbot_core::hash::Hasher;
 use growbot_scene::read::is_geometry;
 use growbot_scene::scene_file;
@@ -50,9 +50,9 @@ pub fn keep(places: &Places, name: &str, bytes: &[u8]) -> Result<String, Problem
             directory.display()
         )));
     }
-    let kept = format!("{}.{ending}", written_hash(Hasher::hash(bytes)));
+    let kept = format!("{}.{ending}", format_hash(Hasher::hash(bytes)));
     let path = directory.join(&kept);
-    replace_file(&path, bytes).map_err(Problem::internal)?;
+    write_atomic(&path, bytes).map_err(Problem::internal)?;
     if let Err(error) = scene_file::load(&path) {
         fs::remove_file(&path).map_err(Problem::internal)?;
         return Err(Problem::bad(error.to_string().replace(&path.display().to_string(), name)));

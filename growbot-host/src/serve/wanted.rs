@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use growbot_client::plan::{Goal, Plan, Search};
-use growbot_client::plan_file::{self, Opened};
+use growbot_client::plan::{Goal, Plan, PlanOptions};
+use growbot_client::plan_file::{self, LoadedPlan};
 use growbot_client::pose_text::{parse_goal, parse_pose};
-use growbot_client::through_scene::{self, EFFORT, LENGTH_MAX, Through};
+use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
 use growbot_core::plan::Planner;
 use growbot_core::robot::Robot;
 use growbot_scene::scene_file::{LoadedScene, load};
@@ -81,7 +81,7 @@ impl Wanted {
 
     fn given(&self, plan: &Value, robot: &Robot, scene: Option<&Path>) -> Result<Course, Problem> {
         let opened = plan_file::read_in_scene(&plan.to_string(), "the plan", None, scene);
-        let Opened { robot: of, mut plan, scene: within } = opened.map_err(Problem::bad)?;
+        let LoadedPlan { robot: of, mut plan, scene: within } = opened.map_err(Problem::bad)?;
         if of.hash() != robot.hash() {
             return Err(Problem::conflict(format!(
                 "the plan is for {} ({:016x}), and the robot is {} ({:016x}): plan for that one",
@@ -94,7 +94,7 @@ impl Wanted {
         let (Some(file), None) = (scene, &within) else { return Ok(Course { plan, scene: within }) };
         // The plan was made without the scene.
         let loaded = load(file).map_err(Problem::bad)?;
-        match through_scene::clear_in(&plan, robot, &file.display().to_string(), &loaded) {
+        match scene_planning::check_clearance(&plan, robot, &file.display().to_string(), &loaded) {
             Ok(clearance) => plan.scene = Some(clearance),
             Err(_) if self.force => {}
             Err(unclear) => return Err(Problem::bad(unclear)),
@@ -107,28 +107,28 @@ impl Wanted {
         let start = parse_pose(self.from.as_deref().unwrap_or("0,0,0,0,90")).map_err(Problem::bad)?;
         let via: Result<Vec<_>, _> = self.via.iter().map(|via| parse_goal(via).map(|typed| typed.goal)).collect();
         let via = via.map_err(Problem::bad)?;
-        let search = Search {
+        let search = PlanOptions {
             radius: self.radius_mm.unwrap_or(robot.description().planning_radius_mm),
             planner: Planner::Shortest,
             clear_of_self: true,
         };
         let Some(file) = scene else {
-            let plan = Plan::through(robot, &start, &via, &goal, &search).map_err(Problem::bad)?;
+            let plan = Plan::through_waypoints(robot, &start, &via, &goal, &search).map_err(Problem::bad)?;
             return Ok(Course { plan, scene: None });
         };
         let loaded = load(file).map_err(Problem::bad)?;
-        let through = Through {
+        let through = SceneOptions {
             file: &file.display().to_string(),
             loaded: &loaded,
             margin: loaded.margin,
             grown: None,
             effort: EFFORT,
             deadline: None,
-            length_max: LENGTH_MAX,
+            length_max: MAX_LENGTH_MM,
             first_only: false,
         };
         let goals: Vec<Goal> = via.into_iter().chain([goal]).collect();
-        let plan = through_scene::plan(robot, &start, &goals, &search, &through).map_err(Problem::bad)?;
+        let plan = scene_planning::plan(robot, &start, &goals, &search, &through).map_err(Problem::bad)?;
         Ok(Course { plan, scene: Some(loaded) })
     }
 }

@@ -21,7 +21,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use growbot_client::growth::{Job, JobEvent, Orders};
+use growbot_client::growth::{CommandQueue, Job, JobEvent};
 use growbot_client::run_log::GrowthResult;
 use growbot_core::layer_bytes::LayerBytes;
 use tokio::sync::{oneshot, watch};
@@ -67,7 +67,7 @@ pub(crate) struct Shared {
 /// An active growth, shared by pages and by the thread that follows it.
 pub struct Live {
     /// Queue of commands. `None` if pages are read-only.
-    orders: Option<Arc<Orders>>,
+    orders: Option<Arc<CommandQueue>>,
     watched: Mutex<Watched>,
     /// Counter of changes. Each open page waits for it to change.
     changes: watch::Sender<u64>,
@@ -78,7 +78,7 @@ impl Live {
     /// Creates a growth that is about to start, or to be resumed after the `known` layers. With `orders`, pages can
     /// send commands.
     #[must_use]
-    pub fn new(job: &Job, known: &[Option<LayerBytes>], orders: Option<Arc<Orders>>) -> Arc<Self> {
+    pub fn new(job: &Job, known: &[Option<LayerBytes>], orders: Option<Arc<CommandQueue>>) -> Arc<Self> {
         let watched = Mutex::new(Watched::new(job, known));
         Arc::new(Self { orders, watched, changes: watch::Sender::new(0), is_left: AtomicBool::new(false) })
     }
@@ -138,7 +138,7 @@ impl Watch {
         subject: &Subject,
         job: &Job,
         known: &[Option<LayerBytes>],
-        orders: Option<Arc<Orders>>,
+        orders: Option<Arc<CommandQueue>>,
         port: u16,
     ) -> Result<Self, WatchError> {
         let of_address = |error| WatchError::Address { port, error };

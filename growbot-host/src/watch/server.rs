@@ -13,8 +13,8 @@ use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
 use futures_util::stream::{Stream, unfold};
-use growbot_client::growth::Order;
-use growbot_client::printable::json_line;
+use growbot_client::growth::Command;
+use growbot_client::sanitize::json_line;
 use tokio::net::TcpListener;
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
@@ -107,7 +107,7 @@ pub async fn give(live: &Live, name: &str) -> Response {
     let Some(orders) = &live.orders else {
         return (StatusCode::FORBIDDEN, "this page may only look: start growbot with --control").into_response();
     };
-    let Some(order) = Order::ALL.into_iter().find(|order| order.name() == name) else { return nothing().await };
-    orders.give(order);
+    let Some(order) = Command::ALL.into_iter().find(|order| order.name() == name) else { return nothing().await };
+    orders.push(order);
     StatusCode::ACCEPTED.into_response()
 }

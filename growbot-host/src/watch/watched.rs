@@ -1,7 +1,7 @@
 //! State of a growth, and the part of it that a page has not yet received.
 
 use growbot_client::growth::{Job, JobEvent};
-use growbot_client::run_clock::Clock;
+use growbot_client::run_clock::RunClock;
 use growbot_client::run_log::{BodyKind, GrowthResult, hex_of};
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
@@ -30,7 +30,7 @@ pub struct Watched {
     readings: Vec<Reading>,
     /// Number of times that readings were thinned out.
     thinned: u32,
-    clock: Clock,
+    clock: RunClock,
     answers: bool,
     /// Reason why the board rejected the latest command.
     refused: Option<String>,
@@ -126,7 +126,7 @@ impl Watched {
             pause_cause: PauseCause::default(),
             readings: Vec::new(),
             thinned: 0,
-            clock: Clock::default(),
+            clock: RunClock::default(),
             answers: true,
             refused: None,
             warned: None,
@@ -143,27 +143,27 @@ impl Watched {
             JobEvent::State(state) => self.changed(*state),
             JobEvent::Status(status) => self.status(status),
             JobEvent::Laid { index, as_built, .. } => self.laid(*index as usize, *as_built),
-            JobEvent::Amending(amendment) => {
+            JobEvent::Amendment(amendment) => {
                 let from = self.commanded.len().min(amendment.from as usize);
                 let layers = self.commanded.split_off(from);
                 self.replaced = Some(Replaced { from: from as u32, layers, total: self.total });
                 self.replace(amendment.from, &amendment.layers);
                 self.total = amendment.total as usize;
             }
-            JobEvent::NotAmended(_) => {
+            JobEvent::AmendmentRejected(_) => {
                 if let Some(before) = self.replaced.take() {
                     self.replace(before.from, &before.layers);
                     self.total = before.total;
                 }
             }
-            JobEvent::HandingOver { from, layers } => self.replace(*from, layers),
-            JobEvent::NotObeyed(why) => self.refused = Some(why.clone()),
-            JobEvent::Ordered(_) => self.refused = None,
-            JobEvent::Silent => self.answers = false,
-            JobEvent::Back => self.answers = true,
+            JobEvent::LayersSent { from, layers } => self.replace(*from, layers),
+            JobEvent::CommandFailed(why) => self.refused = Some(why.clone()),
+            JobEvent::Command(_) => self.refused = None,
+            JobEvent::NoResponse => self.answers = false,
+            JobEvent::Reconnected => self.answers = true,
             JobEvent::Simulated { from, layers } => self.lies(*from as usize, layers),
-            JobEvent::TooNear(too_near) => self.refused = Some(too_near.to_string()),
-            JobEvent::Counting(_) | JobEvent::Crash(_) | JobEvent::Detour(_) => {}
+            JobEvent::ClearanceViolation(too_near) => self.refused = Some(too_near.to_string()),
+            JobEvent::EncoderReference(_) | JobEvent::Crash(_) | JobEvent::Detour(_) => {}
         }
     }
 
@@ -241,7 +241,7 @@ impl Watched {
 
     fn status(&mut self, status: &Status) {
         (self.state, self.fault, self.pause_cause) = (status.state.name(), status.fault, status.pause_cause);
-        self.clock.board_says(status.uptime_ms);
+        self.clock.set_uptime(status.uptime_ms);
         let now = self.clock.now() as f64 / 1000.0;
         let celsius = |centi: i32| f64::from(centi) / 100.0;
         if let Some(temperature) = status.temperature_centi_c {
@@ -288,7 +288,7 @@ impl Watched {
 mod tests {
     use super::*;
     use growbot_client::growth::Amendment;
-    use growbot_client::run_log::ResultOutcome;
+    use growbot_client::run_log::OutcomeKind;
     use growbot_core::path::{Segment, end};
     use growbot_core::pose::Pose;
     use serde_json::{Value, json};
@@ -378,9 +378,9 @@ mod tests {
     fn an_amendment_that_the_board_does_not_take_is_taken_back() {
         let mut watched = watched(&[]);
         let (commanded, total) = (watched.commanded.clone(), watched.total);
-        watched.ingest(&JobEvent::Amending(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
+        watched.ingest(&JobEvent::Amendment(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
         assert_eq!((watched.commanded.len(), watched.total), (3, 20));
-        watched.ingest(&JobEvent::NotAmended(None));
+        watched.ingest(&JobEvent::AmendmentRejected(None));
         assert!(watched.commanded == commanded && watched.total == total);
     }
 
@@ -406,7 +406,7 @@ mod tests {
     fn a_log_that_fails_is_told_until_it_does_not() {
         let mut watched = watched(&[]);
         watched.warn(Some("disk full".to_owned()));
-        watched.ingest(&JobEvent::Ordered(growbot_client::growth::Order::Pause));
+        watched.ingest(&JobEvent::Command(growbot_client::growth::Command::Pause));
         assert_eq!(update_of(&watched, &mut Seen::default())["warned"], "disk full");
         watched.warn(None);
         assert_eq!(update_of(&watched, &mut Seen::default())["warned"], Value::Null);
@@ -459,13 +459,13 @@ mod tests {
     #[test]
     fn amended_layers_are_those_that_unknown_ones_are_shown_by() {
         let mut watched = watched(&[]);
-        watched.ingest(&JobEvent::Amending(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
-        watched.ingest(&JobEvent::HandingOver { from: 3, layers: vec![[6; 12]] });
+        watched.ingest(&JobEvent::Amendment(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
+        watched.ingest(&JobEvent::LayersSent { from: 3, layers: vec![[6; 12]] });
         watched.ingest(&JobEvent::Laid { index: 3, as_built: None, measured: None });
         assert_eq!(watched.built[1..], [[5; 12], [5; 12], [6; 12]]);
         let update = update_of(&watched, &mut Seen::default());
         assert_eq!(update["total"], 20);
         watched.end(serde_json::from_value(json!({ "outcome": "stopped" })).unwrap());
-        assert_eq!(watched.ended.unwrap().outcome, ResultOutcome::Stopped);
+        assert_eq!(watched.ended.unwrap().outcome, OutcomeKind::Stopped);
     }
 }

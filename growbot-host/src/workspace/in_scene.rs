@@ -4,8 +4,8 @@
 //! results: a path that is proven clear, a proof that there is none, or no path found with the allowed effort. The
 //! third result proves nothing.
 
-use growbot_client::plan::{Goal, Search};
-use growbot_client::through_scene::{self, NoPath, Through, ThroughError};
+use growbot_client::plan::{Goal, PlanOptions};
+use growbot_client::scene_planning::{self, NoPathError, SceneOptions, ScenePlanError};
 use growbot_core::path;
 use growbot_core::pose::{Pose, Position};
 use growbot_sim::parallel;
@@ -126,10 +126,14 @@ impl InScene {
 ///
 /// # Errors
 /// An error that concerns every goal: the radius is invalid, or the start is too near to an obstacle.
-pub fn in_scene(question: &Question, through: &Through, mut at: impl FnMut(u64, u64)) -> Result<InScene, ThroughError> {
+pub fn in_scene(
+    question: &Question,
+    through: &SceneOptions,
+    mut at: impl FnMut(u64, u64),
+) -> Result<InScene, ScenePlanError> {
     question.check()?;
     let goals: Vec<Vector3<f64>> = (0..POSITIONS).map(|index| in_ball(index) * question.length).collect();
-    let answer = |goal: &Vector3<f64>| -> Result<Asked, ThroughError> {
+    let answer = |goal: &Vector3<f64>| -> Result<Asked, ScenePlanError> {
         let position = question.position(*goal);
         Ok(Asked { position, distance: goal.norm(), known: question.known(through, *goal, position)? })
     };
@@ -139,7 +143,12 @@ pub fn in_scene(question: &Question, through: &Through, mut at: impl FnMut(u64, 
 
 impl Question<'_> {
     /// Plans to a goal, which is given in the frames of the start and of the base.
-    fn known(&self, through: &Through, of_start: Vector3<f64>, position: Vector3<f64>) -> Result<Known, ThroughError> {
+    fn known(
+        &self,
+        through: &SceneOptions,
+        of_start: Vector3<f64>,
+        position: Vector3<f64>,
+    ) -> Result<Known, ScenePlanError> {
         let (at_least, goal) = match self.direction {
             None => {
                 let lateral = libm::hypot(of_start.x, of_start.y);
@@ -153,20 +162,20 @@ impl Question<'_> {
         let Some(goal) = goal.ok().filter(|_| at_least <= self.length * (1.0 + 1e-9)) else {
             return Ok(Known::TooFar);
         };
-        let search = Search { radius: self.radius, planner: self.planner, clear_of_self: true };
-        match through_scene::plan(self.robot, &self.start, &[goal], &search, through) {
+        let search = PlanOptions { radius: self.radius, planner: self.planner, clear_of_self: true };
+        match scene_planning::plan(self.robot, &self.start, &[goal], &search, through) {
             Ok(plan) => Ok(Known::Path(path::length(&plan.path))),
-            Err(ThroughError::NoPath(start @ NoPath::Start { .. })) => Err(start.into()),
-            Err(ThroughError::NoPath(no_path)) => Ok(match no_path {
-                NoPath::TooFar { .. } => Known::TooFar,
-                NoPath::Goal { .. } => Known::TooNear,
-                NoPath::Separated { .. } => Known::Separated,
-                NoPath::AtResolution { step, .. } => Known::NoneAt(step),
-                NoPath::NotClear => Known::NotClear,
-                NoPath::Start { .. } | NoPath::NotFound => Known::NotFound,
+            Err(ScenePlanError::NoPath(start @ NoPathError::Start { .. })) => Err(start.into()),
+            Err(ScenePlanError::NoPath(no_path)) => Ok(match no_path {
+                NoPathError::TooFar { .. } => Known::TooFar,
+                NoPathError::Goal { .. } => Known::TooNear,
+                NoPathError::Separated { .. } => Known::Separated,
+                NoPathError::AtResolution { step, .. } => Known::NoneAt(step),
+                NoPathError::NotClear => Known::NotClear,
+                NoPathError::Start { .. } | NoPathError::NotFound => Known::NotFound,
             }),
             // A goal without a path in empty space counts as not found, because the planner's error proves nothing.
-            Err(ThroughError::Plan(_)) => Ok(Known::NotFound),
+            Err(ScenePlanError::Plan(_)) => Ok(Known::NotFound),
         }
     }
 }

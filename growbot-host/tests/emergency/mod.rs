@@ -200,7 +200,7 @@ fn carry(mut master: impl Read + Write, is_warm: bool, line: &Mutex<Line>, seen:
     println!("noise of seed {SEED}");
     let mut sim = Sim::new(robot_file::load("growbot-a".as_ref()).unwrap());
     if is_warm {
-        sim.simulated_tip().warm_at_once(WARM_C);
+        sim.simulated_tip().preheat_instantly(WARM_C);
     }
     let (mut random, mut buffer) = (Rng::new(&[SEED]), [0; 256]);
     // It recognises the stops that the host sends, even if the line is cut.
@@ -252,7 +252,7 @@ fn carry(mut master: impl Read + Write, is_warm: bool, line: &Mutex<Line>, seen:
         let passed = last.elapsed();
         last = Instant::now();
         let grows = matches!(sim.state(), State::Growing | State::Paused);
-        sim.pass(passed * if grows { PACE_OF_GROWTH } else { PACE });
+        sim.run_for(passed * if grows { PACE_OF_GROWTH } else { PACE });
         {
             let mut seen = seen.lock().unwrap();
             (seen.state, seen.heats) = (sim.state(), heats(&mut sim));

@@ -127,10 +127,10 @@ impl FakeBoard {
                         stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
                         serve_sim(&mut sim, stream, count, look);
                         // A board waits 10 s for a host that has gone.
-                        sim.pass(Duration::from_secs(12));
+                        sim.run_for(Duration::from_secs(12));
                     }
                     Err(_) => {
-                        sim.pass(look());
+                        sim.run_for(look());
                         thread::sleep(Duration::from_millis(1));
                     }
                 }

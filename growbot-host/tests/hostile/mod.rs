@@ -10,7 +10,7 @@ use std::process::Stdio;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use growbot_client::printable::steers;
+use growbot_client::sanitize::is_control;
 
 use crate::running::{PROGRAM, command};
 
@@ -81,7 +81,7 @@ pub fn faults(ran: &Ran, directory: &Path, output: Option<&str>) -> Vec<String> 
         match std::str::from_utf8(bytes) {
             Err(error) => faults.push(format!("{name} is no text at byte {}", error.valid_up_to())),
             Ok(text) => {
-                if let Some(letter) = text.chars().find(|letter| *letter != '\n' && steers(*letter)) {
+                if let Some(letter) = text.chars().find(|letter| *letter != '\n' && is_control(*letter)) {
                     faults.push(format!("{name} holds {letter:?}"));
                 }
                 if text.contains("panicked at") {

@@ -1,7 +1,7 @@
 //! A body for exports: its layers, with the tip's frame before and after each of them.
 
 use growbot_client::plan::Plan;
-use growbot_client::run_log::RunRecord;
+use growbot_client::run_log::RecordedRun;
 use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::decode;
@@ -72,7 +72,7 @@ impl Body {
     /// Returns the body that the board's steps have built, according to a run log, up to the last layer laid. A layer
     /// without a report is as it was sent to the board.
     #[must_use]
-    pub fn as_built(robot: &Robot, start: &Pose, record: &RunRecord) -> Self {
+    pub fn as_built(robot: &Robot, start: &Pose, record: &RecordedRun) -> Self {
         let laid = record.commanded().zip(&record.as_built).map(|(layer, as_built)| {
             (decode(&layer), if as_built.is_some() { Source::AsBuilt } else { Source::Planned })
         });
@@ -82,9 +82,9 @@ impl Body {
     /// Returns the body as the plastic of a simulated tip lies, including the unfinished layer. `None` for a real
     /// robot.
     #[must_use]
-    pub fn simulated(robot: &Robot, start: &Pose, record: &RunRecord) -> Option<Self> {
+    pub fn simulated(robot: &Robot, start: &Pose, record: &RecordedRun) -> Option<Self> {
         let laid = record.simulated()?.into_iter().enumerate();
-        let source = |index| if record.says_where(index) { Source::Simulated } else { Source::AsBuilt };
+        let source = |index| if record.has_simulated_layer(index) { Source::Simulated } else { Source::AsBuilt };
         Some(Self::new(robot, start, laid.map(|(index, layer)| (layer, source(index)))))
     }
 

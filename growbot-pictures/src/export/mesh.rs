@@ -250,7 +250,7 @@ mod tests {
         let robot = robot_file::load(robot.as_ref()).unwrap();
         let (start, goal) = (parse_pose(start).unwrap(), parse_pose(goal).unwrap());
         let radius = robot.description().planning_radius_mm;
-        Body::planned(&robot, &Plan::make(&robot, &start, &goal, radius, Planner::TwoPlane).unwrap())
+        Body::planned(&robot, &Plan::new(&robot, &start, &goal, radius, Planner::TwoPlane).unwrap())
     }
 
     /// Checks the mesh in 32-bit numbers, with equal vertices merged as readers of the file do.

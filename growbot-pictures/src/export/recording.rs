@@ -5,11 +5,13 @@
 use std::collections::{BTreeMap, HashMap};
 use std::io::Cursor;
 
+use growbot_client::clearance_guard::Detour;
 use growbot_client::degrees::degrees_below_turn;
-use growbot_client::keep_clear::Detour;
 use growbot_client::plan::Plan;
-use growbot_client::run_clock::{Clock, events, time_for};
-use growbot_client::run_log::{Board, BoardStatus, GrowthResult, ResultOutcome, RunEvent, RunRecord, WrittenMeasured};
+use growbot_client::run_clock::{RunClock, events, time_for};
+use growbot_client::run_log::{
+    BoardRecord, BoardStatus, GrowthResult, MeasuredJson, OutcomeKind, RecordedRun, RunEvent,
+};
 use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::decode;
@@ -46,7 +48,7 @@ pub enum Encoding {
 pub fn write(
     robot: &Robot,
     plan: &Plan,
-    record: &RunRecord,
+    record: &RecordedRun,
     log: &[u8],
     encoding: Encoding,
 ) -> Result<Vec<u8>, McapError> {
@@ -74,7 +76,7 @@ pub fn write(
             RunEvent::Laid(laid) if (laid.layer as usize) < body.layers.len() => {
                 let told = laid.layer as usize;
                 while let Some((index, ((before, grown), planned))) = growing.next_if(|(index, _)| told >= *index) {
-                    recorder.clock.layer_took(time_for(&grown.layer, plan));
+                    recorder.clock.add_layer(time_for(&grown.layer, plan));
                     let beside = commanded.layers.get(index).filter(|_| simulated.is_some());
                     let measured = laid.measured.filter(|_| told == index);
                     recorder.layer(index, grown, &decode(planned), beside, measured)?;
@@ -102,7 +104,7 @@ fn in_words(event: &RunEvent) -> Option<(Level, String)> {
     let words = match event {
         RunEvent::Board(board) => {
             let [major, minor, patch] = board.firmware;
-            let Board { boot_id, reset_cause, state, laid, .. } = board;
+            let BoardRecord { boot_id, reset_cause, state, laid, .. } = board;
             format!(
                 "board: firmware {major}.{minor}.{patch}, boot {boot_id:08x}, started by {reset_cause}, {state}, {laid} layers laid"
             )
@@ -163,7 +165,7 @@ struct Recorder {
     encoding: Encoding,
     /// Channels by their names.
     channels: HashMap<&'static str, u16>,
-    clock: Clock,
+    clock: RunClock,
     /// Number of messages so far.
     told: u32,
     /// The latched fault of the latest status.
@@ -220,7 +222,7 @@ impl Recorder {
         }
         let limits = &robot.description().layer;
         let heights = Heights { min: limits.height_min_mm, max: limits.height_max_mm };
-        let (clock, way) = (Clock::default(), Vec::new());
+        let (clock, way) = (RunClock::default(), Vec::new());
         Ok(Self { writer, encoding, channels, clock, told: 0, fault: None, heights, hardware, way })
     }
 
@@ -276,13 +278,13 @@ impl Recorder {
     /// Records the end of the growth.
     fn end(&mut self, result: &GrowthResult) -> Result<(), McapError> {
         let level = match result.outcome {
-            ResultOutcome::Done => Level::Info,
-            ResultOutcome::Fault => Level::Error,
+            OutcomeKind::Done => Level::Info,
+            OutcomeKind::Fault => Level::Error,
             _ => Level::Warning,
         };
         if let Some(code) = &result.fault {
             self.latched(Some(code))?;
-        } else if result.outcome == ResultOutcome::Fault && self.fault.is_none() {
+        } else if result.outcome == OutcomeKind::Fault && self.fault.is_none() {
             self.fault("unknown", "the log says that a fault ended the growth, not which")?;
         }
         self.event(level, &format!("end: {}", result.outcome))
@@ -312,7 +314,7 @@ impl Recorder {
         laid: &BodyLayer,
         planned: &Layer,
         beside: Option<&BodyLayer>,
-        measured: Option<WrittenMeasured>,
+        measured: Option<MeasuredJson>,
     ) -> Result<(), McapError> {
         let layer = &laid.layer;
         let mut message = json!({
@@ -330,7 +332,7 @@ impl Recorder {
             message["commanded_height_mm"] = layer.height.into();
             message["commanded_tilt_deg"] = degrees(layer.tilt).into();
         }
-        if let Some(WrittenMeasured { filament_pulses, gravity_milli_g }) = measured {
+        if let Some(MeasuredJson { filament_pulses, gravity_milli_g }) = measured {
             messages::add_known(&mut message, "filament_pulses", filament_pulses);
             messages::add_known(&mut message, "gravity_milli_g", gravity_milli_g);
         }
@@ -379,15 +381,15 @@ mod tests {
     fn recorded_from(origin: Origin, lines: &[Value]) -> Vec<(String, u64, Value)> {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,3,0,90").unwrap());
-        let plan = Plan::make(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
+        let plan = Plan::new(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
         let job = Job::of_plan(&robot, &plan);
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("run.jsonl");
-        RunLog::begin(&path, &plan, &job, None, origin).unwrap();
+        RunLog::create(&path, &plan, &job, None, origin).unwrap();
         let mut log = std::fs::read(&path).unwrap();
         log.extend(lines.iter().flat_map(|line| format!("{line}\n").into_bytes()));
         log.extend(b"{\"event\":\"sta");
-        let record = RunRecord::read(&log, "run.jsonl").unwrap();
+        let record = RecordedRun::read(&log, "run.jsonl").unwrap();
         let bytes = write(&robot, &plan, &record, &log, Encoding::Json).unwrap();
         let message = |message: mcap::Message| {
             let content = serde_json::from_slice(&message.data).unwrap();

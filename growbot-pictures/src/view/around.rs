@@ -1,6 +1,6 @@
 //! The scene around a body: the part of it that is shown, and the point where the body is nearest to an obstacle.
 
-use growbot_client::through_scene;
+use growbot_client::scene_planning;
 use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, decode};
@@ -57,7 +57,7 @@ impl Around {
         }
         let planned = &subject.plan.path;
         let path = if layers.built.is_none() && !planned.is_empty() {
-            through_scene::laid(planned, subject.robot)
+            scene_planning::laid(planned, subject.robot)
         } else {
             path(layers.body())
         };

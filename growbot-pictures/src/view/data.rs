@@ -1,7 +1,7 @@
 //! The page's data of a body: JSON for its script (growbot-pictures/viewer/src/subject.js). Lengths are in mm.
 
 use growbot_client::client::ClockDrift;
-use growbot_client::run_log::{RunRecord, hex_of};
+use growbot_client::run_log::{RecordedRun, hex_of};
 use growbot_core::pose::{Frame, Pose};
 use growbot_scene::obstacle_selection::ObstacleSelection;
 use growbot_scene::shapes::Shape;
@@ -17,18 +17,18 @@ pub fn of(subject: &Subject, layers: &Layers, around: Option<&Around>) -> Value 
     let Subject { name, robot, plan, run, laid, .. } = subject;
     let description = robot.description();
     let mut warnings: Vec<String> = plan.warnings.iter().map(|warning| warning.message.clone()).collect();
-    let unknown = run.map_or(0, RunRecord::unknown);
+    let unknown = run.map_or(0, RecordedRun::unknown_layers);
     if unknown > 0 {
         warnings.push(format!("{unknown} layers are not known, interrupted or lost: they are shown as planned"));
     }
-    if let Some(drift) = run.and_then(RunRecord::clock_drift) {
+    if let Some(drift) = run.and_then(RecordedRun::clock_drift) {
         warnings.push(format!("{drift}; {}", ClockDrift::REMEDY));
     }
-    match run.map_or(0, RunRecord::not_simulated) {
+    match run.map_or(0, RecordedRun::missing_simulated_layers) {
         0 => {}
         layers => warnings.push(format!("the log does not say where {layers} layers lie: they are shown as commanded")),
     }
-    if let Some(words) = run.and_then(|run| run.damage.in_words(name)) {
+    if let Some(words) = run.and_then(|run| run.damage.message(name)) {
         warnings.push(words);
     }
     let about = match run {

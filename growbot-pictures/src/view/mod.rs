@@ -37,8 +37,8 @@ use std::path::Path;
 
 use growbot_client::growth::Job;
 use growbot_client::plan::Plan;
-use growbot_client::plan_file::pose;
-use growbot_client::run_log::{BodyKind, RunRecord};
+use growbot_client::plan_file::pose_from_json;
+use growbot_client::run_log::{BodyKind, RecordedRun};
 use growbot_core::job::job_layers;
 use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
@@ -92,7 +92,7 @@ pub struct Subject<'a> {
     /// The plan.
     pub plan: &'a Plan,
     /// Log of the growth. `None` without one.
-    pub run: Option<&'a RunRecord>,
+    pub run: Option<&'a RecordedRun>,
     /// Layers of a growth that was simulated without a board, and so has no log.
     pub laid: Option<&'a [Layer]>,
     /// Scene in which the body is shown. `None` without one.
@@ -108,16 +108,16 @@ impl Subject<'_> {
     /// Returns the planned layers, and for a run those as built. An error if they are too many to show.
     fn layers(&self) -> Result<Layers, ViewError> {
         let grown = self.run.map_or(0, |run| run.as_built.len()).max(self.laid.map_or(0, <[Layer]>::len));
-        let found = self.plan.needs.layers.max(grown);
+        let found = self.plan.requirements.layers.max(grown);
         if found > MAX_LAYERS {
             return Err(ViewError::TooManyLayers { name: self.name.to_owned(), found });
         }
         let planned = job_layers(&self.plan.path, self.robot).collect();
         let commanded: Option<Vec<LayerBytes>> = self.run.map(|run| run.commanded().collect());
         let mut encoder = LayerEncoder::default();
-        let simulated = self.run.and_then(RunRecord::simulated).or_else(|| self.laid.map(<[Layer]>::to_vec));
+        let simulated = self.run.and_then(RecordedRun::simulated).or_else(|| self.laid.map(<[Layer]>::to_vec));
         let simulated = simulated.map(|layers| layers.iter().map(|layer| encoder.encode(layer)).collect());
-        let kind = self.run.map(RunRecord::body_kind).or(self.laid.map(|_| BodyKind::Laid));
+        let kind = self.run.map(RecordedRun::body_kind).or(self.laid.map(|_| BodyKind::Laid));
         Ok(match simulated {
             Some(simulated) => Layers { planned, built: Some(simulated), kind, commanded },
             None => Layers { planned, built: commanded, kind, commanded: None },
@@ -179,8 +179,8 @@ impl Layers {
 }
 
 /// Returns the tip's pose at the end of a run and the name of what measured it, according to the log.
-fn measured_end(run: &RunRecord) -> Option<(Pose, &'static str)> {
+fn measured_end(run: &RecordedRun) -> Option<(Pose, &'static str)> {
     let result = run.result.as_ref()?;
     let (by, arrival) = (result.measured_by?, result.arrival.as_ref()?);
-    Some((pose("final", &arrival.final_pose.pose()).ok()?, by.name()))
+    Some((pose_from_json("final", &arrival.final_pose.pose()).ok()?, by.name()))
 }

@@ -18,7 +18,7 @@ pub type Group = (String, Vec<(String, String)>);
 /// Returns the groups for a body.
 pub fn of(subject: &Subject, layers: &Layers, around: Option<&Around>) -> Vec<Group> {
     let Subject { robot, plan, .. } = subject;
-    let needs = &plan.needs;
+    let needs = &plan.requirements;
     let mut groups = Vec::new();
     if let Some(built) = &layers.built {
         if let Some((reached, by)) = subject.run.and_then(measured_end) {
@@ -102,7 +102,7 @@ pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
 pub fn measured(subject: &Subject) -> Option<String> {
     let (reached, by) = subject.run.and_then(measured_end)?;
     let Arrival { position_error_mm: mm, direction_error_deg: deg, .. } =
-        Arrival::of(&reached.frame(), &subject.plan.goal, subject.plan.needs.length);
+        Arrival::of(&reached.frame(), &subject.plan.goal, subject.plan.requirements.length);
     let says = if by == "steps" { "say" } else { "says" };
     Some(format!("arrived {mm:.2} mm and {deg:.2}° off the goal, as the {by} {says}"))
 }
@@ -131,7 +131,7 @@ fn nearness(subject: &Subject, layers: &[LayerBytes]) -> Vec<(&'static str, Stri
     let Subject { robot, plan, .. } = subject;
     let start = plan.start.frame();
     let tip = grow(&start, layers.iter().map(decode));
-    let mut rows = arrival(subject, &Arrival::of(&tip, &plan.goal, plan.needs.length));
+    let mut rows = arrival(subject, &Arrival::of(&tip, &plan.goal, plan.requirements.length));
     let clearance = match self_clearance(&start, layers, robot.outer_diameter()) {
         None => "nowhere near".to_owned(),
         Some(clearance) if clearance < 0.0 => format!("runs into itself by {:.1} mm", -clearance),

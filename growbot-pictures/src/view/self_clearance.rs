@@ -2,7 +2,7 @@
 //!
 //! Every body is near itself along its own length. Only a point where one stretch passes another counts. Such a point
 //! is a local minimum of the distance between two points of the centreline that are more than `pi D / 2` apart along it
-//! (see [`growbot_client::clearance`]).
+//! (see [`growbot_client::self_collision`]).
 
 use std::f64::consts::FRAC_PI_2;
 

@@ -23,21 +23,21 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use growbot_client::port::stream::Stream;
-use growbot_client::port::{Port, PortError, real_time};
+use growbot_client::port::{Port, PortError, time_since_boot};
 use growbot_core::layer::Layer;
 use growbot_core::robot::{MAX_ENCODED_LEN, Robot};
 use growbot_firmware::emulated_tip as table;
 
 use super::OpenError;
 use super::debugger::Debugger;
-use super::qemu::{EmulatedRobot, QemuError, Time, TipMemory, doing};
+use super::qemu::{EmulatedBoard, QemuError, SharedMemoryFile, Time, doing};
+use crate::ground_truth::{LaidBody, SimulatedTip};
 use crate::image_seal;
-use crate::tip::hand::Hand;
+use crate::tip::manual_action::ManualAction;
 use crate::tip::{IndexMark, Motor, Tip, TipFault, Variation, encoder_pitch};
-use crate::truth::{Laid, Simulation};
 
 /// Interval at which the tip polls its memory in real time.
-const LOOK: Duration = Duration::from_millis(1);
+const TIP_POLL_INTERVAL: Duration = Duration::from_millis(1);
 /// Interval of these polls in virtual time. Each poll costs QEMU about 0.1 ms.
 const VIRTUAL_LOOK: Duration = Duration::from_millis(5);
 /// Smallest number of ticks between two stops, and ticks between two bytes to the board. After a tick at which QEMU has
@@ -51,21 +51,21 @@ const END: Duration = Duration::from_secs(1);
 /// Name of the board in error messages.
 const NAME: &str = "the emulated board";
 /// Path of the firmware image in cargo's target directory.
-pub const FIRMWARE: &str = "thumbv7em-none-eabihf/firmware/an386";
+pub const FIRMWARE_PATH: &str = "thumbv7em-none-eabihf/firmware/an386";
 
 /// The robot's firmware in QEMU.
 pub struct Emulator {
     // Fields are dropped in this order: first the readers of the memory, then the board and its memory.
-    followed: Arc<Mutex<Followed>>,
+    followed: Arc<Mutex<TipFollower>>,
     line: BoardLine,
-    board: EmulatedRobot,
+    board: EmulatedBoard,
     /// Sealed copy of the image. QEMU reads it some time after its start.
     _image: Option<File>,
 }
 
 /// Connection to the board, with the mode of its time.
 enum BoardLine {
-    Real { stream: Stream, _player: Player },
+    Real { stream: Stream, _player: TipThread },
     Virtual(Rc<RefCell<Stepped>>),
 }
 
@@ -84,19 +84,19 @@ impl Emulator {
     /// # Errors
     /// Those of [`Emulator::start`].
     pub fn start_with_flash(robot: &Robot, firmware: Option<&Path>, flash: &[u8]) -> Result<Self, OpenError> {
-        robot.check_for_board().map_err(|error| OpenError::NoBoard(robot.name().to_owned(), error))?;
-        let firmware = firmware.map_or_else(built_last, Path::to_path_buf);
-        let memory = TipMemory::create(table::SIZE as u64)?;
+        robot.check_for_board().map_err(|error| OpenError::UnsupportedRobot(robot.name().to_owned(), error))?;
+        let firmware = firmware.map_or_else(latest_firmware, Path::to_path_buf);
+        let memory = SharedMemoryFile::create(table::SIZE as u64)?;
         prepare(&memory, robot)?;
         let flash = flash.get(..table::JOURNAL_CAPACITY).unwrap_or(flash);
         memory.file().write_all_at(flash, table::JOURNAL as u64).map_err(doing("write the journal's flash"))?;
-        let words = Words(memory.file().try_clone().map_err(doing("share the tip's memory"))?);
+        let words = TipRegisters(memory.file().try_clone().map_err(doing("share the tip's memory"))?);
         // The image of the board is sealed in the same way as by `growbot flash`.
         let sealed = with_seal(&firmware)?;
         let image = sealed.as_ref().map_or(firmware, path_of);
-        let mut board = EmulatedRobot::start(&image, memory, Time::of_environment())?;
+        let mut board = EmulatedBoard::start(&image, memory, Time::of_environment())?;
         let line = board.line().try_clone().map_err(doing("share the emulator's line"))?;
-        let followed = Arc::new(Mutex::new(Followed::new(words, robot)));
+        let followed = Arc::new(Mutex::new(TipFollower::new(words, robot)));
         let line = match board.debugger() {
             Some(debugger) => {
                 line.set_nonblocking(true).map_err(doing("set up the emulator's line"))?;
@@ -105,7 +105,7 @@ impl Emulator {
             }
             None => {
                 let stream = Stream::over(NAME.to_string(), line).map_err(doing("set up the emulator's line"))?;
-                BoardLine::Real { stream, _player: Player::start(&followed) }
+                BoardLine::Real { stream, _player: TipThread::start(&followed) }
             }
         };
         Ok(Self { followed, line, board, _image: sealed })
@@ -118,8 +118,8 @@ impl Emulator {
     }
 
     /// Removes the fault of this kind.
-    pub fn mend(&mut self, fault: TipFault) {
-        locked(&self.followed).tip.mend(fault);
+    pub fn clear_fault(&mut self, fault: TipFault) {
+        locked(&self.followed).tip.clear_fault(fault);
     }
 
     /// Calls a function with the tip in its current state.
@@ -129,7 +129,7 @@ impl Emulator {
 
     /// Returns the tip, to compare a growth with the layers that it really laid.
     #[must_use]
-    pub fn simulation(&self) -> Box<dyn Simulation> {
+    pub fn tip_handle(&self) -> Box<dyn SimulatedTip> {
         Box::new(SharedFollowed(Arc::clone(&self.followed)))
     }
 
@@ -155,16 +155,16 @@ impl Emulator {
     }
 
     /// Returns the emulator, with the memory of its tip.
-    pub fn board(&mut self) -> &mut EmulatedRobot {
+    pub fn board(&mut self) -> &mut EmulatedBoard {
         &mut self.board
     }
 }
 
 impl Emulator {
     /// Returns the reason for a broken connection. If QEMU has ended, the reason contains its last messages.
-    fn why(&mut self, broken: PortError) -> PortError {
-        match self.board.qemu().last_words(END) {
-            Some(said) => QemuError::Died(said).into(),
+    fn explain_disconnect(&mut self, broken: PortError) -> PortError {
+        match self.board.qemu().wait_for_exit(END) {
+            Some(said) => QemuError::ExitedWhileRunning(said).into(),
             None => broken,
         }
     }
@@ -179,7 +179,7 @@ impl Port for Emulator {
                 Ok(())
             }
         };
-        sent.map_err(|error| self.why(error))
+        sent.map_err(|error| self.explain_disconnect(error))
     }
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
@@ -190,18 +190,18 @@ impl Port for Emulator {
                 received.map_err(|error| PortError::Lost(NAME.to_string(), error.to_string()))
             }
         };
-        received.map_err(|error| self.why(error))
+        received.map_err(|error| self.explain_disconnect(error))
     }
 
     fn now(&self) -> Duration {
         match &self.line {
-            BoardLine::Real { .. } => real_time(),
+            BoardLine::Real { .. } => time_since_boot(),
             BoardLine::Virtual(stepped) => stepped.borrow().now(),
         }
     }
 
     /// In real time the board counts the interrupts of its timer, and misses some of them on a busy machine.
-    fn compares_clocks(&self) -> bool {
+    fn has_comparable_clock(&self) -> bool {
         matches!(self.line, BoardLine::Virtual(_))
     }
 }
@@ -231,7 +231,7 @@ impl BoardClock {
 
 /// A board in virtual time, which runs from one poll of its tip to the next.
 struct Stepped {
-    followed: Arc<Mutex<Followed>>,
+    followed: Arc<Mutex<TipFollower>>,
     debugger: Debugger,
     line: TcpStream,
     to_board: VecDeque<u8>,
@@ -245,7 +245,7 @@ struct Stepped {
 }
 
 impl Stepped {
-    fn new(followed: &Arc<Mutex<Followed>>, debugger: Debugger, line: TcpStream, tick_hz: u32) -> Self {
+    fn new(followed: &Arc<Mutex<TipFollower>>, debugger: Debugger, line: TcpStream, tick_hz: u32) -> Self {
         Self {
             followed: Arc::clone(followed),
             debugger,
@@ -286,7 +286,7 @@ impl Stepped {
             return self.read();
         }
         let mut followed = locked(&self.followed);
-        followed.look()?;
+        followed.sync()?;
         let after = followed.clock()?;
         drop(followed);
         // After a reset the clock counts from zero.
@@ -326,7 +326,7 @@ fn with_seal(firmware: &Path) -> Result<Option<File>, QemuError> {
         Ok(sealed) if !image_seal::is_sealed(&image) => sealed.bytes,
         _ => return Ok(None),
     };
-    let copy = TipMemory::create(sealed.len() as u64)?;
+    let copy = SharedMemoryFile::create(sealed.len() as u64)?;
     copy.file().write_all_at(&sealed, 0).map_err(doing("write the sealed image"))?;
     // The name of the file is removed with `copy`, so the file disappears however this program ends.
     copy.file().try_clone().map(Some).map_err(doing("keep the sealed image"))
@@ -338,17 +338,17 @@ fn path_of(file: &File) -> PathBuf {
 }
 
 /// Returns the firmware image that was built last: next to this program, or in `target` of the working directory.
-fn built_last() -> PathBuf {
+fn latest_firmware() -> PathBuf {
     let beside = std::env::current_exe().ok().and_then(|program| {
         // target/release/growbot, or target/debug/deps/some-test
-        program.ancestors().map(|folder| folder.join(FIRMWARE)).find(|image| image.is_file())
+        program.ancestors().map(|folder| folder.join(FIRMWARE_PATH)).find(|image| image.is_file())
     });
-    beside.unwrap_or_else(|| Path::new("target").join(FIRMWARE))
+    beside.unwrap_or_else(|| Path::new("target").join(FIRMWARE_PATH))
 }
 
 /// Writes the host's words before the board starts.
-fn prepare(memory: &TipMemory, robot: &Robot) -> Result<(), QemuError> {
-    let words = Words(memory.file().try_clone().map_err(doing("share the tip's memory"))?);
+fn prepare(memory: &SharedMemoryFile, robot: &Robot) -> Result<(), QemuError> {
+    let words = TipRegisters(memory.file().try_clone().map_err(doing("share the tip's memory"))?);
     let mark = IndexMark::of(robot);
     let mut buffer = [0; MAX_ENCODED_LEN];
     let machine = robot.encode(&mut buffer).unwrap_or_default();
@@ -376,9 +376,9 @@ fn entropy() -> u32 {
 }
 
 /// Words of the tip's memory.
-struct Words(File);
+struct TipRegisters(File);
 
-impl Words {
+impl TipRegisters {
     fn read(&self, offset: usize) -> io::Result<u32> {
         let mut bytes = [0; 4];
         self.0.read_exact_at(&mut bytes, offset as u64)?;
@@ -417,9 +417,9 @@ impl Words {
         self.show_converted(table::SUPPLY_RAW, table::SUPPLY_LIVE, tip.sample_supply())?;
         self.write(table::FILAMENT_PRESENT, tip.has_filament().into())?;
         self.write(table::DRIVER_FAULT, tip.driver_fault().into())?;
-        self.write(table::EMERGENCY_STOP, tip.emergency_stop().into())?;
+        self.write(table::EMERGENCY_STOP, tip.is_emergency_stop_pressed().into())?;
         self.show_index(tip)?;
-        let encoder = match (tip.filament_follows(), tip.encoder()) {
+        let encoder = match (tip.filament_moves_with_feed(), tip.encoder()) {
             (true, _) => table::ENCODER_TURNS,
             (false, false) => table::ENCODER_STANDS_LOW,
             (false, true) => table::ENCODER_STANDS_HIGH,
@@ -478,8 +478,8 @@ impl Words {
 }
 
 /// The tip, with the state of its memory at the latest poll.
-struct Followed {
-    words: Words,
+struct TipFollower {
+    words: TipRegisters,
     tip: Tip,
     boots: u32,
     /// Clock of the tip at the board's latest start, ticks.
@@ -493,8 +493,8 @@ struct Followed {
     lost_steps: u32,
 }
 
-impl Followed {
-    fn new(words: Words, robot: &Robot) -> Self {
+impl TipFollower {
+    fn new(words: TipRegisters, robot: &Robot) -> Self {
         Self {
             words,
             tip: tip_of(robot),
@@ -514,7 +514,7 @@ impl Followed {
     }
 
     /// Applies what the board has done since the latest poll, and updates the sensor readings.
-    fn look(&mut self) -> io::Result<()> {
+    fn sync(&mut self) -> io::Result<()> {
         if self.words.read(table::MAGIC)? != table::MAGIC_VALUE {
             return Ok(()); // not booted yet
         }
@@ -542,10 +542,11 @@ impl Followed {
             // The heat is the energy that the board has counted, however rarely this polls. The duty word is only for a
             // broken switch.
             let mean = if gained > 0 { gained as f64 / passed as f64 } else { f64::from(duty) };
-            self.tip.heat((mean / f64::from(u16::MAX)).min(1.0), enabled || gained > 0);
-            self.tip.blow(f64::from(self.words.read(table::FAN_DUTY)?.min(u32::from(u16::MAX))) / f64::from(u16::MAX));
-            self.tip.enable(Motor::Head, self.words.read(table::HEAD_ENABLE)? == 1);
-            self.tip.enable(Motor::Feed, self.words.read(table::FEED_ENABLE)? == 1);
+            self.tip.set_heater((mean / f64::from(u16::MAX)).min(1.0), enabled || gained > 0);
+            self.tip
+                .set_fan(f64::from(self.words.read(table::FAN_DUTY)?.min(u32::from(u16::MAX))) / f64::from(u16::MAX));
+            self.tip.set_enabled(Motor::Head, self.words.read(table::HEAD_ENABLE)? == 1);
+            self.tip.set_enabled(Motor::Feed, self.words.read(table::FEED_ENABLE)? == 1);
             self.tip.advance(self.boot_tick + ticks);
             (self.ticks, self.energy) = (ticks, energy);
         }
@@ -568,8 +569,8 @@ impl Followed {
                     table::Axis::Head => Motor::Head,
                     table::Axis::Feed => Motor::Feed,
                 };
-                self.tip.enable(motor, record.enabled);
-                self.tip.direct(motor, record.forward);
+                self.tip.set_enabled(motor, record.enabled);
+                self.tip.set_direction(motor, record.forward);
                 self.step_tick = record.tick_after(self.step_tick);
                 self.tip.advance(self.boot_tick + self.step_tick);
                 self.tip.step(motor);
@@ -582,26 +583,26 @@ impl Followed {
     }
 }
 
-fn locked(followed: &Mutex<Followed>) -> MutexGuard<'_, Followed> {
+fn locked(followed: &Mutex<TipFollower>) -> MutexGuard<'_, TipFollower> {
     followed.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The thread that simulates the tip in real time.
-struct Player {
+struct TipThread {
     over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Player {
-    fn start(followed: &Arc<Mutex<Followed>>) -> Self {
+impl TipThread {
+    fn start(followed: &Arc<Mutex<TipFollower>>) -> Self {
         let over = Arc::new(AtomicBool::new(false));
         let thread = thread::spawn({
             let (followed, over) = (Arc::clone(followed), Arc::clone(&over));
             move || {
                 while !over.load(Ordering::Relaxed) {
                     // A memory that cannot be read is reported when the record is read.
-                    let _ = locked(&followed).look();
-                    thread::sleep(LOOK);
+                    let _ = locked(&followed).sync();
+                    thread::sleep(TIP_POLL_INTERVAL);
                 }
             }
         });
@@ -610,30 +611,30 @@ impl Player {
 }
 
 /// The tip, to compare a growth with it.
-struct SharedFollowed(Arc<Mutex<Followed>>);
+struct SharedFollowed(Arc<Mutex<TipFollower>>);
 
-impl Simulation for SharedFollowed {
-    fn laid(&mut self) -> Result<Laid, PortError> {
+impl SimulatedTip for SharedFollowed {
+    fn laid(&mut self) -> Result<LaidBody, PortError> {
         let mut followed = locked(&self.0);
-        followed.look().map_err(|error| QemuError::Io("read the tip's memory", error))?;
+        followed.sync().map_err(|error| QemuError::Io("read the tip's memory", error))?;
         if followed.lost_steps > 0 {
             let what = format!("{} steps were lost before the tip could read them", followed.lost_steps);
             return Err(PortError::Lost("the emulated tip".to_string(), what));
         }
-        Ok(Laid { body: followed.tip.body(), feed_steps: followed.tip.feed_steps() })
+        Ok(LaidBody { body: followed.tip.body(), feed_steps: followed.tip.feed_steps() })
     }
 
     fn settled(&mut self, from: usize) -> Vec<Layer> {
         locked(&self.0).tip.settled(from).to_vec()
     }
 
-    fn by_hand(&mut self, hand: Hand) -> bool {
-        locked(&self.0).tip.by_hand(hand);
+    fn apply_action(&mut self, hand: ManualAction) -> bool {
+        locked(&self.0).tip.apply_action(hand);
         true
     }
 }
 
-impl Drop for Player {
+impl Drop for TipThread {
     fn drop(&mut self) {
         self.over.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {

@@ -13,19 +13,19 @@ use std::rc::Rc;
 use std::str::FromStr;
 use std::time::Duration;
 
-use growbot_client::port::faulty::{FaultSpec, Faulty};
+use growbot_client::port::faulty::{FaultSpec, FaultyPort};
 use growbot_client::port::stream::Stream;
 use growbot_client::port::{Port, PortError};
 use growbot_core::pose::Pose;
 use growbot_core::robot::{Robot, RobotError};
 
-use paced::Paced;
+use paced::PacedSim;
 use qemu::QemuError;
-use rp2040::BenchError;
+use rp2040::Rp2040Error;
 
-use crate::resident::{Line, Place, ResidentError, Truth};
+use crate::ground_truth::SimulatedTip;
+use crate::sim_daemon::{DaemonPort, RemoteTip, SimDaemonError, StateDir};
 use crate::tip::{Tip, Variation};
-use crate::truth::Simulation;
 use growbot_core::simulation::ErrorModel;
 
 /// Reason why a port could not be opened.
@@ -38,19 +38,19 @@ pub enum OpenError {
     Unknown(String),
     /// A simulated robot can be reached only through its own program.
     #[error("this simulated robot has no line of its own: it ends with its program; sim:NAME stays on")]
-    NoLine,
+    NoEmergencyPort,
     /// A board cannot control this robot.
     #[error("{0} cannot be grown by a board, nor by an emulated one: {1}")]
-    NoBoard(String, RobotError),
+    UnsupportedRobot(String, RobotError),
     /// Error of a resident simulated robot.
     #[error(transparent)]
-    Resident(#[from] ResidentError),
+    Resident(#[from] SimDaemonError),
     /// Error of the emulator.
     #[error(transparent)]
     Emulator(#[from] QemuError),
     /// Error of the emulator of the Pico.
     #[error(transparent)]
-    Rp2040(#[from] BenchError),
+    Rp2040(#[from] Rp2040Error),
     /// Error of the connection.
     #[error(transparent)]
     Port(#[from] PortError),
@@ -68,11 +68,11 @@ pub enum PortName {
     /// The controller in this process, on a virtual clock.
     Sim,
     /// The resident simulated robot of this name, in a separate process.
-    Resident(String),
+    SimDaemon(String),
     /// The firmware in QEMU. `None` stands for the image that was built last.
     Emulator(Option<PathBuf>),
     /// The firmware of a Pico in `rp2040js`, over one of its lines. `None` stands for the image that was built last.
-    Rp2040(Option<PathBuf>, rp2040::Line),
+    Rp2040(Option<PathBuf>, rp2040::HostLink),
     /// `tcp:HOST:PORT`.
     Tcp(String),
     /// A serial device.
@@ -89,7 +89,7 @@ impl PortName {
             Self::Sim | Self::Rp2040(..) => true,
             Self::Emulator(_) => qemu::Time::of_environment() == qemu::Time::Virtual,
             Self::Faulty(name, _) => name.is_virtual(),
-            Self::Resident(_) | Self::Tcp(_) | Self::Serial(_) => false,
+            Self::SimDaemon(_) | Self::Tcp(_) | Self::Serial(_) => false,
         }
     }
 
@@ -97,7 +97,7 @@ impl PortName {
     #[must_use]
     pub fn resident(&self) -> Option<&str> {
         match self {
-            Self::Resident(name) => Some(name),
+            Self::SimDaemon(name) => Some(name),
             Self::Faulty(name, _) => name.resident(),
             Self::Sim | Self::Emulator(_) | Self::Rp2040(..) | Self::Tcp(_) | Self::Serial(_) => None,
         }
@@ -107,7 +107,7 @@ impl PortName {
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         match self {
-            Self::Sim | Self::Resident(_) | Self::Emulator(_) | Self::Rp2040(..) => true,
+            Self::Sim | Self::SimDaemon(_) | Self::Emulator(_) | Self::Rp2040(..) => true,
             Self::Faulty(name, _) => name.is_simulated(),
             Self::Tcp(_) | Self::Serial(_) => false,
         }
@@ -120,14 +120,14 @@ impl FromStr for PortName {
     fn from_str(text: &str) -> Result<Self, OpenError> {
         match text.split_once(':') {
             None if text == "sim" => Ok(Self::Sim),
-            Some(("sim", name)) if !name.is_empty() => Ok(Self::Resident(name.to_string())),
+            Some(("sim", name)) if !name.is_empty() => Ok(Self::SimDaemon(name.to_string())),
             None if text == "emulator" => Ok(Self::Emulator(None)),
             Some(("emulator", path)) if !path.is_empty() => Ok(Self::Emulator(Some(path.into()))),
-            None if text == "rp2040" => Ok(Self::Rp2040(None, rp2040::Line::Uart)),
-            None if text == "rp2040,usb" => Ok(Self::Rp2040(None, rp2040::Line::Usb)),
+            None if text == "rp2040" => Ok(Self::Rp2040(None, rp2040::HostLink::Uart)),
+            None if text == "rp2040,usb" => Ok(Self::Rp2040(None, rp2040::HostLink::Usb)),
             Some(("rp2040", path)) if !path.is_empty() => {
                 let over_usb = path.strip_suffix(",usb").filter(|path| !path.is_empty());
-                let line = if over_usb.is_some() { rp2040::Line::Usb } else { rp2040::Line::Uart };
+                let line = if over_usb.is_some() { rp2040::HostLink::Usb } else { rp2040::HostLink::Uart };
                 Ok(Self::Rp2040(Some(over_usb.unwrap_or(path).into()), line))
             }
             Some(("tcp", address)) if address.contains(':') => Ok(Self::Tcp(address.to_string())),
@@ -159,17 +159,17 @@ impl TipSettings {
 }
 
 /// An open port.
-pub struct Opened {
+pub struct OpenPort {
     /// Connection to the robot.
     pub port: Box<dyn Port>,
     /// Simulation behind the port. `None` for a real robot.
-    pub simulation: Option<Box<dyn Simulation>>,
+    pub simulated_tip: Option<Box<dyn SimulatedTip>>,
 }
 
-impl Opened {
+impl OpenPort {
     /// Returns a port to a real robot.
     fn robot(port: impl Port + 'static) -> Self {
-        Self { port: Box::new(port), simulation: None }
+        Self { port: Box::new(port), simulated_tip: None }
     }
 }
 
@@ -178,42 +178,43 @@ impl Opened {
 ///
 /// # Errors
 /// The port does not exist, is busy or does not start.
-pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Opened, OpenError> {
+pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<OpenPort, OpenError> {
     Ok(match name {
         PortName::Sim => {
             let mut sim = sim::Sim::new(robot.clone());
             settings.apply(&mut sim.simulated_tip());
-            let simulation = Some(sim.simulation());
+            let simulation = Some(sim.tip_handle());
             let port: Box<dyn Port> = match settings.pace {
-                Some(times) => Box::new(Paced::new(sim, times)),
+                Some(times) => Box::new(PacedSim::new(sim, times)),
                 None => Box::new(sim),
             };
-            Opened { port, simulation }
+            OpenPort { port, simulated_tip: simulation }
         }
-        PortName::Resident(name) => {
-            let mut line = Line::open(&Place::of(name)?)?;
+        PortName::SimDaemon(name) => {
+            let mut line = DaemonPort::open(&StateDir::of(name)?)?;
             line.set_tip(settings)?;
             let line = Rc::new(RefCell::new(line));
-            let simulation: Box<dyn Simulation> = Box::new(Truth::behind(&line));
-            Opened { port: Box::new(line), simulation: Some(simulation) }
+            let simulation: Box<dyn SimulatedTip> = Box::new(RemoteTip::behind(&line));
+            OpenPort { port: Box::new(line), simulated_tip: Some(simulation) }
         }
         PortName::Emulator(firmware) => {
             let mut emulator = emulator::Emulator::start(robot, firmware.as_deref())?;
             emulator.simulated_tip(|tip| settings.apply(tip));
-            let simulation = Some(emulator.simulation());
-            Opened { port: Box::new(emulator), simulation }
+            let simulation = Some(emulator.tip_handle());
+            OpenPort { port: Box::new(emulator), simulated_tip: simulation }
         }
         PortName::Rp2040(firmware, line) => {
-            let mut board = rp2040::Rp2040::start_over(*line, robot, firmware.as_deref(), Variation::default())?;
+            let mut board =
+                rp2040::Rp2040Emulator::start_on_link(*line, robot, firmware.as_deref(), Variation::default())?;
             settings.apply(&mut board.simulated_tip());
-            let simulation = Some(board.simulation());
-            Opened { port: Box::new(board), simulation }
+            let simulation = Some(board.tip_handle());
+            OpenPort { port: Box::new(board), simulated_tip: simulation }
         }
-        PortName::Tcp(address) => Opened::robot(Stream::tcp(address)?),
-        PortName::Serial(device) => Opened::robot(Stream::serial(device)?),
+        PortName::Tcp(address) => OpenPort::robot(Stream::tcp(address)?),
+        PortName::Serial(device) => OpenPort::robot(Stream::serial(device)?),
         PortName::Faulty(name, spec) => {
-            let Opened { port, simulation } = open(name, robot, settings)?;
-            Opened { port: Box::new(Faulty::new(port, *spec)), simulation }
+            let OpenPort { port, simulated_tip: simulation } = open(name, robot, settings)?;
+            OpenPort { port: Box::new(FaultyPort::new(port, *spec)), simulated_tip: simulation }
         }
     })
 }
@@ -224,11 +225,11 @@ pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Op
 /// Those of [`open`]. A robot that is simulated in its own program has no such connection.
 pub fn open_for_emergency_stop(name: &PortName, limit: Duration) -> Result<Box<dyn Port>, OpenError> {
     Ok(match name {
-        PortName::Sim | PortName::Emulator(_) | PortName::Rp2040(..) => return Err(OpenError::NoLine),
-        PortName::Resident(name) => Box::new(Line::open_beside(&Place::of(name)?)?),
+        PortName::Sim | PortName::Emulator(_) | PortName::Rp2040(..) => return Err(OpenError::NoEmergencyPort),
+        PortName::SimDaemon(name) => Box::new(DaemonPort::open_shared(&StateDir::of(name)?)?),
         PortName::Tcp(address) => Box::new(Stream::tcp_within(address, limit)?),
         PortName::Serial(device) => Box::new(Stream::serial_for_emergency_stop(device)?),
-        PortName::Faulty(name, spec) => Box::new(Faulty::new(open_for_emergency_stop(name, limit)?, *spec)),
+        PortName::Faulty(name, spec) => Box::new(FaultyPort::new(open_for_emergency_stop(name, limit)?, *spec)),
     })
 }
 
@@ -251,14 +252,14 @@ mod tests {
         assert_eq!("sim".parse::<PortName>().unwrap(), PortName::Sim);
         assert_eq!("emulator".parse::<PortName>().unwrap(), PortName::Emulator(None));
         assert_eq!("emulator:a.elf".parse::<PortName>().unwrap(), PortName::Emulator(Some("a.elf".into())));
-        assert_eq!("rp2040".parse::<PortName>().unwrap(), PortName::Rp2040(None, rp2040::Line::Uart));
-        assert_eq!("rp2040,usb".parse::<PortName>().unwrap(), PortName::Rp2040(None, rp2040::Line::Usb));
-        for (name, line) in [("rp2040:a.elf", rp2040::Line::Uart), ("rp2040:a.elf,usb", rp2040::Line::Usb)] {
+        assert_eq!("rp2040".parse::<PortName>().unwrap(), PortName::Rp2040(None, rp2040::HostLink::Uart));
+        assert_eq!("rp2040,usb".parse::<PortName>().unwrap(), PortName::Rp2040(None, rp2040::HostLink::Usb));
+        for (name, line) in [("rp2040:a.elf", rp2040::HostLink::Uart), ("rp2040:a.elf,usb", rp2040::HostLink::Usb)] {
             assert_eq!(name.parse::<PortName>().unwrap(), PortName::Rp2040(Some("a.elf".into()), line));
         }
         assert_eq!("tcp:robot:4000".parse::<PortName>().unwrap(), PortName::Tcp("robot:4000".into()));
         assert_eq!("/dev/ttyACM0".parse::<PortName>().unwrap(), PortName::Serial("/dev/ttyACM0".into()));
-        assert_eq!("sim:lab".parse::<PortName>().unwrap(), PortName::Resident("lab".into()));
+        assert_eq!("sim:lab".parse::<PortName>().unwrap(), PortName::SimDaemon("lab".into()));
         for wrong in ["", "sim:", "tcp", "tcp:", "tcp:robot", "emulator:", "rp2040:", "simulator"] {
             assert!(matches!(wrong.parse::<PortName>(), Err(OpenError::Unknown(_))), "{wrong}");
         }

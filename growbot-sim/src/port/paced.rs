@@ -11,14 +11,14 @@ use super::sim::Sim;
 const MAX_BEHIND: Duration = Duration::from_secs(1);
 
 /// A simulated robot whose time passes `times` as fast as real time, or as fast as it is computed if that is slower.
-pub struct Paced {
+pub struct PacedSim {
     sim: Sim,
     times: f64,
     /// Real time at which the robot's time was 0.
     began: Instant,
 }
 
-impl Paced {
+impl PacedSim {
     /// Returns a robot with this speed, above 0.
     #[must_use]
     pub fn new(sim: Sim, times: f64) -> Self {
@@ -36,7 +36,7 @@ impl Paced {
     }
 }
 
-impl Port for Paced {
+impl Port for PacedSim {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         self.sim.send(bytes)
     }
@@ -59,8 +59,8 @@ mod tests {
     #[test]
     fn time_passes_no_faster_than_asked_for() {
         let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
-        let mut paced = Paced::new(Sim::new(robot), 100.0);
-        paced.sim.pass(Duration::from_secs(300));
+        let mut paced = PacedSim::new(Sim::new(robot), 100.0);
+        paced.sim.run_for(Duration::from_secs(300));
         let [before, early, late] = [0, 1, 4].map(Duration::from_secs).map(|passed| paced.wait(passed));
         assert_eq!([before, early, late].map(|wait| wait.as_secs_f64().round()), [3.0, 2.0, 0.0]);
         assert!(before <= Duration::from_secs(3));

@@ -64,9 +64,9 @@ pub enum QemuError {
     /// The firmware does not exist. The field is its path.
     NoFirmware(PathBuf),
     /// QEMU ended before the board had started. The field is its output.
-    Ended(String),
+    ExitedAtStart(String),
     /// QEMU ended after the board had started. The field is its output.
-    Died(String),
+    ExitedWhileRunning(String),
     /// QEMU did not connect in time. The fields are the connection and QEMU's output.
     NotConnected(&'static str, String),
     /// QEMU rejected a command. The fields are the command and the response.
@@ -90,8 +90,8 @@ impl fmt::Display for QemuError {
                     path.display()
                 )
             }
-            Self::Ended(said) => write!(f, "{PROGRAM} ended while starting the board: {}", or_nothing(said)),
-            Self::Died(said) => write!(
+            Self::ExitedAtStart(said) => write!(f, "{PROGRAM} ended while starting the board: {}", or_nothing(said)),
+            Self::ExitedWhileRunning(said) => write!(
                 f,
                 "{PROGRAM} ended under the board: {}; check that the image is growbot's firmware for the emulated board (`cargo build-an386`)",
                 first_line(said)
@@ -129,17 +129,17 @@ pub fn doing(what: &'static str) -> impl Fn(io::Error) -> QemuError {
 }
 
 /// A connection that QEMU has not made yet.
-pub struct Line {
+pub struct QemuSocket {
     listener: TcpListener,
     name: &'static str,
 }
 
-impl Line {
+impl QemuSocket {
     /// Opens a port for a connection, on this machine only. The name is for error messages.
     pub fn open(name: &'static str) -> Result<Self, QemuError> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).map_err(doing("open a port for the emulator"))?;
         listener.set_nonblocking(true).map_err(doing("set up a port for the emulator"))?;
-        Ok(Line { listener, name })
+        Ok(QemuSocket { listener, name })
     }
 
     /// Returns the value of `-serial`, `-qmp` or `-qtest` for this connection.
@@ -205,7 +205,7 @@ impl Qemu {
     }
 
     /// Waits for QEMU to connect.
-    pub fn connect(&mut self, line: &Line) -> Result<TcpStream, QemuError> {
+    pub fn connect(&mut self, line: &QemuSocket) -> Result<TcpStream, QemuError> {
         let deadline = Instant::now() + START;
         loop {
             match line.listener.accept() {
@@ -217,8 +217,8 @@ impl Qemu {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 Err(error) => return Err(QemuError::Io("connect the emulator's line", error)),
             }
-            if let Some(said) = self.last_words(Duration::ZERO) {
-                return Err(QemuError::Ended(said));
+            if let Some(said) = self.wait_for_exit(Duration::ZERO) {
+                return Err(QemuError::ExitedAtStart(said));
             }
             if Instant::now() >= deadline {
                 return Err(QemuError::NotConnected(line.name, self.messages()));
@@ -233,7 +233,7 @@ impl Qemu {
     }
 
     /// Returns all of QEMU's own output if QEMU ends within `patience`. Its connections break some moments before.
-    pub fn last_words(&mut self, patience: Duration) -> Option<String> {
+    pub fn wait_for_exit(&mut self, patience: Duration) -> Option<String> {
         let deadline = Instant::now() + patience;
         while self.is_running() {
             if Instant::now() >= deadline {
@@ -308,26 +308,26 @@ fn major_version(line: &str) -> Option<(u32, &str)> {
 /// The emulated robot: an mps2-an386, its connection, and the memory that it shares with the simulated tip.
 ///
 /// Dropping it kills the emulator and removes the memory.
-pub struct EmulatedRobot {
+pub struct EmulatedBoard {
     // Fields are dropped in this order. The emulator is dropped before the file that it maps.
     qemu: Qemu,
     line: TcpStream,
     debugger: Option<Debugger>,
-    tip: TipMemory,
+    tip: SharedMemoryFile,
 }
 
-impl EmulatedRobot {
+impl EmulatedBoard {
     /// Starts the board with a firmware image on a memory. The caller has written the host's words there.
     ///
     /// In virtual time the board stops at its reset until [`EmulatedRobot::debugger`] runs it.
-    pub fn start(firmware: &Path, tip: TipMemory, time: Time) -> Result<Self, QemuError> {
-        let line = Line::open("serial line")?;
+    pub fn start(firmware: &Path, tip: SharedMemoryFile, time: Time) -> Result<Self, QemuError> {
+        let line = QemuSocket::open("serial line")?;
         let mut backend = OsString::from(format!("memory-backend-file,id=tip,share=on,size={},mem-path=", tip.size));
         backend.push(escape_commas(tip.path()));
         let mut arguments = vec!["-object".into(), backend, "-serial".into(), line.argument()?.into()];
         let debugger = match time {
             Time::Real => None,
-            Time::Virtual => Some(Line::open("debugger's line")?),
+            Time::Virtual => Some(QemuSocket::open("debugger's line")?),
         };
         if let Some(debugger) = &debugger {
             let device = debugger.character_device("debugger")?;
@@ -340,7 +340,7 @@ impl EmulatedRobot {
         // QEMU has mapped the file, and this program keeps it open. Without a name, the file disappears when both have
         // ended.
         let _ = std::fs::remove_file(tip.path());
-        Ok(EmulatedRobot { qemu, line, debugger, tip })
+        Ok(EmulatedBoard { qemu, line, debugger, tip })
     }
 
     /// Returns the debugger that runs the board, the first time. `None` later and in real time.
@@ -354,7 +354,7 @@ impl EmulatedRobot {
     }
 
     /// Returns the memory shared with the board.
-    pub fn tip(&self) -> &TipMemory {
+    pub fn tip(&self) -> &SharedMemoryFile {
         &self.tip
     }
 
@@ -373,13 +373,13 @@ fn escape_commas(path: &Path) -> OsString {
 }
 
 /// File for the memory that board and tip share. It is removed when this is dropped.
-pub struct TipMemory {
+pub struct SharedMemoryFile {
     path: PathBuf,
     file: File,
     size: u64,
 }
 
-impl TipMemory {
+impl SharedMemoryFile {
     /// Creates a file of zeros, in memory if the system has a directory for that.
     pub fn create(size: u64) -> Result<Self, QemuError> {
         let shared = Path::new("/dev/shm");
@@ -395,7 +395,7 @@ impl TipMemory {
             let path = directory.join(format!("growbot-tip-{}-{number}", std::process::id()));
             match OpenOptions::new().read(true).write(true).create_new(true).open(&path) {
                 Ok(file) => {
-                    let memory = TipMemory { path, file, size };
+                    let memory = SharedMemoryFile { path, file, size };
                     memory.file.set_len(size).map_err(doing("size the tip's memory"))?;
                     return Ok(memory);
                 }
@@ -417,7 +417,7 @@ impl TipMemory {
     }
 }
 
-impl Drop for TipMemory {
+impl Drop for SharedMemoryFile {
     fn drop(&mut self) {
         let _ = std::fs::remove_file(&self.path);
     }
@@ -438,7 +438,7 @@ mod tests {
 
     #[test]
     fn the_tips_memory_goes_with_its_owner() -> Result<(), QemuError> {
-        let memory = TipMemory::create(4096)?;
+        let memory = SharedMemoryFile::create(4096)?;
         let path = memory.path().to_path_buf();
         assert_eq!(std::fs::metadata(&path).map(|file| file.len()).ok(), Some(4096));
         drop(memory);

@@ -8,7 +8,7 @@
 //! the emulator stops at the first step after which a sensor reading could change, and after a millisecond at the
 //! latest.
 
-mod bench;
+mod node_process;
 
 use std::cell::{RefCell, RefMut};
 use std::collections::VecDeque;
@@ -20,12 +20,12 @@ use growbot_client::port::{Port, PortError};
 use growbot_core::robot::{Board, BoardKind, DigitalInput, PinOverrides, Robot};
 
 use super::OpenError;
-use bench::{Answer, Bench, Edge, Output, Run, State};
-pub use bench::{BenchError, Crash};
+pub use node_process::{CrashMode, Rp2040Error};
+use node_process::{Edge, NodeProcess, Output, PinState, Run, RunResponse};
 
+use crate::ground_truth::SimulatedTip;
 use crate::tip::pins::SharedTip;
 use crate::tip::{Motor, Tip, TipFault, Variation};
-use crate::truth::Simulation;
 
 /// Path of the firmware image in cargo's target directory.
 pub const FIRMWARE: &str = "thumbv6m-none-eabi/firmware/pico";
@@ -36,7 +36,7 @@ const HEAD_AT_FIRST: i64 = -137;
 
 /// Connection between host and board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Line {
+pub enum HostLink {
     /// The UART.
     #[default]
     Uart,
@@ -44,7 +44,7 @@ pub enum Line {
     Usb,
 }
 
-impl Line {
+impl HostLink {
     /// Returns the name of the line in the script.
     fn name(self) -> &'static str {
         match self {
@@ -55,14 +55,14 @@ impl Line {
 }
 
 /// A Pico in an emulator.
-pub struct Rp2040 {
-    bench: Bench,
+pub struct Rp2040Emulator {
+    bench: NodeProcess,
     tip: SharedTip,
-    levels: Levels,
+    levels: PinPolarity,
     tick_hz: u64,
     /// Time since power-on, ns.
     now_ns: u64,
-    powered: Powered,
+    powered: DutyAccumulator,
     to_board: Vec<u8>,
     from_board: VecDeque<u8>,
     instructions: u64,
@@ -73,7 +73,7 @@ pub struct Rp2040 {
 
 /// Polarity of the pins.
 #[derive(Debug, Clone, Copy)]
-struct Levels {
+struct PinPolarity {
     index_low_on_mark: bool,
     presence_low: bool,
     driver_fault_low: bool,
@@ -83,7 +83,7 @@ struct Levels {
     feed_high_is_forward: bool,
 }
 
-impl Levels {
+impl PinPolarity {
     fn of(robot: &Robot) -> Self {
         let description = robot.description();
         let active_low = |input: Option<DigitalInput>| input.is_some_and(|input| input.active_low);
@@ -105,19 +105,19 @@ impl Levels {
             tip.encoder(),
             tip.has_filament() != self.presence_low,
             tip.driver_fault() != self.driver_fault_low,
-            tip.emergency_stop() != self.emergency_stop_low,
+            tip.is_emergency_stop_pressed() != self.emergency_stop_low,
         ]
     }
 }
 
 /// Times during which heater and fan were on, ns, within a time span.
 #[derive(Debug, Clone, Copy, Default)]
-struct Powered {
+struct DutyAccumulator {
     time: f64,
     on: [f64; 2],
 }
 
-impl Powered {
+impl DutyAccumulator {
     fn add(&mut self, time: f64, heater: f64, fan: f64) {
         self.time += time;
         self.on = [self.on[0] + heater, self.on[1] + fan];
@@ -138,7 +138,7 @@ fn board_of(robot: &Robot) -> Board {
     robot.description().board.unwrap_or(Board { kind: BoardKind::Pico, pins: PinOverrides::default() })
 }
 
-impl Rp2040 {
+impl Rp2040Emulator {
     /// Starts Node with a firmware image on a tip of this robot. The default image is the one that was built last. The
     /// image must be for this robot. Otherwise the board reports another robot in its first response.
     ///
@@ -153,22 +153,22 @@ impl Rp2040 {
     /// # Errors
     /// Those of [`Rp2040::start`].
     pub fn start_with(robot: &Robot, firmware: Option<&Path>, variation: Variation) -> Result<Self, OpenError> {
-        Self::start_over(Line::Uart, robot, firmware, variation)
+        Self::start_on_link(HostLink::Uart, robot, firmware, variation)
     }
 
     /// Like [`Rp2040::start_with`], over one of the board's lines.
     ///
     /// # Errors
     /// Those of [`Rp2040::start`].
-    pub fn start_over(
-        line: Line,
+    pub fn start_on_link(
+        line: HostLink,
         robot: &Robot,
         firmware: Option<&Path>,
         variation: Variation,
     ) -> Result<Self, OpenError> {
-        robot.check_for_board().map_err(|error| OpenError::NoBoard(robot.name().to_owned(), error))?;
+        robot.check_for_board().map_err(|error| OpenError::UnsupportedRobot(robot.name().to_owned(), error))?;
         let firmware = firmware.map_or_else(built_last, Path::to_path_buf);
-        let bench = Bench::start(&firmware, &board_of(robot), line, None)?;
+        let bench = NodeProcess::start(&firmware, &board_of(robot), line, None)?;
         Ok(Self::with(bench, robot, variation))
     }
 
@@ -178,18 +178,18 @@ impl Rp2040 {
     /// # Errors
     /// Those of [`Rp2040::start`].
     pub fn start_measured(robot: &Robot, firmware: &Path, figures: &Path) -> Result<Self, OpenError> {
-        let bench = Bench::start(firmware, &board_of(robot), Line::Uart, Some(figures))?;
+        let bench = NodeProcess::start(firmware, &board_of(robot), HostLink::Uart, Some(figures))?;
         Ok(Self::with(bench, robot, Variation::default()))
     }
 
-    fn with(bench: Bench, robot: &Robot, variation: Variation) -> Self {
+    fn with(bench: NodeProcess, robot: &Robot, variation: Variation) -> Self {
         Self {
             bench,
             tip: Rc::new(RefCell::new(Tip::new(robot.clone(), HEAD_AT_FIRST, variation))),
-            levels: Levels::of(robot),
+            levels: PinPolarity::of(robot),
             tick_hz: u64::from(robot.description().motion.tick_hz),
             now_ns: 0,
-            powered: Powered::default(),
+            powered: DutyAccumulator::default(),
             to_board: Vec::new(),
             from_board: VecDeque::new(),
             instructions: 0,
@@ -206,7 +206,7 @@ impl Rp2040 {
 
     /// Returns the tip, to compare a growth with the layers that it really laid.
     #[must_use]
-    pub fn simulation(&self) -> Box<dyn Simulation> {
+    pub fn tip_handle(&self) -> Box<dyn SimulatedTip> {
         Box::new(Rc::clone(&self.tip))
     }
 
@@ -216,8 +216,8 @@ impl Rp2040 {
     }
 
     /// Removes the fault of this kind.
-    pub fn mend(&mut self, fault: TipFault) {
-        self.simulated_tip().mend(fault);
+    pub fn clear_fault(&mut self, fault: TipFault) {
+        self.simulated_tip().clear_fault(fault);
     }
 
     /// Returns the number of instructions that the board has executed since power-on, including interrupts.
@@ -230,7 +230,7 @@ impl Rp2040 {
     ///
     /// # Errors
     /// The emulator has ended.
-    pub fn crash(&mut self, how: Crash) -> Result<(), PortError> {
+    pub fn crash(&mut self, how: CrashMode) -> Result<(), PortError> {
         let answer = self.bench.crash(how)?;
         self.take(&answer);
         Ok(())
@@ -310,7 +310,7 @@ impl Rp2040 {
     ///
     /// # Errors
     /// The emulator has ended.
-    pub fn pass(&mut self, time: Duration) -> Result<(), PortError> {
+    pub fn run_for(&mut self, time: Duration) -> Result<(), PortError> {
         let deadline = self.now_ns + time.as_nanos() as u64;
         while self.now_ns < deadline && !self.lost_power {
             self.exchange(deadline)?;
@@ -341,19 +341,23 @@ impl Rp2040 {
     }
 
     /// Applies the board's outputs to the tip.
-    fn take(&mut self, answer: &Answer) {
+    fn take(&mut self, answer: &RunResponse) {
         let mut tip = self.tip.borrow_mut();
         for Edge { after_ns, output, state } in &answer.edges {
             tip.advance(self.tick(self.now_ns + u64::from(*after_ns)));
-            let on_when = |high: bool| *state == if high { State::High } else { State::Low };
+            let on_when = |high: bool| *state == if high { PinState::High } else { PinState::Low };
             match output {
                 Output::Step(motor) => tip.step(*motor),
-                Output::Direction(Motor::Head) => tip.direct(Motor::Head, on_when(self.levels.head_high_is_positive)),
-                Output::Direction(Motor::Feed) => tip.direct(Motor::Feed, on_when(self.levels.feed_high_is_forward)),
-                Output::Enable(motor) => tip.enable(*motor, on_when(!self.levels.enable_low)),
+                Output::Direction(Motor::Head) => {
+                    tip.set_direction(Motor::Head, on_when(self.levels.head_high_is_positive))
+                }
+                Output::Direction(Motor::Feed) => {
+                    tip.set_direction(Motor::Feed, on_when(self.levels.feed_high_is_forward))
+                }
+                Output::Enable(motor) => tip.set_enabled(*motor, on_when(!self.levels.enable_low)),
                 Output::HeaterEnable => {
                     let duty = tip.heater_duty();
-                    tip.heat(duty, on_when(true));
+                    tip.set_heater(duty, on_when(true));
                 }
             }
         }
@@ -362,8 +366,8 @@ impl Rp2040 {
         self.powered.add(time, answer.heater * time, answer.fan * time);
         if let Some([heater, fan]) = self.powered.shares() {
             let closed = tip.heater_is_on();
-            tip.heat(heater, closed);
-            tip.blow(fan);
+            tip.set_heater(heater, closed);
+            tip.set_fan(fan);
         }
         drop(tip);
         self.now_ns = answer.now_ns;
@@ -373,7 +377,7 @@ impl Rp2040 {
     }
 }
 
-impl Port for Rp2040 {
+impl Port for Rp2040Emulator {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         self.to_board.extend(bytes);
         Ok(())

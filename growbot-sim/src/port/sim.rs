@@ -21,12 +21,12 @@ use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::safety::retained::{COPY_BYTES, RETAINED_BYTES};
 use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
 
+use crate::ground_truth::SimulatedTip;
 use crate::tip::flash::Flash;
 use crate::tip::pins::{
     Adc, DirectionPin, EnablePin, Fan, HeaterEnable, HeaterPower, Input, Orientation, SharedTip, StepPin, TipOutputs,
 };
 use crate::tip::{Motor, Tip, TipFault, Variation};
-use crate::truth::Simulation;
 use growbot_core::random::splitmix64;
 
 /// Interval at which the controller is polled, us of virtual time.
@@ -86,7 +86,7 @@ impl Sim {
         let [flash, descriptions] = [Flash::new(FLASH_SECTORS), Flash::new(FLASH_SECTORS)];
         let handover = Handover::new();
         let tick_hz = u64::from(robot.description().motion.tick_hz);
-        let kept = Kept { retained: &retained, flash: &flash, descriptions: &descriptions };
+        let kept = BoardMemory { retained: &retained, flash: &flash, descriptions: &descriptions };
         let mut sim = Self {
             engine: engine(&robot, &tip),
             controller: controller(&robot, &tip, &fed, &kept, identity_of(1, ResetCause::PowerOn), &handover),
@@ -127,8 +127,8 @@ impl Sim {
     }
 
     /// Removes the fault of this kind.
-    pub fn mend(&mut self, fault: TipFault) {
-        self.simulated_tip().mend(fault);
+    pub fn clear_fault(&mut self, fault: TipFault) {
+        self.simulated_tip().clear_fault(fault);
     }
 
     /// Returns the tip in its current state.
@@ -138,7 +138,7 @@ impl Sim {
 
     /// Returns the tip, to compare a growth with the layers that it really laid.
     #[must_use]
-    pub fn simulation(&self) -> Box<dyn Simulation> {
+    pub fn tip_handle(&self) -> Box<dyn SimulatedTip> {
         Box::new(Rc::clone(&self.tip))
     }
 
@@ -173,7 +173,7 @@ impl Sim {
     }
 
     /// Lets virtual time pass. What the board sends is buffered until it is received.
-    pub fn pass(&mut self, time: Duration) {
+    pub fn run_for(&mut self, time: Duration) {
         let deadline = self.tick + self.ticks(time);
         while self.tick < deadline {
             self.advance(deadline);
@@ -235,19 +235,19 @@ impl Sim {
             Stored::Unreadable => false,
         };
         if let Some(robot) = stored.robot().filter(|robot| robot.hash() != self.robot.hash()) {
-            self.become_another(robot);
+            self.replace_robot(robot);
         }
         // An engine releases both motors when it starts.
         self.engine = engine(&self.robot, &self.tip);
         let identity = Identity { configured, ..identity_of(self.boots, cause) };
-        let kept = Kept { retained: &self.retained, flash: &self.flash, descriptions: &self.descriptions };
+        let kept = BoardMemory { retained: &self.retained, flash: &self.flash, descriptions: &self.descriptions };
         self.controller = controller(&self.robot, &self.tip, &self.fed, &kept, identity, &self.handover);
         self.poll();
     }
 
     /// Replaces the robot, because the board has been configured for another one. The tip becomes that of the new
     /// robot, cold and with its head at an arbitrary position. Its ticks begin at 0.
-    fn become_another(&mut self, robot: Robot) {
+    fn replace_robot(&mut self, robot: Robot) {
         let variation = *self.tip.borrow().variation();
         self.epoch_s = self.now_s();
         (self.tick, self.boot_tick, self.next_poll) = (0, 0, 0);
@@ -275,7 +275,7 @@ impl Sim {
     /// Lets time pass until the controller is polled, until the watchdog resets the board, or until `deadline` (ticks).
     /// Nothing else feeds the watchdog or writes to the flash.
     fn advance(&mut self, deadline: u64) {
-        let until = self.next_poll.min(self.watchdog_bites()).min(deadline).max(self.tick + 1);
+        let until = self.next_poll.min(self.watchdog_deadline()).min(deadline).max(self.tick + 1);
         if self.tip.borrow().faults().has(TipFault::StepInterruptStopped) {
             self.tick = until;
             self.tip.borrow_mut().advance(until);
@@ -286,7 +286,7 @@ impl Sim {
         if self.tick >= self.next_poll || self.handover.report_waits() {
             self.poll();
         }
-        if self.tick >= self.watchdog_bites() {
+        if self.tick >= self.watchdog_deadline() {
             self.reset(ResetCause::Watchdog);
         }
         if self.flash.has_lost_power() || self.descriptions.has_lost_power() {
@@ -297,7 +297,7 @@ impl Sim {
     }
 
     /// Returns the time at which the watchdog resets the board unless it is fed, ticks.
-    fn watchdog_bites(&self) -> u64 {
+    fn watchdog_deadline(&self) -> u64 {
         self.fed.fed.get() + WATCHDOG_S * self.tick_hz + 1
     }
 
@@ -341,7 +341,7 @@ fn engine(robot: &Robot, tip: &SharedTip) -> SimEngine {
 }
 
 /// Memory of a board that survives a reset.
-struct Kept<'a> {
+struct BoardMemory<'a> {
     retained: &'a Retained,
     flash: &'a Flash,
     descriptions: &'a Flash,
@@ -351,7 +351,7 @@ fn controller(
     robot: &Robot,
     tip: &SharedTip,
     fed: &Rc<WatchdogClock>,
-    kept: &Kept,
+    kept: &BoardMemory,
     identity: Identity,
     handover: &Handover,
 ) -> Controller<SimBoard> {

@@ -9,9 +9,9 @@ use std::convert::Infallible;
 
 use serde::{Deserialize, Serialize};
 
-use super::among::{Among, Contact};
+use super::obstacles::{Contact, ObstacleReport};
 use super::statistics::Statistics;
-use super::{Hung, Outcome, Simulation};
+use super::{SagResult, Simulation, SimulationResult};
 use crate::parallel;
 
 /// Number of growths whose outcomes are stored at a time.
@@ -19,7 +19,7 @@ const BATCH: u64 = 16_384;
 
 /// The growth that ended farthest from the goal. If there are several, the one with the smallest seed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Farthest {
+pub struct WorstRun {
     /// Seed of the growth.
     pub seed: u64,
     /// Distance of its end from the goal, mm.
@@ -28,7 +28,7 @@ pub struct Farthest {
 
 /// Results of many growths among the obstacles of a scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ManyAmong {
+pub struct ObstacleStatistics {
     /// Number of growths whose true body touches an obstacle.
     pub contacts: u64,
     /// Seed and contact of the first of them.
@@ -41,9 +41,9 @@ pub struct ManyAmong {
     pub pauses: u64,
 }
 
-impl ManyAmong {
+impl ObstacleStatistics {
     /// Creates the result of one growth among obstacles.
-    fn of(seed: u64, among: &Among) -> Self {
+    fn of(seed: u64, among: &ObstacleReport) -> Self {
         Self {
             contacts: u64::from(among.contact.is_some()),
             first_contact: among.contact.map(|contact| (seed, contact)),
@@ -81,12 +81,12 @@ pub struct Campaign {
     /// Angle between the directions, degrees.
     pub direction_error_deg: Statistics,
     /// The growth that ended farthest from the goal.
-    pub farthest: Option<Farthest>,
+    pub farthest: Option<WorstRun>,
     /// Maximum sag and maximum stress of a root. They may belong to different bodies. `None` without sag.
-    pub hung: Option<Hung>,
+    pub hung: Option<SagResult>,
     /// Results among the obstacles of a scene. `None` without a scene.
     #[serde(skip)]
-    pub among: Option<ManyAmong>,
+    pub among: Option<ObstacleStatistics>,
 }
 
 impl Campaign {
@@ -107,13 +107,13 @@ impl Campaign {
         runs: u64,
         threads: usize,
         mut at: impl FnMut(u64),
-        mut each: impl FnMut(u64, &Outcome) -> Result<(), E>,
+        mut each: impl FnMut(u64, &SimulationResult) -> Result<(), E>,
     ) -> Result<Self, E> {
         let mut campaign = Self::default();
         while campaign.runs < runs {
             let done = campaign.runs;
             let seeds: Vec<u64> = (done..runs.min(done + BATCH)).map(|run| seed.wrapping_add(run)).collect();
-            let grown: Vec<Outcome> =
+            let grown: Vec<SimulationResult> =
                 parallel::map_on(threads, &seeds, |seed| simulation.run(*seed), |more| at(done + more as u64));
             for (seed, outcome) in seeds.iter().zip(&grown) {
                 each(*seed, outcome)?;
@@ -124,8 +124,8 @@ impl Campaign {
     }
 
     /// Adds the outcome of a growth with this seed.
-    pub fn add(&mut self, seed: u64, outcome: &Outcome) {
-        let Outcome { grown, arrival, hung, among } = outcome;
+    pub fn add(&mut self, seed: u64, outcome: &SimulationResult) {
+        let SimulationResult { grown, arrival, sag: hung, obstacles: among } = outcome;
         self.runs += 1;
         self.layers.add(grown.layers as f64);
         self.position_error_mm.add(arrival.position_error_mm);
@@ -135,12 +135,12 @@ impl Campaign {
         }
         self.pitch_error_deg.add(arrival.pitch_error_deg);
         self.direction_error_deg.add(arrival.direction_error_deg);
-        self.add_farthest(Farthest { seed, position_error_mm: arrival.position_error_mm });
+        self.add_farthest(WorstRun { seed, position_error_mm: arrival.position_error_mm });
         if let Some(hung) = hung {
             self.add_hung(hung);
         }
         if let Some(among) = among {
-            self.add_among(&ManyAmong::of(seed, among));
+            self.add_among(&ObstacleStatistics::of(seed, among));
         }
     }
 
@@ -158,24 +158,24 @@ impl Campaign {
         other.among.iter().for_each(|among| self.add_among(among));
     }
 
-    fn add_farthest(&mut self, one: Farthest) {
-        let key = |farthest: &Farthest| (farthest.position_error_mm, Reverse(farthest.seed));
+    fn add_farthest(&mut self, one: WorstRun) {
+        let key = |farthest: &WorstRun| (farthest.position_error_mm, Reverse(farthest.seed));
         if self.farthest.is_none_or(|farthest| key(&one) > key(&farthest)) {
             self.farthest = Some(one);
         }
     }
 
-    fn add_among(&mut self, other: &ManyAmong) {
+    fn add_among(&mut self, other: &ObstacleStatistics) {
         match &mut self.among {
             Some(among) => among.merge(other),
             none => *none = Some(*other),
         }
     }
 
-    fn add_hung(&mut self, hung: &Hung) {
+    fn add_hung(&mut self, hung: &SagResult) {
         let max = self.hung.get_or_insert(*hung);
         max.deflection = max.deflection.max(hung.deflection);
-        let key = |hung: &Hung| [hung.root.stress, hung.root.moment, hung.root.length];
+        let key = |hung: &SagResult| [hung.root.stress, hung.root.moment, hung.root.length];
         if key(hung) > key(max) {
             max.root = hung.root;
         }
@@ -195,7 +195,7 @@ mod tests {
     fn threads_do_not_show_and_each_run_can_be_had_alone() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,20,50,90,80").unwrap());
-        let plan = Plan::make(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap();
+        let plan = Plan::new(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap();
         let mut simulation = Simulation::new(&plan, &robot, Slicing::Exact);
         simulation.disturbance.growth_noise = 0.1;
         simulation.sag = true;
@@ -204,7 +204,7 @@ mod tests {
         let one = Campaign::run(&simulation, 7, runs, 1, |_| ());
         assert_eq!(one, Campaign::run(&simulation, 7, runs, 3, |_| ()));
         assert_eq!(one.runs, runs);
-        let Farthest { seed, position_error_mm } = one.farthest.unwrap();
+        let WorstRun { seed, position_error_mm } = one.farthest.unwrap();
         assert_eq!(simulation.run(seed).arrival.position_error_mm, position_error_mm);
         assert_eq!(one.position_error_mm.max(), position_error_mm);
         assert_ne!(one, Campaign::run(&simulation, 8, runs, 1, |_| ()));

@@ -4,12 +4,12 @@
 //! The physics and the loop are in growbot-core ([`growbot_core::simulation`]). This module applies them to a plan
 //! ([`Simulation`]). [`campaign`] repeats them with many seeds, and [`statistics`] summarizes the results.
 
-pub mod among;
 pub mod campaign;
+pub mod obstacles;
 pub mod statistics;
 
 use growbot_client::arrival::Arrival;
-use growbot_client::keep_clear::Surroundings;
+use growbot_client::clearance_guard::SceneContext;
 use growbot_client::plan::Plan;
 use growbot_client::warning::Warning;
 use growbot_core::layer::Layer;
@@ -23,13 +23,13 @@ use growbot_core::slicing::{SlicedLayers, Slicing, layers};
 use growbot_scene::scene_file::LoadedScene;
 use serde::{Deserialize, Serialize};
 
-use self::among::{Among, Keeping, Touching};
+use self::obstacles::{ContactDetector, GuardedGrowth, ObstacleReport};
 
 /// Code of the warning for a root that would fail: maximum stress, strength (MPa).
 pub const ROOT_FAILS: &str = "root-fails";
 /// Code of the warning for a body that sags beyond the range of the model: deflection of the tip, a tenth of the length
 /// (mm).
-pub const SAGS_FAR: &str = "sags-far";
+pub const LARGE_SAG: &str = "sags-far";
 
 /// Maximum small sag, as a fraction of the length.
 const SMALL_SAG: f64 = 0.1;
@@ -57,20 +57,20 @@ pub struct Simulation<'a> {
 
 /// Result of a simulated growth.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outcome {
+pub struct SimulationResult {
     /// The body.
     pub grown: GrownBody,
     /// Pose of the tip and its errors from the goal.
     pub arrival: Arrival,
     /// Sag of the body. `None` without sag.
-    pub hung: Option<Hung>,
+    pub sag: Option<SagResult>,
     /// Result among the obstacles of a scene. `None` without a scene.
-    pub among: Option<Among>,
+    pub obstacles: Option<ObstacleReport>,
 }
 
 /// Sag of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Hung {
+pub struct SagResult {
     /// Distance of the tip from its position without weight, mm.
     pub deflection: f64,
     /// Stress of the root.
@@ -83,7 +83,7 @@ impl<'a> Simulation<'a> {
     pub fn new(plan: &'a Plan, robot: &'a Robot, slicing: Slicing) -> Self {
         Self {
             task: GrowthTask { robot, start: plan.start, path: &plan.path, legs: &plan.legs },
-            path_length: plan.needs.length,
+            path_length: plan.requirements.length,
             layers: layers(&plan.path, robot, slicing),
             disturbance: Disturbance::default(),
             sensors: None,
@@ -110,16 +110,16 @@ impl<'a> Simulation<'a> {
     /// assert_eq!(simulation.run(1), simulation.run(1));
     /// ```
     #[must_use]
-    pub fn run(&self, seed: u64) -> Outcome {
+    pub fn run(&self, seed: u64) -> SimulationResult {
         self.run_by_layer(seed, |_| ())
     }
 
     /// Like [`Self::run`], but calls `each` with every layer as laid, without the sag of the body.
-    pub fn run_by_layer(&self, seed: u64, mut each: impl FnMut(&DisturbedLayer)) -> Outcome {
+    pub fn run_by_layer(&self, seed: u64, mut each: impl FnMut(&DisturbedLayer)) -> SimulationResult {
         let Self { task, disturbance, .. } = self;
         let base_from_start = task.start.frame();
         let mut hanging = self.sag.then(|| SaggingBody::new(task.robot, &base_from_start));
-        let mut touching = self.scene.map(|loaded| Touching::new(&loaded.scene, task.robot, base_from_start));
+        let mut touching = self.scene.map(|loaded| ContactDetector::new(&loaded.scene, task.robot, base_from_start));
         let mut each = |laid: &DisturbedLayer| {
             each(laid);
             if let Some(touching) = &mut touching {
@@ -130,7 +130,7 @@ impl<'a> Simulation<'a> {
             }
             hanging.as_ref().map(SaggingBody::base_from_tip)
         };
-        let around = self.scene.map(|loaded| Surroundings::new(task.robot, loaded, self.radius));
+        let around = self.scene.map(|loaded| SceneContext::new(task.robot, loaded, self.radius));
         let (mut grown, kept) = match &self.sensors {
             None => {
                 let layers = self.layers.clone().map(|sliced| sliced.layer);
@@ -143,24 +143,25 @@ impl<'a> Simulation<'a> {
             }
             // The sensors measure the body with its sag after each layer.
             Some(sensors) => {
-                let mut keeping = around.as_ref().map(|around| Keeping::new(around, sensors.measured_quantities()));
+                let mut keeping =
+                    around.as_ref().map(|around| GuardedGrowth::new(around, sensors.measured_quantities()));
                 let tip = |_: &Layer, laid: &DisturbedLayer, by_growth: &Frame| each(laid).unwrap_or(*by_growth);
                 let grown = grow_closed_loop_while(task, disturbance, sensors, seed, tip, |tracker, laid| {
-                    keeping.as_mut().is_none_or(|keeping| keeping.goes_on(tracker, laid))
+                    keeping.as_mut().is_none_or(|keeping| keeping.check_correction(tracker, laid))
                 });
                 (grown, keeping)
             }
         };
         let hung = hanging.map(|hanging| {
             grown.base_from_tip = hanging.base_from_tip();
-            Hung { deflection: hanging.deflection(), root: hanging.root_stress() }
+            SagResult { deflection: hanging.deflection(), root: hanging.root_stress() }
         });
         let among = touching.map(|touching| match kept {
-            Some(Keeping { detours, paused, .. }) => Among { detours, paused, ..touching.among },
+            Some(GuardedGrowth { detours, paused, .. }) => ObstacleReport { detours, paused, ..touching.among },
             None => touching.among,
         });
         let arrival = Arrival::of(&grown.base_from_tip, &task.goal(), self.path_length);
-        Outcome { grown, arrival, hung, among }
+        SimulationResult { grown, arrival, sag: hung, obstacles: among }
     }
 
     /// Returns the start pose.
@@ -183,7 +184,7 @@ impl<'a> Simulation<'a> {
 
     /// Returns the warnings for a body with this sag.
     #[must_use]
-    pub fn warnings(&self, hung: &Hung) -> Vec<Warning> {
+    pub fn warnings(&self, hung: &SagResult) -> Vec<Warning> {
         let mut found = Vec::new();
         let (stress, strength) = (hung.root.stress, self.task.robot.description().material.strength_mpa);
         if stress > strength {
@@ -200,7 +201,7 @@ impl<'a> Simulation<'a> {
                 "the tip sags by {:.0} mm, over a tenth of the path: the model is of small sags, take it for no more than a sign",
                 hung.deflection
             );
-            found.push(Warning { code: SAGS_FAR.to_owned(), message, value: hung.deflection, limit: small });
+            found.push(Warning { code: LARGE_SAG.to_owned(), message, value: hung.deflection, limit: small });
         }
         found
     }
@@ -215,7 +216,7 @@ mod tests {
 
     fn plan(robot: &Robot, from: &str, to: &str) -> Plan {
         let (start, goal) = (parse_pose(from).unwrap(), parse_pose(to).unwrap());
-        Plan::make(robot, &start, &goal, robot.description().planning_radius_mm, Planner::Shortest).unwrap()
+        Plan::new(robot, &start, &goal, robot.description().planning_radius_mm, Planner::Shortest).unwrap()
     }
 
     #[test]
@@ -227,7 +228,7 @@ mod tests {
                 let goal = Pose::from_degrees([x * radius, y * radius, z * radius, heading, pitch]).unwrap();
                 for planner in [Planner::Shortest, Planner::TwoPlane] {
                     let start = parse_pose("0,0,0,0,90").unwrap();
-                    let plan = Plan::make(&robot, &start, &goal, radius, planner).unwrap();
+                    let plan = Plan::new(&robot, &start, &goal, radius, planner).unwrap();
                     let arrival = Simulation::new(&plan, &robot, Slicing::Exact).run(1).arrival;
                     assert!(arrival.normalized_position_error <= 1e-9, "{name}: {arrival:?}");
                     assert!(arrival.direction_error_deg.to_radians() <= 1e-9, "{name}: {arrival:?}");
@@ -256,7 +257,7 @@ mod tests {
             let mut simulation = Simulation::new(&plan, &robot, Slicing::Exact);
             simulation.sag = true;
             let outcome = simulation.run(1);
-            let hung = outcome.hung.unwrap();
+            let hung = outcome.sag.unwrap();
             assert!((outcome.arrival.position_error_mm - hung.deflection).abs() < 1e-9 * length);
             let codes: Vec<String> = simulation.warnings(&hung).into_iter().map(|warning| warning.code).collect();
             assert_eq!(codes.first().map(String::as_str), code, "{hung:?}");

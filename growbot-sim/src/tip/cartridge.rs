@@ -9,11 +9,11 @@
 //! None of that is used here, so that results that agree for both nozzles do not agree because the models are the same.
 //! The equations are integrated by the Runge-Kutta method of fourth order, 0.05 s a step at most.
 
-use super::nozzle::Drive;
+use super::nozzle::NozzleInputs;
 
 /// Parameters of the nozzle of one copy of a robot in parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Parts {
+pub struct CartridgeParameters {
     /// Fraction of the heat capacity that belongs to the cartridge, 0 to 1.
     pub capacity_share: f64,
     /// Thermal conductance from the cartridge to the block, W/K.
@@ -37,7 +37,7 @@ type Temperatures = [f64; 3];
 /// A nozzle in parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Cartridge {
-    parts: Parts,
+    parts: CartridgeParameters,
     heat_capacity: f64,
     ambient_c: f64,
     /// Loss by radiation at the target, W per degree between target and room. `target_c` is the target.
@@ -49,14 +49,20 @@ pub(super) struct Cartridge {
 
 /// Constant inputs of block and thermistor during a step.
 pub(super) struct Load<'a> {
-    pub drive: &'a Drive,
+    pub drive: &'a NozzleInputs,
     /// Heat that the filament removes, W/K.
     pub flow_w_per_k: f64,
 }
 
 impl Cartridge {
     /// Creates a cartridge at the temperature of its surroundings. `loss_w_per_k` is the loss in still air.
-    pub fn new(parts: Parts, heat_capacity: f64, loss_w_per_k: f64, target_c: f64, ambient_c: f64) -> Self {
+    pub fn new(
+        parts: CartridgeParameters,
+        heat_capacity: f64,
+        loss_w_per_k: f64,
+        target_c: f64,
+        ambient_c: f64,
+    ) -> Self {
         let radiated_w_per_k = parts.radiation_share * loss_w_per_k;
         Self { parts, heat_capacity, ambient_c, radiated_w_per_k, target_c, celsius: ambient_c }
     }
@@ -67,7 +73,7 @@ impl Cartridge {
     }
 
     /// Returns the loss of a block at a temperature, W.
-    fn loss(&self, block_c: f64, drive: &Drive) -> f64 {
+    fn loss(&self, block_c: f64, drive: &NozzleInputs) -> f64 {
         let at_target = self.target_c - ROOM_C;
         let fourth = |celsius: f64| {
             let square = (celsius + ZERO_C) * (celsius + ZERO_C);
@@ -84,7 +90,7 @@ impl Cartridge {
     /// Returns the rate of change of each temperature, degrees a second.
     fn rates(&self, [cartridge, block, sensor]: Temperatures, load: &Load) -> Temperatures {
         let Load { drive, flow_w_per_k } = load;
-        let Parts { capacity_share, coupling_w_per_k, .. } = self.parts;
+        let CartridgeParameters { capacity_share, coupling_w_per_k, .. } = self.parts;
         let conducted = coupling_w_per_k * (cartridge - block);
         let taken = self.loss(block, drive) + flow_w_per_k * (block - self.ambient_c);
         let followed = self.ambient_c + drive.share * (block - self.ambient_c);
@@ -147,10 +153,11 @@ pub(super) fn resistance_104gt_2(celsius: f64) -> f64 {
 mod tests {
     use super::*;
 
-    const PARTS: Parts = Parts { capacity_share: 0.2, coupling_w_per_k: 2.0, radiation_share: 0.25 };
+    const PARTS: CartridgeParameters =
+        CartridgeParameters { capacity_share: 0.2, coupling_w_per_k: 2.0, radiation_share: 0.25 };
 
-    fn drive(power_w: f64) -> Drive {
-        Drive { power_w, loss_w_per_k: 0.12, lag_s: 2.0, share: 1.0 }
+    fn drive(power_w: f64) -> NozzleInputs {
+        NozzleInputs { power_w, loss_w_per_k: 0.12, lag_s: 2.0, share: 1.0 }
     }
 
     /// Returns the temperatures of cartridge, block and thermistor of a nozzle of 12 J/K at 22 degrees, after this time
@@ -176,7 +183,7 @@ mod tests {
         let fourth = |kelvin: f64| kelvin * kelvin * kelvin * kelvin;
         let radiated = (fourth(385.65) - fourth(298.15)) / (fourth(473.15) - fourth(298.15));
         assert!((half - 21.0 * (0.75 * libm::pow(0.5, 1.25) + 0.25 * radiated)).abs() < 1e-9, "{half}");
-        let fan = Drive { loss_w_per_k: 0.14, ..still };
+        let fan = NozzleInputs { loss_w_per_k: 0.14, ..still };
         assert!((cartridge.loss(200.0, &fan) - 0.14 * 175.0).abs() < 1e-9);
     }
 
@@ -191,7 +198,7 @@ mod tests {
     fn energy_is_neither_made_nor_lost() {
         // Without loss and flow, all heat stays in the nozzle.
         let mut cartridge = Cartridge::new(PARTS, 12.0, 0.0, 200.0, 22.0);
-        let lossless = Drive { loss_w_per_k: 0.0, ..drive(50.0) };
+        let lossless = NozzleInputs { loss_w_per_k: 0.0, ..drive(50.0) };
         let (block, _, peak) = cartridge.pass(7.0, 22.0, 22.0, &Load { drive: &lossless, flow_w_per_k: 0.0 });
         let held = 2.4 * (cartridge.celsius - 22.0) + 9.6 * (block - 22.0);
         assert!((held - 350.0).abs() < 1e-9 && peak == block, "{held}");

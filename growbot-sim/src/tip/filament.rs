@@ -4,15 +4,15 @@ use growbot_core::robot::Robot;
 
 /// Effect of a feed step on the filament.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Moved {
+pub(super) enum FeedResult {
     /// The filament was pushed out, so a step's volume flows.
-    Out,
+    Extruded,
     /// The filament was pushed forward into the space that retraction left.
-    Filled,
+    Refilled,
     /// The filament was retracted.
-    Back,
+    Retracted,
     /// The filament did not move.
-    Not,
+    Blocked,
 }
 
 /// The filament. Lengths are feed steps.
@@ -77,29 +77,29 @@ impl Filament {
 
     /// Takes the filament out of the nozzle, so that nothing stops it, or lets it rest in the nozzle at its present
     /// position.
-    pub fn free(&mut self, free: bool) {
+    pub fn set_free(&mut self, free: bool) {
         self.front = if free { i64::MAX } else { self.position };
     }
 
     /// Moves the filament by a step of the feed. `seen` is the distance that the encoder turns if the step pushes it
     /// out.
-    pub fn step(&mut self, forwards: bool, seen: f64) -> Moved {
+    pub fn step(&mut self, forwards: bool, seen: f64) -> FeedResult {
         if !forwards {
             self.position -= 1;
             self.turn(-1.0);
-            return Moved::Back;
+            return FeedResult::Retracted;
         }
         if !self.is_there() {
-            return Moved::Not;
+            return FeedResult::Blocked;
         }
         self.position += 1;
         if self.position <= self.front {
             self.turn(1.0);
-            return Moved::Filled;
+            return FeedResult::Refilled;
         }
         self.turn(seen);
         self.front = self.position;
-        Moved::Out
+        FeedResult::Extruded
     }
 
     fn turn(&mut self, steps: f64) {
@@ -147,7 +147,7 @@ mod tests {
         let (mut rises, mut before) = (0, filament.encoder());
         // 90 steps a mm, 1.25 mm a pulse: 112.5 steps.
         for _ in 0..1125 {
-            assert_eq!(filament.step(true, 1.0), Moved::Out);
+            assert_eq!(filament.step(true, 1.0), FeedResult::Extruded);
             rises += u32::from(filament.encoder() && !before);
             before = filament.encoder();
         }
@@ -158,8 +158,14 @@ mod tests {
     fn what_was_pulled_back_is_filled_first() {
         let mut filament = filament();
         filament.step(true, 1.25);
-        assert_eq!([filament.step(false, 1.25), filament.step(false, 1.25)], [Moved::Back, Moved::Back]);
-        assert_eq!([(); 3].map(|()| filament.step(true, 1.25)), [Moved::Filled, Moved::Filled, Moved::Out]);
+        assert_eq!(
+            [filament.step(false, 1.25), filament.step(false, 1.25)],
+            [FeedResult::Retracted, FeedResult::Retracted]
+        );
+        assert_eq!(
+            [(); 3].map(|()| filament.step(true, 1.25)),
+            [FeedResult::Refilled, FeedResult::Refilled, FeedResult::Extruded]
+        );
         assert_eq!(filament.turned(), 2.5, "only what goes out slips");
     }
 
@@ -168,7 +174,7 @@ mod tests {
         let mut filament = filament();
         assert!((filament.left() - 330_000.0).abs() < 1e-6);
         filament.set_left(0.1);
-        assert_eq!((0..20).filter(|_| filament.step(true, 1.0) == Moved::Out).count(), 9);
+        assert_eq!((0..20).filter(|_| filament.step(true, 1.0) == FeedResult::Extruded).count(), 9);
         assert!(!filament.is_there());
         filament.step(false, 1.0);
         assert!(filament.is_there());

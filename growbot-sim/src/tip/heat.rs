@@ -1,11 +1,11 @@
 //! Heater, fan and supply of the simulated tip, and the temperature of its nozzle.
 
-use super::nozzle::Drive;
+use super::nozzle::NozzleInputs;
 use super::{HeaterInput, Tip, TipFault};
 
 impl Tip {
     /// Sets the heater's signals: a fraction of full power (0 to 1), and the state of the second switch.
-    pub fn heat(&mut self, duty: f64, closed: bool) {
+    pub fn set_heater(&mut self, duty: f64, closed: bool) {
         let input = HeaterInput { duty, closed };
         if self.heater != input {
             self.sync();
@@ -19,7 +19,7 @@ impl Tip {
     }
 
     /// Sets the fan's signal: a fraction of full speed (0 to 1).
-    pub fn blow(&mut self, duty: f64) {
+    pub fn set_fan(&mut self, duty: f64) {
         if self.fan != duty {
             self.sync();
             self.fan = duty;
@@ -53,10 +53,10 @@ impl Tip {
     }
 
     /// Returns the inputs of the nozzle.
-    fn drive(&self) -> Drive {
+    fn drive(&self) -> NozzleInputs {
         let description = self.robot.description();
         let heater = &description.heater;
-        let mut drive = Drive {
+        let mut drive = NozzleInputs {
             power_w: self.power(),
             loss_w_per_k: heater.loss_w_per_k * self.variation.loss + description.fan.loss_w_per_k * self.fan,
             lag_s: self.variation.sensor_lag_s,
@@ -119,7 +119,7 @@ impl Tip {
     /// Sets the temperature, degrees Celsius, to which the nozzle jumps when its heater first gets power. It is for
     /// tests in real time, in which heating would take most of the time. Earlier or later than that, the firmware would
     /// rightly detect a heater out of control.
-    pub fn warm_at_once(&mut self, celsius: f64) {
+    pub fn preheat_instantly(&mut self, celsius: f64) {
         self.warm_at_once = Some(celsius);
     }
 

@@ -30,9 +30,9 @@ mod cartridge;
 mod fault;
 mod filament;
 pub mod flash;
-pub mod hand;
 mod heat;
 mod index_mark;
+pub mod manual_action;
 mod noise;
 mod nozzle;
 pub mod pins;
@@ -42,7 +42,7 @@ mod sensors;
 mod tests;
 mod variation;
 
-pub use cartridge::{Parts, STEINHART_HART_104GT_2};
+pub use cartridge::{CartridgeParameters, STEINHART_HART_104GT_2};
 pub use fault::{Faults, TipFault};
 pub use index_mark::IndexMark;
 pub use sensors::encoder_pitch;
@@ -53,10 +53,10 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
 
-use filament::{Filament, Moved};
+use filament::{FeedResult, Filament};
 use nozzle::Nozzle;
 use plastic::Plastic;
-use sensors::Held;
+use sensors::StuckReading;
 
 /// The simulated tip of one robot.
 #[derive(Debug, Clone)]
@@ -84,7 +84,7 @@ pub struct Tip {
     /// True if the nozzle has jumped since the second switch was closed.
     warmed: bool,
     /// Readings of a thermistor that no longer follows.
-    held: Held,
+    held: StuckReading,
     /// End of a dip of the supply, ticks. `None` without a dip.
     dip_until: Option<u64>,
     filament: Filament,
@@ -142,7 +142,7 @@ impl Tip {
             nozzle: Nozzle::new(&robot, &variation),
             warm_at_once: None,
             warmed: false,
-            held: Held::default(),
+            held: StuckReading::default(),
             dip_until: None,
             filament: Filament::new(&robot),
             plastic: Plastic::new(&robot, head_steps),
@@ -183,12 +183,12 @@ impl Tip {
     }
 
     /// Sets the enable signal of a motor's driver.
-    pub fn enable(&mut self, motor: Motor, enabled: bool) {
+    pub fn set_enabled(&mut self, motor: Motor, enabled: bool) {
         self.axis(motor).enabled = enabled;
     }
 
     /// Sets the direction signal of a motor's driver.
-    pub fn direct(&mut self, motor: Motor, forwards: bool) {
+    pub fn set_direction(&mut self, motor: Motor, forwards: bool) {
         self.axis(motor).forwards = forwards;
     }
 
@@ -248,13 +248,13 @@ impl Tip {
         }
         let seen = self.seen_per_step();
         match self.filament.step(forwards, seen) {
-            Moved::Out => {
+            FeedResult::Extruded => {
                 self.nozzle.feed();
                 self.plastic.lay(self.now);
             }
-            Moved::Back => self.plastic.hold_back(true, self.now),
-            Moved::Filled => self.plastic.hold_back(!self.filament.is_at_front(), self.now),
-            Moved::Not => self.plastic.pass(self.now),
+            FeedResult::Retracted => self.plastic.hold_back(true, self.now),
+            FeedResult::Refilled => self.plastic.hold_back(!self.filament.is_at_front(), self.now),
+            FeedResult::Blocked => self.plastic.pass(self.now),
         }
     }
 
@@ -295,7 +295,7 @@ impl Tip {
     }
 
     /// Removes the fault of the same kind. Steps that the head has lost stay lost.
-    pub fn mend(&mut self, fault: TipFault) {
+    pub fn clear_fault(&mut self, fault: TipFault) {
         self.sync();
         if let TipFault::HeadLosesSteps { .. } | TipFault::HeadGainsSteps { .. } = fault {
             self.to_slip = 0;

@@ -20,7 +20,7 @@ const SLOTS_PER_S: u64 = 10;
 
 /// Inputs of the nozzle while they are constant.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Drive {
+pub(super) struct NozzleInputs {
     /// Power of the heater, W.
     pub power_w: f64,
     /// Loss to the surroundings, W/K.
@@ -130,7 +130,7 @@ impl Nozzle {
     }
 
     /// Advances the time to a tick.
-    pub fn advance(&mut self, until: u64, drive: &Drive) {
+    pub fn advance(&mut self, until: u64, drive: &NozzleInputs) {
         while self.tick < until {
             let still = self.heated == 0.0 && self.fed == 0.0;
             let next_slot = (self.tick / self.slot + 1) * self.slot;
@@ -146,7 +146,7 @@ impl Nozzle {
     }
 
     /// Advances the time, with constant inputs.
-    fn pass(&mut self, seconds: f64, drive: &Drive) {
+    fn pass(&mut self, seconds: f64, drive: &NozzleInputs) {
         let flow = self.heated * self.heat_of_step * self.tick_hz / self.slot as f64;
         if let Some(cartridge) = &mut self.cartridge {
             let load = Load { drive, flow_w_per_k: flow };
@@ -178,7 +178,7 @@ struct Decays {
 }
 
 impl Decays {
-    fn of(&mut self, seconds: f64, drive: &Drive, flow_w_per_k: f64, heat_capacity: f64) -> Decay {
+    fn of(&mut self, seconds: f64, drive: &NozzleInputs, flow_w_per_k: f64, heat_capacity: f64) -> Decay {
         let mut known = self.known.iter().flatten();
         if let Some(decay) = known.find(|decay| decay.is_of(seconds, drive, flow_w_per_k)) {
             return *decay;
@@ -207,7 +207,7 @@ struct Decay {
 }
 
 impl Decay {
-    fn new(seconds: f64, drive: &Drive, flow_w_per_k: f64, heat_capacity: f64) -> Self {
+    fn new(seconds: f64, drive: &NozzleInputs, flow_w_per_k: f64, heat_capacity: f64) -> Self {
         let loss_w_per_k = (drive.loss_w_per_k + flow_w_per_k).max(f64::MIN_POSITIVE);
         let (of_block, of_sensor) = (loss_w_per_k / heat_capacity, 1.0 / drive.lag_s.max(1e-6));
         let (slow, quick) = (of_block.min(of_sensor), of_block.max(of_sensor));
@@ -228,7 +228,7 @@ impl Decay {
     }
 
     /// Reports whether the decay is for these conditions, to the last bit.
-    fn is_of(&self, seconds: f64, drive: &Drive, flow_w_per_k: f64) -> bool {
+    fn is_of(&self, seconds: f64, drive: &NozzleInputs, flow_w_per_k: f64) -> bool {
         (self.seconds, self.lag_s, self.drive_loss_w_per_k, self.flow_w_per_k)
             == (seconds, drive.lag_s, drive.loss_w_per_k, flow_w_per_k)
     }
@@ -245,8 +245,8 @@ mod tests {
         (Nozzle::new(&robot, &Variation::default()), robot.description().heater)
     }
 
-    fn drive(power_w: f64) -> Drive {
-        Drive { power_w, loss_w_per_k: 0.12, lag_s: 2.0, share: 1.0 }
+    fn drive(power_w: f64) -> NozzleInputs {
+        NozzleInputs { power_w, loss_w_per_k: 0.12, lag_s: 2.0, share: 1.0 }
     }
 
     #[test]
@@ -301,7 +301,7 @@ mod tests {
         let tau = heater.heat_capacity_j_per_k / 0.12;
         let after = |lag_s| {
             let mut nozzle = base.clone();
-            nozzle.advance(100 * TICK_HZ, &Drive { lag_s, ..drive(50.0) });
+            nozzle.advance(100 * TICK_HZ, &NozzleInputs { lag_s, ..drive(50.0) });
             nozzle.sensor()
         };
         assert!((after(tau) - after(tau * (1.0 + 1e-9))).abs() < 1e-6);

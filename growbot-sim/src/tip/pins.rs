@@ -77,7 +77,7 @@ impl Input {
     /// Returns the input of the emergency stop: high while it is pressed.
     #[must_use]
     pub fn emergency_stop(tip: &SharedTip) -> Self {
-        Self { tip: Rc::clone(tip), level: Tip::emergency_stop }
+        Self { tip: Rc::clone(tip), level: Tip::is_emergency_stop_pressed }
     }
 }
 
@@ -101,10 +101,10 @@ pub struct TipOutputs(pub SharedTip);
 impl hal::Outputs for TipOutputs {
     fn make_safe(&mut self) {
         let mut tip = self.0.borrow_mut();
-        tip.heat(0.0, false);
-        tip.blow(0.0);
-        tip.enable(Motor::Head, false);
-        tip.enable(Motor::Feed, false);
+        tip.set_heater(0.0, false);
+        tip.set_fan(0.0);
+        tip.set_enabled(Motor::Head, false);
+        tip.set_enabled(Motor::Feed, false);
     }
 }
 
@@ -142,12 +142,12 @@ impl ErrorType for DirectionPin {
 
 impl OutputPin for DirectionPin {
     fn set_low(&mut self) -> Result<(), Infallible> {
-        self.1.borrow_mut().direct(self.0, false);
+        self.1.borrow_mut().set_direction(self.0, false);
         Ok(())
     }
 
     fn set_high(&mut self) -> Result<(), Infallible> {
-        self.1.borrow_mut().direct(self.0, true);
+        self.1.borrow_mut().set_direction(self.0, true);
         Ok(())
     }
 }
@@ -158,12 +158,12 @@ impl ErrorType for EnablePin {
 
 impl OutputPin for EnablePin {
     fn set_low(&mut self) -> Result<(), Infallible> {
-        self.1.borrow_mut().enable(self.0, false);
+        self.1.borrow_mut().set_enabled(self.0, false);
         Ok(())
     }
 
     fn set_high(&mut self) -> Result<(), Infallible> {
-        self.1.borrow_mut().enable(self.0, true);
+        self.1.borrow_mut().set_enabled(self.0, true);
         Ok(())
     }
 }
@@ -194,7 +194,7 @@ impl SetDutyCycle for HeaterPower {
     fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
         let mut tip = self.0.borrow_mut();
         let closed = tip.heater_is_on();
-        tip.heat(f64::from(duty) / f64::from(u16::MAX), closed);
+        tip.set_heater(f64::from(duty) / f64::from(u16::MAX), closed);
         Ok(())
     }
 }
@@ -207,7 +207,7 @@ impl HeaterEnable {
     fn set(&mut self, closed: bool) {
         let mut tip = self.0.borrow_mut();
         let duty = tip.heater_duty();
-        tip.heat(duty, closed);
+        tip.set_heater(duty, closed);
     }
 }
 
@@ -233,7 +233,7 @@ impl SetDutyCycle for Fan {
     }
 
     fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
-        self.0.borrow_mut().blow(f64::from(duty) / f64::from(u16::MAX));
+        self.0.borrow_mut().set_fan(f64::from(duty) / f64::from(u16::MAX));
         Ok(())
     }
 }

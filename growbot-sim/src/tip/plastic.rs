@@ -57,12 +57,12 @@ fn ring_of(rings: &mut Vec<Ring>, sweep: u64) -> &mut Moments {
 
 /// Iteration over the layers of consecutive rings.
 #[derive(Debug, Clone, Default)]
-struct Layers {
+struct LayerAssembler {
     /// Plastic on the axis that belongs to the layer that it opens.
     edge: Moments,
 }
 
-impl Layers {
+impl LayerAssembler {
     /// Returns the layer that this ring completes.
     fn next(&mut self, ring: &Ring) -> Option<Moments> {
         self.edge.add(ring.moments, 1.0);
@@ -72,15 +72,15 @@ impl Layers {
 
 /// The body up to the rings that no longer change.
 #[derive(Debug, Clone)]
-struct Grown {
+struct SettledBody {
     rings: usize,
-    layers: Layers,
+    layers: LayerAssembler,
     start_from_tip: Frame,
     /// Index of the next layer.
     index: u64,
 }
 
-impl Grown {
+impl SettledBody {
     fn add(&mut self, ring: &Ring, robot: &Robot, imperfection: &ErrorModel) {
         if let Some(moments) = self.layers.next(ring) {
             self.start_from_tip *= imperfection.lay(self.index, &layer(&moments, robot)).step();
@@ -114,7 +114,7 @@ pub(super) struct Plastic {
     laid: Vec<Ring>,
     /// Number of layers whose sweep is finished.
     swept_layers: u64,
-    grown: Grown,
+    grown: SettledBody,
     settled: Settled,
 }
 
@@ -122,7 +122,7 @@ pub(super) struct Plastic {
 #[derive(Debug, Clone, Default)]
 struct Settled {
     rings: usize,
-    layers: Layers,
+    layers: LayerAssembler,
     came_out: Vec<Layer>,
     twist: f64,
 }
@@ -157,7 +157,12 @@ impl Plastic {
             stood: Vec::new(),
             laid: Vec::new(),
             swept_layers: 0,
-            grown: Grown { rings: 0, layers: Layers::default(), start_from_tip: Frame::identity(), index: 0 },
+            grown: SettledBody {
+                rings: 0,
+                layers: LayerAssembler::default(),
+                start_from_tip: Frame::identity(),
+                index: 0,
+            },
             settled: Settled::default(),
         }
     }
@@ -258,7 +263,7 @@ impl Plastic {
     /// Returns the layers as they came out, including the one in progress. Their twist is contained in the deposition
     /// angles of the following layers, so that the layers chain to the same body without it.
     pub fn layers(&self, robot: &Robot, imperfection: &ErrorModel) -> Vec<Layer> {
-        let mut layers = Layers::default();
+        let mut layers = LayerAssembler::default();
         let mut all: Vec<Moments> = self.laid.iter().filter_map(|ring| layers.next(ring)).collect();
         // At the very end an edge belongs to the layer that it closes.
         match all.last_mut() {

@@ -17,7 +17,7 @@ enum Channel {
 
 /// Readings of a thermistor that no longer follows.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Held {
+pub(super) struct StuckReading {
     /// Converted reading of the ADC.
     pub number: u16,
     /// Voltage, counts.
@@ -136,7 +136,7 @@ impl Tip {
     }
 
     /// Reports whether filament follows the feed.
-    pub fn filament_follows(&mut self) -> bool {
+    pub fn filament_moves_with_feed(&mut self) -> bool {
         self.sync();
         let min_c = self.robot.description().heater.extrusion_min_c;
         let cold = self.nozzle.block() < min_c && self.filament.is_at_front();
@@ -151,7 +151,7 @@ impl Tip {
 
     /// Reports whether the emergency stop is pressed.
     #[must_use]
-    pub fn emergency_stop(&self) -> bool {
+    pub fn is_emergency_stop_pressed(&self) -> bool {
         self.faults.has(TipFault::EmergencyStop)
     }
 

@@ -1,6 +1,6 @@
 //! Differences of one copy of a robot from its description.
 
-use super::cartridge::Parts;
+use super::cartridge::CartridgeParameters;
 
 /// Parameters that vary between copies of a robot, and from day to day.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -13,7 +13,7 @@ pub struct Variation {
     pub loss: f64,
     /// Parameters of a nozzle in parts, with the thermistor 104GT-2. `None` for one lump of heat with a thermistor that
     /// follows its equation.
-    pub parts: Option<Parts>,
+    pub parts: Option<CartridgeParameters>,
     /// Temperature of the surroundings, degrees Celsius.
     pub ambient_c: f64,
     /// Voltage of the supply, V. `None` for the description's nominal voltage.

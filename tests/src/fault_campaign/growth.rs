@@ -4,7 +4,7 @@ use growbot_client::client::ClientError;
 use growbot_client::robot_file;
 use growbot_core::link::message::{Fault, State};
 use growbot_core::robot::Robot;
-use growbot_sim::tip::{Motor, Parts, STEINHART_HART_104GT_2, Variation};
+use growbot_sim::tip::{CartridgeParameters, Motor, STEINHART_HART_104GT_2, Variation};
 
 use super::cases::{Case, Onset, Right};
 use super::rig::Rig;
@@ -111,7 +111,7 @@ pub fn copy(plant: Plant, random: &mut Rng, seed: u64) -> Variation {
         seed,
         parts: None,
     };
-    let mut parts = || Parts {
+    let mut parts = || CartridgeParameters {
         capacity_share: within(0.1, 0.3),
         coupling_w_per_k: within(1.0, 4.0),
         radiation_share: within(0.1, 0.3),

@@ -43,7 +43,7 @@ impl Rig {
     /// # Errors
     /// Returns an error if the board does not respond.
     pub fn greet(&mut self) -> Result<(), ClientError> {
-        self.client.hello_robot(&self.robot).map(|_| ())
+        self.client.open_session_for(&self.robot).map(|_| ())
     }
 
     /// Begins a job of this many layers.

@@ -5,7 +5,9 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, OnInterrupted, Orders, Outcome, grow_job, resume_job};
+use growbot_client::growth::{
+    CommandQueue, GrowthError, GrowthReport, Job, JobEvent, OnInterrupted, Outcome, grow_job, resume_job,
+};
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{Empty, HostSilencePolicy, Message, ResetCause, State, Status};
 use growbot_sim::port::sim::Sim;
@@ -54,11 +56,11 @@ pub fn crash_at(job: &Job, undisturbed: &Undisturbed, crash: Crash, event: usize
     let board: Board = Rc::new(RefCell::new(Sim::new(job.robot.clone())));
     let mut known = Vec::new();
     let broken = grow_until(job, &board, crash, event, &mut known);
-    if let Ok(Grown { outcome: Outcome::Done, .. }) = &broken {
+    if let Ok(GrowthReport { outcome: Outcome::Done, .. }) = &broken {
         return Err("it was done before anything went".to_string());
     }
     if crash == Crash::Cable {
-        board.borrow_mut().pass(Duration::from_secs(60));
+        board.borrow_mut().run_for(Duration::from_secs(60));
     }
     let (found, grown) = come_back(job, &board, known).map_err(|error| error.to_string())?;
     if grown.outcome != Outcome::Done {
@@ -76,12 +78,12 @@ fn grow_until(
     crash: Crash,
     event: usize,
     known: &mut Vec<Option<LayerBytes>>,
-) -> Result<Grown, GrowthError> {
+) -> Result<GrowthReport, GrowthError> {
     let cut = Rc::new(Cell::new(false));
     let line = Cuttable { port: Rc::clone(board), cut: Rc::clone(&cut) };
     let mut client = Client::new(Box::new(line), "sim");
     let mut told = 0;
-    let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &Orders::default(), &mut |happened| {
+    let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &CommandQueue::default(), &mut |happened| {
         if cut.get() {
             return;
         }
@@ -97,11 +99,11 @@ fn grow_until(
                 Crash::Board => sim.reset(ResetCause::Watchdog),
                 Crash::Power => sim.reset(ResetCause::PowerOn),
                 Crash::BoardInLayer => {
-                    sim.pass(in_layer);
+                    sim.run_for(in_layer);
                     sim.reset(ResetCause::Watchdog);
                 }
                 Crash::PowerInLayer => {
-                    sim.pass(in_layer);
+                    sim.run_for(in_layer);
                     sim.reset(ResetCause::PowerOn);
                 }
             }
@@ -109,22 +111,22 @@ fn grow_until(
             cut.set(true);
         }
     });
-    client.vanish();
+    client.drop_without_goodbye();
     grown
 }
 
 /// Connects another host, which clears a fault and resumes.
-fn come_back(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> Result<(Status, Grown), GrowthError> {
+fn come_back(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> Result<(Status, GrowthReport), GrowthError> {
     let mut client = Client::new(Box::new(Rc::clone(board)), "sim");
-    let hello = client.hello().map_err(GrowthError::Before)?;
+    let hello = client.open_session().map_err(GrowthError::NotStarted)?;
     if hello.status.state == State::Fault {
         let clear = Message::ClearFault(Empty {});
-        client.request("to clear the fault", &clear).map_err(GrowthError::Before)?;
+        client.request("to clear the fault", &clear).map_err(GrowthError::NotStarted)?;
     }
-    let found = client.status().map_err(GrowthError::Before)?;
-    let (stop, on_event) = (Orders::default(), &mut |_: &JobEvent| {});
+    let found = client.status().map_err(GrowthError::NotStarted)?;
+    let (stop, on_event) = (CommandQueue::default(), &mut |_: &JobEvent| {});
     let grown = if found.plan_id == job.plan_id {
-        resume_job(&mut client, job, known, OnInterrupted::Again, HostSilencePolicy::Pause, &stop, on_event)
+        resume_job(&mut client, job, known, OnInterrupted::Redo, HostSilencePolicy::Pause, &stop, on_event)
     } else {
         // The board has not begun a job, so the growth starts from the beginning.
         grow_job(&mut client, job, HostSilencePolicy::Pause, &stop, on_event)

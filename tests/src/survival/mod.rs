@@ -11,7 +11,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Job, JobEvent, Orders, Outcome, grow_job};
+use growbot_client::growth::{CommandQueue, Job, JobEvent, Outcome, grow_job};
 use growbot_client::port::{Port, PortError};
 use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
@@ -86,7 +86,7 @@ impl Undisturbed {
         let mut client = Client::new(Box::new(Rc::clone(&board)), "sim");
         let mut events = 0;
         let count = &mut |_: &JobEvent| events += 1;
-        let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &Orders::default(), count);
+        let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &CommandQueue::default(), count);
         let grown = grown.expect("nothing is in the way");
         assert_eq!((grown.outcome, grown.as_built.len()), (Outcome::Done, job.layers.len()));
         let feed_steps = board.borrow_mut().simulated_tip().feed_steps();
@@ -124,7 +124,7 @@ impl<P: Port> Port for Cuttable<P> {
         self.port.now()
     }
 
-    fn compares_clocks(&self) -> bool {
-        self.port.compares_clocks()
+    fn has_comparable_clock(&self) -> bool {
+        self.port.has_comparable_clock()
     }
 }

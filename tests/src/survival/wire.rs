@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Job, Orders, Outcome, grow_job};
-use growbot_client::port::faulty::{FaultSpec, Faulty};
+use growbot_client::growth::{CommandQueue, Job, Outcome, grow_job};
+use growbot_client::port::faulty::{FaultSpec, FaultyPort};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_sim::port::sim::Sim;
 
@@ -86,9 +86,9 @@ fn grow(job: &Job, undisturbed: &Undisturbed, loss: f64, flip: f64, seed: u64) -
         ..FaultSpec::default()
     };
     let board: Board = Rc::new(RefCell::new(Sim::new(job.robot.clone())));
-    let wire = Rc::new(RefCell::new(Faulty::new(Rc::clone(&board), spec)));
+    let wire = Rc::new(RefCell::new(FaultyPort::new(Rc::clone(&board), spec)));
     let mut client = Client::new(Box::new(Rc::clone(&wire)), "sim");
-    let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &Orders::default(), &mut |_| {});
+    let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &CommandQueue::default(), &mut |_| {});
     let feed_steps = board.borrow_mut().simulated_tip().feed_steps();
     let wrong = match &grown {
         Err(error) => Some(error.to_string()),

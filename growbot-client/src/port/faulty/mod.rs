@@ -38,7 +38,7 @@ const MAX_SWALLOWED: usize = 1 << 16;
 
 /// Counts of the faults of a wire so far, both directions together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Tally {
+pub struct FaultCounts {
     /// Pieces that entered the wire.
     pub frames: u64,
     /// Pieces that were lost by `drop`.
@@ -62,12 +62,12 @@ pub struct Tally {
 /// A port behind a wire with faults.
 ///
 /// To read the counts while a client uses the port, put it into an `Rc<RefCell<_>>`, which is a port too.
-pub struct Faulty<P> {
+pub struct FaultyPort<P> {
     port: P,
     spec: FaultSpec,
-    tally: Tally,
-    to_board: Wire,
-    from_board: Wire,
+    tally: FaultCounts,
+    to_board: FaultyChannel,
+    from_board: FaultyChannel,
     /// Remaining time for which nothing passes.
     stalled: Duration,
     /// Remaining time for which everything is lost.
@@ -75,7 +75,7 @@ pub struct Faulty<P> {
 }
 
 /// One direction of the wire.
-struct Wire {
+struct FaultyChannel {
     draws: Draws,
     /// The beginning of a piece.
     begun: Vec<u8>,
@@ -91,22 +91,22 @@ enum Direction {
     FromBoard,
 }
 
-impl<P: Port> Faulty<P> {
+impl<P: Port> FaultyPort<P> {
     /// Puts a wire with these faults before a port.
     pub fn new(port: P, spec: FaultSpec) -> Self {
         Self {
             port,
             spec,
-            tally: Tally::default(),
-            to_board: Wire::new(spec.seed, 1),
-            from_board: Wire::new(spec.seed, 2),
+            tally: FaultCounts::default(),
+            to_board: FaultyChannel::new(spec.seed, 1),
+            from_board: FaultyChannel::new(spec.seed, 2),
             stalled: Duration::ZERO,
             cut: Duration::ZERO,
         }
     }
 
     /// Returns the counts of the faults so far.
-    pub fn tally(&self) -> Tally {
+    pub fn tally(&self) -> FaultCounts {
         self.tally
     }
 
@@ -115,7 +115,7 @@ impl<P: Port> Faulty<P> {
         &mut self.port
     }
 
-    fn wire(&mut self, direction: Direction) -> &mut Wire {
+    fn wire(&mut self, direction: Direction) -> &mut FaultyChannel {
         match direction {
             Direction::ToBoard => &mut self.to_board,
             Direction::FromBoard => &mut self.from_board,
@@ -199,7 +199,7 @@ impl<P: Port> Faulty<P> {
     }
 }
 
-impl<P: Port> Port for Faulty<P> {
+impl<P: Port> Port for FaultyPort<P> {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         self.take(Direction::ToBoard, bytes);
         self.deliver()
@@ -239,17 +239,17 @@ impl<P: Port> Port for Faulty<P> {
         self.port.now()
     }
 
-    fn compares_clocks(&self) -> bool {
-        self.port.compares_clocks()
+    fn has_comparable_clock(&self) -> bool {
+        self.port.has_comparable_clock()
     }
 
     /// Returns a port without faults, because faults are for tests.
-    fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
-        self.port.emergency_line()
+    fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
+        self.port.emergency_port()
     }
 }
 
-impl Wire {
+impl FaultyChannel {
     fn new(seed: u64, direction: u64) -> Self {
         Self {
             draws: Draws { state: splitmix64(seed) ^ splitmix64(direction), count: 0 },
@@ -310,8 +310,8 @@ mod tests {
         }
     }
 
-    fn faulty(spec: &str) -> Faulty<LoopBack> {
-        Faulty::new(LoopBack::default(), spec.parse().unwrap())
+    fn faulty(spec: &str) -> FaultyPort<LoopBack> {
+        FaultyPort::new(LoopBack::default(), spec.parse().unwrap())
     }
 
     /// Returns a frame of ten bytes that contains its number.
@@ -321,7 +321,7 @@ mod tests {
     }
 
     /// Returns all bytes that arrive within the timeout.
-    fn received(port: &mut Faulty<LoopBack>, timeout: Duration) -> Vec<u8> {
+    fn received(port: &mut FaultyPort<LoopBack>, timeout: Duration) -> Vec<u8> {
         let (mut all, mut buffer) = (Vec::new(), [0; 64]);
         loop {
             match port.receive(&mut buffer, timeout).unwrap() {
@@ -332,7 +332,7 @@ mod tests {
     }
 
     /// Sends `frames` frames one by one. Returns the bytes received and the counts.
-    fn run(spec: &str, frames: u32) -> (Vec<u8>, Tally) {
+    fn run(spec: &str, frames: u32) -> (Vec<u8>, FaultCounts) {
         let mut port = faulty(spec);
         let mut all = Vec::new();
         for number in 0..frames {
@@ -353,7 +353,7 @@ mod tests {
     fn a_sound_wire_changes_nothing() {
         let (bytes, tally) = run("seed=3", 100);
         assert_eq!(bytes, (0..100).flat_map(frame).collect::<Vec<_>>());
-        assert_eq!(tally, Tally { frames: 200, ..Tally::default() });
+        assert_eq!(tally, FaultCounts { frames: 200, ..FaultCounts::default() });
     }
 
     #[test]
@@ -429,7 +429,7 @@ mod tests {
         let mut port = faulty("reset=100%");
         port.send(&frame(1)).unwrap();
         port.send(&frame(2)).unwrap();
-        assert_eq!(port.tally(), Tally { frames: 2, resets: 1, cut_off: 2, ..Tally::default() });
+        assert_eq!(port.tally(), FaultCounts { frames: 2, resets: 1, cut_off: 2, ..FaultCounts::default() });
         assert!(received(&mut port, CUT).is_empty());
         port.spec.reset = 0.0;
         port.send(&frame(3)).unwrap();

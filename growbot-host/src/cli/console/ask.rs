@@ -1,7 +1,7 @@
 //! Requests that a board answers at once, with the response as a few lines of text.
 
 use growbot_client::client::{Client, ClientError};
-use growbot_client::maintenance::{Presets, in_words};
+use growbot_client::maintenance::{MaterialPresets, task_message};
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{
     Accepted, Empty, HostSilencePolicy, Message, PlanRequest, ReadLayers, Refusal, Resume, Start, State, StoredLayers,
@@ -20,7 +20,7 @@ pub fn ask(
     client: &mut Client,
     robot: &Robot,
     is_simulated: bool,
-    presets: &Presets,
+    presets: &MaterialPresets,
     start: &Pose,
     what: &Ask,
 ) -> Result<String, Failure> {
@@ -35,7 +35,7 @@ pub fn ask(
         Ask::Layers(first) => layers(client, *first),
         Ask::Stop => {
             let stopped = client.stop()?;
-            Ok(format!("{}\n", stopped.in_words(is_simulated)))
+            Ok(format!("{}\n", stopped.message(is_simulated)))
         }
         Ask::EmergencyStop => {
             client.emergency_stop()?;
@@ -69,7 +69,7 @@ fn plan(client: &mut Client, robot: &Robot, start: &Pose, goal: &Pose) -> Result
 pub fn maintain(
     client: &mut Client,
     robot: &Robot,
-    presets: &Presets,
+    presets: &MaterialPresets,
     word: &str,
     rest: &str,
 ) -> Result<String, Failure> {
@@ -83,7 +83,7 @@ pub fn maintain(
         }
         error => error.into(),
     })?;
-    Ok(format!("{}\n", in_words(task)))
+    Ok(format!("{}\n", task_message(task)))
 }
 
 fn start_stored(client: &mut Client) -> Result<String, Failure> {

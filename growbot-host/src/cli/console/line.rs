@@ -6,16 +6,16 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Job, JobEvent, Orders, Outcome, grow_job};
-use growbot_client::maintenance::Presets;
-use growbot_client::plan::{Goal, Plan, Search};
+use growbot_client::growth::{CommandQueue, Job, JobEvent, Outcome, grow_job};
+use growbot_client::maintenance::MaterialPresets;
+use growbot_client::plan::{Goal, Plan, PlanOptions};
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{HostSilencePolicy, Message, State};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
-use growbot_sim::truth::{Simulation, compare};
+use growbot_sim::ground_truth::{SimulatedTip, grow_with_ground_truth};
 use rustyline::completion::Completer;
 use rustyline::error::ReadlineError;
 use rustyline::highlight::Highlighter;
@@ -39,13 +39,13 @@ const LOOK: Duration = Duration::from_millis(100);
 pub struct Session {
     client: Client,
     /// The simulated tip, with the body as it is really laid. `None` if the tip is not simulated.
-    simulation: Option<Box<dyn Simulation>>,
+    simulation: Option<Box<dyn SimulatedTip>>,
     robot: Robot,
-    presets: Presets,
+    presets: MaterialPresets,
     port: ChosenPort,
     start: Pose,
     /// Requests to stop, by Ctrl-C.
-    orders: Arc<Orders>,
+    orders: Arc<CommandQueue>,
 }
 
 /// End of a script before its last line.
@@ -67,9 +67,9 @@ impl Session {
     /// Creates a session with a board. Ctrl-C requests a stop from then on.
     pub fn new(
         mut client: Client,
-        simulation: Option<Box<dyn Simulation>>,
+        simulation: Option<Box<dyn SimulatedTip>>,
         robot: Robot,
-        presets: Presets,
+        presets: MaterialPresets,
         start: Pose,
         port: ChosenPort,
     ) -> Self {
@@ -259,8 +259,8 @@ impl Session {
 
     fn grow(&mut self, goal: &Goal) -> Result<(), Failure> {
         let radius = self.robot.description().planning_radius_mm;
-        let search = Search { radius, planner: Planner::Shortest, clear_of_self: true };
-        let plan = Plan::through(&self.robot, &self.start, &[], goal, &search)?;
+        let search = PlanOptions { radius, planner: Planner::Shortest, clear_of_self: true };
+        let plan = Plan::through_waypoints(&self.robot, &self.start, &[], goal, &search)?;
         let job = Job::of_plan(&self.robot, &plan);
         let mut emergency = false;
         let mut show = |event: &JobEvent| {
@@ -276,7 +276,7 @@ impl Session {
         let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
             grow_job(&mut self.client, &job, HostSilencePolicy::Pause, &self.orders, on_event)
         };
-        let grown = compare(self.simulation.as_mut(), &job, &mut show, grow)
+        let grown = grow_with_ground_truth(self.simulation.as_mut(), &job, &mut show, grow)
             .map_err(|error| following::failed(error, is_simulated))?;
         self.orders.clear();
         print(&growth_table::table(&plan, &self.robot, &grown, None, is_simulated))?;
@@ -367,14 +367,14 @@ mod tests {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let sim = Rc::new(RefCell::new(Sim::new(robot.clone())));
         let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
-        client.hello_robot(&robot).unwrap();
+        client.open_session_for(&robot).unwrap();
         let Ok(port) = (LineArg { fault: None, take_over: false }).at("sim".to_owned()) else { panic!("no port") };
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let mut session = Session {
             client,
             simulation: None,
             robot,
-            presets: Presets::default(),
+            presets: MaterialPresets::default(),
             port,
             start,
             orders: Arc::default(),

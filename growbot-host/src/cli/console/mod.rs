@@ -52,6 +52,6 @@ pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     if args.tui {
         return tui::run(client, robot, presets, start, &port);
     }
-    client.hello()?;
+    client.open_session()?;
     line::Session::new(client, simulation, robot, presets, start, port).run()
 }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use growbot_core::link::message::{Fault, MaintenanceTask, State, Status};
 use growbot_host::note;
-use growbot_sim::tip::hand::Hand;
+use growbot_sim::tip::manual_action::ManualAction;
 
 use super::answers::{Answer, Wanted};
 use super::report::Finding;
@@ -39,9 +39,9 @@ pub fn without_heater(session: &mut Session) -> Result<Finding, Failure> {
     if !session.is_ready(question)? {
         return Ok(Finding::skipped());
     }
-    session.by_hand(Hand::DisconnectHeater(true));
+    session.by_hand(ManualAction::DisconnectHeater(true));
     let found = heat_nothing(session);
-    session.by_hand(Hand::DisconnectHeater(false));
+    session.by_hand(ManualAction::DisconnectHeater(false));
     let found = found?;
     session.switch_off()?;
     session.clear()?;
@@ -85,9 +85,9 @@ pub fn lamp(session: &mut Session) -> Result<Finding, Failure> {
         return Ok(Finding::skipped());
     }
     // A lamp does not warm the nozzle either.
-    session.by_hand(Hand::DisconnectHeater(true));
+    session.by_hand(ManualAction::DisconnectHeater(true));
     let found = light(session);
-    session.by_hand(Hand::DisconnectHeater(false));
+    session.by_hand(ManualAction::DisconnectHeater(false));
     let found = found?;
     session.switch_off()?;
     session.clear()?;

@@ -1,7 +1,7 @@
 //! Checks of the board's measurements while nothing heats or moves.
 
 use growbot_core::link::message::{SensorReadings, State};
-use growbot_sim::tip::hand::Hand;
+use growbot_sim::tip::manual_action::ManualAction;
 
 use super::report::Finding;
 use super::session::{Session, WATCH};
@@ -68,7 +68,7 @@ pub fn index(session: &mut Session) -> Result<Finding, Failure> {
         return Ok(Finding::skipped());
     }
     let mut levels = BothLevels([false; 2]);
-    let seen = session.watch(WATCH, Some(Hand::TurnHead(1)), |seen| levels.add(seen.sensors.on_index))?;
+    let seen = session.watch(WATCH, Some(ManualAction::TurnHead(1)), |seen| levels.add(seen.sensors.on_index))?;
     if seen.is_some() {
         return Ok(Finding::passed("on and off the mark"));
     }
@@ -81,8 +81,8 @@ pub fn index(session: &mut Session) -> Result<Finding, Failure> {
 
 /// An input with a switch. The person is guided to both positions.
 struct Switch {
-    close: (&'static str, Hand),
-    open: (&'static str, Hand),
+    close: (&'static str, ManualAction),
+    open: (&'static str, ManualAction),
     level: fn(&SensorReadings) -> Option<bool>,
     /// Names of the levels, that of `close` first.
     names: [&'static str; 2],
@@ -113,14 +113,14 @@ pub fn filament(session: &mut Session) -> Result<Finding, Failure> {
         return Ok(Finding::absent("sensors.filament_presence"));
     }
     let switch = Switch {
-        close: ("Put filament into its switch.", Hand::TakeFilament(false)),
-        open: ("Take the filament out of its switch.", Hand::TakeFilament(true)),
+        close: ("Put filament into its switch.", ManualAction::TakeFilament(false)),
+        open: ("Take the filament out of its switch.", ManualAction::TakeFilament(true)),
         level: |sensors| sensors.filament_present,
         names: ["filament", "none"],
         remedy: "check the switch and its wire, and sensors.filament_presence.active_low",
     };
     let found = switch.run(session)?;
-    session.by_hand(Hand::TakeFilament(false));
+    session.by_hand(ManualAction::TakeFilament(false));
     Ok(found)
 }
 
@@ -130,14 +130,14 @@ pub fn emergency_stop(session: &mut Session) -> Result<Finding, Failure> {
         return Ok(Finding::absent("sensors.emergency_stop"));
     }
     let switch = Switch {
-        close: ("Press the emergency stop, and leave it pressed.", Hand::PressEmergencyStop(true)),
-        open: ("Release the emergency stop.", Hand::PressEmergencyStop(false)),
+        close: ("Press the emergency stop, and leave it pressed.", ManualAction::PressEmergencyStop(true)),
+        open: ("Release the emergency stop.", ManualAction::PressEmergencyStop(false)),
         level: |sensors| sensors.emergency_stop,
         names: ["pressed", "released"],
         remedy: "check the button and its wires, and sensors.emergency_stop.active_low",
     };
     let found = switch.run(session)?;
-    session.by_hand(Hand::PressEmergencyStop(false));
+    session.by_hand(ManualAction::PressEmergencyStop(false));
     if found.outcome != super::report::Outcome::Passed {
         return Ok(found);
     }
@@ -171,13 +171,13 @@ pub fn orientation(session: &mut Session) -> Result<Finding, Failure> {
     if !session.is_ready("Tilt the tip by more than 20 degrees and hold it there.")? {
         return Ok(Finding::skipped());
     }
-    session.by_hand(Hand::LayDown(true));
+    session.by_hand(ManualAction::LayDown(true));
     let mut most = 0.0_f64;
     let tilted = session.watch(WATCH / 6, None, |seen| {
         most = most.max(seen.sensors.gravity_milli_g.map_or(0.0, |gravity| angle_deg(first, earths(gravity))));
         most > TILT_DEG
     })?;
-    session.by_hand(Hand::LayDown(false));
+    session.by_hand(ManualAction::LayDown(false));
     Ok(match tilted {
         Some(_) => Finding::passed(format!("gravity of {length:.2}, tilted by {most:.0} degrees")),
         None => Finding::failed(format!("tilted by {most:.0} degrees, more than {TILT_DEG} was to be seen"), remedy),

@@ -10,7 +10,7 @@ use crate::cli::status::{described, is_configured};
 
 /// Checks that the board responds. Reports its firmware, the cause of its start, and a crash.
 pub fn talks(session: &mut Session) -> Result<Finding, Failure> {
-    let hello = session.client.board()?;
+    let hello = session.client.identify()?;
     let [major, minor, patch] = hello.firmware;
     let mut found = format!("firmware {major}.{minor}.{patch}, started by {}", hello.reset_cause.name());
     let boot = boot(&mut session.client)?;
@@ -37,7 +37,7 @@ pub fn talks(session: &mut Session) -> Result<Finding, Failure> {
 
 /// Returns the board's report about its start. `None` if the board does not know the request.
 fn boot(client: &mut Client) -> Result<Option<BootReport>, Failure> {
-    match client.boot() {
+    match client.boot_report() {
         Ok(report) => Ok(Some(report)),
         Err(ClientError::Refused { refusal: Refusal::UnknownRequest, .. }) => Ok(None),
         Err(error) => Err(error.into()),
@@ -46,7 +46,7 @@ fn boot(client: &mut Client) -> Result<Option<BootReport>, Failure> {
 
 /// Checks that the board has the description of this robot.
 pub fn is_described(session: &mut Session) -> Result<Finding, Failure> {
-    let hello = session.client.board()?;
+    let hello = session.client.identify()?;
     let (name, hash) = (session.robot.name(), session.robot.hash());
     let configure = format!("send it: growbot configure FILE --port {}", session.port);
     if !is_configured(&hello) {

@@ -17,7 +17,7 @@ use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_client::printable::json_line;
+use growbot_client::sanitize::json_line;
 use growbot_host::note;
 use growbot_host::output::print;
 use growbot_sim::port::TipSettings;
@@ -116,7 +116,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
     report.begin(&robot, port.text(), port.is_simulated())?;
     let _lent = borrow_line(&port, "growbot doctor")?;
     let Connection { mut client, simulation } = port.connect(&robot, &TipSettings::default())?;
-    client.hello()?;
+    client.open_session()?;
     // From here on Ctrl-C stops the board. Nothing heats or moves before this line.
     let orders = stop_on_interrupt(&mut client, &port);
     let mut session = Session {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use growbot_core::link::message::MaintenanceTask;
-use growbot_sim::tip::hand::Hand;
+use growbot_sim::tip::manual_action::ManualAction;
 
 use super::answers::{Answer, Wanted};
 use super::report::Finding;
@@ -89,7 +89,7 @@ pub fn feed(session: &mut Session) -> Result<Finding, Failure> {
     if !session.is_ready(&question)? {
         return Ok(Finding::skipped());
     }
-    session.by_hand(Hand::FreeFilament(true));
+    session.by_hand(ManualAction::FreeFilament(true));
     let found = in_dry_run(session, |session| {
         // The time is that of the slowest possible feed.
         let time = Duration::from_secs_f64(feed_s(session).clamp(1.0, 290.0));
@@ -101,7 +101,7 @@ pub fn feed(session: &mut Session) -> Result<Finding, Failure> {
             _ => Ok(Finding::skipped()),
         }
     });
-    session.by_hand(Hand::FreeFilament(false));
+    session.by_hand(ManualAction::FreeFilament(false));
     found
 }
 

@@ -5,9 +5,9 @@ use std::fs;
 use std::io::{ErrorKind, Read};
 use std::path::Path;
 
-use growbot_client::files::replace_file;
-use growbot_client::printable::{json_line, one_line};
+use growbot_client::atomic_file::write_atomic;
 use growbot_client::run_log::utc_text;
+use growbot_client::sanitize::{json_line, one_line};
 use growbot_core::robot::Robot;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -237,7 +237,7 @@ impl Report {
 
     /// Writes the report, whole or not at all.
     pub fn write(&self, file: &Path) -> Result<(), Failure> {
-        Ok(replace_file(file, json_line(&self.json()).as_bytes())?)
+        Ok(write_atomic(file, json_line(&self.json()).as_bytes())?)
     }
 
     /// Returns the report as JSON.

@@ -4,13 +4,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use growbot_client::client::{Client, ClientError};
-use growbot_client::growth::Orders;
-use growbot_client::printable::one_line;
+use growbot_client::growth::CommandQueue;
+use growbot_client::sanitize::one_line;
 use growbot_core::link::message::{Fault, MaintenanceTask, SensorReadings, State, Status};
 use growbot_core::robot::Robot;
 use growbot_host::messages::ask as ask_line;
-use growbot_sim::tip::hand::Hand;
-use growbot_sim::truth::Simulation;
+use growbot_sim::ground_truth::SimulatedTip;
+use growbot_sim::tip::manual_action::ManualAction;
 
 use super::answers::{Answer, Answers, NoLine, Wanted};
 use super::report::{Answered, now};
@@ -28,8 +28,8 @@ pub struct Session {
     pub client: Client,
     pub robot: Robot,
     /// Simulation that does the requested actions. `None` if the robot is not simulated.
-    pub hands: Option<Box<dyn Simulation>>,
-    pub orders: Arc<Orders>,
+    pub hands: Option<Box<dyn SimulatedTip>>,
+    pub orders: Arc<CommandQueue>,
     pub answers: Answers,
     pub answered: Vec<Answered>,
     pub simulated: bool,
@@ -97,23 +97,23 @@ impl Session {
 
     /// Stops the board and returns an error, if a stop was requested.
     fn check(&mut self) -> Result<(), Failure> {
-        if self.orders.stops() {
-            return Err(Failure::answered_no(self.client.stop()?.in_words(self.simulated)));
+        if self.orders.stop_requested() {
+            return Err(Failure::answered_no(self.client.stop()?.message(self.simulated)));
         }
         Ok(())
     }
 
     /// Lets the simulation do an action, if the robot is simulated.
-    pub fn by_hand(&mut self, hand: Hand) {
+    pub fn by_hand(&mut self, hand: ManualAction) {
         if let Some(hands) = &mut self.hands {
-            hands.by_hand(hand);
+            hands.apply_action(hand);
         }
     }
 
     /// Waits for [`LOOK`], and returns the status and the sensors of the board.
     pub fn look(&mut self) -> Result<Seen, Failure> {
         self.check()?;
-        self.client.pass(LOOK).map_err(lost)?;
+        self.client.wait(LOOK).map_err(lost)?;
         Ok(Seen { status: self.client.status().map_err(lost)?, sensors: self.client.sensors().map_err(lost)? })
     }
 
@@ -121,7 +121,7 @@ impl Session {
     pub fn watch(
         &mut self,
         time: Duration,
-        hand: Option<Hand>,
+        hand: Option<ManualAction>,
         mut is_so: impl FnMut(&Seen) -> bool,
     ) -> Result<Option<Seen>, Failure> {
         for _ in 0..time.as_millis() / LOOK.as_millis() {
@@ -199,7 +199,7 @@ pub fn in_words(fault: Fault) -> String {
 /// Converts an error during a step. The message warns that the robot may be heating if the board does not respond.
 fn lost(error: ClientError) -> Failure {
     match error {
-        ClientError::Refused { .. } | ClientError::NotStopped { .. } => error.into(),
+        ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => error.into(),
         error => Failure::answered_no(format!(
             "{error}; the robot may be heating: see `growbot status`, and cut its power if that does not answer"
         )),

@@ -6,13 +6,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::Orders;
+use growbot_client::growth::CommandQueue;
 use growbot_client::robot_file;
 use growbot_core::link::message::{MaintenanceTask, State};
 use growbot_core::robot::{Robot, RobotDescription};
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::TipFault;
-use growbot_sim::tip::hand::Hand;
+use growbot_sim::tip::manual_action::ManualAction;
 
 use super::*;
 
@@ -34,8 +34,8 @@ impl Bench {
     fn of(robot: Robot, answers: &[&str]) -> Self {
         let sim = Rc::new(RefCell::new(Sim::new(robot.clone())));
         let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
-        client.hello().unwrap();
-        let hands = sim.borrow().simulation();
+        client.open_session().unwrap();
+        let hands = sim.borrow().tip_handle();
         let mut report = Report::default();
         assert!(report.begin(&robot, "sim", true).is_ok());
         let session = Session {
@@ -173,7 +173,7 @@ fn a_head_that_homes_for_long_is_waited_for() {
     });
     for sixty_fourths in (0..64).step_by(3) {
         let mut bench = Bench::of(robot.clone(), &["", "yes"]);
-        bench.session.by_hand(Hand::TurnHead(sixty_fourths));
+        bench.session.by_hand(ManualAction::TurnHead(sixty_fourths));
         let Ok(found) = motors::head(&mut bench.session) else { panic!("it was broken off") };
         assert_eq!(found.outcome, Outcome::Passed, "{sixty_fourths}: {found:?}");
     }
@@ -258,7 +258,7 @@ fn a_wrong_answer_in_a_pipe_ends_it_and_heats_nothing() {
 #[test]
 fn an_interruption_while_the_nozzle_heats_switches_it_off() {
     let mut bench = Bench::new(&[]);
-    let orders = Arc::new(Orders::default());
+    let orders = Arc::new(CommandQueue::default());
     bench.session.orders = Arc::clone(&orders);
     assert!(matches!(bench.session.maintain(MaintenanceTask::Preheat { target_centi_c: 6000 }), Ok(None)));
     let sim = Rc::clone(&bench.sim);

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use clap::ValueEnum;
-use growbot_client::files::{format_of, replace_file};
+use growbot_client::atomic_file::{format_from_extension, write_atomic};
 use growbot_client::plan::Plan;
 use growbot_client::run_log::BodyKind;
 use growbot_core::angle::wrap_positive;
@@ -44,7 +44,7 @@ const WIDTH: u32 = 1600;
 impl BodyFormat {
     /// Returns the format of a file by its extension. `None` for a result, and for standard output.
     pub fn of(file: &Path) -> Result<Option<Self>, Failure> {
-        match format_of(file, &ENDINGS)? {
+        match format_from_extension(file, &ENDINGS)? {
             // All extensions but that of the result are formats of bodies.
             Some(ending) => Ok(Self::from_str(ending, true).ok()),
             None if is_standard_output(file) => Ok(None),
@@ -86,7 +86,7 @@ pub fn write(file: &Path, format: BodyFormat, grown: &Grown) -> Result<(), Failu
         BodyFormat::Pdf => pdf(&picture()?).map_err(Failure::bad_input)?,
         BodyFormat::Png => png(&picture()?, WIDTH).map_err(Failure::bad_input)?,
     };
-    replace_file(file, &bytes)?;
+    write_atomic(file, &bytes)?;
     growbot_host::note!("body, {kind}, written to {}, {} bytes", file.display(), bytes.len());
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! Errors of layers and measurements in a simulation, with their distributions: JSON, text, columns.
 
-use growbot_client::run_log::{Distribution, Disturbances, Unit};
+use growbot_client::run_log::{Distribution, DisturbancesJson, Unit};
 use growbot_core::simulation::{ErrorModel, SimulatedSensors};
 use growbot_core::tracking::SensorNoise;
 use growbot_sim::simulation::Simulation;
@@ -10,7 +10,7 @@ use serde::Serialize;
 #[derive(Serialize)]
 pub struct WrittenDisturbances {
     #[serde(flatten)]
-    pub errors: Disturbances,
+    pub errors: DisturbancesJson,
     /// Error of the odometry's scale, in closed loop only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub odometry_scale: Option<Distribution>,
@@ -21,7 +21,7 @@ impl WrittenDisturbances {
     pub fn of(simulation: &Simulation, seed: u64) -> Self {
         let sensors = simulation.sensors.as_ref();
         let noise = sensors.map_or(SensorNoise { odometry: 0.0, direction: 0.0 }, |sensors| sensors.noise);
-        let errors = Disturbances::from(&ErrorModel { disturbance: simulation.disturbance, noise, seed });
+        let errors = DisturbancesJson::from(&ErrorModel { disturbance: simulation.disturbance, noise, seed });
         let scale = |sensors: &SimulatedSensors| Distribution::Constant {
             value: 100.0 * sensors.odometry_scale,
             unit: Unit::Percent,

@@ -10,9 +10,9 @@ use std::path::PathBuf;
 use std::thread;
 
 use clap::{Args, ValueEnum};
-use growbot_client::feedback::ASSUMED;
-use growbot_client::files::refuse_inputs;
-use growbot_client::printable::json_line;
+use growbot_client::atomic_file::refuse_inputs;
+use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
+use growbot_client::sanitize::json_line;
 use growbot_client::warning::Warning;
 use growbot_core::simulation::{DirectionSensor, Disturbance, DisturbedLayer, SimulatedSensors};
 use growbot_core::slicing::Slicing;
@@ -20,7 +20,7 @@ use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, Results};
 use growbot_pictures::view::SceneFile;
 use growbot_sim::simulation::campaign::Campaign;
-use growbot_sim::simulation::{Outcome, Simulation};
+use growbot_sim::simulation::{Simulation, SimulationResult};
 
 use self::body::{BodyFormat, Grown};
 use self::disturbances::WrittenDisturbances;
@@ -149,7 +149,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
     let (table, json) = match args.repeat {
         None => {
             let (outcome, laid) = args.grow_once(&simulation)?;
-            warn(&outcome.hung.map(|hung| simulation.warnings(&hung)).unwrap_or_default());
+            warn(&outcome.sag.map(|hung| simulation.warnings(&hung)).unwrap_or_default());
             if let (Some(file), Some(format)) = (&args.output, body) {
                 let (name, scene_file) = (args.goal.name("growbot simulate"), args.goal.scene_file(&plan));
                 let scene = scene.as_ref().map(|loaded| SceneFile { file: &scene_file, scene: &loaded.scene });
@@ -204,7 +204,7 @@ impl SimulateArgs {
     /// Returns the sensors of the closed loop. `None` without feedback.
     fn sensors(&self) -> Option<SimulatedSensors> {
         self.feedback.then(|| SimulatedSensors {
-            noise: self.disturbance.sensor_noise_or(ASSUMED),
+            noise: self.disturbance.sensor_noise_or(DEFAULT_SENSOR_NOISE),
             odometry_scale: self.odometry_scale.unwrap_or(0.0) / 100.0,
             direction: if self.gravity_only { DirectionSensor::Gravity } else { DirectionSensor::Tip },
         })
@@ -229,7 +229,7 @@ impl SimulateArgs {
     }
 
     /// Grows once. It returns the layers as laid only if there is an output file.
-    fn grow_once(&self, simulation: &Simulation) -> Result<(Outcome, Vec<DisturbedLayer>), Failure> {
+    fn grow_once(&self, simulation: &Simulation) -> Result<(SimulationResult, Vec<DisturbedLayer>), Failure> {
         let mut laid = Vec::new();
         let outcome = simulation.run_by_layer(self.disturbance.seed, |layer| {
             if self.output.is_some() {

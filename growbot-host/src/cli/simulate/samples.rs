@@ -3,12 +3,12 @@
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use growbot_client::files::{Replacement, format_of, refuse_inputs};
+use growbot_client::atomic_file::{AtomicFile, format_from_extension, refuse_inputs};
 use growbot_core::pose::Pose;
 use growbot_host::output::{OutputError, is_standard_output};
 use growbot_pictures::figures::shortest;
-use growbot_sim::simulation::among::Among;
-use growbot_sim::simulation::{Outcome, Simulation};
+use growbot_sim::simulation::obstacles::ObstacleReport;
+use growbot_sim::simulation::{Simulation, SimulationResult};
 
 use super::super::Failure;
 use super::disturbances::WrittenDisturbances;
@@ -50,7 +50,7 @@ impl Samples<'_> {
         if is_standard_output(path) {
             return Ok(written(Box::new(io::stdout().lock()), simulation).map_err(OutputError::from)?);
         }
-        let mut file = Replacement::begin(path)?;
+        let mut file = AtomicFile::begin(path)?;
         let written = written(Box::new(&mut file), simulation);
         let filled = written.map_err(|error| file.failed(error))?;
         file.finish()?;
@@ -68,7 +68,7 @@ impl Samples<'_> {
                 false => Ok(()),
             };
         }
-        format_of(path, &["csv"])?;
+        format_from_extension(path, &["csv"])?;
         Ok(refuse_inputs(path)?)
     }
 
@@ -90,8 +90,8 @@ impl Samples<'_> {
     }
 
     /// Adds a growth.
-    pub fn add(&mut self, seed: u64, outcome: &Outcome) -> io::Result<()> {
-        let Outcome { grown, arrival, hung, among } = outcome;
+    pub fn add(&mut self, seed: u64, outcome: &SimulationResult) -> io::Result<()> {
+        let SimulationResult { grown, arrival, sag: hung, obstacles: among } = outcome;
         let errors = [
             Some(arrival.position_error_mm),
             Some(arrival.normalized_position_error),
@@ -103,7 +103,7 @@ impl Samples<'_> {
         let (layers, length, path_length) = (grown.layers, shortest(grown.length), shortest(self.path_length));
         write!(self.file, "{seed},{},{},{layers},{length},{path_length}", self.ends, pose(&arrival.final_pose))?;
         let among = among.map(|among| {
-            let Among { contact, clearance, detours, paused } = among;
+            let ObstacleReport { contact, clearance, detours, paused } = among;
             let contact = contact.map(|contact| contact.at);
             [contact, Some(clearance), Some(f64::from(detours)), paused.map(|paused| paused.at)]
         });

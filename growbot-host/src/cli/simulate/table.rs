@@ -3,17 +3,17 @@
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
 use growbot_pictures::figures::fixed;
-use growbot_sim::simulation::among::{Among, Contact, Pause};
-use growbot_sim::simulation::campaign::{Campaign, Farthest, ManyAmong};
+use growbot_sim::simulation::campaign::{Campaign, ObstacleStatistics, WorstRun};
+use growbot_sim::simulation::obstacles::{ClearancePause, Contact, ObstacleReport};
 use growbot_sim::simulation::statistics::Statistics;
-use growbot_sim::simulation::{Hung, Outcome, Simulation};
+use growbot_sim::simulation::{SagResult, Simulation, SimulationResult};
 
 use super::super::growth_table::{arrived, row};
 use super::disturbances::WrittenDisturbances;
 
 /// Returns the table of a growth: target and final pose, the error between them, and the body.
-pub fn growth(goal: &Pose, outcome: &Outcome, disturbances: &WrittenDisturbances, seed: u64) -> String {
-    let Outcome { grown, arrival, hung, among } = outcome;
+pub fn growth(goal: &Pose, outcome: &SimulationResult, disturbances: &WrittenDisturbances, seed: u64) -> String {
+    let SimulationResult { grown, arrival, sag: hung, obstacles: among } = outcome;
     let mut table = arrived(goal, arrival);
     let pitch = arrival.pitch_error_deg;
     table += &match arrival.heading_error_deg {
@@ -36,8 +36,8 @@ pub fn growth(goal: &Pose, outcome: &Outcome, disturbances: &WrittenDisturbances
     table + &format!("seed      {seed}, of a simulated growth\n")
 }
 
-fn hangs(hung: &Hung) -> String {
-    let Hung { deflection, root } = hung;
+fn hangs(hung: &SagResult) -> String {
+    let SagResult { deflection, root } = hung;
     format!(
         "sag       {deflection:.3} mm; the root bears {:.3} MPa, {:.0} N mm, at {:.0} mm of body\n",
         root.stress, root.moment, root.length
@@ -45,8 +45,8 @@ fn hangs(hung: &Hung) -> String {
 }
 
 /// Returns the rows about a growth in a scene.
-fn went(among: &Among) -> String {
-    let Among { contact, clearance, detours, paused } = among;
+fn went(among: &ObstacleReport) -> String {
+    let ObstacleReport { contact, clearance, detours, paused } = among;
     let mut text = match contact {
         Some(contact) => format!("scene     touches {}\n", place(contact)),
         None => format!("scene     no contact; the true body is {clearance:.2} mm clear\n"),
@@ -54,7 +54,7 @@ fn went(among: &Among) -> String {
     if *detours > 0 {
         text += &format!("          {detours} times another path was taken, to keep off\n");
     }
-    if let Some(Pause { layers, at, clearance, deviation }) = paused {
+    if let Some(ClearancePause { layers, at, clearance, deviation }) = paused {
         text += &format!(
             "          pauses after {layers} layers, {at:.1} mm: ahead it would be {clearance:.2} mm clear, known to \
              {deviation:.2} mm (3 sd)\n"
@@ -70,8 +70,8 @@ fn place(Contact { layer, at, point, obstacle }: &Contact) -> String {
 }
 
 /// Returns the lines about many growths in a scene.
-fn many(among: &ManyAmong) -> String {
-    let ManyAmong { contacts, first_contact, clearance, with_detours, pauses } = among;
+fn many(among: &ObstacleStatistics) -> String {
+    let ObstacleStatistics { contacts, first_contact, clearance, with_detours, pauses } = among;
     let mut text = format!(
         "Scene: {contacts} growths touch an obstacle, {pauses} pause, {with_detours} take another path; min clearance \
          {clearance:.2} mm.\n"
@@ -100,7 +100,7 @@ pub fn campaign(campaign: &Campaign, robot: &str, simulation: &Simulation, seed:
     table += &line("heading, deg", &campaign.heading_error_deg, 1.0);
     table += &line("pitch, deg", &campaign.pitch_error_deg, 1.0);
     table += &format!("\nMedian and 95 % are to {} %", 100.0 * Statistics::RESOLUTION);
-    if let Some(Farthest { seed, .. }) = campaign.farthest {
+    if let Some(WorstRun { seed, .. }) = campaign.farthest {
         table += &format!("; the max position error is that of --seed {seed}");
     }
     table += ".\n";

@@ -1,14 +1,14 @@
 //! Simulated growths as JSON for scripts.
 
-use growbot_client::plan_file::WrittenTip;
-use growbot_client::run_log::WrittenArrival;
+use growbot_client::plan_file::TipPoseJson;
+use growbot_client::run_log::ArrivalJson;
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
 use growbot_core::tracking::Estimate;
-use growbot_sim::simulation::among::{Among, Contact, Pause};
-use growbot_sim::simulation::campaign::{Campaign, ManyAmong};
+use growbot_sim::simulation::campaign::{Campaign, ObstacleStatistics};
+use growbot_sim::simulation::obstacles::{ClearancePause, Contact, ObstacleReport};
 use growbot_sim::simulation::statistics::Statistics;
-use growbot_sim::simulation::{Hung, Outcome, Simulation};
+use growbot_sim::simulation::{SagResult, Simulation, SimulationResult};
 use serde::Serialize;
 
 use super::disturbances::WrittenDisturbances;
@@ -17,7 +17,7 @@ use super::disturbances::WrittenDisturbances;
 #[derive(Serialize)]
 pub struct SimulatedGrowth {
     #[serde(flatten)]
-    arrival: WrittenArrival,
+    arrival: ArrivalJson,
     layers: u64,
     length_mm: f64,
     path_length_mm: f64,
@@ -33,8 +33,8 @@ pub struct SimulatedGrowth {
 
 impl SimulatedGrowth {
     /// Returns the JSON of this growth, with this seed.
-    pub fn new(outcome: &Outcome, simulation: &Simulation, seed: u64) -> Self {
-        let Outcome { grown, arrival, hung, among } = outcome;
+    pub fn new(outcome: &SimulationResult, simulation: &Simulation, seed: u64) -> Self {
+        let SimulationResult { grown, arrival, sag: hung, obstacles: among } = outcome;
         Self {
             arrival: arrival.into(),
             layers: grown.layers,
@@ -52,7 +52,7 @@ impl SimulatedGrowth {
 /// Estimate of feedback.
 #[derive(Serialize)]
 struct WrittenEstimate {
-    estimate: WrittenTip,
+    estimate: TipPoseJson,
     position_sd_mm: f64,
     direction_sd_deg: f64,
     growth_bias_percent: f64,
@@ -65,7 +65,7 @@ impl From<&Estimate> for WrittenEstimate {
     fn from(estimate: &Estimate) -> Self {
         let bias = &estimate.systematic_errors;
         Self {
-            estimate: WrittenTip::from(&Pose::from_frame(&estimate.base_from_tip)),
+            estimate: TipPoseJson::from(&Pose::from_frame(&estimate.base_from_tip)),
             position_sd_mm: estimate.position_sd,
             direction_sd_deg: degrees(estimate.direction_sd),
             growth_bias_percent: 100.0 * bias.growth,
@@ -150,8 +150,8 @@ struct WrittenSag {
     root_moment_n_mm: f64,
 }
 
-impl From<&Hung> for WrittenSag {
-    fn from(hung: &Hung) -> Self {
+impl From<&SagResult> for WrittenSag {
+    fn from(hung: &SagResult) -> Self {
         Self { deflection_mm: hung.deflection, root_stress_mpa: hung.root.stress, root_moment_n_mm: hung.root.moment }
     }
 }
@@ -195,9 +195,9 @@ struct WrittenAmong {
     paused: Option<WrittenPause>,
 }
 
-impl From<&Among> for WrittenAmong {
-    fn from(Among { contact, clearance, detours, paused }: &Among) -> Self {
-        let pause = |&Pause { layers, at, clearance, deviation }: &Pause| WrittenPause {
+impl From<&ObstacleReport> for WrittenAmong {
+    fn from(ObstacleReport { contact, clearance, detours, paused }: &ObstacleReport) -> Self {
+        let pause = |&ClearancePause { layers, at, clearance, deviation }: &ClearancePause| WrittenPause {
             layers,
             at_mm: at,
             clearance_mm: clearance,
@@ -223,8 +223,10 @@ struct WrittenManyAmong {
     pauses: u64,
 }
 
-impl From<&ManyAmong> for WrittenManyAmong {
-    fn from(ManyAmong { contacts, first_contact, clearance, with_detours, pauses }: &ManyAmong) -> Self {
+impl From<&ObstacleStatistics> for WrittenManyAmong {
+    fn from(
+        ObstacleStatistics { contacts, first_contact, clearance, with_detours, pauses }: &ObstacleStatistics,
+    ) -> Self {
         Self {
             contacts: *contacts,
             first_contact: first_contact.as_ref().map(|(seed, contact)| WrittenContact::new(contact, Some(*seed))),

@@ -1,7 +1,7 @@
 //! Series to plot of a body: one value for each layer, and the temperatures in a run log.
 
 use growbot_client::plan::Plan;
-use growbot_client::run_clock::{Clock, events, time_for};
+use growbot_client::run_clock::{RunClock, events, time_for};
 use growbot_client::run_log::RunEvent;
 use growbot_core::angle::degrees;
 use growbot_core::kinematics::advance;
@@ -98,7 +98,7 @@ impl Timeline {
 
     /// Returns the timeline of the run log in these bytes, whose body has these layers.
     pub fn told(log: &[u8], layers: &[Layer], plan: &Plan) -> Self {
-        let mut clock = Clock::default();
+        let mut clock = RunClock::default();
         let mut told = Self::default();
         for event in events(log) {
             match event {
@@ -115,7 +115,7 @@ impl Timeline {
                     while let Some(layer) = layers.get(told.laid.len())
                         && laid.layer as usize >= told.laid.len()
                     {
-                        clock.layer_took(time_for(layer, plan));
+                        clock.add_layer(time_for(layer, plan));
                         told.laid.push(seconds(&clock));
                     }
                 }
@@ -126,7 +126,7 @@ impl Timeline {
     }
 }
 
-fn seconds(clock: &Clock) -> f64 {
+fn seconds(clock: &RunClock) -> f64 {
     clock.now() as f64 / 1000.0
 }
 

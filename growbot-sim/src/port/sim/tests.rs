@@ -1,8 +1,8 @@
 use super::*;
-use crate::truth::compare;
+use crate::ground_truth::grow_with_ground_truth;
 use embedded_storage::nor_flash::NorFlash;
 use growbot_client::client::Client;
-use growbot_client::growth::{Grown, Job, JobEvent, Orders, grow_job};
+use growbot_client::growth::{CommandQueue, GrowthReport, Job, JobEvent, grow_job};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Segment, end};
 use growbot_firmware::safety::retained::Copies;
@@ -12,18 +12,18 @@ fn robot() -> Robot {
 }
 
 /// Grows an upright body of this many layers.
-fn grow(sim: Sim, layers: u32) -> Grown {
+fn grow(sim: Sim, layers: u32) -> GrowthReport {
     let robot = sim.robot.clone();
     let path = [Segment::Straight { length: 0.774 * f64::from(layers) }];
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&end(&path, &start.frame()));
     let job = Job::new(&robot, &start, &goal, &path);
-    let mut simulation = sim.simulation();
+    let mut simulation = sim.tip_handle();
     let mut client = Client::new(Box::new(sim), "a simulated board");
     let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
-        grow_job(&mut client, &job, HostSilencePolicy::Pause, &Orders::default(), on_event)
+        grow_job(&mut client, &job, HostSilencePolicy::Pause, &CommandQueue::default(), on_event)
     };
-    compare(Some(&mut simulation), &job, &mut |_| {}, grow).unwrap()
+    grow_with_ground_truth(Some(&mut simulation), &job, &mut |_| {}, grow).unwrap()
 }
 
 #[test]
@@ -37,12 +37,12 @@ fn every_run_is_the_same() {
 #[test]
 fn a_board_that_hangs_is_reset_by_its_watchdog() {
     let mut sim = Sim::new(robot());
-    sim.pass(Duration::from_secs(10));
+    sim.run_for(Duration::from_secs(10));
     assert_eq!(sim.boots(), 1);
     sim.next_poll = u64::MAX;
-    sim.pass(Duration::from_millis(1100));
+    sim.run_for(Duration::from_millis(1100));
     assert_eq!(sim.boots(), 2);
-    sim.pass(Duration::from_secs(10));
+    sim.run_for(Duration::from_secs(10));
     assert_eq!(sim.boots(), 2);
     assert!((sim.now_s() - 21.1).abs() < 1e-3);
 }
@@ -50,8 +50,8 @@ fn a_board_that_hangs_is_reset_by_its_watchdog() {
 #[test]
 fn a_reset_switches_off_and_keeps_the_tip_and_the_memory_meant_for_it() {
     let mut sim = Sim::new(robot());
-    sim.simulated_tip().heat(1.0, true);
-    sim.simulated_tip().enable(Motor::Head, true);
+    sim.simulated_tip().set_heater(1.0, true);
+    sim.simulated_tip().set_enabled(Motor::Head, true);
     sim.simulated_tip().set_nozzle_c(150.0);
     let before = Copies::find(&mut sim.retained()).1;
     assert!(before.is_ok());
@@ -74,7 +74,7 @@ fn flash_is_kept_and_a_loss_of_power_in_the_midst_of_a_write_starts_the_board_an
     sim.reset(ResetCause::PowerOn);
     flash.lose_power_after(2, 1);
     flash.write(4, b"lost").unwrap_err();
-    sim.pass(Duration::from_secs(1));
+    sim.run_for(Duration::from_secs(1));
     assert_eq!(sim.boots(), 3);
     assert_eq!(flash.bytes()[..6], *b"keptlo");
 }
@@ -84,9 +84,9 @@ fn with_the_step_interrupt_stopped_time_passes_and_nothing_moves() {
     let mut sim = Sim::new(robot());
     sim.inject(TipFault::StepInterruptStopped);
     let before = sim.simulated_tip().head_position();
-    sim.pass(Duration::from_secs(3));
+    sim.run_for(Duration::from_secs(3));
     assert!((sim.now_s() - 3.0).abs() < 1e-3);
     assert_eq!(sim.simulated_tip().head_position(), before);
-    sim.mend(TipFault::StepInterruptStopped);
-    sim.pass(Duration::from_secs(1));
+    sim.clear_fault(TipFault::StepInterruptStopped);
+    sim.run_for(Duration::from_secs(1));
 }

@@ -16,7 +16,7 @@ fn the_same_seed_gives_the_same_noise_and_another_does_not() {
 fn a_copy_of_the_robot_may_be_stronger_and_stand_in_the_cold() {
     let settled = |variation| {
         let mut tip = Tip::new(robot(), 0, variation);
-        tip.heat(0.5, true);
+        tip.set_heater(0.5, true);
         wait(&mut tip, 100_000.0);
         tip.nozzle_c()
     };
@@ -33,18 +33,18 @@ fn a_thermistor_breaks_in_every_way() {
     assert!((temperature(&mut tip).unwrap() - 200.0).abs() < 1.0);
     tip.inject(TipFault::ThermistorOpen);
     assert_eq!(temperature(&mut tip), Err(Broken::Open));
-    tip.mend(TipFault::ThermistorOpen);
+    tip.clear_fault(TipFault::ThermistorOpen);
     tip.inject(TipFault::ThermistorShort);
     assert_eq!(temperature(&mut tip), Err(Broken::Short));
-    tip.mend(TipFault::ThermistorShort);
+    tip.clear_fault(TipFault::ThermistorShort);
     tip.inject(TipFault::ThermistorSilent);
     assert_eq!(tip.sample_thermistor(), None);
-    tip.mend(TipFault::ThermistorSilent);
+    tip.clear_fault(TipFault::ThermistorSilent);
 
     tip.inject(TipFault::ThermistorFrozen);
     wait(&mut tip, 60.0);
     assert!((temperature(&mut tip).unwrap() - 200.0).abs() < 1.0 && tip.nozzle_c() < 130.0);
-    tip.mend(TipFault::ThermistorFrozen);
+    tip.clear_fault(TipFault::ThermistorFrozen);
     let real = tip.nozzle_c();
     tip.inject(TipFault::ThermistorDetached { tau_s: 5.0, share: 0.2 });
     wait(&mut tip, 30.0);
@@ -56,7 +56,7 @@ fn a_thermistor_breaks_in_every_way() {
 fn a_stuck_thermistor_is_noisy_and_a_frozen_converter_is_not() {
     let different = |fault| {
         let mut tip = Tip::new(robot(), 0, Variation::default());
-        tip.heat(1.0, true);
+        tip.set_heater(1.0, true);
         wait(&mut tip, 30.0);
         tip.inject(fault);
         let mut samples: Vec<_> = (0..100).map(|_| (wait(&mut tip, 0.1), tip.sample_thermistor()).1.unwrap()).collect();
@@ -71,7 +71,7 @@ fn a_stuck_thermistor_is_noisy_and_a_frozen_converter_is_not() {
 #[test]
 fn a_heater_breaks_in_every_way() {
     let mut tip = hot_tip();
-    tip.heat(0.5, true);
+    tip.set_heater(0.5, true);
     assert!((tip.heater_power_w() - 25.0).abs() < 1e-12);
     for (fault, on, off) in [
         (TipFault::HeaterOpen, 0.0, 0.0),
@@ -81,13 +81,13 @@ fn a_heater_breaks_in_every_way() {
         (TipFault::SupplyHigh { volts: 24.0 }, 100.0, 0.0),
     ] {
         tip.inject(fault);
-        tip.heat(0.5, true);
+        tip.set_heater(0.5, true);
         assert!((tip.heater_power_w() - on).abs() < 1e-12, "{fault:?}");
-        tip.heat(0.5, false);
+        tip.set_heater(0.5, false);
         assert!((tip.heater_power_w() - off).abs() < 1e-12, "{fault:?}");
-        tip.mend(fault);
+        tip.clear_fault(fault);
     }
-    tip.heat(0.5, true);
+    tip.set_heater(0.5, true);
     assert!((tip.heater_power_w() - 25.0).abs() < 1e-12);
 }
 
@@ -123,7 +123,7 @@ fn an_index_sensor_breaks_in_both_ways() {
     assert_eq!(seen(&mut tip), 44);
     tip.inject(TipFault::IndexDead);
     assert_eq!(seen(&mut tip), 0);
-    tip.mend(TipFault::IndexDead);
+    tip.clear_fault(TipFault::IndexDead);
     tip.inject(TipFault::IndexStuck);
     assert_eq!(seen(&mut tip), 3200);
     assert!(!tip.index_follows());
@@ -139,7 +139,7 @@ fn a_head_slips_once_and_a_blocked_one_stands() {
     assert_eq!(after(&mut tip, 100), (100, 0));
     tip.inject(TipFault::HeadLosesSteps { steps: 10 });
     assert_eq!(after(&mut tip, 100), (190, -10));
-    tip.mend(TipFault::HeadLosesSteps { steps: 10 });
+    tip.clear_fault(TipFault::HeadLosesSteps { steps: 10 });
     tip.inject(TipFault::HeadGainsSteps { steps: 30 });
     assert_eq!(after(&mut tip, 100), (320, 20));
     for fault in [TipFault::HeadBlocked, TipFault::DriverFault] {
@@ -147,7 +147,7 @@ fn a_head_slips_once_and_a_blocked_one_stands() {
         tip.inject(fault);
         assert_eq!(tip.driver_fault(), fault == TipFault::DriverFault);
         assert_eq!(after(&mut tip, 50).0, before);
-        tip.mend(fault);
+        tip.clear_fault(fault);
     }
     assert_eq!(after(&mut tip, 1), (321, -80));
 }
@@ -155,11 +155,11 @@ fn a_head_slips_once_and_a_blocked_one_stands() {
 #[test]
 fn the_emergency_stop_is_an_input_only() {
     let mut tip = hot_tip();
-    tip.heat(0.5, true);
+    tip.set_heater(0.5, true);
     tip.inject(TipFault::EmergencyStop);
-    assert!(tip.emergency_stop() && tip.heater_power_w() > 0.0);
-    tip.mend(TipFault::EmergencyStop);
-    assert!(!tip.emergency_stop());
+    assert!(tip.is_emergency_stop_pressed() && tip.heater_power_w() > 0.0);
+    tip.clear_fault(TipFault::EmergencyStop);
+    assert!(!tip.is_emergency_stop_pressed());
 }
 
 #[test]
@@ -169,7 +169,7 @@ fn every_fault_can_come_and_go_at_any_time() {
         tip.inject(fault);
         feed(&mut tip, 3);
         tip.step(Motor::Head);
-        tip.mend(fault);
+        tip.clear_fault(fault);
     }
     assert_eq!(tip.faults().iter().count(), 0);
     assert!(tip.sample_thermistor().is_some() && tip.gravity().is_some());

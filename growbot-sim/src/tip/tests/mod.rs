@@ -21,8 +21,8 @@ fn hot_tip() -> Tip {
     let mut tip = Tip::new(robot(), 0, Variation { noise_counts: 0.0, ..Variation::default() });
     tip.set_nozzle_c(200.0);
     for motor in [Motor::Head, Motor::Feed] {
-        tip.enable(motor, true);
-        tip.direct(motor, true);
+        tip.set_enabled(motor, true);
+        tip.set_direction(motor, true);
     }
     tip
 }
@@ -51,7 +51,7 @@ fn feed(tip: &mut Tip, steps: u32) {
 /// Lays a turn with twice the plastic in the quarter round 90 degrees, in this direction. In each step of the head,
 /// half of its plastic comes before and half after, so that both directions give the same.
 fn lay_turn(tip: &mut Tip, positive: bool) {
-    tip.direct(Motor::Head, positive);
+    tip.set_direction(Motor::Head, positive);
     for step in 0..3200 {
         let at = if positive { step } else { 3199 - step };
         for _ in 0..if (400..1200).contains(&at) { 4 } else { 2 } {
@@ -65,24 +65,24 @@ fn lay_turn(tip: &mut Tip, positive: bool) {
 #[test]
 fn a_nozzle_to_be_warm_at_once_is_warm_when_its_heater_is_switched_on() {
     let mut tip = Tip::new(robot(), 0, Variation { noise_counts: 0.0, ..Variation::default() });
-    tip.warm_at_once(190.0);
+    tip.preheat_instantly(190.0);
     wait(&mut tip, 1.0);
     assert!(tip.nozzle_c() < 30.0);
     // It does not jump while its switches are tested.
-    tip.heat(0.0, true);
-    tip.heat(1.0, false);
+    tip.set_heater(0.0, true);
+    tip.set_heater(1.0, false);
     assert!(tip.nozzle_c() < 30.0);
-    tip.heat(0.5, true);
+    tip.set_heater(0.5, true);
     assert_eq!(tip.nozzle_c(), 190.0);
-    tip.heat(0.0, true);
+    tip.set_heater(0.0, true);
     // It jumps only then: a heated nozzle cools and heats normally, and a hotter one is not cooled.
     wait(&mut tip, 5.0);
     let cooled = tip.nozzle_c();
-    tip.heat(0.1, true);
+    tip.set_heater(0.1, true);
     assert!(cooled < 189.0 && tip.nozzle_c() == cooled);
-    tip.heat(0.0, false);
+    tip.set_heater(0.0, false);
     tip.set_nozzle_c(200.0);
-    tip.heat(0.1, true);
+    tip.set_heater(0.1, true);
     assert_eq!(tip.nozzle_c(), 200.0);
 }
 
@@ -110,11 +110,11 @@ fn motors_that_are_not_held_do_nothing() {
 #[test]
 fn a_cold_nozzle_lays_nothing_and_holds_the_filament() {
     let mut tip = Tip::new(robot(), 0, Variation::default());
-    tip.enable(Motor::Feed, true);
-    tip.direct(Motor::Feed, true);
+    tip.set_enabled(Motor::Feed, true);
+    tip.set_direction(Motor::Feed, true);
     tip.step(Motor::Feed);
     assert_eq!((tip.feed_steps(), tip.cold_feed_steps()), (1, 1));
-    assert!(tip.body().is_empty() && !tip.filament_follows());
+    assert!(tip.body().is_empty() && !tip.filament_moves_with_feed());
     assert!((tip.filament_left() - 330_000.0).abs() < 1e-6);
 }
 
@@ -173,10 +173,10 @@ fn what_is_pulled_back_and_pushed_forward_again_lays_nothing() {
             tip.set_nozzle_c(200.0);
             lay_turn(&mut tip, true);
             if retracts {
-                tip.direct(Motor::Feed, false);
+                tip.set_direction(Motor::Feed, false);
                 feed(&mut tip, 180);
                 wait(&mut tip, 1.0);
-                tip.direct(Motor::Feed, true);
+                tip.set_direction(Motor::Feed, true);
                 feed(&mut tip, 180);
             }
         }
@@ -217,8 +217,8 @@ fn gravity_turns_as_the_body_bends() {
 fn flowing_filament_and_fan_take_heat_from_the_nozzle() {
     let mut tip = hot_tip();
     let description = robot().description().clone();
-    tip.heat(1.0, true);
-    tip.blow(1.0);
+    tip.set_heater(1.0, true);
+    tip.set_fan(1.0);
     for _ in 0..10 * 60 * 400 {
         // 400 feed steps a second: 10.7 mm^3/s.
         tip.advance(tip.now() + 10);
@@ -235,9 +235,9 @@ fn flowing_filament_and_fan_take_heat_from_the_nozzle() {
 fn however_often_it_is_looked_at_the_tip_is_the_same() {
     let run = |every: u64| {
         let mut tip = Tip::new(robot(), 0, Variation::default());
-        tip.enable(Motor::Feed, true);
-        tip.direct(Motor::Feed, true);
-        tip.heat(1.0, true);
+        tip.set_enabled(Motor::Feed, true);
+        tip.set_direction(Motor::Feed, true);
+        tip.set_heater(1.0, true);
         for tick in 0..90 * 4000 {
             tip.advance(tick);
             if tick == 40_000 {
@@ -278,12 +278,12 @@ fn the_encoder_turns_with_the_filament_and_not_with_the_feed() {
         tip.inject(fault);
         assert_eq!(pulses(&mut tip), 0);
         assert_eq!(tip.has_filament(), fault != TipFault::FilamentOut);
-        assert!(!tip.filament_follows());
-        tip.mend(fault);
+        assert!(!tip.filament_moves_with_feed());
+        tip.clear_fault(fault);
     }
     let laid: f64 = tip.body().iter().map(|layer| layer.height).sum();
     assert!((laid * robot().feed_steps_per_length() - 1125.0).abs() < 1e-6);
-    assert!(tip.filament_follows());
+    assert!(tip.filament_moves_with_feed());
     tip.load_filament(5.0);
     assert_eq!(pulses(&mut tip), 4);
     assert!(!tip.has_filament());

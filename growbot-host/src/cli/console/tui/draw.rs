@@ -1,7 +1,7 @@
 //! Draws the model as text and braille. This module knows neither a terminal nor a board.
 
 use growbot_client::forecast::Forecast;
-use growbot_client::printable::steers;
+use growbot_client::sanitize::is_control;
 use growbot_core::layer::Layer;
 use growbot_core::link::message::{State, Status};
 use growbot_host::finish_time::clock_text_here;
@@ -42,7 +42,7 @@ const KEY: Style = Style::new().fg(Color::Cyan).add_modifier(Modifier::BOLD.unio
 pub fn screen(frame: &mut Frame, model: &Model) {
     draw(frame, model);
     for cell in &mut frame.buffer_mut().content {
-        if cell.symbol().contains(steers) {
+        if cell.symbol().contains(is_control) {
             cell.set_symbol(" ");
         }
     }

@@ -25,9 +25,9 @@ use std::time::{Duration, Instant};
 
 use crossterm::event::{self, Event, KeyEvent, KeyEventKind};
 use growbot_client::client::Client;
-use growbot_client::maintenance::Presets;
-use growbot_client::plan::{Goal, Plan, Search};
-use growbot_client::warning::PREVENTING;
+use growbot_client::maintenance::MaterialPresets;
+use growbot_client::plan::{Goal, Plan, PlanOptions};
+use growbot_client::warning::BLOCKING;
 use growbot_core::job::job_layers;
 use growbot_core::layer_bytes::decode;
 use growbot_core::plan::Planner;
@@ -68,11 +68,17 @@ pub fn check_terminal() -> Result<(), Failure> {
 }
 
 /// Shows the robot until the user leaves.
-pub fn run(client: Client, robot: Robot, presets: Presets, start: Pose, port: &ChosenPort) -> Result<(), Failure> {
+pub fn run(
+    client: Client,
+    robot: Robot,
+    presets: MaterialPresets,
+    start: Pose,
+    port: &ChosenPort,
+) -> Result<(), Failure> {
     let (name, simulated) = (port.name(), port.is_simulated());
     let mut watch = Watch::new(client, name.is_virtual());
     // A board that does not respond is reported before the screen is taken.
-    let hello = watch.client().hello()?;
+    let hello = watch.client().open_session()?;
     let place = format!("{}{}", port.text(), port.remark());
     let mut model = Model::new(robot, &place, start, watch.speed());
     if hello.robot_hash != model.robot.hash() {
@@ -142,7 +148,7 @@ struct Console {
     model: Model,
     /// True if the robot is simulated.
     simulated: bool,
-    presets: Presets,
+    presets: MaterialPresets,
     start: Pose,
     /// Lines that were typed, the latest last.
     history: Vec<String>,
@@ -239,13 +245,16 @@ impl Console {
     /// the plan.
     fn plan(&mut self, goal: &Goal) -> bool {
         let robot = &self.model.robot;
-        let search =
-            Search { radius: robot.description().planning_radius_mm, planner: Planner::Shortest, clear_of_self: false };
-        let planned = Plan::through(robot, &self.start, &[], goal, &search);
+        let search = PlanOptions {
+            radius: robot.description().planning_radius_mm,
+            planner: Planner::Shortest,
+            clear_of_self: false,
+        };
+        let planned = Plan::through_waypoints(robot, &self.start, &[], goal, &search);
         // The board plans only to poses, so the direction is chosen here.
         let planned = planned.and_then(|plan| match goal {
             Goal::Pose(_) => Ok(plan),
-            Goal::Position(_) => Plan::through(robot, &self.start, &[], &plan.goal, &search),
+            Goal::Position(_) => Plan::through_waypoints(robot, &self.start, &[], &plan.goal, &search),
         });
         let plan = match planned {
             Ok(plan) => plan,
@@ -259,7 +268,7 @@ impl Console {
         for warning in &plan.warnings {
             self.model.complain(&format!("{}: {}", warning.code, warning.message));
         }
-        if plan.warnings.iter().any(|warning| PREVENTING.contains(&warning.code.as_str())) {
+        if plan.warnings.iter().any(|warning| BLOCKING.contains(&warning.code.as_str())) {
             self.model.complain("not planned: choose another pose, or grow it with `growbot grow --force`");
             return false;
         }
@@ -295,9 +304,17 @@ mod tests {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let mut watch = Watch::new(Client::new(Box::new(Sim::new(robot.clone())), "sim"), true);
-        watch.client().hello().unwrap();
+        watch.client().open_session().unwrap();
         let model = Model::new(robot, "sim", start, watch.speed());
-        Console { watch, model, simulated: true, presets: Presets::default(), start, history: Vec::new(), quit: false }
+        Console {
+            watch,
+            model,
+            simulated: true,
+            presets: MaterialPresets::default(),
+            start,
+            history: Vec::new(),
+            quit: false,
+        }
     }
 
     impl Console {

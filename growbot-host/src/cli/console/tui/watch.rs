@@ -125,7 +125,7 @@ impl Watch {
         let mut status = self.client.status()?;
         if status.uptime_ms < self.latest_ms {
             // The board has restarted, and does not know the session.
-            status = self.client.hello()?.status;
+            status = self.client.open_session()?.status;
             model.say("the board has started anew");
         }
         self.latest_ms = status.uptime_ms;

@@ -7,48 +7,48 @@
 //!
 //! - [`Place`]: the directory of a robot; [`play`]: the process; [`Line`]: the port to it; `wire`: their messages.
 
-mod line;
-mod place;
-mod play;
-mod store;
+mod persistence;
+mod port;
+mod protocol;
+mod server;
+mod state_dir;
 #[cfg(test)]
 mod tests;
-mod wire;
 
 use std::io;
 use std::path::PathBuf;
 
-pub use self::line::{Line, Truth};
-pub use self::place::Place;
-pub use self::play::play;
+pub use self::port::{DaemonPort, RemoteTip};
+pub use self::server::serve;
+pub use self::state_dir::StateDir;
 
 /// Error of connecting to a simulated robot in the background, or of running it.
 #[derive(Debug, thiserror::Error)]
-pub enum ResidentError {
+pub enum SimDaemonError {
     /// No directory for simulated robots is defined.
     #[error("neither XDG_STATE_HOME nor HOME is set, so there is no place for simulated robots: say sim:./NAME")]
     NoHome,
     /// The robot is off.
     #[error("the simulated robot sim:{0} is off: switch it on with `growbot power on --port sim:{0}`")]
-    Off(String),
+    NotRunning(String),
     /// The robot is on already.
     #[error("the simulated robot sim:{0} is on already: switch it off with `growbot power off --port sim:{0}`")]
-    On(String),
+    AlreadyRunning(String),
     /// Another program uses the line of the robot.
     #[error("the simulated robot sim:{0} is in use by another program: end that, or go through it")]
     Busy(String),
     /// The directory belongs to another robot.
     #[error(
-        "sim:{name} is {is}, and not {asked}: choose another name, or leave --robot out; {directory} holds what it \
+        "sim:{name} is {stored}, and not {requested}: choose another name, or leave --robot out; {directory} holds what it \
          knows"
     )]
     OtherRobot {
         /// Name of the simulated robot.
         name: String,
         /// Robot that the directory belongs to.
-        is: String,
+        stored: String,
         /// Robot that was requested.
-        asked: String,
+        requested: String,
         /// Directory of the simulated robot.
         directory: String,
     },

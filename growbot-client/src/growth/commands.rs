@@ -7,14 +7,14 @@ use growbot_core::link::message::MaintenanceTask;
 use growbot_core::robot::Robot;
 use serde::{Deserialize, Serialize};
 
-use crate::maintenance::Preset;
+use crate::maintenance::MaterialPreset;
 
 /// An order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 #[repr(u8)]
-pub enum Order {
+pub enum Command {
     /// Continue after a pause.
     Continue = 1,
     /// Pause after the layer in progress.
@@ -33,7 +33,7 @@ pub enum Order {
     EmergencyStop,
 }
 
-impl Order {
+impl Command {
     /// All orders.
     pub const ALL: [Self; 8] = [
         Self::Continue,
@@ -63,7 +63,7 @@ impl Order {
 
     /// Returns the maintenance task of the order, if it has one, with the lengths of the default preset.
     pub(super) fn task(self, robot: &Robot) -> Option<MaintenanceTask> {
-        let Preset { load_mm, unload_mm, purge_mm, .. } = Preset::default();
+        let MaterialPreset { load_mm, unload_mm, purge_mm, .. } = MaterialPreset::default();
         let feed = |mm: f64| MaintenanceTask::Feed { um: (mm * 1000.0).round() as i32 };
         match self {
             Self::Preheat => {
@@ -90,7 +90,7 @@ impl Order {
     }
 
     /// Returns the message for an order that may have been executed and is not repeated.
-    pub(super) fn is_uncertain(self) -> String {
+    pub(super) fn uncertain_message(self) -> String {
         format!(
             "the line was lost, so it is not known whether `{}` was carried out: look before you order it again",
             self.name()
@@ -105,18 +105,18 @@ impl Order {
 /// Orders for a running growth. Any thread may give one. The growth thread polls them every 20 ms and executes them in
 /// order, but a stop before all others. A stop is latched: only an emergency stop overrides it.
 #[derive(Debug, Default)]
-pub struct Orders {
+pub struct CommandQueue {
     /// [`Order::Stop`], [`Order::EmergencyStop`] or 0.
     stop: AtomicU8,
-    waiting: Mutex<Vec<Order>>,
+    waiting: Mutex<Vec<Command>>,
     /// True if the user has interrupted the program.
     interrupted: AtomicBool,
 }
 
-impl Orders {
+impl CommandQueue {
     /// Gives an order. An order to pause or to continue replaces a waiting order to pause or to continue.
-    pub fn give(&self, order: Order) {
-        if order >= Order::Stop {
+    pub fn push(&self, order: Command) {
+        if order >= Command::Stop {
             self.stop.fetch_max(order as u8, Ordering::Relaxed);
             return;
         }
@@ -125,25 +125,25 @@ impl Orders {
         waiting.push(order);
     }
 
-    fn waiting(&self) -> MutexGuard<'_, Vec<Order>> {
+    fn waiting(&self) -> MutexGuard<'_, Vec<Command>> {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Orders a stop because the user interrupts the program. Returns true if that had happened before.
     pub fn interrupt(&self) -> bool {
-        self.give(Order::Stop);
+        self.push(Command::Stop);
         self.interrupted.swap(true, Ordering::Relaxed)
     }
 
     /// Reports whether a stop or an emergency stop was ordered.
     #[must_use]
-    pub fn stops(&self) -> bool {
+    pub fn stop_requested(&self) -> bool {
         self.stop.load(Ordering::Relaxed) > 0
     }
 
     /// Reports whether an emergency stop was ordered.
-    pub(super) fn stop_at_once(&self) -> bool {
-        self.stop.load(Ordering::Relaxed) == Order::EmergencyStop as u8
+    pub(super) fn emergency_stop_requested(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) == Command::EmergencyStop as u8
     }
 
     /// Drops all orders, for example before another growth. Returns true if a stop was among them.
@@ -154,8 +154,8 @@ impl Orders {
     }
 
     /// Returns the next order. A stop stays, the others are returned once.
-    pub(super) fn next(&self) -> Option<Order> {
-        if let Some(stop) = Order::of(self.stop.load(Ordering::Relaxed)) {
+    pub(super) fn pop(&self) -> Option<Command> {
+        if let Some(stop) = Command::of(self.stop.load(Ordering::Relaxed)) {
             return Some(stop);
         }
         let mut waiting = self.waiting();
@@ -163,9 +163,9 @@ impl Orders {
     }
 
     /// Returns an order that could not be executed to the front of the queue, unless a waiting order replaces it.
-    pub(super) fn give_back(&self, order: Order) {
+    pub(super) fn requeue(&self, order: Command) {
         let mut waiting = self.waiting();
-        if order < Order::Stop && !waiting.iter().any(|newer| newer.replaces(order)) {
+        if order < Command::Stop && !waiting.iter().any(|newer| newer.replaces(order)) {
             waiting.insert(0, order);
         }
     }
@@ -177,50 +177,50 @@ mod tests {
 
     #[test]
     fn a_stop_is_for_good_and_the_others_are_given_once() {
-        let orders = Orders::default();
-        assert_eq!(orders.next(), None);
-        orders.give(Order::Pause);
-        orders.give(Order::Continue);
-        assert_eq!((orders.next(), orders.next()), (Some(Order::Continue), None));
-        orders.give(Order::Stop);
-        orders.give(Order::Pause);
-        assert_eq!((orders.next(), orders.next()), (Some(Order::Stop), Some(Order::Stop)));
-        orders.give(Order::EmergencyStop);
-        orders.give(Order::Stop);
-        assert_eq!(orders.next(), Some(Order::EmergencyStop));
-        assert!(orders.stops() && orders.clear() && !orders.stops() && !orders.clear());
+        let orders = CommandQueue::default();
+        assert_eq!(orders.pop(), None);
+        orders.push(Command::Pause);
+        orders.push(Command::Continue);
+        assert_eq!((orders.pop(), orders.pop()), (Some(Command::Continue), None));
+        orders.push(Command::Stop);
+        orders.push(Command::Pause);
+        assert_eq!((orders.pop(), orders.pop()), (Some(Command::Stop), Some(Command::Stop)));
+        orders.push(Command::EmergencyStop);
+        orders.push(Command::Stop);
+        assert_eq!(orders.pop(), Some(Command::EmergencyStop));
+        assert!(orders.stop_requested() && orders.clear() && !orders.stop_requested() && !orders.clear());
     }
 
     #[test]
     fn an_order_is_not_lost_behind_another() {
-        let orders = Orders::default();
-        for order in [Order::Pause, Order::Preheat, Order::Load, Order::Load, Order::Purge] {
-            orders.give(order);
+        let orders = CommandQueue::default();
+        for order in [Command::Pause, Command::Preheat, Command::Load, Command::Load, Command::Purge] {
+            orders.push(order);
         }
-        let all = || std::iter::from_fn(|| orders.next()).collect::<Vec<_>>();
-        assert_eq!(all(), [Order::Pause, Order::Preheat, Order::Load, Order::Purge]);
-        orders.give(Order::Load);
-        orders.give(Order::Pause);
-        orders.give(Order::Continue);
-        assert_eq!(all(), [Order::Load, Order::Continue]);
+        let all = || std::iter::from_fn(|| orders.pop()).collect::<Vec<_>>();
+        assert_eq!(all(), [Command::Pause, Command::Preheat, Command::Load, Command::Purge]);
+        orders.push(Command::Load);
+        orders.push(Command::Pause);
+        orders.push(Command::Continue);
+        assert_eq!(all(), [Command::Load, Command::Continue]);
     }
 
     #[test]
     fn an_order_comes_back_unless_there_is_a_newer_one() {
-        let orders = Orders::default();
-        orders.give_back(Order::Pause);
-        assert_eq!(orders.next(), Some(Order::Pause));
-        orders.give(Order::Continue);
-        orders.give_back(Order::Pause);
-        assert_eq!((orders.next(), orders.next()), (Some(Order::Continue), None));
+        let orders = CommandQueue::default();
+        orders.requeue(Command::Pause);
+        assert_eq!(orders.pop(), Some(Command::Pause));
+        orders.push(Command::Continue);
+        orders.requeue(Command::Pause);
+        assert_eq!((orders.pop(), orders.pop()), (Some(Command::Continue), None));
     }
 
     #[test]
     fn only_a_second_interruption_is_one_again_whatever_else_orders_a_stop() {
-        let orders = Orders::default();
-        orders.give(Order::Stop);
+        let orders = CommandQueue::default();
+        orders.push(Command::Stop);
         assert!(!orders.interrupt() && orders.interrupt());
         orders.clear();
-        assert!(!orders.interrupt() && orders.stops());
+        assert!(!orders.interrupt() && orders.stop_requested());
     }
 }

@@ -10,10 +10,10 @@
 
 use growbot_core::link::message::{Accepted, Amend, Empty, MAX_LAYERS_PER_MESSAGE, Message, Refusal};
 
-use super::{Amendment, Growth, Job, JobEvent, PendingAmendment, Sent};
+use super::{Amendment, Job, JobEvent, JobRunner, PendingAmendment, UploadState};
+use crate::clearance_guard::ClearanceViolation;
 use crate::client::ClientError;
 use crate::feedback::Correction;
-use crate::keep_clear::TooNear;
 
 /// Number of layers that are sent ahead with feedback.
 const HORIZON: u32 = 64;
@@ -27,7 +27,7 @@ const MAX_AMENDMENTS: usize = 1792;
 /// Maximum number of tries of an amendment. A layer may have been begun while the amendment was in transit.
 const AMEND_TRIES: u32 = 4;
 
-impl Sent {
+impl UploadState {
     /// Creates the state before anything is sent, for a board that can store this many layers.
     pub(super) fn new(job: &Job, capacity: u32) -> Self {
         Self {
@@ -52,7 +52,7 @@ impl Sent {
     }
 }
 
-impl Growth<'_> {
+impl JobRunner<'_> {
     /// Returns the number of layers that the board should have by now. With feedback, it excludes layers that will be
     /// amended before they are laid.
     fn due(&self) -> usize {
@@ -66,11 +66,11 @@ impl Growth<'_> {
         if let Some(layers) =
             self.job.layers.get(self.sent.handed_over as usize..due).filter(|layers| !layers.is_empty())
         {
-            on_event(&JobEvent::HandingOver { from: self.sent.handed_over, layers: layers.to_vec() });
+            on_event(&JobEvent::LayersSent { from: self.sent.handed_over, layers: layers.to_vec() });
             self.sent.handed_over = due as u32;
         }
         let layers = self.job.layers.get(..due).unwrap_or_default();
-        match self.client.hand_over(self.job.plan_id, layers, self.sent.accepted.clone()) {
+        match self.client.upload_layers(self.job.plan_id, layers, self.sent.accepted.clone()) {
             Ok(accepted) => self.sent.accepted = accepted,
             // It stopped meanwhile. The next status will show it.
             Err(ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {}
@@ -92,13 +92,13 @@ impl Growth<'_> {
             let Some(feedback) = &mut self.feedback else { return Ok(()) };
             from = from.min(self.sent.accepted.next);
             let before = self.job.layers.get(..from as usize).unwrap_or(&self.job.layers);
-            let rest = match feedback.rest(before.get(self.built.as_built.len()..).unwrap_or_default()) {
+            let rest = match feedback.replan_rest(before.get(self.built.as_built.len()..).unwrap_or_default()) {
                 Ok(Correction { layers, detour }) => {
                     detour.into_iter().for_each(|detour| on_event(&JobEvent::Detour(detour)));
                     self.sent.pausing = false;
                     layers
                 }
-                Err(too_near) => return self.pause_before(too_near, on_event),
+                Err(too_near) => return self.pause_for_clearance(too_near, on_event),
             };
             let amended = [before, &rest].concat();
             let (plan_id, total) = (feedback.plan_id(&amended), amended.len() as u32);
@@ -109,7 +109,7 @@ impl Growth<'_> {
                 return Ok(());
             }
             let horizon = rest.iter().take(HORIZON as usize).copied().collect();
-            on_event(&JobEvent::Amending(Amendment { plan_id, from, total, layers: horizon }));
+            on_event(&JobEvent::Amendment(Amendment { plan_id, from, total, layers: horizon }));
             let first_layers = rest.iter().take(MAX_LAYERS_PER_MESSAGE).copied().collect();
             let amend = Amend {
                 plan_id: self.job.plan_id,
@@ -123,7 +123,7 @@ impl Growth<'_> {
             match self.client.request("to amend the job", &Message::Amend(amend)) {
                 Ok(Message::Accepted(accepted)) => {
                     self.sent.accepted = accepted;
-                    self.amended();
+                    self.apply_amendment();
                     return Ok(());
                 }
                 Ok(other) => return Err(ClientError::Unexpected { request: "to amend the job", kind: other.kind() }),
@@ -135,7 +135,7 @@ impl Growth<'_> {
                         }
                         refusal => Some(ClientError::Refused { request, refusal }.to_string()),
                     };
-                    on_event(&JobEvent::NotAmended(why));
+                    on_event(&JobEvent::AmendmentRejected(why));
                     match refusal {
                         // The board has begun a layer meanwhile.
                         Refusal::LayerAlreadyBegun { first } => from = first,
@@ -151,12 +151,16 @@ impl Growth<'_> {
 
     /// Pauses the board after the layer in progress, because the rest would be too near to an obstacle. That layer and
     /// those that the board already has belong to a correction that was clear.
-    fn pause_before(&mut self, too_near: TooNear, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
+    fn pause_for_clearance(
+        &mut self,
+        too_near: ClearanceViolation,
+        on_event: &mut dyn FnMut(&JobEvent),
+    ) -> Result<(), ClientError> {
         self.sent.amend_at = self.built.laid.saturating_add(1);
         if self.sent.pausing {
             return Ok(());
         }
-        on_event(&JobEvent::TooNear(too_near));
+        on_event(&JobEvent::ClearanceViolation(too_near));
         match self.client.request("to pause", &Message::Pause(Empty {})) {
             Ok(_) => self.sent.pausing = true,
             // It is paused already. The check is repeated after its next layer.
@@ -167,12 +171,12 @@ impl Growth<'_> {
     }
 
     /// Records that the board has applied the amendment.
-    pub(super) fn amended(&mut self) {
+    pub(super) fn apply_amendment(&mut self) {
         let Some(PendingAmendment { plan_id, layers, handed_over }) = self.sent.pending.take() else { return };
         (self.job.plan_id, self.job.layers, self.sent.handed_over) = (plan_id, layers, handed_over);
         self.sent.names.push(plan_id);
         if let Some(feedback) = &mut self.feedback {
-            feedback.amended();
+            feedback.record_amendment();
         }
     }
 

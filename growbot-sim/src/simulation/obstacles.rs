@@ -1,6 +1,6 @@
 //! A simulated growth among the obstacles of a scene: contacts of its true body, detours and pauses.
 
-use growbot_client::keep_clear::{Keeper, Surroundings};
+use growbot_client::clearance_guard::{ClearanceGuard, SceneContext};
 use growbot_core::layer::Layer;
 use growbot_core::path::Segment;
 use growbot_core::pose::Frame;
@@ -30,7 +30,7 @@ pub struct Contact {
 
 /// A pause of a growth, because the rest would have been too near to an obstacle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pause {
+pub struct ClearancePause {
     /// Number of layers laid before.
     pub layers: u64,
     /// Length of the body, mm.
@@ -43,7 +43,7 @@ pub struct Pause {
 
 /// Result of a growth among obstacles.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Among {
+pub struct ObstacleReport {
     /// First contact of the true body with an obstacle, if there is one.
     pub contact: Option<Contact>,
     /// Minimum clearance between the outside of the true tube and the obstacles, in the middle of its layers, mm.
@@ -51,22 +51,22 @@ pub struct Among {
     /// Number of detours.
     pub detours: u32,
     /// Pause at which the growth ended, if it did.
-    pub paused: Option<Pause>,
+    pub paused: Option<ClearancePause>,
 }
 
 /// Follows the true body of a growth.
-pub(super) struct Touching<'a> {
+pub(super) struct ContactDetector<'a> {
     scene: &'a Scene,
     half_tube: f64,
     base_from_tip: Frame,
     layers: u64,
     length: f64,
-    pub(super) among: Among,
+    pub(super) among: ObstacleReport,
 }
 
-impl<'a> Touching<'a> {
+impl<'a> ContactDetector<'a> {
     pub(super) fn new(scene: &'a Scene, robot: &Robot, base_from_start: Frame) -> Self {
-        let among = Among { contact: None, clearance: FAR, detours: 0, paused: None };
+        let among = ObstacleReport { contact: None, clearance: FAR, detours: 0, paused: None };
         let half_tube = 0.5 * robot.outer_diameter();
         Self { scene, half_tube, base_from_tip: base_from_start, layers: 0, length: 0.0, among }
     }
@@ -97,29 +97,29 @@ impl<'a> Touching<'a> {
 }
 
 /// Keeps a closed loop clear of the obstacles.
-pub(super) struct Keeping<'a> {
-    keeper: Keeper<'a>,
+pub(super) struct GuardedGrowth<'a> {
+    keeper: ClearanceGuard<'a>,
     pub(super) detours: u32,
-    pub(super) paused: Option<Pause>,
+    pub(super) paused: Option<ClearancePause>,
 }
 
-impl<'a> Keeping<'a> {
-    pub(super) fn new(around: &'a Surroundings<'a>, seen: growbot_core::tracking::MeasuredQuantities) -> Self {
-        Self { keeper: Keeper::new(around, seen), detours: 0, paused: None }
+impl<'a> GuardedGrowth<'a> {
+    pub(super) fn new(around: &'a SceneContext<'a>, seen: growbot_core::tracking::MeasuredQuantities) -> Self {
+        Self { keeper: ClearanceGuard::new(around, seen), detours: 0, paused: None }
     }
 
     /// Reports whether the growth continues after a correction.
-    pub(super) fn goes_on(&mut self, tracker: &mut Tracker<'a>, laid: Option<&Layer>) -> bool {
+    pub(super) fn check_correction(&mut self, tracker: &mut Tracker<'a>, laid: Option<&Layer>) -> bool {
         if let Some(layer) = laid {
-            self.keeper.laid(layer, &tracker.estimate().systematic_errors);
+            self.keeper.record_layer(layer, &tracker.estimate().systematic_errors);
         }
-        match self.keeper.keep_clear(tracker, &[]) {
+        match self.keeper.ensure_clear(tracker, &[]) {
             Ok(detour) => {
                 self.detours += u32::from(detour.is_some());
                 true
             }
             Err(too_near) => {
-                self.paused = Some(Pause {
+                self.paused = Some(ClearancePause {
                     layers: self.keeper.layers() as u64,
                     at: self.keeper.length(),
                     clearance: too_near.clearance_mm,

@@ -19,9 +19,9 @@ use growbot_scene::planner::{
 };
 use growbot_scene::scene_file::{LoadedScene, SceneError, load};
 
-use crate::clearance::first_collision;
-use crate::plan::{Goal, Plan, PlannedLeg, SceneClearance, Search, plan_where, roll_from};
-use crate::plan_file::{WrittenScene, written_hash};
+use crate::plan::{Goal, Plan, PlanOptions, PlannedLeg, SceneClearance, plan_where, roll_from};
+use crate::plan_file::{SceneRefJson, format_hash};
+use crate::self_collision::closest_self_approach;
 
 /// Tolerance of the required clearance, as a fraction. Stretches whose clearance is within it may be rejected.
 const SLACK: f64 = 1e-3;
@@ -33,18 +33,18 @@ pub const EFFORT: u64 = 5;
 /// time.
 const GRACE: Duration = Duration::from_millis(200);
 /// Default limit of the length of a body, mm.
-pub const LENGTH_MAX: f64 = 1e7;
+pub const MAX_LENGTH_MM: f64 = 1e7;
 
 /// Maximum distance of the layers that a board gets, in fixed point, from [`laid`], mm. It is subtracted from each
 /// proven clearance. `tests/laid_centrelines.rs` measures it.
-pub const LAID_APART: f64 = 1e-4;
+pub const MAX_LAYER_OFFSET_MM: f64 = 1e-4;
 
 /// Maximum reported clearance, mm.
 pub const MAX_CLEARANCE: f64 = 1e7;
 
 /// A scene to plan through, and the limits of the search.
 #[derive(Debug)]
-pub struct Through<'a> {
+pub struct SceneOptions<'a> {
     /// File of the scene, which plans contain.
     pub file: &'a str,
     /// The scene.
@@ -67,7 +67,7 @@ pub struct Through<'a> {
 
 /// Reason why no plan through a scene was found.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum NoPath {
+pub enum NoPathError {
     /// The start is too near to an obstacle.
     #[error(
         "the start is {}, and the centreline needs {} mm, which is half the tube and the margin: start elsewhere, or \
@@ -144,7 +144,7 @@ fn place(distance: &f64) -> String {
     format!("{} mm from an obstacle", CompactNumber(distance))
 }
 
-impl NoPath {
+impl NoPathError {
     /// Returns the code in the output of `--json`.
     #[must_use]
     pub fn code(&self) -> &'static str {
@@ -167,18 +167,18 @@ impl NoPath {
 
 /// Error of planning through a scene: no path was found, or a parameter is not valid.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ThroughError {
+pub enum ScenePlanError {
     /// A parameter is not valid, for example a radius to which the robot cannot bend.
     #[error(transparent)]
     Plan(#[from] PlanError),
     /// No path through the scene was found.
     #[error(transparent)]
-    NoPath(#[from] NoPath),
+    NoPath(#[from] NoPathError),
 }
 
 /// Error of verifying a plan's clearance.
 #[derive(Debug, thiserror::Error)]
-pub enum UnclearError {
+pub enum SceneCheckError {
     /// The scene cannot be read.
     #[error(
         "the plan leads through a scene: {0}; put the scene beside the plan (`grow` and `simulate` take it with \
@@ -200,9 +200,9 @@ pub enum UnclearError {
     /// The body comes nearer than the scene allows.
     #[error(
         "the plan would {} {obstacle} in {file}, {at:.0} mm along the body, and margin_mm asks for {margin} mm: plan through the scene (`growbot plan --scene`), or lower margin_mm",
-        coming(*found), margin = CompactNumber(margin)
+        describe_clearance(*found), margin = CompactNumber(margin)
     )]
-    NotClear {
+    MarginViolated {
         /// The scene's file.
         file: String,
         /// Proven clearance, mm. Negative inside an obstacle.
@@ -215,12 +215,12 @@ pub enum UnclearError {
         obstacle: String,
     },
     /// The body comes nearer than the plan claims.
-    #[error("the plan says that it keeps {said} mm from everything in {file}, and {found} mm is proven: plan again")]
-    Nearer {
+    #[error("the plan says that it keeps {claimed} mm from everything in {file}, and {found} mm is proven: plan again")]
+    ClearanceOverstated {
         /// The scene's file.
         file: String,
         /// Clearance in the plan, mm.
-        said: f64,
+        claimed: f64,
         /// Proven clearance, mm.
         found: f64,
     },
@@ -236,9 +236,9 @@ pub fn plan(
     robot: &Robot,
     start: &Pose,
     goals: &[Goal],
-    search: &Search,
-    through: &Through,
-) -> Result<Plan, ThroughError> {
+    search: &PlanOptions,
+    through: &SceneOptions,
+) -> Result<Plan, ScenePlanError> {
     let (grown, from_grown) = through.grown.map_or((&[][..], 0.0), |(grown, tip)| (grown, roll_from(start, tip)));
     let legs_left = Cell::new(goals.len() as u32);
     let leg = LegSearch { robot, search, through, grown, from_grown, legs_left };
@@ -265,7 +265,7 @@ pub fn laid(path: &[Segment], robot: &Robot) -> Vec<Segment> {
 
 /// Returns the proven clearance between the outside of a plan's tube and a scene, mm. [`MAX_CLEARANCE`] in an empty
 /// scene.
-fn outside(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> f64 {
+fn tube_clearance_mm(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> f64 {
     nearest(plan, robot, loaded).distance
 }
 
@@ -282,11 +282,14 @@ fn nearest_until(plan: &Plan, robot: &Robot, loaded: &LoadedScene, deadline: Opt
 
 /// Converts the clearance of the path to that of the outside of the tube that is laid.
 fn of_outside(Clearance { distance, arc_length: at }: Clearance, robot: &Robot) -> Clearance {
-    Clearance { distance: (distance - 0.5 * robot.outer_diameter() - LAID_APART).min(MAX_CLEARANCE), arc_length: at }
+    Clearance {
+        distance: (distance - 0.5 * robot.outer_diameter() - MAX_LAYER_OFFSET_MM).min(MAX_CLEARANCE),
+        arc_length: at,
+    }
 }
 
 /// Returns a phrase for a body of this clearance (mm), which the name of an obstacle follows.
-pub(crate) fn coming(clearance: f64) -> String {
+pub(crate) fn describe_clearance(clearance: f64) -> String {
     if clearance < 0.0 { format!("run {:.2} mm into", -clearance) } else { format!("come within {clearance:.2} mm of") }
 }
 
@@ -294,7 +297,12 @@ pub(crate) fn coming(clearance: f64) -> String {
 ///
 /// # Errors
 /// If it does not.
-pub fn clear_in(plan: &Plan, robot: &Robot, file: &str, loaded: &LoadedScene) -> Result<SceneClearance, UnclearError> {
+pub fn check_clearance(
+    plan: &Plan,
+    robot: &Robot,
+    file: &str,
+    loaded: &LoadedScene,
+) -> Result<SceneClearance, SceneCheckError> {
     let Clearance { distance: found, arc_length: at } = nearest(plan, robot, loaded);
     // The proven clearance is a little below the true one.
     if found + CLEARANCE_TOLERANCE_MM >= loaded.margin {
@@ -304,7 +312,7 @@ pub fn clear_in(plan: &Plan, robot: &Robot, file: &str, loaded: &LoadedScene) ->
         .scene
         .nearest(&point_along(&plan.path, &plan.start.frame(), at))
         .map_or_else(String::new, |obstacle| obstacle.to_string());
-    Err(UnclearError::NotClear { file: file.to_owned(), found, margin: loaded.margin, at, obstacle })
+    Err(SceneCheckError::MarginViolated { file: file.to_owned(), found, margin: loaded.margin, at, obstacle })
 }
 
 /// Loads the scene that a plan names, or the one that is given for it, and proves the clearance again. The scene's path
@@ -312,36 +320,36 @@ pub fn clear_in(plan: &Plan, robot: &Robot, file: &str, loaded: &LoadedScene) ->
 ///
 /// # Errors
 /// If the scene is missing or has changed, or the body is nearer to it than the plan claims.
-pub fn verified(
-    written: &WrittenScene,
+pub fn load_verified_scene(
+    written: &SceneRefJson,
     plan: &Plan,
     robot: &Robot,
     beside: &Path,
     given: Option<&Path>,
-) -> Result<(SceneClearance, LoadedScene), UnclearError> {
+) -> Result<(SceneClearance, LoadedScene), SceneCheckError> {
     let beside = beside.join(&written.file);
     let named = if beside.exists() { &beside } else { Path::new(&written.file) };
     let loaded = load(given.unwrap_or(named))?;
     let file = given.map_or_else(|| written.file.clone(), |given| given.display().to_string());
-    let here = written_hash(loaded.hash);
+    let here = format_hash(loaded.hash);
     if here != written.hash {
-        return Err(UnclearError::OtherScene { file, plan: written.hash.clone(), here });
+        return Err(SceneCheckError::OtherScene { file, plan: written.hash.clone(), here });
     }
-    let found = outside(plan, robot, &loaded);
+    let found = tube_clearance_mm(plan, robot, &loaded);
     let said = written.clearance_mm;
     // The claimed clearance was found by the same proof, to its tolerance. This rejects NaN too.
     if said <= found + 2.0 * CLEARANCE_TOLERANCE_MM && found >= loaded.margin {
         Ok((SceneClearance { file, hash: loaded.hash, clearance: said.min(found) }, loaded))
     } else {
-        Err(UnclearError::Nearer { file, said, found })
+        Err(SceneCheckError::ClearanceOverstated { file, claimed: said, found })
     }
 }
 
 /// A search for one leg.
 struct LegSearch<'a> {
     robot: &'a Robot,
-    search: &'a Search,
-    through: &'a Through<'a>,
+    search: &'a PlanOptions,
+    through: &'a SceneOptions<'a>,
     /// The existing body, and the roll of its tip relative to the frame of the start, radians.
     grown: &'a [Segment],
     from_grown: f64,
@@ -364,7 +372,7 @@ impl LegSearch<'_> {
         self.through.deadline.map(|deadline| now + deadline.saturating_duration_since(now) / legs)
     }
 
-    fn plan(&self, from: &Pose, goal: &Goal, body: &[Segment], roll: f64) -> Result<PlannedLeg, ThroughError> {
+    fn plan(&self, from: &Pose, goal: &Goal, body: &[Segment], roll: f64) -> Result<PlannedLeg, ScenePlanError> {
         let (scene, need) = (&self.through.loaded.scene, self.need());
         let left = self.through.length_max - path::length(body);
         let is_clear_of_self = |path: &[Segment]| {
@@ -372,7 +380,7 @@ impl LegSearch<'_> {
             whole.extend(body.iter().map(|segment| segment.rolled(self.from_grown)));
             let before = path::length(&whole);
             whole.extend(path.iter().map(|segment| segment.rolled(roll + self.from_grown)));
-            first_collision(&whole, self.robot.outer_diameter(), before).is_none()
+            closest_self_approach(&whole, self.robot.outer_diameter(), before).is_none()
         };
         let base_from_start = from.frame();
         let mut passed_over = 0;
@@ -401,8 +409,8 @@ impl LegSearch<'_> {
             accept: &accept,
         };
         if self.search.planner == Planner::TwoPlane {
-            let why = planner::check_feasibility(&problem).map(|why| NoPath::because(why, need.distance, left));
-            return Err(why.unwrap_or(NoPath::NotClear).into());
+            let why = planner::check_feasibility(&problem).map(|why| NoPathError::because(why, need.distance, left));
+            return Err(why.unwrap_or(NoPathError::NotClear).into());
         }
         let work = self.through.effort.saturating_mul(WORK_PER_EFFORT);
         let budget =
@@ -413,9 +421,9 @@ impl LegSearch<'_> {
                 let goal = arrival(goal, &path, &base_from_start);
                 Ok(PlannedLeg { goal, path, choice: None })
             }
-            SearchOutcome::Infeasible(why) => Err(NoPath::because(why, need.distance, left).into()),
-            SearchOutcome::ExhaustedAt(resolution) => Err(NoPath::at(resolution).into()),
-            SearchOutcome::BudgetExhausted => Err(NoPath::NotFound.into()),
+            SearchOutcome::Infeasible(why) => Err(NoPathError::because(why, need.distance, left).into()),
+            SearchOutcome::ExhaustedAt(resolution) => Err(NoPathError::at(resolution).into()),
+            SearchOutcome::BudgetExhausted => Err(NoPathError::NotFound.into()),
         }
     }
 }
@@ -446,7 +454,7 @@ mod tests {
         directory: tempfile::TempDir,
         robot: Robot,
         start: Pose,
-        search: Search,
+        search: PlanOptions,
     }
 
     impl Asked {
@@ -457,7 +465,7 @@ mod tests {
                 directory,
                 robot: robot_file::load(robot_file::DEFAULT.as_ref()).unwrap(),
                 start: parse_pose("0,0,0,0,90").unwrap(),
-                search: Search { radius: 100.0, planner: Planner::Shortest, clear_of_self: true },
+                search: PlanOptions { radius: 100.0, planner: Planner::Shortest, clear_of_self: true },
             }
         }
 
@@ -465,14 +473,14 @@ mod tests {
             self.directory.path().join("scene.toml").display().to_string()
         }
 
-        fn plan(&self, goals: &[Goal]) -> Result<Plan, ThroughError> {
-            self.plan_within(goals, LENGTH_MAX)
+        fn plan(&self, goals: &[Goal]) -> Result<Plan, ScenePlanError> {
+            self.plan_within(goals, MAX_LENGTH_MM)
         }
 
-        fn plan_within(&self, goals: &[Goal], length_max: f64) -> Result<Plan, ThroughError> {
+        fn plan_within(&self, goals: &[Goal], length_max: f64) -> Result<Plan, ScenePlanError> {
             let (file, loaded) = (self.scene(), load(self.scene().as_ref()).unwrap());
             let (margin, grown) = (loaded.margin, None);
-            let through = Through {
+            let through = SceneOptions {
                 file: &file,
                 loaded: &loaded,
                 margin,
@@ -511,18 +519,18 @@ mod tests {
             let text = PlanFile::from(&plan).to_text();
             let (_, read) = plan_file::read(&text, "plan.json", None).unwrap();
             assert_eq!(read.scene.as_ref().map(|scene| scene.hash), Some(scene.hash));
-            assert!((read.needs.length - plan.needs.length).abs() < 1e-6);
+            assert!((read.requirements.length - plan.requirements.length).abs() < 1e-6);
             // The clearance is proven again, so a plan that claims more is refused.
             let promises = PlanFile {
-                scene: Some(WrittenScene {
+                scene: Some(SceneRefJson {
                     file: scene.file.clone(),
-                    hash: written_hash(scene.hash),
+                    hash: format_hash(scene.hash),
                     clearance_mm: scene.clearance + 0.01,
                 }),
                 ..PlanFile::from(&plan)
             };
             let refused = plan_file::read(&promises.to_text(), "plan.json", None);
-            assert!(matches!(refused, Err(PlanFileError::Scene(UnclearError::Nearer { .. }))));
+            assert!(matches!(refused, Err(PlanFileError::Scene(SceneCheckError::ClearanceOverstated { .. }))));
         }
     }
 
@@ -532,22 +540,22 @@ mod tests {
         let text = PlanFile::from(&asked.plan(&[position(0.0, 0.0, 800.0)]).unwrap()).to_text();
         fs::write(asked.scene(), SCENE.replace("= 60", "= 61")).unwrap();
         let refused = plan_file::read(&text, "plan.json", None);
-        assert!(matches!(refused, Err(PlanFileError::Scene(UnclearError::OtherScene { .. }))));
+        assert!(matches!(refused, Err(PlanFileError::Scene(SceneCheckError::OtherScene { .. }))));
         fs::remove_file(asked.scene()).unwrap();
         let refused = plan_file::read(&text, "plan.json", None);
-        assert!(matches!(refused, Err(PlanFileError::Scene(UnclearError::Scene(_)))));
+        assert!(matches!(refused, Err(PlanFileError::Scene(SceneCheckError::Scene(_)))));
     }
 
     #[test]
     fn no_plan_is_longer_than_it_may_be() {
         let asked = Asked::new();
         let goals = [position(200.0, 0.0, 300.0), position(0.0, 0.0, 800.0)];
-        let free = asked.plan(&goals).unwrap().needs.length;
+        let free = asked.plan(&goals).unwrap().requirements.length;
         for length_max in [free + 1.0, 700.0, 300.0] {
             match asked.plan_within(&goals, length_max) {
-                Ok(plan) => assert!(plan.needs.length <= length_max && length_max > free),
+                Ok(plan) => assert!(plan.requirements.length <= length_max && length_max > free),
                 // The second leg is 539 mm at least.
-                Err(ThroughError::NoPath(NoPath::TooFar { distance, left })) => {
+                Err(ScenePlanError::NoPath(NoPathError::TooFar { distance, left })) => {
                     assert!(distance > left && length_max < free);
                 }
                 Err(other) => panic!("{length_max}: {other:?}"),
@@ -565,8 +573,8 @@ mod tests {
         let start = parse_pose("0,0,-500,0,0").unwrap();
         let within = |seconds: f64| {
             let deadline = Some(Instant::now() + Duration::from_secs_f64(seconds));
-            let (margin, grown, length_max) = (loaded.margin, None, LENGTH_MAX);
-            let through = Through {
+            let (margin, grown, length_max) = (loaded.margin, None, MAX_LENGTH_MM);
+            let through = SceneOptions {
                 file: &file,
                 loaded: &loaded,
                 margin,
@@ -587,14 +595,14 @@ mod tests {
     #[test]
     fn two_planes_are_all_that_their_planner_tries() {
         let asked = Asked::new();
-        let asked = Asked { search: Search { planner: Planner::TwoPlane, ..asked.search }, ..asked };
+        let asked = Asked { search: PlanOptions { planner: Planner::TwoPlane, ..asked.search }, ..asked };
         let refused = |goal| match asked.plan(&[goal]) {
-            Err(ThroughError::NoPath(no_path)) => no_path,
+            Err(ScenePlanError::NoPath(no_path)) => no_path,
             other => panic!("{other:?}"),
         };
-        assert_eq!(refused(pose("0,0,800,0,90")), NoPath::NotClear);
-        assert!(matches!(refused(pose("0,0,310,0,90")), NoPath::Goal { .. }));
-        assert_eq!(NoPath::NotClear.code(), "none-at-resolution");
+        assert_eq!(refused(pose("0,0,800,0,90")), NoPathError::NotClear);
+        assert!(matches!(refused(pose("0,0,310,0,90")), NoPathError::Goal { .. }));
+        assert_eq!(NoPathError::NotClear.code(), "none-at-resolution");
         assert!(asked.plan(&[pose("300,0,300,0,0")]).is_ok());
     }
 
@@ -602,12 +610,12 @@ mod tests {
     fn what_cannot_be_reached_is_told_why() {
         let asked = Asked::new();
         let refused = |goal| match asked.plan(&[goal]) {
-            Err(ThroughError::NoPath(no_path)) => no_path,
+            Err(ScenePlanError::NoPath(no_path)) => no_path,
             other => panic!("{other:?}"),
         };
-        assert!(matches!(refused(position(0.0, 0.0, 310.0)), NoPath::Goal { .. }));
+        assert!(matches!(refused(position(0.0, 0.0, 310.0)), NoPathError::Goal { .. }));
         assert_eq!(refused(position(0.0, 0.0, 310.0)).code(), "none-at-resolution");
-        assert_eq!(NoPath::NotFound.code(), "not-found-in-time");
+        assert_eq!(NoPathError::NotFound.code(), "not-found-in-time");
         let box_round_the_goal = (0..6).map(|side| {
             let mut centre = [0.0, 0.0, 2000.0];
             centre[side / 2] += if side % 2 == 0 { 100.0 } else { -100.0 };
@@ -616,6 +624,6 @@ mod tests {
             format!("[[box]]\ncenter_mm = {centre:?}\nsize_mm = {size:?}\n")
         });
         fs::write(asked.scene(), SCENE.to_owned() + &box_round_the_goal.collect::<String>()).unwrap();
-        assert!(matches!(refused(position(0.0, 0.0, 2000.0)), NoPath::Separated { .. }));
+        assert!(matches!(refused(position(0.0, 0.0, 2000.0)), NoPathError::Separated { .. }));
     }
 }

@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 
 use super::FORMAT;
 use crate::degrees::{degrees_below_turn, shortest_degrees, shortest_heading};
-use crate::plan::{Choice, Plan, path_type};
-use crate::printable;
+use crate::plan::{Plan, SearchSummary, path_type};
+use crate::sanitize;
 use crate::warning::Warning;
 
 /// A plan in JSON form.
@@ -33,12 +33,12 @@ pub struct PlanFile {
     /// Radius of the arcs, mm.
     pub radius_mm: f64,
     /// Start pose of the tip.
-    pub start: WrittenPose,
+    pub start: PoseJson,
     /// Goal of the tip.
-    pub goal: WrittenGoal,
+    pub goal: GoalJson,
     /// Waypoints, in order. Omitted if empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub via: Vec<WrittenGoal>,
+    pub via: Vec<GoalJson>,
     /// Length of the path, mm.
     pub length_mm: f64,
     /// Number of layers.
@@ -57,11 +57,11 @@ pub struct PlanFile {
     /// Path types that were searched completely, except for rounding. Omitted for the two-plane planner, which does not
     /// search. Missing in older plans.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub complete: Vec<Searched>,
+    pub complete: Vec<PathFamily>,
     /// Path types that were searched from likely places only, so that a shorter path may exist: `H`, if the goal of a
     /// leg is so near that a helicoidal arc may be the shortest. Omitted if empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub statistical: Vec<Searched>,
+    pub statistical: Vec<PathFamily>,
     /// Number of shorter paths that were rejected because the body would have collided with itself. Omitted if 0.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub passed_over: usize,
@@ -74,9 +74,9 @@ pub struct PlanFile {
     pub two_plane_longer_percent: Option<f64>,
     /// The legs, one more than waypoints. Omitted if there are no waypoints.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub legs: Vec<WrittenLeg>,
+    pub legs: Vec<LegJson>,
     /// Segments of the path.
-    pub segments: Vec<WrittenSegment>,
+    pub segments: Vec<SegmentJson>,
     /// Reasons against growing it.
     pub warnings: Vec<Warning>,
     /// Description of the robot, as in its file. Missing in older plans.
@@ -84,14 +84,14 @@ pub struct PlanFile {
     pub robot_description: Option<Box<RobotDescription>>,
     /// The scene that it leads through. Omitted if it was planned in empty space.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub scene: Option<WrittenScene>,
+    pub scene: Option<SceneRefJson>,
 }
 
 /// The scene of a plan in JSON form.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct WrittenScene {
+pub struct SceneRefJson {
     /// File of the scene: a scene file, a mesh or a cloud.
     pub file: String,
     /// Hash of the scene's file and of the files that it names, 16 hexadecimal digits.
@@ -103,7 +103,7 @@ pub struct WrittenScene {
 /// Path types that a planner searches for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub enum Searched {
+pub enum PathFamily {
     /// An arc, a straight line, an arc, in any planes.
     #[serde(rename = "CSC")]
     Csc,
@@ -115,7 +115,7 @@ pub enum Searched {
 }
 
 /// Returns the path types that were searched completely, and those searched statistically.
-fn searched(plan: &Plan) -> (Vec<Searched>, Vec<Searched>) {
+fn searched(plan: &Plan) -> (Vec<PathFamily>, Vec<PathFamily>) {
     // Through a scene the shortest path may have any type, and none of the searches there is complete.
     if plan.planner != Planner::Shortest || plan.scene.is_some() {
         return (Vec::new(), Vec::new());
@@ -123,14 +123,14 @@ fn searched(plan: &Plan) -> (Vec<Searched>, Vec<Searched>) {
     let goals = plan.legs.iter().map(|leg| leg.goal);
     let starts = iter::once(plan.start).chain(goals.clone());
     let is_near = starts.zip(goals).any(|(start, goal)| is_within_helicoid_range(&start, &goal, plan.radius));
-    (vec![Searched::Csc, Searched::Planar], if is_near { vec![Searched::H] } else { Vec::new() })
+    (vec![PathFamily::Csc, PathFamily::Planar], if is_near { vec![PathFamily::H] } else { Vec::new() })
 }
 
 /// A pose in JSON form.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct WrittenPose {
+pub struct PoseJson {
     /// x, mm.
     pub x_mm: f64,
     /// y, mm.
@@ -143,7 +143,7 @@ pub struct WrittenPose {
     pub pitch_deg: f64,
 }
 
-impl From<&Pose> for WrittenPose {
+impl From<&Pose> for PoseJson {
     fn from(pose: &Pose) -> Self {
         let position = pose.position();
         let numbers =
@@ -157,7 +157,7 @@ impl From<&Pose> for WrittenPose {
 /// Pose of a tip in JSON form.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct WrittenTip {
+pub struct TipPoseJson {
     /// x, mm.
     pub x_mm: f64,
     /// y, mm.
@@ -170,19 +170,19 @@ pub struct WrittenTip {
     pub pitch_deg: f64,
 }
 
-impl From<&Pose> for WrittenTip {
+impl From<&Pose> for TipPoseJson {
     fn from(pose: &Pose) -> Self {
-        let WrittenPose { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = pose.into();
+        let PoseJson { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = pose.into();
         Self { x_mm, y_mm, z_mm, heading_deg: (!pose.is_vertical()).then_some(heading_deg), pitch_deg }
     }
 }
 
-impl WrittenTip {
+impl TipPoseJson {
     /// Returns the pose, with heading 0 if the tip is vertical.
     #[must_use]
-    pub fn pose(&self) -> WrittenPose {
+    pub fn pose(&self) -> PoseJson {
         let &Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = self;
-        WrittenPose { x_mm, y_mm, z_mm, heading_deg: heading_deg.unwrap_or(0.0), pitch_deg }
+        PoseJson { x_mm, y_mm, z_mm, heading_deg: heading_deg.unwrap_or(0.0), pitch_deg }
     }
 }
 
@@ -190,7 +190,7 @@ impl WrittenTip {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct WrittenGoal {
+pub struct GoalJson {
     /// x, mm.
     pub x_mm: f64,
     /// y, mm.
@@ -207,17 +207,17 @@ pub struct WrittenGoal {
     pub direction_free: bool,
 }
 
-impl WrittenGoal {
+impl GoalJson {
     fn new(pose: &Pose, direction_free: bool) -> Self {
-        let WrittenPose { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = pose.into();
+        let PoseJson { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = pose.into();
         Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg, direction_free }
     }
 
     /// Returns the pose.
     #[must_use]
-    pub fn pose(&self) -> WrittenPose {
+    pub fn pose(&self) -> PoseJson {
         let &Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg, .. } = self;
-        WrittenPose { x_mm, y_mm, z_mm, heading_deg, pitch_deg }
+        PoseJson { x_mm, y_mm, z_mm, heading_deg, pitch_deg }
     }
 }
 
@@ -231,7 +231,7 @@ fn is_false(value: &bool) -> bool {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct WrittenLeg {
+pub struct LegJson {
     /// Number of segments of the plan that belong to this leg.
     pub segments: usize,
     /// Kinds of the segments in order, as in the plan.
@@ -249,14 +249,14 @@ pub struct WrittenLeg {
     pub two_plane_length_mm: Option<f64>,
 }
 
-impl WrittenLeg {
-    fn new(choice: Option<Choice>, path: &[Segment]) -> Self {
+impl LegJson {
+    fn new(choice: Option<SearchSummary>, path: &[Segment]) -> Self {
         Self {
             segments: path.len(),
             path_type: path_type(path),
             length_mm: length(path),
             candidates: choice.map(|choice| choice.candidates),
-            passed_over: choice.map_or(0, |choice| choice.passed_over),
+            passed_over: choice.map_or(0, |choice| choice.rejected),
             two_plane_length_mm: choice.map(|choice| choice.two_plane_length),
         }
     }
@@ -272,7 +272,7 @@ fn is_zero(count: &usize) -> bool {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
-pub enum WrittenSegment {
+pub enum SegmentJson {
     /// A circular arc.
     Arc {
         /// Angle of greatest deposition in the tip's frame, degrees.
@@ -299,7 +299,7 @@ pub enum WrittenSegment {
     },
 }
 
-impl WrittenSegment {
+impl SegmentJson {
     /// Converts a segment that grows from a tip of this frame.
     fn new(segment: &Segment, base_from_tip: &Frame) -> Self {
         match *segment {
@@ -328,46 +328,46 @@ impl WrittenSegment {
 
 /// Formats a hash as 16 hexadecimal digits.
 #[must_use]
-pub fn written_hash(hash: u64) -> String {
+pub fn format_hash(hash: u64) -> String {
     format!("{hash:016x}")
 }
 
 impl From<&Plan> for PlanFile {
     fn from(plan: &Plan) -> Self {
-        let choice = plan.choice();
-        let mut via: Vec<WrittenGoal> =
-            plan.legs.iter().zip(&plan.free_directions).map(|(leg, free)| WrittenGoal::new(&leg.goal, *free)).collect();
-        let goal = via.pop().unwrap_or_else(|| WrittenGoal::new(&plan.goal, false));
-        let legs = plan.by_leg().map(|(choice, path)| WrittenLeg::new(choice, path));
+        let choice = plan.search_summary();
+        let mut via: Vec<GoalJson> =
+            plan.legs.iter().zip(&plan.free_directions).map(|(leg, free)| GoalJson::new(&leg.goal, *free)).collect();
+        let goal = via.pop().unwrap_or_else(|| GoalJson::new(&plan.goal, false));
+        let legs = plan.by_leg().map(|(choice, path)| LegJson::new(choice, path));
         let (complete, statistical) = searched(plan);
         Self {
             id: None,
             format: FORMAT.to_owned(),
             robot: plan.robot.clone(),
-            robot_hash: written_hash(plan.robot_hash),
+            robot_hash: format_hash(plan.robot_hash),
             planner: plan.planner,
             radius_mm: plan.radius,
-            start: WrittenPose::from(&plan.start),
+            start: PoseJson::from(&plan.start),
             goal,
             legs: if via.is_empty() { Vec::new() } else { legs.collect() },
             via,
-            length_mm: plan.needs.length,
-            layers: plan.needs.layers,
-            duration_s: plan.needs.duration,
-            filament_mm: plan.needs.filament,
+            length_mm: plan.requirements.length,
+            layers: plan.requirements.layers,
+            duration_s: plan.requirements.duration,
+            filament_mm: plan.requirements.filament,
             path_type: Some(plan.path_type()),
             candidates: choice.map(|choice| choice.candidates),
             complete,
             statistical,
-            passed_over: choice.map_or(0, |choice| choice.passed_over),
+            passed_over: choice.map_or(0, |choice| choice.rejected),
             two_plane_length_mm: choice.map(|choice| choice.two_plane_length),
-            two_plane_longer_percent: choice.map(|choice| choice.two_plane_longer_percent(plan.needs.length)),
-            segments: WrittenSegment::path(&plan.path, &plan.start.frame()),
+            two_plane_longer_percent: choice.map(|choice| choice.two_plane_longer_percent(plan.requirements.length)),
+            segments: SegmentJson::path(&plan.path, &plan.start.frame()),
             warnings: plan.warnings.clone(),
             robot_description: None,
-            scene: plan.scene.as_ref().map(|scene| WrittenScene {
+            scene: plan.scene.as_ref().map(|scene| SceneRefJson {
                 file: scene.file.clone(),
-                hash: written_hash(scene.hash),
+                hash: format_hash(scene.hash),
                 clearance_mm: scene.clearance,
             }),
         }
@@ -384,7 +384,7 @@ impl PlanFile {
     /// Returns the JSON in one line, with its newline, for pipes.
     #[must_use]
     pub fn to_line(&self) -> String {
-        printable::json_line(self)
+        sanitize::json_line(self)
     }
 
     /// Returns the JSON in many lines, for files.

@@ -38,7 +38,7 @@ pub enum FileError {
     },
     /// The file's extension is not one of the formats.
     #[error("cannot write {file}: its ending .{ending} is none of the formats here; end it in {formats}")]
-    Ending {
+    UnknownExtension {
         /// The file.
         file: String,
         /// Extension of the file.
@@ -130,7 +130,7 @@ fn place_of(_: &Metadata) -> Option<(u64, u64)> {
 ///
 /// # Errors
 /// [`FileError::Ending`] for any other extension.
-pub fn format_of<'a>(path: &Path, formats: &[&'a str]) -> Result<Option<&'a str>, FileError> {
+pub fn format_from_extension<'a>(path: &Path, formats: &[&'a str]) -> Result<Option<&'a str>, FileError> {
     let Some(ending) = ending(path) else { return Ok(None) };
     match formats.iter().find(|format| **format == ending) {
         Some(format) => Ok(Some(format)),
@@ -151,7 +151,7 @@ fn unknown_ending(path: &Path, formats: &[&str]) -> FileError {
         Some((last, others)) => format!("{} or {last}", others.join(", ")),
         None => String::new(),
     };
-    FileError::Ending { file: path.display().to_string(), ending: ending(path).unwrap_or_default(), formats }
+    FileError::UnknownExtension { file: path.display().to_string(), ending: ending(path).unwrap_or_default(), formats }
 }
 
 /// Writes a temporary file in the same directory and renames it, so that readers never see half of it and a failure
@@ -160,8 +160,8 @@ fn unknown_ending(path: &Path, formats: &[&str]) -> FileError {
 ///
 /// # Errors
 /// [`FileError::NoDirectory`] or [`FileError::File`]; [`FileError::Input`] for a file that this program has read.
-pub fn replace_file(path: &Path, contents: &[u8]) -> Result<(), FileError> {
-    let mut replacement = Replacement::begin(path)?;
+pub fn write_atomic(path: &Path, contents: &[u8]) -> Result<(), FileError> {
+    let mut replacement = AtomicFile::begin(path)?;
     replacement.add(contents)?;
     replacement.finish()
 }
@@ -169,7 +169,7 @@ pub fn replace_file(path: &Path, contents: &[u8]) -> Result<(), FileError> {
 /// A file that is written piece by piece, in the way of [`replace_file`]. It appears in its place when it is finished,
 /// and leaves nothing if it never is.
 #[derive(Debug)]
-pub struct Replacement {
+pub struct AtomicFile {
     /// Name used in error messages.
     name: String,
     target: PathBuf,
@@ -179,7 +179,7 @@ pub struct Replacement {
     existing: Option<Metadata>,
 }
 
-impl Replacement {
+impl AtomicFile {
     /// Begins a file.
     ///
     /// # Errors
@@ -245,7 +245,7 @@ impl Replacement {
     }
 }
 
-impl Write for Replacement {
+impl Write for AtomicFile {
     fn write(&mut self, contents: &[u8]) -> io::Result<usize> {
         self.file.write(contents)
     }
@@ -255,7 +255,7 @@ impl Write for Replacement {
     }
 }
 
-impl Drop for Replacement {
+impl Drop for AtomicFile {
     fn drop(&mut self) {
         if let Some(partial) = &self.partial {
             let _ = fs::remove_file(partial);
@@ -266,17 +266,17 @@ impl Drop for Replacement {
 /// A file that another one of its name is about to replace. It is renamed within its directory until the other is good,
 /// and is then deleted. If the program is killed before, it stays there.
 #[derive(Debug)]
-pub struct SetAside {
+pub struct DisplacedFile {
     place: PathBuf,
     aside: PathBuf,
 }
 
-impl SetAside {
+impl DisplacedFile {
     /// Renames the file of this name, or the target of a symbolic link. `None` if it does not exist or is a device.
     ///
     /// # Errors
     /// [`FileError::File`] if it cannot be renamed.
-    pub fn existing(path: &Path) -> Result<Option<Self>, FileError> {
+    pub fn move_aside(path: &Path) -> Result<Option<Self>, FileError> {
         let Ok(place) = fs::canonicalize(path) else { return Ok(None) };
         if !fs::metadata(&place).is_ok_and(|file| file.is_file()) {
             return Ok(None);
@@ -303,7 +303,7 @@ impl SetAside {
     }
 }
 
-impl Drop for SetAside {
+impl Drop for DisplacedFile {
     fn drop(&mut self) {
         let _ = fs::remove_file(&self.aside);
     }
@@ -337,8 +337,8 @@ mod tests {
     fn a_file_is_replaced_and_nothing_else_is_left() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("plan.json");
-        replace_file(&path, b"one").unwrap();
-        replace_file(&path, b"two").unwrap();
+        write_atomic(&path, b"one").unwrap();
+        write_atomic(&path, b"two").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"two");
         assert_eq!(names(directory.path()), ["plan.json"]);
     }
@@ -347,12 +347,12 @@ mod tests {
     fn a_file_in_pieces_is_there_when_it_is_finished_and_leaves_nothing_else() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("answers.csv");
-        replace_file(&path, b"before").unwrap();
-        let mut dropped = Replacement::begin(&path).unwrap();
+        write_atomic(&path, b"before").unwrap();
+        let mut dropped = AtomicFile::begin(&path).unwrap();
         dropped.add(b"half").unwrap();
         assert_eq!(names(directory.path()).len(), 2);
         drop(dropped);
-        let mut finished = Replacement::begin(&path).unwrap();
+        let mut finished = AtomicFile::begin(&path).unwrap();
         finished.add(b"one, ").unwrap();
         finished.add(b"two").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"before");
@@ -367,9 +367,9 @@ mod tests {
     fn a_missing_directory_is_named_and_a_directory_is_not_replaced() {
         let directory = tempfile::tempdir().unwrap();
         let missing = directory.path().join("missing");
-        let error = replace_file(&missing.join("plan.json"), b"x").unwrap_err();
+        let error = write_atomic(&missing.join("plan.json"), b"x").unwrap_err();
         assert!(matches!(&error, FileError::NoDirectory { directory, .. } if directory.ends_with("missing")));
-        assert!(matches!(replace_file(directory.path(), b"x"), Err(FileError::File { .. })));
+        assert!(matches!(write_atomic(directory.path(), b"x"), Err(FileError::File { .. })));
         assert!(names(directory.path()).is_empty());
     }
 
@@ -387,11 +387,11 @@ mod tests {
         let open = File::open(path("plan")).unwrap();
         let descriptor = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&open));
         for name in [path("plan"), path("hard"), path("soft"), path("sub").join("../plan"), descriptor.into()] {
-            let refused = replace_file(&name, b"new");
+            let refused = write_atomic(&name, b"new");
             assert!(matches!(refused, Err(FileError::Input { .. })), "{}: {refused:?}", name.display());
         }
         assert_eq!(fs::read(path("plan")).unwrap(), b"old");
-        replace_file(&path("other"), b"new").unwrap();
+        write_atomic(&path("other"), b"new").unwrap();
     }
 
     #[cfg(unix)]
@@ -414,13 +414,13 @@ mod tests {
     #[test]
     fn the_ending_says_the_format_or_is_refused_and_the_formats_are_listed() {
         for wrong in ["a.pdf", "a.PNG", "a.b.svg", "a.plan", "a."] {
-            let error = format_of(wrong.as_ref(), &["json", "csv", "stl"]).unwrap_err().to_string();
+            let error = format_from_extension(wrong.as_ref(), &["json", "csv", "stl"]).unwrap_err().to_string();
             assert!(error.contains("end it in .json, .csv or .stl"), "{error}");
         }
         for (name, format) in
             [("a", None), ("-", None), (".pdf", None), ("a.json", Some("json")), ("a.CSV", Some("csv"))]
         {
-            assert_eq!(format_of(name.as_ref(), &["json", "csv"]).unwrap(), format, "{name}");
+            assert_eq!(format_from_extension(name.as_ref(), &["json", "csv"]).unwrap(), format, "{name}");
         }
     }
 
@@ -428,19 +428,19 @@ mod tests {
     fn a_file_that_is_set_aside_comes_back_or_is_gone() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("run.jsonl");
-        assert!(SetAside::existing(&path).unwrap().is_none());
+        assert!(DisplacedFile::move_aside(&path).unwrap().is_none());
         fs::write(&path, b"before").unwrap();
-        let aside = SetAside::existing(&path).unwrap().unwrap();
+        let aside = DisplacedFile::move_aside(&path).unwrap().unwrap();
         assert!(!path.exists());
         fs::write(&path, b"new").unwrap();
         aside.restore();
         assert_eq!((fs::read(&path).unwrap(), names(directory.path()).len()), (b"before".to_vec(), 1));
-        let aside = SetAside::existing(&path).unwrap().unwrap();
+        let aside = DisplacedFile::move_aside(&path).unwrap().unwrap();
         fs::write(&path, b"new").unwrap();
         drop(aside);
         assert_eq!((fs::read(&path).unwrap(), names(directory.path()).len()), (b"new".to_vec(), 1));
         // A device stays where it is.
-        assert!(SetAside::existing("/dev/null".as_ref()).unwrap().is_none());
+        assert!(DisplacedFile::move_aside("/dev/null".as_ref()).unwrap().is_none());
     }
 
     #[cfg(unix)]
@@ -450,13 +450,13 @@ mod tests {
         let (file, link) = (directory.path().join("file"), directory.path().join("link"));
         fs::write(&file, b"old").unwrap();
         std::os::unix::fs::symlink(&file, &link).unwrap();
-        replace_file(&link, b"new").unwrap();
+        write_atomic(&link, b"new").unwrap();
         assert_eq!(fs::read(&file).unwrap(), b"new");
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
 
         let null = directory.path().join("null");
         std::os::unix::fs::symlink("/dev/null", &null).unwrap();
-        replace_file(&null, b"x").unwrap();
+        write_atomic(&null, b"x").unwrap();
         assert!(!fs::metadata("/dev/null").unwrap().is_file());
     }
 }

@@ -30,15 +30,15 @@ use growbot_scene::scene_file::LoadedScene;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::plan::{Goal, Plan, Search};
-use crate::through_scene::{self, LENGTH_MAX, Through, coming};
+use crate::plan::{Goal, Plan, PlanOptions};
+use crate::scene_planning::{self, MAX_LENGTH_MM, SceneOptions, describe_clearance};
 
 /// Clearance of a body from obstacles, in standard deviations of its position.
-pub const DEVIATIONS: f64 = 3.0;
+pub const CLEARANCE_SIGMAS: f64 = 3.0;
 /// Maximum number of detours of one growth. Each of them bends the body more.
 pub const MAX_DETOURS: usize = 12;
 /// Number of layers after which the deviations along the remaining body are computed again.
-const TOLD_FOR: usize = 16;
+const FORECAST_LAYERS: usize = 16;
 /// Number of layers after which a detour that was not found is searched for again.
 const SEARCH_AGAIN: usize = 64;
 /// Effort of one search, in units of `--effort`: about 0.2 s.
@@ -54,7 +54,7 @@ const FAR: f64 = 100.0;
 /// The place at which the remaining body would be too near to an obstacle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct TooNear {
+pub struct ClearanceViolation {
     /// Index of the layer.
     pub layer: u32,
     /// Point of the centreline, mm.
@@ -70,14 +70,14 @@ pub struct TooNear {
     pub no_detour: Option<String>,
 }
 
-impl std::fmt::Display for TooNear {
+impl std::fmt::Display for ClearanceViolation {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         let Self { layer, point_mm: [x, y, z], obstacle, clearance_mm, deviation_mm, no_detour } = self;
         write!(
             f,
             "layer {layer}, at {x:.1}, {y:.1}, {z:.1} mm, would {} {obstacle}, and must keep off by \
              {deviation_mm:.2} mm, 3 standard deviations of the position there",
-            coming(*clearance_mm)
+            describe_clearance(*clearance_mm)
         )?;
         if let Some(why) = no_detour {
             write!(f, "; no other way was found: {why}")?;
@@ -86,7 +86,7 @@ impl std::fmt::Display for TooNear {
     }
 }
 
-impl std::error::Error for TooNear {}
+impl std::error::Error for ClearanceViolation {}
 
 /// Another path that the growth took.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -99,12 +99,12 @@ pub struct Detour {
     /// Proven minimum clearance between the outside of the tube and the obstacles, mm.
     pub clearance_mm: f64,
     /// The place at which the correction would have been too near.
-    pub instead_of: TooNear,
+    pub instead_of: ClearanceViolation,
 }
 
 /// The scene of a growth, and the detours planned during it.
 #[derive(Debug)]
-pub struct Surroundings<'a> {
+pub struct SceneContext<'a> {
     robot: &'a Robot,
     loaded: &'a LoadedScene,
     /// Radius of the bends of detours, mm.
@@ -120,7 +120,7 @@ struct Planned {
     legs: Vec<Leg>,
 }
 
-impl<'a> Surroundings<'a> {
+impl<'a> SceneContext<'a> {
     /// Creates the scene of one growth, whose detours have this radius (mm).
     #[must_use]
     pub fn new(robot: &'a Robot, loaded: &'a LoadedScene, radius: f64) -> Self {
@@ -130,30 +130,38 @@ impl<'a> Surroundings<'a> {
 
 /// Keeps one growth clear of the obstacles.
 #[derive(Debug, Clone)]
-pub struct Keeper<'a> {
-    around: &'a Surroundings<'a>,
+pub struct ClearanceGuard<'a> {
+    scene: &'a SceneContext<'a>,
     /// The body so far, according to the estimate.
     body: Vec<Segment>,
     /// The quantities that are measured after each layer.
     seen: MeasuredQuantities,
     /// 3 standard deviations along the remaining body, mm. The first one belongs to the layer of index `told_at`.
     deviations: Vec<f64>,
-    told_at: usize,
+    forecast_at: usize,
     /// Factor by which the deviations are larger because the robot is not as assumed.
     larger: f64,
     /// Number of laid layers at the latest search that found no detour, and the reason.
     no_detour: Option<(usize, String)>,
 }
 
-impl<'a> Keeper<'a> {
+impl<'a> ClearanceGuard<'a> {
     /// Creates the keeper before the first layer. `seen` are the quantities that will be measured after each layer.
     #[must_use]
-    pub fn new(around: &'a Surroundings<'a>, seen: MeasuredQuantities) -> Self {
-        Self { around, body: Vec::new(), seen, deviations: Vec::new(), told_at: 0, larger: 1.0, no_detour: None }
+    pub fn new(around: &'a SceneContext<'a>, seen: MeasuredQuantities) -> Self {
+        Self {
+            scene: around,
+            body: Vec::new(),
+            seen,
+            deviations: Vec::new(),
+            forecast_at: 0,
+            larger: 1.0,
+            no_detour: None,
+        }
     }
 
     /// Records a layer as it was commanded, on a robot with these errors.
-    pub fn laid(&mut self, layer: &Layer, systematic: &SystematicErrors) {
+    pub fn record_layer(&mut self, layer: &Layer, systematic: &SystematicErrors) {
         self.body.push(segment(layer, systematic));
     }
 
@@ -174,12 +182,16 @@ impl<'a> Keeper<'a> {
     ///
     /// # Errors
     /// The place at which it is too near, and the reason that no detour was found. The growth must then pause.
-    pub fn keep_clear(&mut self, tracker: &mut Tracker<'a>, under_way: &[Layer]) -> Result<Option<Detour>, TooNear> {
+    pub fn ensure_clear(
+        &mut self,
+        tracker: &mut Tracker<'a>,
+        under_way: &[Layer],
+    ) -> Result<Option<Detour>, ClearanceViolation> {
         let Err(too_near) = self.check(tracker, under_way) else {
             self.no_detour = None;
             return Ok(None);
         };
-        let refused = |why: String| TooNear { no_detour: Some(why), ..too_near.clone() };
+        let refused = |why: String| ClearanceViolation { no_detour: Some(why), ..too_near.clone() };
         if let Some((at, why)) = &self.no_detour
             && self.body.len() < at + SEARCH_AGAIN
         {
@@ -203,16 +215,16 @@ impl<'a> Keeper<'a> {
     ///
     /// # Errors
     /// The first layer that does not.
-    pub fn check(&mut self, tracker: &Tracker, under_way: &[Layer]) -> Result<(), TooNear> {
+    pub fn check(&mut self, tracker: &Tracker, under_way: &[Layer]) -> Result<(), ClearanceViolation> {
         let layers: Vec<Layer> = under_way.iter().copied().chain(tracker.remaining_layers()).collect();
-        if self.deviations.is_empty() || self.body.len() >= self.told_at + TOLD_FOR {
-            self.tell(tracker, &layers);
+        if self.deviations.is_empty() || self.body.len() >= self.forecast_at + FORECAST_LAYERS {
+            self.refresh_deviations(tracker, &layers);
         }
         self.larger = tracker.sigma_scale();
         let estimate = tracker.estimate();
-        let half_tube = 0.5 * self.around.robot.outer_diameter();
-        let scene = &self.around.loaded.scene;
-        let most = half_tube + self.most();
+        let half_tube = 0.5 * self.scene.robot.outer_diameter();
+        let scene = &self.scene.loaded.scene;
+        let most = half_tube + self.max_deviation();
         let mut base_from_tip: Frame = estimate.base_from_tip;
         // Lengths along the remaining body: of the layers so far, and of the part that is proven to be clear.
         let (mut along, mut proven) = (0.0, 0.0);
@@ -250,34 +262,34 @@ impl<'a> Keeper<'a> {
     }
 
     /// Recomputes the expected position uncertainty along the remaining body.
-    fn tell(&mut self, tracker: &Tracker, layers: &[Layer]) {
+    fn refresh_deviations(&mut self, tracker: &Tracker, layers: &[Layer]) {
         let now = tracker.estimate().position_sd;
         let then = tracker.forecast(layers.iter().copied(), self.seen);
         // The deviation within a layer is the larger one of those at its ends.
         let mut before = now;
         self.deviations.clear();
-        self.deviations.extend(then.map(|after| DEVIATIONS * std::mem::replace(&mut before, after).max(after)));
-        self.told_at = self.body.len();
+        self.deviations.extend(then.map(|after| CLEARANCE_SIGMAS * std::mem::replace(&mut before, after).max(after)));
+        self.forecast_at = self.body.len();
     }
 
     /// Returns 3 standard deviations of the position in the layer of this index in the remaining body, mm.
     fn deviation(&self, index: usize) -> f64 {
-        let told = self.deviations.get(self.body.len() - self.told_at + index).or(self.deviations.last());
+        let told = self.deviations.get(self.body.len() - self.forecast_at + index).or(self.deviations.last());
         self.larger * told.copied().unwrap_or_default()
     }
 
     /// Returns the maximum of 3 standard deviations along the remaining body, mm.
-    fn most(&self) -> f64 {
+    fn max_deviation(&self) -> f64 {
         self.larger * self.deviations.iter().copied().fold(0.0, f64::max)
     }
 
-    fn too_near(&self, index: usize, point: &Vector3<f64>, deviation_mm: f64) -> TooNear {
-        let scene = &self.around.loaded.scene;
-        TooNear {
+    fn too_near(&self, index: usize, point: &Vector3<f64>, deviation_mm: f64) -> ClearanceViolation {
+        let scene = &self.scene.loaded.scene;
+        ClearanceViolation {
             layer: (self.body.len() + index) as u32,
             point_mm: [point.x, point.y, point.z],
             obstacle: scene.nearest(point).map_or_else(String::new, |obstacle| obstacle.to_string()),
-            clearance_mm: scene.distance(point) - 0.5 * self.around.robot.outer_diameter(),
+            clearance_mm: scene.distance(point) - 0.5 * self.scene.robot.outer_diameter(),
             deviation_mm,
             no_detour: None,
         }
@@ -286,7 +298,7 @@ impl<'a> Keeper<'a> {
     /// Returns a tracker that follows another, clear path, with its length and its proven clearance. The error contains
     /// the reason if none is found.
     fn detour(&mut self, tracker: &Tracker<'a>, under_way: &[Layer]) -> Result<(Tracker<'a>, f64, f64), String> {
-        let around = self.around;
+        let around = self.scene;
         let Some(slot) = around.detours.iter().find(|slot| slot.get().is_none()) else {
             return Err(format!("the body has taken {MAX_DETOURS} detours already, which is the most; plan it anew"));
         };
@@ -294,12 +306,12 @@ impl<'a> Keeper<'a> {
         let start = Pose::from_frame(tracker.reference_start());
         let goals: Vec<Goal> = tracker.remaining_goals().map(Goal::from).collect();
         let laid_next = under_way.iter().map(|layer| segment(layer, &estimate.systematic_errors));
-        let search = Search { radius: around.radius, planner: Planner::Shortest, clear_of_self: true };
-        let most = self.most();
+        let search = PlanOptions { radius: around.radius, planner: Planner::Shortest, clear_of_self: true };
+        let most = self.max_deviation();
         let grown: Vec<Segment> = self.body.iter().copied().chain(laid_next).collect();
         let mut why = String::new();
         for share in CLEARANCES {
-            let through = Through {
+            let through = SceneOptions {
                 file: "",
                 loaded: around.loaded,
                 margin: share * most,
@@ -307,9 +319,9 @@ impl<'a> Keeper<'a> {
                 effort: EFFORT,
                 deadline: None,
                 first_only: false,
-                length_max: LENGTH_MAX,
+                length_max: MAX_LENGTH_MM,
             };
-            let plan = match through_scene::plan(around.robot, &start, &goals, &search, &through) {
+            let plan = match scene_planning::plan(around.robot, &start, &goals, &search, &through) {
                 Ok(plan) => plan,
                 Err(error) => {
                     why = error.to_string();
@@ -319,7 +331,7 @@ impl<'a> Keeper<'a> {
             match self.take(tracker, under_way, &plan, slot) {
                 Ok(followed) => {
                     let clearance = plan.scene.as_ref().map_or(0.0, |scene| scene.clearance);
-                    return Ok((followed, plan.needs.length, clearance));
+                    return Ok((followed, plan.requirements.length, clearance));
                 }
                 Err(too_near) => why = format!("there too {too_near}"),
             }
@@ -334,7 +346,7 @@ impl<'a> Keeper<'a> {
         under_way: &[Layer],
         plan: &Plan,
         slot: &'a OnceCell<Planned>,
-    ) -> Result<Tracker<'a>, TooNear> {
+    ) -> Result<Tracker<'a>, ClearanceViolation> {
         // Check a copy first, so that the slot is used only by a path that is followed.
         let mut trial = tracker.clone();
         trial.switch_path(&plan.start, &plan.path, &plan.legs);
@@ -386,7 +398,7 @@ mod tests {
     /// Returns a plan of 600 mm straight up.
     fn plan(robot: &Robot) -> Plan {
         let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,600,0,90").unwrap());
-        Plan::make(robot, &start, &goal, 100.0, Planner::Shortest).unwrap()
+        Plan::new(robot, &start, &goal, 100.0, Planner::Shortest).unwrap()
     }
 
     /// Returns a scene of balls of 50 mm at these places.
@@ -411,8 +423,8 @@ mod tests {
             let touching = 50.0 + 0.5 * robot.outer_diameter();
             for (off, is_clear) in [(deviation + 0.05, true), (deviation - 0.05, false), (-1.0, false)] {
                 let loaded = balls(&[[touching + off, 0.0, height]]);
-                let around = Surroundings::new(&robot, &loaded, 100.0);
-                let found = Keeper::new(&around, SEEN).check(&tracker, &[]);
+                let around = SceneContext::new(&robot, &loaded, 100.0);
+                let found = ClearanceGuard::new(&around, SEEN).check(&tracker, &[]);
                 assert_eq!(found.is_ok(), is_clear, "{height} {off} {found:?}");
                 if let Err(too_near) = found {
                     // The first layer that is too near lies shortly before the narrowest place.
@@ -434,18 +446,22 @@ mod tests {
         let under_way: Vec<Layer> = tracker.remaining_layers().take(40).collect();
         tracker.replan(&under_way);
         let loaded = balls(&[[60.0, 0.0, 15.0]]);
-        let around = Surroundings::new(&robot, &loaded, 100.0);
-        let too_near = Keeper::new(&around, SEEN).check(&tracker, &under_way).unwrap_err();
+        let around = SceneContext::new(&robot, &loaded, 100.0);
+        let too_near = ClearanceGuard::new(&around, SEEN).check(&tracker, &under_way).unwrap_err();
         assert!(too_near.layer < 40, "{too_near}");
     }
 
     /// Grows in a scene. Returns the end of the growth, its detours, the place of a pause, and the smallest clearance
     /// of the true body.
-    fn grow(loaded: &LoadedScene, disturbance: &Disturbance, seed: u64) -> (Frame, Vec<Detour>, Option<TooNear>, f64) {
+    fn grow(
+        loaded: &LoadedScene,
+        disturbance: &Disturbance,
+        seed: u64,
+    ) -> (Frame, Vec<Detour>, Option<ClearanceViolation>, f64) {
         let robot = robot();
         let plan = plan(&robot);
-        let around = Surroundings::new(&robot, loaded, 100.0);
-        let mut keeper = Keeper::new(&around, SEEN);
+        let around = SceneContext::new(&robot, loaded, 100.0);
+        let mut keeper = ClearanceGuard::new(&around, SEEN);
         let task = GrowthTask { robot: &robot, start: plan.start, path: &plan.path, legs: &plan.legs };
         let (mut detours, mut paused, mut least) = (Vec::new(), None, f64::INFINITY);
         let tip = |_: &Layer, _: &growbot_core::simulation::DisturbedLayer, base_from_tip: &Frame| {
@@ -455,9 +471,9 @@ mod tests {
         };
         let grown = grow_closed_loop_while(&task, disturbance, &SENSORS, seed, tip, |tracker, laid| {
             if let Some(layer) = laid {
-                keeper.laid(layer, &tracker.estimate().systematic_errors);
+                keeper.record_layer(layer, &tracker.estimate().systematic_errors);
             }
-            match keeper.keep_clear(tracker, &[]) {
+            match keeper.ensure_clear(tracker, &[]) {
                 Ok(detour) => detours.extend(detour),
                 Err(too_near) => paused = Some(too_near),
             }

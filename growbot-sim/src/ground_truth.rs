@@ -5,23 +5,23 @@
 
 use growbot_client::arrival::Arrival;
 use growbot_client::client::ClientError;
-use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, MeasuredBy, Outcome};
+use growbot_client::growth::{GrowthError, GrowthReport, Job, JobEvent, MeasuredBy, Outcome};
 use growbot_client::port::PortError;
 use growbot_core::layer::{Layer, grow};
 
-use crate::tip::hand::Hand;
+use crate::tip::manual_action::ManualAction;
 use crate::tip::pins::SharedTip;
 
 /// Access to a simulated tip while a port communicates with its board.
-pub trait Simulation {
+pub trait SimulatedTip {
     /// Returns the layers that the tip has laid so far.
     ///
     /// # Errors
     /// If the tip can no longer be read.
-    fn laid(&mut self) -> Result<Laid, PortError>;
+    fn laid(&mut self) -> Result<LaidBody, PortError>;
 
     /// Performs a manual action on the tip. Returns false if it does not support any.
-    fn by_hand(&mut self, _hand: Hand) -> bool {
+    fn apply_action(&mut self, _hand: ManualAction) -> bool {
         false
     }
 
@@ -31,25 +31,25 @@ pub trait Simulation {
 
 /// Body of a simulated tip, from its steps.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Laid {
+pub struct LaidBody {
     /// Layers of the body.
     pub body: Vec<Layer>,
     /// Steps of the feed.
     pub feed_steps: u64,
 }
 
-impl Simulation for SharedTip {
-    fn laid(&mut self) -> Result<Laid, PortError> {
+impl SimulatedTip for SharedTip {
+    fn laid(&mut self) -> Result<LaidBody, PortError> {
         let tip = self.borrow();
-        Ok(Laid { body: tip.body(), feed_steps: tip.feed_steps() })
+        Ok(LaidBody { body: tip.body(), feed_steps: tip.feed_steps() })
     }
 
     fn settled(&mut self, from: usize) -> Vec<Layer> {
         self.borrow_mut().settled(from).to_vec()
     }
 
-    fn by_hand(&mut self, hand: Hand) -> bool {
-        self.borrow_mut().by_hand(hand);
+    fn apply_action(&mut self, hand: ManualAction) -> bool {
+        self.borrow_mut().apply_action(hand);
         true
     }
 }
@@ -59,15 +59,15 @@ impl Simulation for SharedTip {
 ///
 /// # Errors
 /// Those of `grow`, and if the tip cannot be read.
-pub fn compare(
-    simulation: Option<&mut Box<dyn Simulation>>,
+pub fn grow_with_ground_truth(
+    simulation: Option<&mut Box<dyn SimulatedTip>>,
     job: &Job,
     on_event: &mut dyn FnMut(&JobEvent),
-    grow: impl FnOnce(&mut dyn FnMut(&JobEvent)) -> Result<Grown, GrowthError>,
-) -> Result<Grown, GrowthError> {
+    grow: impl FnOnce(&mut dyn FnMut(&JobEvent)) -> Result<GrowthReport, GrowthError>,
+) -> Result<GrowthReport, GrowthError> {
     let Some(simulation) = simulation else { return grow(on_event) };
-    let mut truth =
-        Truth::from_here(simulation.as_mut()).map_err(|error| GrowthError::Before(ClientError::Port(error)))?;
+    let mut truth = TruthRecorder::from_here(simulation.as_mut())
+        .map_err(|error| GrowthError::NotStarted(ClientError::Port(error)))?;
     let mut grown = grow(&mut |event| {
         on_event(event);
         if let JobEvent::Laid { .. } = event {
@@ -75,36 +75,41 @@ pub fn compare(
         }
     })?;
     if grown.outcome != Outcome::Lost {
-        truth.measure(&mut grown, job, on_event).map_err(|error| GrowthError::During(ClientError::Port(error)))?;
+        truth.measure(&mut grown, job, on_event).map_err(|error| GrowthError::Interrupted(ClientError::Port(error)))?;
     }
     Ok(grown)
 }
 
 /// The truth about one growth, from the start of the body on.
-struct Truth<'a> {
-    simulation: &'a mut dyn Simulation,
+struct TruthRecorder<'a> {
+    simulation: &'a mut dyn SimulatedTip,
     /// Number of layers that the tip had laid before.
     layers_before: usize,
     feed_steps_before: u64,
     /// Number of layers since then whose plastic was reported.
-    told: usize,
+    reported: usize,
 }
 
-impl<'a> Truth<'a> {
-    fn from_here(simulation: &'a mut dyn Simulation) -> Result<Self, PortError> {
-        let Laid { body, feed_steps } = simulation.laid()?;
-        Ok(Self { simulation, layers_before: body.len(), feed_steps_before: feed_steps, told: 0 })
+impl<'a> TruthRecorder<'a> {
+    fn from_here(simulation: &'a mut dyn SimulatedTip) -> Result<Self, PortError> {
+        let LaidBody { body, feed_steps } = simulation.laid()?;
+        Ok(Self { simulation, layers_before: body.len(), feed_steps_before: feed_steps, reported: 0 })
     }
 
     fn report_settled(&mut self, on_event: &mut dyn FnMut(&JobEvent)) {
-        let settled = self.simulation.settled(self.layers_before.saturating_add(self.told));
+        let settled = self.simulation.settled(self.layers_before.saturating_add(self.reported));
         self.report(&settled, on_event);
     }
 
-    fn measure(&mut self, grown: &mut Grown, job: &Job, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), PortError> {
-        let Laid { mut body, feed_steps } = self.simulation.laid()?;
+    fn measure(
+        &mut self,
+        grown: &mut GrowthReport,
+        job: &Job,
+        on_event: &mut dyn FnMut(&JobEvent),
+    ) -> Result<(), PortError> {
+        let LaidBody { mut body, feed_steps } = self.simulation.laid()?;
         let body = body.split_off(self.layers_before.min(body.len()));
-        self.report(body.get(self.told..).unwrap_or_default(), on_event);
+        self.report(body.get(self.reported..).unwrap_or_default(), on_event);
         let end = grow(&job.start.frame(), body.iter().copied());
         let fed = feed_steps.saturating_sub(self.feed_steps_before) as f64;
         grown.measured_by = MeasuredBy::Tip;
@@ -117,10 +122,10 @@ impl<'a> Truth<'a> {
     fn report(&mut self, layers: &[Layer], on_event: &mut dyn FnMut(&JobEvent)) {
         if !layers.is_empty() {
             on_event(&JobEvent::Simulated {
-                from: u32::try_from(self.told).unwrap_or(u32::MAX),
+                from: u32::try_from(self.reported).unwrap_or(u32::MAX),
                 layers: layers.to_vec(),
             });
-            self.told += layers.len();
+            self.reported += layers.len();
         }
     }
 }

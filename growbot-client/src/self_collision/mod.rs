@@ -9,13 +9,13 @@
 //! `k l^2 / 8` of its chord (`k` the curvature, `l` the length), so the distance of two chords bounds that of the
 //! pieces. Long bodies that stay clear of themselves take a few steps a segment.
 
-mod tree;
+mod body_tree;
 
 use std::f64::consts::FRAC_PI_2;
 
 use growbot_core::path::Segment;
 
-use tree::{Body, Node, Span, bound};
+use body_tree::{Body, Node, Span, bound};
 
 /// Closest approach of a body to itself. Lengths in mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +38,7 @@ const MAX_PAIRS: usize = 4_000_000;
 /// Returns the closest approach of a body on this path to itself, if it is nearer than `diameter` (mm, positive).
 /// Compares only pairs of points of which the later one lies beyond `since` (mm along the body; 0 for the whole body).
 #[must_use]
-pub fn first_collision(path: &[Segment], diameter: f64, since: f64) -> Option<Collision> {
+pub fn closest_self_approach(path: &[Segment], diameter: f64, since: f64) -> Option<Collision> {
     search(path, diameter, since).0
 }
 

@@ -9,7 +9,7 @@ pub(super) const MAX_SEGMENTS: usize = 10_000;
 
 /// Fault of a plan file. The message contains the item, the value, the limit and a remedy.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum PlanFault {
+pub enum PlanCheckError {
     /// The plan is for a robot of another name.
     #[error(
         "the plan is for robot {plan:?}, not for {robot:?}: plan again for this robot, or choose that one with --robot"

@@ -5,14 +5,15 @@ use std::time::Duration;
 
 use growbot_core::link::message::{Empty, Fault, LayerLaid, Message, PauseCause, Refusal, State, Status};
 
-use super::handover::IN_ENGINE;
+use super::amendment::IN_ENGINE;
 use super::{
-    Grown, Growth, GrowthError, JobEvent, OnInterrupted, Order, Orders, Outcome, WhenParked, is_crash, report_crash,
+    Command, CommandQueue, GrowthError, GrowthReport, JobEvent, JobRunner, OnInterrupted, OnParked, Outcome, is_crash,
+    report_crash,
 };
 use crate::client::ClientError;
 
 /// Time to wait for an event before the orders are polled.
-const LOOK: Duration = Duration::from_millis(20);
+const EVENT_POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// Number of successive polls without an event before the status is requested.
 const QUIET_LOOKS: u32 = 100;
 /// Maximum number of status requests after the end, while events of some layers are still missing.
@@ -21,7 +22,7 @@ const MAX_QUESTIONS_AFTER_END: u32 = 40;
 const CALLS: u32 = 12;
 
 /// Schedule of the status requests.
-struct Questions {
+struct StatusPoll {
     /// True if the status is to be requested now.
     ask: bool,
     /// Number of successive polls without an event.
@@ -30,14 +31,14 @@ struct Questions {
     after_end: u32,
 }
 
-impl Default for Questions {
+impl Default for StatusPoll {
     /// Requests the status first, because a body of no length is done at once.
     fn default() -> Self {
         Self { ask: true, quiet_looks: 0, after_end: 0 }
     }
 }
 
-impl Questions {
+impl StatusPoll {
     /// Counts a poll for an event, which was `found` or not.
     fn count_look(&mut self, found: bool) {
         self.quiet_looks = if found { 0 } else { self.quiet_looks + 1 };
@@ -47,23 +48,31 @@ impl Questions {
     }
 }
 
-impl Growth<'_> {
+impl JobRunner<'_> {
     /// Follows the growth to its end and measures the body.
-    pub(super) fn finish(mut self, orders: &Orders, on_event: &mut dyn FnMut(&JobEvent)) -> Result<Grown, GrowthError> {
+    pub(super) fn finish(
+        mut self,
+        orders: &CommandQueue,
+        on_event: &mut dyn FnMut(&JobEvent),
+    ) -> Result<GrowthReport, GrowthError> {
         let mut outcome = self.follow(orders, on_event);
         for _ in 0..CALLS {
             match outcome {
-                Err(ClientError::Silent { .. } | ClientError::Garbage { .. } | ClientError::NotStopped { .. }) => {
-                    if let Err(error @ ClientError::NotStopped { .. }) = &outcome {
+                Err(
+                    ClientError::NoResponse { .. }
+                    | ClientError::Garbage { .. }
+                    | ClientError::StopNotAcknowledged { .. },
+                ) => {
+                    if let Err(error @ ClientError::StopNotAcknowledged { .. }) = &outcome {
                         // The stop is retried, but the user should not wait for that.
-                        on_event(&JobEvent::NotObeyed(error.to_string()));
+                        on_event(&JobEvent::CommandFailed(error.to_string()));
                     }
-                    on_event(&JobEvent::Silent);
-                    outcome = self.call_again(orders, on_event);
+                    on_event(&JobEvent::NoResponse);
+                    outcome = self.reconnect(orders, on_event);
                 }
                 // The board no longer knows this session, because it has restarted or another host has taken it.
                 Err(ClientError::Refused { refusal: Refusal::NoSession, .. }) => {
-                    outcome = self.call_again(orders, on_event);
+                    outcome = self.reconnect(orders, on_event);
                 }
                 _ => break,
             }
@@ -71,39 +80,43 @@ impl Growth<'_> {
         let outcome = match outcome {
             Ok(outcome) => outcome,
             Err(
-                ClientError::Silent { .. }
+                ClientError::NoResponse { .. }
                 | ClientError::Garbage { .. }
-                | ClientError::NotStopped { .. }
+                | ClientError::StopNotAcknowledged { .. }
                 | ClientError::Port(_),
-            ) if orders.stops() && self.client.emergency_stop().is_ok() => {
+            ) if orders.stop_requested() && self.client.emergency_stop().is_ok() => {
                 // The order was not answered, but the emergency stop was.
                 on_event(&JobEvent::State(State::EmergencyStop));
                 Outcome::Stopped
             }
-            Err(ClientError::Silent { .. } | ClientError::Garbage { .. }) => Outcome::Lost,
-            Err(ClientError::Held { .. } | ClientError::Refused { refusal: Refusal::NoSession, .. }) => {
+            Err(ClientError::NoResponse { .. } | ClientError::Garbage { .. }) => Outcome::Lost,
+            Err(ClientError::Owned { .. } | ClientError::Refused { refusal: Refusal::NoSession, .. }) => {
                 Outcome::Interrupted
             }
-            Err(error) => return Err(GrowthError::During(error)),
+            Err(error) => return Err(GrowthError::Interrupted(error)),
         };
         Ok(self.measure(outcome))
     }
 
     /// Opens another session and continues to follow the growth, if the board still has the job.
-    fn call_again(&mut self, orders: &Orders, on_event: &mut dyn FnMut(&JobEvent)) -> Result<Outcome, ClientError> {
-        if orders.stop_at_once() {
+    fn reconnect(
+        &mut self,
+        orders: &CommandQueue,
+        on_event: &mut dyn FnMut(&JobEvent),
+    ) -> Result<Outcome, ClientError> {
+        if orders.emergency_stop_requested() {
             // The emergency stop needs no session. A line on which no bytes arrive may still carry it.
             self.client.emergency_stop()?;
         }
-        let hello = self.client.hello_robot(self.job.robot)?;
-        on_event(&JobEvent::Back);
+        let hello = self.client.open_session_for(self.job.robot)?;
+        on_event(&JobEvent::Reconnected);
         if hello.boot_id != self.board.boot_id && is_crash(hello.reset_cause) {
             report_crash(self.client, on_event);
         }
         if self.sent.pending.as_ref().is_some_and(|amendment| amendment.plan_id == hello.status.plan_id) {
-            self.amended();
+            self.apply_amendment();
         } else if self.sent.pending.take().is_some() {
-            on_event(&JobEvent::NotAmended(None));
+            on_event(&JobEvent::AmendmentRejected(None));
         }
         if hello.boot_id != self.board.boot_id || hello.status.plan_id != self.job.plan_id {
             self.built.laid = hello.status.layers_laid;
@@ -112,22 +125,22 @@ impl Growth<'_> {
             return Ok(Outcome::Interrupted);
         }
         if self.outcome(&hello.status).is_none() || hello.status.state == State::Done {
-            self.attach(&hello.status, OnInterrupted::Again, on_event)?;
+            self.attach(&hello.status, OnInterrupted::Redo, on_event)?;
         }
         self.follow(orders, on_event)
     }
 
-    fn follow(&mut self, orders: &Orders, on_event: &mut dyn FnMut(&JobEvent)) -> Result<Outcome, ClientError> {
+    fn follow(&mut self, orders: &CommandQueue, on_event: &mut dyn FnMut(&JobEvent)) -> Result<Outcome, ClientError> {
         let mut stopped_by = None;
-        let mut questions = Questions::default();
+        let mut questions = StatusPoll::default();
         loop {
-            if let Some(order) = orders.next().filter(|order| stopped_by != Some(*order)) {
+            if let Some(order) = orders.pop().filter(|order| stopped_by != Some(*order)) {
                 // An order that did not reach the board is kept for the next session.
-                self.obey(order, on_event).inspect_err(|_| match order.may_be_repeated() {
-                    true => orders.give_back(order),
-                    false => on_event(&JobEvent::NotObeyed(order.is_uncertain())),
+                self.execute(order, on_event).inspect_err(|_| match order.may_be_repeated() {
+                    true => orders.requeue(order),
+                    false => on_event(&JobEvent::CommandFailed(order.uncertain_message())),
                 })?;
-                stopped_by = Some(order).filter(|order| *order >= Order::Stop);
+                stopped_by = Some(order).filter(|order| *order >= Command::Stop);
                 questions.ask = true;
             }
             if let Some(drift) = self.client.stop_if_clock_drifts()? {
@@ -137,12 +150,12 @@ impl Growth<'_> {
                 on_event(&JobEvent::Status(status));
                 return Ok(Outcome::ClockDrift(drift));
             }
-            if (std::mem::take(&mut questions.ask) || self.client.wants_clock())
+            if (std::mem::take(&mut questions.ask) || self.client.clock_sample_due())
                 && let Some(outcome) = self.ask_status(&mut questions, on_event)?
             {
                 return Ok(outcome);
             }
-            let event = self.client.event(LOOK)?;
+            let event = self.client.event(EVENT_POLL_INTERVAL)?;
             questions.count_look(event.is_some());
             match event {
                 // A layer beyond the job is invalid.
@@ -169,7 +182,7 @@ impl Growth<'_> {
     /// them is over.
     fn ask_status(
         &mut self,
-        questions: &mut Questions,
+        questions: &mut StatusPoll,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Option<Outcome>, ClientError> {
         let status = self.client.status()?;
@@ -203,7 +216,7 @@ impl Growth<'_> {
 
     /// Returns the outcome of a growth whose board has this status. `None` if it has not ended.
     fn outcome(&self, status: &Status) -> Option<Outcome> {
-        let waits = status.state == State::Parked && self.parked == WhenParked::Waits;
+        let waits = status.state == State::Parked && self.parked == OnParked::Wait;
         outcome(status.state, status.fault).filter(|_| !waits)
     }
 
@@ -213,24 +226,24 @@ impl Growth<'_> {
     }
 
     /// Executes an order. An order that does not suit the board's state is refused, and the growth continues.
-    fn obey(&mut self, order: Order, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
-        on_event(&JobEvent::Ordered(order));
+    fn execute(&mut self, order: Command, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
+        on_event(&JobEvent::Command(order));
         let done = match order {
-            Order::Preheat | Order::Unload | Order::Load | Order::Purge => match order.task(self.job.robot) {
+            Command::Preheat | Command::Unload | Command::Load | Command::Purge => match order.task(self.job.robot) {
                 Some(task) => self.client.maintain(task),
                 None => Ok(()),
             },
-            Order::Continue => {
+            Command::Continue => {
                 self.sent.pausing = false;
                 self.start()
             }
-            Order::Pause => self.client.request("to pause", &Message::Pause(Empty {})).map(drop),
-            Order::Stop => self.client.request("to stop", &Message::Stop(Empty {})).map(drop),
-            Order::EmergencyStop => self.client.emergency_stop(),
+            Command::Pause => self.client.request("to pause", &Message::Pause(Empty {})).map(drop),
+            Command::Stop => self.client.request("to stop", &Message::Stop(Empty {})).map(drop),
+            Command::EmergencyStop => self.client.emergency_stop(),
         };
         match done {
             Err(error @ ClientError::Refused { refusal, .. }) if is_temporary(&refusal) => {
-                on_event(&JobEvent::NotObeyed(error.to_string()));
+                on_event(&JobEvent::CommandFailed(error.to_string()));
                 Ok(())
             }
             done => done,
@@ -241,7 +254,7 @@ impl Growth<'_> {
     fn ingest_layer(&mut self, laid: &LayerLaid) {
         let commanded = self.job.layers.get(self.built.as_built.len());
         if let (Some(feedback), Some(layer)) = (&mut self.feedback, laid.as_built.as_ref().or(commanded)) {
-            feedback.laid(layer, laid.readings.as_ref());
+            feedback.record_layer(layer, laid.readings.as_ref());
         }
         self.built.as_built.push(laid.as_built);
     }

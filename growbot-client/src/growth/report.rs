@@ -6,13 +6,13 @@ use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::message::InterruptedLayer;
 use serde::{Deserialize, Serialize};
 
-use super::{Growth, Outcome};
+use super::{JobRunner, Outcome};
 use crate::arrival::Arrival;
-use crate::feedback::{FedBack, Feedback};
+use crate::feedback::{Feedback, FeedbackReport};
 
 /// Result of a growth.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Grown {
+pub struct GrowthReport {
     /// Outcome of the growth.
     pub outcome: Outcome,
     /// Plan id of the job.
@@ -33,7 +33,7 @@ pub struct Grown {
     /// Source of the measured arrival.
     pub measured_by: MeasuredBy,
     /// Result of the feedback. `None` without feedback.
-    pub fed_back: Option<FedBack>,
+    pub feedback: Option<FeedbackReport>,
 }
 
 /// Source of a measured arrival.
@@ -61,7 +61,7 @@ impl MeasuredBy {
     }
 }
 
-impl Grown {
+impl GrowthReport {
     /// Returns the length of the body, mm.
     #[must_use]
     pub fn length_mm(&self) -> f64 {
@@ -70,7 +70,7 @@ impl Grown {
 
     /// Returns the number of layers of which nothing is known.
     #[must_use]
-    pub fn unknown(&self) -> usize {
+    pub fn unknown_layers(&self) -> usize {
         self.as_built.iter().filter(|layer| layer.is_none()).count()
     }
 }
@@ -93,10 +93,10 @@ pub fn as_built_hash(layers: &[Option<LayerBytes>]) -> u64 {
     hasher.finish()
 }
 
-impl Growth<'_> {
+impl JobRunner<'_> {
     /// Builds the result from the steps that the board reports. With feedback, the end of the body is the estimate from
     /// the sensors.
-    pub(super) fn measure(self, outcome: Outcome) -> Grown {
+    pub(super) fn measure(self, outcome: Outcome) -> GrowthReport {
         let layers = as_built_or_commanded(&self.built.as_built, &self.job.layers);
         let body: Vec<Layer> = layers.map(|layer| decode(&layer)).collect();
         let length = body.iter().fold(0.0, |sum, layer| sum + layer.height);
@@ -106,7 +106,7 @@ impl Growth<'_> {
             Some(fed_back) => (MeasuredBy::Estimate, fed_back.estimate.base_from_tip),
             None => (MeasuredBy::Steps, grow(&self.job.start.frame(), body.iter().copied())),
         };
-        Grown {
+        GrowthReport {
             outcome,
             plan_id: self.job.plan_id,
             arrival: Arrival::of(&end, self.job.goal, self.job.length),
@@ -116,7 +116,7 @@ impl Growth<'_> {
             as_built: self.built.as_built,
             interrupted: self.built.interrupted,
             measured_by,
-            fed_back,
+            feedback: fed_back,
         }
     }
 }

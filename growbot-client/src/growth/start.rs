@@ -4,26 +4,26 @@ use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{BeginJob, BoardInfo, Message, Resume, State, Status};
 use growbot_core::robot::Robot;
 
-use super::{Growth, GrowthError, Job, JobEvent, Manner, OnInterrupted, is_crash, report_crash};
+use super::{GrowthError, GrowthOptions, Job, JobEvent, JobRunner, OnInterrupted, is_crash, report_crash};
 use crate::client::{Client, ClientError};
-use crate::feedback::Count;
+use crate::feedback::EncoderReference;
 
-impl<'a> Growth<'a> {
+impl<'a> JobRunner<'a> {
     /// Sends a new job to the board: as many layers as it can store.
     pub(super) fn begin(
         client: &'a mut Client,
         job: &Job<'a>,
-        manner: Manner<'a>,
+        manner: GrowthOptions<'a>,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Self, GrowthError> {
-        let hello = meet(client, job.robot, on_event)?;
+        let hello = open_session(client, job.robot, on_event)?;
         let Status { plan_id, layers_laid: laid, layer_count: layers, state, interrupted, .. } = hello.status;
         if plan_id != 0 && (laid > 0 || interrupted.is_some()) && laid < layers && state != State::Stopped {
             return Err(GrowthError::Unfinished { plan_id, laid, layers });
         }
         let mut growth = Self::new(client, job, manner, &hello);
-        growth.hand_over_all(on_event).map_err(GrowthError::Before)?;
-        growth.count_from_here(on_event).map_err(GrowthError::Before)?;
+        growth.hand_over_all(on_event).map_err(GrowthError::NotStarted)?;
+        growth.count_from_here(on_event).map_err(GrowthError::NotStarted)?;
         Ok(growth)
     }
 
@@ -33,38 +33,39 @@ impl<'a> Growth<'a> {
             layers: self.job.layers.len() as u32,
             robot_hash: self.job.robot.hash(),
         };
-        self.ask("to begin a job", &Message::Begin(begin))?;
+        self.request_accepted("to begin a job", &Message::Begin(begin))?;
         self.hand_over(on_event)
     }
 
     /// Resumes a job that the board knows.
-    pub(super) fn take_up(
+    pub(super) fn resume(
         client: &'a mut Client,
         job: &Job<'a>,
         known: Vec<Option<LayerBytes>>,
         interrupted: OnInterrupted,
-        manner: Manner<'a>,
+        manner: GrowthOptions<'a>,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Self, GrowthError> {
-        let hello = meet(client, job.robot, on_event)?;
+        let hello = open_session(client, job.robot, on_event)?;
         let mut growth = Self::new(client, job, manner, &hello);
         if hello.status.plan_id != growth.job.plan_id {
             return Err(GrowthError::nothing_to_resume(growth.job.plan_id, &hello.status));
         }
         growth.built.as_built = known;
-        growth.attach(&hello.status, interrupted, on_event).map_err(GrowthError::Before)?;
+        growth.attach(&hello.status, interrupted, on_event).map_err(GrowthError::NotStarted)?;
         Ok(growth)
     }
 
     /// Starts counting the filament now, unless the count already covers this start of the board.
     fn count_from_here(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
-        let Some(feedback) = self.feedback.as_mut().filter(|feedback| !feedback.counts_in(self.board.boot_id)) else {
+        let Some(feedback) = self.feedback.as_mut().filter(|feedback| !feedback.counts_since_boot(self.board.boot_id))
+        else {
             return Ok(());
         };
         let filament_pulses = self.client.sensors()?.filament_pulses;
-        let count = Count { boot_id: self.board.boot_id, laid: self.built.laid, filament_pulses };
-        feedback.count_from(&count);
-        on_event(&JobEvent::Counting(count));
+        let count = EncoderReference { boot_id: self.board.boot_id, laid: self.built.laid, filament_pulses };
+        feedback.set_encoder_reference(&count);
+        on_event(&JobEvent::EncoderReference(count));
         Ok(())
     }
 
@@ -74,14 +75,14 @@ impl<'a> Growth<'a> {
         interrupted: OnInterrupted,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<(), ClientError> {
-        let skip = status.interrupted.is_some() && interrupted == OnInterrupted::LetBe;
+        let skip = status.interrupted.is_some() && interrupted == OnInterrupted::Skip;
         self.built.laid = status.layers_laid;
         // Layers are reported again from the first unknown one on.
         let known = self.built.as_built.len().min(status.layers_laid as usize);
         self.built.as_built.truncate(known);
         let from = status.layers_laid.saturating_add(u32::from(skip));
         let resume = Resume { plan_id: self.job.plan_id, start_layer: from, reported_layers: known as u32 };
-        self.ask("to resume", &Message::Resume(resume))?;
+        self.request_accepted("to resume", &Message::Resume(resume))?;
         self.built.laid = from;
         self.count_from_here(on_event)?;
         // At rest, any remaining layer can be replaced.
@@ -92,8 +93,12 @@ impl<'a> Growth<'a> {
 }
 
 /// Opens a session with the board of a robot, and reports its identity and any crash as events.
-fn meet(client: &mut Client, robot: &Robot, on_event: &mut dyn FnMut(&JobEvent)) -> Result<BoardInfo, GrowthError> {
-    let hello = client.hello_robot(robot).map_err(GrowthError::Before)?;
+fn open_session(
+    client: &mut Client,
+    robot: &Robot,
+    on_event: &mut dyn FnMut(&JobEvent),
+) -> Result<BoardInfo, GrowthError> {
+    let hello = client.open_session_for(robot).map_err(GrowthError::NotStarted)?;
     on_event(&JobEvent::Board(hello.clone()));
     if is_crash(hello.reset_cause) {
         report_crash(client, on_event);

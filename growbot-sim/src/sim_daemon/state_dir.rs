@@ -9,31 +9,31 @@ use std::path::{Path, PathBuf};
 use growbot_core::robot::{MAX_ENCODED_LEN, Robot};
 use rustix::fs::{FlockOperation, flock};
 
-use super::ResidentError;
+use super::SimDaemonError;
 
 /// Maximum length of the path of a Unix socket, bytes.
 const LONGEST_SOCKET_PATH: usize = 107;
 
 /// The directory of a simulated robot.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Place {
+pub struct StateDir {
     name: String,
     directory: PathBuf,
 }
 
-impl Place {
+impl StateDir {
     /// Returns the place of a robot of this name: its own directory in `$XDG_STATE_HOME/growbot/robots` or
     /// `~/.local/state/growbot/robots`. A name that contains a slash is the directory itself.
     ///
     /// # Errors
     /// [`ResidentError::NoHome`].
-    pub fn of(name: &str) -> Result<Self, ResidentError> {
+    pub fn of(name: &str) -> Result<Self, SimDaemonError> {
         let absolute = |key: &str| env::var_os(key).map(PathBuf::from).filter(|path| path.is_absolute());
         let directory = if name.contains('/') {
             PathBuf::from(name)
         } else {
             let state = absolute("XDG_STATE_HOME").or_else(|| Some(absolute("HOME")?.join(".local/state")));
-            state.ok_or(ResidentError::NoHome)?.join("growbot/robots").join(name)
+            state.ok_or(SimDaemonError::NoHome)?.join("growbot/robots").join(name)
         };
         Ok(Self { name: name.to_owned(), directory })
     }
@@ -55,24 +55,24 @@ impl Place {
     }
 
     /// Returns the path of the socket of its line.
-    pub(super) fn line(&self) -> Result<PathBuf, ResidentError> {
+    pub(super) fn socket_path(&self) -> Result<PathBuf, SimDaemonError> {
         let path = self.file("line");
         if path.as_os_str().len() > LONGEST_SOCKET_PATH {
             let error =
                 io::Error::other(format!("a path of more than {LONGEST_SOCKET_PATH} bytes: choose a shorter one"));
-            return Err(ResidentError::File { what: "listen at", path, error });
+            return Err(SimDaemonError::File { what: "listen at", path, error });
         }
         Ok(path)
     }
 
     /// Creates the directory, with access for this user only.
-    pub(super) fn create(&self) -> Result<(), ResidentError> {
+    pub(super) fn create(&self) -> Result<(), SimDaemonError> {
         let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(&self.directory);
         made.map_err(|error| self.failed("create", self.directory.clone(), error))
     }
 
     /// Locks the robot for this process, until the file is closed. `None` if another process runs it.
-    pub(super) fn hold(&self) -> Result<Option<File>, ResidentError> {
+    pub(super) fn hold(&self) -> Result<Option<File>, SimDaemonError> {
         let path = self.file("lock");
         let file = File::options().create(true).truncate(false).write(true).open(&path);
         let file = file.map_err(|error| self.failed("open", path, error))?;
@@ -92,7 +92,7 @@ impl Place {
     ///
     /// # Errors
     /// If the file cannot be read.
-    pub fn robot(&self) -> Result<Option<Robot>, ResidentError> {
+    pub fn robot(&self) -> Result<Option<Robot>, SimDaemonError> {
         let path = self.file("robot");
         match fs::read(&path) {
             Ok(bytes) => match Robot::decode(&bytes) {
@@ -108,11 +108,11 @@ impl Place {
     ///
     /// # Errors
     /// [`ResidentError::OtherRobot`], or [`ResidentError::On`] if a process already runs the robot.
-    pub fn check(&self, robot: &Robot) -> Result<(), ResidentError> {
+    pub fn check(&self, robot: &Robot) -> Result<(), SimDaemonError> {
         if self.is_on() {
-            return Err(ResidentError::On(self.name.clone()));
+            return Err(SimDaemonError::AlreadyRunning(self.name.clone()));
         }
-        self.robot()?.map_or(Ok(()), |known| self.is_the_same(&known, robot))
+        self.robot()?.map_or(Ok(()), |known| self.check_same_robot(&known, robot))
     }
 
     /// Returns the pace of the robot's time, as a multiple of real time. `None` if unknown.
@@ -121,43 +121,43 @@ impl Place {
         fs::read_to_string(self.file("pace")).ok()?.trim().parse().ok()
     }
 
-    pub(super) fn set_pace(&self, pace: f64) -> Result<(), ResidentError> {
+    pub(super) fn set_pace(&self, pace: f64) -> Result<(), SimDaemonError> {
         self.write("pace", format!("{pace}\n").as_bytes())
     }
 
-    fn write(&self, name: &str, bytes: &[u8]) -> Result<(), ResidentError> {
+    fn write(&self, name: &str, bytes: &[u8]) -> Result<(), SimDaemonError> {
         let path = self.file(name);
-        let written = growbot_client::files::replace_file(&path, bytes);
+        let written = growbot_client::atomic_file::write_atomic(&path, bytes);
         written.map_err(|error| self.failed("write", path, io::Error::other(error.to_string())))
     }
 
-    fn is_the_same(&self, known: &Robot, asked: &Robot) -> Result<(), ResidentError> {
+    fn check_same_robot(&self, known: &Robot, asked: &Robot) -> Result<(), SimDaemonError> {
         if known.hash() == asked.hash() {
             return Ok(());
         }
-        Err(ResidentError::OtherRobot {
+        Err(SimDaemonError::OtherRobot {
             name: self.name.clone(),
-            is: format!("{} ({:016x})", known.name(), known.hash()),
-            asked: format!("{} ({:016x})", asked.name(), asked.hash()),
+            stored: format!("{} ({:016x})", known.name(), known.hash()),
+            requested: format!("{} ({:016x})", asked.name(), asked.hash()),
             directory: self.directory.display().to_string(),
         })
     }
 
     /// Assigns the directory to this robot, unless it belongs to another one.
-    pub(super) fn settle(&self, robot: &Robot) -> Result<(), ResidentError> {
+    pub(super) fn claim(&self, robot: &Robot) -> Result<(), SimDaemonError> {
         match self.robot()? {
-            Some(known) => self.is_the_same(&known, robot),
-            None => self.become_another(robot),
+            Some(known) => self.check_same_robot(&known, robot),
+            None => self.store_robot(robot),
         }
     }
 
     /// Assigns the directory to this robot, even if it belonged to another one.
-    pub(super) fn become_another(&self, robot: &Robot) -> Result<(), ResidentError> {
+    pub(super) fn store_robot(&self, robot: &Robot) -> Result<(), SimDaemonError> {
         let mut buffer = [0; MAX_ENCODED_LEN];
         self.write("robot", robot.encode(&mut buffer).unwrap_or_default())
     }
 
-    pub(super) fn failed(&self, what: &'static str, path: PathBuf, error: io::Error) -> ResidentError {
-        ResidentError::File { what, path, error }
+    pub(super) fn failed(&self, what: &'static str, path: PathBuf, error: io::Error) -> SimDaemonError {
+        SimDaemonError::File { what, path, error }
     }
 }

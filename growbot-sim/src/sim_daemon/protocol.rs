@@ -8,21 +8,21 @@ use growbot_core::simulation::{Disturbance, ErrorModel};
 use growbot_core::tracking::SensorNoise;
 use serde::{Deserialize, Serialize};
 
+use crate::ground_truth::LaidBody;
 use crate::port::TipSettings;
-use crate::tip::hand::Hand;
-use crate::truth::Laid;
+use crate::tip::manual_action::ManualAction;
 
 /// Version of these messages, to be changed with them.
-pub const RELEASE: u32 = 2;
+pub const PROTOCOL_VERSION: u32 = 2;
 
 /// Request to the process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Ask {
+pub enum Request {
     /// Opens the line, exclusively unless it is for the emergency stop. This is the first request.
-    Open { release: u32, alone: bool },
+    Open { release: u32, exclusive: bool },
     /// Sets the start and the disturbances of the tip.
-    Tip(TipWords),
+    Tip(TipSettingsJson),
     /// Sends bytes to the board.
     Send(Vec<u8>),
     /// Receives bytes from the board, with a timeout in its time.
@@ -32,7 +32,7 @@ pub enum Ask {
     /// Requests the layers that no longer change.
     Settled { from: usize },
     /// Performs an action on the tip by hand.
-    Hand(Hand),
+    Hand(ManualAction),
     /// Resets the board.
     Reset,
     /// Ends the process immediately.
@@ -42,7 +42,7 @@ pub enum Ask {
 /// Response of the process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Answer {
+pub enum Response {
     /// The request is executed. Contains the board's time.
     Done { now_us: u64 },
     /// Bytes from the board, empty after the timeout. Contains the board's time.
@@ -55,21 +55,21 @@ pub enum Answer {
     OtherRelease,
 }
 
-impl Answer {
+impl Response {
     pub fn of_layers(layers: &[Layer], feed_steps: u64) -> Self {
         Self::Laid { layers: layers.iter().map(|layer| [layer.alpha, layer.height, layer.tilt]).collect(), feed_steps }
     }
 }
 
 /// Converts a response to the layers that a tip has laid.
-pub fn laid(layers: &[[f64; 3]], feed_steps: u64) -> Laid {
+pub fn laid(layers: &[[f64; 3]], feed_steps: u64) -> LaidBody {
     let body = layers.iter().map(|&[alpha, height, tilt]| Layer { alpha, height, tilt }).collect();
-    Laid { body, feed_steps }
+    LaidBody { body, feed_steps }
 }
 
 /// [`TipSettings`] as numbers, without the pace.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct TipWords {
+pub struct TipSettingsJson {
     /// Pose: x, y, z in mm, heading and pitch in degrees.
     start: Option<[f64; 5]>,
     disturbance: [f64; 8],
@@ -77,7 +77,7 @@ pub struct TipWords {
     seed: u64,
 }
 
-impl From<&TipSettings> for TipWords {
+impl From<&TipSettings> for TipSettingsJson {
     fn from(settings: &TipSettings) -> Self {
         let ErrorModel { disturbance: of, noise, seed } = settings.imperfection;
         Self {
@@ -98,8 +98,8 @@ impl From<&TipSettings> for TipWords {
     }
 }
 
-impl From<TipWords> for TipSettings {
-    fn from(words: TipWords) -> Self {
+impl From<TipSettingsJson> for TipSettings {
+    fn from(words: TipSettingsJson) -> Self {
         let [growth_noise, growth_bias, tilt_noise, tilt_bias, alpha_noise, alpha_bias, twist_noise, twist_bias] =
             words.disturbance;
         let disturbance = Disturbance {

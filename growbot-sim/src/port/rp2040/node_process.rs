@@ -7,7 +7,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use growbot_client::port::PortError;
 use growbot_core::robot::{Board, Signal};
 
-use super::Line;
+use super::HostLink;
 use crate::tip::Motor;
 
 /// Path of the script in the source directory.
@@ -26,7 +26,7 @@ const NO_GRAVITY: [i16; 3] = [i16::MIN; 3];
 
 /// Reason why the emulated Pico does not run.
 #[derive(Debug, thiserror::Error)]
-pub enum BenchError {
+pub enum Rp2040Error {
     /// The image does not exist. The field is its path.
     #[error("there is no firmware at {}: build it with `cargo build-pico`", .0.display())]
     NoFirmware(PathBuf),
@@ -44,8 +44,8 @@ pub enum BenchError {
     Ended(String),
 }
 
-impl From<BenchError> for PortError {
-    fn from(error: BenchError) -> Self {
+impl From<Rp2040Error> for PortError {
+    fn from(error: Rp2040Error) -> Self {
         Self::Simulated(Box::new(error))
     }
 }
@@ -65,7 +65,7 @@ pub(super) struct Run {
 
 /// Outputs of the board during a run.
 #[derive(Debug)]
-pub(super) struct Answer {
+pub(super) struct RunResponse {
     pub now_ns: u64,
     /// Shares of the time in which heater and fan were on.
     pub heater: f64,
@@ -85,7 +85,7 @@ pub(super) struct Edge {
     /// Time since the beginning of the run, ns.
     pub after_ns: u32,
     pub output: Output,
-    pub state: State,
+    pub state: PinState,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -97,7 +97,7 @@ pub(super) enum Output {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum State {
+pub(super) enum PinState {
     Low,
     High,
     Floating,
@@ -105,7 +105,7 @@ pub(super) enum State {
 
 /// Ways to crash the firmware of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Crash {
+pub enum CrashMode {
     /// The main loop hangs.
     Hangs,
     /// The processor faults.
@@ -132,33 +132,33 @@ fn pins(board: &Board) -> serde_json::Value {
 }
 
 /// Node with the emulator. It ends when this is dropped.
-pub(super) struct Bench {
+pub(super) struct NodeProcess {
     node: Child,
     to: ChildStdin,
     from: ChildStdout,
 }
 
-impl Drop for Bench {
+impl Drop for NodeProcess {
     fn drop(&mut self) {
         let _ = self.node.kill();
         let _ = self.node.wait();
     }
 }
 
-impl Bench {
+impl NodeProcess {
     /// Starts Node with the firmware's image on a board with these pins. If `figures` is given, the costs of the step
     /// interrupt and the stack are written to that file.
-    pub fn start(firmware: &Path, board: &Board, line: Line, figures: Option<&Path>) -> Result<Self, BenchError> {
+    pub fn start(firmware: &Path, board: &Board, line: HostLink, figures: Option<&Path>) -> Result<Self, Rp2040Error> {
         if !firmware.is_file() {
-            return Err(BenchError::NoFirmware(firmware.to_path_buf()));
+            return Err(Rp2040Error::NoFirmware(firmware.to_path_buf()));
         }
         let script = script();
         if !script.is_file() {
-            return Err(BenchError::NoScript(script));
+            return Err(Rp2040Error::NoScript(script));
         }
         let emulator = script.with_file_name(EMULATOR);
         if !emulator.is_dir() {
-            return Err(BenchError::NoEmulator(emulator));
+            return Err(Rp2040Error::NoEmulator(emulator));
         }
         let mut command = Command::new("node");
         command.env("RP2040_PINS", pins(board).to_string());
@@ -170,14 +170,14 @@ impl Bench {
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
         command.envs(figures.map(|file| (FIGURES, file)));
-        let mut node = command.spawn().map_err(BenchError::NoNode)?;
+        let mut node = command.spawn().map_err(Rp2040Error::NoNode)?;
         let (Some(to), Some(from)) = (node.stdin.take(), node.stdout.take()) else {
-            return Err(BenchError::Ended("it has no standard input and output".to_owned()));
+            return Err(Rp2040Error::Ended("it has no standard input and output".to_owned()));
         };
         Ok(Self { node, to, from })
     }
 
-    pub fn run(&mut self, run: &Run, bytes: &[u8]) -> Result<Answer, BenchError> {
+    pub fn run(&mut self, run: &Run, bytes: &[u8]) -> Result<RunResponse, Rp2040Error> {
         let mut request = vec![0];
         request.extend((run.until_ns as f64).to_le_bytes());
         request.extend(run.steps.iter().flat_map(|steps| steps.to_le_bytes()));
@@ -188,39 +188,39 @@ impl Bench {
         request.push(levels);
         request.extend(run.gravity.unwrap_or(NO_GRAVITY).iter().flat_map(|part| part.to_le_bytes()));
         request.extend(bytes);
-        self.ask(&request)
+        self.request(&request)
     }
 
-    pub fn lose_power_after(&mut self, bytes: u32) -> Result<Answer, BenchError> {
+    pub fn lose_power_after(&mut self, bytes: u32) -> Result<RunResponse, Rp2040Error> {
         let [a, b, c, d] = bytes.to_le_bytes();
-        self.ask(&[1, a, b, c, d])
+        self.request(&[1, a, b, c, d])
     }
 
-    pub fn power_up(&mut self) -> Result<Answer, BenchError> {
-        self.ask(&[2])
+    pub fn power_up(&mut self) -> Result<RunResponse, Rp2040Error> {
+        self.request(&[2])
     }
 
-    pub fn slow_flash(&mut self, times: f64) -> Result<Answer, BenchError> {
+    pub fn slow_flash(&mut self, times: f64) -> Result<RunResponse, Rp2040Error> {
         let mut request = vec![3];
         request.extend(times.to_le_bytes());
-        self.ask(&request)
+        self.request(&request)
     }
 
-    pub fn keep_flash(&mut self) -> Result<Answer, BenchError> {
-        self.ask(&[5])
+    pub fn keep_flash(&mut self) -> Result<RunResponse, Rp2040Error> {
+        self.request(&[5])
     }
 
-    pub fn restore_flash(&mut self) -> Result<Answer, BenchError> {
-        self.ask(&[6])
+    pub fn restore_flash(&mut self) -> Result<RunResponse, Rp2040Error> {
+        self.request(&[6])
     }
 
-    pub fn crash(&mut self, how: Crash) -> Result<Answer, BenchError> {
-        self.ask(&[4, how as u8])
+    pub fn crash(&mut self, how: CrashMode) -> Result<RunResponse, Rp2040Error> {
+        self.request(&[4, how as u8])
     }
 
-    fn ask(&mut self, request: &[u8]) -> Result<Answer, BenchError> {
+    fn request(&mut self, request: &[u8]) -> Result<RunResponse, Rp2040Error> {
         let answer = self.exchange(request).map_err(|error| self.last_words(&error))?;
-        Answer::parse(&answer).ok_or_else(|| BenchError::Ended("its answer cannot be read".to_owned()))
+        RunResponse::parse(&answer).ok_or_else(|| Rp2040Error::Ended("its answer cannot be read".to_owned()))
     }
 
     fn exchange(&mut self, request: &[u8]) -> io::Result<Vec<u8>> {
@@ -235,18 +235,18 @@ impl Bench {
     }
 
     /// Returns an error with the message that Node printed when it ended.
-    fn last_words(&mut self, error: &io::Error) -> BenchError {
+    fn last_words(&mut self, error: &io::Error) -> Rp2040Error {
         let mut said = String::new();
         if let Some(mut errors) = self.node.stderr.take() {
             let _ = errors.read_to_string(&mut said);
         }
         // The line with the error's message is above its stack.
         let message = said.lines().find(|line| line.contains("Error")).map(str::trim);
-        BenchError::Ended(message.map_or_else(|| error.to_string(), str::to_owned))
+        Rp2040Error::Ended(message.map_or_else(|| error.to_string(), str::to_owned))
     }
 }
 
-impl Answer {
+impl RunResponse {
     fn parse(bytes: &[u8]) -> Option<Self> {
         let (head, rest) = bytes.split_at_checked(HEAD)?;
         let double = |at: usize| Some(f64::from_le_bytes(head.get(at..at + 8)?.try_into().ok()?));
@@ -271,7 +271,7 @@ impl Edge {
     fn parse(bytes: &[u8; EDGE]) -> Option<Self> {
         let word = u64::from_le_bytes(*bytes);
         let code = (word >> 32) as usize;
-        let state = [State::Low, State::High, State::Floating].get(code % 4)?;
+        let state = [PinState::Low, PinState::High, PinState::Floating].get(code % 4)?;
         Some(Self { after_ns: word as u32, output: *OUTPUTS.get(code / 4)?, state: *state })
     }
 }

@@ -8,7 +8,7 @@ use super::{Tip, TipFault};
 /// A manual action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Hand {
+pub enum ManualAction {
     /// Turns the head by this number of 64ths of a turn.
     TurnHead(i32),
     /// Takes the filament out of its switch, or puts it back.
@@ -25,9 +25,9 @@ pub enum Hand {
 
 impl Tip {
     /// Performs this action, as if the motors were released.
-    pub fn by_hand(&mut self, hand: Hand) {
+    pub fn apply_action(&mut self, hand: ManualAction) {
         match hand {
-            Hand::TurnHead(sixty_fourths) => {
+            ManualAction::TurnHead(sixty_fourths) => {
                 let steps = i64::from(sixty_fourths) * i64::from(self.mark.steps_per_turn) / 64;
                 self.sync();
                 for _ in 0..steps.unsigned_abs() {
@@ -36,11 +36,11 @@ impl Tip {
                 self.position += steps;
                 self.slipped += steps;
             }
-            Hand::TakeFilament(taken) => self.break_or_mend(TipFault::FilamentOut, taken),
-            Hand::PressEmergencyStop(pressed) => self.break_or_mend(TipFault::EmergencyStop, pressed),
-            Hand::DisconnectHeater(off) => self.break_or_mend(TipFault::HeaterOpen, off),
-            Hand::FreeFilament(free) => self.filament.free(free),
-            Hand::LayDown(down) => {
+            ManualAction::TakeFilament(taken) => self.break_or_mend(TipFault::FilamentOut, taken),
+            ManualAction::PressEmergencyStop(pressed) => self.break_or_mend(TipFault::EmergencyStop, pressed),
+            ManualAction::DisconnectHeater(off) => self.break_or_mend(TipFault::HeaterOpen, off),
+            ManualAction::FreeFilament(free) => self.filament.set_free(free),
+            ManualAction::LayDown(down) => {
                 let pitch = if down { 0.0 } else { 90.0 };
                 if let Ok(pose) = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, pitch]) {
                     self.start_at(&pose);
@@ -53,7 +53,7 @@ impl Tip {
         if breaks {
             self.inject(fault);
         } else {
-            self.mend(fault);
+            self.clear_fault(fault);
         }
     }
 }
@@ -75,7 +75,7 @@ mod tests {
         let steps = i64::from(tip.mark.steps_per_turn);
         let mut seen = Vec::new();
         for _ in 0..64 {
-            tip.by_hand(Hand::TurnHead(1));
+            tip.apply_action(ManualAction::TurnHead(1));
             seen.push(tip.mark.covers(tip.head_position()));
         }
         assert!(seen.contains(&true) && seen.contains(&false));
@@ -85,15 +85,15 @@ mod tests {
     #[test]
     fn freed_filament_passes_a_cold_nozzle() {
         let mut tip = tip();
-        tip.enable(Motor::Feed, true);
-        tip.direct(Motor::Feed, true);
+        tip.set_enabled(Motor::Feed, true);
+        tip.set_direction(Motor::Feed, true);
         let feed = |tip: &mut Tip| (0..100).for_each(|_| tip.step(Motor::Feed));
         feed(&mut tip);
         assert_eq!(tip.cold_feed_steps(), 100);
-        tip.by_hand(Hand::FreeFilament(true));
+        tip.apply_action(ManualAction::FreeFilament(true));
         feed(&mut tip);
         assert_eq!(tip.cold_feed_steps(), 100);
-        tip.by_hand(Hand::FreeFilament(false));
+        tip.apply_action(ManualAction::FreeFilament(false));
         feed(&mut tip);
         assert_eq!(tip.cold_feed_steps(), 200);
     }

@@ -22,7 +22,7 @@ pub struct Damage {
 impl Damage {
     /// Returns a message for users. `None` if all lines could be read. `file` is the name of the log.
     #[must_use]
-    pub fn in_words(&self, file: &str) -> Option<String> {
+    pub fn message(&self, file: &str) -> Option<String> {
         let Self { lines, first, cut_off } = self;
         let skipped = match lines {
             0 => None,
@@ -64,14 +64,14 @@ impl<'a> Events<'a> {
     }
 
     /// Returns the next line that is a JSON object.
-    pub(super) fn next_line(&mut self) -> Option<Line> {
+    pub(super) fn next_line(&mut self) -> Option<LogLine> {
         while !self.rest.is_empty() {
             let end = self.rest.iter().position(|byte| *byte == b'\n').map_or(self.rest.len(), |end| end + 1);
             let (line, rest) = self.rest.split_at(end);
             self.rest = rest;
             self.number += 1;
             let text = line.trim_ascii();
-            match (text.len() <= LONGEST_LINE).then(|| Line::read(text)).flatten() {
+            match (text.len() <= LONGEST_LINE).then(|| LogLine::read(text)).flatten() {
                 Some(line) => return Some(line),
                 // This line was torn before its first byte.
                 None if text.is_empty() => {}
@@ -93,7 +93,7 @@ impl Iterator for Events<'_> {
 
     fn next(&mut self) -> Option<RunEvent> {
         loop {
-            if let Line::Event(event) = self.next_line()? {
+            if let LogLine::Event(event) = self.next_line()? {
                 return Some(event);
             }
         }
@@ -101,14 +101,14 @@ impl Iterator for Events<'_> {
 }
 
 /// A line that is a JSON object.
-pub(super) enum Line {
+pub(super) enum LogLine {
     /// An event.
     Event(RunEvent),
     /// Another object: an event that this version does not know, or with values that it cannot read.
     Other(Map<String, Value>),
 }
 
-impl Line {
+impl LogLine {
     fn read(text: &[u8]) -> Option<Self> {
         match serde_json::from_slice::<RunLine>(text) {
             Ok(line) => Some(Self::Event(line.event)),
@@ -128,9 +128,9 @@ mod tests {
         let read: Vec<RunEvent> = events.by_ref().collect();
         assert_eq!(read, [RunEvent::Silent, RunEvent::Back, RunEvent::State { state: "idle".to_owned() }]);
         assert_eq!(events.damage, Damage { lines: 3, first: 2, cut_off: 5 });
-        let words = events.damage.in_words("run").unwrap();
+        let words = events.damage.message("run").unwrap();
         assert!(words.contains("3 lines of run, the first is line 2") && words.contains("last 5 bytes"), "{words}");
-        assert_eq!(Damage::default().in_words("run"), None);
+        assert_eq!(Damage::default().message("run"), None);
         // A last line that only lacks its newline is complete.
         assert_eq!(Events::of(b"{\"event\":\"silent\"}").count(), 1);
     }

@@ -5,7 +5,9 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Grown, GrowthError, Job, JobEvent, Manner, Order, Orders, Outcome, WhenParked, grow_job};
+use growbot_client::growth::{
+    Command, CommandQueue, GrowthError, GrowthOptions, GrowthReport, Job, JobEvent, OnParked, Outcome, grow_job,
+};
 use growbot_client::port::{Port, PortError};
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::FrameDecoder;
@@ -16,37 +18,40 @@ use growbot_core::robot::Robot;
 use growbot_sim::port::sim::Sim;
 
 /// Grows 20 upright layers. `order` receives all events and sends commands. Also returns the events.
-fn grow(order: impl FnMut(&JobEvent, &Orders)) -> (Grown, Vec<JobEvent>) {
+fn grow(order: impl FnMut(&JobEvent, &CommandQueue)) -> (GrowthReport, Vec<JobEvent>) {
     grow_over(order, |sim| Box::new(sim))
 }
 
 /// Like [`grow`], over another connection.
-fn grow_over(order: impl FnMut(&JobEvent, &Orders), line: impl FnOnce(Sim) -> Box<dyn Port>) -> (Grown, Vec<JobEvent>) {
+fn grow_over(
+    order: impl FnMut(&JobEvent, &CommandQueue),
+    line: impl FnOnce(Sim) -> Box<dyn Port>,
+) -> (GrowthReport, Vec<JobEvent>) {
     let (grown, told) = try_to_grow(order, line);
     (grown.unwrap(), told)
 }
 
 /// Like [`grow_over`], but the growth may fail.
 fn try_to_grow(
-    order: impl FnMut(&JobEvent, &Orders),
+    order: impl FnMut(&JobEvent, &CommandQueue),
     line: impl FnOnce(Sim) -> Box<dyn Port>,
-) -> (Result<Grown, GrowthError>, Vec<JobEvent>) {
+) -> (Result<GrowthReport, GrowthError>, Vec<JobEvent>) {
     try_to_grow_in(HostSilencePolicy::Pause.into(), order, line)
 }
 
 /// Like [`try_to_grow`], with these options.
 fn try_to_grow_in(
-    manner: Manner,
-    mut order: impl FnMut(&JobEvent, &Orders),
+    manner: GrowthOptions,
+    mut order: impl FnMut(&JobEvent, &CommandQueue),
     line: impl FnOnce(Sim) -> Box<dyn Port>,
-) -> (Result<Grown, GrowthError>, Vec<JobEvent>) {
+) -> (Result<GrowthReport, GrowthError>, Vec<JobEvent>) {
     let robot: Robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
     let path = [Segment::Straight { length: 20.0 * 0.774 }];
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&end(&path, &start.frame()));
     let job = Job::new(&robot, &start, &goal, &path);
     let mut client = Client::new(line(Sim::new(robot.clone())), "sim");
-    let (orders, mut told) = (Orders::default(), Vec::new());
+    let (orders, mut told) = (CommandQueue::default(), Vec::new());
     let grown = grow_job(&mut client, &job, manner, &orders, &mut |event| {
         order(event, &orders);
         told.push(event.clone());
@@ -61,14 +66,14 @@ fn tells(told: &[JobEvent], expected: &JobEvent) -> usize {
 #[test]
 fn a_growth_holds_and_goes_on_as_ordered_and_each_layer_is_laid_once() {
     let (grown, told) = grow(|event, orders| match event {
-        JobEvent::Laid { index: 4, .. } => orders.give(Order::Pause),
-        JobEvent::State(State::Paused) => orders.give(Order::Continue),
+        JobEvent::Laid { index: 4, .. } => orders.push(Command::Pause),
+        JobEvent::State(State::Paused) => orders.push(Command::Continue),
         _ => {}
     });
     assert_eq!(grown.outcome, Outcome::Done);
     assert_eq!((grown.body.len(), tells(&told, &JobEvent::State(State::Paused))), (20, 1));
     assert_eq!(
-        (tells(&told, &JobEvent::Ordered(Order::Pause)), tells(&told, &JobEvent::Ordered(Order::Continue))),
+        (tells(&told, &JobEvent::Command(Command::Pause)), tells(&told, &JobEvent::Command(Command::Continue))),
         (1, 1)
     );
     assert_eq!(told.iter().filter(|event| matches!(event, JobEvent::Laid { .. })).count(), 20);
@@ -77,40 +82,40 @@ fn a_growth_holds_and_goes_on_as_ordered_and_each_layer_is_laid_once() {
 #[test]
 fn a_parked_growth_waits_where_somebody_can_continue_it_and_ends_elsewhere() {
     let park = |parked| {
-        let manner = Manner { silence: HostSilencePolicy::Pause, feedback: None, parked };
+        let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback: None, parked };
         let (grown, told) = try_to_grow_in(
             manner,
             |event, orders| match event {
-                JobEvent::Laid { index: 4, .. } => orders.give(Order::Pause),
+                JobEvent::Laid { index: 4, .. } => orders.push(Command::Pause),
                 // Continues only after a status without other events has reported that the board waits.
-                JobEvent::Status(status) if status.state == State::Parked => orders.give(Order::Continue),
+                JobEvent::Status(status) if status.state == State::Parked => orders.push(Command::Continue),
                 _ => {}
             },
             |sim| Box::new(sim),
         );
         (grown.unwrap(), told)
     };
-    let (grown, told) = park(WhenParked::Waits);
+    let (grown, told) = park(OnParked::Wait);
     assert_eq!((grown.outcome, grown.body.len()), (Outcome::Done, 20));
     assert_eq!(told.iter().filter(|event| matches!(event, JobEvent::Laid { .. })).count(), 20);
     assert_eq!(tells(&told, &JobEvent::State(State::Homing)), 2, "it homes anew");
 
-    let (grown, told) = park(WhenParked::Ends);
+    let (grown, told) = park(OnParked::End);
     assert_eq!(grown.outcome, Outcome::Parked);
-    assert_eq!(tells(&told, &JobEvent::Ordered(Order::Continue)), 0);
+    assert_eq!(tells(&told, &JobEvent::Command(Command::Continue)), 0);
 }
 
 #[test]
 fn a_growth_stops_as_ordered_and_at_once_where_it_must() {
-    for order in [Order::Stop, Order::EmergencyStop] {
+    for order in [Command::Stop, Command::EmergencyStop] {
         let (grown, told) = grow(|event, orders| {
             if let JobEvent::Laid { index: 4, .. } = event {
-                orders.give(order);
+                orders.push(order);
             }
         });
         assert_eq!(grown.outcome, Outcome::Stopped);
         assert!((5..=6).contains(&grown.as_built.len()), "{order:?}: {}", grown.as_built.len());
-        assert_eq!(tells(&told, &JobEvent::Ordered(order)), 1);
+        assert_eq!(tells(&told, &JobEvent::Command(order)), 1);
     }
 }
 
@@ -148,7 +153,7 @@ fn a_stop_that_does_not_get_through_becomes_an_emergency_stop() {
         |event, orders| {
             if let JobEvent::Laid { index: 4, .. } = event {
                 is_stalled.set(true);
-                orders.give(Order::Stop);
+                orders.push(Command::Stop);
             }
         },
         |sim| {
@@ -192,7 +197,7 @@ impl Port for Disconnecting {
 #[test]
 fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
     // The losses exceed the retries of a command, but not those of all requests.
-    for (order, losses) in [(Order::Pause, 150), (Order::Stop, 150), (Order::EmergencyStop, 50)] {
+    for (order, losses) in [(Command::Pause, 150), (Command::Stop, 150), (Command::EmergencyStop, 50)] {
         let cut = Rc::new(Cell::new(0));
         let mut given = false;
         let (grown, told) = grow_over(
@@ -200,18 +205,18 @@ fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
                 JobEvent::Laid { index: 4, .. } if !given => {
                     given = true;
                     cut.set(losses);
-                    orders.give(order);
+                    orders.push(order);
                 }
                 // The board holds by now, because of the command or because its host was silent.
-                JobEvent::Status(status) if status.state == State::Paused => orders.give(Order::Continue),
+                JobEvent::Status(status) if status.state == State::Paused => orders.push(Command::Continue),
                 _ => {}
             },
             |sim| Box::new(Disconnecting { sim, losses: Rc::clone(&cut) }),
         );
-        let expected = if order == Order::Pause { Outcome::Done } else { Outcome::Stopped };
+        let expected = if order == Command::Pause { Outcome::Done } else { Outcome::Stopped };
         assert_eq!((grown.outcome, cut.get()), (expected, 0), "{order:?}");
-        assert!(tells(&told, &JobEvent::Silent) > 0, "{order:?} was not cut off");
-        assert!(tells(&told, &JobEvent::Ordered(order)) > 1, "{order:?} was not given again");
+        assert!(tells(&told, &JobEvent::NoResponse) > 0, "{order:?} was not cut off");
+        assert!(tells(&told, &JobEvent::Command(order)) > 1, "{order:?} was not given again");
     }
 }
 
@@ -254,7 +259,7 @@ fn a_start_whose_answer_is_lost_may_have_heated() {
     let starts = Rc::default();
     let outcome = try_to_grow(|_, _| {}, |sim| Box::new(Overheard::new(sim, &starts, true))).0;
     assert!(starts.get() > 0);
-    let Err(error @ GrowthError::During(_)) = outcome else { panic!("{outcome:?}") };
+    let Err(error @ GrowthError::Interrupted(_)) = outcome else { panic!("{outcome:?}") };
     assert!(error.to_string().contains("the robot may still be growing"), "{error}");
 }
 
@@ -265,7 +270,7 @@ fn a_stop_before_the_start_heats_nothing() {
         let (grown, _) = grow_over(
             |event, orders| {
                 if stops && matches!(event, JobEvent::Board(_)) {
-                    orders.give(Order::Stop);
+                    orders.push(Command::Stop);
                 }
             },
             |sim| Box::new(Overheard::new(sim, &starts, false)),
@@ -278,15 +283,15 @@ fn a_stop_before_the_start_heats_nothing() {
 #[test]
 fn an_order_in_any_state_leaves_the_body_whole() {
     for (state, order) in
-        [(State::Heating, Order::Pause), (State::Homing, Order::Pause), (State::Growing, Order::Continue)]
+        [(State::Heating, Command::Pause), (State::Homing, Command::Pause), (State::Growing, Command::Continue)]
     {
         let (grown, told) = grow(|event, orders| match event {
-            JobEvent::State(now) if *now == state => orders.give(order),
-            JobEvent::State(State::Paused) | JobEvent::NotObeyed(_) => orders.give(Order::Continue),
+            JobEvent::State(now) if *now == state => orders.push(order),
+            JobEvent::State(State::Paused) | JobEvent::CommandFailed(_) => orders.push(Command::Continue),
             _ => {}
         });
         assert_eq!((grown.outcome, grown.body.len()), (Outcome::Done, 20), "{state:?}, {order:?}");
-        assert_eq!(tells(&told, &JobEvent::State(State::Paused)) > 0, order == Order::Pause, "{state:?}, {order:?}");
+        assert_eq!(tells(&told, &JobEvent::State(State::Paused)) > 0, order == Command::Pause, "{state:?}, {order:?}");
     }
 }
 
@@ -294,13 +299,14 @@ fn an_order_in_any_state_leaves_the_body_whole() {
 #[test]
 fn a_growth_out_of_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
     let board = Rc::new(RefCell::new(None::<Rc<RefCell<Sim>>>));
-    let (sim_of, mut steps) = (Rc::clone(&board), vec![Order::Continue, Order::Purge, Order::Load, Order::Preheat]);
-    let manner = Manner { silence: HostSilencePolicy::Pause, feedback: None, parked: WhenParked::Ends };
+    let (sim_of, mut steps) =
+        (Rc::clone(&board), vec![Command::Continue, Command::Purge, Command::Load, Command::Preheat]);
+    let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback: None, parked: OnParked::End };
     let mut refused = Vec::new();
     let (grown, told) = try_to_grow_in(
         manner,
         |event, orders| match event {
-            JobEvent::NotObeyed(why) => {
+            JobEvent::CommandFailed(why) => {
                 // The board is still moving, so the command is sent again with the next status.
                 refused.push(why.clone());
                 steps.push(orders_of(why));
@@ -310,7 +316,7 @@ fn a_growth_out_of_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
             {
                 sim_of.borrow().as_ref().unwrap().borrow_mut().load_filament(100_000.0);
                 if let Some(order) = steps.pop() {
-                    orders.give(order);
+                    orders.push(order);
                 }
             }
             _ => {}
@@ -333,6 +339,6 @@ fn a_growth_out_of_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
 }
 
 /// Returns the command that was rejected for this reason.
-fn orders_of(why: &str) -> Order {
-    if why.contains("to start") { Order::Continue } else { Order::Load }
+fn orders_of(why: &str) -> Command {
+    if why.contains("to start") { Command::Continue } else { Command::Load }
 }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use growbot_client::client::Client;
 use growbot_client::growth::{
-    Job, JobEvent, Manner, OnInterrupted, Orders, Outcome, as_built_hash, grow_job, resume_job,
+    CommandQueue, GrowthOptions, Job, JobEvent, OnInterrupted, Outcome, as_built_hash, grow_job, resume_job,
 };
 use growbot_client::plan::Plan;
 use growbot_client::robot_file;
@@ -13,7 +13,7 @@ use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
-use super::{Line, Place, ResidentError, play};
+use super::{DaemonPort, SimDaemonError, StateDir, serve};
 use crate::port::{PortName, TipSettings, open, open_for_emergency_stop};
 
 fn robot() -> Robot {
@@ -21,29 +21,29 @@ fn robot() -> Robot {
 }
 
 /// Starts a robot in a thread of this process instead of a process of its own.
-fn on(directory: &Path, pace: f64) -> (Place, thread::JoinHandle<Result<(), ResidentError>>) {
-    let place = Place::of(&format!("{}/", directory.display())).unwrap();
+fn on(directory: &Path, pace: f64) -> (StateDir, thread::JoinHandle<Result<(), SimDaemonError>>) {
+    let place = StateDir::of(&format!("{}/", directory.display())).unwrap();
     let (ready, is_ready) = std::sync::mpsc::channel();
     let played = place.clone();
-    let thread = thread::spawn(move || play(&played, &robot(), pace, || ready.send(()).unwrap()));
+    let thread = thread::spawn(move || serve(&played, &robot(), pace, || ready.send(()).unwrap()));
     is_ready.recv().unwrap();
     (place, thread)
 }
 
-fn client(place: &Place) -> Client {
-    let name = PortName::Resident(place.name().to_owned());
+fn client(place: &StateDir) -> Client {
+    let name = PortName::SimDaemon(place.name().to_owned());
     Client::new(open(&name, &robot(), &TipSettings::default()).unwrap().port, "sim")
 }
 
-fn off(place: &Place) {
-    Line::open_beside(place).unwrap().power_off().unwrap();
+fn off(place: &StateDir) {
+    DaemonPort::open_shared(place).unwrap().power_off().unwrap();
 }
 
 fn plan() -> Plan {
     let goal = Pose::from_degrees([2.0, 1.0, 24.0, 0.0, 80.0]).unwrap();
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let radius = robot().description().planning_radius_mm;
-    Plan::make(&robot(), &start, &goal, radius, Planner::Shortest).unwrap()
+    Plan::new(&robot(), &start, &goal, radius, Planner::Shortest).unwrap()
 }
 
 #[test]
@@ -52,8 +52,8 @@ fn a_body_is_grown_through_a_loss_of_power_as_without() {
     let job = Job::of_plan(&robot, &plan);
     let whole = tempfile::tempdir().unwrap();
     let (place, thread) = on(whole.path(), 1e4);
-    let manner = || Manner::from(HostSilencePolicy::Pause);
-    let grown = grow_job(&mut client(&place), &job, manner(), &Orders::default(), &mut |_| {}).unwrap();
+    let manner = || GrowthOptions::from(HostSilencePolicy::Pause);
+    let grown = grow_job(&mut client(&place), &job, manner(), &CommandQueue::default(), &mut |_| {}).unwrap();
     assert_eq!(grown.outcome, Outcome::Done);
     off(&place);
     thread.join().unwrap().unwrap();
@@ -61,7 +61,7 @@ fn a_body_is_grown_through_a_loss_of_power_as_without() {
     let cut = tempfile::tempdir().unwrap();
     let (place, thread) = on(cut.path(), 1e4);
     let mut switch = Some(place.clone());
-    let lost = grow_job(&mut client(&place), &job, manner(), &Orders::default(), &mut |event| {
+    let lost = grow_job(&mut client(&place), &job, manner(), &CommandQueue::default(), &mut |event| {
         if let JobEvent::Laid { index: 5, .. } = event {
             switch.take().iter().for_each(off);
         }
@@ -72,7 +72,8 @@ fn a_body_is_grown_through_a_loss_of_power_as_without() {
     let (place, thread) = on(cut.path(), 1e4);
     let mut client = client(&place);
     let resumed =
-        resume_job(&mut client, &job, vec![], OnInterrupted::Again, manner(), &Orders::default(), &mut |_| {}).unwrap();
+        resume_job(&mut client, &job, vec![], OnInterrupted::Redo, manner(), &CommandQueue::default(), &mut |_| {})
+            .unwrap();
     assert_eq!(resumed.outcome, Outcome::Done);
     assert_eq!(as_built_hash(&resumed.as_built), as_built_hash(&grown.as_built));
     drop(client);
@@ -85,16 +86,16 @@ fn one_program_has_the_line_and_any_gives_the_emergency_stop() {
     let directory = tempfile::tempdir().unwrap();
     let (place, thread) = on(directory.path(), 1.0);
     let mut owner = client(&place);
-    owner.hello_robot(&robot()).unwrap();
-    assert!(matches!(Line::open(&place), Err(ResidentError::Busy(_))));
-    let name = PortName::Resident(place.name().to_owned());
+    owner.open_session_for(&robot()).unwrap();
+    assert!(matches!(DaemonPort::open(&place), Err(SimDaemonError::Busy(_))));
+    let name = PortName::SimDaemon(place.name().to_owned());
     let beside = open_for_emergency_stop(&name, Duration::from_secs(1)).unwrap();
     Client::new(beside, "sim").emergency_stop().unwrap();
-    assert!(matches!(play(&place, &robot(), 1.0, || {}), Err(ResidentError::On(_))));
+    assert!(matches!(serve(&place, &robot(), 1.0, || {}), Err(SimDaemonError::AlreadyRunning(_))));
     off(&place);
     thread.join().unwrap().unwrap();
-    assert!(matches!(Line::open(&place), Err(ResidentError::Off(_))));
+    assert!(matches!(DaemonPort::open(&place), Err(SimDaemonError::NotRunning(_))));
     let other = robot_file::load("growbot-b".as_ref()).unwrap();
-    let said = play(&place, &other, 1.0, || {}).unwrap_err().to_string();
+    let said = serve(&place, &other, 1.0, || {}).unwrap_err().to_string();
     assert!(said.contains("growbot-a2") && said.contains("growbot-b"), "{said}");
 }

@@ -1,4 +1,4 @@
-use super::tree::Piece;
+use super::body_tree::Piece;
 use super::*;
 use growbot_core::helicoid::Helicoid;
 use growbot_core::path;
@@ -66,7 +66,7 @@ fn by_looking_at_all(path: &[Segment], since: f64, step: f64) -> f64 {
 
 fn assert_agrees(path: &[Segment], since: f64) {
     let step = 2.5;
-    let (found, all) = (first_collision(path, DIAMETER, since), by_looking_at_all(path, since, step));
+    let (found, all) = (closest_self_approach(path, DIAMETER, since), by_looking_at_all(path, since, step));
     match found {
         None => assert!(all >= DIAMETER * (1.0 - 1e-9), "missed {all} in {path:?}"),
         Some(Collision { distance, at: [from, to] }) => {
@@ -94,7 +94,7 @@ proptest! {
 
     #[test]
     fn points_of_a_collision_are_that_far_apart(path in prop::collection::vec(segment(), 2..7)) {
-        let Some(Collision { distance, at }) = first_collision(&path, DIAMETER, 0.0) else { return Ok(()) };
+        let Some(Collision { distance, at }) = closest_self_approach(&path, DIAMETER, 0.0) else { return Ok(()) };
         let [a, b] = at.map(|at| {
             let mut left = at;
             let mut tip = Frame::identity();
@@ -119,15 +119,15 @@ fn arc(bend: f64, radius: f64) -> Segment {
 #[test]
 fn what_a_bend_brings_together_is_no_collision() {
     for radius in [35.0, 45.0, 100.0, 1e4] {
-        assert_eq!(first_collision(&[arc(PI, radius)], DIAMETER, 0.0), None);
+        assert_eq!(closest_self_approach(&[arc(PI, radius)], DIAMETER, 0.0), None);
     }
-    assert_eq!(first_collision(&[Segment::Straight { length: 1e7 }], DIAMETER, 0.0), None);
-    assert_eq!(first_collision(&[], DIAMETER, 0.0), None);
+    assert_eq!(closest_self_approach(&[Segment::Straight { length: 1e7 }], DIAMETER, 0.0), None);
+    assert_eq!(closest_self_approach(&[], DIAMETER, 0.0), None);
 }
 
 #[test]
 fn a_full_turn_comes_back_to_its_start() {
-    let Collision { distance, at: [from, to] } = first_collision(&[arc(TAU, 100.0)], DIAMETER, 0.0).unwrap();
+    let Collision { distance, at: [from, to] } = closest_self_approach(&[arc(TAU, 100.0)], DIAMETER, 0.0).unwrap();
     assert!(distance == 0.0 && from < 1.0 && to > TAU * 100.0 - 1.0, "{distance} at {from}, {to}");
 }
 
@@ -135,7 +135,7 @@ fn a_full_turn_comes_back_to_its_start() {
 fn a_way_back_beside_the_way_there_is_measured() {
     for (radius, meets) in [(29.9, true), (29.99, true), (30.01, false), (30.1, false)] {
         let path = [Segment::Straight { length: 3000.0 }, arc(PI, radius), Segment::Straight { length: 2500.0 }];
-        let found = first_collision(&path, DIAMETER, 0.0);
+        let found = closest_self_approach(&path, DIAMETER, 0.0);
         assert_eq!(found.is_some(), meets, "{radius}");
         if let Some(Collision { distance, .. }) = found {
             assert!((distance - 2.0 * radius).abs() < TOLERANCE * DIAMETER);

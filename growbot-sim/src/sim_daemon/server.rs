@@ -12,9 +12,9 @@ use growbot_client::port::Port;
 use growbot_core::link::message::ResetCause;
 use growbot_core::robot::Robot;
 
-use super::store::Store;
-use super::wire::{Answer, Ask, RELEASE, micros};
-use super::{Place, ResidentError};
+use super::persistence::PersistentMemory;
+use super::protocol::{PROTOCOL_VERSION, Request, Response, micros};
+use super::{SimDaemonError, StateDir};
 use crate::port::TipSettings;
 use crate::port::sim::Sim;
 
@@ -34,23 +34,23 @@ const MAX_QUEUE: usize = 1 << 16;
 ///
 /// # Errors
 /// [`ResidentError`]: another process runs it, the place belongs to another robot, or its files cannot be used.
-pub fn play(place: &Place, robot: &Robot, pace: f64, ready: impl FnOnce()) -> Result<(), ResidentError> {
+pub fn serve(place: &StateDir, robot: &Robot, pace: f64, ready: impl FnOnce()) -> Result<(), SimDaemonError> {
     place.create()?;
-    let Some(held) = place.hold()? else { return Err(ResidentError::On(place.name().to_owned())) };
-    place.settle(robot)?;
+    let Some(held) = place.hold()? else { return Err(SimDaemonError::AlreadyRunning(place.name().to_owned())) };
+    place.claim(robot)?;
     place.set_pace(pace)?;
     let mut sim = Sim::new(robot.clone());
-    let (mut store, retains) = Store::open(place, &mut sim)?;
+    let (mut store, retains) = PersistentMemory::open(place, &mut sim)?;
     sim.restart(boots(), if retains { ResetCause::External } else { ResetCause::PowerOn });
-    store.keep(&sim)?;
-    let path = place.line()?;
+    store.save(&sim)?;
+    let path = place.socket_path()?;
     let asks = fs::remove_file(&path)
         .or_else(|error| if error.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(error) })
         .and_then(|()| UnixListener::bind(&path))
         .map(listen)
         .map_err(|error| place.failed("listen at", path, error))?;
     let began = Instant::now();
-    let mut player = Player { sim, store, pace, began, hosts: BTreeMap::new(), owner: None, asked: began };
+    let mut player = SimServer { sim, store, pace, began, hosts: BTreeMap::new(), owner: None, asked: began };
     ready();
     let ended = player.run(&asks);
     drop(held);
@@ -69,13 +69,13 @@ fn boots() -> u32 {
 }
 
 /// A message from a host's thread: a new connection, a request, or the end of the connection.
-enum Said {
-    Came(UnixStream),
-    Asked(Ask),
-    Gone,
+enum ConnectionEvent {
+    Connected(UnixStream),
+    Request(Request),
+    Disconnected,
 }
 
-type Asks = Receiver<(u64, Said)>;
+type Asks = Receiver<(u64, ConnectionEvent)>;
 
 /// Starts a thread that accepts connections, and one for each of them.
 fn listen(listener: UnixListener) -> Asks {
@@ -88,27 +88,27 @@ fn listen(listener: UnixListener) -> Asks {
                 continue;
             };
             let say = say.clone();
-            thread::spawn(move || hear(host, stream, &say));
+            thread::spawn(move || read_requests(host, stream, &say));
         }
     });
     said
 }
 
-fn hear(host: u64, stream: UnixStream, say: &Sender<(u64, Said)>) {
+fn read_requests(host: u64, stream: UnixStream, say: &Sender<(u64, ConnectionEvent)>) {
     let Ok(answers) = stream.try_clone() else { return };
-    let mut heard = say.send((host, Said::Came(answers))).is_ok();
+    let mut heard = say.send((host, ConnectionEvent::Connected(answers))).is_ok();
     let mut lines = BufReader::new(stream).lines();
     while heard {
         let Some(Ok(line)) = lines.next() else { break };
         let Ok(ask) = serde_json::from_str(&line) else { break };
-        heard = say.send((host, Said::Asked(ask))).is_ok();
+        heard = say.send((host, ConnectionEvent::Request(ask))).is_ok();
     }
     // If the process ends, nothing receives this message.
-    let _ = say.send((host, Said::Gone));
+    let _ = say.send((host, ConnectionEvent::Disconnected));
 }
 
 /// A program that is connected to the line.
-struct Host {
+struct ClientConnection {
     stream: UnixStream,
     /// Bytes that the board has sent since the line was opened and that the program has not received.
     queue: VecDeque<u8>,
@@ -117,27 +117,27 @@ struct Host {
     waits: Option<(Duration, usize)>,
 }
 
-struct Player {
+struct SimServer {
     sim: Sim,
-    store: Store,
+    store: PersistentMemory,
     pace: f64,
     /// Real time at which the robot's time was 0.
     began: Instant,
-    hosts: BTreeMap<u64, Host>,
+    hosts: BTreeMap<u64, ClientConnection>,
     /// Number of the host that owns the line.
     owner: Option<u64>,
     /// Time of the latest request.
     asked: Instant,
 }
 
-impl Player {
-    fn run(&mut self, asks: &Asks) -> Result<(), ResidentError> {
+impl SimServer {
+    fn run(&mut self, asks: &Asks) -> Result<(), SimDaemonError> {
         loop {
             let due = self.due();
             if !due.is_zero() {
                 self.pass(due.min(STEP.mul_f64(self.pace.max(1.0))));
             }
-            self.store.keep(&self.sim)?;
+            self.store.save(&self.sim)?;
             self.answer_waiting();
             let wait = if due > STEP { Duration::ZERO } else { LOOK };
             match asks.recv_timeout(wait) {
@@ -145,7 +145,7 @@ impl Player {
                     if self.take(host, said)? == Power::Off {
                         return Ok(());
                     }
-                    self.store.keep(&self.sim)?;
+                    self.store.save(&self.sim)?;
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 // The thread that accepts connections never ends.
@@ -200,7 +200,7 @@ impl Player {
             host.waits = None;
             let count = max.min(host.queue.len());
             let bytes = host.queue.drain(..count).collect();
-            if say(&mut host.stream, &Answer::Bytes { bytes, now_us: micros(now) }).is_err() {
+            if write_response(&mut host.stream, &Response::Bytes { bytes, now_us: micros(now) }).is_err() {
                 gone.push(*name);
             }
             self.asked = Instant::now();
@@ -217,28 +217,29 @@ impl Player {
         }
     }
 
-    fn take(&mut self, name: u64, said: Said) -> Result<Power, ResidentError> {
+    fn take(&mut self, name: u64, said: ConnectionEvent) -> Result<Power, SimDaemonError> {
         let ask = match said {
-            Said::Came(stream) => {
-                self.hosts.insert(name, Host { stream, queue: VecDeque::new(), is_open: false, waits: None });
+            ConnectionEvent::Connected(stream) => {
+                self.hosts
+                    .insert(name, ClientConnection { stream, queue: VecDeque::new(), is_open: false, waits: None });
                 return Ok(Power::On);
             }
-            Said::Gone => {
+            ConnectionEvent::Disconnected => {
                 self.forget(name);
                 return Ok(Power::On);
             }
-            Said::Asked(ask) => ask,
+            ConnectionEvent::Request(ask) => ask,
         };
-        if ask == Ask::PowerOff {
+        if ask == Request::PowerOff {
             self.store.lose_retained()?;
         }
-        let is_off = ask == Ask::PowerOff;
+        let is_off = ask == Request::PowerOff;
         if self.owner == Some(name) {
             self.asked = Instant::now();
         }
-        let answer = self.carry_out(name, ask);
+        let answer = self.handle_request(name, ask);
         if let (Some(answer), Some(host)) = (answer, self.hosts.get_mut(&name))
-            && say(&mut host.stream, &answer).is_err()
+            && write_response(&mut host.stream, &answer).is_err()
         {
             self.forget(name);
         }
@@ -246,34 +247,34 @@ impl Player {
     }
 
     /// Executes the request of a host. `None` if the response is sent later.
-    fn carry_out(&mut self, name: u64, ask: Ask) -> Option<Answer> {
+    fn handle_request(&mut self, name: u64, ask: Request) -> Option<Response> {
         let now = self.now();
         match ask {
-            Ask::Open { release, .. } if release != RELEASE => return Some(Answer::OtherRelease),
-            Ask::Open { alone: true, .. } if self.owner.is_some() => return Some(Answer::Busy),
-            Ask::Open { alone, .. } => {
+            Request::Open { release, .. } if release != PROTOCOL_VERSION => return Some(Response::OtherRelease),
+            Request::Open { exclusive: true, .. } if self.owner.is_some() => return Some(Response::Busy),
+            Request::Open { exclusive: alone, .. } => {
                 if alone {
                     (self.owner, self.asked) = (Some(name), Instant::now());
                 }
                 self.hosts.get_mut(&name)?.is_open = true;
             }
-            Ask::Tip(words) => TipSettings::from(words).apply(&mut self.sim.simulated_tip()),
-            Ask::Send(bytes) => self.sim.send(&bytes).unwrap_or_default(),
-            Ask::Receive { timeout_us, max } => {
+            Request::Tip(words) => TipSettings::from(words).apply(&mut self.sim.simulated_tip()),
+            Request::Send(bytes) => self.sim.send(&bytes).unwrap_or_default(),
+            Request::Receive { timeout_us, max } => {
                 let until = now.saturating_add(Duration::from_micros(timeout_us));
                 self.hosts.get_mut(&name)?.waits = Some((until, max));
                 return None;
             }
-            Ask::Laid => {
-                let laid = self.sim.simulation().laid().unwrap_or_default();
-                return Some(Answer::of_layers(&laid.body, laid.feed_steps));
+            Request::Laid => {
+                let laid = self.sim.tip_handle().laid().unwrap_or_default();
+                return Some(Response::of_layers(&laid.body, laid.feed_steps));
             }
-            Ask::Settled { from } => return Some(Answer::of_layers(&self.sim.simulation().settled(from), 0)),
-            Ask::Hand(hand) => self.sim.simulated_tip().by_hand(hand),
-            Ask::Reset => self.sim.reset(ResetCause::External),
-            Ask::PowerOff => {}
+            Request::Settled { from } => return Some(Response::of_layers(&self.sim.tip_handle().settled(from), 0)),
+            Request::Hand(hand) => self.sim.simulated_tip().apply_action(hand),
+            Request::Reset => self.sim.reset(ResetCause::External),
+            Request::PowerOff => {}
         }
-        Some(Answer::Done { now_us: micros(self.now()) })
+        Some(Response::Done { now_us: micros(self.now()) })
     }
 }
 
@@ -287,7 +288,7 @@ enum Power {
 /// Time after which a host that accepts no bytes counts as gone.
 const STALLED: Duration = Duration::from_secs(2);
 
-fn say(stream: &mut UnixStream, answer: &Answer) -> io::Result<()> {
+fn write_response(stream: &mut UnixStream, answer: &Response) -> io::Result<()> {
     let mut line = serde_json::to_vec(answer)?;
     line.push(b'\n');
     stream.set_write_timeout(Some(STALLED))?;

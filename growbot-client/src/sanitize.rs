@@ -8,7 +8,7 @@ use serde::Serialize;
 /// Reports whether a terminal obeys this character instead of showing it: C0, DEL, C1, and characters that change lines
 /// or the direction of writing.
 #[must_use]
-pub fn steers(letter: char) -> bool {
+pub fn is_control(letter: char) -> bool {
     letter.is_control()
         || matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
@@ -16,13 +16,13 @@ pub fn steers(letter: char) -> bool {
 /// Returns the text with a space in place of each such character except newlines.
 #[must_use]
 pub fn lines(text: &str) -> Cow<'_, str> {
-    without(text, |letter| letter != '\n' && steers(letter))
+    without(text, |letter| letter != '\n' && is_control(letter))
 }
 
 /// Returns the text in one line, with a space in place of each such character.
 #[must_use]
 pub fn one_line(text: &str) -> Cow<'_, str> {
-    without(text, steers)
+    without(text, is_control)
 }
 
 /// Returns a value as one line of JSON, with its newline. Such characters are escaped, so that a reader gets the exact
@@ -34,7 +34,7 @@ pub fn json_line(value: &impl Serialize) -> String {
     let plain = serde_json::to_string(value).unwrap_or_default();
     let mut line = String::with_capacity(plain.len() + 1);
     for letter in plain.chars() {
-        if steers(letter) {
+        if is_control(letter) {
             // All of them are below 0x10000.
             line += &format!("\\u{:04x}", u32::from(letter));
         } else {
@@ -60,13 +60,14 @@ mod tests {
         let plain = "73 \u{b0} \u{b7} \u{2026} \u{645}\u{631}\u{62d}\u{628}\u{627}";
         assert!(matches!(one_line(plain), Cow::Borrowed(same) if same == plain));
         assert_eq!(
-            (0..=0x10_ffff_u32).filter_map(char::from_u32).filter(|letter| steers(*letter)).count(),
+            (0..=0x10_ffff_u32).filter_map(char::from_u32).filter(|letter| is_control(*letter)).count(),
             65 + 3 + 7 + 4
         );
     }
     #[test]
     fn json_escapes_each_of_them_and_gives_the_very_text_back() {
-        let hostile: String = (0..=0x10_ffff_u32).filter_map(char::from_u32).filter(|letter| steers(*letter)).collect();
+        let hostile: String =
+            (0..=0x10_ffff_u32).filter_map(char::from_u32).filter(|letter| is_control(*letter)).collect();
         let text = format!("\"\\{hostile}73 \u{b0}");
         let line = json_line(&serde_json::json!({ "id": text, &text: [1.5] }));
         assert_eq!(lines(&line), line);

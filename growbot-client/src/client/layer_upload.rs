@@ -7,8 +7,8 @@ use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::frame::next_seq;
 use growbot_core::link::message::{Accepted, AppendLayers, LayerBatch, MAX_LAYERS_PER_MESSAGE, Message, Refusal};
 
-use super::exchange::answer;
-use super::patience::{MAX_TRIES, SLOWEST_REPEAT, Wait};
+use super::exchange::decode_response;
+use super::timeouts::{MAX_ATTEMPTS, MAX_RETRY_DELAY, ResponseWait};
 use super::{Client, ClientError};
 
 /// Maximum number of unanswered messages with layers. It is below the number that boards can buffer.
@@ -20,43 +20,44 @@ impl Client {
     ///
     /// # Errors
     /// Like [`Client::request`].
-    pub fn hand_over(
+    pub fn upload_layers(
         &mut self,
         plan_id: u64,
         layers: &[LayerBytes],
         accepted: Accepted,
     ) -> Result<Accepted, ClientError> {
         let what = "to take layers";
-        let mut handover = Handover::new(plan_id, layers, accepted);
-        let mut wait = Wait::default();
+        let mut handover = LayerUpload::new(plan_id, layers, accepted);
+        let mut wait = ResponseWait::default();
         loop {
             while let Some(layers) = handover.next_message() {
                 self.seq = next_seq(self.seq);
-                handover.flying.push_back(self.seq);
+                handover.in_flight.push_back(self.seq);
                 self.post(self.seq, &Message::Layers(layers))?;
             }
-            if handover.flying.is_empty() {
+            if handover.in_flight.is_empty() {
                 return Ok(handover.accepted);
             }
-            let answered = self.answer_to(|ack| handover.flying.contains(&ack), SLOWEST_REPEAT, &mut wait)?;
+            let answered =
+                self.wait_for_response(|ack| handover.in_flight.contains(&ack), MAX_RETRY_DELAY, &mut wait)?;
             let Some(frame) = answered else {
-                if wait.is_hopeless(Duration::ZERO, self.open) || handover.fruitless >= MAX_TRIES {
-                    return Err(self.given_up(&wait));
+                if wait.has_timed_out(Duration::ZERO, self.open) || handover.fruitless >= MAX_ATTEMPTS {
+                    return Err(self.timeout_error(&wait));
                 }
-                self.repeated += handover.unanswered();
+                self.repeated += handover.resend_all();
                 continue;
             };
             handover.settle(frame.header.ack);
-            match answer(what, &frame) {
+            match decode_response(what, &frame) {
                 Ok(Message::Accepted(accepted)) => {
                     handover.accept(accepted);
-                    if handover.fruitless > MAX_TRIES {
+                    if handover.fruitless > MAX_ATTEMPTS {
                         return Err(ClientError::Unexpected { request: what, kind: frame.header.kind });
                     }
                 }
                 // An earlier message was lost.
                 Err(ClientError::Refused { refusal: Refusal::OutOfOrder { expected }, .. }) => {
-                    self.repeated += handover.out_of_order(expected);
+                    self.repeated += handover.resend_from(expected);
                 }
                 // The space that these layers had when they were sent is used up.
                 Err(ClientError::Refused { refusal: Refusal::LayerStoreFull, .. }) => return Ok(handover.accepted),
@@ -68,12 +69,12 @@ impl Client {
 }
 
 /// Progress of a transfer of layers.
-struct Handover<'a> {
+struct LayerUpload<'a> {
     plan_id: u64,
     layers: &'a [LayerBytes],
     accepted: Accepted,
     /// Numbers of the unanswered messages.
-    flying: VecDeque<u16>,
+    in_flight: VecDeque<u16>,
     /// Index of the next layer to be sent.
     sent: u32,
     /// Number of layers a message.
@@ -85,14 +86,14 @@ struct Handover<'a> {
     furthest: u32,
 }
 
-impl<'a> Handover<'a> {
+impl<'a> LayerUpload<'a> {
     fn new(plan_id: u64, layers: &'a [LayerBytes], accepted: Accepted) -> Self {
         let next = accepted.next;
         Self {
             plan_id,
             layers,
             accepted,
-            flying: VecDeque::new(),
+            in_flight: VecDeque::new(),
             sent: next,
             batch: MAX_LAYERS_PER_MESSAGE,
             fruitless: 0,
@@ -103,7 +104,7 @@ impl<'a> Handover<'a> {
     /// Returns the next layers to send. `None` while enough messages are unanswered, or if the board has no free space.
     fn next_message(&mut self) -> Option<AppendLayers> {
         let end = (self.layers.len() as u32).min(self.accepted.next.saturating_add(self.accepted.free_layers));
-        if self.flying.len() >= WINDOW || self.sent >= end {
+        if self.in_flight.len() >= WINDOW || self.sent >= end {
             return None;
         }
         let rest = self.layers.get(self.sent as usize..end as usize).unwrap_or_default();
@@ -115,7 +116,7 @@ impl<'a> Handover<'a> {
 
     /// Prepares to send everything again in shorter messages, because no response arrived. Returns the number of
     /// messages.
-    fn unanswered(&mut self) -> u64 {
+    fn resend_all(&mut self) -> u64 {
         (self.fruitless, self.batch) = (self.fruitless + 1, (self.batch / 2).max(1));
         self.sent = self.accepted.next;
         self.forget_flying()
@@ -124,25 +125,25 @@ impl<'a> Handover<'a> {
     /// Drops the messages up to this one. The board processes requests in the order of their numbers, so earlier ones
     /// are settled or lost.
     fn settle(&mut self, seq: u16) {
-        while self.flying.pop_front().is_some_and(|flying| flying != seq) {}
+        while self.in_flight.pop_front().is_some_and(|flying| flying != seq) {}
     }
 
     /// Records that the board has accepted layers.
     fn accept(&mut self, accepted: Accepted) {
         if accepted.next > self.furthest {
             (self.fruitless, self.furthest) = (0, accepted.next);
-        } else if self.flying.is_empty() {
+        } else if self.in_flight.is_empty() {
             self.fruitless += 1;
         }
         self.accepted = accepted;
         self.sent = self.sent.max(self.accepted.next);
-        if self.flying.is_empty() {
+        if self.in_flight.is_empty() {
             self.sent = self.accepted.next;
         }
     }
 
     /// Prepares to send everything again from the layer that the board expects. Returns the number of messages.
-    fn out_of_order(&mut self, expected: u32) -> u64 {
+    fn resend_from(&mut self, expected: u32) -> u64 {
         (self.fruitless, self.batch) = (self.fruitless + 1, (self.batch * 3 / 4).max(1));
         self.accepted.next = expected;
         self.sent = expected;
@@ -150,8 +151,8 @@ impl<'a> Handover<'a> {
     }
 
     fn forget_flying(&mut self) -> u64 {
-        let forgotten = self.flying.len() as u64;
-        self.flying.clear();
+        let forgotten = self.in_flight.len() as u64;
+        self.in_flight.clear();
         forgotten
     }
 }

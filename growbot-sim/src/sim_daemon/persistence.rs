@@ -7,28 +7,28 @@ use std::os::unix::fs::FileExt;
 use growbot_firmware::hal::RetainedMemory;
 use growbot_firmware::safety::retained::RETAINED_BYTES;
 
-use super::{Place, ResidentError};
+use super::{SimDaemonError, StateDir};
 use crate::port::sim::Sim;
 use crate::tip::flash::Flash;
 
 /// The files of a simulated board, and their state.
-pub struct Store {
-    place: Place,
+pub struct PersistentMemory {
+    place: StateDir,
     flash: KeptFlash,
     /// Flash of the robot's description.
     descriptions: KeptFlash,
-    retained: Kept,
+    retained: MemoryFile,
     /// Hash of the robot in its file.
     robot: u64,
 }
 
-impl Store {
+impl PersistentMemory {
     /// Opens the files and loads them into the board. Returns true if retained memory was loaded.
-    pub fn open(place: &Place, sim: &mut Sim) -> Result<(Self, bool), ResidentError> {
+    pub fn open(place: &StateDir, sim: &mut Sim) -> Result<(Self, bool), SimDaemonError> {
         let erased = [0; RETAINED_BYTES];
         let flash = KeptFlash::open(place, "flash", sim.flash())?;
         let descriptions = KeptFlash::open(place, "description-flash", sim.descriptions())?;
-        let retained = Kept::open(place, "retained", &erased)?;
+        let retained = MemoryFile::open(place, "retained", &erased)?;
         let retains = retained.bytes != erased;
         if retains {
             sim.retained().set(&retained.bytes);
@@ -38,18 +38,18 @@ impl Store {
     }
 
     /// Writes the changes.
-    pub fn keep(&mut self, sim: &Sim) -> Result<(), ResidentError> {
+    pub fn save(&mut self, sim: &Sim) -> Result<(), SimDaemonError> {
         self.flash.keep(&self.place)?;
         self.descriptions.keep(&self.place)?;
         if sim.robot().hash() != self.robot {
-            self.place.become_another(sim.robot())?;
+            self.place.store_robot(sim.robot())?;
             self.robot = sim.robot().hash();
         }
         self.retained.keep(&self.place, "retained", &sim.retained().read())
     }
 
     /// Erases the retained memory, because the power is lost.
-    pub fn lose_retained(&mut self) -> Result<(), ResidentError> {
+    pub fn lose_retained(&mut self) -> Result<(), SimDaemonError> {
         self.retained.keep(&self.place, "retained", &[0; RETAINED_BYTES])
     }
 }
@@ -57,7 +57,7 @@ impl Store {
 /// A file that mirrors a flash.
 struct KeptFlash {
     name: &'static str,
-    kept: Kept,
+    kept: MemoryFile,
     flash: Flash,
     /// Number of writes of the flash that are in the file.
     writes: u64,
@@ -65,14 +65,14 @@ struct KeptFlash {
 
 impl KeptFlash {
     /// Opens the file and loads its content into the flash.
-    fn open(place: &Place, name: &'static str, flash: Flash) -> Result<Self, ResidentError> {
-        let kept = Kept::open(place, name, &flash.bytes())?;
+    fn open(place: &StateDir, name: &'static str, flash: Flash) -> Result<Self, SimDaemonError> {
+        let kept = MemoryFile::open(place, name, &flash.bytes())?;
         flash.set_bytes(&kept.bytes);
         let writes = flash.writes();
         Ok(Self { name, kept, flash, writes })
     }
 
-    fn keep(&mut self, place: &Place) -> Result<(), ResidentError> {
+    fn keep(&mut self, place: &StateDir) -> Result<(), SimDaemonError> {
         let writes = self.flash.writes();
         if writes != self.writes {
             self.kept.keep(place, self.name, &self.flash.bytes())?;
@@ -83,14 +83,14 @@ impl KeptFlash {
 }
 
 /// A file that mirrors a memory.
-struct Kept {
+struct MemoryFile {
     file: File,
     bytes: Vec<u8>,
 }
 
-impl Kept {
+impl MemoryFile {
     /// Opens the file. If it does not have the length of `at_first`, writes `at_first` to it.
-    fn open(place: &Place, name: &str, at_first: &[u8]) -> Result<Self, ResidentError> {
+    fn open(place: &StateDir, name: &str, at_first: &[u8]) -> Result<Self, SimDaemonError> {
         let path = place.file(name);
         let opened = || -> io::Result<Self> {
             let file = File::options().read(true).write(true).create(true).truncate(false).open(&path)?;
@@ -107,7 +107,7 @@ impl Kept {
     }
 
     /// Writes the range from the first byte that differs to the last, in one piece.
-    fn keep(&mut self, place: &Place, name: &str, now: &[u8]) -> Result<(), ResidentError> {
+    fn keep(&mut self, place: &StateDir, name: &str, now: &[u8]) -> Result<(), SimDaemonError> {
         let mut differ = (0..now.len()).filter(|&at| self.bytes.get(at) != now.get(at));
         let Some(first) = differ.next() else { return Ok(()) };
         let last = differ.next_back().unwrap_or(first);

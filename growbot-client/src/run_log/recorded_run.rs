@@ -14,18 +14,18 @@ use growbot_scene::scene_file::LoadedScene;
 use serde_json::Value;
 
 use super::FORMAT;
-use super::event::{LaidLayer, RunEvent, SimulatedLayer, WrittenLayer};
-use super::header::{Header, RecordedTip, WrittenNoise};
-use super::lines::{Damage, Events, Line};
-use super::result::{GrowthResult, ResultOutcome};
+use super::event::{LaidLayer, LayerJson, RunEvent, SimulatedLayer};
+use super::header::{RunHeader, SensorNoiseJson, TipKind};
+use super::reader::{Damage, Events, LogLine};
+use super::result::{GrowthResult, OutcomeKind};
+use crate::clearance_guard::SceneContext;
 use crate::client::ClockDrift;
-use crate::feedback::{Count, Feedback};
+use crate::feedback::{EncoderReference, Feedback};
 use crate::growth::{Amendment, Job, as_built_or_commanded};
-use crate::input::{InputError, LONGEST_LOG, name_of, read_bytes};
-use crate::keep_clear::Surroundings;
+use crate::input::{InputError, MAX_LOG_BYTES, display_name, read_bytes};
 use crate::plan::Plan;
-use crate::plan_file::{self, PlanFile, PlanFileError, pose};
-use crate::through_scene::{self, UnclearError};
+use crate::plan_file::{self, PlanFile, PlanFileError, pose_from_json};
+use crate::scene_planning::{self, SceneCheckError};
 
 /// Maximum height of a layer, mm, and maximum tilt, radians, that the bytes of the link can hold.
 const MAX_HEIGHT: f64 = 256.0;
@@ -33,7 +33,7 @@ const MAX_TILT: f64 = 1.0;
 
 /// Error of reading a run log.
 #[derive(Debug, thiserror::Error)]
-pub enum RunRecordError {
+pub enum ReadRunLogError {
     /// The file does not exist, may not be read, or is too long.
     #[error("no run log to read: {0}")]
     File(#[from] InputError),
@@ -85,11 +85,11 @@ impl BodyKind {
 
 /// Content of a run log, as far as it goes.
 #[derive(Debug, Clone, PartialEq)]
-pub struct RunRecord {
+pub struct RecordedRun {
     /// The robot.
     pub robot: RobotId,
     /// Kind of tip that laid the body.
-    pub tip: RecordedTip,
+    pub tip: TipKind,
     /// The plan.
     pub plan: PlanFile,
     /// Assumed noise of the sensors. `None` without feedback.
@@ -138,7 +138,7 @@ pub(super) struct CountBefore {
     /// Index of the layer before which the count was taken.
     pub layer: usize,
     /// The count.
-    pub count: Count,
+    pub count: EncoderReference,
 }
 
 /// The part of a job that an amendment has replaced.
@@ -154,34 +154,34 @@ struct Replaced {
     layers: Vec<LayerBytes>,
 }
 
-impl RunRecord {
+impl RecordedRun {
     /// Reads all complete lines of a log.
     ///
     /// # Errors
     /// [`RunRecordError`].
-    pub fn open(path: &Path) -> Result<Self, RunRecordError> {
-        Self::read(&read_bytes(path, LONGEST_LOG)?, &name_of(path))
+    pub fn open(path: &Path) -> Result<Self, ReadRunLogError> {
+        Self::read(&read_bytes(path, MAX_LOG_BYTES)?, &display_name(path))
     }
 
     /// Reads the bytes of a log. `file` is its name in error messages.
     ///
     /// # Errors
     /// [`RunRecordError::Header`] or [`RunRecordError::Plan`].
-    pub fn read(bytes: &[u8], file: &str) -> Result<Self, RunRecordError> {
-        let wrong = |reason: &str| RunRecordError::Header { file: file.to_string(), reason: reason.to_string() };
+    pub fn read(bytes: &[u8], file: &str) -> Result<Self, ReadRunLogError> {
+        let wrong = |reason: &str| ReadRunLogError::Header { file: file.to_string(), reason: reason.to_string() };
         if bytes.is_empty() {
             return Err(wrong("it is empty"));
         }
         let mut events = Events::of(bytes);
         let first = events.next_line().filter(|_| events.damage == Damage::default());
         let mut record = match first.ok_or_else(|| wrong("its first line is no whole line of JSON"))? {
-            Line::Event(RunEvent::Header(header))
+            LogLine::Event(RunEvent::Header(header))
                 if header.format == FORMAT && header.plan.format == plan_file::FORMAT =>
             {
                 Self::of_header(*header, file)
             }
-            Line::Event(event) => return Err(wrong_header(&serde_json::to_value(event).unwrap_or_default(), file)),
-            Line::Other(fields) => return Err(wrong_header(&fields.into(), file)),
+            LogLine::Event(event) => return Err(wrong_header(&serde_json::to_value(event).unwrap_or_default(), file)),
+            LogLine::Other(fields) => return Err(wrong_header(&fields.into(), file)),
         };
         for event in events.by_ref() {
             record.ingest(event);
@@ -197,14 +197,14 @@ impl RunRecord {
 
     /// Returns the number of laid layers of which nothing is known.
     #[must_use]
-    pub fn unknown(&self) -> usize {
+    pub fn unknown_layers(&self) -> usize {
         self.as_built.iter().filter(|layer| layer.is_none()).count()
     }
 
     /// Returns the outcome of the growth. [`ResultOutcome::Unfinished`] if the log does not contain it.
     #[must_use]
-    pub fn outcome(&self) -> ResultOutcome {
-        self.result.as_ref().map_or(ResultOutcome::Unfinished, |result| result.outcome)
+    pub fn outcome(&self) -> OutcomeKind {
+        self.result.as_ref().map_or(OutcomeKind::Unfinished, |result| result.outcome)
     }
 
     /// Returns the error of the board's clock, if the board was stopped for it.
@@ -216,7 +216,7 @@ impl RunRecord {
     /// Reports whether the body was grown by a simulated robot.
     #[must_use]
     pub fn is_simulated(&self) -> bool {
-        self.tip == RecordedTip::Simulated
+        self.tip == TipKind::Simulated
     }
 
     /// Returns the layers as the plastic of a simulated tip lies, including the one in progress. A layer whose position
@@ -241,28 +241,32 @@ impl RunRecord {
     #[must_use]
     pub fn body_kind(&self) -> BodyKind {
         match (self.tip, self.simulated()) {
-            (RecordedTip::Robot, _) => BodyKind::AsBuilt,
-            (RecordedTip::Simulated, None) => BodyKind::Commanded,
-            (RecordedTip::Simulated, Some(_)) => BodyKind::Laid,
+            (TipKind::Robot, _) => BodyKind::AsBuilt,
+            (TipKind::Simulated, None) => BodyKind::Commanded,
+            (TipKind::Simulated, Some(_)) => BodyKind::Laid,
         }
     }
 
     /// Reports whether the log contains the position of the plastic of the layer of this index.
     #[must_use]
-    pub fn says_where(&self, index: usize) -> bool {
+    pub fn has_simulated_layer(&self, index: usize) -> bool {
         self.is_simulated() && self.simulated.get(index).is_some_and(Option::is_some)
     }
 
     /// Returns the number of laid layers of a simulated tip whose position is not in the log. The one in progress is
     /// not laid.
     #[must_use]
-    pub fn not_simulated(&self) -> usize {
-        if self.is_simulated() { (0..self.as_built.len()).filter(|index| !self.says_where(*index)).count() } else { 0 }
+    pub fn missing_simulated_layers(&self) -> usize {
+        if self.is_simulated() {
+            (0..self.as_built.len()).filter(|index| !self.has_simulated_layer(*index)).count()
+        } else {
+            0
+        }
     }
 
     /// Returns the layers as built up to the first whose line is lost. The board need not report these again.
     #[must_use]
-    pub fn known(&self) -> Vec<Option<LayerBytes>> {
+    pub fn known_layers(&self) -> Vec<Option<LayerBytes>> {
         let end = self.lost.first().copied().unwrap_or(self.as_built.len());
         self.as_built.get(..end).unwrap_or(&self.as_built).to_vec()
     }
@@ -270,7 +274,7 @@ impl RunRecord {
     /// Returns the frame at which the body begins. If the plan has no valid start, that is the frame of the base.
     #[must_use]
     pub(super) fn start_frame(&self) -> Frame {
-        pose("start", &self.plan.start).map_or_else(|_| Frame::identity(), |start| start.frame())
+        pose_from_json("start", &self.plan.start).map_or_else(|_| Frame::identity(), |start| start.frame())
     }
 
     /// Returns the robot of the run: the one described in the log, or else the built-in one of its name.
@@ -295,12 +299,15 @@ impl RunRecord {
     /// If one of them is not a valid pose.
     pub fn start_and_goal(&self) -> Result<(Pose, Pose), PlanFileError> {
         let fault = |fault| PlanFileError::Fault { file: self.file.clone(), fault };
-        Ok((pose("start", &self.plan.start).map_err(fault)?, pose("goal", &self.plan.goal.pose()).map_err(fault)?))
+        Ok((
+            pose_from_json("start", &self.plan.start).map_err(fault)?,
+            pose_from_json("goal", &self.plan.goal.pose()).map_err(fault)?,
+        ))
     }
 
     /// Adapts the record to the job that the board stores. If the board has refused the latest amendment, the amendment
     /// is reverted.
-    pub fn is_stored_as(&mut self, plan_id: u64) {
+    pub fn sync_to_board(&mut self, plan_id: u64) {
         if self.replaced.as_ref().is_some_and(|before| before.plan_id == plan_id) {
             self.revert_amendment();
         }
@@ -319,10 +326,15 @@ impl RunRecord {
     ///
     /// # Errors
     /// If it is missing or has changed, or the plan is not clear of it.
-    pub fn scene(&self, plan: &Plan, robot: &Robot, given: Option<&Path>) -> Result<Option<LoadedScene>, UnclearError> {
+    pub fn scene(
+        &self,
+        plan: &Plan,
+        robot: &Robot,
+        given: Option<&Path>,
+    ) -> Result<Option<LoadedScene>, SceneCheckError> {
         let Some(written) = &self.plan.scene else { return Ok(None) };
         let beside = Path::new(&self.file).parent().unwrap_or(Path::new(""));
-        let (_, loaded) = through_scene::verified(written, plan, robot, beside, given)?;
+        let (_, loaded) = scene_planning::load_verified_scene(written, plan, robot, beside, given)?;
         Ok(Some(loaded))
     }
 
@@ -333,47 +345,47 @@ impl RunRecord {
         &self,
         job: &Job<'a>,
         plan: &'a Plan,
-        around: Option<&'a Surroundings<'a>>,
+        around: Option<&'a SceneContext<'a>>,
     ) -> Option<Feedback<'a>> {
-        self.fed_back(job, plan, around, |_| ())
+        self.replay_feedback(job, plan, around, |_| ())
     }
 
     /// Returns the tip after each layer, as feedback estimated it. `None` for a growth without feedback.
     #[must_use]
     pub fn estimated(&self, job: &Job, plan: &Plan) -> Option<Vec<Frame>> {
         let mut path = Vec::with_capacity(self.as_built.len());
-        self.fed_back(job, plan, None, |feedback| path.push(feedback.result().estimate.base_from_tip))?;
+        self.replay_feedback(job, plan, None, |feedback| path.push(feedback.result().estimate.base_from_tip))?;
         Some(path)
     }
 
     /// Replays the feedback of the whole log and calls `after_layer` after each layer.
-    fn fed_back<'a>(
+    fn replay_feedback<'a>(
         &self,
         job: &Job<'a>,
         plan: &'a Plan,
-        around: Option<&'a Surroundings<'a>>,
+        around: Option<&'a SceneContext<'a>>,
         mut after_layer: impl FnMut(&Feedback),
     ) -> Option<Feedback<'a>> {
         let mut feedback = Feedback::new(job.robot, job.start, &plan.path, &plan.legs, self.feedback?);
-        feedback = around.into_iter().fold(feedback, Feedback::among);
+        feedback = around.into_iter().fold(feedback, Feedback::with_scene);
         let mut counts = self.counts.iter().peekable();
         for (index, (as_built, measured)) in self.as_built.iter().zip(&self.measured).enumerate() {
             while let Some(before) = counts.next_if(|before| before.layer <= index) {
-                feedback.count_from(&before.count);
+                feedback.set_encoder_reference(&before.count);
             }
             if let Some(layer) = as_built.as_ref().or(self.layers.get(index)) {
-                feedback.laid(layer, measured.as_ref());
+                feedback.record_layer(layer, measured.as_ref());
                 after_layer(&feedback);
             }
         }
-        counts.for_each(|before| feedback.count_from(&before.count));
-        (0..self.amendments).for_each(|_| feedback.amended());
+        counts.for_each(|before| feedback.set_encoder_reference(&before.count));
+        (0..self.amendments).for_each(|_| feedback.record_amendment());
         Some(feedback)
     }
 
-    fn of_header(header: Header, file: &str) -> Self {
+    fn of_header(header: RunHeader, file: &str) -> Self {
         Self {
-            feedback: header.feedback.and_then(WrittenNoise::checked),
+            feedback: header.feedback.and_then(SensorNoiseJson::checked),
             robot: RobotId { name: header.robot, hash: header.robot_hash },
             tip: header.tip,
             plan: header.plan,
@@ -395,7 +407,7 @@ impl RunRecord {
 
     fn ingest(&mut self, event: RunEvent) {
         match event {
-            RunEvent::Laid(laid) => self.laid(&laid),
+            RunEvent::Laid(laid) => self.apply_laid(&laid),
             RunEvent::Simulated(layer) => self.place(&layer),
             RunEvent::Counting(count) => self.counts.push(CountBefore { layer: self.as_built.len(), count }),
             RunEvent::Amending(amendment) => self.amend(amendment),
@@ -427,7 +439,7 @@ impl RunRecord {
     }
 
     /// Records a laid layer. Layers before it whose lines are missing were laid too.
-    fn laid(&mut self, laid: &LaidLayer) {
+    fn apply_laid(&mut self, laid: &LaidLayer) {
         let (index, next) = (laid.layer as usize, self.as_built.len());
         let measured = laid.measured.map(LayerReadings::from);
         if let Ok(at) = self.lost.binary_search(&index) {
@@ -448,7 +460,7 @@ impl RunRecord {
 
     /// Records the position of a layer of a simulated tip.
     fn place(&mut self, placed: &SimulatedLayer) {
-        let WrittenLayer { alpha_deg, height_mm, tilt_deg } = placed.numbers;
+        let LayerJson { alpha_deg, height_mm, tilt_deg } = placed.numbers;
         let (index, tilt) = (placed.layer as usize, radians(tilt_deg));
         // There may be one more layer in progress than the job has.
         let is_one = index <= self.layers.len().max(self.simulated.len());
@@ -468,8 +480,8 @@ impl RunRecord {
 }
 
 /// Returns the error of a first line that is not a readable header: in its format, its plan, or another field.
-fn wrong_header(fields: &Value, file: &str) -> RunRecordError {
-    let wrong = |reason: String| RunRecordError::Header { file: file.to_string(), reason };
+fn wrong_header(fields: &Value, file: &str) -> ReadRunLogError {
+    let wrong = |reason: String| ReadRunLogError::Header { file: file.to_string(), reason };
     match fields.get("format").and_then(Value::as_str) {
         None => return wrong("its header has no \"format\"".to_string()),
         Some(FORMAT) => {}
@@ -481,7 +493,7 @@ fn wrong_header(fields: &Value, file: &str) -> RunRecordError {
         }
     }
     let plan = fields.get("plan").unwrap_or(&Value::Null).to_string();
-    match (serde_json::from_value::<Header>(fields.clone()), PlanFile::parse(&plan, file)) {
+    match (serde_json::from_value::<RunHeader>(fields.clone()), PlanFile::parse(&plan, file)) {
         (_, Err(error)) => error.into(),
         (Err(error), Ok(_)) => wrong(match error.to_string().replace('`', "\"").strip_prefix("missing field ") {
             Some(field) => format!("its header has no {field}"),

@@ -11,11 +11,11 @@ use growbot_client::port::{Port, PortError};
 use growbot_core::layer::Layer;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 
-use super::wire::{Answer, Ask, RELEASE, laid, micros};
-use super::{Place, ResidentError};
+use super::protocol::{PROTOCOL_VERSION, Request, Response, laid, micros};
+use super::{SimDaemonError, StateDir};
+use crate::ground_truth::{LaidBody, SimulatedTip};
 use crate::port::TipSettings;
-use crate::tip::hand::Hand;
-use crate::truth::{Laid, Simulation};
+use crate::tip::manual_action::ManualAction;
 
 /// Timeout for requests that the process answers at once. It has nothing else to do.
 const AT_ONCE: Duration = Duration::from_secs(10);
@@ -23,21 +23,21 @@ const AT_ONCE: Duration = Duration::from_secs(10);
 const SLOWEST_PACE: f64 = 0.1;
 
 /// The line to a simulated robot that runs in the background. Its clock is the robot's, which advances by itself.
-pub struct Line {
+pub struct DaemonPort {
     name: String,
-    place: Place,
+    place: StateDir,
     reader: BufReader<UnixStream>,
     now: Duration,
     /// Bytes that have arrived beyond the requested number.
     arrived: VecDeque<u8>,
 }
 
-impl Line {
+impl DaemonPort {
     /// Opens the line for exclusive use.
     ///
     /// # Errors
     /// [`ResidentError`]: the robot is off, or another program uses its line.
-    pub fn open(place: &Place) -> Result<Self, ResidentError> {
+    pub fn open(place: &StateDir) -> Result<Self, SimDaemonError> {
         Self::open_as(place, true)
     }
 
@@ -45,20 +45,20 @@ impl Line {
     ///
     /// # Errors
     /// [`ResidentError::Off`].
-    pub fn open_beside(place: &Place) -> Result<Self, ResidentError> {
+    pub fn open_shared(place: &StateDir) -> Result<Self, SimDaemonError> {
         Self::open_as(place, false)
     }
 
-    fn open_as(place: &Place, alone: bool) -> Result<Self, ResidentError> {
-        let off = || ResidentError::Off(place.name().to_owned());
-        let stream = UnixStream::connect(place.line()?).map_err(|_| off())?;
+    fn open_as(place: &StateDir, alone: bool) -> Result<Self, SimDaemonError> {
+        let off = || SimDaemonError::NotRunning(place.name().to_owned());
+        let stream = UnixStream::connect(place.socket_path()?).map_err(|_| off())?;
         let name = format!("sim:{}", place.name());
         let reader = BufReader::new(stream);
         let mut line = Self { name, place: place.clone(), reader, now: Duration::ZERO, arrived: VecDeque::new() };
-        match line.ask(&Ask::Open { release: RELEASE, alone }, AT_ONCE) {
-            Ok(Answer::Busy) => Err(ResidentError::Busy(place.name().to_owned())),
-            Ok(Answer::Done { .. }) => Ok(line),
-            Ok(_) => Err(ResidentError::OtherRelease(place.name().to_owned())),
+        match line.request(&Request::Open { release: PROTOCOL_VERSION, exclusive: alone }, AT_ONCE) {
+            Ok(Response::Busy) => Err(SimDaemonError::Busy(place.name().to_owned())),
+            Ok(Response::Done { .. }) => Ok(line),
+            Ok(_) => Err(SimDaemonError::OtherRelease(place.name().to_owned())),
             Err(_) => Err(off()),
         }
     }
@@ -68,7 +68,7 @@ impl Line {
     /// # Errors
     /// If the robot was switched off.
     pub fn set_tip(&mut self, settings: &TipSettings) -> Result<(), PortError> {
-        self.ask(&Ask::Tip(settings.into()), AT_ONCE).map(|_| ())
+        self.request(&Request::Tip(settings.into()), AT_ONCE).map(|_| ())
     }
 
     /// Resets the board.
@@ -76,7 +76,7 @@ impl Line {
     /// # Errors
     /// If the robot was switched off.
     pub fn reset(&mut self) -> Result<(), PortError> {
-        self.ask(&Ask::Reset, AT_ONCE).map(|_| ())
+        self.request(&Request::Reset, AT_ONCE).map(|_| ())
     }
 
     /// Switches the robot off immediately, and waits until it is off.
@@ -84,22 +84,22 @@ impl Line {
     /// # Errors
     /// If the process does not respond.
     pub fn power_off(&mut self) -> Result<(), PortError> {
-        self.ask(&Ask::PowerOff, AT_ONCE)?;
+        self.request(&Request::PowerOff, AT_ONCE)?;
         // The process ends after its response, and the line closes with it.
         let mut rest = String::new();
         let _ = self.reader.read_line(&mut rest);
         Ok(())
     }
 
-    fn ask(&mut self, ask: &Ask, limit: Duration) -> Result<Answer, PortError> {
-        let answer = self.asked(ask, limit).map_err(|why| PortError::Lost(self.name.clone(), why))?;
-        if let Answer::Done { now_us } | Answer::Bytes { now_us, .. } = &answer {
+    fn request(&mut self, ask: &Request, limit: Duration) -> Result<Response, PortError> {
+        let answer = self.round_trip(ask, limit).map_err(|why| PortError::Lost(self.name.clone(), why))?;
+        if let Response::Done { now_us } | Response::Bytes { now_us, .. } = &answer {
             self.now = Duration::from_micros(*now_us);
         }
         Ok(answer)
     }
 
-    fn asked(&mut self, ask: &Ask, limit: Duration) -> Result<Answer, String> {
+    fn round_trip(&mut self, ask: &Request, limit: Duration) -> Result<Response, String> {
         let mut line = serde_json::to_vec(ask).map_err(|error| error.to_string())?;
         line.push(b'\n');
         let stream = self.reader.get_mut();
@@ -113,16 +113,16 @@ impl Line {
     }
 }
 
-impl Port for Line {
+impl Port for DaemonPort {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.ask(&Ask::Send(bytes.to_vec()), AT_ONCE).map(|_| ())
+        self.request(&Request::Send(bytes.to_vec()), AT_ONCE).map(|_| ())
     }
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
         if self.arrived.is_empty() {
-            let ask = Ask::Receive { timeout_us: micros(timeout), max: buffer.len() };
+            let ask = Request::Receive { timeout_us: micros(timeout), max: buffer.len() };
             let limit = AT_ONCE.saturating_add(timeout.div_f64(SLOWEST_PACE));
-            if let Answer::Bytes { bytes, .. } = self.ask(&ask, limit)? {
+            if let Response::Bytes { bytes, .. } = self.request(&ask, limit)? {
                 self.arrived.extend(bytes);
             }
         }
@@ -137,8 +137,8 @@ impl Port for Line {
         self.now
     }
 
-    fn emergency_line(&mut self) -> Option<Box<dyn Port + Send>> {
-        Self::open_beside(&self.place).ok().map(|line| Box::new(line) as Box<dyn Port + Send>)
+    fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
+        Self::open_shared(&self.place).ok().map(|line| Box::new(line) as Box<dyn Port + Send>)
     }
 
     fn send_emergency_stop(&mut self) -> Result<(), PortError> {
@@ -147,32 +147,32 @@ impl Port for Line {
 }
 
 /// The layers of the tip behind a line.
-pub struct Truth(Rc<RefCell<Line>>);
+pub struct RemoteTip(Rc<RefCell<DaemonPort>>);
 
-impl Truth {
+impl RemoteTip {
     /// Creates the truth of a line that a client uses too.
     #[must_use]
-    pub fn behind(line: &Rc<RefCell<Line>>) -> Self {
+    pub fn behind(line: &Rc<RefCell<DaemonPort>>) -> Self {
         Self(Rc::clone(line))
     }
 }
 
-impl Simulation for Truth {
-    fn laid(&mut self) -> Result<Laid, PortError> {
-        match self.0.borrow_mut().ask(&Ask::Laid, AT_ONCE)? {
-            Answer::Laid { layers, feed_steps } => Ok(laid(&layers, feed_steps)),
-            _ => Ok(Laid::default()),
+impl SimulatedTip for RemoteTip {
+    fn laid(&mut self) -> Result<LaidBody, PortError> {
+        match self.0.borrow_mut().request(&Request::Laid, AT_ONCE)? {
+            Response::Laid { layers, feed_steps } => Ok(laid(&layers, feed_steps)),
+            _ => Ok(LaidBody::default()),
         }
     }
 
     fn settled(&mut self, from: usize) -> Vec<Layer> {
-        match self.0.borrow_mut().ask(&Ask::Settled { from }, AT_ONCE) {
-            Ok(Answer::Laid { layers, .. }) => laid(&layers, 0).body,
+        match self.0.borrow_mut().request(&Request::Settled { from }, AT_ONCE) {
+            Ok(Response::Laid { layers, .. }) => laid(&layers, 0).body,
             _ => Vec::new(),
         }
     }
 
-    fn by_hand(&mut self, hand: Hand) -> bool {
-        self.0.borrow_mut().ask(&Ask::Hand(hand), AT_ONCE).is_ok()
+    fn apply_action(&mut self, hand: ManualAction) -> bool {
+        self.0.borrow_mut().request(&Request::Hand(hand), AT_ONCE).is_ok()
     }
 }
