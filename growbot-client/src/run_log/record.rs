@@ -90,6 +90,8 @@ pub struct RunRecord {
     pub robot: RobotId,
     /// Kind of tip that laid the body.
     pub tip: RecordedTip,
+    /// True if the body was grown without regard to its scene.
+    pub ignore_scene: bool,
     /// The plan.
     pub plan: PlanFile,
     /// Assumed noise of the sensors. `None` without feedback.
@@ -376,6 +378,7 @@ impl RunRecord {
             feedback: header.feedback.and_then(WrittenNoise::checked),
             robot: RobotId { name: header.robot, hash: header.robot_hash },
             tip: header.tip,
+            ignore_scene: header.ignore_scene,
             plan: header.plan,
             file: file.to_string(),
             plan_id: header.plan_id,

@@ -454,7 +454,7 @@ mod tests {
             })
         };
         let imperfection = Imperfection::default();
-        assert!(says(Origin { port: "sim", imperfection: Some(&imperfection) }));
+        assert!(says(Origin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false }));
         assert!(!says("tcp:robot:1".into()));
     }
 
