@@ -316,6 +316,6 @@ mod tests {
             choices(&schema, "motion.strategy").iter().map(|(word, _)| *word).collect::<Vec<_>>(),
             ["feed", "speed"]
         );
-        assert!(meaning(&schema, "pause.standby_c").contains("heater.target_c where that is lower"));
+        assert!(meaning(&schema, "pause.standby_c").contains("If heater.target_c is lower"));
     }
 }

@@ -39,7 +39,7 @@ fn a_new_robot_that_is_a_bench_or_too_fast_for_a_board_says_so() {
     ] {
         let output = folder.path().join("new.toml");
         let ran = command(PROGRAM)
-            .args(["new-robot", "--force", "--from", base, "-o"])
+            .args(["new-robot", "--overwrite", "--from", base, "-o"])
             .arg(&output)
             .stdin(Stdio::null())
             .output()
@@ -213,9 +213,9 @@ fn new_robot_writes_a_file_from_answers_in_a_pipe() {
 
     let again = growbot_reading(&["new-robot", "-o", file], "");
     assert_eq!((again.code, again.out.as_str()), (Some(2), ""));
-    assert!(again.err.contains("--force"), "{}", again.err);
+    assert!(again.err.contains("--overwrite"), "{}", again.err);
     assert_eq!(fs::read_to_string(&path).unwrap(), text);
-    assert_eq!(growbot_reading(&["new-robot", "-o", file, "--force", "--from", "growbot-b"], "").code, Some(0));
+    assert_eq!(growbot_reading(&["new-robot", "-o", file, "--overwrite", "--from", "growbot-b"], "").code, Some(0));
     assert!(fs::read_to_string(&path).unwrap().contains("name = \"mine\""));
     assert!(growbot(&["rmin", "--robot", file]).out.starts_with("mine: R_min is 594.11 mm"));
 }
@@ -331,6 +331,6 @@ fn answers_are_taken_back_and_sections_skipped() {
     assert!(ran.err.matches("geometry.inner_radius_mm").count() == 2, "{}", ran.err);
     assert_eq!(ran.err.matches("geometry.tip_radius_mm [").count(), 1, "{}", ran.err);
     // `back` has no effect at the first question.
-    let ran = growbot_reading(&["new-robot", "-o", file, "--force"], "back\nours\n");
+    let ran = growbot_reading(&["new-robot", "-o", file, "--overwrite"], "back\nours\n");
     assert!(ran.code == Some(0) && ran.err.contains("the first question"), "{}", ran.err);
 }

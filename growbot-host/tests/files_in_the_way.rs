@@ -44,25 +44,25 @@ fn names(directory: &Path) -> Vec<String> {
 const SHORT: [&str; 3] = ["grow", "--to", "0,0,5,0,90"];
 
 #[test]
-fn a_run_log_is_replaced_with_force_and_only_by_a_growth_that_begins() {
+fn a_run_log_is_replaced_with_overwrite_and_only_by_a_growth_that_begins() {
     let place = Place::new();
     fs::write(place.path("run.jsonl"), "before\n").unwrap();
     let log = ["--log", "run.jsonl"];
     let (code, _, err) = place.run(&[&SHORT[..], &log].concat());
-    assert!(code == Some(2) && err.contains("run.jsonl is there already") && err.contains("--force"), "{err}");
+    assert!(code == Some(2) && err.contains("run.jsonl is there already") && err.contains("--overwrite"), "{err}");
     assert_eq!(fs::read_to_string(place.path("run.jsonl")).unwrap(), "before\n");
     // No board responds there, so the growth does not begin.
-    let (code, ..) = place.run(&[&SHORT[..], &log, &["--force", "--port", "tcp:127.0.0.1:1"]].concat());
+    let (code, ..) = place.run(&[&SHORT[..], &log, &["--overwrite", "--port", "tcp:127.0.0.1:1"]].concat());
     assert_eq!(code, Some(2));
     assert_eq!(fs::read_to_string(place.path("run.jsonl")).unwrap(), "before\n");
-    let (code, _, err) = place.run(&[&SHORT[..], &log, &["--force"]].concat());
+    let (code, _, err) = place.run(&[&SHORT[..], &log, &["--overwrite"]].concat());
     assert_eq!(code, Some(0), "{err}");
     let text = fs::read_to_string(place.path("run.jsonl")).unwrap();
     assert!(text.starts_with("{\"event\":\"header\"") && text.contains("\"event\":\"end\""), "{text}");
     assert_eq!(place.names(), ["run.jsonl"]);
     // A symbolic link stays, and its target is replaced.
     std::os::unix::fs::symlink(place.path("run.jsonl"), place.path("link.jsonl")).unwrap();
-    let (code, _, err) = place.run(&[&SHORT[..], &["--log", "link.jsonl", "--force"]].concat());
+    let (code, _, err) = place.run(&[&SHORT[..], &["--log", "link.jsonl", "--overwrite"]].concat());
     assert_eq!(code, Some(0), "{err}");
     assert!(fs::symlink_metadata(place.path("link.jsonl")).unwrap().is_symlink());
     assert_ne!(fs::read_to_string(place.path("run.jsonl")).unwrap(), text);

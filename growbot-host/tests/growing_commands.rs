@@ -83,7 +83,7 @@ fn a_plan_from_a_file_grows_and_leaves_a_log() {
     assert_eq!(lines.iter().filter(|line| line["event"] == "laid").count(), 50);
     assert_eq!(lines.last().unwrap()["result"]["outcome"], "done");
 
-    // The log of a body is never overwritten without `--force`.
+    // The log of a body is never overwritten without `--overwrite`.
     assert_refused(&growbot(&["grow", &plan, "--log", &log]), &["run log", "--log"]);
 }
 
@@ -101,6 +101,37 @@ fn what_cannot_be_grown_is_told_before_anything_starts() {
     assert_refused(&growbot(&["grow", "missing.json"]), &["missing.json"]);
     assert_refused(&growbot(&["grow", "--to", "0,0,100,0,90", "--radius", "50"]), &["50", "98.2"]);
     assert_refused(&growbot(&["grow", "--to", "0,0,100,0,90", "--log", "/nowhere/run.jsonl"]), &["/nowhere/run.jsonl"]);
+}
+
+#[test]
+fn each_flag_overrides_one_refusal_and_no_other() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
+    let (warns, plain, near, old) = (path("warns.json"), path("plain.json"), path("near.toml"), path("old.jsonl"));
+    let plan = growbot(&["plan", "--to", "0,0,60,0,90", "--json"]).out;
+    let warning = r#""warnings":[{"code":"self-collision","message":"it meets itself","value":31.0,"limit":47.1}]"#;
+    std::fs::write(&plain, &plan).unwrap();
+    std::fs::write(&warns, plan.replace(r#""warnings":[]"#, warning)).unwrap();
+    std::fs::write(&near, "format = \"growbot-scene/1\"\n[[ball]]\ncenter_mm = [0, 0, 90]\nradius_mm = 40\n").unwrap();
+    std::fs::write(&old, "").unwrap();
+    let new = path("new.jsonl");
+    for (arguments, flag, refusal) in [
+        (vec!["grow", &warns, "--log", &new], "--force", "self-collision"),
+        (vec!["grow", &plain, "--scene", &near, "--log", &new], "--ignore-scene", "into the ball"),
+        (vec!["grow", &plain, "--log", &old], "--overwrite", "is there already"),
+    ] {
+        let others: Vec<_> =
+            ["--force", "--ignore-scene", "--overwrite"].into_iter().filter(|other| *other != flag).collect();
+        let ran = growbot(&[&arguments[..], &others].concat());
+        assert!(matches!(ran.code, Some(1 | 2)) && ran.err.contains(refusal) && ran.err.contains(flag), "{}", ran.err);
+        let ran = growbot(&[&arguments[..], &[flag]].concat());
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+        let log = std::fs::read_to_string(if flag == "--overwrite" { &old } else { &new }).unwrap();
+        let header: Value = serde_json::from_str(log.lines().next().unwrap()).unwrap();
+        let ignores = flag == "--ignore-scene";
+        assert_eq!((header["ignore_scene"].as_bool(), ran.err.contains("--ignore-scene")), (Some(ignores), ignores));
+        std::fs::remove_file(&new).unwrap_or_default();
+    }
 }
 
 #[test]

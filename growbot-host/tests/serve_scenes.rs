@@ -60,6 +60,59 @@ fn bodies_that_the_service_grows_are_kept_clear_of_their_scene() {
 }
 
 #[test]
+fn each_flag_of_a_job_overrides_one_refusal_and_no_other() {
+    let lab = lab();
+    fs::write(lab.directory.path().join("near.toml"), IN_THE_WAY).unwrap();
+    fs::write(lab.directory.path().join("old.jsonl"), "").unwrap();
+    let (_, said) = lab.run(&["plan", "--to", "0,0,60,0,90", "-o", "plain.json"]);
+    let plain: Value =
+        serde_json::from_slice(&fs::read(lab.directory.path().join("plain.json")).unwrap()).expect(&said);
+    let mut warns = plain.clone();
+    warns["warnings"] =
+        json!([{ "code": "self-collision", "message": "it meets itself", "value": 31.0, "limit": 47.1 }]);
+    fs::write(lab.directory.path().join("warns.json"), warns.to_string()).unwrap();
+    let near = lab.directory.path().join("near.toml");
+    for (job, flag, other, refusal) in [
+        (json!({ "plan": warns }), "force", "ignore_scene", "self-collision"),
+        (json!({ "plan": plain, "scene": near }), "ignore_scene", "force", "into the ball"),
+    ] {
+        let with = |flag: &str| {
+            let mut job = job.clone();
+            job[flag] = json!(true);
+            lab.ask("POST", "/robots/lab/jobs", &job.to_string())
+        };
+        let (status, problem) = with(other);
+        let detail = problem["detail"].as_str().unwrap_or_default();
+        assert!(matches!(status, 409 | 422) && detail.contains(refusal) && detail.contains(flag), "{status} {problem}");
+        let (status, job) = with(flag);
+        assert_eq!((status, job["ignore_scene"].as_bool()), (201, Some(flag == "ignore_scene")), "{job}");
+        let id = job["id"].as_str().unwrap();
+        let ended = lab.wait_for_end(id);
+        assert_eq!((&ended["state"], &ended["ignore_scene"]), (&json!("done"), &job["ignore_scene"]));
+        let record = RunRecord::open(&lab.log(id)).unwrap();
+        assert_eq!(record.ignore_scene, flag == "ignore_scene");
+    }
+    let recorded = lab.orders();
+    assert_eq!(
+        recorded.iter().filter(|line| line["order"] == "grow, ignoring the scene" && line["refused"].is_null()).count(),
+        1,
+        "{recorded:?}"
+    );
+    // The command passes its flags to the service.
+    for (arguments, flag, others, refusal) in [
+        (vec!["warns.json"], "--force", ["--ignore-scene", "--overwrite"], "self-collision"),
+        (vec!["plain.json", "--scene", "near.toml"], "--ignore-scene", ["--force", "--overwrite"], "into the ball"),
+        (vec!["plain.json", "--log", "old.jsonl"], "--overwrite", ["--force", "--ignore-scene"], "exists already"),
+    ] {
+        let grow = |flags: &[&str]| lab.run(&[&["grow", "--port", "sim:lab"], &arguments[..], flags].concat());
+        let (code, said) = grow(&others);
+        assert!(code != Some(0) && said.contains(refusal), "{code:?} {said}");
+        let (code, said) = grow(&[flag]);
+        assert_eq!(code, Some(0), "{said}");
+    }
+}
+
+#[test]
 fn a_body_is_resumed_in_the_scene_that_it_was_begun_in() {
     let lab = lab();
     let scene = lab.directory.path().join("ball.toml");

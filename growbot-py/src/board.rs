@@ -53,6 +53,8 @@ struct Task {
     conditions: Conditions,
     /// Scene from which corrections stay clear.
     around: Option<Scene>,
+    /// True if the plan or the caller gives a scene and the growth ignores it.
+    ignores_scene: bool,
     seed: u64,
     log: Option<PathBuf>,
     replace: bool,
@@ -173,7 +175,7 @@ impl Worker {
             around.iter().fold(feedback, Feedback::among)
         });
         if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::can_begin) {
-            let message = format!("{too_near}: plan with a larger margin_mm or another radius_mm, or set force=True");
+            let message = format!("{too_near}: plan with a larger margin_mm or another radius_mm, or set ignore_scene=True");
             return Err(Refused::new(Kind::Input, message));
         }
         let imperfection =
@@ -185,7 +187,7 @@ impl Worker {
         let (port, line) = (self.name.clone(), self.line()?);
         let job = Job::of_plan(robot, plan);
         let fed_back = conditions.feedback().then_some(noise);
-        let origin = Origin { port: &port, imperfection: simulated.then_some(&imperfection) };
+        let origin = Origin { port: &port, imperfection: simulated.then_some(&imperfection), ignores_scene: task.ignores_scene };
         let begun = match &task.log {
             None => Ok(RunLog::none()),
             Some(file) if task.replace => RunLog::replace(file, plan, &job, fed_back, origin),
@@ -195,7 +197,7 @@ impl Worker {
             error @ RunLogError::Exists { .. } => Refused::new(
                 Kind::File,
                 format!(
-                    "{}; or set replace_log=True",
+                    "{}; or set overwrite=True",
                     error.to_string().split("; --log alone").next().unwrap_or_default()
                 ),
             ),
@@ -353,7 +355,7 @@ impl Board {
         self.answer(py, Asked::EmergencyStop)
     }
 
-    #[pyo3(signature = (plan, conditions = None, seed = None, log = None, replace_log = None, force = None, scene = None))]
+    #[pyo3(signature = (plan, conditions = None, seed = None, log = None, overwrite = None, force = None, ignore_scene = None, scene = None))]
     #[expect(clippy::too_many_arguments, reason = "Python's keywords")]
     fn grow(
         &self,
@@ -361,19 +363,21 @@ impl Board {
         conditions: Option<&Bound<PyAny>>,
         seed: Option<&Bound<PyAny>>,
         log: Option<&Bound<PyAny>>,
-        replace_log: Option<&Bound<PyAny>>,
+        overwrite: Option<&Bound<PyAny>>,
         force: Option<&Bound<PyAny>>,
+        ignore_scene: Option<&Bound<PyAny>>,
         scene: Option<&Bound<PyAny>>,
     ) -> Result<Growth, Refused> {
         let plan = plan.cast::<Plan>().map_err(|_| wrong_type("plan", plan, "a growbot.Plan"))?.get().clone();
         let conditions = Conditions::read(conditions)?;
         let seed = seed_of(seed)?;
         let log = log.map(|file| path("log", file)).transpose()?;
-        let replace = replace_log.map_or(Ok(false), |value| flag("replace_log", value))?;
+        let replace = overwrite.map_or(Ok(false), |value| flag("overwrite", value))?;
         let force = force.map_or(Ok(false), |value| flag("force", value))?;
         check(&plan, &conditions, self.simulated, force)?;
-        // With force, the growth ignores the scene.
-        let around = if force { None } else { surroundings(&plan, scene)? };
+        let ignore_scene = ignore_scene.map_or(Ok(false), |value| flag("ignore_scene", value))?;
+        let around = if ignore_scene { None } else { surroundings(&plan, scene)? };
+        let ignores_scene = ignore_scene && (scene.is_some() || plan.inner.scene.is_some());
         let (events, told) = if self.simulated {
             let (sender, receiver) = mpsc::sync_channel(AHEAD);
             (Events::Ahead(sender), receiver)
@@ -387,6 +391,7 @@ impl Board {
             plan,
             conditions,
             around,
+            ignores_scene,
             seed,
             log,
             replace,

@@ -23,7 +23,7 @@ pub fn surroundings(plan: &Plan, scene: Option<&Bound<PyAny>>) -> Result<Option<
     if let Some(scene) = scene {
         let scene = Scene::given(scene)?;
         clear_in(&plan.inner, &plan.robot, &scene.file.display().to_string(), &scene.loaded)
-            .map_err(|unclear| Refused::new(Kind::Input, format!("{unclear}; or set force=True")))?;
+            .map_err(|unclear| Refused::new(Kind::Input, format!("{unclear}; or set ignore_scene=True")))?;
         return Ok(Some(scene));
     }
     through(&plan.inner)

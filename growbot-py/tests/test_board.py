@@ -46,10 +46,10 @@ def test_a_growth_is_its_events(tmp_path: Path) -> None:
     assert pickle.loads(pickle.dumps(run)) == run
     # The board lays the same layers as the command's. Without one the noise is the same, but layers are not in steps.
     assert abs(PLAN.simulate(seed=3, conditions=conditions).position_error_mm - result["position_error_mm"]) < 0.5
-    with growbot.connect() as board, pytest.raises(growbot.FileError, match="there already.*replace_log=True"):
-        board.grow(PLAN, log=log).wait()
+    with growbot.connect() as board, pytest.raises(growbot.FileError, match="there already.*overwrite=True"):
+        board.grow(PLAN, log=log, force=True, ignore_scene=True).wait()
     with growbot.connect() as board:
-        assert board.grow(PLAN, log=log, replace_log=True).wait()["outcome"] == "done"
+        assert board.grow(PLAN, log=log, overwrite=True).wait()["outcome"] == "done"
 
 
 def test_feedback_amends_the_body() -> None:
@@ -90,6 +90,9 @@ def test_what_cannot_be_grown_is_refused() -> None:
         ]:
             with pytest.raises(growbot.Error, match=words):
                 call()
+        twisted = growbot.plan(START, (20, 10, 60, 0, 80))
+        with pytest.raises(growbot.InputError, match="self-collision.*force=True"):
+            board.grow(twisted, ignore_scene=True, overwrite=True)
     with pytest.raises(growbot.InputError, match="unknown"):
         growbot.connect("nowhere")
     with pytest.raises(growbot.BoardError, match="127.0.0.1:9"):
@@ -155,8 +158,8 @@ def test_bodies_among_obstacles_are_kept_clear(tmp_path: Path) -> None:
     near.write_text(text.format(60))
     far.write_text(text.format(400))
     with growbot.connect("sim") as board:
-        with pytest.raises(growbot.InputError, match="mm into the ball.*force=True"):
-            board.grow(PLAN, scene=growbot.Scene(near))
+        with pytest.raises(growbot.InputError, match="mm into the ball.*ignore_scene=True"):
+            board.grow(PLAN, scene=growbot.Scene(near), force=True, overwrite=True)
         feedback = growbot.Conditions(bias_percent=5, feedback=True)
         assert board.grow(PLAN, scene=growbot.Scene(far), conditions=feedback).wait()["outcome"] == "done"
         through = growbot.plan(START, (5, 0, 60, 0, 85), scene=growbot.Scene(far))
@@ -168,4 +171,5 @@ def test_bodies_among_obstacles_are_kept_clear(tmp_path: Path) -> None:
         far.unlink()
         with pytest.raises(growbot.FileError, match="scene="):
             board.grow(through)
-        assert board.grow(through, force=True).wait()["outcome"] == "done"
+        with pytest.warns(RuntimeWarning, match="ignore_scene"):
+            assert board.grow(through, ignore_scene=True).wait()["outcome"] == "done"

@@ -59,7 +59,7 @@ def test_a_robot_of_the_service_is_a_board_like_others(lab: Path) -> None:
         seen = list(growth)
         assert growth.result is not None and growth.result["outcome"] == "done" and growth.result["simulated"]
         assert board.status().state == "done"
-        with pytest.raises(growbot.FileError, match="replace_log=True"):
+        with pytest.raises(growbot.FileError, match="overwrite=True"):
             board.grow(PLAN, log=log)
         with pytest.raises(growbot.InputError, match="no noise"):
             board.grow(PLAN, conditions=growbot.Conditions(noise_percent=5))

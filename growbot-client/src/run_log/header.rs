@@ -32,6 +32,9 @@ pub struct RunHeader {
     /// Disturbances of a simulated tip. Null for a robot.
     #[serde(default, deserialize_with = "lenient")]
     pub disturbances: Option<DisturbancesJson>,
+    /// True if the body was grown without regard to its scene.
+    #[serde(default)]
+    pub ignore_scene: bool,
     /// Name of the robot.
     pub robot: String,
     /// Hash of the robot's description, 16 hexadecimal digits.

@@ -81,7 +81,7 @@ pub enum RunLogError {
     /// The file exists already.
     #[error(
         "the run log {file} is there already, and may be the only record of a body: choose another name, or replace \
-         it with --force; --log alone takes a name of its own"
+         it with --overwrite; --log alone takes a name of its own"
     )]
     Exists {
         /// The file.
@@ -111,12 +111,14 @@ pub struct Origin<'a> {
     pub port: &'a str,
     /// Disturbances of a simulated tip. `None` for a robot.
     pub imperfection: Option<&'a ErrorModel>,
+    /// True if the growth ignores its scene.
+    pub ignores_scene: bool,
 }
 
 impl<'a> From<&'a str> for Origin<'a> {
     /// Creates the origin from a port. Nothing is known of its tip.
     fn from(port: &'a str) -> Self {
-        Self { port, imperfection: None }
+        Self { port, imperfection: None, ignores_scene: false }
     }
 }
 
@@ -232,7 +234,7 @@ impl RunLog {
         plan: &Plan,
         job: &Job,
         feedback: Option<SensorNoise>,
-        Origin { port, imperfection }: Origin<'_>,
+        Origin { port, imperfection, ignores_scene }: Origin<'_>,
     ) -> Result<Self, RunLogError> {
         let mut log = self;
         let tip = if imperfection.is_some() { TipKind::Simulated } else { TipKind::Robot };
@@ -244,6 +246,7 @@ impl RunLog {
             port: port.to_owned(),
             tip,
             disturbances: imperfection.map(DisturbancesJson::from),
+            ignore_scene: ignores_scene,
             robot: job.robot.name().to_owned(),
             robot_hash: job.robot.hash(),
             plan_id: job.plan_id,

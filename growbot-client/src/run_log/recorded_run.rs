@@ -90,6 +90,8 @@ pub struct RecordedRun {
     pub robot: RobotId,
     /// Kind of tip that laid the body.
     pub tip: TipKind,
+    /// True if the body was grown without regard to its scene.
+    pub ignore_scene: bool,
     /// The plan.
     pub plan: PlanFile,
     /// Assumed noise of the sensors. `None` without feedback.
@@ -388,6 +390,7 @@ impl RecordedRun {
             feedback: header.feedback.and_then(SensorNoiseJson::checked),
             robot: RobotId { name: header.robot, hash: header.robot_hash },
             tip: header.tip,
+            ignore_scene: header.ignore_scene,
             plan: header.plan,
             file: file.to_string(),
             plan_id: header.plan_id,

@@ -160,7 +160,7 @@ fn all_lines_of_an_event_wait_for_a_disk_that_is_full() {
     let layer = Layer { alpha: 1.0, height: 0.7, tilt: 0.006 };
     let simulated = JobEvent::Simulated { from: 0, layers: vec![layer; 3] };
     let imperfection = ErrorModel::default();
-    let header = log_from(Origin { port: "sim", imperfection: Some(&imperfection) }, &[]);
+    let header = log_from(Origin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false }, &[]);
     for room in [0, 10, 300] {
         let disk = Disk::with_room(room);
         let mut log = RunLog::to(Box::new(disk.clone()), "run", Frame::identity());
@@ -252,7 +252,7 @@ fn the_header_tells_of_the_command_the_time_and_the_disturbances_and_every_event
     let job = Job::of_plan(&robot, &plan);
     let disturbance = Disturbance { growth_noise: 0.1, tilt_bias: 0.05, ..Disturbance::default() };
     let imperfection = ErrorModel { disturbance, seed: 7, ..ErrorModel::default() };
-    let origin = Origin { port: "sim", imperfection: Some(&imperfection) };
+    let origin = Origin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false };
     let mut log = RunLog::create(&path, &plan, &job, None, origin).unwrap();
     log.record(&laid(0)).unwrap();
     log.record(&JobEvent::Simulated { from: 0, layers: vec![Layer { alpha: 1.0, height: 0.7, tilt: 0.004 }] }).unwrap();
@@ -282,7 +282,7 @@ fn the_header_tells_of_the_command_the_time_and_the_disturbances_and_every_event
 #[test]
 fn whose_tip_it_was_is_what_the_header_says_and_nothing_else() {
     let imperfection = ErrorModel::default();
-    let simulated = Origin { port: "sim", imperfection: Some(&imperfection) };
+    let simulated = Origin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false };
     let told = |layer: u32| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
     let lies = |layer: u32| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": 0.7, "tilt_deg": 0.0 });
     let read = |origin, lines: &[Value]| RecordedRun::read(&log_from(origin, lines), "run").unwrap();
@@ -310,7 +310,7 @@ fn the_layer_under_way_makes_up_for_none_that_the_log_does_not_place() {
     let lies = |layer: u32| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": 0.7, "tilt_deg": 0.0 });
     for (places, missing) in [(&[0, 1, 2][..], 0), (&[0, 2], 1), (&[1], 1), (&[2], 2), (&[0, 1], 0), (&[], 2)] {
         let lines: Vec<Value> = [told(0), told(1)].into_iter().chain(places.iter().map(|layer| lies(*layer))).collect();
-        let origin = Origin { port: "sim", imperfection: Some(&imperfection) };
+        let origin = Origin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false };
         let record = RecordedRun::read(&log_from(origin, &lines), "run").unwrap();
         assert_eq!(record.missing_simulated_layers(), missing, "{places:?}");
         assert_eq!(

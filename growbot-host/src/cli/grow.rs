@@ -52,7 +52,7 @@ pub struct GrowArgs {
     /// written: growth-2026-11-23T014500.jsonl
     ///
     /// The file has one JSON object per line. The date is that of the start, UTC. An existing log is replaced only with
-    /// --force, once a layer of the new body is laid.
+    /// --overwrite, once a layer of the new body is laid.
     #[arg(long, value_name = "FILE", num_args = 0..=1)]
     log: Option<Option<PathBuf>>,
     /// Behaviour of the board when it loses contact with this program
@@ -65,10 +65,15 @@ pub struct GrowArgs {
     /// are 1 percent and 0.5 degrees.
     #[arg(long)]
     feedback: bool,
-    /// Grow in spite of self-collision, filament-short or layer-limit, and of any nearness to the scene. Also replace
-    /// an existing run log
+    /// Grow in spite of the warnings self-collision, filament-short and layer-limit
     #[arg(long)]
     force: bool,
+    /// Grow although the plan is not clear of the scene, and do not keep corrections clear of it
+    #[arg(long)]
+    ignore_scene: bool,
+    /// Replace an existing run log
+    #[arg(long)]
+    overwrite: bool,
     /// End with one line of JSON instead of a table
     #[arg(long)]
     json: bool,
@@ -132,10 +137,13 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
             codes.join(", ")
         )));
     }
-    if let Some(unclear) = unclear.filter(|_| !args.force) {
-        return Err(refused(unclear.to_string()));
+    if let Some(unclear) = unclear.filter(|_| !args.ignore_scene) {
+        return Err(refused(format!("{unclear}; or grow it all the same with --ignore-scene")));
     }
     args.suits(&port, &robot)?;
+    if args.ignore_scene && scene.is_some() {
+        growbot_host::warning!("--ignore-scene: neither the plan nor its corrections are kept clear of the scene");
+    }
     if let Some(owned) = owner(&port)? {
         let at = args.goal.place_of_scene(&plan)?;
         return owned.grow(&robot, &plan, at, args.goal.name("growbot grow"), &args.by_service(print)?);
@@ -153,8 +161,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         disturbance.sensor_noise_or(DEFAULT_SENSOR_NOISE)
     };
     let noise = args.feedback.then_some(assumed);
-    // With --force the body is not kept clear of the scene.
-    let around = scene.as_ref().filter(|_| !args.force);
+    let around = scene.as_ref().filter(|_| !args.ignore_scene);
     let around = around.map(|scene| SceneContext::new(&robot, scene, plan.radius));
     let feedback = noise.map(|noise| {
         let feedback = Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise);
@@ -163,7 +170,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
         return Err(refused(format!(
             "{too_near}: give a larger margin_mm or another --radius to `growbot plan --scene`, a better sensor, or grow \
-             it all the same with --force"
+             it all the same with --ignore-scene"
         )));
     }
     let imperfection = ErrorModel {
@@ -179,7 +186,11 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let shown = scene.as_ref().map(|loaded| SceneFile { file: &file, scene: &loaded.scene });
     let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None, scene: shown };
     let watch = args.watching.begin(&subject, &job, &[], &orders)?;
-    let origin = Origin { port: port.text(), imperfection: port.is_simulated().then_some(&imperfection) };
+    let origin = Origin {
+        port: port.text(),
+        imperfection: port.is_simulated().then_some(&imperfection),
+        ignores_scene: scene.is_some() && args.ignore_scene,
+    };
     let log = args.begin_log(&plan, &job, noise, origin).map_err(Failure::bad_input)?;
     let seed = (disturbance.disturbs() || disturbance.knows_sensors()).then_some(disturbance.seed);
     let seed = seed.filter(|_| port.is_simulated());
@@ -230,9 +241,9 @@ impl GrowArgs {
                     "the service keeps the run log: name a file for its copy, or leave --log out",
                 ));
             }
-            Some(Some(path)) if path.exists() && !self.force => {
+            Some(Some(path)) if path.exists() && !self.overwrite => {
                 return Err(Failure::bad_input(format!(
-                    "run log {} exists already: name another file, or replace it with --force",
+                    "run log {} exists already: name another file, or replace it with --overwrite",
                     path.display()
                 )));
             }
@@ -240,7 +251,14 @@ impl GrowArgs {
             Some(None) => Some(RunLog::free_name()),
             None => None,
         };
-        Ok(Options { feedback: self.feedback, force: self.force, print, log, page: self.watching.of_service()? })
+        Ok(Options {
+            feedback: self.feedback,
+            force: self.force,
+            ignore_scene: self.ignore_scene,
+            print,
+            log,
+            page: self.watching.of_service()?,
+        })
     }
 
     /// Creates the requested log, or none.
@@ -254,7 +272,7 @@ impl GrowArgs {
         match &self.log {
             None => Ok(RunLog::disabled()),
             Some(Some(path)) if is_standard_output(path) => RunLog::to_standard_output(plan, job, noise, origin),
-            Some(Some(path)) if self.force => RunLog::replace(path, plan, job, noise, origin),
+            Some(Some(path)) if self.overwrite => RunLog::replace(path, plan, job, noise, origin),
             Some(Some(path)) => RunLog::create(path, plan, job, noise, origin),
             Some(None) => {
                 let path = RunLog::free_name();

@@ -39,14 +39,14 @@ pub struct NewRobotArgs {
     base: PathBuf,
     /// Replace an existing file
     #[arg(long)]
-    force: bool,
+    overwrite: bool,
 }
 
 /// Runs the command.
 pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
     if let Some(output) = &args.output {
         format_from_extension(output, &["toml"])?;
-        refuse_to_overwrite(output, args.force)?;
+        refuse_to_overwrite(output, args.overwrite)?;
     }
     if is_standard_input(&args.base) {
         return Err(Failure::bad_input("the answers come from standard input: give the robot to start from as a file"));
@@ -57,7 +57,7 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
     let given = ask(&mut draft)?;
     let (robot, text) = draft.file(&given)?;
     let output = args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{}.toml", robot.name())));
-    refuse_to_overwrite(&output, args.force)?;
+    refuse_to_overwrite(&output, args.overwrite)?;
     if !write_to(&output, text.as_bytes())? {
         return Ok(());
     }
@@ -90,10 +90,10 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
     ))?)
 }
 
-fn refuse_to_overwrite(output: &Path, force: bool) -> Result<(), Failure> {
-    if !force && !is_standard_output(output) && output.symlink_metadata().is_ok() {
+fn refuse_to_overwrite(output: &Path, overwrite: bool) -> Result<(), Failure> {
+    if !overwrite && !is_standard_output(output) && output.symlink_metadata().is_ok() {
         return Err(Failure::bad_input(format!(
-            "{} is there already: choose another name with -o, or replace it with --force",
+            "{} is there already: choose another name with -o, or replace it with --overwrite",
             output.display()
         )));
     }

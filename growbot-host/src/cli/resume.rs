@@ -93,7 +93,14 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     if let Some(owned) = owned {
         args.refuse_what_a_service_does_not_do()?;
         let page = args.watching.of_service()?;
-        let options = Options { feedback: false, force: false, print: Print::of(args.json), log: None, page };
+        let options = Options {
+            feedback: false,
+            force: false,
+            ignore_scene: false,
+            print: Print::of(args.json),
+            log: None,
+            page,
+        };
         let plan_id = opened.map(|(_, Opened { robot, plan, .. })| Job::of_plan(&robot, &plan).plan_id);
         return owned.resume(plan_id, &options);
     }

@@ -137,6 +137,7 @@ impl Owned {
             scene,
             feedback: options.feedback,
             force: options.force,
+            ignore_scene: options.ignore_scene,
             name: Some(name),
             ..Wanted::default()
         };
@@ -265,6 +266,7 @@ static INTERRUPTED: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBoo
 pub struct Options {
     pub feedback: bool,
     pub force: bool,
+    pub ignore_scene: bool,
     pub print: Print,
     /// File for a copy of the run log.
     pub log: Option<std::path::PathBuf>,
@@ -444,6 +446,13 @@ pub fn run_attach(args: &AttachArgs) -> Result<(), Failure> {
         return Err(Failure::answered_no(format!("robot {} has no job under way", owned.robot.name)));
     };
     let job: Job = owned.caller.get(&format!("/jobs/{id}"))?;
-    let options = Options { feedback: false, force: false, print: Print::of(args.json), log: None, page: None };
+    let options = Options {
+        feedback: false,
+        force: false,
+        ignore_scene: false,
+        print: Print::of(args.json),
+        log: None,
+        page: None,
+    };
     owned.follow(&job, &options)
 }

@@ -212,7 +212,8 @@ async fn new_job(
     beside(move || {
         let made = make_job(&service, &keeper, &wanted, access, key.as_deref());
         let refused = made.as_ref().err().map(|problem| problem.detail.clone());
-        service.shared.audit.note(by, &name, "grow", refused.as_deref());
+        let order = if wanted.ignore_scene { "grow, ignoring the scene" } else { "grow" };
+        service.shared.audit.note(by, &name, order, refused.as_deref());
         made
     })
     .await
@@ -247,7 +248,7 @@ fn make_job(
     let preventing = plan.warnings.iter().find(|warning| BLOCKING.contains(&warning.code.as_str()));
     if let Some(warning) = preventing.filter(|_| !wanted.force) {
         return Err(Problem::conflict(format!(
-            "not grown because of {}: {}; change the plan, or say force",
+            "not grown because of {}: {}; change the plan, or set force",
             warning.code, warning.message
         )));
     }
@@ -268,14 +269,14 @@ fn make_job(
         laid: 0,
         length_mm: plan.requirements.length,
         simulated: keeper.is_simulated(),
+        ignore_scene: scene.is_some() && wanted.ignore_scene,
         created_utc: utc_now(),
         ended_utc: None,
         why: None,
         id,
     };
     service.shared.jobs().enter(&job, key).map_err(Problem::internal)?;
-    // A job that is forced does not keep clear of the scene.
-    let scene = scene.filter(|_| !wanted.force);
+    let scene = scene.filter(|_| !wanted.ignore_scene);
     let new = NewJob { job: job.clone(), plan, robot, scene, feedback: wanted.feedback };
     if let Err(why) = keeper.ask(Ask::Grow(Box::new(new)), ANSWER) {
         // A job that has started after the timeout keeps the state that its robot reports.

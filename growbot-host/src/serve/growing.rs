@@ -40,11 +40,15 @@ impl Keeper {
             around.iter().fold(feedback, Feedback::with_scene)
         });
         if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
-            let remedy = "give the scene a larger margin_mm or the plan another radius, or say force";
+            let remedy = "give the scene a larger margin_mm or the plan another radius, or set ignore_scene";
             return refuse(&reply, &format!("{too_near}: {remedy}"));
         }
         let imperfection = ErrorModel::default();
-        let origin = Origin { port: &self.entry.port, imperfection: self.is_simulated().then_some(&imperfection) };
+        let origin = Origin {
+            port: &self.entry.port,
+            imperfection: self.is_simulated().then_some(&imperfection),
+            ignores_scene: job.ignore_scene,
+        };
         let path = self.shared.jobs().log(&job.id);
         let log = match RunLog::create(&path, &plan, &board_job, noise, origin) {
             Ok(log) => log,

@@ -10,14 +10,11 @@ use serde::{Deserialize, Serialize};
 
 use super::Places;
 
-/// Migrations between versions of the tables. Each one turns the tables of the version before it into the next version,
-/// and the first one starts with an empty database. `PRAGMA user_version` is the number of migrations that were done. A
-/// migration is never changed.
-const MIGRATIONS: [&str; 2] = [JOBS, NOTICES];
-/// Current version of the tables.
-const VERSION: usize = MIGRATIONS.len();
+/// Version of the tables, `PRAGMA user_version`. It rises with each change of [`TABLES`].
+const VERSION: i64 = 3;
 
-const JOBS: &str = "
+/// The jobs, the queued notices, and the condition of each robot that was reported last.
+const TABLES: &str = "
     CREATE TABLE job (
         id TEXT PRIMARY KEY,
         robot TEXT NOT NULL,
@@ -28,16 +25,13 @@ const JOBS: &str = "
         laid INTEGER NOT NULL DEFAULT 0,
         length_mm REAL NOT NULL,
         simulated INTEGER NOT NULL,
+        ignore_scene INTEGER NOT NULL,
         created_utc TEXT NOT NULL,
         ended_utc TEXT,
         why TEXT,
         idempotency_key TEXT UNIQUE
     ) STRICT;
     CREATE INDEX job_by_time ON job (created_utc);
-";
-
-/// Tables of the queued notices and of the condition of each robot that was reported last.
-const NOTICES: &str = "
     CREATE TABLE notice (
         id INTEGER PRIMARY KEY AUTOINCREMENT,
         channel TEXT NOT NULL,
@@ -65,13 +59,14 @@ pub enum JobsError {
         /// Error of the operating system.
         reason: String,
     },
-    /// A later release has written the database.
+    /// Another release has written the database.
     #[error(
-        "{path} was written by a later release of growbot (tables {found}, known {VERSION}): use that release, or move \
-         the file away: the list is made anew from the run logs beside it",
+        "{path} was written by {} release of growbot (tables {found}, this release uses {VERSION}): use that release, or \
+         move the file away, because the list is then rebuilt from the run logs beside it",
+        if *found > VERSION { "a later" } else { "an earlier" },
         path = .path.display()
     )]
-    Later {
+    OtherVersion {
         /// Path of the database.
         path: PathBuf,
         /// Version of its tables.
@@ -151,6 +146,8 @@ pub struct Job {
     pub length_mm: f64,
     /// True if the robot is simulated.
     pub simulated: bool,
+    /// True if the body was grown without regard to its scene.
+    pub ignore_scene: bool,
     /// Time of creation, RFC 3339.
     pub created_utc: String,
     /// Time when the job ended, RFC 3339. Null while it is active.
@@ -166,7 +163,7 @@ pub struct Jobs {
 }
 
 const COLUMNS: &str =
-    "id, robot, name, state, plan_id, layers, laid, length_mm, simulated, created_utc, ended_utc, why";
+    "id, robot, name, state, plan_id, layers, laid, length_mm, simulated, ignore_scene, created_utc, ended_utc, why";
 
 impl Jobs {
     /// Opens the list of jobs. A missing or damaged list is rebuilt from the run logs.
@@ -187,9 +184,10 @@ impl Jobs {
         jobs.database
             .execute_batch("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA busy_timeout = 2000;")?;
         let found: i64 = jobs.database.query_row("PRAGMA user_version", [], |row| row.get(0))?;
-        match usize::try_from(found) {
-            Ok(found @ 0..=VERSION) => jobs.migrate(found)?,
-            _ => return Err(JobsError::Later { path, found }),
+        match found {
+            0 => jobs.create_tables()?,
+            VERSION => {}
+            _ => return Err(JobsError::OtherVersion { path, found }),
         }
         jobs.end_what_never_began()?;
         Ok(jobs)
@@ -203,17 +201,12 @@ impl Jobs {
         never_begun.try_for_each(|id| self.set(id, JobState::Ended, Some("the service ended before it had begun")))
     }
 
-    /// Migrates tables of an earlier version to the current one, all of them or none.
-    fn migrate(&self, found: usize) -> Result<(), JobsError> {
-        if found == VERSION {
-            return Ok(());
-        }
+    /// Creates the tables and enters a job for each run log, all of them or none.
+    fn create_tables(&self) -> Result<(), JobsError> {
         let transaction = self.database.unchecked_transaction()?;
-        MIGRATIONS[found..].iter().try_for_each(|migration| self.database.execute_batch(migration))?;
-        if found == 0 {
-            self.rebuild()?;
-        }
-        self.database.pragma_update(None, "user_version", VERSION as i64)?;
+        self.database.execute_batch(TABLES)?;
+        self.rebuild()?;
+        self.database.pragma_update(None, "user_version", VERSION)?;
         Ok(transaction.commit()?)
     }
 
@@ -254,6 +247,7 @@ impl Jobs {
                 laid: u32::try_from(record.as_built.len()).unwrap_or(u32::MAX),
                 length_mm: record.plan.length_mm,
                 simulated: record.is_simulated(),
+                ignore_scene: record.ignore_scene,
                 created_utc: written_time(created),
                 ended_utc: None,
                 why: outcome.map(|outcome| outcome.name().to_owned()),
@@ -285,21 +279,21 @@ impl Jobs {
     pub fn enter(&self, job: &Job, key: Option<&str>) -> Result<(), JobsError> {
         let insert = format!(
             "INSERT INTO job ({COLUMNS}, idempotency_key) VALUES (:id, :robot, :name, :state, :plan_id, \
-             :layers, :laid, :length_mm, :simulated, :created_utc, :ended_utc, :why, :key)"
+             :layers, :laid, :length_mm, :simulated, :ignore_scene, :created_utc, :ended_utc, :why, :key)"
         );
         self.database.execute(
             &insert,
             named_params! {
                 ":id": job.id, ":robot": job.robot, ":name": job.name, ":state": job.state.name(),
                 ":plan_id": job.plan_id, ":layers": job.layers, ":laid": job.laid, ":length_mm": job.length_mm,
-                ":simulated": job.simulated, ":created_utc": job.created_utc, ":ended_utc": job.ended_utc,
+                ":simulated": job.simulated, ":ignore_scene": job.ignore_scene, ":created_utc": job.created_utc, ":ended_utc": job.ended_utc,
                 ":why": job.why, ":key": key,
             },
         )?;
         Ok(())
     }
 
-    /// Returns the material presets of the configured or default robot.
+    /// Returns the job that was created with this idempotency key.
     pub fn with_key(&self, key: &str) -> Result<Option<Job>, JobsError> {
         self.one("idempotency_key = ?1", key)
     }
@@ -365,9 +359,10 @@ fn of_row(row: &Row) -> rusqlite::Result<Job> {
         laid: row.get(6)?,
         length_mm: row.get(7)?,
         simulated: row.get(8)?,
-        created_utc: row.get(9)?,
-        ended_utc: row.get(10)?,
-        why: row.get(11)?,
+        ignore_scene: row.get(9)?,
+        created_utc: row.get(10)?,
+        ended_utc: row.get(11)?,
+        why: row.get(12)?,
     })
 }
 
@@ -390,37 +385,31 @@ fn written_time(compact: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Creates a database as the first release with this version of the tables has written it.
-    fn of_version(version: usize) -> (tempfile::TempDir, Places) {
+    /// Creates a database with one job and this version of the tables.
+    fn of_version(version: i64) -> (tempfile::TempDir, Places) {
         let directory = tempfile::tempdir().unwrap();
         let places = Places::within(directory.path().to_path_buf());
         places.create().unwrap();
         let database = Connection::open(places.database()).unwrap();
-        MIGRATIONS[..version.min(VERSION)].iter().for_each(|tables| database.execute_batch(tables).unwrap());
-        database.pragma_update(None, "user_version", version as i64).unwrap();
+        database.execute_batch(TABLES).unwrap();
+        database.pragma_update(None, "user_version", version).unwrap();
         let job = "INSERT INTO job VALUES ('20261123T014500123_lab', 'lab', 'a body', 'done', '00000000000000ff', 78, 78, \
-                   60.0, 1, '2026-11-23T01:45:00.123Z', '2026-11-23T02:45:00Z', 'done', 'a key')";
+                   60.0, 1, 0, '2026-11-23T01:45:00.123Z', '2026-11-23T02:45:00Z', 'done', 'a key')";
         database.execute(job, []).unwrap();
         (directory, places)
     }
 
     #[test]
-    fn tables_of_every_earlier_version_are_brought_up_to_this_one() {
-        for version in 1..=VERSION {
-            let (_directory, places) = of_version(version);
-            for _ in 0..2 {
-                let jobs = Jobs::open(&places).unwrap();
-                let job = jobs.with_key("a key").unwrap().unwrap();
-                assert_eq!((job.id.as_str(), job.laid, job.state), ("20261123T014500123_lab", 78, JobState::Done));
-                let found: i64 = jobs.database.query_row("PRAGMA user_version", [], |row| row.get(0)).unwrap();
-                assert_eq!(found, VERSION as i64, "from {version}");
-                assert_eq!(jobs.database.query_row("SELECT count(*) FROM notice", [], |row| row.get(0)), Ok(0_i64));
-            }
+    fn a_database_of_this_version_keeps_its_jobs() {
+        let (_directory, places) = of_version(VERSION);
+        for _ in 0..2 {
+            let job = Jobs::open(&places).unwrap().with_key("a key").unwrap().unwrap();
+            assert_eq!((job.id.as_str(), job.laid, job.state), ("20261123T014500123_lab", 78, JobState::Done));
         }
     }
 
     #[test]
-    fn a_job_is_under_way_from_its_run_log_on() {
+    fn a_job_is_active_from_its_run_log_on() {
         let (_directory, places) = of_version(VERSION);
         let jobs = Jobs::open(&places).unwrap();
         jobs.set("20261123T014500123_lab", JobState::Active, None).unwrap();
@@ -436,18 +425,18 @@ mod tests {
     }
 
     #[test]
-    fn tables_of_a_later_release_are_left_as_they_are_and_what_to_do_is_said() {
-        let (_directory, places) = of_version(VERSION + 1);
-        let before = fs::read(places.database()).unwrap();
-        let said = Jobs::open(&places).err().unwrap().to_string();
-        for part in
-            ["jobs.sqlite", "later release", "tables 3, known 2", "use that release", "made anew from the run logs"]
-        {
-            assert!(said.contains(part), "{said}");
+    fn a_database_of_another_release_is_refused_and_left_as_it_is() {
+        for (version, which) in [(1, "an earlier"), (2, "an earlier"), (VERSION + 1, "a later")] {
+            let (_directory, places) = of_version(version);
+            let message = Jobs::open(&places).err().unwrap().to_string();
+            let found = format!("{which} release of growbot (tables {version}, this release uses {VERSION})");
+            for part in ["jobs.sqlite", &found, "move the file away", "rebuilt from the run logs"] {
+                assert!(message.contains(part), "{message}");
+            }
+            let database = Connection::open(places.database()).unwrap();
+            let kept: i64 = database.query_row("PRAGMA user_version", [], |row| row.get(0)).unwrap();
+            assert_eq!(kept, version);
+            assert_eq!(database.query_row("SELECT count(*) FROM job", [], |row| row.get(0)), Ok(1_i64));
         }
-        drop(Jobs::open(&places));
-        let found = Connection::open(places.database()).unwrap();
-        let version: i64 = found.query_row("PRAGMA user_version", [], |row| row.get(0)).unwrap();
-        assert_eq!((version, before.is_empty()), (VERSION as i64 + 1, false));
     }
 }

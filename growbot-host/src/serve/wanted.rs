@@ -41,10 +41,12 @@ pub struct Wanted {
     /// Measure each layer, and plan the rest of the path again from the measured tip.
     #[serde(default)]
     pub feedback: bool,
-    /// Grow despite the warnings self-collision, filament-short and layer-limit, and despite a scene. Corrections then
-    /// ignore the scene.
+    /// Grow despite the warnings self-collision, filament-short and layer-limit.
     #[serde(default)]
     pub force: bool,
+    /// Grow although the plan is not clear of the scene, and do not keep corrections clear of it.
+    #[serde(default)]
+    pub ignore_scene: bool,
     /// Name of the job for users.
     pub name: Option<String>,
 }
@@ -96,8 +98,8 @@ impl Wanted {
         let loaded = load(file).map_err(Problem::bad)?;
         match scene_planning::check_clearance(&plan, robot, &file.display().to_string(), &loaded) {
             Ok(clearance) => plan.scene = Some(clearance),
-            Err(_) if self.force => {}
-            Err(unclear) => return Err(Problem::bad(unclear)),
+            Err(_) if self.ignore_scene => {}
+            Err(unclear) => return Err(Problem::bad(format!("{unclear}; or set ignore_scene"))),
         }
         Ok(Course { plan, scene: Some(loaded) })
     }

@@ -456,7 +456,7 @@ mod tests {
             })
         };
         let imperfection = ErrorModel::default();
-        assert!(says(Origin { port: "sim", imperfection: Some(&imperfection) }));
+        assert!(says(Origin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false }));
         assert!(!says("tcp:robot:1".into()));
     }
 

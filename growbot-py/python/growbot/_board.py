@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 import weakref
 from types import TracebackType
 from typing import Any, Callable, Iterator, Optional, Union
@@ -113,19 +114,24 @@ class Board:
         conditions: Optional[Conditions] = None,
         seed: int = 1,
         log: Optional[Union[str, os.PathLike[str]]] = None,
-        replace_log: bool = False,
+        overwrite: bool = False,
         force: bool = False,
+        ignore_scene: bool = False,
         scene: Optional[Scene] = None,
     ) -> Growth:
-        """Grows a plan. log is the file of the run log (.jsonl). force ignores the plan's warnings and the scene.
+        """Grows a plan. log is the file of the run log (.jsonl), which overwrite replaces. force ignores the plan's warnings.
 
         The plan must be clear in scene, or in the scene that it was planned through. Corrections stay clear, too.
+        ignore_scene grows the body without regard to the scene, and warns.
 
         conditions with feedback=True measure and correct the growth. Their noises and biases are allowed only for
         simulated robots that no service owns.
         """
         self._must_be_idle()
-        growth = Growth(self._inner.grow(plan, conditions, seed, log, replace_log, force, scene))
+        if ignore_scene and (scene is not None or json.loads(plan.to_json()).get("scene") is not None):
+            message = "ignore_scene: neither the plan nor its corrections are kept clear of the scene"
+            warnings.warn(message, RuntimeWarning, stacklevel=2)
+        growth = Growth(self._inner.grow(plan, conditions, seed, log, overwrite, force, ignore_scene, scene))
         # A growth that the program has dropped stops by itself, unless a service owns the robot.
         self._growth = (lambda: growth) if isinstance(self._inner, ServedBoard) else weakref.ref(growth)
         return growth

@@ -278,8 +278,9 @@ class Board:
         conditions: Optional[Conditions] = None,
         seed: Optional[int] = None,
         log: Optional[_File] = None,
-        replace_log: Optional[bool] = None,
+        overwrite: Optional[bool] = None,
         force: Optional[bool] = None,
+        ignore_scene: Optional[bool] = None,
         scene: Optional[Scene] = None,
     ) -> Growth: ...
     def close(self) -> None: ...

@@ -258,8 +258,9 @@ class ServedBoard:
         conditions: Optional[Conditions] = None,
         seed: Optional[int] = None,
         log: Optional[Union[str, os.PathLike[str]]] = None,
-        replace_log: Optional[bool] = None,
+        overwrite: Optional[bool] = None,
         force: Optional[bool] = None,
+        ignore_scene: Optional[bool] = None,
         scene: Optional[Scene] = None,
     ) -> ServedGrowth:
         feedback = conditions is not None and conditions.feedback
@@ -269,10 +270,16 @@ class ServedBoard:
                 'connect to "sim"'
             )
         path = None if log is None else Path(log)
-        if path is not None and path.exists() and not replace_log:
-            raise FileError(f"{path} is there already: name another file, or set replace_log=True")
+        if path is not None and path.exists() and not overwrite:
+            raise FileError(f"{path} is there already: name another file, or set overwrite=True")
         written = json.loads(plan.to_json())
-        wanted = {"plan": written, "feedback": feedback, "force": bool(force), "name": "from Python"}
+        wanted = {
+            "plan": written,
+            "feedback": feedback,
+            "force": bool(force),
+            "ignore_scene": bool(ignore_scene),
+            "name": "from Python",
+        }
         within = scene.file if scene is not None else (written.get("scene") or {}).get("file")
         if within is not None:
             # The service runs in another directory.

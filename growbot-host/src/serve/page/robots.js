@@ -88,7 +88,7 @@ function parsed(text, name) {
 async function wanted(form) {
   const [[file], [scene]] = [form.plan.files, form.scene.files];
   const goal = form.to.value.trim();
-  const options = { feedback: form.feedback.checked, force: form.force.checked };
+  const options = { feedback: form.feedback.checked, force: form.force.checked, ignore_scene: form.ignore_scene.checked };
   if (scene) options.scene = (await ask(`scenes?name=${encodeURIComponent(scene.name)}`, scene)).scene;
   if (file) return { ...options, plan: parsed(await file.text(), file.name), name: file.name };
   return { ...options, to: goal };
