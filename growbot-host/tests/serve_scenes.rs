@@ -89,7 +89,7 @@ fn each_flag_of_a_job_overrides_one_refusal_and_no_other() {
         let id = job["id"].as_str().unwrap();
         let ended = lab.wait_for_end(id);
         assert_eq!((&ended["state"], &ended["ignore_scene"]), (&json!("done"), &job["ignore_scene"]));
-        let record = RunRecord::open(&lab.log(id)).unwrap();
+        let record = RecordedRun::open(&lab.log(id)).unwrap();
         assert_eq!(record.ignore_scene, flag == "ignore_scene");
     }
     let recorded = lab.orders();
