@@ -8,7 +8,7 @@ use growbot_core::link::message::{
     BeginJob, Empty, Fault, HostSilencePolicy, ImageCheck, Message, Refusal, ResetCause, Start, State, Status, Tune,
 };
 use growbot_firmware::emulated_tip as table;
-use growbot_host::crash::{Crash, Image};
+use growbot_host::crash::{CrashReport, FirmwareImage};
 use growbot_sim::image_seal::{SealError, is_sealed, seal, seal_in_place};
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
@@ -36,7 +36,7 @@ fn crash(words: &Words, how: u32) {
 #[test]
 fn a_crash_is_told_after_the_reset_by_function_and_line() {
     let path = firmware("an386");
-    let image = Image::open(&path).unwrap();
+    let image = FirmwareImage::open(&path).unwrap();
     let (mut client, words) = board(&path);
     let report = client.boot_report().unwrap();
     assert_eq!((report.image, report.crash), (ImageCheck::Valid { crc: image.crc().unwrap() }, None));
@@ -52,14 +52,14 @@ fn a_crash_is_told_after_the_reset_by_function_and_line() {
         let hello = client.open_session().unwrap();
         assert_eq!((hello.reset_cause, hello.status.state), (cause, State::Idle), "{function}");
         let told = client.boot_report().unwrap().crash.expect("the board knows of the crash");
-        let crash = Crash::new(&told, Some(&image));
+        let crash = CrashReport::new(&told, Some(&image));
         let text = crash.text();
         println!("{text}");
         assert_eq!((crash.record.cause, crash.record.boot_id), (cause, boot_id), "{function}");
         assert_eq!(crash.record.exception, if cause == ResetCause::Watchdog { 2 } else { 3 }, "{function}");
         assert_eq!(crash.record.image, image.crc(), "{function}");
 
-        let json = serde_json::to_value(crash.written()).unwrap();
+        let json = serde_json::to_value(crash.to_json()).unwrap();
         let named = json["at"].as_array().unwrap().iter().find(|place| {
             place["function"].as_str().is_some_and(|name| name.ends_with(&format!("high_water::{function}")))
         });
@@ -86,13 +86,13 @@ fn a_crash_is_told_after_the_reset_by_function_and_line() {
     words.write(table::OVERFLOW_STACK, 0);
     assert_eq!(client.open_session().unwrap().reset_cause, ResetCause::StackOverflow);
     let told = client.boot_report().unwrap().crash.unwrap();
-    let crash = Crash::new(&told, Some(&image));
+    let crash = CrashReport::new(&told, Some(&image));
     println!("{}", crash.text());
     assert_eq!(crash.record.cause, ResetCause::StackOverflow);
     assert!(crash.text().contains("high_water::overflow"), "{}", crash.text());
     // Another image is not mistaken for the one that crashed.
-    let other = Image::open(&firmware("stm32f405")).unwrap();
-    let unknown = Crash::new(&told, Some(&other));
+    let other = FirmwareImage::open(&firmware("stm32f405")).unwrap();
+    let unknown = CrashReport::new(&told, Some(&other));
     assert!(unknown.image.is_none() && unknown.text().contains("--elf"), "{}", unknown.text());
 }
 

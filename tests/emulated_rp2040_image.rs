@@ -12,7 +12,7 @@ use growbot_client::robot_file;
 use growbot_core::link::message::{
     BeginJob, Empty, Fault, HostSilencePolicy, ImageCheck, Message, Refusal, ResetCause, Start, State, Tune,
 };
-use growbot_host::crash::{Crash, Image};
+use growbot_host::crash::{CrashReport, FirmwareImage};
 use growbot_sim::image_seal::seal;
 use growbot_sim::port::rp2040::{self, Rp2040Emulator};
 use growbot_sim::uf2;
@@ -51,7 +51,7 @@ fn the_uf2_file_of_a_sealed_image_starts_and_a_crash_is_told_after_the_reset() {
     let (board, mut client, _) = board("pico.uf2", &uf2::of_image(&sealed).unwrap());
     let elf = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pico-sealed.elf");
     std::fs::write(&elf, &sealed).unwrap();
-    let image = Image::open(&elf).unwrap();
+    let image = FirmwareImage::open(&elf).unwrap();
     let report = client.boot_report().unwrap();
     assert_eq!((report.image, report.crash), (ImageCheck::Valid { crc: image.crc().unwrap() }, None));
 
@@ -60,11 +60,11 @@ fn the_uf2_file_of_a_sealed_image_starts_and_a_crash_is_told_after_the_reset() {
     let hello = client.open_session().unwrap();
     assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::ProcessorFault, State::Idle));
     let told = client.boot_report().unwrap().crash.expect("the board knows of the crash");
-    let crash = Crash::new(&told, Some(&image));
+    let crash = CrashReport::new(&told, Some(&image));
     println!("{}", crash.text());
     assert_eq!((crash.record.cause, crash.record.boot_id), (ResetCause::ProcessorFault, boot_id));
     assert_eq!((crash.record.exception, crash.record.image), (3, image.crc()));
-    let json = serde_json::to_value(crash.written()).unwrap();
+    let json = serde_json::to_value(crash.to_json()).unwrap();
     assert!(json["at"].to_string().contains("pico::") || json["called_from"].to_string().contains("pico::"), "{json}");
     assert_off(&board);
 

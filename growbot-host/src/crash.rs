@@ -16,7 +16,7 @@ type Slice = EndianArcSlice<RunTimeEndian>;
 const LONGEST_IMAGE: u64 = 64 << 20;
 
 /// An image in which addresses can be looked up.
-pub struct Image {
+pub struct FirmwareImage {
     context: Context<Slice>,
     /// Address ranges of its code.
     code: Vec<std::ops::Range<u64>>,
@@ -24,7 +24,7 @@ pub struct Image {
     crc: Option<u32>,
 }
 
-impl Image {
+impl FirmwareImage {
     /// Opens an ELF image.
     ///
     /// # Errors
@@ -59,7 +59,7 @@ impl Image {
 
     /// Returns the functions that contain an address, the innermost first. Empty if the address is not in known code.
     #[must_use]
-    pub fn places(&self, address: u32) -> Vec<CodeLocation> {
+    pub fn frames_at(&self, address: u32) -> Vec<CodeLocation> {
         let address = u64::from(address & !1);
         if !self.code.iter().any(|code| code.contains(&address)) {
             return Vec::new();
@@ -80,7 +80,7 @@ impl Image {
     #[must_use]
     pub fn callers(&self, return_address: u32) -> Vec<CodeLocation> {
         // Return addresses of Thumb code are odd, so an even value is not a return address.
-        if return_address & 1 == 0 { Vec::new() } else { self.places((return_address & !1).wrapping_sub(2)) }
+        if return_address & 1 == 0 { Vec::new() } else { self.frames_at((return_address & !1).wrapping_sub(2)) }
     }
 }
 
@@ -94,26 +94,26 @@ fn shortened(file: &str) -> String {
 }
 
 /// A crash with the image that crashed.
-pub struct Crash<'a> {
+pub struct CrashReport<'a> {
     /// Crash record of the board.
     pub record: CrashRecord,
     /// Image that crashed. `None` if it is not known.
-    pub image: Option<&'a Image>,
+    pub image: Option<&'a FirmwareImage>,
 }
 
-impl<'a> Crash<'a> {
+impl<'a> CrashReport<'a> {
     /// Creates a crash from the words that a board reports. The image is used only if it can be the one that crashed.
     #[must_use]
-    pub fn new(words: &CrashWords, image: Option<&'a Image>) -> Self {
+    pub fn new(words: &CrashWords, image: Option<&'a FirmwareImage>) -> Self {
         let record = CrashRecord::from(words);
-        let is_that = |image: &&Image| record.image.is_none() || image.crc() == record.image;
+        let is_that = |image: &&FirmwareImage| record.image.is_none() || image.crc() == record.image;
         Self { record, image: image.filter(is_that) }
     }
 
     /// Returns the functions that contain the program counter of the crash.
     fn at(&self) -> Vec<CodeLocation> {
         let (Some(image), Some(frame)) = (self.image, self.record.frame) else { return Vec::new() };
-        image.places(frame.pc)
+        image.frames_at(frame.pc)
     }
 
     /// Returns the possible callers, the innermost first. They come from return addresses in the link register and on
@@ -167,7 +167,7 @@ impl<'a> Crash<'a> {
 
     /// Returns the crash for JSON.
     #[must_use]
-    pub fn written(&self) -> CrashJson {
+    pub fn to_json(&self) -> CrashJson {
         let caller = |(address, at): (u32, Vec<CodeLocation>)| Caller { address: hex(address), at };
         let called_from = self.calls().into_iter().map(caller).collect();
         CrashJson { at: self.at(), called_from, ..CrashJson::from(&self.record) }

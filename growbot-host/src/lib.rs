@@ -21,19 +21,19 @@
 //! Lengths are in mm. Angles are in radians inside and in degrees in all texts and files. Names carry the unit.
 #![forbid(unsafe_code)]
 
+pub mod annotated_robot;
 pub mod batch;
+pub mod clock_text;
 pub mod crash;
-pub mod finish_time;
 pub mod messages;
 pub mod output;
 pub mod progress;
 pub mod reproduce;
-pub mod robot_explained;
 pub mod robot_questions;
 pub mod schema;
 pub mod serve;
 pub mod settings;
-pub mod switch;
+pub mod sim_process;
 pub mod via_csv;
 pub mod watch;
 pub mod workspace;

@@ -17,7 +17,7 @@ const INDENT: &str = "    ";
 
 /// Kind of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum Severity {
     /// Reason why a command failed.
     Error,
     /// Possible problem, or information that the user must see.
@@ -30,7 +30,7 @@ pub enum Kind {
 
 /// Level of messages that are printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Level {
+pub enum Verbosity {
     /// Errors and warnings only.
     Quiet,
     /// Errors, warnings and notes.
@@ -41,7 +41,7 @@ pub enum Level {
 
 /// Use of colours in messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Colour {
+pub enum ColorChoice {
     /// Colours on terminals, unless `NO_COLOR` is set.
     Auto,
     /// Colours always.
@@ -50,11 +50,11 @@ pub enum Colour {
     Never,
 }
 
-static LEVEL: AtomicU8 = AtomicU8::new(Level::Normal as u8);
+static LEVEL: AtomicU8 = AtomicU8::new(Verbosity::Normal as u8);
 static COLOURED: AtomicBool = AtomicBool::new(false);
 
 /// Sets the level of messages and their use of colours.
-pub fn set(level: Level, colour: Colour) {
+pub fn set(level: Verbosity, colour: ColorChoice) {
     LEVEL.store(level as u8, Ordering::Relaxed);
     COLOURED.store(is_coloured(colour), Ordering::Relaxed);
 }
@@ -62,15 +62,15 @@ pub fn set(level: Level, colour: Colour) {
 /// Returns whether notes and progress are suppressed.
 #[must_use]
 pub fn is_quiet() -> bool {
-    LEVEL.load(Ordering::Relaxed) == Level::Quiet as u8
+    LEVEL.load(Ordering::Relaxed) == Verbosity::Quiet as u8
 }
 
-fn is_coloured(colour: Colour) -> bool {
+fn is_coloured(colour: ColorChoice) -> bool {
     let is_set = |name| env::var_os(name).is_some_and(|value| !value.is_empty());
     match colour {
-        Colour::Always => true,
-        Colour::Never => false,
-        Colour::Auto => {
+        ColorChoice::Always => true,
+        ColorChoice::Never => false,
+        ColorChoice::Auto => {
             io::stderr().is_terminal() && !is_set("NO_COLOR") && env::var_os("TERM").is_none_or(|name| name != "dumb")
         }
     }
@@ -79,28 +79,28 @@ fn is_coloured(colour: Colour) -> bool {
 /// Prints the reason why a command failed.
 #[macro_export]
 macro_rules! error {
-    ($($words:tt)*) => { $crate::messages::say($crate::messages::Kind::Error, format_args!($($words)*)) };
+    ($($words:tt)*) => { $crate::messages::print($crate::messages::Severity::Error, format_args!($($words)*)) };
 }
 
 /// Prints a warning.
 #[macro_export]
 macro_rules! warning {
-    ($($words:tt)*) => { $crate::messages::say($crate::messages::Kind::Warning, format_args!($($words)*)) };
+    ($($words:tt)*) => { $crate::messages::print($crate::messages::Severity::Warning, format_args!($($words)*)) };
 }
 
 /// Prints a note about a result or progress.
 #[macro_export]
 macro_rules! note {
-    ($($words:tt)*) => { $crate::messages::say($crate::messages::Kind::Note, format_args!($($words)*)) };
+    ($($words:tt)*) => { $crate::messages::print($crate::messages::Severity::Note, format_args!($($words)*)) };
 }
 
 /// Prints further information if `--verbose` is set.
 #[macro_export]
 macro_rules! detail {
-    ($($words:tt)*) => { $crate::messages::say($crate::messages::Kind::Detail, format_args!($($words)*)) };
+    ($($words:tt)*) => { $crate::messages::print($crate::messages::Severity::Detail, format_args!($($words)*)) };
 }
 
-impl Kind {
+impl Severity {
     fn label(self) -> &'static str {
         match self {
             Self::Error => "error:",
@@ -122,27 +122,27 @@ impl Kind {
         match self {
             Self::Error | Self::Warning => true,
             Self::Note => !is_quiet(),
-            Self::Detail => LEVEL.load(Ordering::Relaxed) == Level::Verbose as u8,
+            Self::Detail => LEVEL.load(Ordering::Relaxed) == Verbosity::Verbose as u8,
         }
     }
 }
 
 /// Prints a message to standard error. Write errors are ignored, because a closed standard error is not a reason to
 /// stop controlling a robot.
-pub fn say(kind: Kind, message: fmt::Arguments) {
+pub fn print(kind: Severity, message: fmt::Arguments) {
     if kind.is_shown() {
-        let text = shown(kind, &one_line(&message.to_string()), COLOURED.load(Ordering::Relaxed));
+        let text = render(kind, &one_line(&message.to_string()), COLOURED.load(Ordering::Relaxed));
         let _ = io::stderr().write_all(text.as_bytes());
     }
 }
 
 /// Prints a question, or a line that belongs to one, without a label.
-pub fn ask(question: fmt::Arguments) {
+pub fn print_prompt(question: fmt::Arguments) {
     let _ = writeln!(io::stderr(), "{}", one_line(&question.to_string()));
 }
 
 /// Formats a message with its label and line breaks.
-fn shown(kind: Kind, message: &str, is_coloured: bool) -> String {
+fn render(kind: Severity, message: &str, is_coloured: bool) -> String {
     let label = kind.label();
     let mut text = if is_coloured { format!("{}{label}\u{1b}[0m", kind.colour()) } else { label.to_owned() };
     let mut columns = label.chars().count();
@@ -182,10 +182,10 @@ mod tests {
 
     #[test]
     fn a_message_has_a_label_and_lines_of_80_columns() {
-        assert_eq!(shown(Kind::Note, "plan written to plan.json", false), "note: plan written to plan.json\n");
+        assert_eq!(render(Severity::Note, "plan written to plan.json", false), "note: plan written to plan.json\n");
         let long = "word ".repeat(60);
-        for kind in [Kind::Error, Kind::Warning, Kind::Note] {
-            let text = shown(kind, &long, false);
+        for kind in [Severity::Error, Severity::Warning, Severity::Note] {
+            let text = render(kind, &long, false);
             assert!(text.lines().all(|line| line.chars().count() <= WIDTH), "{text}");
             assert!(text.lines().skip(1).all(|line| line.starts_with("    word")), "{text}");
             assert_eq!(text.matches("word").count(), 60);
@@ -193,20 +193,20 @@ mod tests {
             assert!(text.lines().next().unwrap().chars().count() > WIDTH - 5, "{text}");
         }
         let path = format!("/{}", "x".repeat(100));
-        assert_eq!(shown(Kind::Error, &format!("cannot read {path}: no"), false).lines().count(), 3);
+        assert_eq!(render(Severity::Error, &format!("cannot read {path}: no"), false).lines().count(), 3);
     }
 
     #[test]
     fn a_command_to_copy_stays_in_one_line() {
         let message = format!("{} `growbot stop --port /dev/ttyACM0` x", "word ".repeat(12));
-        let text = shown(Kind::Error, &message, false);
+        let text = render(Severity::Error, &message, false);
         assert!(text.lines().any(|line| line.contains("`growbot stop --port /dev/ttyACM0` x")), "{text}");
         assert_eq!(words("a ` b"), ["a", "` b"]);
     }
 
     #[test]
     fn the_label_alone_is_coloured() {
-        assert_eq!(shown(Kind::Error, "no", true), "\u{1b}[1;31merror:\u{1b}[0m no\n");
-        assert!(!is_coloured(Colour::Never) && is_coloured(Colour::Always));
+        assert_eq!(render(Severity::Error, "no", true), "\u{1b}[1;31merror:\u{1b}[0m no\n");
+        assert!(!is_coloured(ColorChoice::Never) && is_coloured(ColorChoice::Always));
     }
 }

@@ -13,7 +13,7 @@ const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
 /// Time at which the results of the work are printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Results {
+pub enum ResultTiming {
     /// Results are printed during the work. A bar on the same terminal would disturb them.
     Streamed,
     /// Results are printed at the end.
@@ -24,14 +24,14 @@ pub enum Results {
 pub struct Progress {
     bar: Option<ProgressBar>,
     total: Option<u64>,
-    said: Instant,
+    last_note: Instant,
 }
 
 impl Progress {
     /// Starts the display. `total` is the final position of [`Progress::at`]. `None` if it is not known.
     #[must_use]
-    pub fn start(total: Option<u64>, results: Results) -> Self {
-        let torn = results == Results::Streamed && io::stdout().is_terminal();
+    pub fn start(total: Option<u64>, results: ResultTiming) -> Self {
+        let torn = results == ResultTiming::Streamed && io::stdout().is_terminal();
         let bar = (io::stderr().is_terminal() && !torn && !is_quiet()).then(|| {
             let bar = ProgressBar::with_draw_target(total, ProgressDrawTarget::stderr());
             let template =
@@ -39,16 +39,16 @@ impl Progress {
             bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
             bar
         });
-        Self { bar, total, said: Instant::now() }
+        Self { bar, total, last_note: Instant::now() }
     }
 
     /// Updates the position. `message` describes it.
-    pub fn at(&mut self, position: u64, message: impl FnOnce() -> String) {
+    pub fn update(&mut self, position: u64, message: impl FnOnce() -> String) {
         if let Some(bar) = &self.bar {
             bar.set_position(position);
             bar.set_message(one_line(&message()).into_owned());
-        } else if self.said.elapsed() >= BETWEEN_LINES {
-            self.said = Instant::now();
+        } else if self.last_note.elapsed() >= BETWEEN_LINES {
+            self.last_note = Instant::now();
             match self.total {
                 Some(total) if total > 0 => {
                     crate::note!("{}, {} %", message(), (100 * u128::from(position)) / u128::from(total));
@@ -59,7 +59,7 @@ impl Progress {
     }
 
     /// Prints a message about an event. With a bar it is omitted, because the bar shows the progress.
-    pub fn say(&self, message: &str) {
+    pub fn note(&self, message: &str) {
         if self.bar.is_none() {
             crate::note!("{message}");
         }

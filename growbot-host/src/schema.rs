@@ -5,7 +5,7 @@
 //! number is set far too low and far too high, and the error contains the limit. A limit that depends on another field
 //! cannot be a number in a schema. It is in the field's description, with the advice of the error.
 
-pub mod written;
+pub mod schema;
 
 use growbot_client::maintenance::MaterialPreset;
 use growbot_client::robot_file;
@@ -15,8 +15,8 @@ use serde_json::{Map, Value, json};
 
 /// Returns the schema of robot files, with units and bounds. It uses draft 7, which TOML tools of editors support.
 #[must_use]
-pub fn of_robot_files() -> Value {
-    let mut schema = of_fields();
+pub fn robot_file_schema() -> Value {
+    let mut schema = robot_file_schema_without_bounds();
     let descriptions: Vec<Value> = robot_file::names().filter_map(description).collect();
     // One description of each field is enough. Later robots have the fields that earlier ones omit.
     let mut done: Vec<Vec<String>> = Vec::new();
@@ -37,7 +37,7 @@ pub fn of_robot_files() -> Value {
 
 /// Returns the schema of robot files without bounds: types, defaults and descriptions of all fields.
 #[must_use]
-pub fn of_fields() -> Value {
+pub fn robot_file_schema_without_bounds() -> Value {
     let mut settings = SchemaSettings::draft07();
     settings.inline_subschemas = true;
     let mut schema = settings.into_generator().into_root_schema_for::<RobotDescription>().to_value();
@@ -191,7 +191,7 @@ fn say_bounds(field: &mut Map<String, Value>, description: &Value, path: &[Strin
             };
             let raised = self::limit(&changed(raised), path, &extreme);
             raised.is_some_and(|(other, _)| (other - limit).abs() > 1e-12 * limit.abs())
-                || is_taken(&changed(|value| if value.is_u64() { json!(0) } else { json!(0.0) }), path, &extreme)
+                || is_accepted(&changed(|value| if value.is_u64() { json!(0) } else { json!(0.0) }), path, &extreme)
         });
         if moves {
             field.remove(keyword);
@@ -212,7 +212,7 @@ fn say_bounds(field: &mut Map<String, Value>, description: &Value, path: &[Strin
 }
 
 /// Returns whether the description is valid with `value` at `path`. If it is, the field has no fixed bound.
-fn is_taken(description: &Value, path: &[String], value: &Value) -> bool {
+fn is_accepted(description: &Value, path: &[String], value: &Value) -> bool {
     with(description, path, value).is_some_and(|description| Robot::new(description).is_ok())
 }
 
@@ -250,7 +250,7 @@ mod tests {
 
     #[test]
     fn bounds_are_those_of_the_checks() {
-        let schema = of_robot_files();
+        let schema = robot_file_schema();
         let bounds = |path| {
             let field = field(&schema, path).unwrap();
             (field.get("minimum").and_then(Value::as_f64), field.get("maximum").and_then(Value::as_f64))
@@ -269,7 +269,7 @@ mod tests {
 
     #[test]
     fn what_a_board_can_do_is_said_where_it_is_less() {
-        let schema = of_robot_files();
+        let schema = robot_file_schema();
         let text = meaning(&schema, "motion.tick_hz");
         assert!(text.contains("100 kHz"), "{text}");
         assert_eq!(growbot_core::robot::MAX_BOARD_TICK_HZ, 100_000);
@@ -278,7 +278,7 @@ mod tests {
 
     #[test]
     fn a_field_beyond_a_bound_of_the_schema_is_refused() {
-        let schema = of_robot_files();
+        let schema = robot_file_schema();
         let description = description(robot_file::DEFAULT).unwrap();
         let mut paths = Vec::new();
         collect_numbers(&description, &mut Vec::new(), &mut paths);
@@ -291,7 +291,7 @@ mod tests {
                     Some(whole) => json!(whole.saturating_add_signed(step as i64)),
                     None => json!(bound.as_f64().unwrap() + step),
                 };
-                assert!(!is_taken(&description, path, &beyond), "{}: {beyond}", path.join("."));
+                assert!(!is_accepted(&description, path, &beyond), "{}: {beyond}", path.join("."));
                 tried += 1;
             }
         }
@@ -309,7 +309,7 @@ mod tests {
                 look(field, &path);
             }
         }
-        let schema = of_robot_files();
+        let schema = robot_file_schema();
         look(&schema, "");
         assert!(!schema.to_string().contains("null"));
         assert_eq!(

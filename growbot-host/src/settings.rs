@@ -17,7 +17,7 @@ use serde::Deserialize;
 use crate::serve::config::{RobotEntry, ServeEntry};
 
 /// Name of the settings files.
-pub const FILE: &str = "growbot.toml";
+pub const FILE_NAME: &str = "growbot.toml";
 
 /// A setting for all commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -94,7 +94,7 @@ pub enum SettingsError {
 /// Contents of a settings file.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Written {
+pub struct SettingsToml {
     /// Robot of commands without `--robot` and without a plan: a built-in name or a file.
     robot: Option<String>,
     /// Port of commands without `--port`.
@@ -139,7 +139,7 @@ impl Key {
     }
 
     /// Returns the value in a file in this directory. Paths are relative to the directory.
-    fn from(self, written: &Written, directory: &Path) -> Option<String> {
+    fn value_from(self, written: &SettingsToml, directory: &Path) -> Option<String> {
         match self {
             Self::Robot => written.robot.as_ref().map(|robot| robot_from(robot, directory)),
             Self::Port => written.port.as_ref().map(|port| port_from(port, directory)),
@@ -150,21 +150,21 @@ impl Key {
 /// Returns the robot that a file in this directory refers to.
 #[must_use]
 pub fn robot_from(robot: &str, directory: &Path) -> String {
-    if robot_file::is_built_in(robot) { robot.to_owned() } else { beside(directory, robot) }
+    if robot_file::is_built_in(robot) { robot.to_owned() } else { resolve_path(directory, robot) }
 }
 
 /// Returns the port that a file in this directory refers to.
 #[must_use]
 pub fn port_from(port: &str, directory: &Path) -> String {
     match port.split_once(':') {
-        Some((board @ ("emulator" | "rp2040"), image)) => format!("{board}:{}", beside(directory, image)),
-        Some(("sim", name)) if name.contains('/') => format!("sim:{}", beside(directory, name)),
+        Some((board @ ("emulator" | "rp2040"), image)) => format!("{board}:{}", resolve_path(directory, image)),
+        Some(("sim", name)) if name.contains('/') => format!("sim:{}", resolve_path(directory, name)),
         _ => port.to_owned(),
     }
 }
 
 /// Resolves a path relative to this directory.
-fn beside(directory: &Path, path: &str) -> String {
+fn resolve_path(directory: &Path, path: &str) -> String {
     directory.join(path).to_string_lossy().into_owned()
 }
 
@@ -173,7 +173,7 @@ impl Setting {
     ///
     /// # Errors
     /// [`SettingsError`] of a variable or file that had to be read.
-    pub fn of(key: Key) -> Result<Self, SettingsError> {
+    pub fn load(key: Key) -> Result<Self, SettingsError> {
         match env::var(key.variable()) {
             Ok(value) if !value.is_empty() => return Ok(Self { value, origin: Origin::Environment(key.variable()) }),
             Ok(_) | Err(VarError::NotPresent) => {}
@@ -201,14 +201,14 @@ fn is_name(name: &str) -> bool {
 }
 
 /// Robots of the service, by name, with the settings of the service.
-pub type Robots = (BTreeMap<String, RobotEntry>, ServeEntry);
+pub type ServiceSettings = (BTreeMap<String, RobotEntry>, ServeEntry);
 
 /// Returns the robots and the service's settings in a text. Messages refer to the text as `file`.
 ///
 /// # Errors
 /// [`SettingsError::Toml`] or [`SettingsError::RobotName`].
-pub fn service_of(text: &str, file: &str) -> Result<Robots, SettingsError> {
-    let Written { robots, serve, .. } = robot_file::from_toml(text, file)?;
+pub fn parse_service(text: &str, file: &str) -> Result<ServiceSettings, SettingsError> {
+    let SettingsToml { robots, serve, .. } = robot_file::from_toml(text, file)?;
     match robots.keys().find(|name| !is_name(name)) {
         None => Ok((robots, serve)),
         Some(name) => Err(SettingsError::RobotName { file: file.to_owned(), name: name.clone() }),
@@ -220,9 +220,9 @@ pub fn service_of(text: &str, file: &str) -> Result<Robots, SettingsError> {
 ///
 /// # Errors
 /// [`SettingsError`] of the files that had to be read.
-pub fn service() -> Result<Robots, SettingsError> {
+pub fn load_service() -> Result<ServiceSettings, SettingsError> {
     for file in [nearest(), user_file()].into_iter().flatten().filter(|file| file.is_file()) {
-        let (robots, serve) = service_of(&input::read_text(&file)?, &input::display_name(&file))?;
+        let (robots, serve) = parse_service(&input::read_text(&file)?, &input::display_name(&file))?;
         if !robots.is_empty() || serve != ServeEntry::default() {
             let directory = file.parent().unwrap_or(Path::new(""));
             let robots = robots.into_iter().map(|(name, entry)| (name, entry.in_directory(directory)));
@@ -235,20 +235,20 @@ pub fn service() -> Result<Robots, SettingsError> {
 /// Returns the value of a setting in a file. `None` if the file does not set it.
 fn value_in(file: &Path, key: Key) -> Result<Option<String>, SettingsError> {
     let name = input::display_name(file);
-    let written: Written = robot_file::from_toml(&input::read_text(file)?, &name)?;
+    let written: SettingsToml = robot_file::from_toml(&input::read_text(file)?, &name)?;
     for (key, value) in [(Key::Robot, &written.robot), (Key::Port, &written.port)] {
         if value.as_ref().is_some_and(String::is_empty) {
             return Err(SettingsError::Empty { file: name, key: key.name() });
         }
     }
-    Ok(key.from(&written, file.parent().unwrap_or(Path::new(""))))
+    Ok(key.value_from(&written, file.parent().unwrap_or(Path::new(""))))
 }
 
 /// Returns the path of the nearest `growbot.toml`, from the working directory upwards.
 #[must_use]
 pub fn nearest() -> Option<PathBuf> {
     let here = env::current_dir().ok()?;
-    here.ancestors().map(|directory| directory.join(FILE)).find(|file| file.is_file())
+    here.ancestors().map(|directory| directory.join(FILE_NAME)).find(|file| file.is_file())
 }
 
 /// Returns the path of the file in the user's configuration, even if it does not exist: `growbot/growbot.toml` in
@@ -262,7 +262,7 @@ fn user_file_in(configuration: Option<OsString>, home: Option<OsString>) -> Opti
     // The XDG base directory specification requires that relative paths are ignored.
     let absolute = |name: Option<OsString>| name.map(PathBuf::from).filter(|path| path.is_absolute());
     let directory = absolute(configuration).or_else(|| Some(absolute(home)?.join(".config")))?;
-    Some(directory.join("growbot").join(FILE))
+    Some(directory.join("growbot").join(FILE_NAME))
 }
 
 #[cfg(test)]
@@ -280,7 +280,7 @@ mod tests {
 
     #[test]
     fn a_robots_name_can_stand_in_an_address() {
-        let named = |name: &str| service_of(&format!("[robots.{name:?}]\nport = \"sim:lab\"\n"), "growbot.toml");
+        let named = |name: &str| parse_service(&format!("[robots.{name:?}]\nport = \"sim:lab\"\n"), "growbot.toml");
         for name in ["lab", "Lab-2_b", &"a".repeat(MAX_NAME)] {
             assert!(named(name).is_ok(), "{name}");
         }
@@ -292,7 +292,7 @@ mod tests {
 
     #[test]
     fn paths_are_relative_to_the_file_and_names_are_names() {
-        let value = |text: &str, key: Key| key.from(&toml::from_str(text).unwrap(), Path::new("/lab"));
+        let value = |text: &str, key: Key| key.value_from(&toml::from_str(text).unwrap(), Path::new("/lab"));
         for (text, key, expected) in [
             ("robot = \"growbot-b\"", Key::Robot, "growbot-b"),
             ("robot = \"our.toml\"", Key::Robot, "/lab/our.toml"),

@@ -18,31 +18,31 @@ pub const MAX_GOALS: usize = 1000;
 pub enum ViaError {
     /// A column is unknown.
     #[error("the header has an unknown column {name:?}{}; write x,y,z or x,y,z,heading,pitch", suggestion(.name))]
-    Unknown {
+    UnknownColumn {
         /// Name of the column.
         name: String,
     },
     /// A column is missing.
     #[error("the header has no column {name}; write x,y,z or x,y,z,heading,pitch")]
-    Missing {
+    MissingColumn {
         /// Name of the column.
         name: &'static str,
     },
     /// A column occurs twice.
     #[error("the header has column {name} twice: remove one")]
-    Twice {
+    DuplicateColumn {
         /// Name of the column.
         name: &'static str,
     },
     /// No line follows the header.
     #[error("there is no line behind the header: write a line for each position on the way")]
-    Empty,
+    NoRows,
     /// The file has more lines than a plan can have legs.
     #[error("there are more than {MAX_GOALS} lines behind the header: leave some out, or plan in several parts")]
-    TooMany,
+    TooManyRows,
     /// A line is invalid.
     #[error("line {line}: {error}")]
-    Line {
+    InvalidRow {
         /// Number of the line, from 1, including the header.
         line: u64,
         /// Error of the line.
@@ -75,7 +75,7 @@ pub enum LineError {
     },
     /// Only one of the two angles is given.
     #[error("{column} is empty, and the other angle is not: write both, or leave both empty for any direction")]
-    HalfADirection {
+    IncompleteDirection {
         /// Name of the column that is empty.
         column: &'static str,
     },
@@ -106,12 +106,12 @@ pub fn read(text: &str) -> Result<Vec<Goal>, ViaError> {
     let mut goals = Vec::new();
     for (line, text) in lines {
         if goals.len() == MAX_GOALS {
-            return Err(ViaError::TooMany);
+            return Err(ViaError::TooManyRows);
         }
         let goal = goal(&record(text)?, &columns, header.len());
-        goals.push(goal.map_err(|error| ViaError::Line { line, error })?);
+        goals.push(goal.map_err(|error| ViaError::InvalidRow { line, error })?);
     }
-    if goals.is_empty() { Err(ViaError::Empty) } else { Ok(goals) }
+    if goals.is_empty() { Err(ViaError::NoRows) } else { Ok(goals) }
 }
 
 /// Parses a line into fields.
@@ -129,16 +129,16 @@ fn columns(header: &StringRecord) -> Result<[Option<usize>; 5], ViaError> {
         let known = COLUMNS.iter().position(|names| names.contains(&name.trim()));
         let (place, [column, _]) = known
             .and_then(|known| Some((found.get_mut(known)?, COLUMNS.get(known)?)))
-            .ok_or_else(|| ViaError::Unknown { name: name.trim().to_owned() })?;
+            .ok_or_else(|| ViaError::UnknownColumn { name: name.trim().to_owned() })?;
         if place.replace(index).is_some() {
-            return Err(ViaError::Twice { name: column });
+            return Err(ViaError::DuplicateColumn { name: column });
         }
     }
     // The file has both angles or neither of them.
     let required = if found[3].is_some() || found[4].is_some() { 5 } else { 3 };
     for (place, [name, _]) in found.iter().zip(COLUMNS).take(required) {
         if place.is_none() {
-            return Err(ViaError::Missing { name });
+            return Err(ViaError::MissingColumn { name });
         }
     }
     Ok(found)
@@ -162,8 +162,8 @@ fn goal(record: &StringRecord, columns: &[Option<usize>; 5], expected: usize) ->
     match (numbers[3], numbers[4]) {
         (Some(heading), Some(pitch)) => Ok(Goal::Pose(pose_of_numbers([x, y, z, heading, pitch])?)),
         (None, None) => Ok(Goal::Position(Position::new(Vector3::new(x, y, z))?)),
-        (None, Some(_)) => Err(LineError::HalfADirection { column: "heading" }),
-        (Some(_), None) => Err(LineError::HalfADirection { column: "pitch" }),
+        (None, Some(_)) => Err(LineError::IncompleteDirection { column: "heading" }),
+        (Some(_), None) => Err(LineError::IncompleteDirection { column: "pitch" }),
     }
 }
 
@@ -198,6 +198,6 @@ mod tests {
             assert!(message.contains(part), "{text:?}: {message}");
         }
         let long = "x,y,z\n".to_owned() + &"1,2,3\n".repeat(MAX_GOALS + 1);
-        assert!(matches!(read(&long), Err(ViaError::TooMany)));
+        assert!(matches!(read(&long), Err(ViaError::TooManyRows)));
     }
 }

@@ -145,7 +145,7 @@ fn every_toml_block_is_a_part_of_a_robot_file_or_settings() {
         for block in document.blocks().iter().filter(|block| block.is("toml")) {
             let place = format!("{}:{}", document.path.display(), block.line);
             if ["[robots.", "[serve."].iter().any(|table| block.text.contains(table)) {
-                let (robots, serve) = settings::service_of(&block.text, &place).unwrap();
+                let (robots, serve) = settings::parse_service(&block.text, &place).unwrap();
                 assert!(robots.len() > 1 || serve.notify.webhook.is_some(), "{place}");
                 continue;
             }

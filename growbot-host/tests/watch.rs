@@ -11,25 +11,25 @@ use growbot_client::growth::{CommandQueue, Job, JobEvent};
 use growbot_client::plan::{Plan, PlanOptions};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
-use growbot_host::watch::Watch;
+use growbot_host::watch::WatchPage;
 use growbot_pictures::view::Subject;
 use serde_json::{Value, json};
 
 use running::{PATIENCE, growbot};
 
 /// Returns a page of a body of 40 mm.
-fn watch(orders: Option<Arc<CommandQueue>>) -> Watch {
+fn watch(orders: Option<Arc<CommandQueue>>) -> WatchPage {
     let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
     let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
     let plan = Plan::through_waypoints(&robot, &up(0.0), &[], &up(40.0), &search).unwrap();
     let job = Job::of_plan(&robot, &plan);
     let subject = Subject { name: "plan.json", robot: &robot, plan: &plan, run: None, laid: None, scene: None };
-    Watch::start(&subject, &job, &[], orders, 0).unwrap()
+    WatchPage::start(&subject, &job, &[], orders, 0).unwrap()
 }
 
 /// Returns the server's address, and the path with the secret.
-fn parts(watch: &Watch) -> (SocketAddr, String) {
+fn parts(watch: &WatchPage) -> (SocketAddr, String) {
     let (address, path) = watch.address().strip_prefix("http://").unwrap().split_once('/').unwrap();
     (address.parse().unwrap(), format!("/{path}"))
 }

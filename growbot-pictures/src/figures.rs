@@ -36,7 +36,7 @@ pub fn shortest(number: f64) -> String {
 /// Describes a direction by heading and pitch with `decimals` decimals. A vertical direction has no heading, so the
 /// text is "straight up" or "straight down".
 #[must_use]
-pub fn direction(pose: &Pose, decimals: usize) -> String {
+pub fn direction_text(pose: &Pose, decimals: usize) -> String {
     let [_, _, _, heading, pitch] = pose.to_degrees();
     match (pose.is_vertical(), pitch > 0.0) {
         (true, true) => "straight up".to_owned(),

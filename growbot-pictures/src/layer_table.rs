@@ -12,7 +12,7 @@ use growbot_core::slicing::{SlicedLayer, Slicing, layers};
 use crate::figures::shortest;
 
 /// Columns of a layer's own fields, in the order of [`fields`].
-pub const FIELDS: &str = "alpha_deg,height_mm,tilt_deg";
+pub const LAYER_COLUMNS: &str = "alpha_deg,height_mm,tilt_deg";
 
 /// Formats a layer's own fields in full precision. `alpha_deg` is in `[0, 360)`, and 0 if the layer is straight.
 #[must_use]
@@ -27,7 +27,7 @@ pub fn fields(layer: &Layer) -> String {
 /// # Errors
 /// Errors of `out`.
 pub fn write_layers(out: &mut impl Write, path: &[Segment], robot: &Robot) -> io::Result<()> {
-    writeln!(out, "layer,segment,{FIELDS}")?;
+    writeln!(out, "layer,segment,{LAYER_COLUMNS}")?;
     // The layers of a segment are equal, so each text is formatted once.
     let mut last = Layer::default();
     let mut row = String::new();
@@ -60,7 +60,7 @@ mod tests {
         let tilt = degrees(0.005);
         assert_eq!(
             String::from_utf8(out).unwrap(),
-            format!("layer,segment,{FIELDS}\n0,0,0,0.5,0\n1,0,0,0.5,0\n2,1,0,0.5,{tilt}\n3,2,0,0.5,0\n")
+            format!("layer,segment,{LAYER_COLUMNS}\n0,0,0,0.5,0\n1,0,0,0.5,0\n2,1,0,0.5,{tilt}\n3,2,0,0.5,0\n")
         );
     }
 }

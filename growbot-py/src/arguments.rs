@@ -8,7 +8,7 @@ use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyAnyMethods, PyDict, PyFloat, PyInt};
 
-use crate::refused::{Kind, Refused, outside};
+use crate::error::{ErrorKind, Error, outside};
 
 /// Greatest number of rows of an array, given or returned.
 pub const MAX_ROWS: usize = 1_000_000;
@@ -19,38 +19,38 @@ pub fn type_name(value: &Bound<PyAny>) -> String {
 }
 
 /// Returns the error for a value of a wrong type.
-pub fn wrong_type(name: &str, value: &Bound<PyAny>, wanted: &str) -> Refused {
+pub fn wrong_type(name: &str, value: &Bound<PyAny>, wanted: &str) -> Error {
     let kind = type_name(value);
-    Refused::with(Kind::Type, format!("{name} is of type {kind}: give {wanted}"), kind, wanted)
+    Error::with(ErrorKind::Type, format!("{name} is of type {kind}: give {wanted}"), kind, wanted)
 }
 
 /// Returns a real number. `None` for complex numbers, which NumPy would convert with no more than a warning.
-pub fn plain(value: &Bound<PyAny>) -> Option<f64> {
+pub fn real_number(value: &Bound<PyAny>) -> Option<f64> {
     let known = value.is_exact_instance_of::<PyFloat>() || value.is_exact_instance_of::<PyInt>();
     (known || !type_name(value).contains("complex")).then(|| value.extract().ok()).flatten()
 }
 
 /// Returns a number, which may be infinite but not NaN.
-pub fn number(name: &str, value: &Bound<PyAny>) -> Result<f64, Refused> {
-    let number = plain(value).ok_or_else(|| wrong_type(name, value, "a number"))?;
+pub fn number(name: &str, value: &Bound<PyAny>) -> Result<f64, Error> {
+    let number = real_number(value).ok_or_else(|| wrong_type(name, value, "a number"))?;
     if number.is_nan() {
-        return Err(Refused::with(Kind::Input, format!("{name} is NaN: give a number"), number, "a number"));
+        return Err(Error::with(ErrorKind::Input, format!("{name} is NaN: give a number"), number, "a number"));
     }
     Ok(number)
 }
 
 /// Returns a number within limits.
-pub fn within(name: &str, value: &Bound<PyAny>, [min, max]: [f64; 2], unit: &str) -> Result<f64, Refused> {
+pub fn within(name: &str, value: &Bound<PyAny>, [min, max]: [f64; 2], unit: &str) -> Result<f64, Error> {
     let number = number(name, value)?;
     if (min..=max).contains(&number) { Ok(number) } else { Err(outside(name, number, [min, max], unit)) }
 }
 
 /// Returns an integer within limits.
-pub fn whole(name: &str, value: &Bound<PyAny>, min: u64, max: u64) -> Result<u64, Refused> {
+pub fn integer(name: &str, value: &Bound<PyAny>, min: u64, max: u64) -> Result<u64, Error> {
     let wanted = "a whole number";
     let given: i128 = value.extract().map_err(|error: PyErr| {
         if error.is_instance_of::<pyo3::exceptions::PyOverflowError>(value.py()) {
-            Refused::with(Kind::Input, format!("{name} is beyond {max}: give {min} to {max}"), "too large", max as f64)
+            Error::with(ErrorKind::Input, format!("{name} is beyond {max}: give {min} to {max}"), "too large", max as f64)
         } else {
             wrong_type(name, value, wanted)
         }
@@ -60,26 +60,26 @@ pub fn whole(name: &str, value: &Bound<PyAny>, min: u64, max: u64) -> Result<u64
         _ => {
             let limit = if given < i128::from(min) { min } else { max };
             let message = format!("{name} is {given}, and may be {min} to {max}: give one within");
-            Err(Refused::with(Kind::Input, message, given as f64, limit as f64))
+            Err(Error::with(ErrorKind::Input, message, given as f64, limit as f64))
         }
     }
 }
 
 /// Returns a number of threads. The default is one for each core.
-pub fn threads(value: Option<&Bound<PyAny>>) -> Result<usize, Refused> {
+pub fn threads(value: Option<&Bound<PyAny>>) -> Result<usize, Error> {
     match value {
         None => Ok(std::thread::available_parallelism().map_or(1, usize::from)),
-        Some(value) => Ok(whole("threads", value, 1, 1024)? as usize),
+        Some(value) => Ok(integer("threads", value, 1, 1024)? as usize),
     }
 }
 
 /// Returns a boolean.
-pub fn flag(name: &str, value: &Bound<PyAny>) -> Result<bool, Refused> {
+pub fn flag(name: &str, value: &Bound<PyAny>) -> Result<bool, Error> {
     value.extract().map_err(|_| wrong_type(name, value, "True or False"))
 }
 
 /// Returns a text.
-pub fn text(name: &str, value: &Bound<PyAny>) -> Result<String, Refused> {
+pub fn text(name: &str, value: &Bound<PyAny>) -> Result<String, Error> {
     value.extract().map_err(|_| wrong_type(name, value, "a str"))
 }
 
@@ -89,25 +89,25 @@ const LONGEST_NAME: usize = 4096;
 const LONGEST_WORD: usize = 400;
 
 /// Returns a short text.
-pub fn word(name: &str, value: &Bound<PyAny>) -> Result<String, Refused> {
+pub fn word(name: &str, value: &Bound<PyAny>) -> Result<String, Error> {
     let word = text(name, value)?;
     check_length(name, word.len(), LONGEST_WORD)?;
     Ok(word)
 }
 
 /// Returns the name of a file.
-pub fn path(name: &str, value: &Bound<PyAny>) -> Result<PathBuf, Refused> {
+pub fn path(name: &str, value: &Bound<PyAny>) -> Result<PathBuf, Error> {
     let path: PathBuf = value.extract().map_err(|_| wrong_type(name, value, "a str or a pathlib.Path"))?;
     check_length(name, path.as_os_str().len(), LONGEST_NAME)?;
     Ok(path)
 }
 
-fn check_length(name: &str, length: usize, longest: usize) -> Result<(), Refused> {
+fn check_length(name: &str, length: usize, longest: usize) -> Result<(), Error> {
     if length <= longest {
         return Ok(());
     }
     let message = format!("{name} has {length} bytes, above {longest}: give a shorter one");
-    Err(Refused::with(Kind::Input, message, length as f64, longest as f64))
+    Err(Error::with(ErrorKind::Input, message, length as f64, longest as f64))
 }
 
 /// Greatest length of a plan or of a robot's description, bytes (64 MiB).
@@ -115,28 +115,28 @@ const LONGEST_TEXT: u64 = 64 << 20;
 
 /// Returns the text of a file and its name for messages. The reader of growbot-client would record the file as an
 /// input, so that a command does not overwrite it. A Python program may overwrite its input.
-pub fn text_of_file(path: &Path) -> Result<(String, String), Refused> {
+pub fn text_of_file(path: &Path) -> Result<(String, String), Error> {
     let (bytes, name) = bytes_of_file(path, LONGEST_TEXT)?;
     let text = String::from_utf8(bytes)
-        .map_err(|_| Refused::new(Kind::File, format!("{name} is no text in UTF-8: give another file")))?;
+        .map_err(|_| Error::new(ErrorKind::File, format!("{name} is no text in UTF-8: give another file")))?;
     Ok((text, name))
 }
 
 /// Returns the bytes of a file of at most `longest` bytes, with its name for messages.
-pub fn bytes_of_file(path: &Path, longest: u64) -> Result<(Vec<u8>, String), Refused> {
+pub fn bytes_of_file(path: &Path, longest: u64) -> Result<(Vec<u8>, String), Error> {
     let name = path.display().to_string();
     let failed = |error: std::io::Error| {
-        Refused::new(Kind::File, format!("cannot read {name}: {error}; give a file that is there"))
+        Error::new(ErrorKind::File, format!("cannot read {name}: {error}; give a file that is there"))
     };
     let about = fs::metadata(path).map_err(failed)?;
     if !about.is_file() {
-        return Err(Refused::new(Kind::File, format!("{name} is no file: give one")));
+        return Err(Error::new(ErrorKind::File, format!("{name} is no file: give one")));
     }
     let mut bytes = Vec::new();
     fs::File::open(path).map_err(failed)?.take(longest + 1).read_to_end(&mut bytes).map_err(failed)?;
     if bytes.len() as u64 > longest {
         let message = format!("{name} has more than {longest} bytes: give another file");
-        return Err(Refused::with(Kind::File, message, about.len() as f64, longest as f64));
+        return Err(Error::with(ErrorKind::File, message, about.len() as f64, longest as f64));
     }
     Ok((bytes, name))
 }
@@ -153,7 +153,7 @@ pub struct Rows {
 
 impl Rows {
     /// Reads an array of shape `(n, width)` for one of the given widths.
-    pub fn read(name: &str, value: &Bound<PyAny>, widths: &[usize]) -> Result<Self, Refused> {
+    pub fn read(name: &str, value: &Bound<PyAny>, widths: &[usize]) -> Result<Self, Error> {
         let wanted = widths.iter().map(|width| format!("(n, {width})")).collect::<Vec<_>>().join(" or ");
         let wanted = format!("an array of shape {wanted}");
         let array = array_of(name, value, &wanted)?;
@@ -168,7 +168,7 @@ impl Rows {
     }
 
     /// Reads a flat array or a single number.
-    pub fn flat(name: &str, value: &Bound<PyAny>) -> Result<Self, Refused> {
+    pub fn flat(name: &str, value: &Bound<PyAny>) -> Result<Self, Error> {
         let wanted = "a number or an array of shape (n,)";
         let array = array_of(name, value, wanted)?;
         let shape = array.shape().to_vec();
@@ -183,7 +183,7 @@ impl Rows {
 }
 
 /// Reads an array of exactly this shape.
-pub fn fixed<const N: usize>(name: &str, value: &Bound<PyAny>, shape: &[usize]) -> Result<[f64; N], Refused> {
+pub fn fixed<const N: usize>(name: &str, value: &Bound<PyAny>, shape: &[usize]) -> Result<[f64; N], Error> {
     let wanted = format!("numbers of shape {}", in_words(shape));
     let array = array_of(name, value, &wanted)?;
     if array.shape() != shape {
@@ -192,22 +192,22 @@ pub fn fixed<const N: usize>(name: &str, value: &Bound<PyAny>, shape: &[usize]) 
     let numbers = numbers(name, &array, &wanted)?;
     if let Some(number) = numbers.iter().find(|number| !number.is_finite()) {
         let message = format!("{name} holds {number}: give finite numbers");
-        return Err(Refused::with(Kind::Input, message, *number, "finite"));
+        return Err(Error::with(ErrorKind::Input, message, *number, "finite"));
     }
     numbers.try_into().map_err(|_| wrong_shape(name, shape, &wanted))
 }
 
 /// Returns an error if there are too many rows.
-pub fn check_rows(name: &str, count: usize) -> Result<(), Refused> {
+pub fn check_rows(name: &str, count: usize) -> Result<(), Error> {
     if count <= MAX_ROWS {
         return Ok(());
     }
     let message = format!("{name} asks for {count} rows, above {MAX_ROWS}: split the work into several calls");
-    Err(Refused::with(Kind::Input, message, count as f64, MAX_ROWS as f64))
+    Err(Error::with(ErrorKind::Input, message, count as f64, MAX_ROWS as f64))
 }
 
 /// Returns an array of any type. A value that is an array already is not copied.
-fn array_of<'py>(name: &str, value: &Bound<'py, PyAny>, wanted: &str) -> Result<Bound<'py, PyUntypedArray>, Refused> {
+fn array_of<'py>(name: &str, value: &Bound<'py, PyAny>, wanted: &str) -> Result<Bound<'py, PyUntypedArray>, Error> {
     if let Ok(array) = value.cast::<PyUntypedArray>() {
         return Ok(array.clone());
     }
@@ -217,25 +217,25 @@ fn array_of<'py>(name: &str, value: &Bound<'py, PyAny>, wanted: &str) -> Result<
 }
 
 /// Returns the numbers of an array in order. The caller has checked its size.
-fn numbers(name: &str, array: &Bound<PyUntypedArray>, wanted: &str) -> Result<Vec<f64>, Refused> {
+fn numbers(name: &str, array: &Bound<PyUntypedArray>, wanted: &str) -> Result<Vec<f64>, Error> {
     let py = array.py();
     let kind: String = array.dtype().getattr("kind")?.extract()?;
     if !["f", "i", "u"].contains(&kind.as_str()) {
         let dtype = array.dtype().str()?.to_string();
         let message = format!("{name} is an array of {dtype}: give {wanted} of real numbers");
-        return Err(Refused::with(Kind::Type, message, dtype, "float64"));
+        return Err(Error::with(ErrorKind::Type, message, dtype, "float64"));
     }
     let arguments = PyDict::new(py);
     arguments.set_item("dtype", "float64")?;
     let array = py.import("numpy")?.call_method("ascontiguousarray", (array,), Some(&arguments))?;
     let array = array.cast_into::<PyArrayDyn<f64>>().map_err(PyErr::from)?;
-    Ok(array.readonly().as_slice().map_err(|_| Refused::new(Kind::Type, format!("{name} is no plain array")))?.to_vec())
+    Ok(array.readonly().as_slice().map_err(|_| Error::new(ErrorKind::Type, format!("{name} is no plain array")))?.to_vec())
 }
 
 /// Returns the error for an array of the wrong shape.
-pub fn wrong_shape(name: &str, shape: &[usize], wanted: &str) -> Refused {
+pub fn wrong_shape(name: &str, shape: &[usize], wanted: &str) -> Error {
     let shape = in_words(shape);
-    Refused::with(Kind::Type, format!("{name} has shape {shape}: give {wanted}"), shape, wanted)
+    Error::with(ErrorKind::Type, format!("{name} has shape {shape}: give {wanted}"), shape, wanted)
 }
 
 fn in_words(shape: &[usize]) -> String {

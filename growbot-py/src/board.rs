@@ -25,9 +25,9 @@ use pyo3::prelude::*;
 
 use crate::arguments::{flag, path, word, wrong_type};
 use crate::conditions::Conditions;
-use crate::growable::{check, surroundings};
+use crate::preconditions::{check_growable, scene_for_growth};
 use crate::plan::Plan;
-use crate::refused::{Kind, Refused};
+use crate::error::{ErrorKind, Error};
 use crate::robot::robot_of;
 use crate::run::json_of;
 use crate::scene::Scene;
@@ -39,16 +39,16 @@ const LOOK: Duration = Duration::from_millis(50);
 const AHEAD: usize = 10_000;
 
 /// A request to the thread that owns the connection.
-enum Asked {
-    Hello(Sender<Result<String, Refused>>),
-    Status(Sender<Result<String, Refused>>),
-    Stop(Sender<Result<String, Refused>>),
-    EmergencyStop(Sender<Result<String, Refused>>),
-    Grow(Box<Task>),
+enum WorkerRequest {
+    Hello(Sender<Result<String, Error>>),
+    Status(Sender<Result<String, Error>>),
+    Stop(Sender<Result<String, Error>>),
+    EmergencyStop(Sender<Result<String, Error>>),
+    Grow(Box<GrowTask>),
 }
 
 /// A requested growth.
-struct Task {
+struct GrowTask {
     plan: Plan,
     conditions: Conditions,
     /// Scene from which corrections stay clear.
@@ -58,115 +58,115 @@ struct Task {
     seed: u64,
     log: Option<PathBuf>,
     replace: bool,
-    events: Events,
+    events: EventSender,
     orders: Arc<Orders>,
 }
 
 /// A message from a growth.
-enum Told {
+enum GrowthMessage {
     Event(String),
     /// The end: the result as JSON, and the error unless the growth ended as requested.
-    End(Option<String>, Option<Refused>),
+    End(Option<String>, Option<Error>),
 }
 
 /// Sender of a growth's messages.
-enum Events {
-    Ahead(mpsc::SyncSender<Told>),
-    Now(Sender<Told>),
+enum EventSender {
+    Bounded(mpsc::SyncSender<GrowthMessage>),
+    Now(Sender<GrowthMessage>),
 }
 
-impl Events {
+impl EventSender {
     /// Sends a message. Returns false if the receiver is gone.
-    fn send(&self, told: Told) -> bool {
+    fn send(&self, told: GrowthMessage) -> bool {
         match self {
-            Self::Ahead(sender) => sender.send(told).is_ok(),
+            Self::Bounded(sender) => sender.send(told).is_ok(),
             Self::Now(sender) => sender.send(told).is_ok(),
         }
     }
 }
 
 /// A port with a client.
-struct Line {
+struct BoardLink {
     client: Client,
     simulation: Option<Box<dyn Simulation>>,
 }
 
 /// The thread that owns the connection.
-struct Worker {
+struct BoardWorker {
     robot: Arc<Described>,
     port: PortName,
     name: String,
     take_over: bool,
-    line: Option<Line>,
+    line: Option<BoardLink>,
 }
 
-fn board_error(error: impl ToString) -> Refused {
-    Refused::new(Kind::Board, error)
+fn board_error(error: impl ToString) -> Error {
+    Error::new(ErrorKind::Board, error)
 }
 
-impl Worker {
-    fn serve(&mut self, asked: &Receiver<Asked>) {
+impl BoardWorker {
+    fn serve(&mut self, asked: &Receiver<WorkerRequest>) {
         while let Ok(asked) = asked.recv() {
             match asked {
-                Asked::Hello(answer) => drop(answer.send(self.hello())),
-                Asked::Status(answer) => drop(answer.send(self.status())),
-                Asked::Stop(answer) => drop(answer.send(self.stop())),
-                Asked::EmergencyStop(answer) => drop(answer.send(self.emergency_stop())),
-                Asked::Grow(task) => self.grow(*task),
+                WorkerRequest::Hello(answer) => drop(answer.send(self.hello())),
+                WorkerRequest::Status(answer) => drop(answer.send(self.status())),
+                WorkerRequest::Stop(answer) => drop(answer.send(self.stop())),
+                WorkerRequest::EmergencyStop(answer) => drop(answer.send(self.emergency_stop())),
+                WorkerRequest::Grow(task) => self.grow(*task),
             }
         }
     }
 
-    fn open(&mut self, settings: &TipSettings) -> Result<&mut Line, Refused> {
+    fn open(&mut self, settings: &TipSettings) -> Result<&mut BoardLink, Error> {
         // Only one program at a time can use a robot's port.
         self.line = None;
         let Opened { port, simulation } = open(&self.port, &self.robot, settings).map_err(board_error)?;
         let name = if self.port.is_simulated() { format!("{} (simulated)", self.name) } else { self.name.clone() };
         let client = Client::new(port, &name).taking_over(self.take_over);
-        Ok(self.line.insert(Line { client, simulation }))
+        Ok(self.line.insert(BoardLink { client, simulation }))
     }
 
-    fn line(&mut self) -> Result<&mut Line, Refused> {
+    fn line(&mut self) -> Result<&mut BoardLink, Error> {
         if self.line.is_none() {
             self.open(&TipSettings::default())?;
         }
         self.line.as_mut().ok_or_else(|| board_error("the line is closed: connect again"))
     }
 
-    fn hello(&mut self) -> Result<String, Refused> {
+    fn hello(&mut self) -> Result<String, Error> {
         let hello = self.line()?.client.hello().map_err(board_error)?;
         Ok(json_of(RunEvent::Board(WrittenBoard::from(&hello))))
     }
 
-    fn status(&mut self) -> Result<String, Refused> {
+    fn status(&mut self) -> Result<String, Error> {
         let client = &mut self.line()?.client;
         let status = client.status().or_else(|_| client.hello().and_then(|_| client.status())).map_err(board_error)?;
         Ok(json_of(RunEvent::Status(BoardStatus::from(&status))))
     }
 
-    fn stop(&mut self) -> Result<String, Refused> {
+    fn stop(&mut self) -> Result<String, Error> {
         let simulated = self.port.is_simulated();
         self.hello()?;
         Ok(self.line()?.client.stop().map_err(board_error)?.in_words(simulated))
     }
 
-    fn emergency_stop(&mut self) -> Result<String, Refused> {
+    fn emergency_stop(&mut self) -> Result<String, Error> {
         self.line()?.client.emergency_stop().map_err(board_error)?;
         Ok("emergency stop".to_owned())
     }
 
-    fn grow(&mut self, task: Task) {
+    fn grow(&mut self, task: GrowTask) {
         let events = &task.events;
         let (result, refused) = match self.grown(&task) {
             Ok((result, refused)) => (serde_json::to_string(&result).ok(), refused),
             Err(refused) => (None, Some(refused)),
         };
-        events.send(Told::End(result, refused));
+        events.send(GrowthMessage::End(result, refused));
     }
 
     /// Grows a body. Returns the result, and the error unless the growth ended as requested.
-    fn grown(&mut self, task: &Task) -> Result<(GrowthResult, Option<Refused>), Refused> {
-        let Task { plan: Plan { inner: plan, robot }, conditions, around, seed, orders, .. } = task;
+    fn grown(&mut self, task: &GrowTask) -> Result<(GrowthResult, Option<Error>), Error> {
+        let GrowTask { plan: Plan { inner: plan, robot }, conditions, around, seed, orders, .. } = task;
         let simulated = self.port.is_simulated();
         let noise = if simulated { conditions.sensor_noise() } else { conditions.assumed_noise() };
         let around = around.as_ref().map(|scene| Surroundings::new(robot, &scene.loaded, plan.radius));
@@ -176,7 +176,7 @@ impl Worker {
         });
         if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::can_begin) {
             let message = format!("{too_near}: plan with a larger margin_mm or another radius_mm, or set ignore_scene=True");
-            return Err(Refused::new(Kind::Input, message));
+            return Err(Error::new(ErrorKind::Input, message));
         }
         let imperfection =
             Imperfection { disturbance: conditions.disturbance(), noise: conditions.sensor_noise(), seed: *seed };
@@ -194,14 +194,14 @@ impl Worker {
             Some(file) => RunLog::begin(file, plan, &job, fed_back, origin),
         };
         let mut log = begun.map_err(|error| match error {
-            error @ RunLogError::Exists { .. } => Refused::new(
-                Kind::File,
+            error @ RunLogError::Exists { .. } => Error::new(
+                ErrorKind::File,
                 format!(
                     "{}; or set overwrite=True",
                     error.to_string().split("; --log alone").next().unwrap_or_default()
                 ),
             ),
-            error => Refused::new(Kind::File, error),
+            error => Error::new(ErrorKind::File, error),
         })?;
         let mut tip = plan.start.frame();
         let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Waits };
@@ -212,7 +212,7 @@ impl Worker {
                 // A line that cannot be written is retried later. Lines that are still missing at the end are counted.
                 let _ = log.record(event);
                 for event in events_of(event, &mut tip) {
-                    if !task.events.send(Told::Event(json_of(event))) {
+                    if !task.events.send(GrowthMessage::Event(json_of(event))) {
                         orders.give(Order::Stop);
                     }
                 }
@@ -229,7 +229,7 @@ impl Worker {
                 let mut result = GrowthResult::new(&grown, plan, seed, simulated);
                 let _ = log.end(&result);
                 result.log_lines_missing = Some(log.missing()).filter(|missing| *missing > 0);
-                let refused = unwished(&result);
+                let refused = outcome_error(&result);
                 Ok((result, refused))
             }
             Err(GrowthError::During(error)) => {
@@ -246,7 +246,7 @@ impl Worker {
 }
 
 /// Returns the error if a growth ended in another way than done or stopped, or if its log is incomplete.
-fn unwished(result: &GrowthResult) -> Option<Refused> {
+fn outcome_error(result: &GrowthResult) -> Option<Error> {
     let outcome = result.outcome.name();
     let why = match (result.outcome, result.log_lines_missing) {
         (ResultOutcome::Done | ResultOutcome::Stopped, None) => return None,
@@ -259,13 +259,13 @@ fn unwished(result: &GrowthResult) -> Option<Refused> {
             format!("the growth ended with {outcome}{of_fault}: look at the {robot}; `growbot resume` resumes a body")
         }
     };
-    Some(Refused::with(Kind::Board, why, outcome, "done"))
+    Some(Error::with(ErrorKind::Board, why, outcome, "done"))
 }
 
 /// A robot at a port.
 #[pyclass(frozen, module = "growbot._growbot")]
 pub struct Board {
-    asks: Mutex<Option<Sender<Asked>>>,
+    asks: Mutex<Option<Sender<WorkerRequest>>>,
     thread: Mutex<Option<JoinHandle<()>>>,
     /// Commands for the current or the latest growth.
     orders: Mutex<Arc<Orders>>,
@@ -277,7 +277,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Board {
-    fn ask(&self, asked: Asked) -> Result<(), Refused> {
+    fn ask(&self, asked: WorkerRequest) -> Result<(), Error> {
         let closed = || board_error("the board is disconnected: connect again");
         lock(&self.asks).as_ref().ok_or_else(closed)?.send(asked).map_err(|_| closed())
     }
@@ -286,8 +286,8 @@ impl Board {
     fn answer(
         &self,
         py: Python<'_>,
-        asked: impl FnOnce(Sender<Result<String, Refused>>) -> Asked,
-    ) -> Result<String, Refused> {
+        asked: impl FnOnce(Sender<Result<String, Error>>) -> WorkerRequest,
+    ) -> Result<String, Error> {
         let (sender, receiver) = mpsc::channel();
         self.ask(asked(sender))?;
         let receiver = Mutex::new(receiver);
@@ -310,18 +310,18 @@ impl Board {
         port: &Bound<PyAny>,
         robot: Option<&Bound<PyAny>>,
         take_over: Option<&Bound<PyAny>>,
-    ) -> Result<Self, Refused> {
+    ) -> Result<Self, Error> {
         let robot = robot_of(robot)?;
         let name = word("port", port)?;
         let port: PortName = name.parse().map_err(|error: growbot_sim::port::OpenError| {
-            Refused::with(Kind::Input, error, name.as_str(), "sim, emulator, tcp:HOST:PORT, a device")
+            Error::with(ErrorKind::Input, error, name.as_str(), "sim, emulator, tcp:HOST:PORT, a device")
         })?;
         let take_over = take_over.map_or(Ok(false), |value| flag("take_over", value))?;
         let (asks, asked) = mpsc::channel();
         let simulated = port.is_simulated();
         let begins_with_growth = simulated && port.resident().is_none();
         let thread = thread::Builder::new().name("growbot".to_owned()).spawn(move || {
-            Worker { robot, port, name, take_over, line: None }.serve(&asked);
+            BoardWorker { robot, port, name, take_over, line: None }.serve(&asked);
         });
         let thread =
             thread.map_err(|error| board_error(format!("no thread for the line ({error}): end other programs")))?;
@@ -331,7 +331,7 @@ impl Board {
             orders: Mutex::new(Arc::default()),
             simulated,
         };
-        if !begins_with_growth && let Err(refused) = board.answer(py, Asked::Hello) {
+        if !begins_with_growth && let Err(refused) = board.answer(py, WorkerRequest::Hello) {
             board.close(py);
             return Err(refused);
         }
@@ -343,16 +343,16 @@ impl Board {
         self.simulated
     }
 
-    fn status_json(&self, py: Python<'_>) -> Result<String, Refused> {
-        self.answer(py, Asked::Status)
+    fn status_json(&self, py: Python<'_>) -> Result<String, Error> {
+        self.answer(py, WorkerRequest::Status)
     }
 
-    fn stop(&self, py: Python<'_>) -> Result<String, Refused> {
-        self.answer(py, Asked::Stop)
+    fn stop(&self, py: Python<'_>) -> Result<String, Error> {
+        self.answer(py, WorkerRequest::Stop)
     }
 
-    fn emergency_stop(&self, py: Python<'_>) -> Result<String, Refused> {
-        self.answer(py, Asked::EmergencyStop)
+    fn emergency_stop(&self, py: Python<'_>) -> Result<String, Error> {
+        self.answer(py, WorkerRequest::EmergencyStop)
     }
 
     #[pyo3(signature = (plan, conditions = None, seed = None, log = None, overwrite = None, force = None, ignore_scene = None, scene = None))]
@@ -367,27 +367,27 @@ impl Board {
         force: Option<&Bound<PyAny>>,
         ignore_scene: Option<&Bound<PyAny>>,
         scene: Option<&Bound<PyAny>>,
-    ) -> Result<Growth, Refused> {
+    ) -> Result<Growth, Error> {
         let plan = plan.cast::<Plan>().map_err(|_| wrong_type("plan", plan, "a growbot.Plan"))?.get().clone();
         let conditions = Conditions::read(conditions)?;
         let seed = seed_of(seed)?;
         let log = log.map(|file| path("log", file)).transpose()?;
         let replace = overwrite.map_or(Ok(false), |value| flag("overwrite", value))?;
         let force = force.map_or(Ok(false), |value| flag("force", value))?;
-        check(&plan, &conditions, self.simulated, force)?;
+        check_growable(&plan, &conditions, self.simulated, force)?;
         let ignore_scene = ignore_scene.map_or(Ok(false), |value| flag("ignore_scene", value))?;
-        let around = if ignore_scene { None } else { surroundings(&plan, scene)? };
+        let around = if ignore_scene { None } else { scene_for_growth(&plan, scene)? };
         let ignores_scene = ignore_scene && (scene.is_some() || plan.inner.scene.is_some());
         let (events, told) = if self.simulated {
             let (sender, receiver) = mpsc::sync_channel(AHEAD);
-            (Events::Ahead(sender), receiver)
+            (EventSender::Bounded(sender), receiver)
         } else {
             let (sender, receiver) = mpsc::channel();
-            (Events::Now(sender), receiver)
+            (EventSender::Now(sender), receiver)
         };
         let orders: Arc<Orders> = Arc::default();
         *lock(&self.orders) = Arc::clone(&orders);
-        self.ask(Asked::Grow(Box::new(Task {
+        self.ask(WorkerRequest::Grow(Box::new(GrowTask {
             plan,
             conditions,
             around,
@@ -416,14 +416,14 @@ impl Board {
 /// A growth in progress.
 #[pyclass(frozen, module = "growbot._growbot")]
 pub struct Growth {
-    told: Mutex<Option<Receiver<Told>>>,
+    told: Mutex<Option<Receiver<GrowthMessage>>>,
     orders: Arc<Orders>,
     result: Mutex<Option<String>>,
 }
 
 impl Growth {
     /// Records the end.
-    fn end(&self, result: Option<String>, refused: Option<Refused>) -> Result<(), Refused> {
+    fn end(&self, result: Option<String>, refused: Option<Error>) -> Result<(), Error> {
         drop(lock(&self.told).take());
         *lock(&self.result) = result;
         refused.map_or(Ok(()), Err)
@@ -433,15 +433,15 @@ impl Growth {
 #[pymethods]
 impl Growth {
     /// Returns the next event as JSON, or None at the end.
-    fn next_json(&self, py: Python<'_>) -> Result<Option<String>, Refused> {
+    fn next_json(&self, py: Python<'_>) -> Result<Option<String>, Error> {
         let mut interrupted = None;
         loop {
             let next = py.detach(|| lock(&self.told).as_ref().map(|told| told.recv_timeout(LOOK)));
             match next {
                 None => return Ok(None),
-                Some(Ok(Told::Event(_))) if interrupted.is_some() => {}
-                Some(Ok(Told::Event(event))) => return Ok(Some(event)),
-                Some(Ok(Told::End(result, refused))) => {
+                Some(Ok(GrowthMessage::Event(_))) if interrupted.is_some() => {}
+                Some(Ok(GrowthMessage::Event(event))) => return Ok(Some(event)),
+                Some(Ok(GrowthMessage::End(result, refused))) => {
                     let ended = self.end(result, refused);
                     return interrupted.map_or_else(|| ended.map(|()| None), |error: PyErr| Err(error.into()));
                 }
@@ -470,11 +470,11 @@ impl Growth {
 
     /// Sends a command by its name.
     #[pyo3(signature = (name))]
-    fn order(&self, name: &Bound<PyAny>) -> Result<(), Refused> {
+    fn order(&self, name: &Bound<PyAny>) -> Result<(), Error> {
         let name = word("name", name)?;
         let order = Order::ALL.into_iter().find(|order| order.name() == name).ok_or_else(|| {
             let known = Order::ALL.map(Order::name).join(", ");
-            Refused::with(Kind::Input, format!("there is no order {name:?}: give one of {known}"), name.as_str(), known)
+            Error::with(ErrorKind::Input, format!("there is no order {name:?}: give one of {known}"), name.as_str(), known)
         })?;
         self.orders.give(order);
         Ok(())

@@ -14,7 +14,7 @@ use pyo3::types::PyType;
 
 use crate::arguments::{flag, within, word, wrong_type};
 use crate::plan::Plan;
-use crate::refused::{Kind, Refused};
+use crate::error::{ErrorKind, Error};
 
 /// Limits of shares, percent, and of angles, degrees, equal to the command's.
 const SIGNED: [f64; 2] = [-90.0, 90.0];
@@ -37,7 +37,7 @@ pub struct Conditions {
 
 impl Conditions {
     /// Reads a `growbot.Conditions`. `None` stands for no errors.
-    pub fn read(value: Option<&Bound<PyAny>>) -> Result<Self, Refused> {
+    pub fn read(value: Option<&Bound<PyAny>>) -> Result<Self, Error> {
         static CLASS: PyOnceLock<Py<PyType>> = PyOnceLock::new();
         let Some(value) = value else { return Ok(Self::default()) };
         let class = CLASS.import(value.py(), "growbot._conditions", "Conditions")?;
@@ -65,8 +65,8 @@ impl Conditions {
         let (feedback, gravity_only) = (is("feedback")?, is("gravity_only")?);
         let scale = number("odometry_scale_percent", SIGNED, "percent")?;
         if !feedback && (gravity_only || scale != 0.0) {
-            return Err(Refused::new(
-                Kind::Input,
+            return Err(Error::new(
+                ErrorKind::Input,
                 "gravity_only and odometry_scale_percent are for closed loop: set feedback=True, or leave them out",
             ));
         }
@@ -82,21 +82,21 @@ impl Conditions {
         let whole_steps = match (word("slicing", &value.getattr("slicing")?)?.as_str(), step) {
             ("exact", None) => None,
             ("exact", Some(_)) => {
-                return Err(Refused::new(
-                    Kind::Input,
+                return Err(Error::new(
+                    ErrorKind::Input,
                     "step_mm is the height of whole steps: set slicing=\"whole\", or leave it out",
                 ));
             }
             ("whole", _) if feedback => {
-                return Err(Refused::new(
-                    Kind::Input,
+                return Err(Error::new(
+                    ErrorKind::Input,
                     "feedback plans each layer by itself, and slicing=\"whole\" would not be heeded: leave one of them out",
                 ));
             }
             ("whole", step) => Some(step),
             (other, _) => {
                 let message = format!("slicing is {other:?}: give \"exact\" or \"whole\"");
-                return Err(Refused::with(Kind::Input, message, other, "exact, whole"));
+                return Err(Error::with(ErrorKind::Input, message, other, "exact, whole"));
             }
         };
         Ok(Self { disturbance, noise: odometry, direction, sensors, sag: is("sag")?, whole_steps })
@@ -126,7 +126,7 @@ impl Conditions {
     }
 
     /// Returns true if a condition applies only to growths without a board.
-    pub fn is_for_simulations_alone(&self) -> bool {
+    pub fn needs_simulation(&self) -> bool {
         let scaled = self
             .sensors
             .is_some_and(|sensors| sensors.odometry_scale != 0.0 || sensors.direction == DirectionSensor::Gravity);
@@ -134,12 +134,12 @@ impl Conditions {
     }
 
     /// Returns the simulation of a plan under these conditions.
-    pub fn simulation<'a>(&self, plan: &'a Plan) -> Result<Simulation<'a>, Refused> {
+    pub fn simulation<'a>(&self, plan: &'a Plan) -> Result<Simulation<'a>, Error> {
         let robot: &Robot = &plan.robot;
         let layers = plan.inner.needs.layers;
         if layers > MAX_LAYERS {
             let message = format!("the plan has {layers} layers, above {MAX_LAYERS}: split it");
-            return Err(Refused::with(Kind::Input, message, layers as f64, MAX_LAYERS as f64));
+            return Err(Error::with(ErrorKind::Input, message, layers as f64, MAX_LAYERS as f64));
         }
         let slicing = match self.whole_steps {
             None => Slicing::Exact,

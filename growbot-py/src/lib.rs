@@ -13,16 +13,16 @@
 mod arguments;
 mod board;
 mod conditions;
-mod course;
-mod growable;
+mod path_frames;
+mod preconditions;
 mod plan;
 mod pose;
-mod refused;
+mod error;
 mod robot;
 mod run;
 mod scene;
 mod simulate;
-mod state;
+mod pickle;
 mod summary;
 
 use pyo3::prelude::*;

@@ -20,15 +20,15 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyType};
 
-use crate::arguments::{self, Rows, check_rows, flag, number, text, threads, whole, within, word, wrong_type};
-use crate::course::frames;
-use crate::growable::page_of;
+use crate::arguments::{self, Rows, check_rows, flag, number, text, threads, integer, within, word, wrong_type};
+use crate::path_frames::frames;
+use crate::preconditions::page_of;
 use crate::pose::{Pose, as_goal, as_pose, goal_of, pose_of, rows_of};
-use crate::refused::{Kind, Refused};
+use crate::error::{ErrorKind, Error};
 use crate::robot::{Robot, robot_of};
 use crate::scene::Scene;
 use crate::simulate::{Simulated, interruptible};
-use crate::state::{self, PlanState};
+use crate::pickle::{self, PlanState};
 
 /// Greatest number of rows of a table of layers.
 const MAX_LAYERS: usize = 20_000_000;
@@ -144,13 +144,13 @@ impl PlanWarning {
 }
 
 /// Returns a planner by its name.
-fn planner_of(value: Option<&Bound<PyAny>>) -> Result<Planner, Refused> {
+fn planner_of(value: Option<&Bound<PyAny>>) -> Result<Planner, Error> {
     let Some(value) = value else { return Ok(Planner::Shortest) };
     let name = word("planner", value)?;
     let known = [Planner::Shortest, Planner::TwoPlane];
     known.into_iter().find(|planner| planner_name(*planner) == name).ok_or_else(|| {
         let message = format!("planner is {name:?}: give \"shortest\" or \"two-plane\"");
-        Refused::with(Kind::Input, message, name, "shortest, two-plane")
+        Error::with(ErrorKind::Input, message, name, "shortest, two-plane")
     })
 }
 
@@ -160,7 +160,7 @@ fn search_of(
     radius_mm: Option<&Bound<PyAny>>,
     planner: Option<&Bound<PyAny>>,
     clear_of_self: Option<&Bound<PyAny>>,
-) -> Result<Search, Refused> {
+) -> Result<Search, Error> {
     Ok(Search {
         radius: match radius_mm {
             Some(radius) => number("radius_mm", radius)?,
@@ -172,7 +172,7 @@ fn search_of(
 }
 
 /// A scene, with the effort of the search through it.
-struct Room {
+struct SceneSearchOptions {
     scene: Scene,
     effort: u64,
     deadline: Option<Instant>,
@@ -182,13 +182,13 @@ fn room_of(
     scene: Option<&Bound<PyAny>>,
     effort: Option<&Bound<PyAny>>,
     time_limit_s: Option<&Bound<PyAny>>,
-) -> Result<Option<Room>, Refused> {
+) -> Result<Option<SceneSearchOptions>, Error> {
     let limit = time_limit_s.map(|limit| within("time_limit_s", limit, [1e-3, 86_400.0], "s")).transpose()?;
-    let given = effort.map(|effort| whole("effort", effort, 1, 1_000_000)).transpose()?;
+    let given = effort.map(|effort| integer("effort", effort, 1, 1_000_000)).transpose()?;
     let Some(scene) = scene else {
         return if limit.is_some() || given.is_some() {
-            Err(Refused::new(
-                Kind::Input,
+            Err(Error::new(
+                ErrorKind::Input,
                 "effort and time_limit_s are for plans through a scene: give scene, or leave them out",
             ))
         } else {
@@ -198,7 +198,7 @@ fn room_of(
     let scene = Scene::given(scene)?;
     let effort = given.unwrap_or(if limit.is_some() { u64::MAX } else { EFFORT });
     let deadline = limit.and_then(|limit| Instant::now().checked_add(Duration::from_secs_f64(limit)));
-    Ok(Some(Room { scene, effort, deadline }))
+    Ok(Some(SceneSearchOptions { scene, effort, deadline }))
 }
 
 /// Plans the shortest path from a start to a goal that the planner finds.
@@ -225,7 +225,7 @@ pub fn plan(
     scene: Option<&Bound<PyAny>>,
     effort: Option<&Bound<PyAny>>,
     time_limit_s: Option<&Bound<PyAny>>,
-) -> Result<Plan, Refused> {
+) -> Result<Plan, Error> {
     let robot = robot_of(robot)?;
     let (start, goal) = (as_pose("start", start)?, as_goal("goal", goal)?);
     let mut search = search_of(&robot, radius_mm, planner, clear_of_self)?;
@@ -233,8 +233,8 @@ pub fn plan(
     let room = room_of(scene, effort, time_limit_s)?;
     search.clear_of_self |= room.is_some();
     let plan = py.detach(|| match &room {
-        None => client::Plan::through(&robot, &start, &on_the_way, &goal, &search).map_err(Refused::from),
-        Some(Room { scene, effort, deadline }) => {
+        None => client::Plan::through(&robot, &start, &on_the_way, &goal, &search).map_err(Error::from),
+        Some(SceneSearchOptions { scene, effort, deadline }) => {
             let file = scene.file.display().to_string();
             let through = Through {
                 file: &file,
@@ -253,7 +253,7 @@ pub fn plan(
     Ok(Plan { inner: Arc::new(plan), robot })
 }
 
-fn goals_on_the_way(via: &Bound<PyAny>) -> Result<Vec<Goal>, Refused> {
+fn goals_on_the_way(via: &Bound<PyAny>) -> Result<Vec<Goal>, Error> {
     let items = via.try_iter().map_err(|_| wrong_type("via", via, "a list of poses and positions"))?;
     let mut goals = Vec::new();
     for (index, item) in items.enumerate() {
@@ -280,7 +280,7 @@ pub fn plan_many<'py>(
     planner: Option<&Bound<'py, PyAny>>,
     clear_of_self: Option<&Bound<'py, PyAny>>,
     threads: Option<&Bound<'py, PyAny>>,
-) -> Result<Bound<'py, PyList>, Refused> {
+) -> Result<Bound<'py, PyList>, Error> {
     let robot = robot_of(robot)?;
     let search = search_of(&robot, radius_mm, planner, clear_of_self)?;
     let threads = self::threads(threads)?;
@@ -298,14 +298,14 @@ pub fn plan_many<'py>(
         .enumerate()
         .map(|(row, plan)| match plan {
             Ok(plan) => Ok(Plan { inner: Arc::new(plan), robot: Arc::clone(&robot) }),
-            Err(error) => Err(Refused::from(error).of_row(row)),
+            Err(error) => Err(Error::from(error).of_row(row)),
         })
         .collect::<Result<Vec<_>, _>>()?;
     Ok(PyList::new(py, plans)?)
 }
 
 /// Returns one start for all goals, or one for each.
-fn starts_of(starts: &Bound<PyAny>, goals: usize) -> Result<Vec<CorePose>, Refused> {
+fn starts_of(starts: &Bound<PyAny>, goals: usize) -> Result<Vec<CorePose>, Error> {
     if starts.is_instance_of::<Pose>() {
         return Ok(vec![as_pose("starts", starts)?]);
     }
@@ -317,7 +317,7 @@ fn starts_of(starts: &Bound<PyAny>, goals: usize) -> Result<Vec<CorePose>, Refus
     let rows = Rows::read("starts", starts, &[5])?;
     if rows.count != goals || goals == 0 {
         let message = format!("starts has {} rows and goals {goals}: give as many, or one start for all", rows.count);
-        return Err(Refused::with(Kind::Type, message, rows.count as f64, goals as f64));
+        return Err(Error::with(ErrorKind::Type, message, rows.count as f64, goals as f64));
     }
     let pose = |row: &[f64]| pose_of([row[0], row[1], row[2], row[3], row[4]]);
     rows.numbers
@@ -328,14 +328,14 @@ fn starts_of(starts: &Bound<PyAny>, goals: usize) -> Result<Vec<CorePose>, Refus
 }
 
 /// Returns layers as a structured array.
-pub fn table<'py>(
+pub fn layer_array<'py>(
     py: Python<'py>,
     count: usize,
     layers: impl Iterator<Item = (usize, Layer)>,
-) -> Result<Bound<'py, PyAny>, Refused> {
+) -> Result<Bound<'py, PyAny>, Error> {
     if count > MAX_LAYERS {
         let message = format!("there are {count} layers, and a table has {MAX_LAYERS} at most: split the path");
-        return Err(Refused::with(Kind::Input, message, count as f64, MAX_LAYERS as f64));
+        return Err(Error::with(ErrorKind::Input, message, count as f64, MAX_LAYERS as f64));
     }
     let (mut segments, mut alphas, mut heights, mut tilts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (segment, layer) in layers {
@@ -372,8 +372,8 @@ pub fn framed(page: &str) -> String {
 }
 
 /// Writes a whole file, or leaves it unchanged.
-pub fn write_whole(file: &Path, contents: &[u8]) -> Result<(), Refused> {
-    replace_file(file, contents).map_err(|error| Refused::new(Kind::File, error))
+pub fn write_whole(file: &Path, contents: &[u8]) -> Result<(), Error> {
+    replace_file(file, contents).map_err(|error| Error::new(ErrorKind::File, error))
 }
 
 #[pymethods]
@@ -381,34 +381,34 @@ impl Plan {
     /// Reads a plan's file, and checks it in full.
     #[classmethod]
     #[pyo3(signature = (file))]
-    fn load(cls: &Bound<PyType>, file: &Bound<PyAny>) -> Result<Self, Refused> {
+    fn load(cls: &Bound<PyType>, file: &Bound<PyAny>) -> Result<Self, Error> {
         let file = arguments::path("file", file)?;
         let (text, name) = arguments::text_of_file(&file)?;
         let read = cls.py().detach(|| plan_file::read(&text, &name, None));
-        let (robot, plan) = read.map_err(|error| Refused::new(Kind::File, error))?;
+        let (robot, plan) = read.map_err(|error| Error::new(ErrorKind::File, error))?;
         Ok(Self { inner: Arc::new(plan), robot: Arc::new(robot) })
     }
 
     /// Reads a plan's JSON, and checks it in full.
     #[classmethod]
     #[pyo3(signature = (json))]
-    fn from_json(cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Refused> {
+    fn from_json(cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Error> {
         let json = text("json", json)?;
         let read = cls.py().detach(|| plan_file::read(&json, "json", None));
-        let (robot, plan) = read.map_err(|error| Refused::new(Kind::Input, error))?;
+        let (robot, plan) = read.map_err(|error| Error::new(ErrorKind::Input, error))?;
         Ok(Self { inner: Arc::new(plan), robot: Arc::new(robot) })
     }
 
     #[classmethod]
-    fn _from_state(_cls: &Bound<PyType>, robot: &Bound<Robot>, state: PlanState) -> Result<Self, Refused> {
+    fn _from_state(_cls: &Bound<PyType>, robot: &Bound<Robot>, state: PlanState) -> Result<Self, Error> {
         let robot = Arc::clone(&robot.get().inner);
-        Ok(Self { inner: Arc::new(state::plan(&robot, state)?), robot })
+        Ok(Self { inner: Arc::new(pickle::plan(&robot, state)?), robot })
     }
 
     fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, (Robot, PlanState))> {
         let Self { inner, robot } = slf.get();
         let robot = Robot { inner: Arc::clone(robot) };
-        Ok((slf.get_type().getattr("_from_state")?.unbind(), (robot, state::of(inner))))
+        Ok((slf.get_type().getattr("_from_state")?.unbind(), (robot, pickle::of(inner))))
     }
 
     fn __eq__(&self, other: &Bound<PyAny>) -> bool {
@@ -425,7 +425,7 @@ impl Plan {
         format!("Plan({kind:?}, length_mm={length:?}, layer_count={layers}, robot={:?})", plan.robot)
     }
 
-    fn _repr_html_(&self, py: Python<'_>) -> Result<String, Refused> {
+    fn _repr_html_(&self, py: Python<'_>) -> Result<String, Error> {
         Ok(framed(&self.html(py)?))
     }
 
@@ -526,8 +526,8 @@ impl Plan {
         &self,
         py: Python<'py>,
         n: &Bound<'py, PyAny>,
-    ) -> Result<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>), Refused> {
-        let count = whole("n", n, 2, arguments::MAX_ROWS as u64)? as usize;
+    ) -> Result<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>), Error> {
+        let count = integer("n", n, 2, arguments::MAX_ROWS as u64)? as usize;
         let length = self.inner.needs.length;
         let last = (count - 1) as f64;
         let lengths: Vec<f64> = (0..count).map(|index| length * (index as f64 / last)).collect();
@@ -542,11 +542,11 @@ impl Plan {
     /// Returns the tip's frames (base from tip, mm) at lengths s_mm along the path: shape (n, 4, 4). s_mm is a number
     /// or has shape (n,), from 0 to length_mm.
     #[pyo3(signature = (s_mm))]
-    fn frames<'py>(&self, py: Python<'py>, s_mm: &Bound<'py, PyAny>) -> Result<Bound<'py, PyArray3<f64>>, Refused> {
+    fn frames<'py>(&self, py: Python<'py>, s_mm: &Bound<'py, PyAny>) -> Result<Bound<'py, PyArray3<f64>>, Error> {
         let lengths = Rows::flat("s_mm", s_mm)?.numbers;
         let max = self.inner.needs.length;
         if let Some(wrong) = lengths.iter().find(|length| !(0.0..=max).contains(*length)) {
-            return Err(crate::refused::outside("s_mm", *wrong, [0.0, max], "mm"));
+            return Err(crate::error::outside("s_mm", *wrong, [0.0, max], "mm"));
         }
         let frames = py.detach(|| frames(&self.inner.path, &self.inner.start.frame(), &lengths));
         let numbers: Vec<f64> = frames.iter().flat_map(rows_of).collect();
@@ -555,9 +555,9 @@ impl Plan {
 
     /// Returns the layers: a structured array of shape (n,) with the fields layer, segment, alpha_deg, height_mm and
     /// tilt_deg.
-    fn layers<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Refused> {
+    fn layers<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Error> {
         let all = layers(&self.inner.path, &self.robot, Slicing::Exact).map(|sliced| (sliced.segment, sliced.layer));
-        table(py, self.inner.needs.layers, all)
+        layer_array(py, self.inner.needs.layers, all)
     }
 
     /// Returns the plan as JSON, in the format of `growbot plan -o`.
@@ -567,12 +567,12 @@ impl Plan {
 
     /// Writes the plan to a file (.json) that growbot and Plan.load read.
     #[pyo3(signature = (file))]
-    fn save(&self, file: &Bound<PyAny>) -> Result<(), Refused> {
+    fn save(&self, file: &Bound<PyAny>) -> Result<(), Error> {
         write_whole(&arguments::path("file", file)?, self.to_json().as_bytes())
     }
 
     /// Returns the page that shows the body: HTML that needs no network.
-    fn html(&self, py: Python<'_>) -> Result<String, Refused> {
+    fn html(&self, py: Python<'_>) -> Result<String, Error> {
         let subject =
             Subject { name: "plan", robot: &self.robot, plan: &self.inner, run: None, laid: None, scene: None };
         page_of(py, &subject)
@@ -584,7 +584,7 @@ impl Plan {
         slf: &Bound<Self>,
         file: Option<&Bound<PyAny>>,
         browser: Option<&Bound<PyAny>>,
-    ) -> Result<Py<PyAny>, Refused> {
+    ) -> Result<Py<PyAny>, Error> {
         let browser = browser.map_or(Ok(true), |value| flag("browser", value))?;
         let file = file.map(|file| arguments::path("file", file)).transpose()?;
         let keywords = PyDict::new(slf.py());
@@ -601,7 +601,7 @@ impl Plan {
         py: Python<'_>,
         seed: Option<&Bound<PyAny>>,
         conditions: Option<&Bound<PyAny>>,
-    ) -> Result<Simulated, Refused> {
+    ) -> Result<Simulated, Error> {
         Simulated::grow(py, self, seed, conditions)
     }
 }

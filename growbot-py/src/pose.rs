@@ -9,8 +9,8 @@ use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PySequence, PyType};
 
-use crate::arguments::{fixed, number, plain, wrong_shape, wrong_type};
-use crate::refused::{Kind, Refused};
+use crate::arguments::{fixed, number, real_number, wrong_shape, wrong_type};
+use crate::error::{ErrorKind, Error};
 
 /// Tolerance of a rotation matrix, and smallest length of a direction.
 const ROTATION: f64 = 1e-6;
@@ -32,22 +32,22 @@ impl From<Inner> for Pose {
 }
 
 /// Returns a pose of five numbers, as the command reads them.
-pub fn pose_of(numbers: [f64; 5]) -> Result<Inner, Refused> {
+pub fn pose_of(numbers: [f64; 5]) -> Result<Inner, Error> {
     // -0 becomes 0, as in typed numbers.
     Ok(pose_of_numbers(numbers.map(|number| number + 0.0))?)
 }
 
 /// Returns a goal of three or five numbers.
-pub fn goal_of(numbers: &[f64]) -> Result<Goal, Refused> {
+pub fn goal_of(numbers: &[f64]) -> Result<Goal, Error> {
     match *numbers {
         [x, y, z] => Ok(Goal::Position(Position::new(Vector3::new(x + 0.0, y + 0.0, z + 0.0))?)),
         [x, y, z, heading, pitch] => Ok(Goal::Pose(pose_of([x, y, z, heading, pitch])?)),
-        _ => Err(Refused::new(Kind::Type, "a goal has 3 or 5 numbers: give x, y, z, or with heading and pitch")),
+        _ => Err(Error::new(ErrorKind::Type, "a goal has 3 or 5 numbers: give x, y, z, or with heading and pitch")),
     }
 }
 
 /// Returns the numbers of a sequence of one of these lengths. NumPy is not needed for plain sequences.
-fn few(name: &str, value: &Bound<PyAny>, counts: &[usize]) -> Result<Vec<f64>, Refused> {
+fn few(name: &str, value: &Bound<PyAny>, counts: &[usize]) -> Result<Vec<f64>, Error> {
     let wanted = if counts.contains(&3) {
         "a growbot.Pose, (x_mm, y_mm, z_mm, heading_deg, pitch_deg), or (x_mm, y_mm, z_mm) for any direction"
     } else {
@@ -66,13 +66,13 @@ fn few(name: &str, value: &Bound<PyAny>, counts: &[usize]) -> Result<Vec<f64>, R
     (0..count)
         .map(|index| {
             let item = sequence.get_item(index)?;
-            plain(&item).ok_or_else(|| wrong_type(&format!("{name}[{index}]"), &item, wanted))
+            real_number(&item).ok_or_else(|| wrong_type(&format!("{name}[{index}]"), &item, wanted))
         })
         .collect()
 }
 
 /// Converts a pose or five numbers to a pose.
-pub fn as_pose(name: &str, value: &Bound<PyAny>) -> Result<Inner, Refused> {
+pub fn as_pose(name: &str, value: &Bound<PyAny>) -> Result<Inner, Error> {
     if let Ok(pose) = value.cast::<Pose>() {
         return Ok(pose.get().inner);
     }
@@ -83,7 +83,7 @@ pub fn as_pose(name: &str, value: &Bound<PyAny>) -> Result<Inner, Refused> {
 }
 
 /// Converts a pose, five numbers, or three for a position, to a goal.
-pub fn as_goal(name: &str, value: &Bound<PyAny>) -> Result<Goal, Refused> {
+pub fn as_goal(name: &str, value: &Bound<PyAny>) -> Result<Goal, Error> {
     match value.cast::<Pose>() {
         Ok(pose) => Ok(Goal::Pose(pose.get().inner)),
         Err(_) => goal_of(&few(name, value, &[3, 5])?),
@@ -106,7 +106,7 @@ impl Pose {
         z_mm: &Bound<PyAny>,
         heading_deg: &Bound<PyAny>,
         pitch_deg: &Bound<PyAny>,
-    ) -> Result<Self, Refused> {
+    ) -> Result<Self, Error> {
         let numbers = [
             number("x_mm", x_mm)?,
             number("y_mm", y_mm)?,
@@ -121,7 +121,7 @@ impl Pose {
     /// growth. Its roll about that axis is dropped.
     #[classmethod]
     #[pyo3(signature = (matrix))]
-    fn from_matrix(_cls: &Bound<PyType>, matrix: &Bound<PyAny>) -> Result<Self, Refused> {
+    fn from_matrix(_cls: &Bound<PyType>, matrix: &Bound<PyAny>) -> Result<Self, Error> {
         let rows: [f64; 16] = fixed("matrix", matrix, &[4, 4])?;
         let m = nalgebra::Matrix4::from_row_slice(&rows);
         let rotation = m.fixed_view::<3, 3>(0, 0).into_owned();
@@ -132,7 +132,7 @@ impl Pose {
             let message = format!(
                 "matrix is off a rigid transform by {off:.3e}, above {ROTATION}: give a rotation, a translation in mm, and the last row 0, 0, 0, 1"
             );
-            return Err(Refused::with(Kind::Input, message, off, ROTATION));
+            return Err(Error::with(ErrorKind::Input, message, off, ROTATION));
         }
         directed([m[(0, 3)], m[(1, 3)], m[(2, 3)]], [m[(0, 2)], m[(1, 2)], m[(2, 2)]])
     }
@@ -144,12 +144,12 @@ impl Pose {
         _cls: &Bound<PyType>,
         position_mm: &Bound<PyAny>,
         direction: &Bound<PyAny>,
-    ) -> Result<Self, Refused> {
+    ) -> Result<Self, Error> {
         directed(fixed("position_mm", position_mm, &[3])?, fixed("direction", direction, &[3])?)
     }
 
     #[classmethod]
-    fn _from_radians(_cls: &Bound<PyType>, state: (f64, f64, f64, f64, f64)) -> Result<Self, Refused> {
+    fn _from_radians(_cls: &Bound<PyType>, state: (f64, f64, f64, f64, f64)) -> Result<Self, Error> {
         Ok(pose_from(state)?.into())
     }
 
@@ -222,12 +222,12 @@ impl Pose {
 }
 
 /// Returns a pose at a position with a direction.
-fn directed(position: [f64; 3], direction: [f64; 3]) -> Result<Pose, Refused> {
+fn directed(position: [f64; 3], direction: [f64; 3]) -> Result<Pose, Error> {
     let direction = Vector3::from(direction);
     let norm = direction.norm();
     if !(ROTATION * ROTATION..=1e150).contains(&norm) {
         let message = format!("direction has length {norm}: give one that is not 0, such as (0, 0, 1)");
-        return Err(Refused::with(Kind::Input, message, norm, 0.0));
+        return Err(Error::with(ErrorKind::Input, message, norm, 0.0));
     }
     let z = direction / norm;
     let x = if z.x.abs() < 0.5 { Vector3::x() } else { Vector3::y() };
@@ -245,6 +245,6 @@ pub fn state_of(pose: &Inner) -> (f64, f64, f64, f64, f64) {
 }
 
 /// Returns the pose of such a state.
-pub fn pose_from((x, y, z, heading, pitch): (f64, f64, f64, f64, f64)) -> Result<Inner, Refused> {
+pub fn pose_from((x, y, z, heading, pitch): (f64, f64, f64, f64, f64)) -> Result<Inner, Error> {
     Ok(Inner::new(Vector3::new(x, y, z), heading, pitch)?)
 }

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyType};
 
 use crate::arguments::{path, text, text_of_file, wrong_type};
-use crate::refused::{Kind, Refused};
+use crate::error::{ErrorKind, Error};
 use growbot_core::robot::Robot as Described;
 
 /// Greatest number of letters of a quoted reason.
@@ -26,7 +26,7 @@ pub struct Robot {
 }
 
 /// Returns the default robot, which is read only once.
-pub fn default_robot() -> Result<Arc<Described>, Refused> {
+pub fn default_robot() -> Result<Arc<Described>, Error> {
     static DEFAULT: OnceLock<Arc<Described>> = OnceLock::new();
     if let Some(robot) = DEFAULT.get() {
         return Ok(Arc::clone(robot));
@@ -35,8 +35,8 @@ pub fn default_robot() -> Result<Arc<Described>, Refused> {
     Ok(Arc::clone(DEFAULT.get_or_init(|| robot)))
 }
 
-fn load(name_or_file: &Path) -> Result<Described, Refused> {
-    let failed = |error| Refused::new(Kind::File, error);
+fn load(name_or_file: &Path) -> Result<Described, Error> {
+    let failed = |error| Error::new(ErrorKind::File, error);
     match text_of_file(name_or_file) {
         Ok((text, file)) if name_or_file.to_str().is_none_or(|name| !robot_file::is_built_in(name)) => {
             robot_file::parse(&text, &file).map_err(failed)
@@ -47,7 +47,7 @@ fn load(name_or_file: &Path) -> Result<Described, Refused> {
 }
 
 /// Returns a robot from a Robot, a name or a file. `None` stands for the default.
-pub fn robot_of(value: Option<&Bound<PyAny>>) -> Result<Arc<Described>, Refused> {
+pub fn robot_of(value: Option<&Bound<PyAny>>) -> Result<Arc<Described>, Error> {
     let Some(value) = value else { return default_robot() };
     if let Ok(robot) = value.cast::<Robot>() {
         return Ok(Arc::clone(&robot.get().inner));
@@ -60,7 +60,7 @@ pub fn robot_of(value: Option<&Bound<PyAny>>) -> Result<Arc<Described>, Refused>
 impl Robot {
     #[new]
     #[pyo3(signature = (name_or_file = None))]
-    fn new(name_or_file: Option<&Bound<PyAny>>) -> Result<Self, Refused> {
+    fn new(name_or_file: Option<&Bound<PyAny>>) -> Result<Self, Error> {
         Ok(Self { inner: robot_of(name_or_file)? })
     }
 
@@ -73,9 +73,9 @@ impl Robot {
     /// Returns the robot that the text of a robot file (TOML) describes.
     #[classmethod]
     #[pyo3(signature = (toml))]
-    fn from_toml(_cls: &Bound<PyType>, toml: &Bound<PyAny>) -> Result<Self, Refused> {
+    fn from_toml(_cls: &Bound<PyType>, toml: &Bound<PyAny>) -> Result<Self, Error> {
         let toml = text("toml", toml)?;
-        let robot = robot_file::parse(&toml, "toml").map_err(|error| Refused::new(Kind::Input, error))?;
+        let robot = robot_file::parse(&toml, "toml").map_err(|error| Error::new(ErrorKind::Input, error))?;
         Ok(Self { inner: Arc::new(robot) })
     }
 
@@ -83,7 +83,7 @@ impl Robot {
     /// other numbers.
     #[classmethod]
     #[pyo3(signature = (description))]
-    fn from_description(cls: &Bound<PyType>, description: &Bound<PyAny>) -> Result<Self, Refused> {
+    fn from_description(cls: &Bound<PyType>, description: &Bound<PyAny>) -> Result<Self, Error> {
         let wanted = "a dict as Robot.description gives it";
         let arguments = PyDict::new(cls.py());
         arguments.set_item("allow_nan", false)?;
@@ -93,14 +93,14 @@ impl Robot {
     }
 
     #[classmethod]
-    fn _from_description(_cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Refused> {
+    fn _from_description(_cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Error> {
         let json = text("json", json)?;
         let description = serde_json::from_str(&json).map_err(|error| {
             // The reason may quote the input, which can be long.
             let reason: String = error.to_string().chars().take(MAX_REASON).collect();
-            Refused::new(Kind::Input, format!("it is no description ({reason}): give one as Robot.description has it"))
+            Error::new(ErrorKind::Input, format!("it is no description ({reason}): give one as Robot.description has it"))
         })?;
-        let robot = Described::new(description).map_err(|error| Refused::new(Kind::Input, error))?;
+        let robot = Described::new(description).map_err(|error| Error::new(ErrorKind::Input, error))?;
         Ok(Self { inner: Arc::new(robot) })
     }
 

@@ -12,9 +12,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyType;
 
 use crate::arguments::{bytes_of_file, path};
-use crate::growable::page_of;
-use crate::plan::{Plan, framed, table};
-use crate::refused::{Kind, Refused};
+use crate::preconditions::page_of;
+use crate::plan::{Plan, framed, layer_array};
+use crate::error::{ErrorKind, Error};
 
 /// The log of a growth, as written by `growbot grow --log` and Board.grow, as far as it can be read.
 #[pyclass(frozen, module = "growbot._growbot", subclass)]
@@ -35,12 +35,12 @@ pub fn json_of(event: RunEvent) -> String {
 impl RunLog {
     #[new]
     #[pyo3(signature = (file))]
-    fn new(py: Python<'_>, file: &Bound<PyAny>) -> Result<Self, Refused> {
+    fn new(py: Python<'_>, file: &Bound<PyAny>) -> Result<Self, Error> {
         let (bytes, name) = bytes_of_file(&path("file", file)?, LONGEST_LOG)?;
         py.detach(|| {
-            let record = RunRecord::read(&bytes, &name).map_err(|error| Refused::new(Kind::File, error))?;
-            let robot = record.own_robot().map_err(|error| Refused::new(Kind::File, error))?;
-            let plan = record.plan(&robot).map_err(|error| Refused::new(Kind::File, error))?;
+            let record = RunRecord::read(&bytes, &name).map_err(|error| Error::new(ErrorKind::File, error))?;
+            let robot = record.own_robot().map_err(|error| Error::new(ErrorKind::File, error))?;
+            let plan = record.plan(&robot).map_err(|error| Error::new(ErrorKind::File, error))?;
             Ok(Self { name, bytes, record, plan: Arc::new(plan), robot: Arc::new(robot) })
         })
     }
@@ -82,14 +82,14 @@ impl RunLog {
     }
 
     /// Returns the layers as the board's steps have built them: a structured array of shape (n,), as in Plan.layers().
-    fn layers<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Refused> {
-        table(py, self.record.as_built.len(), self.record.commanded().map(|layer| (0, decode(&layer))))
+    fn layers<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Error> {
+        layer_array(py, self.record.as_built.len(), self.record.commanded().map(|layer| (0, decode(&layer))))
     }
 
     /// Returns the layers as the plastic of a simulated robot lies, as in layers(). None for a real robot.
-    fn simulated_layers<'py>(&self, py: Python<'py>) -> Result<Option<Bound<'py, PyAny>>, Refused> {
+    fn simulated_layers<'py>(&self, py: Python<'py>) -> Result<Option<Bound<'py, PyAny>>, Error> {
         let Some(layers) = self.record.simulated() else { return Ok(None) };
-        table(py, layers.len(), layers.iter().map(|layer| (0, *layer))).map(Some)
+        layer_array(py, layers.len(), layers.iter().map(|layer| (0, *layer))).map(Some)
     }
 
     fn _events_json(&self) -> Vec<String> {
@@ -101,7 +101,7 @@ impl RunLog {
     }
 
     /// Returns the page that shows the body: HTML that needs no network.
-    fn html(&self, py: Python<'_>) -> Result<String, Refused> {
+    fn html(&self, py: Python<'_>) -> Result<String, Error> {
         let subject = Subject {
             name: &self.name,
             robot: &self.robot,
@@ -113,7 +113,7 @@ impl RunLog {
         page_of(py, &subject)
     }
 
-    fn _repr_html_(&self, py: Python<'_>) -> Result<String, Refused> {
+    fn _repr_html_(&self, py: Python<'_>) -> Result<String, Error> {
         Ok(framed(&self.html(py)?))
     }
 

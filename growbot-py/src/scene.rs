@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyType;
 
 use crate::arguments::{Rows, path, wrong_type};
-use crate::refused::{Kind, Refused};
+use crate::error::{ErrorKind, Error};
 
 /// Obstacles, from a scene file (TOML), a mesh (.stl, .obj, .ply, .glb) or a cloud of points (.ply, .pcd).
 #[pyclass(frozen, module = "growbot")]
@@ -23,7 +23,7 @@ pub struct Scene {
 
 impl Scene {
     /// Returns the scene in an argument.
-    pub fn given(scene: &Bound<PyAny>) -> Result<Self, Refused> {
+    pub fn given(scene: &Bound<PyAny>) -> Result<Self, Error> {
         Ok(scene.cast::<Self>().map_err(|_| wrong_type("scene", scene, "a growbot.Scene"))?.get().clone())
     }
 
@@ -36,9 +36,9 @@ impl Scene {
 impl Scene {
     #[new]
     #[pyo3(signature = (file))]
-    fn new(py: Python<'_>, file: &Bound<PyAny>) -> Result<Self, Refused> {
+    fn new(py: Python<'_>, file: &Bound<PyAny>) -> Result<Self, Error> {
         let file = path("file", file)?;
-        py.detach(|| Self::read(file)).map_err(|error| Refused::new(Kind::File, error))
+        py.detach(|| Self::read(file)).map_err(|error| Error::new(ErrorKind::File, error))
     }
 
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyType>, (PathBuf,)) {
@@ -70,11 +70,11 @@ impl Scene {
         &self,
         py: Python<'py>,
         points_mm: &Bound<'py, PyAny>,
-    ) -> Result<Bound<'py, PyArray1<f64>>, Refused> {
+    ) -> Result<Bound<'py, PyArray1<f64>>, Error> {
         let rows = Rows::read("points_mm", points_mm, &[3])?;
         if let Some(number) = rows.numbers.iter().find(|number| !number.is_finite()) {
             let message = format!("points_mm holds {number}: give finite numbers");
-            return Err(Refused::with(Kind::Input, message, *number, "finite"));
+            return Err(Error::with(ErrorKind::Input, message, *number, "finite"));
         }
         let scene = &self.loaded.scene;
         let distances: Vec<f64> = py.detach(|| {

@@ -14,12 +14,12 @@ use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyAnyMethods;
 
-use crate::arguments::{check_rows, threads, whole, wrong_type};
+use crate::arguments::{check_rows, threads, integer, wrong_type};
 use crate::conditions::Conditions;
-use crate::growable::page_of;
-use crate::plan::{Plan, framed, structured, table};
+use crate::preconditions::page_of;
+use crate::plan::{Plan, framed, structured, layer_array};
 use crate::pose::Pose;
-use crate::refused::{Kind, Refused};
+use crate::error::{ErrorKind, Error};
 
 /// Interval at which Ctrl-C is polled.
 const LOOK: Duration = Duration::from_millis(50);
@@ -30,7 +30,7 @@ pub fn interruptible<T: Sync, U: Send>(
     threads: usize,
     items: &[T],
     work: impl Fn(&T) -> U + Sync,
-) -> Result<Vec<U>, Refused> {
+) -> Result<Vec<U>, Error> {
     let ended = AtomicBool::new(false);
     let (results, signal) = py.detach(|| {
         let mut signal = None;
@@ -87,7 +87,7 @@ impl Simulated {
         plan: &Plan,
         seed: Option<&Bound<PyAny>>,
         conditions: Option<&Bound<PyAny>>,
-    ) -> Result<Self, Refused> {
+    ) -> Result<Self, Error> {
         let seed = seed_of(seed)?;
         let simulation = Conditions::read(conditions)?.simulation(plan)?;
         let conditions = conditions.map(|conditions| conditions.clone().unbind());
@@ -101,8 +101,8 @@ impl Simulated {
 }
 
 /// Returns the seed of the random errors. The default is 1.
-pub fn seed_of(value: Option<&Bound<PyAny>>) -> Result<u64, Refused> {
-    value.map_or(Ok(1), |value| whole("seed", value, 0, u64::MAX))
+pub fn seed_of(value: Option<&Bound<PyAny>>) -> Result<u64, Error> {
+    value.map_or(Ok(1), |value| integer("seed", value, 0, u64::MAX))
 }
 
 #[pymethods]
@@ -114,7 +114,7 @@ impl Simulated {
         plan: &Bound<'_, Plan>,
         seed: &Bound<'_, PyAny>,
         conditions: Option<&Bound<'_, PyAny>>,
-    ) -> Result<Self, Refused> {
+    ) -> Result<Self, Error> {
         Self::grow(py, plan.get(), Some(seed), conditions)
     }
 
@@ -206,12 +206,12 @@ impl Simulated {
 
     /// Returns the layers as they were laid: a structured array of shape (n,) with the fields layer, segment (always
     /// 0), alpha_deg, height_mm and tilt_deg.
-    fn layers<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Refused> {
-        table(py, self.laid.len(), self.laid.iter().map(|layer| (0, *layer)))
+    fn layers<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Error> {
+        layer_array(py, self.laid.len(), self.laid.iter().map(|layer| (0, *layer)))
     }
 
     /// Returns the page that shows the body as it was laid: HTML that needs no network.
-    fn html(&self, py: Python<'_>) -> Result<String, Refused> {
+    fn html(&self, py: Python<'_>) -> Result<String, Error> {
         let subject = Subject {
             name: "simulated growth",
             robot: &self.robot,
@@ -223,7 +223,7 @@ impl Simulated {
         page_of(py, &subject)
     }
 
-    fn _repr_html_(&self, py: Python<'_>) -> Result<String, Refused> {
+    fn _repr_html_(&self, py: Python<'_>) -> Result<String, Error> {
         Ok(framed(&self.html(py)?))
     }
 
@@ -280,7 +280,7 @@ pub fn simulate_many<'py>(
     seeds: &Bound<'py, PyAny>,
     conditions: Option<&Bound<'py, PyAny>>,
     threads: Option<&Bound<'py, PyAny>>,
-) -> Result<Bound<'py, PyAny>, Refused> {
+) -> Result<Bound<'py, PyAny>, Error> {
     let conditions = Conditions::read(conditions)?;
     let threads = self::threads(threads)?;
     let seeds = seeds_of(seeds)?;
@@ -293,7 +293,7 @@ pub fn simulate_many<'py>(
 }
 
 /// Returns the outcomes as a structured array.
-pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[Outcome]) -> Result<Bound<'py, PyAny>, Refused> {
+pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[Outcome]) -> Result<Bound<'py, PyAny>, Error> {
     let array = structured(py, grown.len(), &FIELDS)?;
     let set = |name: &str, of: &dyn Fn(&Outcome) -> f64| {
         array.set_item(name, PyArray1::from_vec(py, grown.iter().map(of).collect()))
@@ -317,7 +317,7 @@ pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[Outcome]) -> 
 }
 
 /// Reads seeds: a list, a range, or an array of integers.
-fn seeds_of(seeds: &Bound<PyAny>) -> Result<Vec<u64>, Refused> {
+fn seeds_of(seeds: &Bound<PyAny>) -> Result<Vec<u64>, Error> {
     let wanted = "whole numbers that are not negative, shape (n,)";
     let numpy = seeds.py().import("numpy")?;
     let array = numpy.call_method1("asarray", (seeds,)).map_err(|_| wrong_type("seeds", seeds, wanted))?;
@@ -331,17 +331,17 @@ fn seeds_of(seeds: &Bound<PyAny>) -> Result<Vec<u64>, Refused> {
     if kind != "u" && kind != "i" {
         let dtype = array.getattr("dtype")?.str()?.to_string();
         let message = format!("seeds is an array of {dtype}: give {wanted}");
-        return Err(Refused::with(Kind::Type, message, dtype, "uint64"));
+        return Err(Error::with(ErrorKind::Type, message, dtype, "uint64"));
     }
     if kind == "i" && array.call_method0("min")?.extract::<i64>()? < 0 {
         let least: i64 = array.call_method0("min")?.extract()?;
-        return Err(Refused::with(Kind::Input, format!("seeds holds {least}: give {wanted}"), least as f64, 0.0));
+        return Err(Error::with(ErrorKind::Input, format!("seeds holds {least}: give {wanted}"), least as f64, 0.0));
     }
     Ok(array.call_method1("astype", ("uint64",))?.extract::<Vec<u64>>()?)
 }
 
 /// Returns one plan for all seeds, or one for each.
-fn plans_of(plans: &Bound<PyAny>, seeds: usize) -> Result<Vec<Plan>, Refused> {
+fn plans_of(plans: &Bound<PyAny>, seeds: usize) -> Result<Vec<Plan>, Error> {
     let wanted = "a growbot.Plan or a list of them";
     if let Ok(plan) = plans.cast::<Plan>() {
         return Ok(vec![plan.get().clone()]);
@@ -356,5 +356,5 @@ fn plans_of(plans: &Bound<PyAny>, seeds: usize) -> Result<Vec<Plan>, Refused> {
         return Ok(all);
     }
     let message = format!("plans has {} entries and seeds {seeds}: give as many, or one plan for all", all.len());
-    Err(Refused::with(Kind::Type, message, all.len() as f64, seeds as f64))
+    Err(Error::with(ErrorKind::Type, message, all.len() as f64, seeds as f64))
 }

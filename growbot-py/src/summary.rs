@@ -9,10 +9,10 @@ use growbot_sim::simulation::statistics::Statistics;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyType};
 
-use crate::arguments::{check_rows, text, threads, whole, wrong_type};
+use crate::arguments::{check_rows, text, threads, integer, wrong_type};
 use crate::conditions::Conditions;
 use crate::plan::Plan;
-use crate::refused::{Kind, Refused};
+use crate::error::{ErrorKind, Error};
 use crate::simulate::{interruptible, rows, seed_of};
 
 /// Number of growths whose outcomes are stored at a time. Ctrl-C is polled after each batch.
@@ -37,7 +37,7 @@ pub fn repeat(
     seed: Option<&Bound<'_, PyAny>>,
     conditions: Option<&Bound<'_, PyAny>>,
     threads: Option<&Bound<'_, PyAny>>,
-) -> Result<Summary, Refused> {
+) -> Result<Summary, Error> {
     let mut whole = Campaign::default();
     let task = Task::read(plan, repeat, seed, conditions, threads)?;
     task.run(py, |seeds, outcomes| py.detach(|| add_all(&mut whole, seeds, &outcomes, task.threads)))?;
@@ -54,7 +54,7 @@ pub fn _repeat_rows<'py>(
     seed: Option<&Bound<'py, PyAny>>,
     conditions: Option<&Bound<'py, PyAny>>,
     threads: Option<&Bound<'py, PyAny>>,
-) -> Result<(Summary, Bound<'py, PyAny>), Refused> {
+) -> Result<(Summary, Bound<'py, PyAny>), Error> {
     let (mut whole, mut tasks, mut grown) = (Campaign::default(), Vec::new(), Vec::new());
     let task = Task::read(plan, repeat, seed, conditions, threads)?;
     check_rows("repeat", task.repeat as usize)?;
@@ -82,10 +82,10 @@ impl Task {
         seed: Option<&Bound<PyAny>>,
         conditions: Option<&Bound<PyAny>>,
         threads: Option<&Bound<PyAny>>,
-    ) -> Result<Self, Refused> {
+    ) -> Result<Self, Error> {
         Ok(Self {
             plan: plan.cast::<Plan>().map_err(|_| wrong_type("plan", plan, "a growbot.Plan"))?.get().clone(),
-            repeat: whole("repeat", repeat, 0, 1 << 53)?,
+            repeat: integer("repeat", repeat, 0, 1 << 53)?,
             seed: seed_of(seed)?,
             conditions: Conditions::read(conditions)?,
             threads: self::threads(threads)?,
@@ -93,7 +93,7 @@ impl Task {
     }
 
     /// Grows the bodies, and calls `each` with the seeds and the outcomes of each batch.
-    fn run(&self, py: Python<'_>, mut each: impl FnMut(&[u64], Vec<Outcome>)) -> Result<(), Refused> {
+    fn run(&self, py: Python<'_>, mut each: impl FnMut(&[u64], Vec<Outcome>)) -> Result<(), Error> {
         let simulation = self.conditions.simulation(&self.plan)?;
         let mut done = 0;
         while done < self.repeat {
@@ -147,10 +147,10 @@ impl Summary {
     /// Reads a summary from the JSON of to_json.
     #[classmethod]
     #[pyo3(signature = (json))]
-    fn from_json(_cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Refused> {
+    fn from_json(_cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Error> {
         let json = text("json", json)?;
         let inner = serde_json::from_str(&json).map_err(|error| {
-            Refused::new(Kind::Input, format!("json is no summary ({error}): give what Summary.to_json has written"))
+            Error::new(ErrorKind::Input, format!("json is no summary ({error}): give what Summary.to_json has written"))
         })?;
         Ok(Self { inner })
     }
@@ -172,7 +172,7 @@ impl Summary {
 
     /// Returns the merged summary of this and another one.
     #[pyo3(signature = (other))]
-    fn merged(&self, py: Python<'_>, other: &Bound<PyAny>) -> Result<Self, Refused> {
+    fn merged(&self, py: Python<'_>, other: &Bound<PyAny>) -> Result<Self, Error> {
         let other = other.cast::<Self>().map_err(|_| wrong_type("other", other, "a growbot.Summary"))?.get();
         let mut inner = self.inner.clone();
         py.detach(|| inner.merge(&other.inner));

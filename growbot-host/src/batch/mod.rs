@@ -89,7 +89,7 @@ pub enum QueryError {
     Plan(#[from] PlanError),
     /// The path is longer than allowed.
     #[error(transparent)]
-    TooLong(#[from] TooLong),
+    TooLong(#[from] PathTooLong),
 }
 
 /// Error of a path that is longer than allowed.
@@ -98,7 +98,7 @@ pub enum QueryError {
     "the shortest path found is {found:.1} mm long, and --length-max is {} mm: allow a longer body, a smaller radius, \
      or another goal", CompactNumber(.max)
 )]
-pub struct TooLong {
+pub struct PathTooLong {
     /// Length of the path, mm.
     found: f64,
     /// Maximum length, mm.
@@ -109,24 +109,24 @@ pub struct TooLong {
 ///
 /// # Errors
 /// [`TooLong`] if it is longer.
-pub fn short_enough(plan: Plan, length_max: Option<f64>) -> Result<Plan, TooLong> {
+pub fn check_length_limit(plan: Plan, length_max: Option<f64>) -> Result<Plan, PathTooLong> {
     let found = plan.requirements.length;
     match length_max.filter(|max| found > *max) {
-        Some(max) => Err(TooLong { found, max }),
+        Some(max) => Err(PathTooLong { found, max }),
         None => Ok(plan),
     }
 }
 
 /// Result of one query.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Answer {
+pub struct BatchResult {
     /// Name of the query.
     pub id: String,
     /// Plan of the query, or the error.
     pub outcome: Result<Plan, QueryError>,
 }
 
-impl Answer {
+impl BatchResult {
     /// Returns the result as a row of CSV under [`ANSWERS`], with its newline. Numbers have full precision, and codes
     /// of warnings are separated by spaces. A query that failed has only `id` and `error`.
     #[must_use]
@@ -221,12 +221,12 @@ impl<R: Read> Batch<R> {
     ///
     /// # Errors
     /// [`BatchError::Reading`] if the source fails.
-    pub fn next(&mut self, robot: &Robot) -> Result<Option<Answer>, BatchError> {
+    pub fn next(&mut self, robot: &Robot) -> Result<Option<BatchResult>, BatchError> {
         if !self.reader.read_byte_record(&mut self.record).map_err(BatchError::Reading)? {
             return Ok(None);
         }
         let id = text_of(self.record.get(self.columns.id)).to_owned();
-        Ok(Some(Answer { id, outcome: self.plan(robot) }))
+        Ok(Some(BatchResult { id, outcome: self.plan(robot) }))
     }
 
     fn plan(&self, robot: &Robot) -> Result<Plan, QueryError> {
@@ -250,7 +250,7 @@ impl<R: Read> Batch<R> {
             _ => planner,
         };
         let search = PlanOptions { radius, planner, ..self.defaults.search };
-        Ok(short_enough(Plan::through_waypoints(robot, &start, &[], &goal, &search)?, self.defaults.length_max)?)
+        Ok(check_length_limit(Plan::through_waypoints(robot, &start, &[], &goal, &search)?, self.defaults.length_max)?)
     }
 
     fn start(&self) -> Result<Pose, QueryError> {
@@ -324,7 +324,7 @@ mod tests {
         Defaults { start: parse_pose("0,0,0,0,90").unwrap(), search, length_max: None }
     }
 
-    fn answers(text: &str) -> Vec<Answer> {
+    fn answers(text: &str) -> Vec<BatchResult> {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let mut batch = Batch::open(text.as_bytes(), defaults()).unwrap();
         let mut answers = Vec::new();

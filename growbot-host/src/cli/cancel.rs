@@ -4,8 +4,8 @@ use clap::Args;
 use growbot_core::link::message::{Cancel, Message};
 use growbot_host::output::print;
 
-use super::service::owner;
-use super::{Failure, RobotArg, RobotPortArg};
+use super::service_robot::find_service_robot;
+use super::{Failure, RequiredPortArg, RobotArg};
 
 /// Discard the body under way: heater and steppers go off, and the board forgets it
 ///
@@ -15,7 +15,7 @@ use super::{Failure, RobotArg, RobotPortArg};
 #[command(after_help = "Example:\n  growbot cancel --port /dev/ttyACM0")]
 pub struct CancelArgs {
     #[command(flatten)]
-    port: RobotPortArg,
+    port: RequiredPortArg,
     #[command(flatten)]
     robot: RobotArg,
 }
@@ -23,7 +23,7 @@ pub struct CancelArgs {
 /// Runs the command.
 pub fn run(args: &CancelArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
-    if let Some(owned) = owner(&port)? {
+    if let Some(owned) = find_service_robot(&port)? {
         return owned.cancel();
     }
     let robot = args.robot.load()?;

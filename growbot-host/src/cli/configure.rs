@@ -15,9 +15,9 @@ use growbot_host::output::print;
 use growbot_host::{note, warning};
 use serde_json::json;
 
-use super::service::borrow_line;
+use super::service_robot::lease_port;
 use super::status::is_configured;
-use super::{ChosenPort, Failure, ROBOT, RobotPortArg};
+use super::{Failure, ROBOT, RequiredPortArg, SelectedPort};
 
 /// Maximum time that a board takes to restart after it has stored a description.
 const RESTART: Duration = Duration::from_secs(10);
@@ -37,7 +37,7 @@ pub struct ConfigureArgs {
     #[arg(value_name = ROBOT)]
     robot: PathBuf,
     #[command(flatten)]
-    port: RobotPortArg,
+    port: RequiredPortArg,
     /// Print one line of JSON
     #[arg(long)]
     json: bool,
@@ -48,7 +48,7 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
     let robot = robot_file::load(&args.robot)?;
     robot.check_for_board().map_err(ClientError::Description)?;
     let port = args.port.choose()?;
-    let _lent = borrow_line(&port, "growbot configure")?;
+    let _lent = lease_port(&port, "growbot configure")?;
     // A simulated robot that starts with this command has a board with a description, like a board that was flashed.
     let mut client = port.client(&robot_file::load(robot_file::DEFAULT.as_ref())?)?;
     let before = client.open_session()?;
@@ -59,7 +59,7 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
         }
         done => done?,
     };
-    if port.ends_with_program() {
+    if port.is_in_process() {
         warning!(
             "the robot at {} ends with this command, and its board with it: for one that stays, use sim:NAME \
              (`growbot power on --port sim:NAME`)",
@@ -90,7 +90,7 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
 }
 
 /// Reconnects to the board at its port. A serial port over USB disappears while its board restarts, and comes back.
-fn after_restart(port: &ChosenPort, robot: &Robot) -> Result<BoardInfo, Failure> {
+fn after_restart(port: &SelectedPort, robot: &Robot) -> Result<BoardInfo, Failure> {
     let began = Instant::now();
     while began.elapsed() < RESTART {
         sleep(LOOK);

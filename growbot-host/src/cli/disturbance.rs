@@ -79,12 +79,12 @@ impl DisturbanceArgs {
     }
 
     /// Returns true if layers have errors.
-    pub fn disturbs(&self) -> bool {
+    pub fn has_disturbance(&self) -> bool {
         self.disturbance() != Disturbance::default()
     }
 
     /// Returns true if a noise of the sensors is given.
-    pub fn knows_sensors(&self) -> bool {
+    pub fn has_sensor_noise(&self) -> bool {
         self.odometry_noise.is_some() || self.direction_noise.is_some()
     }
 }
@@ -146,7 +146,7 @@ mod tests {
     #[test]
     fn nothing_is_disturbed_unless_asked_for() {
         let args = parsed(&[]).unwrap();
-        assert!(!args.disturbs() && !args.knows_sensors());
+        assert!(!args.has_disturbance() && !args.has_sensor_noise());
         assert_eq!(args.disturbance(), Disturbance::default());
         assert_eq!(args.sensor_noise(), SensorNoise { odometry: 0.0, direction: 0.0 });
         assert_eq!(args.seed, 1);
@@ -159,7 +159,7 @@ mod tests {
         assert_eq!((disturbance.growth_noise, disturbance.growth_bias), (0.1, -0.05));
         assert_eq!(disturbance.twist_bias, radians(-0.9));
         assert_eq!(args.sensor_noise().direction, radians(0.5));
-        assert!(args.disturbs() && args.knows_sensors());
+        assert!(args.has_disturbance() && args.has_sensor_noise());
         let assumed = SensorNoise { odometry: 0.03, direction: 1.0 };
         assert_eq!(args.sensor_noise_or(assumed), SensorNoise { odometry: 0.03, direction: radians(0.5) });
     }

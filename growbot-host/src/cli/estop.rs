@@ -11,8 +11,8 @@ use growbot_client::port::time_since_boot;
 use growbot_host::output::print;
 use growbot_sim::port::{self, OpenError, PortName};
 
-use super::service::owner_in_emergency;
-use super::{ChosenPort, Failure, RobotArg, RobotPortArg, usage};
+use super::service_robot::owner_in_emergency;
+use super::{Failure, RequiredPortArg, RobotArg, SelectedPort, usage};
 
 /// Emergency stop: heater and steppers off before the board does anything else
 ///
@@ -26,18 +26,18 @@ use super::{ChosenPort, Failure, RobotArg, RobotPortArg, usage};
 )]
 pub struct EstopArgs {
     #[command(flatten)]
-    port: RobotPortArg,
+    port: RequiredPortArg,
     #[command(flatten)]
     robot: RobotArg,
 }
 
 /// Runs the command. On any failure its exit code is 1, and its message advises to cut the power.
 pub fn run(args: &EstopArgs) -> Result<(), Failure> {
-    let port = args.port.choose().map_err(|failure| cut_the_power(failure.message()))?;
+    let port = args.port.choose().map_err(|failure| unacknowledged(failure.message()))?;
     // A service that does not respond must not delay the stop.
     let by_service = owner_in_emergency(&port).is_some_and(|owned| owned.emergency_stop());
     if !by_service {
-        stop(&port, &args.robot).map_err(cut_the_power)?;
+        stop(&port, &args.robot).map_err(unacknowledged)?;
     }
     let done = format!("emergency stop: heater and steppers of the {}robot are off\n", port.kind());
     if print(&done).is_err() {
@@ -48,8 +48,10 @@ pub fn run(args: &EstopArgs) -> Result<(), Failure> {
 }
 
 /// Returns the failure for a stop that the board did not acknowledge, with the advice to cut the power.
-fn cut_the_power(why: impl Display) -> Failure {
-    Failure::answered_no(format!("NOBODY HAS ACKNOWLEDGED THE EMERGENCY STOP: cut the power of the robot now ({why})"))
+fn unacknowledged(why: impl Display) -> Failure {
+    Failure::request_failed(format!(
+        "NOBODY HAS ACKNOWLEDGED THE EMERGENCY STOP: cut the power of the robot now ({why})"
+    ))
 }
 
 /// Reports a command line that cannot be parsed. For an emergency stop, the message states that none was sent.
@@ -58,13 +60,13 @@ pub fn usage_error(error: &clap::Error) -> ExitCode {
     if !is_estop {
         return Failure::bad_input(usage::message(error)).report();
     }
-    cut_the_power(format_args!("none was sent: {}", usage::message(error))).report()
+    unacknowledged(format_args!("none was sent: {}", usage::message(error))).report()
 }
 
 /// Stops the board. Returns the reason if the board did not acknowledge the stop.
-fn stop(port: &ChosenPort, robot: &RobotArg) -> Result<(), String> {
+fn stop(port: &SelectedPort, robot: &RobotArg) -> Result<(), String> {
     let mut attempts = 0;
-    if port.ends_with_program() {
+    if port.is_in_process() {
         let robot = robot.load().map_err(|failure| failure.message().to_string())?;
         let mut client = port.client(&robot).map_err(|failure| failure.message().to_string())?;
         let began = client.port().now();
@@ -116,7 +118,7 @@ fn tried(why: &str, attempts: u32, time: Duration) -> String {
 }
 
 /// Returns the reason for a stop that was sent for the whole time without a response.
-fn unheard(port: &ChosenPort) -> String {
+fn unheard(port: &SelectedPort) -> String {
     let mut why = format!("{} has not answered for {} s", port.text(), EMERGENCY_LIMIT.as_secs());
     if matches!(port.name(), PortName::Tcp(_)) {
         why += "; a robot behind TCP hears one program at a time, and another one may be connected";

@@ -7,14 +7,14 @@ use growbot_client::atomic_file::{format_from_extension, write_atomic};
 use growbot_client::run_log::BodyKind;
 use growbot_host::output::{is_standard_output, print_bytes, refuse_terminal};
 use growbot_pictures::export::body::Body;
+use growbot_pictures::export::mcap::Encoding;
 use growbot_pictures::export::mesh::{MeshError, Resolution};
-use growbot_pictures::export::obstacles::around;
-use growbot_pictures::export::recording::Encoding;
-use growbot_pictures::export::{glb, recording, stl, table, tum};
-use growbot_pictures::view::{self, SceneFile};
+use growbot_pictures::export::obstacles::scene_view;
+use growbot_pictures::export::{centreline_csv, glb, mcap, stl, tum};
+use growbot_pictures::view::{self, NamedScene};
 
 use super::Failure;
-use super::subject::Subject;
+use super::plan_or_run::PlanOrRun;
 
 /// Write a body in the format of another tool: STL, GLB, CSV, TUM or MCAP
 ///
@@ -60,8 +60,8 @@ pub struct ExportArgs {
     #[arg(long)]
     ros2: bool,
     /// CSV, STL, GLB and TUM: body of a growth to export
-    #[arg(long = "body", value_enum, value_name = "BODY", default_value_t = Which::Laid)]
-    which: Which,
+    #[arg(long = "body", value_enum, value_name = "BODY", default_value_t = BodyChoice::Laid)]
+    which: BodyChoice,
     /// The robot: a built-in name or a TOML file [default: the one that the plan describes]
     #[arg(long, value_name = "FILE|NAME")]
     robot: Option<PathBuf>,
@@ -96,7 +96,7 @@ enum Format {
 
 /// Body of a growth to export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Which {
+enum BodyChoice {
     /// The body as laid. On a simulated tip it is the plastic, with the commanded body beside it in CSV, and in GLB if
     /// the two differ. On a robot it follows from the board's steps
     Laid,
@@ -125,7 +125,7 @@ const APART: f64 = 0.05;
 pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     let to = args.output.as_deref().filter(|path| !is_standard_output(path));
     let format = args.format()?;
-    if to.is_none() && is_unreadable(format) {
+    if to.is_none() && is_binary(format) {
         refuse_terminal()?;
     }
     if args.ros2 && format != Format::Mcap {
@@ -140,7 +140,7 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
             format.ending()
         )));
     }
-    let subject = Subject::open(&args.body, args.robot.as_deref(), args.scene.as_deref())?;
+    let subject = PlanOrRun::open(&args.body, args.robot.as_deref(), args.scene.as_deref())?;
     let bytes = args.encode(format, &subject)?;
     // Some formats, and bodies without layers, cannot state that the body is simulated.
     let simulated = args.kind(&subject).filter(|kind| *kind != BodyKind::AsBuilt).map(BodyKind::name);
@@ -157,7 +157,7 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
 }
 
 /// Returns true if the format is not text.
-fn is_unreadable(format: Format) -> bool {
+fn is_binary(format: Format) -> bool {
     !matches!(format, Format::Csv | Format::Tum)
 }
 
@@ -175,16 +175,16 @@ impl ExportArgs {
     }
 
     /// Returns the kind of the exported body. `None` for a plan.
-    fn kind(&self, subject: &Subject) -> Option<BodyKind> {
+    fn kind(&self, subject: &PlanOrRun) -> Option<BodyKind> {
         let (record, _) = subject.run.as_ref()?;
         Some(match (self.which, record.body_kind()) {
-            (Which::Commanded, BodyKind::Laid) => BodyKind::Commanded,
+            (BodyChoice::Commanded, BodyKind::Laid) => BodyKind::Commanded,
             (_, kind) => kind,
         })
     }
 
-    fn encode(&self, format: Format, subject: &Subject) -> Result<Vec<u8>, Failure> {
-        let Subject { robot, plan, run, scene } = subject;
+    fn encode(&self, format: Format, subject: &PlanOrRun) -> Result<Vec<u8>, Failure> {
+        let PlanOrRun { robot, plan, run, scene } = subject;
         let record = run.as_ref().map(|(record, _)| record);
         let kind = self.kind(subject);
         let laid = record.filter(|_| kind == Some(BodyKind::Laid));
@@ -197,7 +197,7 @@ impl ExportArgs {
             (None, Some(commanded)) => (commanded, None),
             (None, None) => (Body::planned(robot, plan), None),
         };
-        let resolution = Resolution { segments: self.segments, every: self.every };
+        let resolution = Resolution { segments: self.segments, layers_per_ring: self.every };
         match format {
             Format::Stl => Ok(stl::write(name, &body, resolution)?),
             Format::Glb => {
@@ -212,12 +212,12 @@ impl ExportArgs {
                     plan,
                     run: record,
                     laid: None,
-                    scene: scene.as_ref().map(|(file, loaded)| SceneFile { file, scene: &loaded.scene }),
+                    scene: scene.as_ref().map(|(file, loaded)| NamedScene { file, scene: &loaded.scene }),
                 };
-                let around = around(&view).map_err(Failure::bad_input)?;
+                let around = scene_view(&view).map_err(Failure::bad_input)?;
                 Ok(glb::write(&bodies, around.as_ref(), resolution)?)
             }
-            Format::Csv => Ok(table::write(&body, beside.as_ref()).into_bytes()),
+            Format::Csv => Ok(centreline_csv::write(&body, beside.as_ref()).into_bytes()),
             Format::Tum => {
                 let log = run.as_ref().map(|(_, log)| &log[..]);
                 Ok(tum::write(name, &body, &tum::times(&body, plan, log)).into_bytes())
@@ -225,7 +225,7 @@ impl ExportArgs {
             Format::Mcap => match run {
                 Some((record, log)) => {
                     let encoding = if self.ros2 { Encoding::Ros2 } else { Encoding::Json };
-                    recording::write(robot, plan, record, log, encoding).map_err(Failure::bad_input)
+                    mcap::write(robot, plan, record, log, encoding).map_err(Failure::bad_input)
                 }
                 None => Err(Failure::bad_input(format!(
                     "{} is a plan, and MCAP is a recording of a growth: give a run log, as `growbot grow --log` \

@@ -17,7 +17,7 @@ use growbot_host::{note, warning};
 use growbot_sim::image_seal::{self, SealError};
 use growbot_sim::uf2;
 
-use super::{Failure, RobotArg, drive};
+use super::{Failure, RobotArg, uf2_drive};
 
 /// The robot's processor, by its name in probe-rs.
 const CHIP: &str = "STM32F405RGTx";
@@ -32,7 +32,7 @@ const IMAGE: &str = "thumbv7em-none-eabihf/firmware/stm32f405";
 
 /// The boards that can be flashed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
-enum FlashedBoard {
+enum FlashTarget {
     /// The robot's board, through a debug probe
     #[default]
     Stm32f405,
@@ -42,7 +42,7 @@ enum FlashedBoard {
     SkrPico,
 }
 
-impl FlashedBoard {
+impl FlashTarget {
     /// Returns the alias by which cargo builds the image.
     fn build(self) -> &'static str {
         match self {
@@ -113,7 +113,7 @@ pub struct FlashArgs {
     firmware: Option<PathBuf>,
     /// The board
     #[arg(long, value_enum, default_value_t)]
-    board: FlashedBoard,
+    board: FlashTarget,
     /// Write the UF2 file here, for you to copy, instead of flashing (pico and skr-pico only)
     #[arg(long, value_name = "FILE", conflicts_with_all = ["no_log", "seal_only", "drive"])]
     uf2: Option<PathBuf>,
@@ -133,7 +133,7 @@ pub struct FlashArgs {
 
 /// Runs the command.
 pub fn run(args: &FlashArgs) -> Result<(), Failure> {
-    let is_drive = args.board != FlashedBoard::Stm32f405;
+    let is_drive = args.board != FlashTarget::Stm32f405;
     if !is_drive && (args.uf2.is_some() || args.drive.is_some()) {
         return Err(Failure::bad_input(
             "--uf2 and --drive are for boards that take UF2 files: say --board pico or skr-pico",
@@ -142,7 +142,7 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
     let (build, image) = match &args.firmware {
         Some(image) => (None, image.clone()),
         None => {
-            let build = Step::build(&args.robot, args.board)?;
+            let build = ToolRun::build(&args.robot, args.board)?;
             let image = build.target().join(args.board.image());
             (Some(build), image)
         }
@@ -155,12 +155,12 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
             image.display()
         )));
     }
-    let flash = if args.seal_only || is_drive { Vec::new() } else { Step::flash(&image, args.no_log) };
+    let flash = if args.seal_only || is_drive { Vec::new() } else { ToolRun::flash(&image, args.no_log) };
     if args.dry_run {
         let seal = format!("growbot flash --seal-only --firmware {}\n", quoted(image.as_os_str()));
         let seal = if is_uf2 { "" } else { &seal };
         let [build, flash] = [&build.into_iter().collect(), &flash]
-            .map(|steps: &Vec<Step>| steps.iter().map(|step| format!("{step}\n")).collect::<String>());
+            .map(|steps: &Vec<ToolRun>| steps.iter().map(|step| format!("{step}\n")).collect::<String>());
         return Ok(print(&format!("{build}{seal}{flash}"))?);
     }
     if let Some(build) = build {
@@ -183,16 +183,16 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
         return Ok(());
     }
     if is_drive {
-        return drive::write(&image, args.uf2.as_deref(), args.drive.as_deref(), args.board.way_to_drive());
+        return uf2_drive::write(&image, args.uf2.as_deref(), args.drive.as_deref(), args.board.way_to_drive());
     }
     if args.no_log {
-        flash.iter().try_for_each(Step::run)?;
+        flash.iter().try_for_each(ToolRun::run)?;
         note!("{POWER_CYCLE}");
         return Ok(());
     }
     // The note is printed first, because Ctrl-C ends the log and this program.
     note!("{POWER_CYCLE}");
-    flash.iter().try_for_each(Step::run)
+    flash.iter().try_for_each(ToolRun::run)
 }
 
 /// Returns images that may have been built last in this source tree.
@@ -207,7 +207,7 @@ fn target_in(directory: &Path) -> PathBuf {
 }
 
 /// A call of a tool.
-struct Step {
+struct ToolRun {
     tool: &'static str,
     /// Instructions to install the tool.
     remedy: &'static str,
@@ -218,9 +218,9 @@ struct Step {
     directory: Option<PathBuf>,
 }
 
-impl Step {
+impl ToolRun {
     /// Returns the step that builds the firmware for a robot.
-    fn build(robot: &RobotArg, board: FlashedBoard) -> Result<Self, Failure> {
+    fn build(robot: &RobotArg, board: FlashTarget) -> Result<Self, Failure> {
         // An invalid robot is reported before the build, which takes a minute.
         let (name, robot) = (robot.name()?, robot.load()?);
         let checked = robot.check_for_board();
@@ -291,7 +291,7 @@ impl Step {
     }
 }
 
-impl fmt::Display for Step {
+impl fmt::Display for ToolRun {
     /// Formats the step as a line for a shell.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(directory) = &self.directory {

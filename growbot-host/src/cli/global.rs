@@ -3,7 +3,7 @@
 use std::env;
 
 use clap::{Args, ColorChoice, CommandFactory, FromArgMatches, ValueEnum};
-use growbot_host::messages::{self, Colour, Level};
+use growbot_host::messages::{self, Verbosity};
 
 use super::Cli;
 
@@ -12,8 +12,8 @@ use super::Cli;
 #[command(next_help_heading = "All commands")]
 pub struct GlobalArgs {
     /// Colour messages and help: auto does so on terminals, unless NO_COLOR is set
-    #[arg(long, global = true, value_name = "WHEN", value_enum, default_value_t = When::Auto)]
-    color: When,
+    #[arg(long, global = true, value_name = "WHEN", value_enum, default_value_t = ColorArg::Auto)]
+    color: ColorArg,
     /// Show only errors and warnings, without notes and progress
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
@@ -24,7 +24,7 @@ pub struct GlobalArgs {
 
 /// Colouring of messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum When {
+enum ColorArg {
     Auto,
     Always,
     Never,
@@ -34,46 +34,46 @@ enum When {
 /// line cannot be parsed.
 pub fn parse() -> Result<Cli, clap::Error> {
     let when = asked_for();
-    messages::set(Level::Normal, when.into());
+    messages::set(Verbosity::Normal, when.into());
     let matches = Cli::command().color(when.into()).try_get_matches()?;
     let cli = Cli::from_arg_matches(&matches)?;
     let GlobalArgs { color, quiet, verbose } = &cli.global;
     let level = match (quiet, verbose) {
-        (true, _) => Level::Quiet,
-        (_, true) => Level::Verbose,
-        _ => Level::Normal,
+        (true, _) => Verbosity::Quiet,
+        (_, true) => Verbosity::Verbose,
+        _ => Verbosity::Normal,
     };
     messages::set(level, (*color).into());
     Ok(cli)
 }
 
 /// Returns the value of `--color` before the command line is parsed. `Auto` if the value is missing or unknown.
-fn asked_for() -> When {
+fn asked_for() -> ColorArg {
     let words: Vec<String> = env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
     let told = words.iter().enumerate().find_map(|(index, word)| match word.strip_prefix("--color") {
         Some("") => words.get(index + 1).map(String::as_str),
         Some(value) => value.strip_prefix('='),
         None => None,
     });
-    told.and_then(|told| When::from_str(told, false).ok()).unwrap_or(When::Auto)
+    told.and_then(|told| ColorArg::from_str(told, false).ok()).unwrap_or(ColorArg::Auto)
 }
 
-impl From<When> for Colour {
-    fn from(when: When) -> Self {
+impl From<ColorArg> for messages::ColorChoice {
+    fn from(when: ColorArg) -> Self {
         match when {
-            When::Auto => Self::Auto,
-            When::Always => Self::Always,
-            When::Never => Self::Never,
+            ColorArg::Auto => Self::Auto,
+            ColorArg::Always => Self::Always,
+            ColorArg::Never => Self::Never,
         }
     }
 }
 
-impl From<When> for ColorChoice {
-    fn from(when: When) -> Self {
+impl From<ColorArg> for ColorChoice {
+    fn from(when: ColorArg) -> Self {
         match when {
-            When::Auto => Self::Auto,
-            When::Always => Self::Always,
-            When::Never => Self::Never,
+            ColorArg::Auto => Self::Auto,
+            ColorArg::Always => Self::Always,
+            ColorArg::Never => Self::Never,
         }
     }
 }

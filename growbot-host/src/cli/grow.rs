@@ -15,18 +15,18 @@ use growbot_core::simulation::ErrorModel;
 use growbot_core::tracking::SensorNoise;
 use growbot_host::output::is_standard_output;
 use growbot_pictures::duration::duration_text;
-use growbot_pictures::view::{SceneFile, Subject};
+use growbot_pictures::view::{NamedScene, Subject};
 use growbot_sim::ground_truth::grow_with_ground_truth;
 use growbot_sim::port::{PortName, TipSettings};
 
 use super::disturbance::DisturbanceArgs;
-use super::following::{Following, OnSilence, Print, refuse};
-use super::goal::{GoalArgs, ToGrow};
+use super::growth_monitor::{GrowthMonitor, OnHostSilence, ResultFormat, print_refusal};
 use super::interrupt::stop_on_interrupt;
-use super::keyboard::Keyboard;
-use super::service::{Options, owner};
-use super::watching::WatchArgs;
-use super::{ChosenPort, Connection, Failure, PortArg};
+use super::plan_source::{PlanSourceArgs, ResolvedPlan};
+use super::service_robot::{ServiceGrowthOptions, find_service_robot};
+use super::terminal_commands::TerminalCommands;
+use super::watch_options::WatchArgs;
+use super::{Connection, Failure, PortArg, SelectedPort};
 
 /// Grow a body: from a plan, or directly to a pose
 ///
@@ -45,7 +45,7 @@ use super::{ChosenPort, Connection, Failure, PortArg};
 #[command(after_help = AFTER_HELP)]
 pub struct GrowArgs {
     #[command(flatten)]
-    goal: GoalArgs,
+    goal: PlanSourceArgs,
     #[command(flatten)]
     port: PortArg,
     /// Write the events to this file, which ends in .jsonl (- for standard output). Without a name, a new file is
@@ -57,7 +57,7 @@ pub struct GrowArgs {
     log: Option<Option<PathBuf>>,
     /// Behaviour of the board when it loses contact with this program
     #[arg(long, value_name = "WHAT", default_value = "pause")]
-    on_silence: OnSilence,
+    on_silence: OnHostSilence,
     /// Measure each layer, and plan the rest again from the measured pose of the tip
     ///
     /// The filament's encoder measures the growth. The orientation sensor measures the tip's direction by gravity, and
@@ -118,7 +118,7 @@ pub fn run_main_job() -> Result<(), Failure> {
 /// Runs the command.
 pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let (port, print) = (args.port.choose()?, args.print()?);
-    let ToGrow { robot, plan, scene, unclear } = args.goal.open(args.json)?;
+    let ResolvedPlan { robot, plan, scene, clearance_error: unclear } = args.goal.open(args.json)?;
     let preventing: Vec<_> = plan.warnings.iter().filter(|warning| BLOCKING.contains(&warning.code.as_str())).collect();
     for warning in &plan.warnings {
         growbot_host::warning!("{}: {}", warning.code, warning.message);
@@ -126,9 +126,9 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let refused = |why: String| {
         if args.json {
             let nothing = GrowthResult::nothing_grown(OutcomeKind::Refused, &plan, None, port.is_simulated());
-            refuse(&GrowthResult { error: Some(why.clone()), ..nothing });
+            print_refusal(&GrowthResult { error: Some(why.clone()), ..nothing });
         }
-        Failure::answered_no(why)
+        Failure::request_failed(why)
     };
     if !preventing.is_empty() && !args.force {
         let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
@@ -140,11 +140,11 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     if let Some(unclear) = unclear.filter(|_| !args.ignore_scene) {
         return Err(refused(format!("{unclear}; or grow it all the same with --ignore-scene")));
     }
-    args.suits(&port, &robot)?;
+    args.check_options(&port, &robot)?;
     if args.ignore_scene && scene.is_some() {
         growbot_host::warning!("--ignore-scene: neither the plan nor its corrections are kept clear of the scene");
     }
-    if let Some(owned) = owner(&port)? {
+    if let Some(owned) = find_service_robot(&port)? {
         let at = args.goal.place_of_scene(&plan)?;
         return owned.grow(&robot, &plan, at, args.goal.name("growbot grow"), &args.by_service(print)?);
     }
@@ -181,9 +181,9 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let settings = TipSettings { start: Some(plan.start), imperfection, pace };
     let Connection { mut client, mut simulation } = port.connect(&robot, &settings)?;
     let orders = stop_on_interrupt(&mut client, &port);
-    let name = format!("{}{}", args.goal.name("growbot grow"), port.remark());
+    let name = format!("{}{}", args.goal.name("growbot grow"), port.simulated_suffix());
     let file = args.goal.scene_file(&plan);
-    let shown = scene.as_ref().map(|loaded| SceneFile { file: &file, scene: &loaded.scene });
+    let shown = scene.as_ref().map(|loaded| NamedScene { file: &file, scene: &loaded.scene });
     let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None, scene: shown };
     let watch = args.watching.begin(&subject, &job, &[], &orders)?;
     let origin = Origin {
@@ -192,10 +192,10 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         ignores_scene: scene.is_some() && args.ignore_scene,
     };
     let log = args.begin_log(&plan, &job, noise, origin).map_err(Failure::bad_input)?;
-    let seed = (disturbance.disturbs() || disturbance.knows_sensors()).then_some(disturbance.seed);
+    let seed = (disturbance.has_disturbance() || disturbance.has_sensor_noise()).then_some(disturbance.seed);
     let seed = seed.filter(|_| port.is_simulated());
     let simulated = port.is_simulated();
-    let following = Following {
+    let following = GrowthMonitor {
         robot: &robot,
         plan: &plan,
         log,
@@ -205,8 +205,8 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         seed,
         simulated,
         pace: port.pace(pace),
-        keyboard: Keyboard::of_terminal(&orders),
-        page_controls: args.watching.controls(),
+        keyboard: TerminalCommands::of_terminal(&orders),
+        page_controls: args.watching.can_control(),
     };
     let manner = GrowthOptions { silence: args.on_silence.into(), feedback, parked: following.when_parked() };
     following.follow(|on_event| {
@@ -218,19 +218,19 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
 
 impl GrowArgs {
     /// Returns the format of the printed result.
-    fn print(&self) -> Result<Print, Failure> {
+    fn print(&self) -> Result<ResultFormat, Failure> {
         match (&self.log, self.json) {
             (Some(Some(log)), true) if is_standard_output(log) => Err(Failure::bad_input(
                 "--log - and --json both go to standard output: leave one of them out, the log ends with the result",
             )),
-            (Some(Some(log)), false) if is_standard_output(log) => Ok(Print::Nothing),
-            (_, json) => Ok(Print::of(json)),
+            (Some(Some(log)), false) if is_standard_output(log) => Ok(ResultFormat::Nothing),
+            (_, json) => Ok(ResultFormat::of(json)),
         }
     }
 
     /// Returns the options of a growth by the service.
-    fn by_service(&self, print: Print) -> Result<Options, Failure> {
-        if self.disturbance.disturbs() || self.disturbance.knows_sensors() {
+    fn by_service(&self, print: ResultFormat) -> Result<ServiceGrowthOptions, Failure> {
+        if self.disturbance.has_disturbance() || self.disturbance.has_sensor_noise() {
             return Err(Failure::bad_input(
                 "a service grows without disturbances: leave noises and biases out, or use --port sim",
             ));
@@ -251,7 +251,7 @@ impl GrowArgs {
             Some(None) => Some(RunLog::free_name()),
             None => None,
         };
-        Ok(Options {
+        Ok(ServiceGrowthOptions {
             feedback: self.feedback,
             force: self.force,
             ignore_scene: self.ignore_scene,
@@ -284,14 +284,14 @@ impl GrowArgs {
     }
 
     /// Returns an error if port or robot do not support the options.
-    fn suits(&self, port: &ChosenPort, robot: &Robot) -> Result<(), Failure> {
-        if self.disturbance.disturbs() && !port.is_simulated() {
+    fn check_options(&self, port: &SelectedPort, robot: &Robot) -> Result<(), Failure> {
+        if self.disturbance.has_disturbance() && !port.is_simulated() {
             return Err(Failure::bad_input(format!(
                 "layers cannot be disturbed at {}, which is no simulated tip: leave out noises and biases, or use --port sim, emulator or rp2040",
                 port.text()
             )));
         }
-        if self.disturbance.knows_sensors() && !port.is_simulated() && !self.feedback {
+        if self.disturbance.has_sensor_noise() && !port.is_simulated() && !self.feedback {
             return Err(Failure::bad_input(
                 "how well a robot's sensors measure matters to feedback alone: add --feedback, or leave out --odometry-noise and --direction-noise",
             ));

@@ -12,7 +12,7 @@ use growbot_core::robot::Robot;
 use growbot_pictures::duration::duration_text;
 use growbot_pictures::figures::fixed;
 
-use super::kind;
+use super::simulated_prefix;
 
 /// Returns the table: target and final pose, the error between them and, with feedback, the estimate.
 pub fn table(plan: &Plan, robot: &Robot, grown: &GrowthReport, seed: Option<u64>, simulated: bool) -> String {
@@ -22,7 +22,7 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &GrowthReport, seed: Option<u64>
     table += &format!(
         "growth    {} on {}{}, {:.2} m of filament\n",
         duration_text(grown.duration_s),
-        kind(simulated),
+        simulated_prefix(simulated),
         robot.name(),
         grown.filament_mm / 1000.0
     );

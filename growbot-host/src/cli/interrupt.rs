@@ -6,15 +6,15 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::CommandQueue;
 use growbot_client::port::Port;
 
-use super::ChosenPort;
+use super::SelectedPort;
 
 /// Requests a stop at Ctrl-C, at SIGTERM and when the terminal goes away. A second signal gives the emergency stop and
 /// ends the program, because users expect that of a program that seems to hang. The emergency stop has its own link, so
 /// that it does not wait for the rest of the program.
-pub fn stop_on_interrupt(client: &mut Client, port: &ChosenPort) -> Arc<CommandQueue> {
+pub fn stop_on_interrupt(client: &mut Client, port: &SelectedPort) -> Arc<CommandQueue> {
     let orders = Arc::new(CommandQueue::default());
     let given = Arc::clone(&orders);
-    let (mut line, name, ends_with_us) = (client.emergency_port(), port.text().to_string(), port.ends_with_program());
+    let (mut line, name, ends_with_us) = (client.emergency_port(), port.text().to_string(), port.is_in_process());
     let kind = port.kind();
     let installed = ctrlc::set_handler(move || {
         if given.interrupt() {

@@ -5,8 +5,8 @@ use growbot_client::maintenance::COMMANDS;
 use growbot_host::output::print;
 
 use super::console::maintain;
-use super::service::owner;
-use super::{Failure, RobotArg, RobotPortArg};
+use super::service_robot::find_service_robot;
+use super::{Failure, RequiredPortArg, RobotArg};
 
 /// Heat the nozzle, load, unload or purge filament, home or turn the head
 ///
@@ -23,7 +23,7 @@ pub struct MaintainArgs {
     #[arg(allow_negative_numbers = true, default_value = "")]
     value: String,
     #[command(flatten)]
-    port: RobotPortArg,
+    port: RequiredPortArg,
     #[command(flatten)]
     robot: RobotArg,
 }
@@ -38,7 +38,7 @@ Examples:
 /// Runs the command.
 pub fn run(args: &MaintainArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
-    if let Some(owned) = owner(&port)? {
+    if let Some(owned) = find_service_robot(&port)? {
         return owned.maintain(&args.task, &args.value);
     }
     let (robot, presets) = (args.robot.load()?, args.robot.presets()?);

@@ -8,7 +8,7 @@ use clap_mangen::Man;
 use growbot_client::suggest::did_you_mean;
 use growbot_host::output::print;
 
-use super::{Cli, Failure, directory};
+use super::{Cli, Failure, output_dir};
 
 /// Print a page of the manual, or write all of them
 #[derive(Args)]
@@ -37,8 +37,8 @@ pub fn run(args: &ManArgs) -> Result<(), Failure> {
         for command in root.get_subcommands() {
             pages.push((format!("growbot-{}.1", command.get_name()), text(command)?));
         }
-        directory::make(directory)?;
-        return directory::fill(directory, pages.iter().map(|(name, page)| (&**name, &**page)));
+        output_dir::make(directory)?;
+        return output_dir::fill(directory, pages.iter().map(|(name, page)| (&**name, &**page)));
     }
     let command = match &args.command {
         None => &root,
@@ -65,10 +65,11 @@ fn page(command: &Command, root: &Command) -> io::Result<Vec<u8>> {
     if command.has_subcommands() {
         man.render_subcommands_section(&mut page)?;
     }
-    let said = Said::after_help_of(command);
+    let said = HelpSections::after_help_of(command);
     section(&mut page, "NOTES", &said.notes)?;
     section(&mut page, "EXAMPLES", &said.examples)?;
-    let exit_codes = if said.exit_codes.is_empty() { Said::after_help_of(root).exit_codes } else { said.exit_codes };
+    let exit_codes =
+        if said.exit_codes.is_empty() { HelpSections::after_help_of(root).exit_codes } else { said.exit_codes };
     section(&mut page, "EXIT STATUS", &exit_codes)?;
     if command.get_name() != root.get_name() {
         section(&mut page, "SEE ALSO", "growbot(1)\n")?;
@@ -78,13 +79,13 @@ fn page(command: &Command, root: &Command) -> io::Result<Vec<u8>> {
 
 /// Text after a command's help, sorted into the sections of its page.
 #[derive(Default)]
-struct Said {
+struct HelpSections {
     notes: String,
     examples: String,
     exit_codes: String,
 }
 
-impl Said {
+impl HelpSections {
     fn after_help_of(command: &Command) -> Self {
         let help = command.get_after_long_help().or_else(|| command.get_after_help());
         let help = help.map(ToString::to_string).unwrap_or_default();

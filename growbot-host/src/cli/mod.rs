@@ -5,30 +5,28 @@
 
 mod cancel;
 mod completions;
-mod config;
 mod configure;
 mod console;
-mod directory;
 mod disturbance;
 mod doctor;
 #[cfg(test)]
 mod documents;
-mod drive;
 mod estop;
 mod export;
 mod flash;
-mod following;
 mod global;
-mod goal;
 mod grow;
+mod growth_monitor;
 mod growth_table;
 mod interrupt;
-mod keyboard;
 mod layers;
 mod maintain;
 mod man;
 mod new_robot;
+mod output_dir;
 mod plan;
+mod plan_or_run;
+mod plan_source;
 mod plan_table;
 mod power;
 mod replay;
@@ -37,20 +35,22 @@ mod resume;
 mod rmin;
 mod robots;
 mod scene;
-mod scene_example;
+mod scene_options;
 mod schema;
 mod search;
 mod serve;
-mod service;
+mod service_robot;
+mod settings;
 mod simulate;
 mod status;
 mod stop;
-mod subject;
+mod terminal_commands;
 mod tune;
+mod uf2_drive;
 mod units;
 mod usage;
 mod view;
-mod watching;
+mod watch_options;
 mod workspace;
 mod workspace_in_scene;
 
@@ -70,10 +70,10 @@ use growbot_client::robot_file::{self, RobotFileError};
 use growbot_client::run_log::RecordedRun;
 use growbot_core::robot::Robot;
 use growbot_host::batch::BatchError;
-use growbot_host::messages::{self, Kind};
+use growbot_host::messages::{self, Severity};
 use growbot_host::output::OutputError;
-use growbot_host::settings::{FILE, Key, Origin, Setting, SettingsError};
-use growbot_host::switch::SwitchError;
+use growbot_host::settings::{FILE_NAME, Key, Origin, Setting, SettingsError};
+use growbot_host::sim_process::SimProcessError;
 use growbot_sim::ground_truth::SimulatedTip;
 use growbot_sim::port::{self, OpenError, OpenPort, PortName, TipSettings};
 use growbot_sim::sim_daemon::{SimDaemonError, StateDir};
@@ -111,7 +111,7 @@ enum Command {
     NewRobot(new_robot::NewRobotArgs),
     Rmin(rmin::RminArgs),
     Plan(Box<plan::PlanArgs>),
-    Scene(scene_example::SceneArgs),
+    Scene(scene::SceneArgs),
     Layers(layers::LayersArgs),
     View(view::ViewArgs),
     Workspace(workspace::WorkspaceArgs),
@@ -131,12 +131,12 @@ enum Command {
     Console(console::ConsoleArgs),
     Power(power::PowerArgs),
     Serve(serve::ServeArgs),
-    Attach(service::AttachArgs),
-    Pause(service::PauseArgs),
-    Continue(service::ContinueArgs),
+    Attach(service_robot::AttachArgs),
+    Pause(service_robot::PauseArgs),
+    Continue(service_robot::ContinueArgs),
     Flash(flash::FlashArgs),
     Configure(configure::ConfigureArgs),
-    Config(config::ConfigArgs),
+    Settings(settings::ConfigArgs),
     Completions(completions::CompletionsArgs),
     Man(man::ManArgs),
 }
@@ -157,7 +157,7 @@ pub fn run() -> ExitCode {
         Some(Command::NewRobot(args)) => new_robot::run(&args),
         Some(Command::Rmin(args)) => rmin::run(&args),
         Some(Command::Plan(args)) => plan::run(&args),
-        Some(Command::Scene(args)) => scene_example::run(&args),
+        Some(Command::Scene(args)) => scene::run(&args),
         Some(Command::Layers(args)) => layers::run(&args),
         Some(Command::View(args)) => view::run(&args),
         Some(Command::Workspace(args)) => workspace::run(&args),
@@ -177,12 +177,12 @@ pub fn run() -> ExitCode {
         Some(Command::Console(args)) => console::run(&args),
         Some(Command::Power(args)) => power::run(&args),
         Some(Command::Serve(args)) => serve::run(&args),
-        Some(Command::Attach(args)) => service::run_attach(&args),
-        Some(Command::Pause(args)) => service::run_pause(&args),
-        Some(Command::Continue(args)) => service::run_continue(&args),
+        Some(Command::Attach(args)) => service_robot::run_attach(&args),
+        Some(Command::Pause(args)) => service_robot::run_pause(&args),
+        Some(Command::Continue(args)) => service_robot::run_continue(&args),
         Some(Command::Flash(args)) => flash::run(&args),
         Some(Command::Configure(args)) => configure::run(&args),
-        Some(Command::Config(args)) => config::run(&args),
+        Some(Command::Settings(args)) => settings::run(&args),
         Some(Command::Completions(args)) => completions::run(&args),
         Some(Command::Man(args)) => man::run(&args),
         None => grow::run_main_job(),
@@ -202,33 +202,33 @@ fn show(help: &clap::Error) {
 /// Failure of a command: its exit code and its message.
 pub struct Failure {
     code: u8,
-    kind: Kind,
+    kind: Severity,
     message: Option<String>,
 }
 
 impl Failure {
     /// Returns the failure for something that was wrong before the job started.
     pub fn bad_input(message: impl Display) -> Self {
-        Self { code: 2, kind: Kind::Error, message: Some(message.to_string()) }
+        Self { code: 2, kind: Severity::Error, message: Some(message.to_string()) }
     }
 
     /// Returns the failure of a valid request.
-    pub fn answered_no(message: impl Display) -> Self {
-        Self { code: 1, kind: Kind::Error, message: Some(message.to_string()) }
+    pub fn request_failed(message: impl Display) -> Self {
+        Self { code: 1, kind: Severity::Error, message: Some(message.to_string()) }
     }
 
     /// Returns the end of a command whose reader has closed the results. It is not an error.
-    fn reader_gone() -> Self {
-        Self { code: 0, kind: Kind::Error, message: None }
+    fn stdout_closed() -> Self {
+        Self { code: 0, kind: Severity::Error, message: None }
     }
 
     /// Returns the failure as a warning, because its error was printed before.
     pub fn into_warning(self) -> Self {
-        Self { kind: Kind::Warning, ..self }
+        Self { kind: Severity::Warning, ..self }
     }
 
     /// Returns true if the reader of the results has closed them.
-    pub fn is_reader_gone(&self) -> bool {
+    pub fn is_stdout_closed(&self) -> bool {
         self.code == 0
     }
 
@@ -244,14 +244,14 @@ impl Failure {
 
     /// Prints the message, and returns the exit code.
     fn report(self) -> ExitCode {
-        self.say();
+        self.print();
         ExitCode::from(self.code)
     }
 
     /// Prints the message, if any.
-    pub fn say(&self) {
+    pub fn print(&self) {
         if let Some(message) = &self.message {
-            messages::say(self.kind, format_args!("{message}"));
+            messages::print(self.kind, format_args!("{message}"));
         }
     }
 }
@@ -259,7 +259,7 @@ impl Failure {
 impl From<OutputError> for Failure {
     fn from(error: OutputError) -> Self {
         match error {
-            OutputError::Closed => Self::reader_gone(),
+            OutputError::Closed => Self::stdout_closed(),
             error => Self::bad_input(error),
         }
     }
@@ -286,13 +286,13 @@ bad_input!(
     SimDaemonError,
     RobotFileError,
     SettingsError,
-    SwitchError
+    SimProcessError
 );
 
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
         match error {
-            ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => Self::answered_no(error),
+            ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => Self::request_failed(error),
             error => Self::bad_input(error),
         }
     }
@@ -307,24 +307,24 @@ pub struct PortArg {
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
-    line: LineArg,
+    line: LinkArgs,
 }
 
 /// `--port` of commands for a robot that exists already. They would be meaningless for a robot that is simulated from
 /// now on, so a port must be given or configured.
 #[derive(Args)]
-pub struct RobotPortArg {
+pub struct RequiredPortArg {
     /// Port of the robot: a serial device, tcp:HOST:PORT or sim:NAME. With sim and emulator a simulated robot is
     /// started [default: GROWBOT_PORT, then growbot.toml, and one of them must be set]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
-    line: LineArg,
+    line: LinkArgs,
 }
 
 /// Faults of the link, and conflicts with another host.
 #[derive(Args, Clone, Copy)]
-struct LineArg {
+struct LinkArgs {
     /// Inject link faults, for example drop=1%,flip=1e-4
     ///
     /// Probabilities are per frame, in both directions: drop, dup, reorder, truncate, stall=2s@0.1% (nothing passes for
@@ -339,7 +339,7 @@ struct LineArg {
 
 /// A selected port, with its parsed name.
 #[derive(Clone)]
-pub struct ChosenPort {
+pub struct SelectedPort {
     text: String,
     name: PortName,
     take_over: bool,
@@ -347,47 +347,47 @@ pub struct ChosenPort {
 
 impl PortArg {
     /// Returns the given port, or the configured one, or else `sim`.
-    fn choose(&self) -> Result<ChosenPort, Failure> {
+    fn choose(&self) -> Result<SelectedPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
-            None => config::told(Key::Port, Setting::of(Key::Port)?),
+            None => settings::log_setting(Key::Port, Setting::load(Key::Port)?),
         };
         self.line.at(text)
     }
 }
 
-impl RobotPortArg {
+impl RequiredPortArg {
     /// Returns the given port, or the configured one. Returns an error if neither is set.
-    fn choose(&self) -> Result<ChosenPort, Failure> {
+    fn choose(&self) -> Result<SelectedPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
-            None => match Setting::of(Key::Port)? {
+            None => match Setting::load(Key::Port)? {
                 Setting { origin: Origin::BuiltIn, .. } => {
                     return Err(Failure::bad_input(format!(
                         "no port is given, so it is not known which robot is meant: say --port PORT, or set one \
-                         (export {}=PORT, or port in {FILE})",
+                         (export {}=PORT, or port in {FILE_NAME})",
                         Key::Port.variable()
                     )));
                 }
-                setting => config::told(Key::Port, setting),
+                setting => settings::log_setting(Key::Port, setting),
             },
         };
         self.line.at(text)
     }
 }
 
-impl LineArg {
-    fn at(self, text: String) -> Result<ChosenPort, Failure> {
+impl LinkArgs {
+    fn at(self, text: String) -> Result<SelectedPort, Failure> {
         let name = text.parse()?;
         let name = match self.fault {
             None => name,
             Some(spec) => PortName::Faulty(Box::new(name), spec),
         };
-        Ok(ChosenPort { text, name, take_over: self.take_over })
+        Ok(SelectedPort { text, name, take_over: self.take_over })
     }
 }
 
-impl ChosenPort {
+impl SelectedPort {
     /// Returns the parsed name of the port.
     fn name(&self) -> &PortName {
         &self.name
@@ -409,17 +409,17 @@ impl ChosenPort {
     }
 
     /// Returns true if the robot ends with this program.
-    fn ends_with_program(&self) -> bool {
+    fn is_in_process(&self) -> bool {
         self.is_simulated() && self.name.resident().is_none()
     }
 
     /// Returns the word that precedes "robot" or "board" in messages if the robot is simulated.
     fn kind(&self) -> &'static str {
-        kind(self.is_simulated())
+        simulated_prefix(self.is_simulated())
     }
 
     /// Returns the text after the name of a simulated robot.
-    fn remark(&self) -> &'static str {
+    fn simulated_suffix(&self) -> &'static str {
         if self.is_simulated() { ", simulated" } else { "" }
     }
 
@@ -450,7 +450,7 @@ pub struct Connection {
 }
 
 /// Returns the word that precedes "robot" or "board" in messages if the robot is simulated.
-fn kind(is_simulated: bool) -> &'static str {
+fn simulated_prefix(is_simulated: bool) -> &'static str {
     if is_simulated { "simulated " } else { "" }
 }
 
@@ -464,7 +464,7 @@ fn robot_of(record: &RecordedRun, robot: Option<&Path>) -> Result<Robot, Failure
 }
 
 /// Warns about the parts of a run log that could not be read.
-fn say_damage(record: &RecordedRun, file: &Path) {
+fn warn_of_damage(record: &RecordedRun, file: &Path) {
     if let Some(words) = record.damage.message(&display_name(file)) {
         growbot_host::warning!("{words}");
     }
@@ -492,7 +492,7 @@ impl RobotArg {
     fn name(&self) -> Result<PathBuf, Failure> {
         match &self.robot {
             Some(robot) => Ok(robot.clone()),
-            None => Ok(config::told(Key::Robot, Setting::of(Key::Robot)?).into()),
+            None => Ok(settings::log_setting(Key::Robot, Setting::load(Key::Robot)?).into()),
         }
     }
 

@@ -7,9 +7,9 @@ use clap::Args;
 use growbot_client::atomic_file::format_from_extension;
 use growbot_client::input::is_standard_input;
 use growbot_client::robot_file;
-use growbot_host::messages::ask as ask_line;
+use growbot_host::messages::print_prompt as ask_line;
 use growbot_host::output::{is_standard_output, print, write_to};
-use growbot_host::robot_questions::{Draft, NAME, NO_LIMIT, QUESTIONS, UNLIMITED};
+use growbot_host::robot_questions::{ASKED_FIELDS, Draft, NAME, NO_LIMIT, UNLIMITED};
 use growbot_host::schema;
 use serde_json::Value;
 
@@ -119,22 +119,22 @@ const BACK: &str = "back";
 const SKIP: &str = "skip";
 
 /// State of the dialogue: the present draft, and the draft before each answer.
-struct Asking<'a> {
+struct Interview<'a> {
     draft: &'a mut Draft,
     given: Vec<&'static str>,
     before: Vec<(Draft, Vec<&'static str>)>,
-    answers: Answers,
+    answers: AnswerReader,
 }
 
 /// Goes through all questions. Returns the fields for which the user typed more than Enter.
 fn ask(draft: &mut Draft) -> Result<Vec<&'static str>, Failure> {
-    let schema = schema::of_fields();
-    let answers = Answers { ended: false, by_hand: io::stdin().is_terminal() };
-    let mut asking = Asking { draft, given: Vec::new(), before: Vec::new(), answers };
+    let schema = schema::robot_file_schema_without_bounds();
+    let answers = AnswerReader { ended: false, is_interactive: io::stdin().is_terminal() };
+    let mut asking = Interview { draft, given: Vec::new(), before: Vec::new(), answers };
     // Section whose remaining questions are skipped.
     let mut skipped = None;
-    while let Some(path) = QUESTIONS.get(asking.before.len()).copied() {
-        let proposed = asking.draft.default(path);
+    while let Some(path) = ASKED_FIELDS.get(asking.before.len()).copied() {
+        let proposed = asking.draft.suggested_value(path);
         let is_skipped = skipped == Some(section(path));
         if !is_skipped {
             skipped = None;
@@ -180,7 +180,7 @@ fn in_brackets(value: &str) -> &str {
     if value == UNLIMITED { NO_LIMIT } else { value.trim_matches('"') }
 }
 
-impl Asking<'_> {
+impl Interview<'_> {
     /// Returns to the previous question.
     fn back(&mut self) {
         match self.before.pop() {
@@ -194,7 +194,7 @@ impl Asking<'_> {
         let shown = self.draft.shown(path);
         let taken = text.unwrap_or_else(|| in_brackets(proposed.unwrap_or(&shown)));
         let before = (self.draft.clone(), self.given.clone());
-        match self.draft.answer(path, taken) {
+        match self.draft.apply_answer(path, taken) {
             Ok(adapted) => {
                 for change in adapted {
                     growbot_host::note!(
@@ -211,8 +211,8 @@ impl Asking<'_> {
                 Ok(())
             }
             // In a pipe the next line is the answer to the next question.
-            Err(refused) if self.answers.by_hand && !self.answers.ended => {
-                Failure::bad_input(refused).say();
+            Err(refused) if self.answers.is_interactive && !self.answers.ended => {
+                Failure::bad_input(refused).print();
                 Ok(())
             }
             Err(refused) => Err(Failure::bad_input(refused)),
@@ -221,12 +221,12 @@ impl Asking<'_> {
 }
 
 /// Lines of standard input.
-struct Answers {
+struct AnswerReader {
     ended: bool,
-    by_hand: bool,
+    is_interactive: bool,
 }
 
-impl Answers {
+impl AnswerReader {
     /// Returns the next answer. `None` after the end of the input, which is reported once.
     fn next(&mut self) -> Result<Option<String>, Failure> {
         let mut line = Vec::new();

@@ -12,13 +12,13 @@ use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::{TypedGoal, parse_goal};
 use growbot_client::scene_planning::MAX_LENGTH_MM;
 use growbot_core::robot::Robot;
-use growbot_host::batch::{ANSWERS, Batch, Defaults, short_enough};
-use growbot_host::finish_time::now_here;
+use growbot_host::batch::{ANSWERS, Batch, Defaults, check_length_limit};
+use growbot_host::clock_text::now_here;
 use growbot_host::output::{is_standard_output, print, write_to};
-use growbot_host::progress::{Progress, Results};
+use growbot_host::progress::{Progress, ResultTiming};
 
-use super::scene::SceneArgs;
-use super::search::SearchArgs;
+use super::scene_options::SceneArgs;
+use super::search::PlanningOptions;
 use super::units::mm;
 use super::{Failure, RobotArg, plan_table};
 
@@ -43,7 +43,7 @@ pub struct PlanArgs {
     )]
     to: Option<TypedGoal>,
     #[command(flatten)]
-    search: SearchArgs,
+    search: PlanningOptions,
     /// Take the shortest path that does not run into the body. If every path does, take the shortest of all, as without
     /// this option
     #[arg(long)]
@@ -107,7 +107,7 @@ pub fn run(args: &PlanArgs) -> Result<(), Failure> {
 fn plan(args: &PlanArgs, robot: &Robot, goal: &TypedGoal) -> Result<Plan, Failure> {
     let Some(scene) = &args.scene.scene else {
         let plan = args.search.plan(robot, goal, args.clear_of_self)?;
-        return short_enough(plan, args.length_max).map_err(Failure::answered_no);
+        return check_length_limit(plan, args.length_max).map_err(Failure::request_failed);
     };
     let goals = args.search.start_and_goals(robot, goal)?;
     let search = args.search.search(robot, true);
@@ -145,12 +145,12 @@ enum Format {
 }
 
 /// Destination of the answers to a batch.
-struct Answers {
+struct BatchOutput {
     format: Format,
     file: Option<AtomicFile>,
 }
 
-impl Answers {
+impl BatchOutput {
     fn begin(args: &PlanArgs) -> Result<Self, Failure> {
         let to = args.output.as_deref().filter(|path| !is_standard_output(path));
         let formats: &[&str] = if args.json { &["json", "jsonl"] } else { &["csv", "json", "jsonl"] };
@@ -198,21 +198,21 @@ fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot) -> Result<(), Failu
     let total = fs::metadata(queries).ok().filter(fs::Metadata::is_file).map(|file| file.len());
     let named = |error| Failure::bad_input(format!("{name}: {error}"));
     let mut batch = Batch::open(BoundedLines::of(input::open(queries)?), defaults).map_err(named)?;
-    let mut answers = Answers::begin(args)?;
-    let results = if answers.file.is_some() { Results::AtEnd } else { Results::Streamed };
+    let mut answers = BatchOutput::begin(args)?;
+    let results = if answers.file.is_some() { ResultTiming::AtEnd } else { ResultTiming::Streamed };
     let mut progress = Progress::start(total, results);
     let (mut done, mut failed) = (0_u64, 0_u64);
     while let Some(answer) = batch.next(robot).map_err(named)? {
         done += 1;
         failed += u64::from(answer.outcome.is_err());
         answers.write(&if answers.format == Format::Csv { answer.to_row() } else { answer.to_line(robot) })?;
-        progress.at(batch.bytes_read(), || format!("{done} planned, {failed} failed"));
+        progress.update(batch.bytes_read(), || format!("{done} planned, {failed} failed"));
     }
     progress.finish();
     let errors = answers.name_of_errors();
     answers.finish(args)?;
     if failed > 0 {
-        return Err(Failure::answered_no(format!("{failed} of {done} queries failed: see {errors}")));
+        return Err(Failure::request_failed(format!("{failed} of {done} queries failed: see {errors}")));
     }
     Ok(())
 }

@@ -8,9 +8,9 @@ use growbot_core::angle::degrees;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
-use growbot_host::finish_time::clock_text;
+use growbot_host::clock_text::clock_text;
 use growbot_pictures::duration::duration_text;
-use growbot_pictures::figures::direction;
+use growbot_pictures::figures::direction_text;
 use time::{Duration, OffsetDateTime};
 
 /// Columns of a terminal.
@@ -121,7 +121,7 @@ fn pose(pose: &Pose) -> String {
 /// Returns a position with the direction that was chosen for it. The direction was not typed, and so it is rounded.
 fn position_with_direction(pose: &Pose) -> String {
     let position = pose.position();
-    format!("{}, {}, {} mm, {} (direction free)", position.x, position.y, position.z, direction(pose, 2))
+    format!("{}, {}, {} mm, {} (direction free)", position.x, position.y, position.z, direction_text(pose, 2))
 }
 
 /// Wraps a text after a head into lines that fit a terminal. Later lines have this indentation.

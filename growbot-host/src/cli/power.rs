@@ -6,12 +6,12 @@ use clap::{Args, ValueEnum};
 use growbot_client::robot_file;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
-use growbot_host::switch::{switch_on, wait_until_off};
+use growbot_host::sim_process::{switch_on, wait_until_off};
 use growbot_sim::port::PortName;
 use growbot_sim::sim_daemon::{DaemonPort, StateDir, serve};
 
-use super::watching::times;
-use super::{Failure, ROBOT, RobotArg, RobotPortArg};
+use super::watch_options::parse_pace;
+use super::{Failure, ROBOT, RequiredPortArg, RobotArg};
 
 /// Switch a simulated robot on or off, or reset its board
 ///
@@ -23,15 +23,15 @@ use super::{Failure, ROBOT, RobotArg, RobotPortArg};
 pub struct PowerArgs {
     /// Action of the switch
     #[arg(value_name = "on|off|reset|status")]
-    what: What,
+    action: PowerAction,
     #[command(flatten)]
-    port: RobotPortArg,
+    port: RequiredPortArg,
     /// The robot, if it is switched on for the first time: a built-in name or a TOML file [default: the stored one, or
     /// else the configured one]
     #[arg(long, value_name = ROBOT)]
     robot: Option<PathBuf>,
     /// Pace of the robot's time, in multiples of real time
-    #[arg(long, value_name = "TIMES", default_value = "1", value_parser = times)]
+    #[arg(long, value_name = "TIMES", default_value = "1", value_parser = parse_pace)]
     pace: f64,
     /// Run the robot in this process, until it is switched off
     #[arg(long)]
@@ -46,7 +46,7 @@ Examples:
 
 /// Actions of the switch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum What {
+enum PowerAction {
     /// Switch the robot on
     On,
     /// Switch the robot off at once
@@ -67,22 +67,22 @@ pub fn run(args: &PowerArgs) -> Result<(), Failure> {
         )));
     };
     let place = StateDir::of(name)?;
-    let done = match args.what {
-        What::On if args.foreground => return args.play(&place),
-        What::On => {
+    let done = match args.action {
+        PowerAction::On if args.foreground => return args.run_in_foreground(&place),
+        PowerAction::On => {
             args.switch_on(&place)?;
             format!("the simulated robot sim:{name} is on, {} times as fast as real time\n", args.pace)
         }
-        What::Off => {
+        PowerAction::Off => {
             DaemonPort::open_shared(&place)?.power_off()?;
             wait_until_off(&place)?;
             format!("the simulated robot sim:{name} is off\n")
         }
-        What::Reset => {
+        PowerAction::Reset => {
             DaemonPort::open_shared(&place)?.reset()?;
             format!("the board of the simulated robot sim:{name} was reset\n")
         }
-        What::Status => {
+        PowerAction::Status => {
             let is = if place.is_on() { "on" } else { "off" };
             format!("the simulated robot sim:{name} is {is}\n")
         }
@@ -100,7 +100,7 @@ impl PowerArgs {
         }
     }
 
-    fn play(&self, place: &StateDir) -> Result<(), Failure> {
+    fn run_in_foreground(&self, place: &StateDir) -> Result<(), Failure> {
         let robot = self.robot(place)?;
         Ok(serve(place, &robot, self.pace, || growbot_host::note!("the simulated robot sim:{} is on", place.name()))?)
     }

@@ -16,9 +16,9 @@ use growbot_core::angle::degrees;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::decode;
 use growbot_host::output::print;
-use growbot_pictures::figures::{direction, fixed};
+use growbot_pictures::figures::{direction_text, fixed};
 
-use super::{Failure, robot_of, say_damage};
+use super::{Failure, robot_of, warn_of_damage};
 
 /// Rebuild the body from the log of its growth, bit for bit as the board has built it
 ///
@@ -48,8 +48,8 @@ pub struct ReplayArgs {
 /// Runs the command.
 pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
     let record = RecordedRun::open(&args.run).map_err(Failure::bad_input)?;
-    say_damage(&record, &args.run);
-    let replayed = Replayed::of(&record);
+    warn_of_damage(&record, &args.run);
+    let replayed = ReplayedBody::of(&record);
     if args.layers {
         return Ok(print(&replayed.layers_table())?);
     }
@@ -64,12 +64,12 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
 
 /// Returns a text of a few lines about the body of a log.
 pub fn text_of(record: &RecordedRun) -> Result<String, Failure> {
-    let replayed = Replayed::of(record);
+    let replayed = ReplayedBody::of(record);
     Ok(replayed.text(&replayed.arrivals()?, None))
 }
 
 /// The body of a log.
-struct Replayed<'a> {
+struct ReplayedBody<'a> {
     record: &'a RecordedRun,
     /// Layers by the steps of the board.
     commanded: Vec<Layer>,
@@ -91,7 +91,7 @@ struct ReplayedFeedback {
     plan: Plan,
 }
 
-impl<'a> Replayed<'a> {
+impl<'a> ReplayedBody<'a> {
     fn of(record: &'a RecordedRun) -> Self {
         let commanded = record.commanded().map(|layer| decode(&layer)).collect();
         Self { record, commanded, simulated: record.simulated() }
@@ -248,7 +248,7 @@ fn fed_back(record: &RecordedRun, robot: Option<&Path>) -> Result<Option<Replaye
 /// Returns a line with a pose, and a line with its distance from the goal.
 fn arrived(name: &str, arrival: &Arrival, by: &str) -> String {
     let [x, y, z, ..] = arrival.final_pose.to_degrees().map(|number| fixed(number, 3));
-    let direction = direction(&arrival.final_pose, 3);
+    let direction = direction_text(&arrival.final_pose, 3);
     format!(
         "{name:<10}{x}, {y}, {z} mm, {direction}{by}\n\
          error     {:.3} mm from the goal, {:.3} deg between the directions\n",

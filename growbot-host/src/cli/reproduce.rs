@@ -8,11 +8,11 @@ use clap::Args;
 use clap::builder::RangedI64ValueParser;
 use growbot_client::sanitize::json_line;
 use growbot_host::output::print;
-use growbot_host::progress::{Progress, Results};
-use growbot_host::reproduce::{FIGURES, REPEATS, Reproduction, Request, SEED, TABLES, paper, summary, tables};
-use growbot_pictures::drawing::pdf::pdf;
+use growbot_host::progress::{Progress, ResultTiming};
+use growbot_host::reproduce::{FIGURES, REPEATS, ReproduceRequest, Reproduction, SEED, TABLES, paper, summary, tables};
+use growbot_pictures::drawing::pdf::svg_to_pdf;
 
-use super::{Failure, directory};
+use super::{Failure, output_dir};
 
 /// Repeat the experiments of the paper
 ///
@@ -76,7 +76,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
         return Err(Failure::bad_input(format!("--repeat is {repeat}: give a number from {min} to {max}")));
     }
     let all = args.table.is_empty() && args.figure.is_empty();
-    let request = Request {
+    let request = ReproduceRequest {
         tables: if all { TABLES.collect() } else { args.table.clone() },
         figures: if all { FIGURES.collect() } else { args.figure.clone() },
         seed: args.seed,
@@ -84,13 +84,13 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
         repeat_noise: args.repeat.unwrap_or(paper::REPEAT_NOISE),
     };
     if let Some(directory) = &args.output {
-        directory::make(directory)?;
+        output_dir::make(directory)?;
     }
     let threads = thread::available_parallelism().map_or(1, usize::from);
     let mut progress: Option<Progress> = None;
     let done = Reproduction::run(request, threads, |done, of| {
-        let progress = progress.get_or_insert_with(|| Progress::start(Some(of), Results::AtEnd));
-        progress.at(done, || format!("{done} of {of} pieces of work"));
+        let progress = progress.get_or_insert_with(|| Progress::start(Some(of), ResultTiming::AtEnd));
+        progress.update(done, || format!("{done} of {of} pieces of work"));
     });
     if let Some(progress) = progress {
         progress.finish();
@@ -102,9 +102,9 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
             files.iter().map(|file| (file.name.clone(), file.contents.clone().into())).collect();
         for figure in files.iter().filter(|file| args.pdf && file.name.ends_with(FIGURE_ENDING)) {
             let name = Path::new(&figure.name).with_extension("pdf").to_string_lossy().into_owned();
-            written.push((name, pdf(&figure.contents).map_err(Failure::bad_input)?));
+            written.push((name, svg_to_pdf(&figure.contents).map_err(Failure::bad_input)?));
         }
-        directory::fill(directory, written.iter().map(|(name, contents)| (&**name, &**contents)))?;
+        output_dir::fill(directory, written.iter().map(|(name, contents)| (&**name, &**contents)))?;
     }
     let text = if args.json { json_line(&tables::json(&done)) } else { summary::summary(&done) };
     Ok(print(&text)?)

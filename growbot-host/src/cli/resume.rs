@@ -11,17 +11,17 @@ use growbot_client::growth::{GrowthError, GrowthOptions, Job, OnInterrupted, res
 use growbot_client::input::display_name;
 use growbot_client::run_log::{RecordedRun, RunLog};
 use growbot_core::link::message::{BoardInfo, State};
-use growbot_pictures::view::{SceneFile, Subject};
+use growbot_pictures::view::{NamedScene, Subject};
 use growbot_sim::port::TipSettings;
 
-use super::following::{Following, OnSilence, Print};
+use super::growth_monitor::{GrowthMonitor, OnHostSilence, ResultFormat};
 use super::growth_table::made;
 use super::interrupt::stop_on_interrupt;
-use super::keyboard::Keyboard;
-use super::service::{Options, owner};
-use super::subject::Subject as Opened;
-use super::watching::WatchArgs;
-use super::{ChosenPort, Failure, PortArg};
+use super::plan_or_run::PlanOrRun as Opened;
+use super::service_robot::{ServiceGrowthOptions, find_service_robot};
+use super::terminal_commands::TerminalCommands;
+use super::watch_options::WatchArgs;
+use super::{Failure, PortArg, SelectedPort};
 
 /// Resume an unfinished body: after a stop, a fault, a reset, a loss of power or of the host
 ///
@@ -47,10 +47,10 @@ pub struct ResumeArgs {
     port: PortArg,
     /// Treatment of an interrupted layer
     #[arg(long, value_name = "WHAT", default_value = "again")]
-    interrupted_layer: WithCut,
+    interrupted_layer: InterruptedLayerChoice,
     /// Behaviour of the board when it loses contact with this program
     #[arg(long, value_name = "WHAT", default_value = "pause")]
-    on_silence: OnSilence,
+    on_silence: OnHostSilence,
     #[command(flatten)]
     watching: WatchArgs,
     /// Continue without confirmation. If a service owns the robot, no confirmation is needed
@@ -75,29 +75,29 @@ const LONGEST_ANSWER: u64 = 4096;
 
 /// Treatment of an interrupted layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum WithCut {
+enum InterruptedLayerChoice {
     /// Lay it again, on top of its finished part
-    Again,
+    Redo,
     /// Keep it as it is
-    LetBe,
+    Keep,
 }
 
 /// Runs the command.
 pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
-    let owned = owner(&port)?;
+    let owned = find_service_robot(&port)?;
     let opened = match &args.file {
         Some(file) => Some((file, args.opened(file)?)),
         None => None,
     };
     if let Some(owned) = owned {
-        args.refuse_what_a_service_does_not_do()?;
+        args.reject_options_unsupported_by_service()?;
         let page = args.watching.of_service()?;
-        let options = Options {
+        let options = ServiceGrowthOptions {
             feedback: false,
             force: false,
             ignore_scene: false,
-            print: Print::of(args.json),
+            print: ResultFormat::of(args.json),
             log: None,
             page,
         };
@@ -139,13 +139,13 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         None => RunLog::disabled(),
     };
     let cut = match args.interrupted_layer {
-        WithCut::Again => OnInterrupted::Redo,
-        WithCut::LetBe => OnInterrupted::Skip,
+        InterruptedLayerChoice::Redo => OnInterrupted::Redo,
+        InterruptedLayerChoice::Keep => OnInterrupted::Skip,
     };
     let orders = stop_on_interrupt(&mut client, &port);
     let name = file.file_name().unwrap_or_default().to_string_lossy();
-    let name = format!("{name}{}", port.remark());
-    let shown = scene.as_ref().map(|(file, loaded)| SceneFile { file, scene: &loaded.scene });
+    let name = format!("{name}{}", port.simulated_suffix());
+    let shown = scene.as_ref().map(|(file, loaded)| NamedScene { file, scene: &loaded.scene });
     let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None, scene: shown };
     let watch = args.watching.begin(&subject, &job, &known, &orders)?;
     let laid = board.status.layers_laid as usize;
@@ -154,18 +154,18 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         growbot_host::note!("with feedback, as it was begun");
     }
     let simulated = port.is_simulated();
-    let following = Following {
+    let following = GrowthMonitor {
         robot: &robot,
         plan: &plan,
         log,
         watch,
-        print: Print::of(args.json),
+        print: ResultFormat::of(args.json),
         laid,
         seed: None,
         simulated,
         pace: port.pace(pace),
-        keyboard: Keyboard::of_terminal(&orders),
-        page_controls: args.watching.controls(),
+        keyboard: TerminalCommands::of_terminal(&orders),
+        page_controls: args.watching.can_control(),
     };
     let manner = GrowthOptions { silence: args.on_silence.into(), feedback, parked: following.when_parked() };
     following.follow(|on_event| resume_job(&mut client, &job, known, cut, manner, &orders, on_event))
@@ -174,10 +174,10 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
 impl ResumeArgs {
     /// Refuses options that a service does not support. A service lays an interrupted layer again, lets the board pause
     /// if the service is silent, and takes the scene from its original place.
-    fn refuse_what_a_service_does_not_do(&self) -> Result<(), Failure> {
+    fn reject_options_unsupported_by_service(&self) -> Result<(), Failure> {
         let given = [
-            ("--interrupted-layer let-be", self.interrupted_layer == WithCut::LetBe),
-            ("--on-silence continue", self.on_silence == OnSilence::Continue),
+            ("--interrupted-layer let-be", self.interrupted_layer == InterruptedLayerChoice::Keep),
+            ("--on-silence continue", self.on_silence == OnHostSilence::Continue),
             ("--scene", self.scene.is_some()),
         ];
         match given.into_iter().find(|(_, is_given)| *is_given) {
@@ -209,13 +209,13 @@ impl ResumeArgs {
 }
 
 /// Prints the state of the body on the board. Returns an error if the board cannot resume this plan.
-fn show(board: &BoardInfo, plan_id: u64, port: &ChosenPort) -> Result<(), Failure> {
+fn show(board: &BoardInfo, plan_id: u64, port: &SelectedPort) -> Result<(), Failure> {
     let status = &board.status;
     if status.plan_id != plan_id || status.plan_id == 0 {
         let nothing = GrowthError::nothing_to_resume(plan_id, status);
         let anew =
-            if port.ends_with_program() { "; it is a simulated one, which starts anew with each command" } else { "" };
-        return Err(Failure::answered_no(format_args!("{nothing}{anew}")));
+            if port.is_in_process() { "; it is a simulated one, which starts anew with each command" } else { "" };
+        return Err(Failure::request_failed(format_args!("{nothing}{anew}")));
     }
     growbot_host::note!(
         "plan {plan_id:016x}: {} of {} layers laid; the {}board is {}, started by {}",
@@ -230,7 +230,7 @@ fn show(board: &BoardInfo, plan_id: u64, port: &ChosenPort) -> Result<(), Failur
         None => growbot_host::note!("no layer was interrupted: the head stood at 0 degrees"),
     }
     if let Some(fault) = status.fault {
-        return Err(Failure::answered_no(format!(
+        return Err(Failure::request_failed(format!(
             "fault {} is latched: {}; mend it and clear it (`clear` in `growbot console`) first",
             fault.code(),
             fault.explanation()
@@ -254,6 +254,6 @@ fn ask(board: &BoardInfo) -> Result<(), Failure> {
     io::stdin().lock().take(LONGEST_ANSWER).read_line(&mut answer).map_err(Failure::bad_input)?;
     match answer.trim() {
         "y" | "Y" | "yes" => Ok(()),
-        _ => Err(Failure::answered_no("not resumed: nothing was heated or moved")),
+        _ => Err(Failure::request_failed("not resumed: nothing was heated or moved")),
     }
 }

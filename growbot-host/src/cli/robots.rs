@@ -8,8 +8,8 @@ use growbot_client::robot_file;
 use growbot_client::sanitize::json_line;
 use growbot_core::angle::degrees;
 use growbot_core::robot::{Robot, Signal};
+use growbot_host::annotated_robot::{AnnotatedRobot, Field};
 use growbot_host::output::print;
-use growbot_host::robot_explained::{Explained, Field};
 use growbot_host::robot_questions::{NO_LIMIT, UNLIMITED};
 use growbot_host::schema;
 use serde_json::{Value, json};
@@ -41,15 +41,15 @@ pub struct RobotsArgs {
 /// Runs the command.
 pub fn run(args: &RobotsArgs) -> Result<(), Failure> {
     let text = match (&args.robot, args.json) {
-        _ if args.schema => format!("{:#}\n", schema::of_robot_files()),
+        _ if args.schema => format!("{:#}\n", schema::robot_file_schema()),
         (None, true) => {
             let robots: Result<Vec<Value>, Failure> =
-                robot_file::names().map(|name| Ok(overview(&Explained::of(Path::new(name))?))).collect();
+                robot_file::names().map(|name| Ok(overview(&AnnotatedRobot::load(Path::new(name))?))).collect();
             json_line(&Value::from(robots?))
         }
         (None, false) => table()?,
-        (Some(robot), true) => json_line(&in_full(&Explained::of(robot)?)),
-        (Some(robot), false) => in_words(&Explained::of(robot)?),
+        (Some(robot), true) => json_line(&in_full(&AnnotatedRobot::load(robot)?)),
+        (Some(robot), false) => in_words(&AnnotatedRobot::load(robot)?),
     };
     Ok(print(&text)?)
 }
@@ -60,7 +60,7 @@ fn growth_rate(robot: &Robot) -> f64 {
     layer.height_mm / layer.period_s * 3600.0
 }
 
-fn overview(explained: &Explained) -> Value {
+fn overview(explained: &AnnotatedRobot) -> Value {
     let robot = &explained.robot;
     let description = robot.description();
     json!({
@@ -74,11 +74,11 @@ fn overview(explained: &Explained) -> Value {
     })
 }
 
-fn in_full(explained: &Explained) -> Value {
+fn in_full(explained: &AnnotatedRobot) -> Value {
     let field = |field: &Field| {
         json!({
             "field": field.path, "value": field.value, "means": field.means,
-            "in_file": field.in_file, "assumed": field.is_assumed(), "remark": field.remark,
+            "in_file": field.in_file, "assumed": field.is_assumed(), "remark": field.comment,
         })
     };
     let mut value = overview(explained);
@@ -89,7 +89,7 @@ fn in_full(explained: &Explained) -> Value {
 fn table() -> Result<String, Failure> {
     let mut text = "robot        R_min, mm  plans at, mm  layer, mm  period, s  growth, mm/h\n".to_owned();
     for name in robot_file::names() {
-        let explained = Explained::of(Path::new(name))?;
+        let explained = AnnotatedRobot::load(Path::new(name))?;
         let robot = &explained.robot;
         let description = robot.description();
         let layer = &description.layer;
@@ -110,7 +110,7 @@ fn table() -> Result<String, Failure> {
     Ok(text)
 }
 
-fn in_words(explained: &Explained) -> String {
+fn in_words(explained: &AnnotatedRobot) -> String {
     let robot = &explained.robot;
     let layer = &robot.description().layer;
     let mut text = format!("{}\n{}\n", robot.name(), indented(&explained.about, 2));
@@ -147,8 +147,8 @@ fn in_words(explained: &Explained) -> String {
             let mut said = format!("{name} = {value}");
             if !field.in_file {
                 said += "  (not in the file)";
-            } else if !field.remark.is_empty() {
-                said += &format!("  # {}", field.remark);
+            } else if !field.comment.is_empty() {
+                said += &format!("  # {}", field.comment);
             }
             text += &indented(&said, 2);
             text += &indented(&field.means, 6);

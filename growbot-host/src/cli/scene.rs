@@ -1,114 +1,57 @@
-//! Options of planning through a scene.
+//! `growbot scene`: writes an example scene.
 
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::path::PathBuf;
 
-use clap::Args;
-use growbot_client::plan::{Goal, Plan, PlanOptions};
-use growbot_client::sanitize;
-use growbot_client::scene_planning::{
-    self, EFFORT, MAX_LENGTH_MM, NoPathError, SceneCheckError, SceneOptions, ScenePlanError,
-};
-use growbot_core::pose::Pose;
-use growbot_core::robot::Robot;
-use growbot_host::output::print;
-use growbot_scene::scene_file::{self, LoadedScene, SceneError};
-use serde::Serialize;
+use clap::{Args, ValueEnum};
+use growbot_client::atomic_file::format_from_extension;
+use growbot_host::output::write_to;
+use growbot_scene::demo_scenes::{DemoScene, to_toml};
 
 use super::Failure;
 
-/// Maximum time limit, s: a day.
-const MAX_SECONDS: u64 = 86_400;
-
-/// The scene, and the effort of the search.
+/// Write an example scene: obstacles drawn from a seed
+///
+/// The scene is a file of `growbot-scene/1`, the same for one seed on every machine. It has a free way that a tube of
+/// 44 mm can take. Its first lines contain the command that plans this way.
 #[derive(Args)]
+#[command(after_help = "Examples:\n  growbot scene pipe-rack -o rack.toml\n  growbot scene rubble-heap --seed 7 -o \
+                        heap.toml\n  growbot plan --to 0,0,960 --scene rack.toml -o plan.json")]
 pub struct SceneArgs {
-    /// Stay clear of everything in this scene: a scene file (TOML), a mesh (.stl, .obj, .ply, .glb) or a point cloud
-    /// (.ply, .pcd)
-    #[arg(long, value_name = "FILE")]
-    pub scene: Option<PathBuf>,
-    /// Effort of the search for a short path through the scene: some 0.1 s for each unit, with the same result on every
-    /// machine [default: 5]
-    #[arg(long, value_name = "N", requires = "scene", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
-    effort: Option<u64>,
-    /// Take the best path found within this many seconds
-    #[arg(long, value_name = "S", requires = "scene", value_parser = clap::value_parser!(u64).range(1..=MAX_SECONDS))]
-    time_limit: Option<u64>,
+    /// Kind of scene
+    #[arg(value_name = "KIND")]
+    kind: Kind,
+    /// Seed of the obstacles: each gives another scene of the kind
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Write to this file, which ends in .toml [default: standard output]
+    #[arg(short, long, value_name = "FILE", default_value = "-", hide_default_value = true)]
+    output: PathBuf,
 }
 
-/// Output of `--json` if no path is found.
-#[derive(Serialize)]
-struct Answer {
-    error: WrittenError,
+/// A kind of scene.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Kind {
+    /// Levels of pipes between four posts, 0.9 m high
+    PipeRack,
+    /// Slabs and bricks on a floor, 0.7 m across
+    RubbleHeap,
 }
 
-/// Reason why no path was found, as JSON.
-#[derive(Serialize)]
-struct WrittenError {
-    code: &'static str,
-    message: String,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    resolution_mm: Option<f64>,
-}
-
-impl SceneArgs {
-    /// Plans through the scene of this file.
-    pub fn plan(
-        &self,
-        scene: &Path,
-        robot: &Robot,
-        ends: &(Pose, Vec<Goal>),
-        search: &PlanOptions,
-        length_max: Option<f64>,
-        json: bool,
-    ) -> Result<Plan, Failure> {
-        let loaded = scene_file::load(scene)?;
-        self.plan_in((scene, &loaded), robot, ends, search, length_max, json)
+/// Runs the command.
+pub fn run(args: &SceneArgs) -> Result<(), Failure> {
+    let (example, name) = match args.kind {
+        Kind::PipeRack => (DemoScene::PipeRack, "pipe-rack"),
+        Kind::RubbleHeap => (DemoScene::RubbleHeap, "rubble-heap"),
+    };
+    format_from_extension(&args.output, &["toml"])?;
+    let (from, to) = example.endpoints();
+    let comments = [
+        format!("Written by `growbot scene {name} --seed {}`.", args.seed),
+        format!("Through it: growbot plan --from {from} --to {to} --scene FILE"),
+    ];
+    let scene = to_toml(&example.scene(args.seed), &comments);
+    if write_to(&args.output, scene.as_bytes())? {
+        growbot_host::note!("scene written to {}", args.output.display());
     }
-
-    /// Like [`Self::plan`], but for a scene that was read before.
-    pub fn plan_in(
-        &self,
-        (scene, loaded): (&Path, &LoadedScene),
-        robot: &Robot,
-        (start, goals): &(Pose, Vec<Goal>),
-        search: &PlanOptions,
-        length_max: Option<f64>,
-        json: bool,
-    ) -> Result<Plan, Failure> {
-        let begin = Instant::now();
-        let effort = self.effort.unwrap_or(if self.time_limit.is_some() { u64::MAX } else { EFFORT });
-        let deadline = self.time_limit.and_then(|seconds| begin.checked_add(Duration::from_secs(seconds)));
-        let length_max = length_max.unwrap_or(MAX_LENGTH_MM);
-        let (file, margin) = (scene.display().to_string(), loaded.margin);
-        let through =
-            SceneOptions { file: &file, loaded, margin, grown: None, effort, deadline, first_only: false, length_max };
-        scene_planning::plan(robot, start, goals, search, &through).map_err(|error| match error {
-            ScenePlanError::Plan(error) => error.into(),
-            ScenePlanError::NoPath(no_path) => refused(no_path, json),
-        })
-    }
-}
-
-fn refused(no_path: NoPathError, json: bool) -> Failure {
-    if json {
-        let resolution_mm = if let NoPathError::AtResolution { step, .. } = no_path { Some(step) } else { None };
-        let error = WrittenError { code: no_path.code(), message: no_path.to_string(), resolution_mm };
-        if let Err(error) = print(&sanitize::json_line(&Answer { error })) {
-            return error.into();
-        }
-    }
-    Failure::answered_no(no_path)
-}
-
-impl From<SceneCheckError> for Failure {
-    fn from(error: SceneCheckError) -> Self {
-        Self::bad_input(error)
-    }
-}
-
-impl From<SceneError> for Failure {
-    fn from(error: SceneError) -> Self {
-        Self::bad_input(error)
-    }
+    Ok(())
 }

@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 use growbot_host::output::print;
-use growbot_host::schema::{of_robot_files, written};
+use growbot_host::schema::{robot_file_schema, schema};
 
 use super::Failure;
 
@@ -39,13 +39,13 @@ enum Kind {
 /// Runs the command.
 pub fn run(args: &SchemaArgs) -> Result<(), Failure> {
     let schema = match args.kind {
-        Kind::Robot => of_robot_files(),
-        Kind::Plan => written::of_plans(),
-        Kind::Scene => written::of_scenes(),
-        Kind::Run => written::of_run_lines(),
-        Kind::Result => written::of_results(),
-        Kind::Notice => written::of_notices(),
-        Kind::Settings => written::of_settings(),
+        Kind::Robot => robot_file_schema(),
+        Kind::Plan => schema::plan_schema(),
+        Kind::Scene => schema::scene_schema(),
+        Kind::Run => schema::run_event_schema(),
+        Kind::Result => schema::result_schema(),
+        Kind::Notice => schema::notice_schema(),
+        Kind::Settings => schema::settings_schema(),
     };
     Ok(print(&format!("{schema:#}\n"))?)
 }

@@ -19,7 +19,7 @@ pub const START: &str = "0,0,0,0,90";
 
 /// Start, poses on the way, planner and radius.
 #[derive(Args)]
-pub struct SearchArgs {
+pub struct PlanningOptions {
     /// Start pose of the tip: X,Y,Z,HEADING,PITCH in mm and degrees [default: 0,0,0,0,90]
     #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_typed_pose)]
     pub from: Option<(Pose, TypedGoal)>,
@@ -56,7 +56,7 @@ impl From<PlannerName> for Planner {
     }
 }
 
-impl SearchArgs {
+impl PlanningOptions {
     /// Returns the start pose of the tip.
     pub fn start(&self) -> Result<Pose, Failure> {
         match &self.from {
@@ -66,7 +66,7 @@ impl SearchArgs {
     }
 
     /// Returns the poses and positions on the way.
-    fn on_the_way(&self) -> Result<Vec<Goal>, Failure> {
+    fn waypoints(&self) -> Result<Vec<Goal>, Failure> {
         let Some(file) = &self.via_csv else { return Ok(self.via.iter().map(|typed| typed.goal).collect()) };
         let name = input::display_name(file);
         via_csv::read(&input::read_text(file)?).map_err(|error| Failure::bad_input(format!("{name}: {error}")))
@@ -81,7 +81,7 @@ impl SearchArgs {
 
     /// Returns the start, and all goals including the last. Warns about units that may be mistaken.
     pub fn start_and_goals(&self, robot: &Robot, goal: &TypedGoal) -> Result<(Pose, Vec<Goal>), Failure> {
-        let (start, via) = (self.start()?, self.on_the_way()?);
+        let (start, via) = (self.start()?, self.waypoints()?);
         let typed: Vec<&TypedGoal> = self.from.iter().map(|(_, typed)| typed).chain(&self.via).chain([goal]).collect();
         units::warn_of_radians(&typed);
         if self.via.iter().chain([goal]).all(|typed| typed.bare_lengths) {
@@ -105,7 +105,7 @@ impl From<PlanError> for Failure {
         match error {
             PlanError::RadiusTooSmall { .. } | PlanError::RadiusTooLarge { .. } => Self::bad_input(error),
             PlanError::GoalNotReached { .. } | PlanError::NoPath | PlanError::TooManySegments(_) => {
-                Self::answered_no(error)
+                Self::request_failed(error)
             }
         }
     }

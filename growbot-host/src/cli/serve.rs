@@ -7,10 +7,10 @@ use clap::Args;
 use growbot_host::output::print;
 use growbot_host::serve::config::{PRACTICE, RobotEntry, practice};
 use growbot_host::serve::server::Server;
-use growbot_host::serve::{Places, Service};
-use growbot_host::settings::{self, Key, Setting};
+use growbot_host::serve::{Service, ServicePaths};
+use growbot_host::settings::{Key, Setting, load_service};
 
-use super::{Failure, config};
+use super::{Failure, settings};
 
 /// Run the service that owns robots: one process for all programs and pages
 ///
@@ -39,9 +39,9 @@ const PAGE_PORT: u16 = 8017;
 
 /// Runs the command.
 pub fn run(args: &ServeArgs) -> Result<(), Failure> {
-    let (robots, serve) = settings::service()?;
+    let (robots, serve) = load_service()?;
     let robots = if robots.is_empty() { practising()? } else { robots };
-    let places = Places::of_user().ok_or_else(|| {
+    let places = ServicePaths::for_user().ok_or_else(|| {
         Failure::bad_input("neither XDG_STATE_HOME nor HOME is set: the service has no place for its files")
     })?;
     places.create().map_err(Failure::bad_input)?;
@@ -50,18 +50,18 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
     runtime.block_on(async {
         let bound = Server::bind(&places, port).await.map_err(Failure::bad_input)?;
         let service = Service::start(places, &robots, &serve.notify).map_err(Failure::bad_input)?;
-        let [operate, read] = bound.addresses().map_err(Failure::bad_input)?;
+        let [operate, read] = bound.page_urls().map_err(Failure::bad_input)?;
         for (name, entry) in &robots {
             growbot_host::note!("robot {name} at {}", entry.port);
         }
         print(&format!("operate  {operate}\nlook     {read}\n"))?;
-        bound.serve(Arc::new(service), serve.request()).await.map_err(Failure::answered_no)
+        bound.serve(Arc::new(service), serve.request()).await.map_err(Failure::request_failed)
     })
 }
 
 /// Returns a simulated robot, because the user has configured none.
 fn practising() -> Result<BTreeMap<String, RobotEntry>, Failure> {
-    let robot = config::told(Key::Robot, Setting::of(Key::Robot)?);
+    let robot = settings::log_setting(Key::Robot, Setting::load(Key::Robot)?);
     growbot_host::note!("no robots are configured: {PRACTICE} is a simulated one, 60 times as fast as real time");
     Ok(practice(&robot))
 }

@@ -12,8 +12,8 @@ use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_core::link::message::{
     BoardInfo, BootReport, DriverReport, Fault, FaultRecord, ImageCheck, PauseCause, Refusal, SensorReadings, State,
 };
-use growbot_host::crash::{Crash, Image};
-use growbot_host::finish_time::clock_text_here;
+use growbot_host::clock_text::local_clock_text;
+use growbot_host::crash::{CrashReport, FirmwareImage};
 use growbot_host::output::print;
 use growbot_pictures::duration::duration_text;
 use growbot_pictures::figures::fixed;
@@ -22,8 +22,8 @@ use time::OffsetDateTime;
 
 use super::flash::built_images;
 use super::growth_table::made;
-use super::service::owner;
-use super::{Failure, RobotArg, RobotPortArg};
+use super::service_robot::find_service_robot;
+use super::{Failure, RequiredPortArg, RobotArg};
 
 /// Show the identity, state and sensors of the robot's board
 ///
@@ -32,7 +32,7 @@ use super::{Failure, RobotArg, RobotPortArg};
 #[command(after_help = "Example:\n  growbot status --port /dev/ttyACM0")]
 pub struct StatusArgs {
     #[command(flatten)]
-    port: RobotPortArg,
+    port: RequiredPortArg,
     #[command(flatten)]
     robot: RobotArg,
     /// After a crash: firmware image that gives the names of functions and lines
@@ -48,20 +48,20 @@ pub struct StatusArgs {
 /// Runs the command.
 pub fn run(args: &StatusArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
-    if let Some(owned) = owner(&port)? {
+    if let Some(owned) = find_service_robot(&port)? {
         return owned.status(args.json);
     }
     let robot = args.robot.load()?;
-    let given = args.elf.as_deref().map(Image::open).transpose().map_err(Failure::bad_input)?;
+    let given = args.elf.as_deref().map(FirmwareImage::open).transpose().map_err(Failure::bad_input)?;
     let mut client = port.client(&robot)?;
-    let mut report = Report::of(&mut client, port.is_simulated())?;
+    let mut report = BoardReport::of(&mut client, port.is_simulated())?;
     report.look_up_in(given)?;
     print(&if args.json { json_line(&report.json()) } else { report.text() })?;
     Ok(())
 }
 
 /// Everything that a board reports.
-pub struct Report {
+pub struct BoardReport {
     simulated: bool,
     hello: BoardInfo,
     sensors: SensorReadings,
@@ -69,10 +69,10 @@ pub struct Report {
     /// Report of the start. `None` if the board's firmware does not know the request.
     boot: Option<BootReport>,
     /// Image that names the functions and lines of a crash.
-    image: Option<Image>,
+    image: Option<FirmwareImage>,
 }
 
-impl Report {
+impl BoardReport {
     /// Requests the report from the board.
     pub fn of(client: &mut Client, simulated: bool) -> Result<Self, ClientError> {
         Ok(Self {
@@ -91,8 +91,8 @@ impl Report {
 
     /// Sets the image of a crash: the given one, or the one that was built last if it is the one that crashed. Returns
     /// an error if the given image is not the one that crashed.
-    fn look_up_in(&mut self, given: Option<Image>) -> Result<(), Failure> {
-        let Some(crashed) = self.words().map(CrashRecord::from) else { return Ok(()) };
+    fn look_up_in(&mut self, given: Option<FirmwareImage>) -> Result<(), Failure> {
+        let Some(crashed) = self.crash_words().map(CrashRecord::from) else { return Ok(()) };
         if let (Some(image), Some(crc)) = (&given, crashed.image)
             && image.crc() != Some(crc)
         {
@@ -102,19 +102,19 @@ impl Report {
             )));
         }
         let built = || {
-            let images = built_images().into_iter().filter_map(|image| Image::open(&image).ok());
+            let images = built_images().into_iter().filter_map(|image| FirmwareImage::open(&image).ok());
             images.into_iter().find(|image| crashed.image.is_some() && image.crc() == crashed.image)
         };
         self.image = given.or_else(built);
         Ok(())
     }
 
-    fn words(&self) -> Option<&CrashWords> {
+    fn crash_words(&self) -> Option<&CrashWords> {
         self.boot.as_ref()?.crash.as_ref()
     }
 
-    fn crash(&self) -> Option<Crash<'_>> {
-        self.words().map(|words| Crash::new(words, self.image.as_ref()))
+    fn crash(&self) -> Option<CrashReport<'_>> {
+        self.crash_words().map(|words| CrashReport::new(words, self.image.as_ref()))
     }
 
     fn json(&self) -> Value {
@@ -124,7 +124,7 @@ impl Report {
             fields.insert("sensors".to_string(), json_of_sensors(&self.sensors));
             fields
                 .insert("image".to_string(), self.boot.as_ref().map_or(Value::Null, |boot| json_of_image(boot.image)));
-            fields.insert("crash".to_string(), json!(self.crash().map(|crash| crash.written())));
+            fields.insert("crash".to_string(), json!(self.crash().map(|crash| crash.to_json())));
             fields.insert("latest_fault".to_string(), self.latest_fault.as_ref().map_or(Value::Null, json_of_record));
         }
         value
@@ -356,7 +356,7 @@ fn text_of(hello: &BoardInfo, is_simulated: bool) -> String {
     text += &format!("temperature  {temperature}, {target}\n");
     text += &format!("job          {job}\n");
     if let Some((left_s, finish)) = time_left(hello, OffsetDateTime::now_utc()).filter(|_| !is_simulated) {
-        text += &format!("time left    {}, done at {}\n", duration_text(left_s), clock_text_here(finish));
+        text += &format!("time left    {}, done at {}\n", duration_text(left_s), local_clock_text(finish));
     }
     if let Some(interrupted) = status.interrupted {
         text += &format!("interrupted  layer {}: {}\n", status.layers_laid, made(interrupted));

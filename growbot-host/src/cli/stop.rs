@@ -5,8 +5,8 @@ use growbot_client::client::ClientError;
 use growbot_core::link::message::{Empty, Message};
 use growbot_host::output::print;
 
-use super::service::owner;
-use super::{Failure, RobotArg, RobotPortArg};
+use super::service_robot::find_service_robot;
+use super::{Failure, RequiredPortArg, RobotArg};
 
 /// Stop the robot: heater and steppers off at once
 ///
@@ -16,7 +16,7 @@ use super::{Failure, RobotArg, RobotPortArg};
 #[command(after_help = "Example:\n  growbot stop --port /dev/ttyACM0")]
 pub struct StopArgs {
     #[command(flatten)]
-    port: RobotPortArg,
+    port: RequiredPortArg,
     #[command(flatten)]
     robot: RobotArg,
 }
@@ -24,7 +24,7 @@ pub struct StopArgs {
 /// Runs the command. It sends no hello, so that it also stops a board of another release or robot.
 pub fn run(args: &StopArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
-    if let Some(owned) = owner(&port)? {
+    if let Some(owned) = find_service_robot(&port)? {
         return owned.stop();
     }
     let robot = args.robot.load()?;

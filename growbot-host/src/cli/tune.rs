@@ -11,10 +11,10 @@ use growbot_core::link::message::{Message, State, Tune, Tuned};
 use growbot_host::output::print;
 use serde_json::json;
 
-use super::following::stopped_for;
+use super::growth_monitor::clock_drift_failure;
 use super::interrupt::stop_on_interrupt;
-use super::service::borrow_line;
-use super::{Failure, RobotArg, RobotPortArg};
+use super::service_robot::lease_port;
+use super::{Failure, RequiredPortArg, RobotArg};
 
 /// Time without an event after which the board gets a status request.
 const QUIET: Duration = Duration::from_secs(2);
@@ -27,7 +27,7 @@ const QUIET: Duration = Duration::from_secs(2);
 #[command(after_help = "Example:\n  growbot tune --port /dev/ttyACM0 --target 210")]
 pub struct TuneArgs {
     #[command(flatten)]
-    port: RobotPortArg,
+    port: RequiredPortArg,
     #[command(flatten)]
     robot: RobotArg,
     /// Temperature, degrees Celsius [default: the robot's heater.target_c]
@@ -48,7 +48,7 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
             .filter(|celsius| (-1000.0..=1000.0).contains(celsius))
             .ok_or_else(|| Failure::bad_input(format!("--target {text:?} is no temperature: give degrees Celsius")))?,
     };
-    let _lent = borrow_line(&port, "growbot tune")?;
+    let _lent = lease_port(&port, "growbot tune")?;
     let mut client = port.client(&robot)?;
     client.open_session_for(&robot)?;
     // From here on Ctrl-C stops the board. Nothing heats before this line.
@@ -79,7 +79,7 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
 /// Tunes on the board, unless a stop was requested before.
 fn tune(client: &mut Client, orders: &CommandQueue, target: f64, is_simulated: bool) -> Result<Tuned, Failure> {
     if orders.stop_requested() {
-        return Err(Failure::answered_no("stopped before anything was heated"));
+        return Err(Failure::request_failed("stopped before anything was heated"));
     }
     client.request("to tune", &Message::Tune(Tune { target_centi_c: (target * 100.0) as i32 })).map_err(lost)?;
     growbot_host::note!("tuning at {target} C; this takes some minutes");
@@ -91,7 +91,7 @@ fn tune(client: &mut Client, orders: &CommandQueue, target: f64, is_simulated: b
 fn lost(error: ClientError) -> Failure {
     match error {
         ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => error.into(),
-        error => Failure::answered_no(format!(
+        error => Failure::request_failed(format!(
             "{error}; the robot may still be heating: see `growbot status`, and cut its power if that does not answer"
         )),
     }
@@ -100,10 +100,10 @@ fn lost(error: ClientError) -> Failure {
 fn follow(client: &mut Client, orders: &CommandQueue, is_simulated: bool) -> Result<Tuned, Failure> {
     loop {
         if orders.stop_requested() {
-            return Err(Failure::answered_no(client.stop()?.message(is_simulated)));
+            return Err(Failure::request_failed(client.stop()?.message(is_simulated)));
         }
         if let Some(drift) = client.stop_if_clock_drifts()? {
-            return Err(stopped_for(&drift, is_simulated));
+            return Err(clock_drift_failure(&drift, is_simulated));
         }
         match client.event(QUIET).map_err(lost)? {
             Some(Message::Tuned(tuned)) => return Ok(tuned),
@@ -113,10 +113,14 @@ fn follow(client: &mut Client, orders: &CommandQueue, is_simulated: bool) -> Res
                 match (status.state, status.fault) {
                     (State::Tuning, _) => {}
                     (_, Some(fault)) => {
-                        return Err(Failure::answered_no(format!("fault {}: {}", fault.code(), fault.explanation())));
+                        return Err(Failure::request_failed(format!(
+                            "fault {}: {}",
+                            fault.code(),
+                            fault.explanation()
+                        )));
                     }
                     (state, None) => {
-                        return Err(Failure::answered_no(format!(
+                        return Err(Failure::request_failed(format!(
                             "the board is {} and has told no gains: it was stopped, or the event was lost; tune again",
                             state.name()
                         )));

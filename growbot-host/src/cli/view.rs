@@ -8,14 +8,14 @@ use growbot_client::atomic_file::format_from_extension;
 use growbot_client::input::{display_name, is_standard_input};
 use growbot_host::output::{is_standard_output, refuse_terminal, write_to};
 use growbot_pictures::drawing::colours::Palette;
-use growbot_pictures::drawing::pdf::pdf;
+use growbot_pictures::drawing::pdf::svg_to_pdf;
 use growbot_pictures::drawing::png::png;
-use growbot_pictures::view::picture::Look;
-use growbot_pictures::view::plot::{Along, Plotted, Quantity};
-use growbot_pictures::view::{SceneFile, Subject, page, picture, plot};
+use growbot_pictures::view::picture::Viewpoint;
+use growbot_pictures::view::plot::{PlotInput, PlotKind, XAxis};
+use growbot_pictures::view::{NamedScene, Subject, page, picture, plot};
 
 use super::Failure;
-use super::subject::Subject as Opened;
+use super::plan_or_run::PlanOrRun as Opened;
 use super::units::mm;
 
 /// Show a plan or the log of a growth: a page, a picture, or plots
@@ -107,7 +107,7 @@ enum LookName {
     Top,
 }
 
-impl From<LookName> for Look {
+impl From<LookName> for Viewpoint {
     fn from(name: LookName) -> Self {
         match name {
             LookName::Corner => Self::Corner,
@@ -164,7 +164,7 @@ enum QuantityName {
     Temperature,
 }
 
-impl From<QuantityName> for Quantity {
+impl From<QuantityName> for PlotKind {
     fn from(name: QuantityName) -> Self {
         match name {
             QuantityName::Heights => Self::Heights,
@@ -184,7 +184,7 @@ enum AlongName {
     Time,
 }
 
-impl From<AlongName> for Along {
+impl From<AlongName> for XAxis {
     fn from(name: AlongName) -> Self {
         match name {
             AlongName::Path => Self::Path,
@@ -243,7 +243,7 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
         Format::Png => {
             png(&args.picture(&subjects, &opened)?, args.width.unwrap_or(WIDTH)).map_err(Failure::bad_input)?
         }
-        Format::Pdf => pdf(&args.picture(&subjects, &opened)?).map_err(Failure::bad_input)?,
+        Format::Pdf => svg_to_pdf(&args.picture(&subjects, &opened)?).map_err(Failure::bad_input)?,
     };
     if !write_to(&output, &contents)? {
         return Ok(());
@@ -286,8 +286,8 @@ impl ViewArgs {
 
     fn page(&self, subjects: &[&Subject]) -> Result<String, Failure> {
         let page = match subjects {
-            [one, other] => page::of_two([one, other]),
-            [one, ..] => page::of_one(one),
+            [one, other] => page::render_pair([one, other]),
+            [one, ..] => page::render(one),
             [] => return Err(Failure::bad_input("give a plan or a run log")),
         };
         page.map_err(Failure::bad_input)
@@ -295,12 +295,12 @@ impl ViewArgs {
 
     fn picture(&self, subjects: &[&Subject], opened: &[Opened]) -> Result<String, Failure> {
         if !self.plot.is_empty() {
-            let quantities: Vec<Quantity> = self.plot.iter().map(|name| Quantity::from(*name)).collect();
+            let quantities: Vec<PlotKind> = self.plot.iter().map(|name| PlotKind::from(*name)).collect();
             let options = plot::Options { quantities: &quantities, along: self.along.into(), title: !self.no_title };
             let log = |opened: &'_ Opened| opened.run.as_ref().map(|(_, log)| log.clone());
             let logs: Vec<Option<Vec<u8>>> = opened.iter().map(log).collect();
-            let plotted: Vec<Plotted> =
-                subjects.iter().zip(&logs).map(|(subject, log)| Plotted { subject, log: log.as_deref() }).collect();
+            let plotted: Vec<PlotInput> =
+                subjects.iter().zip(&logs).map(|(subject, log)| PlotInput { subject, log: log.as_deref() }).collect();
             return plot::svg(&plotted, &options).map_err(Failure::bad_input);
         }
         let picture = picture::svg(
@@ -424,6 +424,6 @@ fn names(files: &[PathBuf]) -> Vec<String> {
 
 fn subject<'a>(opened: &'a Opened, name: &'a str) -> Subject<'a> {
     let run = opened.run.as_ref().map(|(record, _)| record);
-    let scene = opened.scene.as_ref().map(|(file, loaded)| SceneFile { file, scene: &loaded.scene });
+    let scene = opened.scene.as_ref().map(|(file, loaded)| NamedScene { file, scene: &loaded.scene });
     Subject { name, robot: &opened.robot, plan: &opened.plan, run, laid: None, scene }
 }

@@ -11,15 +11,15 @@ use growbot_core::compact_number::CompactNumber;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::output::{is_standard_output, print, write_to};
-use growbot_host::progress::{Progress, Results};
-use growbot_host::workspace::{DIRECTIONS, POSITIONS, Question, Workspace, ball, svg, workspace};
-use growbot_pictures::drawing::pdf::pdf;
+use growbot_host::progress::{Progress, ResultTiming};
+use growbot_host::workspace::{DIRECTIONS, POSITIONS, Workspace, WorkspaceQuery, ball, svg, workspace};
+use growbot_pictures::drawing::pdf::svg_to_pdf;
 use growbot_pictures::drawing::png::png;
 use serde_json::{Value, json};
 
 use super::search::{PlannerName, START};
 use super::units::{deg, mm};
-use super::workspace_in_scene::{self, Room};
+use super::workspace_in_scene::{self, SceneSearch};
 use super::{Failure, RobotArg};
 
 /// Show which goals are within reach of a body
@@ -122,7 +122,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
         format_from_extension(output, if args.scene.is_some() { &["csv"] } else { &FORMATS })?;
         refuse_inputs(output)?;
     }
-    let question = Question {
+    let question = WorkspaceQuery {
         robot: &robot,
         start: args.from,
         length,
@@ -132,18 +132,18 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
         section: args.output.is_some(),
     };
     if let Some(scene) = &args.scene {
-        let room = Room { scene, effort: args.effort.unwrap_or(1) };
+        let room = SceneSearch { scene, effort: args.effort.unwrap_or(1) };
         return workspace_in_scene::run(&question, &room, args.output.as_deref(), args.json);
     }
     draw(args, &question)
 }
 
 /// Computes the workspace without obstacles, prints it and draws it.
-fn draw(args: &WorkspaceArgs, question: &Question) -> Result<(), Failure> {
+fn draw(args: &WorkspaceArgs, question: &WorkspaceQuery) -> Result<(), Failure> {
     let mut progress: Option<Progress> = None;
     let answer = workspace(question, |done, of| {
-        let progress = progress.get_or_insert_with(|| Progress::start(Some(of), Results::AtEnd));
-        progress.at(done, || format!("{done} of {of} positions"));
+        let progress = progress.get_or_insert_with(|| Progress::start(Some(of), ResultTiming::AtEnd));
+        progress.update(done, || format!("{done} of {of} positions"));
     });
     if let Some(progress) = progress {
         progress.finish();
@@ -153,7 +153,7 @@ fn draw(args: &WorkspaceArgs, question: &Question) -> Result<(), Failure> {
         let svg = svg(question, &answer);
         let bytes = match format_from_extension(path, &FORMATS)? {
             Some("png") => png(&svg, WIDTH).map_err(Failure::bad_input)?,
-            Some("pdf") => pdf(&svg).map_err(Failure::bad_input)?,
+            Some("pdf") => svg_to_pdf(&svg).map_err(Failure::bad_input)?,
             _ => svg.into_bytes(),
         };
         if !write_to(path, &bytes)? {
@@ -165,7 +165,7 @@ fn draw(args: &WorkspaceArgs, question: &Question) -> Result<(), Failure> {
     Ok(print(&text)?)
 }
 
-fn table(question: &Question, answer: &Workspace) -> String {
+fn table(question: &WorkspaceQuery, answer: &Workspace) -> String {
     let robot: &Robot = question.robot;
     let length = round(question.length);
     let mut text =
@@ -207,7 +207,7 @@ fn table(question: &Question, answer: &Workspace) -> String {
     text
 }
 
-fn json_of(args: &WorkspaceArgs, question: &Question, answer: &Workspace) -> Value {
+fn json_of(args: &WorkspaceArgs, question: &WorkspaceQuery, answer: &Workspace) -> Value {
     let (volume, error) = answer.volume;
     let reach = |index: usize| json!(answer.reach.get(index).copied().flatten());
     json!({

@@ -7,15 +7,15 @@ use growbot_client::sanitize::json_line;
 use growbot_client::scene_planning::{SceneOptions, ScenePlanError};
 use growbot_core::compact_number::CompactNumber;
 use growbot_host::output::{print, write_to};
-use growbot_host::progress::{Progress, Results};
-use growbot_host::workspace::{Counts, InScene, Known, Question, ball, in_scene};
+use growbot_host::progress::{Progress, ResultTiming};
+use growbot_host::workspace::{Counts, Reachability, SceneWorkspace, WorkspaceQuery, ball, scene_workspace};
 use growbot_scene::scene_file;
 use serde_json::{Value, json};
 
 use super::Failure;
 
 /// The scene, and the effort of the search.
-pub struct Room<'a> {
+pub struct SceneSearch<'a> {
     /// File of the scene.
     pub scene: &'a Path,
     /// Effort of the search for each goal.
@@ -23,7 +23,7 @@ pub struct Room<'a> {
 }
 
 /// Plans to all goals and prints the result. `output` gets each goal, as CSV.
-pub fn run(question: &Question, room: &Room, output: Option<&Path>, json: bool) -> Result<(), Failure> {
+pub fn run(question: &WorkspaceQuery, room: &SceneSearch, output: Option<&Path>, json: bool) -> Result<(), Failure> {
     let loaded = scene_file::load(room.scene)?;
     let through = SceneOptions {
         file: &room.scene.display().to_string(),
@@ -36,16 +36,16 @@ pub fn run(question: &Question, room: &Room, output: Option<&Path>, json: bool) 
         length_max: question.length,
     };
     let mut progress: Option<Progress> = None;
-    let answer = in_scene(question, &through, |done, of| {
-        let progress = progress.get_or_insert_with(|| Progress::start(Some(of), Results::AtEnd));
-        progress.at(done, || format!("{done} of {of} goals"));
+    let answer = scene_workspace(question, &through, |done, of| {
+        let progress = progress.get_or_insert_with(|| Progress::start(Some(of), ResultTiming::AtEnd));
+        progress.update(done, || format!("{done} of {of} goals"));
     });
     if let Some(progress) = progress {
         progress.finish();
     }
     let answer = answer.map_err(|error| match error {
         ScenePlanError::Plan(error) => error.into(),
-        ScenePlanError::NoPath(no_path) => Failure::answered_no(no_path),
+        ScenePlanError::NoPath(no_path) => Failure::request_failed(no_path),
     })?;
     if let Some(path) = output {
         if !write_to(path, csv(&answer).as_bytes())? {
@@ -58,19 +58,19 @@ pub fn run(question: &Question, room: &Room, output: Option<&Path>, json: bool) 
 }
 
 /// A reason why no path exists: its name in JSON, and the test for it.
-type Reason = (&'static str, fn(&Known) -> bool);
+type Reason = (&'static str, fn(&Reachability) -> bool);
 
 /// All reasons.
 const REASONS: [Reason; 5] = [
-    ("too_far", |known| *known == Known::TooFar),
-    ("too_near", |known| *known == Known::TooNear),
-    ("separated", |known| *known == Known::Separated),
-    ("at_resolution", |known| matches!(known, Known::NoneAt(_))),
-    ("not_clear", |known| *known == Known::NotClear),
+    ("too_far", |known| *known == Reachability::TooFar),
+    ("too_near", |known| *known == Reachability::TooNear),
+    ("separated", |known| *known == Reachability::Separated),
+    ("at_resolution", |known| matches!(known, Reachability::NoPathAtResolution(_))),
+    ("not_clear", |known| *known == Reachability::NotClear),
 ];
 
 /// Returns a reason as text.
-fn in_words(name: &str, answer: &InScene) -> String {
+fn in_words(name: &str, answer: &SceneWorkspace) -> String {
     match name {
         "too_far" => "farther than the body is long, even without obstacles".to_owned(),
         "too_near" => "in an obstacle, or too near to one".to_owned(),
@@ -83,8 +83,8 @@ fn in_words(name: &str, answer: &InScene) -> String {
     }
 }
 
-fn table(question: &Question, through: &SceneOptions, answer: &InScene) -> String {
-    let Counts { path, none, not_found } = answer.counts();
+fn table(question: &WorkspaceQuery, through: &SceneOptions, answer: &SceneWorkspace) -> String {
+    let Counts { reachable: path, none, not_found } = answer.counts();
     let (length, radius) = ((question.length * 10.0).round() / 10.0, question.radius);
     let name = question.robot.name();
     let mut text = format!("{name}: within reach of a body of {length} mm, bends of radius {radius} mm,\n");
@@ -109,20 +109,20 @@ fn table(question: &Question, through: &SceneOptions, answer: &InScene) -> Strin
     text += &format!("{not_found:>7}  none found with --effort {}, and there may be one\n", through.effort);
     text += "\ndistance, mm      path    none  not found\n";
     let mut from = 0.0;
-    for (to, Counts { path, none, not_found }) in answer.bands() {
+    for (to, Counts { reachable: path, none, not_found }) in answer.bands() {
         text += &format!("{:>5} - {:>5} {path:>8} {none:>7} {not_found:>10}\n", f64::round(from), to.round());
         from = to;
     }
     text
 }
 
-fn json_of(question: &Question, through: &SceneOptions, answer: &InScene) -> Value {
-    let Counts { path, none, not_found } = answer.counts();
+fn json_of(question: &WorkspaceQuery, through: &SceneOptions, answer: &SceneWorkspace) -> Value {
+    let Counts { reachable: path, none, not_found } = answer.counts();
     let (volume, error) = answer.volume(path);
     let reasons: serde_json::Map<_, _> =
         REASONS.into_iter().map(|(name, is_this)| (name.to_owned(), json!(answer.because(is_this)))).collect();
     let bands = answer.bands().into_iter().map(
-        |(to, counts)| json!({ "to_mm": to, "path": counts.path, "none": counts.none, "not_found": counts.not_found }),
+        |(to, counts)| json!({ "to_mm": to, "path": counts.reachable, "none": counts.none, "not_found": counts.not_found }),
     );
     let degrees = |angle: f64| growbot_core::angle::degrees(angle);
     json!({
@@ -149,13 +149,13 @@ fn json_of(question: &Question, through: &SceneOptions, answer: &InScene) -> Val
 }
 
 /// Returns the goals as rows of CSV.
-fn csv(answer: &InScene) -> String {
+fn csv(answer: &SceneWorkspace) -> String {
     let mut text = "x_mm,y_mm,z_mm,answer,because,length_mm\n".to_owned();
     for asked in &answer.goals {
-        let because = REASONS.iter().find(|(_, is_this)| is_this(&asked.known)).map_or("", |(name, _)| *name);
-        let (said, length) = match asked.known {
-            Known::Path(length) => ("path", length.to_string()),
-            Known::NotFound => ("not_found", String::new()),
+        let because = REASONS.iter().find(|(_, is_this)| is_this(&asked.reachability)).map_or("", |(name, _)| *name);
+        let (said, length) = match asked.reachability {
+            Reachability::Reachable(length) => ("path", length.to_string()),
+            Reachability::NotFound => ("not_found", String::new()),
             _ => ("none", String::new()),
         };
         let at = asked.position;

@@ -3,10 +3,10 @@
 use growbot_core::plan::Planner;
 
 use super::differences::{WHY_B, WHY_C, WHY_HEADING, WHY_PITCH, differences};
-use super::experiments::{Experiments, Quantity, Set};
+use super::experiments::{Experiments, GrowthSet, Quantity};
 use super::paper::{self, GROUPS, MeanSd, ROBOTS};
 use super::slicing_rule::SlicingRule;
-use super::statistics::{Summary, Test, anova, kruskal_wallis};
+use super::statistics::{SampleSummary, TestResult, anova, kruskal_wallis};
 use super::table2::{self, Cell};
 
 /// Planner of the paper, which is used in the comparison.
@@ -17,7 +17,7 @@ const LONG: std::ops::Range<usize> = 1..4;
 
 /// A mean that the paper quotes.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Quoted {
+pub struct QuotedMean {
     /// Quantity of the mean.
     pub what: &'static str,
     /// Mean and standard deviation of the paper.
@@ -54,7 +54,7 @@ pub struct ExactErrors {
 
 /// A significance test for a difference between groups, with the results of two methods.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Question {
+pub struct SignificanceTest {
     /// Description of the comparison.
     pub what: String,
     /// Slicing rule of the paths.
@@ -68,9 +68,9 @@ pub struct Question {
     /// p-value of the paper. `None` if the paper does not quote one.
     pub paper: Option<f64>,
     /// Result of the test of Kruskal and Wallis, which compares mean ranks.
-    pub kruskal_wallis: Option<Test>,
+    pub kruskal_wallis: Option<TestResult>,
     /// Result of the one-way analysis of variance, which compares means.
-    pub anova: Option<Test>,
+    pub anova: Option<TestResult>,
 }
 
 /// A difference between our results and the paper's, or the possible meanings of the paper.
@@ -90,9 +90,9 @@ pub struct Comparison {
     /// Cells of Table 2.
     pub table2: Vec<Cell>,
     /// Means that the paper's text quotes.
-    pub quoted: Vec<Quoted>,
+    pub quoted: Vec<QuotedMean>,
     /// Significance tests.
-    pub questions: Vec<Question>,
+    pub questions: Vec<SignificanceTest>,
     /// Errors of exact slicing without noise. `None` without such growths.
     pub exact: Option<ExactErrors>,
     /// Differences from the paper, with reasons.
@@ -106,7 +106,7 @@ pub(super) fn open_set(
     group: usize,
     planner: Planner,
     slicing: SlicingRule,
-) -> Option<&Set> {
+) -> Option<&GrowthSet> {
     experiments.sets.iter().find(|set| {
         let condition = &set.condition;
         (set.robot, set.group, condition.planner, condition.slicing) == (robot, group, planner, slicing)
@@ -162,27 +162,27 @@ fn label(experiments: &Experiments, robot: usize, slicing: SlicingRule) -> Strin
     slicing.label(&experiments.robots[robot])
 }
 
-fn quoted(experiments: &Experiments) -> Vec<Quoted> {
+fn quoted(experiments: &Experiments) -> Vec<QuotedMean> {
     let mut quoted = Vec::new();
     // The paper's value seems to be a mean of the groups' means, because its standard deviation is small.
     let over_groups = |slicing: SlicingRule, quantity: Quantity| {
-        let groups = (0..GROUPS.len()).map(|group| (paper::A, group));
+        let groups = (0..GROUPS.len()).map(|group| (paper::ROBOT_A, group));
         let values = values(experiments, groups, PAPERS_PLANNER, |_| slicing, quantity)?;
-        let means: Vec<f64> = values.iter().map(|values| Summary::of(values).mean).collect();
-        let of_means = Summary::of(&means);
-        Some(OurMean { label: label(experiments, paper::A, slicing), mean: of_means.mean, sd: of_means.sd })
+        let means: Vec<f64> = values.iter().map(|values| SampleSummary::of(values).mean).collect();
+        let of_means = SampleSummary::of(&means);
+        Some(OurMean { label: label(experiments, paper::ROBOT_A, slicing), mean: of_means.mean, sd: of_means.sd })
     };
     let long = |robot: usize, slicing: SlicingRule, planner: Planner| {
         let groups = LONG.map(|group| (robot, group));
         let values = values(experiments, groups, planner, |_| slicing, Quantity::Position)?;
-        let all = Summary::of(&values.concat());
+        let all = SampleSummary::of(&values.concat());
         let path = if planner == PAPERS_PLANNER { "" } else { ", shortest path" };
         Some(OurMean { label: label(experiments, robot, slicing) + path, mean: all.mean, sd: all.sd })
     };
     let mut push = |what, paper, decimals, why, ours: Vec<Option<OurMean>>| {
         let ours: Vec<_> = ours.into_iter().flatten().collect();
         if !ours.is_empty() {
-            quoted.push(Quoted { what, paper, decimals, ours, why });
+            quoted.push(QuotedMean { what, paper, decimals, ours, why });
         }
     };
     for (what, paper, quantity, why) in [
@@ -199,7 +199,7 @@ fn quoted(experiments: &Experiments) -> Vec<Quoted> {
             WHY_HEADING,
         ),
     ] {
-        let rules = SlicingRule::of_robot(paper::A);
+        let rules = SlicingRule::of_robot(paper::ROBOT_A);
         push(what, paper, 2, why, rules.iter().map(|slicing| over_groups(*slicing, quantity)).collect());
     }
     for (what, paper, robot, why) in [
@@ -215,21 +215,21 @@ fn quoted(experiments: &Experiments) -> Vec<Quoted> {
 }
 
 /// Slicing and planner of the paths in a significance test.
-struct Asked {
+struct TestedPaths {
     slicing: String,
     planner: Planner,
 }
 
 /// Significance tests so far.
 #[derive(Default)]
-struct Questions(Vec<Question>);
+struct Questions(Vec<SignificanceTest>);
 
 impl Questions {
     /// Tests whether these groups of values differ. `paper` is the paper's p-value. Does nothing without values.
-    fn ask(&mut self, what: impl Into<String>, asked: Asked, paper: Option<f64>, values: Option<Vec<Vec<f64>>>) {
+    fn ask(&mut self, what: impl Into<String>, asked: TestedPaths, paper: Option<f64>, values: Option<Vec<Vec<f64>>>) {
         let Some(values) = values else { return };
         let groups: Vec<&[f64]> = values.iter().map(Vec::as_slice).collect();
-        self.0.push(Question {
+        self.0.push(SignificanceTest {
             what: what.into(),
             slicing: asked.slicing,
             planner: asked.planner,
@@ -249,8 +249,8 @@ impl Questions {
                 ("pitch error over the groups of robot A", Quantity::Pitch, Some(paper::P_PITCH_A)),
                 ("position error over the groups of robot A", Quantity::Position, None),
             ] {
-                let asked = Asked { slicing: label(experiments, paper::A, slicing), planner };
-                let groups = (0..GROUPS.len()).map(|group| (paper::A, group));
+                let asked = TestedPaths { slicing: label(experiments, paper::ROBOT_A, slicing), planner };
+                let groups = (0..GROUPS.len()).map(|group| (paper::ROBOT_A, group));
                 self.ask(what, asked, paper, values(experiments, groups, planner, |_| slicing, quantity));
             }
         }
@@ -265,9 +265,9 @@ impl Questions {
                 ("pitch error over all robots and groups", Quantity::Pitch, Some(paper::P_PITCH_ALL)),
             ] {
                 let everywhere = (0..ROBOTS.len()).flat_map(|robot| (0..GROUPS.len()).map(move |group| (robot, group)));
-                let label = format!("{}; B, C by Table 3", label(experiments, paper::A, slicing));
+                let label = format!("{}; B, C by Table 3", label(experiments, paper::ROBOT_A, slicing));
                 let values = values(experiments, everywhere, planner, of, quantity);
-                self.ask(what, Asked { slicing: label, planner }, paper, values);
+                self.ask(what, TestedPaths { slicing: label, planner }, paper, values);
             }
         }
     }
@@ -280,7 +280,7 @@ impl Questions {
             ("position error over the groups from 8 R on, robot C", paper::C, SlicingRule::Table, paper::P_LONG_C),
             ("position error over the groups from 8 R on, robot C", paper::C, SlicingRule::Half, paper::P_LONG_C),
         ] {
-            let asked = Asked { slicing: label(experiments, robot, slicing), planner };
+            let asked = TestedPaths { slicing: label(experiments, robot, slicing), planner };
             let groups = LONG.map(|group| (robot, group));
             let values = values(experiments, groups, planner, |_| slicing, Quantity::Position);
             self.ask(what, asked, Some(paper), values);
@@ -294,7 +294,7 @@ impl Questions {
                 for (group, distance) in GROUPS.iter().enumerate() {
                     let names = robots.map(|robot| ROBOTS[robot].name).join(", ");
                     let what = format!("position error over robots of one k, {names}, {distance} R");
-                    let asked = Asked { slicing: label(experiments, robots[0], slicing), planner };
+                    let asked = TestedPaths { slicing: label(experiments, robots[0], slicing), planner };
                     let members = robots.into_iter().map(|robot| (robot, group));
                     let values = values(experiments, members, planner, |_| slicing, Quantity::Position);
                     self.ask(what, asked, None, values);
@@ -306,7 +306,7 @@ impl Questions {
     /// Compares the levels of noise, in each group.
     fn over_noise(&mut self, experiments: &Experiments) {
         for (group, distance) in GROUPS.iter().enumerate() {
-            for slicing in SlicingRule::of_robot(paper::A) {
+            for slicing in SlicingRule::of_robot(paper::ROBOT_A) {
                 let levels = experiments.noise.iter().filter(|set| {
                     set.group == group
                         && set.condition.slicing == *slicing
@@ -315,7 +315,8 @@ impl Questions {
                 });
                 let values: Vec<_> = levels.map(|set| set.values(Quantity::Position)).collect();
                 let what = format!("position error over the levels of noise, robot A, {distance} R");
-                let asked = Asked { slicing: label(experiments, paper::A, *slicing), planner: PAPERS_PLANNER };
+                let asked =
+                    TestedPaths { slicing: label(experiments, paper::ROBOT_A, *slicing), planner: PAPERS_PLANNER };
                 self.ask(what, asked, None, (!values.is_empty()).then_some(values));
             }
         }
@@ -325,7 +326,7 @@ impl Questions {
 /// Slicing rules with whole steps: of the text's height and of the table's.
 const WHOLE: [SlicingRule; 2] = [SlicingRule::Text, SlicingRule::Table];
 
-fn questions(experiments: &Experiments) -> Vec<Question> {
+fn questions(experiments: &Experiments) -> Vec<SignificanceTest> {
     let mut questions = Questions::default();
     for planner in [Planner::TwoPlane, Planner::Shortest] {
         questions.over_groups_of_a(experiments, planner);

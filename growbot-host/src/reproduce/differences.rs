@@ -1,13 +1,13 @@
 //! Differences from the paper's numbers, and their reasons.
 
-use super::comparison::{Difference, OurMean, PAPERS_PLANNER, Question, Quoted, capital, p_text};
+use super::comparison::{Difference, OurMean, PAPERS_PLANNER, QuotedMean, SignificanceTest, capital, p_text};
 use super::paper::{self, MeanSd};
 use super::slicing_rule::SlicingRule;
-use super::statistics::Summary;
+use super::statistics::SampleSummary;
 use super::table2::{Cell, Verdicts};
 
 /// Returns all differences, with their reasons.
-pub fn differences(table2: &[Cell], quoted: &[Quoted], questions: &[Question]) -> Vec<Difference> {
+pub fn differences(table2: &[Cell], quoted: &[QuotedMean], questions: &[SignificanceTest]) -> Vec<Difference> {
     let mut differences: Vec<Difference> = of_table2(table2).into_iter().collect();
     differences.extend(quoted.iter().filter_map(of_quoted));
     differences.extend(of_directions(questions));
@@ -26,7 +26,7 @@ fn ratios(table2: &[Cell], slicing: SlicingRule) -> Ratios {
         table2.iter().filter(|cell| cell.slicing == slicing && cell.planner == PAPERS_PLANNER).collect();
     let ratios: Vec<f64> = cells.iter().map(|cell| cell.ours.mean / cell.paper.mean).collect();
     Ratios {
-        median: Summary::of(&ratios).median,
+        median: SampleSummary::of(&ratios).median,
         min: ratios.iter().copied().fold(f64::INFINITY, f64::min),
         max: ratios.iter().copied().fold(0.0, f64::max),
     }
@@ -67,7 +67,7 @@ fn verdicts(table2: &[Cell], slicing: SlicingRule) -> String {
     )
 }
 
-fn of_quoted(quoted: &Quoted) -> Option<Difference> {
+fn of_quoted(quoted: &QuotedMean) -> Option<Difference> {
     let (OurMean { label, mean, sd }, others) = quoted.ours.split_first()?;
     let digits = quoted.decimals;
     let others: Vec<String> =
@@ -85,7 +85,7 @@ fn of_quoted(quoted: &Quoted) -> Option<Difference> {
     })
 }
 
-fn of_directions(questions: &[Question]) -> Option<Difference> {
+fn of_directions(questions: &[SignificanceTest]) -> Option<Difference> {
     let p_values = [paper::P_HEADING_ALL, paper::P_PITCH_ALL].into_iter().filter_map(|p| {
         let question = questions.iter().find(|question| question.paper == Some(p))?;
         Some(format!("{}: p {} (paper: {p:.4})", question.what, p_text(question.kruskal_wallis?.p)))

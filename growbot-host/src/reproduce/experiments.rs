@@ -19,8 +19,8 @@ use nalgebra::Vector3;
 use super::paper::{self, GROUPS, NOISE, ROBOTS};
 use super::poses::Endpoints;
 use super::slicing_rule::SlicingRule;
-use super::statistics::Summary;
-use super::{Request, poses};
+use super::statistics::SampleSummary;
+use super::{ReproduceRequest, poses};
 
 /// Condition of a growth.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -122,7 +122,7 @@ impl Quantity {
 
 /// Growths under one condition in one group.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Set {
+pub struct GrowthSet {
     /// Index into [`ROBOTS`].
     pub robot: usize,
     /// Index into [`GROUPS`].
@@ -133,7 +133,7 @@ pub struct Set {
     pub growths: Vec<Growth>,
 }
 
-impl Set {
+impl GrowthSet {
     /// Returns the values of a quantity.
     #[must_use]
     pub fn values(&self, quantity: Quantity) -> Vec<f64> {
@@ -142,8 +142,8 @@ impl Set {
 
     /// Returns summary statistics of a quantity.
     #[must_use]
-    pub fn summary(&self, quantity: Quantity) -> Summary {
-        Summary::of(&self.values(quantity))
+    pub fn summary(&self, quantity: Quantity) -> SampleSummary {
+        SampleSummary::of(&self.values(quantity))
     }
 
     /// Returns the growth whose position error is nearest to the median.
@@ -187,9 +187,9 @@ pub struct Experiments {
     /// Robots, in the order of [`ROBOTS`].
     pub robots: Vec<Robot>,
     /// Growths between random poses.
-    pub sets: Vec<Set>,
+    pub sets: Vec<GrowthSet>,
     /// Growths with noise along robot A's representative paths.
-    pub noise: Vec<Set>,
+    pub noise: Vec<GrowthSet>,
     /// Paths of Figures 5 and 7.
     pub examples: Vec<Example>,
 }
@@ -220,7 +220,7 @@ pub enum ExperimentError {
 
 /// Purpose of a random stream.
 #[derive(Debug, Clone, Copy)]
-enum Draw {
+enum RandomStream {
     Poses = 1,
     GrowthBetweenPoses,
     GrowthWithNoise,
@@ -228,7 +228,7 @@ enum Draw {
 
 /// One random start and goal, for which the growths are done.
 #[derive(Debug, Clone, Copy)]
-struct Task {
+struct TrialId {
     robot: usize,
     group: usize,
     repetition: usize,
@@ -249,13 +249,17 @@ pub const SENSORS: SimulatedSensors = SimulatedSensors {
 ///
 /// # Errors
 /// A built-in robot that cannot be read, or poses without a path. Neither has ever occurred.
-pub fn run(request: &Request, threads: usize, mut at: impl FnMut(u64, u64)) -> Result<Experiments, ExperimentError> {
+pub fn run(
+    request: &ReproduceRequest,
+    threads: usize,
+    mut at: impl FnMut(u64, u64),
+) -> Result<Experiments, ExperimentError> {
     let robots: Vec<Robot> =
         ROBOTS.iter().map(|robot| robot_file::load(robot.file.as_ref())).collect::<Result<_, _>>()?;
-    let tasks: Vec<Task> = (0..ROBOTS.len())
+    let tasks: Vec<TrialId> = (0..ROBOTS.len())
         .filter(|robot| request.needs_robot(*robot))
         .flat_map(|robot| (0..GROUPS.len()).map(move |group| (robot, group)))
-        .flat_map(|(robot, group)| (0..request.repeat).map(move |repetition| Task { robot, group, repetition }))
+        .flat_map(|(robot, group)| (0..request.repeat).map(move |repetition| TrialId { robot, group, repetition }))
         .collect();
     let noises = if request.needs_noise() { conditions_with_noise() } else { Vec::new() };
     let noise_tasks: Vec<(usize, Condition)> =
@@ -264,13 +268,13 @@ pub fn run(request: &Request, threads: usize, mut at: impl FnMut(u64, u64)) -> R
 
     let grown =
         parallel::map_on(threads, &tasks, |task| between_poses(request, &robots, task), |done| at(done as u64, of));
-    let mut sets: Vec<Set> = Vec::new();
+    let mut sets: Vec<GrowthSet> = Vec::new();
     let mut first_of_group = 0;
     for (index, growths) in grown.into_iter().enumerate() {
         let growths = growths?;
         if tasks[index].repetition == 0 {
             first_of_group = sets.len();
-            sets.extend(growths.iter().map(|growth| Set {
+            sets.extend(growths.iter().map(|growth| GrowthSet {
                 robot: growth.robot,
                 group: growth.group,
                 condition: growth.condition,
@@ -285,22 +289,23 @@ pub fn run(request: &Request, threads: usize, mut at: impl FnMut(u64, u64)) -> R
     let examples = examples(request, &robots, &sets)?;
     let with_noise = |(group, condition): &(usize, Condition)| {
         let example =
-            examples.iter().find(|example| example.growth.robot == paper::A && example.growth.group == *group)?;
-        Some(along_example(request, &robots[paper::A], example, *condition))
+            examples.iter().find(|example| example.growth.robot == paper::ROBOT_A && example.growth.group == *group)?;
+        Some(along_example(request, &robots[paper::ROBOT_A], example, *condition))
     };
     let before = tasks.len();
-    let noise: Vec<Set> = parallel::map_on(threads, &noise_tasks, with_noise, |done| at((before + done) as u64, of))
-        .into_iter()
-        .flatten()
-        .collect();
+    let noise: Vec<GrowthSet> =
+        parallel::map_on(threads, &noise_tasks, with_noise, |done| at((before + done) as u64, of))
+            .into_iter()
+            .flatten()
+            .collect();
     Ok(Experiments { robots, sets, noise, examples })
 }
 
 /// Returns the conditions for growths of a robot between random poses. Noise and feedback are for Figure 4 only.
-fn conditions(request: &Request, robot: usize, planner: Planner) -> Vec<Condition> {
+fn conditions(request: &ReproduceRequest, robot: usize, planner: Planner) -> Vec<Condition> {
     let rules = SlicingRule::of_robot(robot).iter();
     let mut conditions: Vec<_> = rules.map(|slicing| Condition::open(planner, *slicing, 0.0)).collect();
-    if robot == paper::A && request.has_figure(4) {
+    if robot == paper::ROBOT_A && request.has_figure(4) {
         conditions.push(Condition::open(planner, SlicingRule::Exact, NOISE_OF_FEEDBACK));
         conditions.push(Condition::closed(planner, NOISE_OF_FEEDBACK));
     }
@@ -310,21 +315,22 @@ fn conditions(request: &Request, robot: usize, planner: Planner) -> Vec<Conditio
 /// Returns the conditions for growths of robot A along its representative paths. Growths without noise are all equal.
 fn conditions_with_noise() -> Vec<Condition> {
     let levels = [0.0].into_iter().chain(NOISE);
-    let open = SlicingRule::of_robot(paper::A)
+    let open = SlicingRule::of_robot(paper::ROBOT_A)
         .iter()
         .flat_map(|slicing| levels.clone().map(|noise| Condition::open(Planner::TwoPlane, *slicing, noise)));
     open.chain(levels.clone().map(|noise| Condition::closed(Planner::TwoPlane, noise))).collect()
 }
 
 /// Returns the random start and goal of a task.
-fn poses_of(request: &Request, robot: &Robot, task: &Task) -> Result<Endpoints, PoseError> {
-    let names = [request.seed, Draw::Poses as u64, task.robot as u64, task.group as u64, task.repetition as u64];
+fn poses_of(request: &ReproduceRequest, robot: &Robot, task: &TrialId) -> Result<Endpoints, PoseError> {
+    let names =
+        [request.seed, RandomStream::Poses as u64, task.robot as u64, task.group as u64, task.repetition as u64];
     poses::draw(&mut Rng::new(&names), f64::from(GROUPS[task.group]) * robot.description().planning_radius_mm)
 }
 
 fn planned(
     robot: &Robot,
-    task: &Task,
+    task: &TrialId,
     Endpoints { start, goal }: &Endpoints,
     planner: Planner,
 ) -> Result<Path, ExperimentError> {
@@ -344,12 +350,12 @@ fn noise_seed(names: &[u64]) -> u64 {
 }
 
 /// Returns the growths between one start and one goal.
-fn between_poses(request: &Request, robots: &[Robot], task: &Task) -> Result<Vec<Growth>, ExperimentError> {
+fn between_poses(request: &ReproduceRequest, robots: &[Robot], task: &TrialId) -> Result<Vec<Growth>, ExperimentError> {
     let robot = &robots[task.robot];
     let poses = poses_of(request, robot, task)?;
     let seed = noise_seed(&[
         request.seed,
-        Draw::GrowthBetweenPoses as u64,
+        RandomStream::GrowthBetweenPoses as u64,
         task.robot as u64,
         task.group as u64,
         task.repetition as u64,
@@ -364,7 +370,7 @@ fn between_poses(request: &Request, robots: &[Robot], task: &Task) -> Result<Vec
 }
 
 /// Simulates one growth.
-fn grow(robot: &Robot, task: &Task, poses: &Endpoints, path: &Path, condition: Condition, seed: u64) -> Growth {
+fn grow(robot: &Robot, task: &TrialId, poses: &Endpoints, path: &Path, condition: Condition, seed: u64) -> Growth {
     let Endpoints { start, goal } = poses;
     let disturbance = Disturbance { growth_noise: condition.noise, ..Disturbance::default() };
     let GrownBody { base_from_tip, layers: laid, .. } = if condition.feedback {
@@ -391,15 +397,15 @@ fn grow(robot: &Robot, task: &Task, poses: &Endpoints, path: &Path, condition: C
 }
 
 /// Returns the representative paths: robot A's in each group, and one each of robots B and C.
-fn examples(request: &Request, robots: &[Robot], sets: &[Set]) -> Result<Vec<Example>, ExperimentError> {
+fn examples(request: &ReproduceRequest, robots: &[Robot], sets: &[GrowthSet]) -> Result<Vec<Example>, ExperimentError> {
     /// Group in Figure 7, an index into [`GROUPS`].
     const SHOWN: usize = 1;
-    let shown = (0..GROUPS.len()).map(|group| (paper::A, group)).chain([(paper::B, SHOWN), (paper::C, SHOWN)]);
+    let shown = (0..GROUPS.len()).map(|group| (paper::ROBOT_A, group)).chain([(paper::B, SHOWN), (paper::C, SHOWN)]);
     let mut examples = Vec::new();
     for (robot, group) in shown {
         let condition = Condition::open(Planner::TwoPlane, SlicingRule::of_paper(robot), 0.0);
         let set = sets.iter().find(|set| set.robot == robot && set.group == group && set.condition == condition);
-        if let Some(growth) = set.and_then(Set::representative) {
+        if let Some(growth) = set.and_then(GrowthSet::representative) {
             examples.push(example(request, &robots[robot], growth)?);
         }
     }
@@ -407,10 +413,10 @@ fn examples(request: &Request, robots: &[Robot], sets: &[Set]) -> Result<Vec<Exa
 }
 
 /// Returns a growth without noise, with its curves.
-fn example(request: &Request, robot: &Robot, growth: &Growth) -> Result<Example, ExperimentError> {
+fn example(request: &ReproduceRequest, robot: &Robot, growth: &Growth) -> Result<Example, ExperimentError> {
     /// Number of intervals along a bend.
     const POINTS: u32 = 40;
-    let task = Task { robot: growth.robot, group: growth.group, repetition: growth.repetition };
+    let task = TrialId { robot: growth.robot, group: growth.group, repetition: growth.repetition };
     let poses = poses_of(request, robot, &task)?;
     let path = planned(robot, &task, &poses, growth.condition.planner)?;
     let mut base_from_segment = poses.start.frame();
@@ -450,14 +456,14 @@ fn part_of(segment: &path::Segment, share: f64) -> path::Segment {
 }
 
 /// Returns growths of robot A along a representative path, with different noise.
-fn along_example(request: &Request, robot: &Robot, example: &Example, condition: Condition) -> Set {
+fn along_example(request: &ReproduceRequest, robot: &Robot, example: &Example, condition: Condition) -> GrowthSet {
     let Growth { robot: index, group, repetition, .. } = example.growth;
-    let task = Task { robot: index, group, repetition };
-    let mut set = Set { robot: index, group, condition, growths: Vec::new() };
+    let task = TrialId { robot: index, group, repetition };
+    let mut set = GrowthSet { robot: index, group, condition, growths: Vec::new() };
     let times = if condition.noise == 0.0 && !condition.feedback { 1 } else { request.repeat_noise };
     let level = (1e6 * condition.noise) as u64;
     for repetition in 0..times {
-        let names = [request.seed, Draw::GrowthWithNoise as u64, group as u64, level, repetition as u64];
+        let names = [request.seed, RandomStream::GrowthWithNoise as u64, group as u64, level, repetition as u64];
         let growth = grow(robot, &task, &example.poses, &example.path, condition, noise_seed(&names));
         set.growths.push(Growth { repetition, ..growth });
     }

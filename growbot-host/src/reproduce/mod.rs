@@ -43,7 +43,7 @@ pub const REPEATS: RangeInclusive<usize> = 2..=1000;
 
 /// Tables, figures and repetitions to reproduce.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Request {
+pub struct ReproduceRequest {
     /// Numbers of the tables.
     pub tables: Vec<u8>,
     /// Numbers of the figures.
@@ -56,7 +56,7 @@ pub struct Request {
     pub repeat_noise: usize,
 }
 
-impl Default for Request {
+impl Default for ReproduceRequest {
     /// Returns a request for all tables and figures, with as many repetitions as in the paper.
     fn default() -> Self {
         Self {
@@ -69,7 +69,7 @@ impl Default for Request {
     }
 }
 
-impl Request {
+impl ReproduceRequest {
     /// Returns whether a table is requested.
     #[must_use]
     pub fn has_table(&self, number: u8) -> bool {
@@ -86,7 +86,7 @@ impl Request {
     #[must_use]
     pub fn needs_robot(&self, robot: usize) -> bool {
         match robot {
-            paper::A => self.has_table(2) || [4, 5, 6, 8].iter().any(|figure| self.has_figure(*figure)),
+            paper::ROBOT_A => self.has_table(2) || [4, 5, 6, 8].iter().any(|figure| self.has_figure(*figure)),
             paper::B | paper::C => self.has_figure(7) || self.has_figure(8),
             _ => self.has_table(2) || self.has_figure(8),
         }
@@ -103,7 +103,7 @@ impl Request {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reproduction {
     /// The request.
-    pub request: Request,
+    pub request: ReproduceRequest,
     /// Growths of the experiments.
     pub experiments: Experiments,
     /// Comparison of our results with the paper's.
@@ -124,7 +124,7 @@ impl Reproduction {
     ///
     /// # Errors
     /// Errors of [`experiments::run`].
-    pub fn run(request: Request, threads: usize, at: impl FnMut(u64, u64)) -> Result<Self, ExperimentError> {
+    pub fn run(request: ReproduceRequest, threads: usize, at: impl FnMut(u64, u64)) -> Result<Self, ExperimentError> {
         let experiments = experiments::run(&request, threads, at)?;
         let comparison = Comparison::of(&experiments);
         Ok(Self { request, experiments, comparison })

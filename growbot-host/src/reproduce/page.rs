@@ -4,16 +4,16 @@ use std::fmt::Write;
 
 use growbot_core::plan::Planner;
 
-use super::comparison::{ExactErrors, Question, capital, p_text};
-use super::experiments::{NOISE_OF_FEEDBACK, Quantity, Set};
+use super::comparison::{ExactErrors, SignificanceTest, capital, p_text};
+use super::experiments::{GrowthSet, NOISE_OF_FEEDBACK, Quantity};
 use super::figures::Figure;
 use super::paper::{self, GROUPS, MeanSd, ROBOTS};
 use super::slicing_rule::SlicingRule;
-use super::statistics::{Summary, Test};
+use super::statistics::{SampleSummary, TestResult};
 use super::summary::error_text;
 use super::table2::Cell;
 use super::tables::parameters;
-use super::{Reproduction, Request};
+use super::{ReproduceRequest, Reproduction};
 use growbot_client::plan::planner_name;
 
 const STYLE: &str = include_str!("page.css");
@@ -102,8 +102,8 @@ fn introduction(page: &mut String, of: &Reproduction) {
 }
 
 /// Returns the options of a command line that makes this page, without `-o`.
-fn options(request: &Request) -> String {
-    let usual = Request::default();
+fn options(request: &ReproduceRequest) -> String {
+    let usual = ReproduceRequest::default();
     let mut options = String::new();
     if (&request.tables, &request.figures) != (&usual.tables, &usual.figures) {
         request.tables.iter().for_each(|table| options += &format!(" --table {table}"));
@@ -246,7 +246,7 @@ fn verdict(cell: &Cell) -> String {
 }
 
 /// Formats the mean and standard deviation of position errors. Those of exact slicing are rounding errors.
-fn mean_and_sd(summary: &Summary) -> String {
+fn mean_and_sd(summary: &SampleSummary) -> String {
     if summary.mean < 5e-6 {
         format!("{:.0e}", summary.mean)
     } else {
@@ -267,8 +267,10 @@ fn tests(page: &mut String, of: &Reproduction) {
          are alike: it says that so many growths do not show a difference. These p-values are not corrected for their \
          number.</p>\n",
     );
-    let quoted: Vec<&Question> = of.comparison.questions.iter().filter(|question| question.paper.is_some()).collect();
-    let others: Vec<&Question> = of.comparison.questions.iter().filter(|question| question.paper.is_none()).collect();
+    let quoted: Vec<&SignificanceTest> =
+        of.comparison.questions.iter().filter(|question| question.paper.is_some()).collect();
+    let others: Vec<&SignificanceTest> =
+        of.comparison.questions.iter().filter(|question| question.paper.is_none()).collect();
     for (title, questions) in [("Quoted in the text", quoted), ("Named in the text, without numbers", others)] {
         if questions.is_empty() {
             continue;
@@ -304,13 +306,13 @@ fn tests(page: &mut String, of: &Reproduction) {
     }
 }
 
-fn p_cell(test: Option<Test>) -> String {
+fn p_cell(test: Option<TestResult>) -> String {
     test.map_or_else(|| "-".to_owned(), |test| p_text(test.p).replace('<', "&lt;"))
 }
 
 /// Writes the comparison of open and closed loop, with noise and between random poses.
 fn feedback(page: &mut String, of: &Reproduction) {
-    let noisy: Vec<&Set> = of.experiments.sets.iter().filter(|set| set.condition.noise > 0.0).collect();
+    let noisy: Vec<&GrowthSet> = of.experiments.sets.iter().filter(|set| set.condition.noise > 0.0).collect();
     if noisy.is_empty() {
         return;
     }
@@ -327,7 +329,7 @@ fn feedback(page: &mut String, of: &Reproduction) {
         100.0 * NOISE_OF_FEEDBACK
     );
     for (group, distance) in GROUPS.iter().enumerate() {
-        for (index, set) in noisy.iter().filter(|set| set.group == group && set.robot == paper::A).enumerate() {
+        for (index, set) in noisy.iter().filter(|set| set.group == group && set.robot == paper::ROBOT_A).enumerate() {
             let (position, direction) = (set.summary(Quantity::Position), set.summary(Quantity::Direction));
             let _ = writeln!(
                 page,

@@ -82,7 +82,7 @@ pub const ROBOTS: [PaperRobot; 11] = [
 ];
 
 /// Index of robot A in [`ROBOTS`].
-pub const A: usize = 0;
+pub const ROBOT_A: usize = 0;
 /// Index of robot B.
 pub const B: usize = 9;
 /// Index of robot C.

@@ -6,7 +6,7 @@ use statrs::stats_tests::f_oneway::f_oneway;
 
 /// Summary statistics of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Summary {
+pub struct SampleSummary {
     /// Number of values.
     pub n: usize,
     /// Mean.
@@ -19,7 +19,7 @@ pub struct Summary {
     pub p95: f64,
 }
 
-impl Summary {
+impl SampleSummary {
     /// Computes the statistics of these values, which can be in any order. All numbers are 0 without values.
     #[must_use]
     pub fn of(values: &[f64]) -> Self {
@@ -46,7 +46,7 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
 
 /// Result of a test: its statistic, and the probability of one at least as large if the groups do not differ.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Test {
+pub struct TestResult {
     /// Statistic: H of Kruskal and Wallis, F, or t.
     pub statistic: f64,
     /// p-value.
@@ -58,9 +58,9 @@ pub const LEVEL: f64 = 0.05;
 
 /// Comparison of two means, each with its standard deviation and number of values.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TwoMeans {
+pub struct MeanComparison {
     /// Test of Welch 1947: t, and the two-sided p-value for equal means.
-    pub welch: Test,
+    pub welch: TestResult,
     /// Degrees of freedom of Welch and Satterthwaite.
     pub degrees_of_freedom: f64,
     /// p-value of [`Self::welch`], corrected by Holm for all comparisons of its family.
@@ -72,7 +72,7 @@ pub struct TwoMeans {
     pub tost_p_holm: f64,
 }
 
-impl TwoMeans {
+impl MeanComparison {
     /// Compares two samples, given as n, mean and standard deviation, with a margin of equivalence. The p-values are
     /// not yet corrected. `None` if a sample has fewer than two values or neither has any spread.
     #[must_use]
@@ -88,7 +88,7 @@ impl TwoMeans {
         let t = difference / error;
         let p = (2.0 * students.sf(t.abs())).min(1.0);
         let tost_p = students.sf((margin - difference.abs()) / error);
-        Some(Self { welch: Test { statistic: t, p }, degrees_of_freedom, p_holm: p, tost_p, tost_p_holm: tost_p })
+        Some(Self { welch: TestResult { statistic: t, p }, degrees_of_freedom, p_holm: p, tost_p, tost_p_holm: tost_p })
     }
 
     /// Returns whether the means differ at [`LEVEL`], after the correction.
@@ -123,7 +123,7 @@ pub fn holm(p_values: &[f64]) -> Vec<f64> {
 /// Tests by Kruskal and Wallis 1952 whether the mean ranks of groups differ. H is corrected for ties, and the p-value
 /// follows from the chi-squared distribution. `None` for fewer than two groups, an empty group, or only ties.
 #[must_use]
-pub fn kruskal_wallis(groups: &[&[f64]]) -> Option<Test> {
+pub fn kruskal_wallis(groups: &[&[f64]]) -> Option<TestResult> {
     if groups.len() < 2 || groups.iter().any(|group| group.is_empty()) {
         return None;
     }
@@ -147,16 +147,16 @@ pub fn kruskal_wallis(groups: &[&[f64]]) -> Option<Test> {
     let squares: f64 = rank_sums.iter().zip(groups).map(|(sum, group)| sum * sum / group.len() as f64).sum();
     let h = (12.0 / (n * (n + 1.0)) * squares - 3.0 * (n + 1.0)) / correction;
     let chi_squared = ChiSquared::new((groups.len() - 1) as f64).ok()?;
-    Some(Test { statistic: h, p: chi_squared.sf(h.max(0.0)) })
+    Some(TestResult { statistic: h, p: chi_squared.sf(h.max(0.0)) })
 }
 
 /// Tests by one-way analysis of variance whether the means of groups differ. `None` if the groups have no variance to
 /// compare with.
 #[must_use]
-pub fn anova(groups: &[&[f64]]) -> Option<Test> {
+pub fn anova(groups: &[&[f64]]) -> Option<TestResult> {
     let samples = groups.iter().map(|group| group.to_vec()).collect();
     let (statistic, p) = f_oneway(samples, NaNPolicy::Error).ok()?;
-    (statistic.is_finite() && p.is_finite()).then_some(Test { statistic, p })
+    (statistic.is_finite() && p.is_finite()).then_some(TestResult { statistic, p })
 }
 
 #[cfg(test)]
@@ -165,11 +165,11 @@ mod tests {
 
     #[test]
     fn a_sample_in_a_few_numbers() {
-        let summary = Summary::of(&[4.0, 1.0, 3.0, 2.0]);
+        let summary = SampleSummary::of(&[4.0, 1.0, 3.0, 2.0]);
         assert_eq!((summary.n, summary.mean, summary.median), (4, 2.5, 2.5));
         assert!((summary.sd - libm::sqrt(5.0 / 3.0)).abs() < 1e-15 && (summary.p95 - 3.85).abs() < 1e-12);
-        assert_eq!(Summary::of(&[7.0]), Summary { n: 1, mean: 7.0, sd: 0.0, median: 7.0, p95: 7.0 });
-        assert_eq!(Summary::of(&[]).n, 0);
+        assert_eq!(SampleSummary::of(&[7.0]), SampleSummary { n: 1, mean: 7.0, sd: 0.0, median: 7.0, p95: 7.0 });
+        assert_eq!(SampleSummary::of(&[]).n, 0);
     }
 
     /// The expected values come from scipy 1.16.3: `stats.ttest_ind_from_stats(equal_var=False)`, and `stats.t.sf` of
@@ -196,14 +196,14 @@ mod tests {
                 [-0.024_019_223_070_763_093, 4.867_686_768_676_869, 0.981_790_689_770_371_9, 0.032_356_783_850_148_81],
             ),
         ] {
-            let tests = TwoMeans::of(one, other, margin).unwrap();
+            let tests = MeanComparison::of(one, other, margin).unwrap();
             let found = [tests.welch.statistic, tests.degrees_of_freedom, tests.welch.p, tests.tost_p];
             for (found, scipy) in found.into_iter().zip([t, df, p, tost_p]) {
                 assert!((found / scipy - 1.0).abs() < 1e-9, "{found} is {scipy} in scipy");
             }
         }
-        assert_eq!(TwoMeans::of((1, 1.0, 0.0), (50, 1.0, 0.1), 0.1), None);
-        assert_eq!(TwoMeans::of((50, 1.0, 0.0), (50, 1.0, 0.0), 0.1), None);
+        assert_eq!(MeanComparison::of((1, 1.0, 0.0), (50, 1.0, 0.1), 0.1), None);
+        assert_eq!(MeanComparison::of((50, 1.0, 0.0), (50, 1.0, 0.0), 0.1), None);
     }
 
     /// The expected values come from R: `p.adjust(c(0.01, 0.04, 0.03, 0.005), "holm")`.

@@ -5,11 +5,11 @@ use std::fmt::Write;
 use growbot_core::plan::Planner;
 
 use super::Reproduction;
-use super::comparison::{ExactErrors, OurMean, Question, capital, p_text};
+use super::comparison::{ExactErrors, OurMean, SignificanceTest, capital, p_text};
 use super::experiments::{NOISE_OF_FEEDBACK, Quantity};
 use super::paper::{GROUPS, MeanSd, ROBOTS};
 use super::slicing_rule::SlicingRule;
-use super::statistics::{LEVEL, Test, TwoMeans};
+use super::statistics::{LEVEL, MeanComparison, TestResult};
 use super::table2::{Cell, Verdicts};
 use super::tables::parameters;
 
@@ -84,7 +84,7 @@ fn table2_text(text: &mut String, of: &Reproduction) {
         let means = |means: &mut dyn Iterator<Item = MeanSd>| -> String {
             means.map(|MeanSd { mean, sd }| format!("{:>16}", format!("{mean:.4}+-{sd:.4}"))).collect()
         };
-        let p_values = |p: fn(&TwoMeans) -> f64| -> String {
+        let p_values = |p: fn(&MeanComparison) -> f64| -> String {
             let p = |cell: &&Cell| cell.tests.as_ref().map_or("-".to_owned(), |tests| p_text(p(tests)));
             cells.iter().map(|cell| format!("{:>16}", p(cell))).collect()
         };
@@ -195,7 +195,7 @@ pub fn error_text(error: f64) -> String {
 }
 
 fn tests_text(text: &mut String, of: &Reproduction) {
-    let quoted: Vec<&Question> = of
+    let quoted: Vec<&SignificanceTest> = of
         .comparison
         .questions
         .iter()
@@ -211,7 +211,7 @@ fn tests_text(text: &mut String, of: &Reproduction) {
             let _ = writeln!(text, "{}", capital(&question.what));
             before = &question.what;
         }
-        let p = |test: Option<Test>| test.map_or("-".to_owned(), |test| p_text(test.p));
+        let p = |test: Option<TestResult>| test.map_or("-".to_owned(), |test| p_text(test.p));
         let _ = writeln!(
             text,
             "  {:<48}{:>8.4}{:>11}{:>11}",

@@ -9,7 +9,7 @@ use growbot_core::plan::Planner;
 use super::experiments::{Experiments, Quantity};
 use super::paper::{self, MeanSd, ROBOTS};
 use super::slicing_rule::SlicingRule;
-use super::statistics::{LEVEL, Summary, TwoMeans, holm};
+use super::statistics::{LEVEL, MeanComparison, SampleSummary, holm};
 
 /// Margin of equivalence, in standard deviations of the paper.
 pub const MARGIN_SD: f64 = 1.0;
@@ -26,11 +26,11 @@ pub struct Cell {
     /// Slicing rule of the paths.
     pub slicing: SlicingRule,
     /// Our position errors over the path's length.
-    pub ours: Summary,
+    pub ours: SampleSummary,
     /// Mean and standard deviation of the paper, of [`paper::REPEAT`] growths.
     pub paper: MeanSd,
     /// Tests of the two means, corrected for all cells with the same planner and slicing.
-    pub tests: Option<TwoMeans>,
+    pub tests: Option<MeanComparison>,
     /// Number of comparisons for which the tests are corrected.
     pub comparisons: usize,
 }
@@ -117,12 +117,12 @@ fn test(cells: &mut [Cell]) {
                 cells.iter_mut().filter(|cell| cell.family() == (planner, slicing)).collect();
             let comparisons = family.len();
             for cell in &mut family {
-                let Summary { n, mean, sd, .. } = cell.ours;
+                let SampleSummary { n, mean, sd, .. } = cell.ours;
                 let paper = (paper::REPEAT, cell.paper.mean, cell.paper.sd);
-                cell.tests = TwoMeans::of((n, mean, sd), paper, cell.margin());
+                cell.tests = MeanComparison::of((n, mean, sd), paper, cell.margin());
                 cell.comparisons = comparisons;
             }
-            let tested: Vec<&mut TwoMeans> = family.iter_mut().filter_map(|cell| cell.tests.as_mut()).collect();
+            let tested: Vec<&mut MeanComparison> = family.iter_mut().filter_map(|cell| cell.tests.as_mut()).collect();
             let p_holm = holm(&tested.iter().map(|tests| tests.welch.p).collect::<Vec<_>>());
             let tost_p_holm = holm(&tested.iter().map(|tests| tests.tost_p).collect::<Vec<_>>());
             for (tests, (p, tost_p)) in tested.into_iter().zip(p_holm.into_iter().zip(tost_p_holm)) {

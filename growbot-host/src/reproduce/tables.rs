@@ -3,10 +3,10 @@
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::comparison::{ExactErrors, Question};
-use super::experiments::{Growth, PlannedSegment, Quantity, SENSORS, Set};
+use super::comparison::{ExactErrors, SignificanceTest};
+use super::experiments::{Growth, GrowthSet, PlannedSegment, Quantity, SENSORS};
 use super::paper::{self, GROUPS, PaperRobot, ROBOTS};
-use super::statistics::{Summary, TwoMeans};
+use super::statistics::{MeanComparison, SampleSummary};
 use super::table2::Cell;
 use super::{Reproduction, ResultFile};
 use growbot_client::plan::planner_name;
@@ -184,7 +184,7 @@ impl Parameters {
 pub fn parameters(of: &Reproduction, table: u8) -> Vec<Parameters> {
     let shown = |robot: &usize| match table {
         1 => *robot < paper::B,
-        _ => matches!(*robot, paper::A | paper::B | paper::C),
+        _ => matches!(*robot, paper::ROBOT_A | paper::B | paper::C),
     };
     (0..ROBOTS.len())
         .filter(shown)
@@ -222,7 +222,7 @@ fn robot_rows(of: &Reproduction, table: u8) -> Vec<RobotRow> {
 }
 
 /// Returns all sets of growths, with the name of their experiment.
-fn sets(of: &Reproduction) -> impl Iterator<Item = (&'static str, &Set)> {
+fn sets(of: &Reproduction) -> impl Iterator<Item = (&'static str, &GrowthSet)> {
     let random = of.experiments.sets.iter().map(|set| ("random-poses", set));
     random.chain(of.experiments.noise.iter().map(|set| ("noise", set)))
 }
@@ -270,7 +270,7 @@ fn growth_row(experiment: &'static str, growth: &Growth, robot: &Robot) -> Growt
 fn summary_rows(of: &Reproduction) -> impl Iterator<Item = SummaryRow> {
     sets(of).flat_map(move |(experiment, set)| {
         Quantity::ALL.into_iter().map(move |quantity| {
-            let Summary { n, mean, sd, median, p95 } = set.summary(quantity);
+            let SampleSummary { n, mean, sd, median, p95 } = set.summary(quantity);
             let condition = &set.condition;
             let is_table2 = experiment == "random-poses"
                 && quantity == Quantity::Position
@@ -318,15 +318,15 @@ fn table2_row(cell: &Cell) -> Table2Row {
         welch_df: tests.map(|tests| tests.degrees_of_freedom),
         welch_p: tests.map(|tests| tests.welch.p),
         welch_p_holm: tests.map(|tests| tests.p_holm),
-        differs: tests.map(TwoMeans::differs),
+        differs: tests.map(MeanComparison::differs),
         equivalence_margin: cell.margin(),
         tost_p: tests.map(|tests| tests.tost_p),
         tost_p_holm: tests.map(|tests| tests.tost_p_holm),
-        equivalent: tests.map(TwoMeans::is_equivalent),
+        equivalent: tests.map(MeanComparison::is_equivalent),
     }
 }
 
-fn test_row(question: &Question) -> TestRow<'_> {
+fn test_row(question: &SignificanceTest) -> TestRow<'_> {
     TestRow {
         what: &question.what,
         slicing: &question.slicing,
@@ -345,7 +345,7 @@ fn point_rows(of: &Reproduction) -> Vec<PointRow> {
     let mut rows = Vec::new();
     for example in &of.experiments.examples {
         let growth = &example.growth;
-        let figure = if growth.robot == paper::A { 5 } else { 7 };
+        let figure = if growth.robot == paper::ROBOT_A { 5 } else { 7 };
         if !of.request.has_figure(figure) {
             continue;
         }

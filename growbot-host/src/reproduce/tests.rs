@@ -5,13 +5,13 @@ use experiments::Quantity;
 use growbot_core::plan::Planner;
 use table2::Verdicts;
 
-fn run(request: Request, threads: usize) -> Reproduction {
+fn run(request: ReproduceRequest, threads: usize) -> Reproduction {
     Reproduction::run(request, threads, |_, _| ()).unwrap()
 }
 
 /// Returns a request for everything, with few repetitions.
-fn small() -> Request {
-    Request { repeat: 2, repeat_noise: 3, ..Request::default() }
+fn small() -> ReproduceRequest {
+    ReproduceRequest { repeat: 2, repeat_noise: 3, ..ReproduceRequest::default() }
 }
 
 fn csv_rows(file: &ResultFile) -> Vec<csv::StringRecord> {
@@ -40,9 +40,9 @@ fn elements(markup: &str) -> usize {
 
 #[test]
 fn robot_a_misses_by_as_much_as_the_paper_says() {
-    let done = run(Request { tables: vec![], figures: vec![5], ..Request::default() }, 2);
+    let done = run(ReproduceRequest { tables: vec![], figures: vec![5], ..ReproduceRequest::default() }, 2);
     let cells = done.comparison.table2.iter().filter(|cell| {
-        (cell.robot, cell.planner, cell.slicing) == (paper::A, Planner::TwoPlane, slicing_rule::SlicingRule::Text)
+        (cell.robot, cell.planner, cell.slicing) == (paper::ROBOT_A, Planner::TwoPlane, slicing_rule::SlicingRule::Text)
     });
     assert_eq!(cells.clone().count(), paper::GROUPS.len());
     for cell in cells {
@@ -62,7 +62,7 @@ fn robot_a_misses_by_as_much_as_the_paper_says() {
 /// An independent check of these 36 means found 9 that differ at 5 %, and 4 after a correction for 36 comparisons.
 #[test]
 fn the_tests_of_table_2_say_how_many_means_differ_and_how_many_are_equivalent() {
-    let done = run(Request { tables: vec![2], figures: vec![], ..Request::default() }, 2);
+    let done = run(ReproduceRequest { tables: vec![2], figures: vec![], ..ReproduceRequest::default() }, 2);
     let by_text = Verdicts::of(&done.comparison.table2, Planner::TwoPlane, slicing_rule::SlicingRule::Text);
     let found = (by_text.cells, by_text.differ_uncorrected, by_text.differ, by_text.equivalent);
     assert_eq!(found, (36, 9, 4, 29));
@@ -78,7 +78,7 @@ fn the_tests_of_table_2_say_how_many_means_differ_and_how_many_are_equivalent() 
 
 #[test]
 fn a_growth_has_its_start_and_goal_beside_it() {
-    let done = run(Request { tables: vec![], figures: vec![7], ..small() }, 2);
+    let done = run(ReproduceRequest { tables: vec![], figures: vec![7], ..small() }, 2);
     let files = done.files().unwrap();
     let file = files.iter().find(|file| file.name == "growths.csv").unwrap();
     let mut reader = csv::Reader::from_reader(file.contents.as_bytes());
@@ -97,7 +97,7 @@ fn a_growth_has_its_start_and_goal_beside_it() {
 
 #[test]
 fn exact_slicing_without_noise_arrives_for_every_robot() {
-    let done = run(Request { figures: vec![8], ..small() }, 2);
+    let done = run(ReproduceRequest { figures: vec![8], ..small() }, 2);
     let comparison::ExactErrors { max_position, max_direction, growths } = done.comparison.exact.unwrap();
     assert_eq!(growths, 11 * 4 * 2 * 2);
     assert!(max_position <= 1e-9 && max_direction <= 1e-9, "{max_position:e} of the length, {max_direction:e} rad");
@@ -105,9 +105,9 @@ fn exact_slicing_without_noise_arrives_for_every_robot() {
 
 #[test]
 fn feedback_arrives_nearer_with_noise() {
-    let done = run(Request { tables: vec![], figures: vec![4], repeat: 10, ..Request::default() }, 2);
+    let done = run(ReproduceRequest { tables: vec![], figures: vec![4], repeat: 10, ..ReproduceRequest::default() }, 2);
     let mean = |group: usize, feedback: bool| {
-        let noisy = |set: &&experiments::Set| {
+        let noisy = |set: &&experiments::GrowthSet| {
             set.group == group
                 && set.condition.noise > 0.0
                 && set.condition.feedback == feedback
@@ -126,13 +126,13 @@ fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
     for (a, b) in one.iter().zip(&three) {
         assert!(a == b, "{} differs", a.name);
     }
-    let other = run(Request { seed: 7, ..small() }, 2).files().unwrap();
+    let other = run(ReproduceRequest { seed: 7, ..small() }, 2).files().unwrap();
     assert!(one.iter().zip(&other).any(|(a, b)| a != b));
 }
 
 #[test]
 fn every_table_and_figure_is_there_and_can_be_read() {
-    let done = run(Request { repeat: 5, ..small() }, 2);
+    let done = run(ReproduceRequest { repeat: 5, ..small() }, 2);
     let files = done.files().unwrap();
     let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
     assert_eq!(
@@ -189,11 +189,11 @@ fn the_summary_fits_a_terminal_and_only_what_was_asked_for_is_done() {
     for part in ["Table 1", "Table 2", "Table 3", "Figure 6", "seed 2019", "ANOVA", "Exact slicing"] {
         assert!(text.contains(part), "{part}");
     }
-    let parameters = run(Request { tables: vec![3], figures: vec![], ..small() }, 2);
+    let parameters = run(ReproduceRequest { tables: vec![3], figures: vec![], ..small() }, 2);
     assert!(parameters.experiments.sets.is_empty());
     let names: Vec<String> = parameters.files().unwrap().into_iter().map(|file| file.name).collect();
     assert_eq!(names, ["table3.csv", "report.html"]);
-    let paths = run(Request { tables: vec![], figures: vec![7], ..small() }, 2);
+    let paths = run(ReproduceRequest { tables: vec![], figures: vec![7], ..small() }, 2);
     assert!(paths.experiments.sets.iter().all(|set| matches!(set.robot, paper::B | paper::C)));
     assert_eq!(paths.experiments.examples.len(), 2);
 }

@@ -9,11 +9,11 @@ use growbot_client::robot_file::{self, RobotFileError};
 use growbot_core::robot::{Robot, RobotError};
 use toml_edit::{DocumentMut, Item, Value};
 
-use crate::robot_explained::{is_assumed, opening_comment};
-use toml_values::{comment, look_up, look_up_mut, paths, remark, remove, shown};
+use crate::annotated_robot::{is_assumed, opening_comment};
+use toml_values::{comment, look_up, look_up_mut, paths, remove, shown, trailing_comment};
 
 /// Fields with a question, in the order of the questions. A field comes after the fields that limit it.
-pub const QUESTIONS: [&str; 24] = [
+pub const ASKED_FIELDS: [&str; 24] = [
     NAME,
     "geometry.inner_radius_mm",
     "geometry.inner_length_mm",
@@ -24,7 +24,7 @@ pub const QUESTIONS: [&str; 24] = [
     "layer.height_max_mm",
     "layer.tilt_max_deg",
     "layer.period_s",
-    RADIUS,
+    PLANNING_RADIUS,
     "motion.tick_hz",
     "motion.strategy",
     "motion.turning",
@@ -43,7 +43,7 @@ pub const QUESTIONS: [&str; 24] = [
 /// Field of the robot's name.
 pub const NAME: &str = "name";
 /// Field whose comment reports `R_min`.
-const RADIUS: &str = "planning_radius_mm";
+const PLANNING_RADIUS: &str = "planning_radius_mm";
 
 /// Value that is as good as no limit, in TOML.
 pub const UNLIMITED: &str = "1000000000.0";
@@ -60,7 +60,7 @@ const IN_PROPORTION: [(&str, &str); 3] = [
 
 /// Errors of an answer.
 #[derive(Debug, thiserror::Error)]
-pub enum Refused {
+pub enum AnswerError {
     /// The answer has the wrong type.
     #[error("{path} cannot be {text:?}: give {kind}")]
     Kind {
@@ -84,7 +84,7 @@ pub enum Refused {
 
 /// A value that was changed so that other values are valid.
 #[derive(Debug, PartialEq)]
-pub struct Adapted {
+pub struct Adjustment {
     /// Path of the field.
     pub path: String,
     /// Old value, as TOML.
@@ -126,7 +126,7 @@ impl Draft {
         // Fields that the file omits have a question, too, and can be set.
         let written = toml::to_string(robot.description()).unwrap_or_default();
         let whole: DocumentMut = written.parse().unwrap_or_default();
-        for path in QUESTIONS {
+        for path in ASKED_FIELDS {
             if draft.value(path).is_none()
                 && let Some(value) = look_up(whole.as_item(), path)
             {
@@ -149,10 +149,10 @@ impl Draft {
     ///
     /// # Errors
     /// The reason why the answer is rejected. The draft is then unchanged.
-    pub fn answer(&mut self, path: &'static str, text: &str) -> Result<Vec<Adapted>, Refused> {
-        let value = self.understood(path, text)?;
+    pub fn apply_answer(&mut self, path: &'static str, text: &str) -> Result<Vec<Adjustment>, AnswerError> {
+        let value = self.parse_answer(path, text)?;
         if path == NAME && value.as_str().is_some_and(robot_file::is_built_in) {
-            return Err(Refused::BuiltIn { name: text.to_owned() });
+            return Err(AnswerError::BuiltIn { name: text.to_owned() });
         }
         let mut changed = self.clone();
         changed.put(path, value);
@@ -162,12 +162,12 @@ impl Draft {
     }
 
     /// Changes fields without a question so that they fit the answers up to this field.
-    fn settle(&mut self, path: &str) -> Result<Vec<Adapted>, Refused> {
-        self.refused_at(path)?;
+    fn settle(&mut self, path: &str) -> Result<Vec<Adjustment>, AnswerError> {
+        self.check_up_to(path)?;
         let adapted = self.adapt();
         match self.robot() {
             // No later question can correct this field, so the error would only appear when the file is written.
-            Err(RobotFileError::Robot { file, error }) if !QUESTIONS.contains(&field_of(&error)) => {
+            Err(RobotFileError::Robot { file, error }) if !ASKED_FIELDS.contains(&field_of(&error)) => {
                 Err(RobotFileError::Robot { file, error }.into())
             }
             _ => Ok(adapted),
@@ -177,8 +177,8 @@ impl Draft {
     /// Returns the default answer: the current value if it is valid, otherwise a valid value near it. `None` if no
     /// value is valid with the earlier answers.
     #[must_use]
-    pub fn default(&self, path: &'static str) -> Option<String> {
-        self.possible(path, |draft| draft.clone().settle(path).is_ok()).map(|value| shown(&value))
+    pub fn suggested_value(&self, path: &'static str) -> Option<String> {
+        self.nearest_valid(path, |draft| draft.clone().settle(path).is_ok()).map(|value| shown(&value))
     }
 
     /// Returns the robot if the draft is valid.
@@ -205,17 +205,17 @@ impl Draft {
                 remove(document.as_item_mut(), &path);
                 continue;
             }
-            if path == NAME || !(changed || given || path == RADIUS) {
+            if path == NAME || !(changed || given || path == PLANNING_RADIUS) {
                 continue;
             }
-            let old = remark(value);
+            let old = trailing_comment(value);
             let mut said = match (given, changed) {
                 (true, _) => "given".to_owned(),
                 (false, true) => "adapted".to_owned(),
                 (false, false) if is_assumed(&old) => old.clone(),
                 (false, false) => format!("as {}", self.base),
             };
-            if path == RADIUS {
+            if path == PLANNING_RADIUS {
                 said += &format!("; R_min is {:.2}", robot.min_radius());
             } else if let (true, Some(was)) = (changed, was) {
                 let old = if old.is_empty() { old } else { format!(", {old}") };
@@ -265,9 +265,9 @@ impl Draft {
     }
 
     /// Converts an answer to a value of the field's type.
-    fn understood(&self, path: &'static str, text: &str) -> Result<Value, Refused> {
+    fn parse_answer(&self, path: &'static str, text: &str) -> Result<Value, AnswerError> {
         let text = text.trim();
-        let refused = |kind| Refused::Kind { path, text: text.to_owned(), kind };
+        let refused = |kind| AnswerError::Kind { path, text: text.to_owned(), kind };
         match self.value(path) {
             Some(Value::Integer(_)) => {
                 let whole: u32 = text.parse().map_err(|_| refused("a whole number, 0 or more"))?;
@@ -283,8 +283,8 @@ impl Draft {
     }
 
     /// Returns the robot's error if it concerns this field or a field whose question comes before.
-    fn refused_at(&self, path: &str) -> Result<(), Refused> {
-        let place = |path: &str| QUESTIONS.iter().position(|question| *question == path);
+    fn check_up_to(&self, path: &str) -> Result<(), AnswerError> {
+        let place = |path: &str| ASKED_FIELDS.iter().position(|question| *question == path);
         match self.robot() {
             Ok(_) => Ok(()),
             Err(RobotFileError::Robot { file, error }) => {
@@ -299,12 +299,12 @@ impl Draft {
     }
 
     /// Changes fields without a question until none of them has an error.
-    fn adapt(&mut self) -> Vec<Adapted> {
+    fn adapt(&mut self) -> Vec<Adjustment> {
         let mut adapted = Vec::new();
         // Each field is changed once. An error that remains is reported when the file is written.
         while let Err(RobotFileError::Robot { error, .. }) = self.robot() {
             let path = field_of(&error);
-            if QUESTIONS.contains(&path) || adapted.iter().any(|done: &Adapted| done.path == path) {
+            if ASKED_FIELDS.contains(&path) || adapted.iter().any(|done: &Adjustment| done.path == path) {
                 break;
             }
             let mended = |draft: &Self| match draft.robot() {
@@ -312,8 +312,8 @@ impl Draft {
                 _ => true,
             };
             let from = self.shown(path);
-            let Some(value) = self.possible(path, mended) else { break };
-            adapted.push(Adapted { path: path.to_owned(), from, to: shown(&value) });
+            let Some(value) = self.nearest_valid(path, mended) else { break };
+            adapted.push(Adjustment { path: path.to_owned(), from, to: shown(&value) });
             self.put(path, value);
         }
         adapted
@@ -321,7 +321,7 @@ impl Draft {
 
     /// Returns the current value of this field if it is good, otherwise a value that is. The candidates are the value
     /// scaled with its other field, the violated limit, and steps of a quarter.
-    fn possible(&self, path: &str, good: impl Fn(&Self) -> bool) -> Option<Value> {
+    fn nearest_valid(&self, path: &str, good: impl Fn(&Self) -> bool) -> Option<Value> {
         let value = self.value(path)?.clone();
         let (number, whole) = match &value {
             Value::Float(number) => (*number.value(), false),

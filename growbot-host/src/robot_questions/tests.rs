@@ -10,9 +10,9 @@ fn what_is_not_touched_is_the_robot_begun_with() {
     for base in robot_file::names() {
         let (text, file) = robot_file::text_of(base.as_ref()).unwrap();
         let mut draft = Draft::of(&text, &file, "mine").unwrap();
-        for path in QUESTIONS {
-            let default = draft.default(path).unwrap();
-            assert_eq!(draft.answer(path, &default).unwrap(), [], "{base}: {path}");
+        for path in ASKED_FIELDS {
+            let default = draft.suggested_value(path).unwrap();
+            assert_eq!(draft.apply_answer(path, &default).unwrap(), [], "{base}: {path}");
         }
         let (robot, written) = draft.file(&[]).unwrap();
         let begun = robot_file::load(base.as_ref()).unwrap();
@@ -34,19 +34,19 @@ fn defaults_follow_the_answers_before() {
         ("layer.height_mm", "0.2", "layer.height_min_mm", "0.0775"),
         ("heater.max_c", "190", "heater.target_c", "185.0"),
     ] {
-        draft.answer(path, answer).unwrap();
-        assert_eq!(draft.default(next).as_deref(), Some(default));
-        draft.answer(next, default).unwrap();
+        draft.apply_answer(path, answer).unwrap();
+        assert_eq!(draft.suggested_value(next).as_deref(), Some(default));
+        draft.apply_answer(next, default).unwrap();
     }
     // R_min is far smaller now, so the radius of plans stays valid.
-    assert_eq!(draft.default(RADIUS).as_deref(), Some("100.0"));
-    draft.answer("heater.extrusion_min_c", &draft.default("heater.extrusion_min_c").unwrap()).unwrap();
+    assert_eq!(draft.suggested_value(PLANNING_RADIUS).as_deref(), Some("100.0"));
+    draft.apply_answer("heater.extrusion_min_c", &draft.suggested_value("heater.extrusion_min_c").unwrap()).unwrap();
     assert!(draft.file(&[]).is_ok());
 
     let mut draft = self::draft();
-    draft.answer("geometry.inner_length_mm", "90").unwrap();
-    let radius: f64 = draft.default(RADIUS).unwrap().parse().unwrap();
-    draft.answer(RADIUS, &radius.to_string()).unwrap();
+    draft.apply_answer("geometry.inner_length_mm", "90").unwrap();
+    let radius: f64 = draft.suggested_value(PLANNING_RADIUS).unwrap().parse().unwrap();
+    draft.apply_answer(PLANNING_RADIUS, &radius.to_string()).unwrap();
     let r_min = draft.robot().unwrap().min_radius();
     assert!(r_min > 100.0 && (r_min..r_min * 1.01).contains(&radius), "{radius} for {r_min}");
 }
@@ -54,7 +54,7 @@ fn defaults_follow_the_answers_before() {
 #[test]
 fn what_is_not_asked_for_is_adapted_and_said() {
     let mut draft = draft();
-    let adapted = draft.answer("head.steps_per_turn", "100").unwrap();
+    let adapted = draft.apply_answer("head.steps_per_turn", "100").unwrap();
     assert_eq!(
         adapted.iter().map(|change| change.path.as_str()).collect::<Vec<_>>(),
         ["head.index_width_deg", "head.index_tolerance_deg"]
@@ -79,7 +79,7 @@ fn what_cannot_be_is_refused_with_value_limit_and_what_to_do() {
         (NAME, "", "not be empty"),
     ] {
         let mut draft = draft();
-        let message = draft.answer(path, answer).unwrap_err().to_string();
+        let message = draft.apply_answer(path, answer).unwrap_err().to_string();
         assert!(message.contains(part), "{message}");
         assert_eq!(draft.document.to_string(), self::draft().document.to_string());
     }
@@ -98,20 +98,20 @@ fn a_line_for_tools_stays_at_the_top() {
 fn what_is_proposed_is_never_refused_whatever_was_answered_before() {
     for name in ["growbot-a", "growbot-b"] {
         let (text, file) = robot_file::text_of(name.as_ref()).unwrap();
-        for (at, asked) in QUESTIONS.iter().enumerate() {
+        for (at, asked) in ASKED_FIELDS.iter().enumerate() {
             for factor in [0.5, 1.3, 2.0] {
                 let mut draft = Draft::of(&text, &file, "ours").unwrap();
                 let mut given = Vec::new();
-                for (index, path) in QUESTIONS.into_iter().enumerate() {
-                    let Some(proposed) = draft.default(path) else { break };
+                for (index, path) in ASKED_FIELDS.into_iter().enumerate() {
+                    let Some(proposed) = draft.suggested_value(path) else { break };
                     if index == at
                         && let Ok(number) = proposed.parse::<f64>()
-                        && draft.answer(path, &(number * factor).to_string()).is_ok()
+                        && draft.apply_answer(path, &(number * factor).to_string()).is_ok()
                     {
                         given.push(path);
                         continue;
                     }
-                    let taken = draft.answer(path, proposed.trim_matches('"'));
+                    let taken = draft.apply_answer(path, proposed.trim_matches('"'));
                     assert!(taken.is_ok(), "{name}, {asked} times {factor}: {path} = {proposed}: {taken:?}");
                 }
                 draft.file(&given).unwrap_or_else(|error| panic!("{name}, {asked} times {factor}: {error}"));

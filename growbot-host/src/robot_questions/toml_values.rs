@@ -10,7 +10,7 @@ pub(super) fn shown(value: &Value) -> String {
 }
 
 /// Returns the comment after a value.
-pub(super) fn remark(value: &Value) -> String {
+pub(super) fn trailing_comment(value: &Value) -> String {
     let suffix = value.decor().suffix().and_then(RawString::as_str).unwrap_or_default();
     suffix.split_once('#').map(|(_, comment)| comment.trim().to_owned()).unwrap_or_default()
 }

@@ -31,20 +31,20 @@ use tokio::task::spawn_blocking;
 use tokio::time::sleep;
 
 use super::Service;
-use super::audit::By;
-use super::document;
-use super::jobs::{Job, JobState};
-use super::lending::lend;
+use super::audit::CommandSource;
+use super::commands::{COMMAND_TIMEOUT, Given, RobotCommand, run_command};
+use super::event_routes;
+use super::grow_request::{PlanInScene, Wanted};
+use super::job_store::{Job, JobState};
 use super::limits::MAX_BODY;
-use super::orders::{ANSWER, Given, OrderName, give};
+use super::openapi;
+use super::port_lease::lease_port;
 use super::problem::Problem;
-use super::robot::{Ask, Keeper, NewJob, RobotView};
-use super::scenes;
-use super::streams;
-use super::wanted::{Course, Wanted};
-use crate::watch::Live;
+use super::robot_worker::{NewJob, RobotRequest, RobotView, RobotWorker};
+use super::scene_store;
+use crate::watch::LiveGrowth;
 use crate::watch::server::{self as watch, updates_of};
-use growbot_pictures::view::{SceneFile, Subject, page};
+use growbot_pictures::view::{NamedScene, Subject, page};
 
 /// Path of the interface, relative to the address of a page or to the socket.
 pub const PREFIX: &str = "/api/v1";
@@ -57,13 +57,13 @@ const MAX_JOBS: u32 = 1000;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Access {
     /// The client can only read.
-    Read,
+    View,
     /// The client can read and send commands.
-    Operate(By),
+    Control(CommandSource),
 }
 
-pub(super) type Shared = State<Arc<Service>>;
-type Answer<T> = Result<Json<T>, Problem>;
+pub(super) type ServiceState = State<Arc<Service>>;
+type ApiResult<T> = Result<Json<T>, Problem>;
 
 /// Returns all routes and the OpenAPI document that describes them.
 pub fn routes() -> (Router<Arc<Service>>, Value) {
@@ -82,41 +82,44 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         ..OpenApi::default()
     };
     let router = ApiRouter::new()
-        .api_route("/access", get_with(access, says("What this address may do.")))
-        .api_route("/robots", get_with(robots, says("All robots.")))
-        .api_route("/robots/{robot}", get_with(robot, says("One robot.")))
+        .api_route("/access", get_with(access, describe("What this address may do.")))
+        .api_route("/robots", get_with(robots, describe("All robots.")))
+        .api_route("/robots/{robot}", get_with(robot, describe("One robot.")))
         .api_route(
             "/robots/{robot}/jobs",
             post_with(
                 new_job,
-                says("Grow a body: a plan, or straight to a goal. The same Idempotency-Key begins no second job."),
+                describe("Grow a body: a plan, or straight to a goal. The same Idempotency-Key begins no second job."),
             ),
         )
         .api_route(
             "/robots/{robot}/orders",
             post_with(
                 order,
-                says("Give an order. An emergency stop is answered once the board says that everything is off."),
+                describe("Give an order. An emergency stop is answered once the board says that everything is off."),
             ),
         )
         .api_route(
             "/robots/{robot}/maintenance",
-            post_with(maintain, says("Heat, load, unload, purge, home, rotate or jog, as `growbot maintain` does.")),
+            post_with(
+                maintain,
+                describe("Heat, load, unload, purge, home, rotate or jog, as `growbot maintain` does."),
+            ),
         )
-        .api_route("/plans", post_with(new_plan, says("Plan a path; nothing is heated or moved.")))
+        .api_route("/plans", post_with(new_plan, describe("Plan a path; nothing is heated or moved.")))
         .api_route(
             "/scenes",
             post_with(
                 new_scene,
-                says(
+                describe(
                     "Keep a scene, to plan through it: a scene file that names no others, a mesh or a cloud of points.",
                 ),
             ),
         )
-        .api_route("/jobs", get_with(jobs, says("The latest jobs, the newest first.")))
-        .api_route("/jobs/{job}", get_with(job, says("One job.")))
-        .api_route("/jobs/{job}/resume", post_with(resume, says("Resume a job that was left unfinished.")))
-        .route("/robots/{robot}/lend", post(lend))
+        .api_route("/jobs", get_with(jobs, describe("The latest jobs, the newest first.")))
+        .api_route("/jobs/{job}", get_with(job, describe("One job.")))
+        .api_route("/jobs/{job}/resume", post_with(resume, describe("Resume a job that was left unfinished.")))
+        .route("/robots/{robot}/lend", post(lease_port))
         .route("/addresses", get(addresses))
         .route("/plans/{number}/view", get(view_plan))
         .route("/jobs/{job}/log", get(log))
@@ -124,18 +127,18 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         .route("/jobs/{job}/live/", get(live))
         .route("/jobs/{job}/live/updates", get(live_updates))
         .route("/jobs/{job}/live/orders/{order}", post(live_order))
-        .route("/jobs/{job}/events", get(streams::of_job))
-        .route("/jobs/{job}/events/socket", get(streams::socket_of_job))
-        .route("/events", get(streams::of_robots))
-        .route("/events/socket", get(streams::socket_of_robots))
+        .route("/jobs/{job}/events", get(event_routes::of_job))
+        .route("/jobs/{job}/events/socket", get(event_routes::socket_of_job))
+        .route("/events", get(event_routes::of_robots))
+        .route("/events/socket", get(event_routes::socket_of_robots))
         .fallback(nowhere)
         .layer(DefaultBodyLimit::max(MAX_BODY))
         .finish_api(&mut document);
-    (router, document::complete(&document))
+    (router, openapi::complete(&document))
 }
 
 /// Sets the description of a route, and problem details as its default response.
-fn says(words: &'static str) -> impl Fn(TransformOperation) -> TransformOperation {
+fn describe(words: &'static str) -> impl Fn(TransformOperation) -> TransformOperation {
     move |operation| operation.description(words).default_response::<Problem>()
 }
 
@@ -143,7 +146,7 @@ async fn nowhere() -> Problem {
     Problem::not_found("address", "here")
 }
 
-fn found<'a>(service: &'a Service, name: &str) -> Result<&'a Arc<Keeper>, Problem> {
+fn find_robot<'a>(service: &'a Service, name: &str) -> Result<&'a Arc<RobotWorker>, Problem> {
     service.robot(name).ok_or_else(|| Problem::not_found("robot", name))
 }
 
@@ -152,10 +155,10 @@ pub(super) fn found_job(service: &Service, id: &str) -> Result<Job, Problem> {
 }
 
 /// Returns the client's kind if it can send commands, otherwise an error.
-fn operator(access: Access) -> Result<By, Problem> {
+fn require_control(access: Access) -> Result<CommandSource, Problem> {
     match access {
-        Access::Operate(by) => Ok(by),
-        Access::Read => Err(Problem::read_only()),
+        Access::Control(by) => Ok(by),
+        Access::View => Err(Problem::read_only()),
     }
 }
 
@@ -167,7 +170,7 @@ struct May {
 }
 
 async fn access(Extension(access): Extension<Access>) -> Json<May> {
-    Json(May { operate: access != Access::Read })
+    Json(May { operate: access != Access::View })
 }
 
 /// Addresses of the service's page. Only growbot's commands can request them, and those need no token.
@@ -179,37 +182,39 @@ pub struct Addresses {
     pub look: String,
 }
 
-async fn addresses(State(service): Shared, Extension(access): Extension<Access>) -> Answer<Addresses> {
+async fn addresses(State(service): ServiceState, Extension(access): Extension<Access>) -> ApiResult<Addresses> {
     match access {
-        Access::Operate(By::Command) => Ok(Json(service.addresses.get().cloned().unwrap_or_default())),
+        Access::Control(CommandSource::Socket) => Ok(Json(service.addresses.get().cloned().unwrap_or_default())),
         _ => Err(Problem::forbidden("addresses are told to commands on the machine of the service alone")),
     }
 }
 
-async fn robots(State(service): Shared) -> Json<Vec<RobotView>> {
+async fn robots(State(service): ServiceState) -> Json<Vec<RobotView>> {
     Json(service.robots())
 }
 
-async fn robot(State(service): Shared, Path(name): Path<String>) -> Answer<RobotView> {
-    Ok(Json(found(&service, &name)?.view()))
+async fn robot(State(service): ServiceState, Path(name): Path<String>) -> ApiResult<RobotView> {
+    Ok(Json(find_robot(&service, &name)?.status()))
 }
 
 /// Runs a slow task on a thread of its own, so that it does not block the server.
-async fn beside<T: Send + 'static>(what: impl FnOnce() -> Result<T, Problem> + Send + 'static) -> Result<T, Problem> {
+async fn run_blocking<T: Send + 'static>(
+    what: impl FnOnce() -> Result<T, Problem> + Send + 'static,
+) -> Result<T, Problem> {
     spawn_blocking(what).await.map_err(Problem::internal)?
 }
 
 async fn new_job(
-    State(service): Shared,
+    State(service): ServiceState,
     Extension(access): Extension<Access>,
     Path(name): Path<String>,
     headers: HeaderMap,
     Json(wanted): Json<Wanted>,
 ) -> Result<(StatusCode, Json<Job>), Problem> {
-    let by = operator(access)?;
-    let keeper = Arc::clone(found(&service, &name)?);
+    let by = require_control(access)?;
+    let keeper = Arc::clone(find_robot(&service, &name)?);
     let key = headers.get("idempotency-key").and_then(|key| key.to_str().ok()).map(str::to_owned);
-    beside(move || {
+    run_blocking(move || {
         let made = make_job(&service, &keeper, &wanted, access, key.as_deref());
         let refused = made.as_ref().err().map(|problem| problem.detail.clone());
         let order = if wanted.ignore_scene { "grow, ignoring the scene" } else { "grow" };
@@ -221,18 +226,19 @@ async fn new_job(
 
 fn make_job(
     service: &Service,
-    keeper: &Keeper,
+    keeper: &RobotWorker,
     wanted: &Wanted,
     access: Access,
     key: Option<&str>,
 ) -> Result<(StatusCode, Json<Job>), Problem> {
-    let before = || match key.map_or(Ok(None), |key| service.shared.jobs().with_key(key)).map_err(Problem::internal)? {
-        Some(job) if job.robot != keeper.name => Err(Problem::bad(format!(
-            "the idempotency key was used for job {} on robot {}: take another one for each job",
-            job.id, job.robot
-        ))),
-        job => Ok(job),
-    };
+    let before =
+        || match key.map_or(Ok(None), |key| service.shared.jobs().find_by_key(key)).map_err(Problem::internal)? {
+            Some(job) if job.robot != keeper.name => Err(Problem::bad(format!(
+                "the idempotency key was used for job {} on robot {}: take another one for each job",
+                job.id, job.robot
+            ))),
+            job => Ok(job),
+        };
     if let Some(job) = before()? {
         return Ok((StatusCode::OK, Json(job)));
     }
@@ -244,7 +250,7 @@ fn make_job(
             robot.name()
         )));
     }
-    let Course { plan, scene } = wanted.course(&robot, service.places(), access)?;
+    let PlanInScene { plan, scene } = wanted.resolve(&robot, service.places(), access)?;
     let preventing = plan.warnings.iter().find(|warning| BLOCKING.contains(&warning.code.as_str()));
     if let Some(warning) = preventing.filter(|_| !wanted.force) {
         return Err(Problem::conflict(format!(
@@ -252,12 +258,12 @@ fn make_job(
             warning.code, warning.message
         )));
     }
-    let _begins = keeper.begins();
+    let _begins = keeper.lock_job_start();
     // Another request with the same key may have created the job in the meantime.
     if let Some(job) = before()? {
         return Ok((StatusCode::OK, Json(job)));
     }
-    keeper.has_no_job().map_err(Problem::conflict)?;
+    keeper.ensure_idle().map_err(Problem::conflict)?;
     let layers: Vec<_> = job_layers(&plan.path, &robot).collect();
     let id = service.shared.jobs().new_id(&keeper.name);
     let job = Job {
@@ -275,29 +281,33 @@ fn make_job(
         why: None,
         id,
     };
-    service.shared.jobs().enter(&job, key).map_err(Problem::internal)?;
+    service.shared.jobs().insert(&job, key).map_err(Problem::internal)?;
     let scene = scene.filter(|_| !wanted.ignore_scene);
     let new = NewJob { job: job.clone(), plan, robot, scene, feedback: wanted.feedback };
-    if let Err(why) = keeper.ask(Ask::Grow(Box::new(new)), ANSWER) {
+    if let Err(why) = keeper.request(RobotRequest::Grow(Box::new(new)), COMMAND_TIMEOUT) {
         // A job that has started after the timeout keeps the state that its robot reports.
-        if !service.shared.jobs_to_read().log(&job.id).exists() {
-            service.shared.jobs().refused(&job.id, &why).map_err(Problem::internal)?;
+        if !service.shared.jobs_to_read().log_path(&job.id).exists() {
+            service.shared.jobs().mark_rejected(&job.id, &why).map_err(Problem::internal)?;
         }
         return Err(Problem::conflict(why));
     }
     Ok((StatusCode::CREATED, Json(job)))
 }
 
-async fn resume(State(service): Shared, Extension(access): Extension<Access>, Path(id): Path<String>) -> Answer<Job> {
-    let by = operator(access)?;
+async fn resume(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    Path(id): Path<String>,
+) -> ApiResult<Job> {
+    let by = require_control(access)?;
     let job = found_job(&service, &id)?;
-    let keeper = Arc::clone(found(&service, &job.robot)?);
-    beside(move || {
-        let begins = keeper.begins();
+    let keeper = Arc::clone(find_robot(&service, &job.robot)?);
+    run_blocking(move || {
+        let begins = keeper.lock_job_start();
         let asked = keeper
-            .has_no_job()
-            .and_then(|()| is_unfinished(&job))
-            .and_then(|()| keeper.ask(Ask::Resume(Box::new(job.clone())), ANSWER));
+            .ensure_idle()
+            .and_then(|()| ensure_resumable(&job))
+            .and_then(|()| keeper.request(RobotRequest::Resume(Box::new(job.clone())), COMMAND_TIMEOUT));
         drop(begins);
         service.shared.audit.note(by, &job.robot, "resume", asked.as_ref().err().map(String::as_str));
         asked.map_err(Problem::conflict)?;
@@ -307,7 +317,7 @@ async fn resume(State(service): Shared, Extension(access): Extension<Access>, Pa
 }
 
 /// Returns an error if the job cannot be resumed.
-fn is_unfinished(job: &Job) -> Result<(), String> {
+fn ensure_resumable(job: &Job) -> Result<(), String> {
     match job.state {
         JobState::Active | JobState::Interrupted => Ok(()),
         JobState::Done => Err(format!("job {} is done: there is nothing to resume", job.id)),
@@ -316,18 +326,18 @@ fn is_unfinished(job: &Job) -> Result<(), String> {
 }
 
 async fn order(
-    State(service): Shared,
+    State(service): ServiceState,
     Extension(access): Extension<Access>,
     Path(name): Path<String>,
     Json(Given { order }): Json<Given>,
-) -> Answer<RobotView> {
-    let by = operator(access)?;
-    let keeper = Arc::clone(found(&service, &name)?);
-    beside(move || {
-        let given = give(&keeper, order);
+) -> ApiResult<RobotView> {
+    let by = require_control(access)?;
+    let keeper = Arc::clone(find_robot(&service, &name)?);
+    run_blocking(move || {
+        let given = run_command(&keeper, order);
         service.shared.audit.note(by, &name, order.name(), given.as_ref().err().map(String::as_str));
         given.map_err(Problem::conflict)?;
-        Ok(Json(keeper.view()))
+        Ok(Json(keeper.status()))
     })
     .await
 }
@@ -344,25 +354,25 @@ pub struct Maintenance {
 }
 
 async fn maintain(
-    State(service): Shared,
+    State(service): ServiceState,
     Extension(access): Extension<Access>,
     Path(name): Path<String>,
     Json(Maintenance { task, value }): Json<Maintenance>,
-) -> Answer<RobotView> {
-    let by = operator(access)?;
-    let keeper = Arc::clone(found(&service, &name)?);
-    beside(move || {
+) -> ApiResult<RobotView> {
+    let by = require_control(access)?;
+    let keeper = Arc::clone(find_robot(&service, &name)?);
+    run_blocking(move || {
         let robot = keeper.description().map_err(Problem::conflict)?;
         let understood = keeper.presets().task(&task, &value, &robot);
-        let asked = match (understood, keeper.view().job) {
+        let asked = match (understood, keeper.status().job) {
             (None, _) => return Err(Problem::bad(format!("{task:?} is no task of maintenance"))),
             (Some(Err(why)), _) => return Err(Problem::bad(why)),
             (Some(Ok(_)), Some(_)) => Err(format!("robot {name} has a job under way: pause it, and use its page")),
-            (Some(Ok(task)), None) => keeper.ask(Ask::Task(task), ANSWER),
+            (Some(Ok(task)), None) => keeper.request(RobotRequest::Task(task), COMMAND_TIMEOUT),
         };
         service.shared.audit.note(by, &name, &task, asked.as_ref().err().map(String::as_str));
         asked.map_err(Problem::conflict)?;
-        Ok(Json(keeper.view()))
+        Ok(Json(keeper.status()))
     })
     .await
 }
@@ -384,19 +394,19 @@ struct Planned {
 }
 
 async fn new_plan(
-    State(service): Shared,
+    State(service): ServiceState,
     Extension(access): Extension<Access>,
     Query(ForRobot { robot }): Query<ForRobot>,
     Json(wanted): Json<Wanted>,
-) -> Answer<Planned> {
-    let keeper = Arc::clone(found(&service, &robot)?);
-    beside(move || {
+) -> ApiResult<Planned> {
+    let keeper = Arc::clone(find_robot(&service, &robot)?);
+    run_blocking(move || {
         let robot = keeper.description().map_err(Problem::conflict)?;
-        let Course { plan, scene } = wanted.course(&robot, service.places(), access)?;
+        let PlanInScene { plan, scene } = wanted.resolve(&robot, service.places(), access)?;
         let file = plan.scene.as_ref().map_or("", |scene| scene.file.rsplit('/').next().unwrap_or_default());
-        let scene = scene.as_ref().map(|loaded| SceneFile { file, scene: &loaded.scene });
+        let scene = scene.as_ref().map(|loaded| NamedScene { file, scene: &loaded.scene });
         let subject = Subject { name: "preview", robot: &robot, plan: &plan, run: None, laid: None, scene };
-        let page = page::of_one(&subject).map_err(Problem::bad)?;
+        let page = page::render(&subject).map_err(Problem::bad)?;
         let view = format!("plans/{}/view", service.shared.keep_preview(page));
         let plan = serde_json::to_value(PlanFile::with_robot(&plan, &robot)).map_err(Problem::internal)?;
         Ok(Json(Planned { plan, view }))
@@ -406,7 +416,7 @@ async fn new_plan(
 
 /// Name of a scene's file.
 #[derive(Debug, Deserialize, JsonSchema)]
-struct Named {
+struct SceneUploadQuery {
     /// File name. Its extension is the format: .toml, .stl, .obj, .ply, .glb or .pcd.
     name: String,
 }
@@ -419,61 +429,61 @@ struct Kept {
 }
 
 async fn new_scene(
-    State(service): Shared,
+    State(service): ServiceState,
     Extension(access): Extension<Access>,
-    Query(Named { name }): Query<Named>,
+    Query(SceneUploadQuery { name }): Query<SceneUploadQuery>,
     bytes: Bytes,
-) -> Answer<Kept> {
-    operator(access)?;
-    beside(move || Ok(Json(Kept { scene: scenes::keep(service.places(), &name, &bytes)? }))).await
+) -> ApiResult<Kept> {
+    require_control(access)?;
+    run_blocking(move || Ok(Json(Kept { scene: scene_store::store(service.places(), &name, &bytes)? }))).await
 }
 
-async fn view_plan(State(service): Shared, Path(number): Path<u64>) -> Result<Html<String>, Problem> {
+async fn view_plan(State(service): ServiceState, Path(number): Path<u64>) -> Result<Html<String>, Problem> {
     let page = service.shared.preview(number);
     page.map(Html).ok_or_else(|| Problem::not_found("preview any more, of", &number.to_string()))
 }
 
 /// Limit of a list of jobs.
 #[derive(Debug, Deserialize, JsonSchema)]
-struct Listed {
+struct JobListQuery {
     /// Maximum number of jobs. The default is 100, and the service lists at most 1000.
     #[schemars(range(max = 4_294_967_295_u32))]
     max: Option<u32>,
 }
 
-async fn jobs(State(service): Shared, Query(Listed { max }): Query<Listed>) -> Answer<Vec<Job>> {
+async fn jobs(State(service): ServiceState, Query(JobListQuery { max }): Query<JobListQuery>) -> ApiResult<Vec<Job>> {
     let max = max.unwrap_or(100).min(MAX_JOBS);
     service.shared.jobs_to_read().latest(max).map(Json).map_err(Problem::internal)
 }
 
-async fn job(State(service): Shared, Path(id): Path<String>) -> Answer<Job> {
+async fn job(State(service): ServiceState, Path(id): Path<String>) -> ApiResult<Job> {
     found_job(&service, &id).map(Json)
 }
 
-async fn log(State(service): Shared, Path(id): Path<String>) -> Result<Response, Problem> {
+async fn log(State(service): ServiceState, Path(id): Path<String>) -> Result<Response, Problem> {
     let job = found_job(&service, &id)?;
-    let path = service.shared.jobs_to_read().log(&job.id);
+    let path = service.shared.jobs_to_read().log_path(&job.id);
     let bytes = fs::read(path).map_err(|error| Problem::conflict(format!("its run log cannot be read: {error}")))?;
     Ok(([(CONTENT_TYPE, "application/jsonl")], bytes).into_response())
 }
 
 /// Returns the page that follows an active job. For any other job the page shows its run log.
 async fn live(
-    State(service): Shared,
+    State(service): ServiceState,
     Extension(access): Extension<Access>,
     Path(id): Path<String>,
 ) -> Result<Html<String>, Problem> {
     let job = found_job(&service, &id)?;
-    let is_live = found(&service, &job.robot).is_ok_and(|keeper| keeper.live(&id).is_some());
-    page_of(&service, job, is_live.then_some(access != Access::Read)).await
+    let is_live = find_robot(&service, &job.robot).is_ok_and(|keeper| keeper.live(&id).is_some());
+    page_of(&service, job, is_live.then_some(access != Access::View)).await
 }
 
-fn live_of(service: &Service, job: &Job) -> Result<Arc<Live>, Problem> {
-    let live = found(service, &job.robot)?.live(&job.id);
+fn live_of(service: &Service, job: &Job) -> Result<Arc<LiveGrowth>, Problem> {
+    let live = find_robot(service, &job.robot)?.live(&job.id);
     live.ok_or_else(|| Problem::conflict(format!("job {} is not under way", job.id)))
 }
 
-async fn live_updates(State(service): Shared, Path(id): Path<String>) -> Result<Response, Problem> {
+async fn live_updates(State(service): ServiceState, Path(id): Path<String>) -> Result<Response, Problem> {
     let job = found_job(&service, &id)?;
     match live_of(&service, &job) {
         Ok(live) => Ok(updates_of(live).into_response()),
@@ -488,23 +498,23 @@ async fn live_updates(State(service): Shared, Path(id): Path<String>) -> Result<
 }
 
 async fn live_order(
-    State(service): Shared,
+    State(service): ServiceState,
     Extension(access): Extension<Access>,
     Path((id, order)): Path<(String, String)>,
 ) -> Result<Response, Problem> {
-    let by = operator(access)?;
+    let by = require_control(access)?;
     let job = found_job(&service, &id)?;
     let live = live_of(&service, &job)?;
     if order != Command::EmergencyStop.name() {
-        let answer = watch::give(&live, &order).await;
+        let answer = watch::send_command(&live, &order).await;
         if answer.status().is_success() {
             service.shared.audit.note(by, &job.robot, &order, None);
         }
         return Ok(answer);
     }
-    let keeper = Arc::clone(found(&service, &job.robot)?);
-    beside(move || {
-        let given = give(&keeper, OrderName::EmergencyStop);
+    let keeper = Arc::clone(find_robot(&service, &job.robot)?);
+    run_blocking(move || {
+        let given = run_command(&keeper, RobotCommand::EmergencyStop);
         service.shared.audit.note(by, &job.robot, &order, given.as_ref().err().map(String::as_str));
         given.map_err(Problem::conflict)
     })
@@ -512,22 +522,22 @@ async fn live_order(
     Ok(StatusCode::ACCEPTED.into_response())
 }
 
-async fn view(State(service): Shared, Path(id): Path<String>) -> Result<Html<String>, Problem> {
+async fn view(State(service): ServiceState, Path(id): Path<String>) -> Result<Html<String>, Problem> {
     page_of(&service, found_job(&service, &id)?, None).await
 }
 
 /// Returns the page of a job's run log. For an active job, `control` is true if the page can send commands.
 async fn page_of(service: &Service, job: Job, control: Option<bool>) -> Result<Html<String>, Problem> {
-    let path = service.shared.jobs_to_read().log(&job.id);
-    beside(move || {
+    let path = service.shared.jobs_to_read().log_path(&job.id);
+    run_blocking(move || {
         let record = RecordedRun::open(&path).map_err(Problem::conflict)?;
         let robot = record.own_robot().map_err(Problem::conflict)?;
         let plan = record.plan(&robot).map_err(Problem::conflict)?;
         let name = format!("{} on {}", job.name, job.robot);
         let of = |run| Subject { name: &name, robot: &robot, plan: &plan, run, laid: None, scene: None };
         let page = match control {
-            Some(control) => page::of_growth(&of(None), control),
-            None => page::of_one(&of(Some(&record))),
+            Some(control) => page::render_live(&of(None), control),
+            None => page::render(&of(Some(&record))),
         };
         page.map(Html).map_err(Problem::bad)
     })

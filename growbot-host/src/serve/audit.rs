@@ -10,7 +10,7 @@ use growbot_client::run_log::utc_now;
 use growbot_client::sanitize::json_line;
 use serde::Serialize;
 
-use super::JobsError;
+use super::JobStoreError;
 
 /// The record's file.
 pub struct Audit(Mutex<File>);
@@ -18,18 +18,18 @@ pub struct Audit(Mutex<File>);
 /// Origin of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum By {
+pub enum CommandSource {
     /// A page or a program that knows the operating token.
-    Page,
+    Web,
     /// A growbot command of the user, through the socket.
-    Command,
+    Socket,
 }
 
 /// A recorded command.
 #[derive(Serialize)]
 struct Line<'a> {
     time_utc: String,
-    by: By,
+    by: CommandSource,
     robot: &'a str,
     order: &'a str,
     /// Reason why the command failed. `None` if it was carried out or accepted.
@@ -37,13 +37,13 @@ struct Line<'a> {
 }
 
 impl Audit {
-    pub fn open(path: &Path) -> Result<Self, JobsError> {
+    pub fn open(path: &Path) -> Result<Self, JobStoreError> {
         let file = OpenOptions::new().append(true).create(true).mode(0o600).open(path);
-        file.map(|file| Self(Mutex::new(file))).map_err(|error| JobsError::of(path, &error))
+        file.map(|file| Self(Mutex::new(file))).map_err(|error| JobStoreError::of(path, &error))
     }
 
     /// Records a command, and the reason of its failure if it failed.
-    pub fn note(&self, by: By, robot: &str, order: &str, refused: Option<&str>) {
+    pub fn note(&self, by: CommandSource, robot: &str, order: &str, refused: Option<&str>) {
         let line = json_line(&Line { time_utc: utc_now(), by, robot, order, refused });
         let mut file = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Err(error) = file.write_all(line.as_bytes()) {

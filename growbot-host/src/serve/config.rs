@@ -8,7 +8,7 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::notices::Happening;
+use super::notification::Happening;
 use crate::settings::{port_from, robot_from};
 
 /// Pace of the practice robot's time, in multiples of real time.

@@ -36,9 +36,9 @@ pub const MAX_BODY: usize = 16 << 20;
 const SHORT_BODY: u64 = 64 << 10;
 const LONG_BODIES: usize = 2;
 /// Maximum number of plans and pages that are computed at a time, because they load the processor.
-const COMPUTED: usize = 4;
+const MAX_CONCURRENT_RENDERS: usize = 4;
 /// Time after which a connection is closed if the client does not read a response.
-const TAKEN: Duration = Duration::from_secs(30);
+const WRITE_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Returns the HTTP response to a connection beyond the limit.
 fn too_many() -> Vec<u8> {
@@ -53,8 +53,8 @@ fn too_many() -> Vec<u8> {
 }
 
 /// The connections of one listener.
-pub struct Door {
-    open: Mutex<BTreeMap<u64, Open>>,
+pub struct ConnectionLimiter {
+    open: Mutex<BTreeMap<u64, OpenConnection>>,
     streams: Arc<Semaphore>,
     long_bodies: Arc<Semaphore>,
     computed: Arc<Semaphore>,
@@ -63,32 +63,32 @@ pub struct Door {
 }
 
 /// An open connection.
-struct Open {
+struct OpenConnection {
     /// True if the connection has sent an authenticated request.
-    known: bool,
+    authenticated: bool,
     task: Option<AbortHandle>,
 }
 
 /// Reference to a connection, which its requests carry.
 #[derive(Clone)]
-pub struct Visitor {
-    door: Arc<Door>,
+pub struct ConnectionHandle {
+    door: Arc<ConnectionLimiter>,
     number: u64,
 }
 
-impl Visitor {
+impl ConnectionHandle {
     /// Marks the connection as authenticated. New connections never replace it.
-    pub fn is_let_in(&self) {
+    pub fn mark_authenticated(&self) {
         if let Some(open) = self.door.open().get_mut(&self.number) {
-            open.known = true;
+            open.authenticated = true;
         }
     }
 }
 
 /// Removes the connection from its listener when dropped.
-struct Inside(Visitor);
+struct ConnectionGuard(ConnectionHandle);
 
-impl Drop for Inside {
+impl Drop for ConnectionGuard {
     fn drop(&mut self) {
         self.0.door.open().remove(&self.0.number);
     }
@@ -98,11 +98,11 @@ impl Drop for Inside {
 #[derive(Clone)]
 pub struct StreamPermit(#[expect(dead_code, reason = "it is held")] Arc<OwnedSemaphorePermit>);
 
-impl Door {
+impl ConnectionLimiter {
     /// Creates the limits of two listeners, for pages and for growbot's commands, so that one being full does not close
     /// the other. They share the limit of computations.
     pub fn two(request: Duration) -> [Arc<Self>; 2] {
-        let computed = Arc::new(Semaphore::new(COMPUTED));
+        let computed = Arc::new(Semaphore::new(MAX_CONCURRENT_RENDERS));
         [(); 2].map(|()| {
             Arc::new(Self {
                 open: Mutex::default(),
@@ -114,22 +114,22 @@ impl Door {
         })
     }
 
-    fn open(&self) -> MutexGuard<'_, BTreeMap<u64, Open>> {
+    fn open(&self) -> MutexGuard<'_, BTreeMap<u64, OpenConnection>> {
         self.open.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Adds a connection. If the limit is reached, it replaces the oldest connection that has not authenticated. `None`
     /// if all have.
-    fn enter(self: &Arc<Self>, number: u64) -> Option<Inside> {
+    fn admit(self: &Arc<Self>, number: u64) -> Option<ConnectionGuard> {
         let mut open = self.open();
         if open.len() >= CONNECTIONS {
-            let (&eldest, _) = open.iter().find(|(_, open)| !open.known)?;
+            let (&eldest, _) = open.iter().find(|(_, open)| !open.authenticated)?;
             if let Some(task) = open.remove(&eldest).and_then(|open| open.task) {
                 task.abort();
             }
         }
-        open.insert(number, Open { known: false, task: None });
-        Some(Inside(Visitor { door: Arc::clone(self), number }))
+        open.insert(number, OpenConnection { authenticated: false, task: None });
+        Some(ConnectionGuard(ConnectionHandle { door: Arc::clone(self), number }))
     }
 
     /// Accepts and serves connections until the process ends.
@@ -142,7 +142,7 @@ impl Door {
         loop {
             let (mut stream, _) = listener.accept().await;
             number += 1;
-            let Some(inside) = self.enter(number) else {
+            let Some(inside) = self.admit(number) else {
                 // The response is short. If the socket does not take it at once, it is dropped.
                 let _ = timeout(Duration::from_millis(10), stream.write_all(&too_many)).await;
                 continue;
@@ -156,7 +156,7 @@ impl Door {
 }
 
 /// Serves one connection until it is closed.
-async fn attend<S>(stream: S, inside: Inside, router: Router)
+async fn attend<S>(stream: S, inside: ConnectionGuard, router: Router)
 where
     S: tokio::io::AsyncRead + tokio::io::AsyncWrite + Unpin + Send + 'static,
 {
@@ -166,7 +166,7 @@ where
         service.call(request)
     });
     let mut stream = TimeoutStream::new(stream);
-    stream.set_write_timeout(Some(TAKEN));
+    stream.set_write_timeout(Some(WRITE_TIMEOUT));
     let mut server = http1::Builder::new();
     server.timer(TokioTimer::new()).header_read_timeout(inside.0.door.request / 2);
     // A client that disconnects or sends invalid HTTP has received an error if that was possible.
@@ -174,7 +174,7 @@ where
 }
 
 /// Reads the whole body of a request before it is handled. Rejects a body that is too long or too slow.
-pub async fn whole_body(State(door): State<Arc<Door>>, request: Request, next: Next) -> Response {
+pub async fn buffer_body(State(door): State<Arc<ConnectionLimiter>>, request: Request, next: Next) -> Response {
     let (parts, body) = request.into_parts();
     let length = HttpBody::size_hint(&body);
     if length.exact() == Some(0) {
@@ -203,7 +203,11 @@ fn is_too_long(error: &axum::Error) -> bool {
 }
 
 /// Queues requests that load the processor. Gives each stream of events a permit, or rejects it.
-pub async fn in_turn(State(door): State<Arc<Door>>, mut request: Request, next: Next) -> Response {
+pub async fn limit_concurrency(
+    State(door): State<Arc<ConnectionLimiter>>,
+    mut request: Request,
+    next: Next,
+) -> Response {
     let path = request.uri().path();
     let is = |ends: &[&str]| ends.iter().any(|end| path.ends_with(end));
     if is(&["/events", "/events/socket", "/updates"]) {
@@ -241,15 +245,15 @@ mod tests {
 
     #[test]
     fn strangers_make_way_and_those_who_were_let_in_stay() {
-        let [door, other] = Door::two(Duration::from_secs(1));
-        let all: Vec<_> = (0..CONNECTIONS as u64).map(|number| door.enter(number).unwrap()).collect();
-        all[0].0.is_let_in();
-        let one_more = door.enter(1000).unwrap();
+        let [door, other] = ConnectionLimiter::two(Duration::from_secs(1));
+        let all: Vec<_> = (0..CONNECTIONS as u64).map(|number| door.admit(number).unwrap()).collect();
+        all[0].0.mark_authenticated();
+        let one_more = door.admit(1000).unwrap();
         let is_open = |number: u64| door.open().contains_key(&number);
         assert_eq!((is_open(0), is_open(1), is_open(1000), door.open().len()), (true, false, true, CONNECTIONS));
-        all.iter().chain([&one_more]).for_each(|inside| inside.0.is_let_in());
-        assert!(door.enter(1001).is_none() && other.enter(1001).is_some());
+        all.iter().chain([&one_more]).for_each(|inside| inside.0.mark_authenticated());
+        assert!(door.admit(1001).is_none() && other.admit(1001).is_some());
         drop(all);
-        assert!(door.enter(1002).is_some());
+        assert!(door.admit(1002).is_some());
     }
 }

@@ -12,26 +12,26 @@
 
 pub mod api;
 mod audit;
-pub mod caller;
+pub mod client;
+pub mod commands;
 pub mod config;
-mod document;
-mod events;
-mod growing;
-pub mod jobs;
-pub mod lending;
+mod event_routes;
+mod event_stream;
+pub mod grow_request;
+mod job_run;
+pub mod job_store;
 mod limits;
-pub mod notices;
-mod notify;
-pub mod orders;
-mod places;
+pub mod notification;
+mod notifier;
+mod openapi;
+mod paths;
+pub mod port_lease;
 mod problem;
-mod robot;
-mod scenes;
+mod robot_worker;
+mod scene_store;
 pub mod server;
-mod streams;
 #[cfg(test)]
 mod tests;
-pub mod wanted;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -41,19 +41,19 @@ use tokio::sync::watch;
 use self::api::Addresses;
 use self::audit::Audit;
 use self::config::{NotifyEntry, RobotEntry};
-pub use self::jobs::JobsError;
-use self::jobs::{Job, Jobs};
-use self::notify::Notify;
-pub use self::notify::NotifyError;
-pub use self::places::Places;
-use self::robot::Keeper;
-pub use self::robot::{RobotState, RobotView};
+pub use self::job_store::JobStoreError;
+use self::job_store::{Job, JobStore};
+use self::notifier::Notifier;
+pub use self::notifier::NotifyError;
+pub use self::paths::ServicePaths;
+use self::robot_worker::RobotWorker;
+pub use self::robot_worker::{RobotState, RobotView};
 
 /// The robots of this user, with their jobs.
 pub struct Service {
-    places: Places,
-    robots: BTreeMap<String, Arc<Keeper>>,
-    shared: Arc<Shared>,
+    places: ServicePaths,
+    robots: BTreeMap<String, Arc<RobotWorker>>,
+    shared: Arc<ServiceContext>,
     /// Addresses of the service's page. They are set when the service is served.
     addresses: OnceLock<Addresses>,
 }
@@ -63,7 +63,7 @@ pub struct Service {
 pub enum StartError {
     /// The list of jobs or another file of the service cannot be used.
     #[error(transparent)]
-    Jobs(#[from] JobsError),
+    Jobs(#[from] JobStoreError),
     /// The settings of notifications cannot be used.
     #[error(transparent)]
     Notify(#[from] NotifyError),
@@ -80,19 +80,19 @@ struct Previews {
 }
 
 /// State that the threads of all robots and the server share.
-struct Shared {
-    jobs: Mutex<Jobs>,
+struct ServiceContext {
+    job_writer: Mutex<JobStore>,
     /// A second, read-only connection to the list of jobs. With it the server does not wait for a robot's thread that
     /// writes to the disk.
-    jobs_to_read: Mutex<Jobs>,
+    job_reader: Mutex<JobStore>,
     audit: Audit,
-    notify: Notify,
+    notifier: Notifier,
     previews: Mutex<Previews>,
     /// Counter of changes. Each open connection waits for it to change.
     changes: watch::Sender<u64>,
 }
 
-impl Shared {
+impl ServiceContext {
     /// Keeps the page of a plan, in place of the oldest one if there are too many. Returns the page's number.
     fn keep_preview(&self, page: String) -> u64 {
         let mut previews = self.previews.lock().unwrap_or_else(PoisonError::into_inner);
@@ -110,16 +110,16 @@ impl Shared {
         previews.pages.iter().find(|(of, _)| *of == number).map(|(_, page)| page.clone())
     }
 
-    fn jobs(&self) -> MutexGuard<'_, Jobs> {
-        self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
+    fn jobs(&self) -> MutexGuard<'_, JobStore> {
+        self.job_writer.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn jobs_to_read(&self) -> MutexGuard<'_, Jobs> {
-        self.jobs_to_read.lock().unwrap_or_else(PoisonError::into_inner)
+    fn jobs_to_read(&self) -> MutexGuard<'_, JobStore> {
+        self.job_reader.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Wakes all connections that wait for changes.
-    fn changed(&self) {
+    fn signal_change(&self) {
         self.changes.send_modify(|changes| *changes = changes.wrapping_add(1));
     }
 }
@@ -130,42 +130,42 @@ impl Service {
     /// # Errors
     /// [`StartError`] if the directory or the database cannot be used, or if the settings of notifications are invalid.
     pub fn start(
-        places: Places,
+        places: ServicePaths,
         robots: &BTreeMap<String, RobotEntry>,
         notify: &NotifyEntry,
     ) -> Result<Self, StartError> {
-        let jobs = Jobs::open(&places)?;
+        let jobs = JobStore::open(&places)?;
         let audit = Audit::open(&places.audit())?;
-        let (notify, tellers) = Notify::new(notify, &places)?;
-        let shared = Arc::new(Shared {
-            jobs: Mutex::new(jobs),
-            jobs_to_read: Mutex::new(Jobs::open_to_read(&places)?),
+        let (notify, tellers) = Notifier::new(notify, &places)?;
+        let shared = Arc::new(ServiceContext {
+            job_writer: Mutex::new(jobs),
+            job_reader: Mutex::new(JobStore::open_to_read(&places)?),
             audit,
-            notify,
+            notifier: notify,
             previews: Mutex::default(),
             changes: watch::Sender::new(0),
         });
         tellers.start(&shared);
         let robots = robots
             .iter()
-            .map(|(name, entry)| (name.clone(), Keeper::start(name, entry, Arc::clone(&shared))))
+            .map(|(name, entry)| (name.clone(), RobotWorker::start(name, entry, Arc::clone(&shared))))
             .collect();
         Ok(Self { places, robots, shared, addresses: OnceLock::new() })
     }
 
     /// Returns the paths of the service's files.
     #[must_use]
-    pub fn places(&self) -> &Places {
+    pub fn places(&self) -> &ServicePaths {
         &self.places
     }
 
     /// Returns all robots, sorted by name.
     #[must_use]
     pub fn robots(&self) -> Vec<RobotView> {
-        self.robots.values().map(|robot| robot.view()).collect()
+        self.robots.values().map(|robot| robot.status()).collect()
     }
 
-    fn robot(&self, name: &str) -> Option<&Arc<Keeper>> {
+    fn robot(&self, name: &str) -> Option<&Arc<RobotWorker>> {
         self.robots.get(name)
     }
 

@@ -20,12 +20,12 @@ use serde_json::Value;
 use tokio::net::{TcpListener, UnixListener, UnixStream};
 
 use super::api::{self, Access, Addresses};
-use super::audit::By;
-use super::limits::{Door, Visitor, in_turn, whole_body};
+use super::audit::CommandSource;
+use super::limits::{ConnectionHandle, ConnectionLimiter, buffer_body, limit_concurrency};
 use super::problem::Problem;
-use super::{Places, Service};
-use crate::watch::guard::{guard, nothing};
-use crate::watch::token;
+use super::{Service, ServicePaths};
+use crate::watch::guard::{not_found, require_same_origin};
+use crate::watch::random_token;
 
 /// Page of all robots.
 const PAGE: &str = include_str!("page/robots.html");
@@ -70,7 +70,7 @@ pub struct Tokens {
 
 impl Tokens {
     /// Reads the tokens from a file. A missing or invalid file is replaced by new tokens.
-    fn of(path: &Path) -> io::Result<Self> {
+    fn load_or_create(path: &Path) -> io::Result<Self> {
         let is_token = |word: &&str| word.len() == 32 && word.bytes().all(|byte| byte.is_ascii_hexdigit());
         if let Ok(text) = fs::read_to_string(path)
             && let [operate, read] = text.split_whitespace().filter(is_token).collect::<Vec<_>>()[..]
@@ -93,7 +93,7 @@ pub(super) fn write_secret(path: &Path, text: &str) -> io::Result<()> {
 }
 
 fn new_token() -> io::Result<String> {
-    token().map_err(|error| io::Error::other(error.to_string()))
+    random_token().map_err(|error| io::Error::other(error.to_string()))
 }
 
 /// The bound listeners, before they are served.
@@ -108,7 +108,7 @@ impl Server {
     ///
     /// # Errors
     /// [`ServerError`].
-    pub async fn bind(places: &Places, port: u16) -> Result<Self, ServerError> {
+    pub async fn bind(places: &ServicePaths, port: u16) -> Result<Self, ServerError> {
         let file = |path: &Path| {
             let path = path.display().to_string();
             move |error| ServerError::File { path, error }
@@ -123,7 +123,7 @@ impl Server {
         fs::set_permissions(&socket, fs::Permissions::from_mode(0o600)).map_err(file(&socket))?;
         let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
         let tcp = TcpListener::bind(address).await.map_err(|error| ServerError::Address { port, error })?;
-        let tokens = Tokens::of(&places.tokens()).map_err(file(&places.tokens()))?;
+        let tokens = Tokens::load_or_create(&places.tokens()).map_err(file(&places.tokens()))?;
         Ok(Self { tcp, unix, tokens })
     }
 
@@ -131,7 +131,7 @@ impl Server {
     ///
     /// # Errors
     /// The local address cannot be read.
-    pub fn addresses(&self) -> io::Result<[String; 2]> {
+    pub fn page_urls(&self) -> io::Result<[String; 2]> {
         let bound = self.tcp.local_addr()?;
         Ok([&self.tokens.operate, &self.tokens.read].map(|token| format!("http://{bound}/{token}/")))
     }
@@ -141,21 +141,21 @@ impl Server {
     /// # Errors
     /// A listener has failed.
     pub async fn serve(self, service: Arc<Service>, request: Duration) -> io::Result<()> {
-        let [operate, look] = self.addresses()?;
+        let [operate, look] = self.page_urls()?;
         // The addresses are set once, because a server is served once.
         let _ = service.addresses.set(Addresses { operate, look });
         let (router, document) = api::routes();
         let document = Arc::new(document);
-        let site = |access, door: &Arc<Door>| {
+        let site = |access, door: &Arc<ConnectionLimiter>| {
             site(router.clone(), Arc::clone(&document), access, door).with_state(Arc::clone(&service))
         };
-        let [page_door, command_door] = Door::two(request);
+        let [page_door, command_door] = ConnectionLimiter::two(request);
         let pages = Router::new()
-            .nest(&format!("/{}/", self.tokens.operate), site(Access::Operate(By::Page), &page_door))
-            .nest(&format!("/{}/", self.tokens.read), site(Access::Read, &page_door))
-            .fallback(nothing)
-            .layer(from_fn(guard));
-        let commands = site(Access::Operate(By::Command), &command_door);
+            .nest(&format!("/{}/", self.tokens.operate), site(Access::Control(CommandSource::Web), &page_door))
+            .nest(&format!("/{}/", self.tokens.read), site(Access::View, &page_door))
+            .fallback(not_found)
+            .layer(from_fn(require_same_origin));
+        let commands = site(Access::Control(CommandSource::Socket), &command_door);
         let tcp = page_door.serve(self.tcp, pages);
         let unix = command_door.serve(self.unix, commands);
         tokio::select! { ended = tcp => ended, ended = unix => ended }
@@ -163,14 +163,19 @@ impl Server {
 }
 
 /// Returns the router of the page and the interface for clients with these rights.
-fn site(router: Router<Arc<Service>>, document: Arc<Value>, access: Access, door: &Arc<Door>) -> Router<Arc<Service>> {
+fn site(
+    router: Router<Arc<Service>>,
+    document: Arc<Value>,
+    access: Access,
+    door: &Arc<ConnectionLimiter>,
+) -> Router<Arc<Service>> {
     let openapi = move || {
         let document = Arc::clone(&document);
         async move { Json(Value::clone(&document)) }
     };
     let insert = move |mut request: Request| async move {
-        if let Some(visitor) = request.extensions().get::<Visitor>() {
-            visitor.is_let_in();
+        if let Some(visitor) = request.extensions().get::<ConnectionHandle>() {
+            visitor.mark_authenticated();
         }
         request.extensions_mut().insert(access);
         request
@@ -181,8 +186,8 @@ fn site(router: Router<Arc<Service>>, document: Arc<Value>, access: Access, door
         .route("/robots.css", get(|| async { ([(CONTENT_TYPE, "text/css")], STYLE) }))
         .route(&format!("{}/openapi.json", api::PREFIX), get(openapi))
         .nest(api::PREFIX, router)
-        .layer(from_fn_with_state(Arc::clone(door), in_turn))
-        .layer(from_fn_with_state(Arc::clone(door), whole_body))
+        .layer(from_fn_with_state(Arc::clone(door), limit_concurrency))
+        .layer(from_fn_with_state(Arc::clone(door), buffer_body))
         .layer(map_request(insert))
         .layer(map_response(as_problem))
 }

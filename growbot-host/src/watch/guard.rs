@@ -23,9 +23,9 @@ const HEADERS: [(&str, &str); 5] = [
 ];
 
 /// Handles a request if it is allowed.
-pub async fn guard(request: Request, next: Next) -> Response {
+pub async fn require_same_origin(request: Request, next: Next) -> Response {
     if !may_ask(request.headers()) {
-        return nothing().await;
+        return not_found().await;
     }
     let mut response = next.run(request).await;
     for (name, value) in HEADERS {
@@ -35,7 +35,7 @@ pub async fn guard(request: Request, next: Next) -> Response {
 }
 
 /// Returns the response to rejected requests and to unknown paths.
-pub async fn nothing() -> Response {
+pub async fn not_found() -> Response {
     StatusCode::NOT_FOUND.into_response()
 }
 

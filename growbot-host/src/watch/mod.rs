@@ -10,9 +10,9 @@
 //! that it lacks, so no queue can grow. On `sim` a growth takes seconds, so its time can be limited to a multiple of
 //! real time ([`growbot_sim::port`], `paced.rs`).
 
+mod growth_tracker;
 pub(crate) mod guard;
 pub(crate) mod server;
-mod watched;
 
 use std::io;
 use std::net::{Ipv4Addr, TcpListener};
@@ -26,7 +26,7 @@ use growbot_client::run_log::GrowthResult;
 use growbot_core::layer_bytes::LayerBytes;
 use tokio::sync::{oneshot, watch};
 
-use self::watched::Watched;
+use self::growth_tracker::GrowthTracker;
 use growbot_pictures::view::{Subject, ViewError, page};
 
 /// Time that open pages have to receive the result.
@@ -57,38 +57,38 @@ pub enum WatchError {
 }
 
 /// State that the server's handlers share: the page and the growth.
-pub(crate) struct Shared {
+pub(crate) struct WatchState {
     page: String,
     /// Token at the beginning of every path.
     token: String,
-    live: Arc<Live>,
+    live: Arc<LiveGrowth>,
 }
 
 /// An active growth, shared by pages and by the thread that follows it.
-pub struct Live {
+pub struct LiveGrowth {
     /// Queue of commands. `None` if pages are read-only.
     orders: Option<Arc<CommandQueue>>,
-    watched: Mutex<Watched>,
+    watched: Mutex<GrowthTracker>,
     /// Counter of changes. Each open page waits for it to change.
     changes: watch::Sender<u64>,
     is_left: AtomicBool,
 }
 
-impl Live {
+impl LiveGrowth {
     /// Creates a growth that is about to start, or to be resumed after the `known` layers. With `orders`, pages can
     /// send commands.
     #[must_use]
     pub fn new(job: &Job, known: &[Option<LayerBytes>], orders: Option<Arc<CommandQueue>>) -> Arc<Self> {
-        let watched = Mutex::new(Watched::new(job, known));
+        let watched = Mutex::new(GrowthTracker::new(job, known));
         Arc::new(Self { orders, watched, changes: watch::Sender::new(0), is_left: AtomicBool::new(false) })
     }
 
-    fn watched(&self) -> MutexGuard<'_, Watched> {
+    fn watched(&self) -> MutexGuard<'_, GrowthTracker> {
         self.watched.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Sets the pace of the robot's clock, in multiples of real time, from which pages compute the end of the growth.
-    pub fn runs_at(&self, pace: Option<f64>) {
+    pub fn set_pace(&self, pace: Option<f64>) {
         self.watched().runs_at(pace);
     }
 
@@ -99,7 +99,7 @@ impl Live {
     }
 
     /// Shows a problem with this program's own files on the pages, or clears it.
-    pub fn warn(&self, words: Option<String>) {
+    pub fn set_warning(&self, words: Option<String>) {
         self.watched().warn(words);
         self.changed();
     }
@@ -111,7 +111,7 @@ impl Live {
     }
 
     /// Ends the streams of this growth, because another one follows it. Pages then reconnect.
-    pub fn leave(&self) {
+    pub fn supersede(&self) {
         self.is_left.store(true, Ordering::Release);
         self.changed();
     }
@@ -122,13 +122,13 @@ impl Live {
 }
 
 /// Server of a page that follows a growth. It stops when it is dropped.
-pub struct Watch {
-    shared: Arc<Shared>,
+pub struct WatchPage {
+    shared: Arc<WatchState>,
     address: String,
     server: Option<(oneshot::Sender<()>, JoinHandle<()>)>,
 }
 
-impl Watch {
+impl WatchPage {
     /// Serves the page of a plan and its job on this port, 0 for any. `known` are the layers that have already been
     /// built. With `orders`, the page can send commands.
     ///
@@ -145,11 +145,11 @@ impl Watch {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(of_address)?;
         listener.set_nonblocking(true).map_err(of_address)?;
         let bound = listener.local_addr().map_err(of_address)?;
-        let token = token().map_err(WatchError::Random)?;
-        let shared = Arc::new(Shared {
-            page: page::of_growth(subject, orders.is_some())?,
+        let token = random_token().map_err(WatchError::Random)?;
+        let shared = Arc::new(WatchState {
+            page: page::render_live(subject, orders.is_some())?,
             token,
-            live: Live::new(job, known, orders),
+            live: LiveGrowth::new(job, known, orders),
         });
         let address = format!("http://{bound}/{}/", shared.token);
         let (stop, stopped) = oneshot::channel();
@@ -174,7 +174,7 @@ impl Watch {
 
     /// Sets the pace of the robot's clock, in multiples of real time, from which pages compute the end of the growth.
     pub fn runs_at(&self, pace: Option<f64>) {
-        self.shared.live.runs_at(pace);
+        self.shared.live.set_pace(pace);
     }
 
     /// Sends an event to the pages.
@@ -184,7 +184,7 @@ impl Watch {
 
     /// Shows a problem with this program's own files on the pages, or clears it.
     pub fn warn(&self, words: Option<String>) {
-        self.shared.live.warn(words);
+        self.shared.live.set_warning(words);
     }
 
     /// Sends the result to the pages, in the format of `growbot grow --json`. Waits at most 3 s until the open pages
@@ -198,7 +198,7 @@ impl Watch {
     }
 }
 
-impl Drop for Watch {
+impl Drop for WatchPage {
     fn drop(&mut self) {
         if let Some((stop, thread)) = self.server.take() {
             let _ = stop.send(());
@@ -208,7 +208,7 @@ impl Drop for Watch {
 }
 
 /// Returns 128 random bits as 32 hexadecimal digits.
-pub(crate) fn token() -> Result<String, getrandom::Error> {
+pub(crate) fn random_token() -> Result<String, getrandom::Error> {
     let mut bytes = [0; 16];
     getrandom::fill(&mut bytes)?;
     Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())

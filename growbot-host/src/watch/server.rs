@@ -19,9 +19,9 @@ use tokio::net::TcpListener;
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
-use super::guard::{guard, nothing};
-use super::watched::Seen;
-use super::{Live, Shared};
+use super::growth_tracker::UpdateCursor;
+use super::guard::{not_found, require_same_origin};
+use super::{LiveGrowth, WatchState};
 
 /// Minimum time between two updates of a page.
 const BETWEEN_UPDATES: Duration = Duration::from_millis(200);
@@ -29,7 +29,7 @@ const BETWEEN_UPDATES: Duration = Duration::from_millis(200);
 const TO_CLOSE: Duration = Duration::from_millis(500);
 
 /// Serves until `stopped` is signalled.
-pub async fn serve(listener: TcpListener, shared: Arc<Shared>, stopped: oneshot::Receiver<()>) {
+pub async fn serve(listener: TcpListener, shared: Arc<WatchState>, stopped: oneshot::Receiver<()>) {
     let (closing, closed) = oneshot::channel();
     let stop = async move {
         let _ = stopped.await;
@@ -43,37 +43,37 @@ pub async fn serve(listener: TcpListener, shared: Arc<Shared>, stopped: oneshot:
     tokio::select! { _ = server => {}, () = too_late => {} }
 }
 
-fn routes(shared: Arc<Shared>) -> Router {
+fn routes(shared: Arc<WatchState>) -> Router {
     let token = &shared.token;
     Router::new()
         .route(&format!("/{token}/"), get(page))
         .route(&format!("/{token}/updates"), get(updates))
         .route(&format!("/{token}/orders/{{order}}"), post(order))
-        .fallback(nothing)
-        .method_not_allowed_fallback(nothing)
+        .fallback(not_found)
+        .method_not_allowed_fallback(not_found)
         .with_state(shared)
-        .layer(from_fn(guard))
+        .layer(from_fn(require_same_origin))
 }
 
-async fn page(State(shared): State<Arc<Shared>>) -> Html<String> {
+async fn page(State(shared): State<Arc<WatchState>>) -> Html<String> {
     Html(shared.page.clone())
 }
 
-async fn updates(State(shared): State<Arc<Shared>>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+async fn updates(State(shared): State<Arc<WatchState>>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
     updates_of(Arc::clone(&shared.live))
 }
 
 /// Returns the stream of a page's updates.
-pub fn updates_of(live: Arc<Live>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
-    let listener = Listener { changes: live.changes.subscribe(), live, seen: Seen::default(), told: false };
+pub fn updates_of(live: Arc<LiveGrowth>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+    let listener = Listener { changes: live.changes.subscribe(), live, seen: UpdateCursor::default(), told: false };
     Sse::new(unfold(listener, Listener::next)).keep_alive(KeepAlive::default())
 }
 
 /// One open page.
 struct Listener {
-    live: Arc<Live>,
+    live: Arc<LiveGrowth>,
     changes: watch::Receiver<u64>,
-    seen: Seen,
+    seen: UpdateCursor,
     /// True if the page has been sent an update.
     told: bool,
 }
@@ -98,16 +98,16 @@ impl Listener {
     }
 }
 
-async fn order(State(shared): State<Arc<Shared>>, Path(name): Path<String>) -> Response {
-    give(&shared.live, &name).await
+async fn order(State(shared): State<Arc<WatchState>>, Path(name): Path<String>) -> Response {
+    send_command(&shared.live, &name).await
 }
 
 /// Queues a command with this name, which a page has sent.
-pub async fn give(live: &Live, name: &str) -> Response {
+pub async fn send_command(live: &LiveGrowth, name: &str) -> Response {
     let Some(orders) = &live.orders else {
         return (StatusCode::FORBIDDEN, "this page may only look: start growbot with --control").into_response();
     };
-    let Some(order) = Command::ALL.into_iter().find(|order| order.name() == name) else { return nothing().await };
+    let Some(order) = Command::ALL.into_iter().find(|order| order.name() == name) else { return not_found().await };
     orders.push(order);
     StatusCode::ACCEPTED.into_response()
 }

@@ -11,16 +11,16 @@ use growbot_core::pose::{Pose, Position};
 use growbot_sim::parallel;
 use nalgebra::Vector3;
 
-use super::{POSITIONS, Question, in_ball, shortest_to};
+use super::{POSITIONS, WorkspaceQuery, in_ball, shortest_to};
 
 /// Number of shells by which goals are counted. With more shells, each would have too few goals for a meaningful share.
 const BANDS: usize = 5;
 
 /// Result for a goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Known {
+pub enum Reachability {
     /// A path exists, with a body of this length, mm.
-    Path(f64),
+    Reachable(f64),
     /// The goal needs a longer body, even without obstacles.
     TooFar,
     /// The goal is in an obstacle or too near to one.
@@ -28,7 +28,7 @@ pub enum Known {
     /// Every way to the goal is too narrow for the body.
     Separated,
     /// No path exists that consists of arcs and lines of this length, mm.
-    NoneAt(f64),
+    NoPathAtResolution(f64),
     /// The only path of the two-plane planner is not clear.
     NotClear,
     /// The search ended without a result. A path may exist.
@@ -37,20 +37,20 @@ pub enum Known {
 
 /// A goal with its result.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Asked {
+pub struct GoalResult {
     /// Position in the base's frame, mm.
     pub position: Vector3<f64>,
     /// Distance from the start, mm.
     pub distance: f64,
     /// Result for the goal.
-    pub known: Known,
+    pub reachability: Reachability,
 }
 
 /// Number of goals with each kind of result.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Goals with a path.
-    pub path: usize,
+    pub reachable: usize,
     /// Goals without a path, for any reason.
     pub none: usize,
     /// Goals for which no path was found.
@@ -58,12 +58,12 @@ pub struct Counts {
 }
 
 impl Counts {
-    fn of<'a>(asked: impl IntoIterator<Item = &'a Asked>) -> Self {
+    fn of<'a>(asked: impl IntoIterator<Item = &'a GoalResult>) -> Self {
         let mut counts = Self::default();
         for asked in asked {
-            *match asked.known {
-                Known::Path(_) => &mut counts.path,
-                Known::NotFound => &mut counts.not_found,
+            *match asked.reachability {
+                Reachability::Reachable(_) => &mut counts.reachable,
+                Reachability::NotFound => &mut counts.not_found,
                 _ => &mut counts.none,
             } += 1;
         }
@@ -73,14 +73,14 @@ impl Counts {
 
 /// Results for all goals in a scene.
 #[derive(Debug, Clone, PartialEq)]
-pub struct InScene {
+pub struct SceneWorkspace {
     /// All goals.
-    pub goals: Vec<Asked>,
+    pub goals: Vec<GoalResult>,
     /// Radius of the ball that contains the goals, mm.
     pub length: f64,
 }
 
-impl InScene {
+impl SceneWorkspace {
     /// Counts the goals with each kind of result.
     #[must_use]
     pub fn counts(&self) -> Counts {
@@ -89,16 +89,16 @@ impl InScene {
 
     /// Counts the goals whose result satisfies `is_this`.
     #[must_use]
-    pub fn because(&self, is_this: impl Fn(&Known) -> bool) -> usize {
-        self.goals.iter().filter(|asked| is_this(&asked.known)).count()
+    pub fn because(&self, is_this: impl Fn(&Reachability) -> bool) -> usize {
+        self.goals.iter().filter(|asked| is_this(&asked.reachability)).count()
     }
 
     /// Returns the coarsest resolution at which some goal has no path: the length of arcs and lines, mm. `None` without
     /// such a goal.
     #[must_use]
     pub fn resolution(&self) -> Option<f64> {
-        let steps = self.goals.iter().filter_map(|asked| match asked.known {
-            Known::NoneAt(step) => Some(step),
+        let steps = self.goals.iter().filter_map(|asked| match asked.reachability {
+            Reachability::NoPathAtResolution(step) => Some(step),
             _ => None,
         });
         steps.max_by(f64::total_cmp)
@@ -126,29 +126,29 @@ impl InScene {
 ///
 /// # Errors
 /// An error that concerns every goal: the radius is invalid, or the start is too near to an obstacle.
-pub fn in_scene(
-    question: &Question,
+pub fn scene_workspace(
+    question: &WorkspaceQuery,
     through: &SceneOptions,
     mut at: impl FnMut(u64, u64),
-) -> Result<InScene, ScenePlanError> {
+) -> Result<SceneWorkspace, ScenePlanError> {
     question.check()?;
     let goals: Vec<Vector3<f64>> = (0..POSITIONS).map(|index| in_ball(index) * question.length).collect();
-    let answer = |goal: &Vector3<f64>| -> Result<Asked, ScenePlanError> {
+    let answer = |goal: &Vector3<f64>| -> Result<GoalResult, ScenePlanError> {
         let position = question.position(*goal);
-        Ok(Asked { position, distance: goal.norm(), known: question.known(through, *goal, position)? })
+        Ok(GoalResult { position, distance: goal.norm(), reachability: question.known(through, *goal, position)? })
     };
     let answers = parallel::map(&goals, answer, |done| at(done as u64, POSITIONS as u64));
-    Ok(InScene { goals: answers.into_iter().collect::<Result<_, _>>()?, length: question.length })
+    Ok(SceneWorkspace { goals: answers.into_iter().collect::<Result<_, _>>()?, length: question.length })
 }
 
-impl Question<'_> {
+impl WorkspaceQuery<'_> {
     /// Plans to a goal, which is given in the frames of the start and of the base.
     fn known(
         &self,
         through: &SceneOptions,
         of_start: Vector3<f64>,
         position: Vector3<f64>,
-    ) -> Result<Known, ScenePlanError> {
+    ) -> Result<Reachability, ScenePlanError> {
         let (at_least, goal) = match self.direction {
             None => {
                 let lateral = libm::hypot(of_start.x, of_start.y);
@@ -160,22 +160,22 @@ impl Question<'_> {
         };
         // A position that is not valid as a goal is beyond all goals that can be planned for.
         let Some(goal) = goal.ok().filter(|_| at_least <= self.length * (1.0 + 1e-9)) else {
-            return Ok(Known::TooFar);
+            return Ok(Reachability::TooFar);
         };
         let search = PlanOptions { radius: self.radius, planner: self.planner, clear_of_self: true };
         match scene_planning::plan(self.robot, &self.start, &[goal], &search, through) {
-            Ok(plan) => Ok(Known::Path(path::length(&plan.path))),
+            Ok(plan) => Ok(Reachability::Reachable(path::length(&plan.path))),
             Err(ScenePlanError::NoPath(start @ NoPathError::Start { .. })) => Err(start.into()),
             Err(ScenePlanError::NoPath(no_path)) => Ok(match no_path {
-                NoPathError::TooFar { .. } => Known::TooFar,
-                NoPathError::Goal { .. } => Known::TooNear,
-                NoPathError::Separated { .. } => Known::Separated,
-                NoPathError::AtResolution { step, .. } => Known::NoneAt(step),
-                NoPathError::NotClear => Known::NotClear,
-                NoPathError::Start { .. } | NoPathError::NotFound => Known::NotFound,
+                NoPathError::TooFar { .. } => Reachability::TooFar,
+                NoPathError::Goal { .. } => Reachability::TooNear,
+                NoPathError::Separated { .. } => Reachability::Separated,
+                NoPathError::AtResolution { step, .. } => Reachability::NoPathAtResolution(step),
+                NoPathError::NotClear => Reachability::NotClear,
+                NoPathError::Start { .. } | NoPathError::NotFound => Reachability::NotFound,
             }),
             // A goal without a path in empty space counts as not found, because the planner's error proves nothing.
-            Err(ScenePlanError::Plan(_)) => Ok(Known::NotFound),
+            Err(ScenePlanError::Plan(_)) => Ok(Reachability::NotFound),
         }
     }
 }

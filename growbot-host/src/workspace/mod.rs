@@ -24,12 +24,12 @@ use growbot_sim::parallel;
 use nalgebra::{Point3, Vector3};
 
 pub use anywhere::shortest_to;
-pub use in_scene::{Asked, Counts, InScene, Known, in_scene};
+pub use in_scene::{Counts, GoalResult, Reachability, SceneWorkspace, scene_workspace};
 pub use picture::svg;
 
 /// Parameters of a workspace.
 #[derive(Debug, Clone, Copy)]
-pub struct Question<'a> {
+pub struct WorkspaceQuery<'a> {
     /// The robot.
     pub robot: &'a Robot,
     /// Start pose of the body.
@@ -110,7 +110,7 @@ pub const ALONG_AXIS: usize = 200;
 ///
 /// # Errors
 /// Errors of [`plan`], mostly a radius that the robot cannot bend to.
-pub fn workspace(question: &Question, at: impl FnMut(u64, u64)) -> Result<Workspace, PlanError> {
+pub fn workspace(question: &WorkspaceQuery, at: impl FnMut(u64, u64)) -> Result<Workspace, PlanError> {
     question.check()?;
     match question.direction {
         None => Ok(question.anywhere(at)),
@@ -124,7 +124,7 @@ pub fn ball(radius: f64) -> f64 {
     4.0 / 3.0 * PI * radius * radius * radius
 }
 
-impl Question<'_> {
+impl WorkspaceQuery<'_> {
     /// Checks the parameters that are the same for all positions, such as the radius.
     fn check(&self) -> Result<(), PlanError> {
         plan(self.robot, &self.start, &self.start, self.radius, self.planner).map(|_| ())
@@ -371,8 +371,8 @@ mod tests {
     use super::*;
     use growbot_client::robot_file;
 
-    fn question(robot: &Robot, length: f64) -> Question<'_> {
-        Question {
+    fn question(robot: &Robot, length: f64) -> WorkspaceQuery<'_> {
+        WorkspaceQuery {
             robot,
             start: Pose::from_degrees([10.0, 20.0, 30.0, 40.0, 50.0]).unwrap(),
             length,
@@ -415,13 +415,13 @@ mod tests {
     fn a_given_direction_reaches_less_than_any() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let any = workspace(&question(&robot, 600.0), |_, _| {}).unwrap();
-        let down = Question { direction: Some((0.0, -1.5)), ..question(&robot, 600.0) };
+        let down = WorkspaceQuery { direction: Some((0.0, -1.5)), ..question(&robot, 600.0) };
         let mut told = (0, 0);
         let down = workspace(&down, |done, of| told = (done, of)).unwrap();
         assert!(down.volume.0 + 3.0 * down.volume.1 < any.volume.0 && down.volume.0 > 0.0);
         assert!(down.reach[0] < any.reach[0] && down.shares.is_empty() && down.share_section.is_none());
         assert!(told.1 > 1000 && told.0 <= told.1);
-        let tight = Question { radius: 50.0, ..question(&robot, 600.0) };
+        let tight = WorkspaceQuery { radius: 50.0, ..question(&robot, 600.0) };
         assert!(matches!(workspace(&tight, |_, _| {}), Err(PlanError::RadiusTooSmall { .. })));
     }
 }

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use growbot_core::angle::degrees;
 
-use super::{Question, Section, Workspace};
+use super::{Section, Workspace, WorkspaceQuery};
 use growbot_pictures::drawing::chart::round_step;
 use growbot_pictures::drawing::colours::{VIRIDIS, colour};
 
@@ -32,7 +32,7 @@ const STYLE: &str = "text{font-family:Inter,system-ui,'Segoe UI','DejaVu Sans',s
 /// Returns the picture. The right half shows the length of the shortest body to each position, the left half the share
 /// of final directions. With a given final direction, both halves show lengths.
 #[must_use]
-pub fn svg(question: &Question, workspace: &Workspace) -> String {
+pub fn svg(question: &WorkspaceQuery, workspace: &Workspace) -> String {
     let (width, height) = SIZE;
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" \
@@ -53,7 +53,7 @@ pub fn svg(question: &Question, workspace: &Workspace) -> String {
     svg + "</svg>\n"
 }
 
-fn title(question: &Question) -> String {
+fn title(question: &WorkspaceQuery) -> String {
     // A robot's name holds letters, digits and hyphens only.
     format!(
         "{}: within reach of a body of {} mm, bends of radius {} mm",
@@ -173,7 +173,7 @@ impl Plot {
         svg.push_str("</g>\n");
     }
 
-    fn texts(&self, svg: &mut String, question: &Question) {
+    fn texts(&self, svg: &mut String, question: &WorkspaceQuery) {
         let [x, y, z, heading, pitch] = question.start.to_degrees().map(|number| (number * 1e3).round() / 1e3 + 0.0);
         let notes = match question.direction {
             None => [
@@ -204,7 +204,7 @@ impl Plot {
         }
     }
 
-    fn axes(&self, svg: &mut String, question: &Question) {
+    fn axes(&self, svg: &mut String, question: &WorkspaceQuery) {
         let (left, top) = CORNER;
         let (right, bottom) = (left + SQUARE, top + SQUARE);
         let step = round_step(2.0 * self.length, 10.0);

@@ -33,7 +33,7 @@ pub enum PdfError {
 ///
 /// # Errors
 /// [`PdfError`].
-pub fn pdf(svg: &str) -> Result<Vec<u8>, PdfError> {
+pub fn svg_to_pdf(svg: &str) -> Result<Vec<u8>, PdfError> {
     let tree = read(svg)?;
     let (width, height) = (POINTS * tree.size().width(), POINTS * tree.size().height());
     let mut page = Page { content: Content::new(), opacities: BTreeMap::new(), gradients: Vec::new() };
@@ -253,15 +253,15 @@ mod tests {
              <defs><linearGradient id=\"g\"><stop offset=\"0\" stop-color=\"#000\"/><stop offset=\"1\" \
              stop-color=\"#fff\"/></linearGradient></defs><rect width=\"50\" height=\"10\" fill=\"url(#g)\"/>\
              <path d=\"M0 0L9 9\" stroke=\"#f00\" stroke-opacity=\".5\"/><text x=\"10\" y=\"30\">mm</text></svg>";
-        let bytes = pdf(svg).unwrap();
+        let bytes = svg_to_pdf(svg).unwrap();
         assert!(bytes.starts_with(b"%PDF-1."));
         let text = String::from_utf8_lossy(&bytes);
         for part in ["/MediaBox [0 0 150 37.5]", "/ShadingType 2", "/CA 0.5", "/Producer (growbot", "%%EOF"] {
             assert!(text.contains(part), "{part}: {text}");
         }
         assert!(!text.contains("/Font"), "letters are outlines");
-        let without = pdf(&svg.replace(">mm<", "> <")).unwrap();
+        let without = svg_to_pdf(&svg.replace(">mm<", "> <")).unwrap();
         assert!(bytes.len() > without.len() + 100, "letters are there");
-        assert!(matches!(pdf("<svg"), Err(PdfError::Svg(_))));
+        assert!(matches!(svg_to_pdf("<svg"), Err(PdfError::Svg(_))));
     }
 }

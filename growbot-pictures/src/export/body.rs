@@ -11,7 +11,7 @@ use growbot_core::slicing::{SlicedLayer, Slicing, layers};
 
 /// Source of a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Source {
+pub enum LayerSource {
     /// The plan.
     Planned,
     /// The board: the layer as built.
@@ -20,7 +20,7 @@ pub enum Source {
     Simulated,
 }
 
-impl Source {
+impl LayerSource {
     /// Returns the name of the source in files.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -38,7 +38,7 @@ pub struct BodyLayer {
     /// The layer.
     pub layer: Layer,
     /// Source of the layer.
-    pub source: Source,
+    pub source: LayerSource,
     /// `base_from_tip` after the layer, mm.
     pub base_from_tip: Frame,
 }
@@ -53,9 +53,9 @@ pub struct Body {
     /// The layers, from the first on.
     pub layers: Vec<BodyLayer>,
     /// Mean radius of the wall, mm.
-    pub radius: f64,
+    pub wall_radius: f64,
     /// Thickness of the wall, mm.
-    pub width: f64,
+    pub wall_thickness: f64,
     /// Volume of filament for a mm of body, mm^3.
     pub filament_per_length: f64,
 }
@@ -65,7 +65,7 @@ impl Body {
     #[must_use]
     pub fn planned(robot: &Robot, plan: &Plan) -> Self {
         let planned =
-            layers(&plan.path, robot, Slicing::Exact).map(|SlicedLayer { layer, .. }| (layer, Source::Planned));
+            layers(&plan.path, robot, Slicing::Exact).map(|SlicedLayer { layer, .. }| (layer, LayerSource::Planned));
         Self::new(robot, &plan.start, planned)
     }
 
@@ -74,7 +74,7 @@ impl Body {
     #[must_use]
     pub fn as_built(robot: &Robot, start: &Pose, record: &RecordedRun) -> Self {
         let laid = record.commanded().zip(&record.as_built).map(|(layer, as_built)| {
-            (decode(&layer), if as_built.is_some() { Source::AsBuilt } else { Source::Planned })
+            (decode(&layer), if as_built.is_some() { LayerSource::AsBuilt } else { LayerSource::Planned })
         });
         Self::new(robot, start, laid)
     }
@@ -84,17 +84,18 @@ impl Body {
     #[must_use]
     pub fn simulated(robot: &Robot, start: &Pose, record: &RecordedRun) -> Option<Self> {
         let laid = record.simulated()?.into_iter().enumerate();
-        let source = |index| if record.has_simulated_layer(index) { Source::Simulated } else { Source::AsBuilt };
+        let source =
+            |index| if record.has_simulated_layer(index) { LayerSource::Simulated } else { LayerSource::AsBuilt };
         Some(Self::new(robot, start, laid.map(|(index, layer)| (layer, source(index)))))
     }
 
     /// Returns a body of these layers, laid in a simulation.
     #[must_use]
     pub fn laid(robot: &Robot, start: &Pose, layers: &[Layer]) -> Self {
-        Self::new(robot, start, layers.iter().map(|layer| (*layer, Source::Simulated)))
+        Self::new(robot, start, layers.iter().map(|layer| (*layer, LayerSource::Simulated)))
     }
 
-    fn new(robot: &Robot, start: &Pose, layers: impl Iterator<Item = (Layer, Source)>) -> Self {
+    fn new(robot: &Robot, start: &Pose, layers: impl Iterator<Item = (Layer, LayerSource)>) -> Self {
         let base_from_start = start.frame();
         let mut base_from_tip = base_from_start;
         let layers = layers.map(|(layer, source)| {
@@ -105,8 +106,8 @@ impl Body {
             robot: robot.name().to_string(),
             base_from_start,
             layers: layers.collect(),
-            radius: robot.tip_radius(),
-            width: robot.description().wall.width_mm,
+            wall_radius: robot.tip_radius(),
+            wall_thickness: robot.description().wall.width_mm,
             filament_per_length: robot.filament_area() * robot.filament_per_length(),
         }
     }
@@ -132,7 +133,7 @@ impl Body {
     }
 
     /// Returns `base_from_tip` before each layer, and the layer.
-    pub fn growing(&self) -> impl Iterator<Item = (Frame, &BodyLayer)> {
+    pub fn layers_with_base(&self) -> impl Iterator<Item = (Frame, &BodyLayer)> {
         let before = std::iter::once(self.base_from_start).chain(self.layers.iter().map(|layer| layer.base_from_tip));
         before.zip(&self.layers)
     }
@@ -141,7 +142,7 @@ impl Body {
 #[cfg(test)]
 impl Body {
     /// Returns a body of these layers that starts straight up from the origin.
-    pub(super) fn of_layers(robot: &Robot, layers: impl IntoIterator<Item = (Layer, Source)>) -> Self {
+    pub(super) fn of_layers(robot: &Robot, layers: impl IntoIterator<Item = (Layer, LayerSource)>) -> Self {
         let up = growbot_client::pose_text::parse_pose("0,0,0,0,90").unwrap();
         Self::new(robot, &up, layers.into_iter())
     }

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::body::Body;
 use super::mesh::{Mesh, MeshError, Resolution};
 use super::obstacles::{mark, surfaces};
-use crate::view::Around;
+use crate::view::SceneView;
 use crate::view::heights::HeightScale;
 
 /// `glTF`, from the specification.
@@ -41,15 +41,19 @@ const NARROWEST: [f64; 4] = [0.45, 0.02, 0.01, 1.0];
 ///
 /// # Errors
 /// [`MeshError`] if a body has no mesh.
-pub fn write(bodies: &[(&str, &Body)], around: Option<&Around>, resolution: Resolution) -> Result<Vec<u8>, MeshError> {
-    let mut parts = Parts::default();
+pub fn write(
+    bodies: &[(&str, &Body)],
+    around: Option<&SceneView>,
+    resolution: Resolution,
+) -> Result<Vec<u8>, MeshError> {
+    let mut parts = GltfBuilder::default();
     for (name, body) in bodies {
         parts.add(name, body, resolution)?;
     }
     if let (Some(around), Some((_, body))) = (around, bodies.first()) {
         parts.add_scene(around, &body.base_from_start.translation.vector);
     }
-    let Parts { nodes, meshes, materials, accessors, views, binary } = parts;
+    let GltfBuilder { nodes, meshes, materials, accessors, views, binary } = parts;
     let document = json!({
         "asset": { "version": "2.0", "generator": concat!("growbot ", env!("CARGO_PKG_VERSION")) },
         "scene": 0,
@@ -66,7 +70,7 @@ pub fn write(bodies: &[(&str, &Body)], around: Option<&Around>, resolution: Reso
 
 /// Lists of an unfinished file, with its binary numbers.
 #[derive(Default)]
-struct Parts {
+struct GltfBuilder {
     nodes: Vec<Value>,
     meshes: Vec<Value>,
     materials: Vec<Value>,
@@ -75,14 +79,14 @@ struct Parts {
     binary: Vec<u8>,
 }
 
-impl Parts {
+impl GltfBuilder {
     /// Adds a body. The first, which is shown, is coloured by heights. Any other has a single colour.
     fn add(&mut self, name: &str, body: &Body, resolution: Resolution) -> Result<(), MeshError> {
         let (index, start) = (self.nodes.len(), body.base_from_start.translation.vector);
         let mesh = Mesh::of_wall(body, resolution, &start)?;
         let scale = (index == 0).then(|| {
             let layers: Vec<Layer> = body.layers.iter().map(|laid| laid.layer).collect();
-            HeightScale::of_layers(&layers, body.radius)
+            HeightScale::of_layers(&layers, body.wall_radius)
         });
         self.nodes.push(json!({ "name": name, "mesh": index, "matrix": upright(&start) }));
         let of = |what: &str| if index == 0 { what.to_owned() } else { format!("{what}, {name}") };
@@ -105,11 +109,11 @@ impl Parts {
     }
 
     /// Adds a scene, relative to a start: its obstacles, translucent, and the mark at the narrowest point.
-    fn add_scene(&mut self, around: &Around, start: &Vector3<f64>) {
-        let narrowest = around.narrowest.as_ref().map(|(found, clearance)| {
+    fn add_scene(&mut self, around: &SceneView, start: &Vector3<f64>) {
+        let narrowest = around.closest_approach.as_ref().map(|(found, clearance)| {
             json!({ "clearance_mm": clearance, "along_mm": found.at, "obstacle": found.obstacle.to_string() })
         });
-        let shown = json!({ "shown": around.shown.len(), "of": around.shown.total, "file": around.file });
+        let shown = json!({ "shown": around.obstacles.len(), "of": around.obstacles.total, "file": around.file });
         let parts = [
             ("obstacles", surfaces(around, start), OBSTACLES, "BLEND", shown),
             ("narrowest place", mark(around, start), NARROWEST, "OPAQUE", json!(narrowest)),
@@ -217,7 +221,7 @@ fn container(document: &Value, binary: &[u8]) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::body::Source;
+    use super::super::body::LayerSource;
     use super::*;
     use crate::drawing::colours::HEIGHTS;
 
@@ -225,8 +229,8 @@ mod tests {
     fn each_vertex_of_the_body_that_is_shown_has_the_colour_of_its_layer() {
         let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
         let layer = |tilt| Layer { alpha: 0.0, height: 0.8, tilt };
-        let body = Body::of_layers(&robot, (0..20).map(|_| (layer(0.01), Source::Planned)));
-        let resolution = Resolution { segments: 8, every: 1 };
+        let body = Body::of_layers(&robot, (0..20).map(|_| (layer(0.01), LayerSource::Planned)));
+        let resolution = Resolution { segments: 8, layers_per_ring: 1 };
         let bytes = write(&[("one", &body), ("other", &body)], None, resolution).unwrap();
         let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
         let document: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
@@ -244,7 +248,7 @@ mod tests {
             assert_eq!((ring[0], ring[1], ring[8], ring[9]), (&ends[0][..], &ends[0][..], &ends[1][..], &ends[1][..]));
         }
         let range = &document["meshes"][0]["extras"]["height_colours_mm"];
-        assert!((range[0].as_f64().unwrap() - layer(0.01).min_height(body.radius)).abs() < 1e-9, "{range}");
+        assert!((range[0].as_f64().unwrap() - layer(0.01).min_height(body.wall_radius)).abs() < 1e-9, "{range}");
     }
 
     #[test]

@@ -31,7 +31,7 @@ pub struct Resolution {
     /// Number of chords around the tube, at least 8.
     pub segments: u32,
     /// Number of layers from ring to ring. It is smaller if the body bends by more than 0.05 rad between them.
-    pub every: u32,
+    pub layers_per_ring: u32,
 }
 
 /// Reason why a mesh of a body cannot be made.
@@ -94,7 +94,7 @@ impl Mesh {
         }
         let reach = frames.iter().map(|(frame, _)| frame.translation.vector.amax()).fold(0.0, f64::max) + outline.outer;
         let spacing = 16.0 * f64::from(f32::EPSILON) * reach;
-        if spacing > 0.25 * body.width.min(outline.inner * TAU / f64::from(resolution.segments)) {
+        if spacing > 0.25 * body.wall_thickness.min(outline.inner * TAU / f64::from(resolution.segments)) {
             return Err(MeshError::TooFar { reach, spacing });
         }
         let rings = outline.distinct_rings(&frames, spacing.max(MIN_DISTANCE));
@@ -102,7 +102,7 @@ impl Mesh {
             return Err(MeshError::TooShort { length: body.length() });
         }
         let triangles = triangles_of(rings.len() as u32, resolution.segments);
-        let heights = rings.iter().flat_map(|(_, layer)| outline.heights(layer, body.radius)).collect();
+        let heights = rings.iter().flat_map(|(_, layer)| outline.heights(layer, body.wall_radius)).collect();
         let vertices = rings.into_iter().flat_map(|(ring, _)| ring).collect();
         Ok(Self { vertices, heights, triangles })
     }
@@ -133,7 +133,7 @@ fn ring_frames(body: &Body, resolution: Resolution, origin: &Vector3<f64>) -> Ve
     let mut bend = 0.0;
     let mut waiting = 0;
     let last = body.layers.len().saturating_sub(1);
-    for (index, (before, laid)) in body.growing().enumerate() {
+    for (index, (before, laid)) in body.layers_with_base().enumerate() {
         let Layer { alpha, height, tilt } = laid.layer;
         if waiting > 0 && bend + tilt > MAX_BEND {
             frames.push((from_origin(before), below));
@@ -146,7 +146,7 @@ fn ring_frames(body: &Body, resolution: Resolution, origin: &Vector3<f64>) -> Ve
             frames.push((from_origin(before * part.step()), laid.layer));
         }
         (bend, waiting) = (bend + tilt, waiting + 1);
-        if waiting >= resolution.every || index == last {
+        if waiting >= resolution.layers_per_ring || index == last {
             frames.push((from_origin(laid.base_from_tip), laid.layer));
             (bend, waiting) = (0.0, 0);
         }
@@ -170,7 +170,10 @@ impl Outline {
         let chord = TAU / f64::from(resolution.segments);
         // A polygon of this radius has the area of the round disc.
         let wider = (chord / libm::sin(chord)).sqrt();
-        let (outer, inner) = (wider * (body.radius + 0.5 * body.width), wider * (body.radius - 0.5 * body.width));
+        let (outer, inner) = (
+            wider * (body.wall_radius + 0.5 * body.wall_thickness),
+            wider * (body.wall_radius - 0.5 * body.wall_thickness),
+        );
         let pair = |index: u32| {
             let (sin, cos) = libm::sincos(f64::from(index) * chord);
             [outer, inner].map(|radius| Point3::new(radius * cos, radius * sin, 0.0))
@@ -238,13 +241,13 @@ mod tests {
     use growbot_core::plan::Planner;
     use proptest::prelude::*;
 
-    use super::super::body::Source;
+    use super::super::body::LayerSource;
     use super::*;
     use growbot_client::plan::Plan;
     use growbot_client::pose_text::parse_pose;
     use growbot_client::robot_file;
 
-    const ROUND: Resolution = Resolution { segments: 64, every: 1 };
+    const ROUND: Resolution = Resolution { segments: 64, layers_per_ring: 1 };
 
     fn body(robot: &str, start: &str, goal: &str) -> Body {
         let robot = robot_file::load(robot.as_ref()).unwrap();
@@ -286,7 +289,7 @@ mod tests {
     fn every_robots_wall_is_closed_and_holds_its_filament() {
         for robot in robot_file::names() {
             let body = body(robot, "10,20,30,40,50", "300,-200,600,-120,-25");
-            let resolution = Resolution { segments: 12, every: 1 };
+            let resolution = Resolution { segments: 12, layers_per_ring: 1 };
             let mesh = Mesh::of_wall(&body, resolution, &Vector3::zeros()).unwrap();
             assert_closed(&mesh);
             assert_holds_the_filament(&mesh, &body, 1e-3);
@@ -297,7 +300,8 @@ mod tests {
     fn coarse_meshes_are_closed_and_hold_the_filament_too() {
         let body = body("growbot-a", "0,0,0,0,90", "200,100,600,0,45");
         for (segments, every) in [(8, 1), (9, 7), (24, 1000), (100, 9)] {
-            let mesh = Mesh::of_wall(&body, Resolution { segments, every }, &Vector3::zeros()).unwrap();
+            let mesh =
+                Mesh::of_wall(&body, Resolution { segments, layers_per_ring: every }, &Vector3::zeros()).unwrap();
             assert_closed(&mesh);
             assert_holds_the_filament(&mesh, &body, 1e-3);
             if every == 1000 {
@@ -327,7 +331,8 @@ mod tests {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         for thin in [0.0, 1e-9, 1e-6, 1e-5] {
             let heights = [0.774, thin, thin, 0.5, thin];
-            let layers = heights.map(|height| (Layer { alpha: 1.0, height, tilt: 0.005 * height }, Source::Planned));
+            let layers =
+                heights.map(|height| (Layer { alpha: 1.0, height, tilt: 0.005 * height }, LayerSource::Planned));
             body = Body::of_layers(&robot, layers);
             let mesh = Mesh::of_wall(&body, ROUND, &Vector3::zeros()).unwrap();
             assert_closed(&mesh);
@@ -343,7 +348,7 @@ mod tests {
         let body = body("growbot-a", "5000000,0,0,0,90", "5000000,0,100,0,90");
         assert!(matches!(Mesh::of_wall(&body, ROUND, &Vector3::zeros()), Err(MeshError::TooFar { .. })));
         assert_closed(&Mesh::of_wall(&body, ROUND, &Vector3::new(5e6, 0.0, 0.0)).unwrap());
-        let fine = Resolution { segments: 100_000, every: 1 };
+        let fine = Resolution { segments: 100_000, layers_per_ring: 1 };
         assert!(matches!(Mesh::of_wall(&body, fine, &Vector3::zeros()), Err(MeshError::TooMany { .. })));
     }
 
@@ -358,10 +363,10 @@ mod tests {
         ) {
             let robot = robot_file::load("growbot-a".as_ref()).unwrap();
             let layers = heights.into_iter().map(|(alpha, height, tilt)| {
-                (Layer { alpha, height, tilt }, Source::AsBuilt)
+                (Layer { alpha, height, tilt }, LayerSource::AsBuilt)
             });
             let body = Body::of_layers(&robot, layers);
-            let mesh = Mesh::of_wall(&body, Resolution { segments, every }, &Vector3::zeros()).unwrap();
+            let mesh = Mesh::of_wall(&body, Resolution { segments, layers_per_ring: every }, &Vector3::zeros()).unwrap();
             assert_closed(&mesh);
             assert_holds_the_filament(&mesh, &body, 2e-3);
         }

@@ -5,7 +5,7 @@ use growbot_core::pose::Frame;
 use nalgebra::Point3;
 use serde_json::{Value, json};
 
-use super::messages::{self, Level};
+use super::foxglove::{self, Level};
 
 /// Content of a message.
 pub enum Message<'a> {
@@ -52,24 +52,24 @@ impl Message<'_> {
     /// Returns the message as JSON.
     pub fn json(&self, ms: u64) -> Value {
         match self {
-            Self::Pose(frame) => messages::pose_in_frame(ms, frame),
+            Self::Pose(frame) => foxglove::pose_in_frame(ms, frame),
             Self::Line { id, frames, color } => {
                 let points = frames.iter().map(|frame| Point3::from(frame.translation.vector));
-                messages::line(ms, id, points, *color)
+                foxglove::line(ms, id, points, *color)
             }
             Self::Disc { index, base_from_middle, diameter, height, color } => {
-                messages::disc(ms, &format!("layer {index}"), base_from_middle, *diameter, *height, *color)
+                foxglove::disc(ms, &format!("layer {index}"), base_from_middle, *diameter, *height, *color)
             }
             Self::Layer(numbers) => {
                 let mut message = numbers.clone();
-                message["timestamp"] = messages::time(ms);
+                message["timestamp"] = foxglove::time(ms);
                 message
             }
-            Self::Status(status) => messages::status(ms, status),
+            Self::Status(status) => foxglove::status(ms, status),
             Self::Fault { code, explanation } => {
-                json!({ "timestamp": messages::time(ms), "code": code, "explanation": explanation })
+                json!({ "timestamp": foxglove::time(ms), "code": code, "explanation": explanation })
             }
-            Self::Event(level, words) => messages::log(ms, *level, words),
+            Self::Event(level, words) => foxglove::log(ms, *level, words),
         }
     }
 }

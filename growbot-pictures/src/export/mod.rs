@@ -21,17 +21,17 @@
 //!   while a recording plays.
 
 pub mod body;
+pub mod centreline_csv;
+#[cfg(feature = "mcap")]
+pub mod foxglove;
 pub mod glb;
+#[cfg(feature = "mcap")]
+pub mod mcap;
 pub mod mesh;
 #[cfg(feature = "mcap")]
 mod message;
-#[cfg(feature = "mcap")]
-pub mod messages;
 pub mod obstacles;
-#[cfg(feature = "mcap")]
-pub mod recording;
 #[cfg(feature = "mcap")]
 mod ros2;
 pub mod stl;
-pub mod table;
 pub mod tum;

@@ -7,7 +7,7 @@ use growbot_scene::shapes::Shape;
 use nalgebra::{Point3, Vector3};
 
 use super::mesh::Mesh;
-use crate::view::{Around, Subject, ViewError};
+use crate::view::{SceneView, Subject, ViewError};
 
 /// Largest part of a scene in a GLB: some 30 MB.
 const LIMITS: SelectionLimits = SelectionLimits { shapes: 1000, triangles: 200_000, points: 20_000 };
@@ -22,14 +22,14 @@ const MARK: f64 = 1.0;
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
-pub fn around(subject: &Subject) -> Result<Option<Around>, ViewError> {
-    Around::of_subject(subject, &LIMITS)
+pub fn scene_view(subject: &Subject) -> Result<Option<SceneView>, ViewError> {
+    SceneView::for_subject(subject, &LIMITS)
 }
 
 /// Returns the obstacles as triangles, relative to an origin (mm). `None` without obstacles.
-pub fn surfaces(around: &Around, origin: &Vector3<f64>) -> Option<Mesh> {
-    let shown = &around.shown;
-    let mut surface = Surface::new(origin);
+pub fn surfaces(around: &SceneView, origin: &Vector3<f64>) -> Option<Mesh> {
+    let shown = &around.obstacles;
+    let mut surface = MeshBuilder::new(origin);
     for shape in &shown.shapes {
         match shape {
             Shape::Box { centre, half_extents: half, rotation } => {
@@ -53,22 +53,22 @@ pub fn surfaces(around: &Around, origin: &Vector3<f64>) -> Option<Mesh> {
 }
 
 /// Returns the mark at the narrowest point, from the body's centreline to the obstacle.
-pub fn mark(around: &Around, origin: &Vector3<f64>) -> Option<Mesh> {
-    let (found, _) = around.narrowest.as_ref()?;
-    let mut surface = Surface::new(origin);
+pub fn mark(around: &SceneView, origin: &Vector3<f64>) -> Option<Mesh> {
+    let (found, _) = around.closest_approach.as_ref()?;
+    let mut surface = MeshBuilder::new(origin);
     surface.capsule(&found.on_body, &found.on_obstacle, MARK);
     surface.octahedron(&found.on_obstacle, 3.0 * MARK);
     surface.finish()
 }
 
 /// An unfinished surface.
-struct Surface {
+struct MeshBuilder {
     origin: Vector3<f64>,
     vertices: Vec<Point3<f64>>,
     triangles: Vec<[u32; 3]>,
 }
 
-impl Surface {
+impl MeshBuilder {
     fn new(origin: &Vector3<f64>) -> Self {
         Self { origin: *origin, vertices: Vec::new(), triangles: Vec::new() }
     }
@@ -141,8 +141,8 @@ mod tests {
     use super::*;
 
     /// Returns the volume, which is wrong unless all triangles are counter-clockwise seen from outside.
-    fn volume(add: impl Fn(&mut Surface)) -> f64 {
-        let mut surface = Surface::new(&Vector3::new(10.0, 20.0, 30.0));
+    fn volume(add: impl Fn(&mut MeshBuilder)) -> f64 {
+        let mut surface = MeshBuilder::new(&Vector3::new(10.0, 20.0, 30.0));
         add(&mut surface);
         surface.finish().unwrap().volume()
     }

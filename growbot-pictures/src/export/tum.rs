@@ -16,7 +16,7 @@ use crate::view::plot::series::Timeline;
 #[must_use]
 pub fn times(body: &Body, plan: &Plan, log: Option<&[u8]>) -> Vec<f64> {
     let layers: Vec<Layer> = body.layers.iter().map(|laid| laid.layer).collect();
-    let timeline = log.map_or_else(|| Timeline::planned(&layers, plan), |log| Timeline::told(log, &layers, plan));
+    let timeline = log.map_or_else(|| Timeline::planned(&layers, plan), |log| Timeline::from_log(log, &layers, plan));
     timeline.laid
 }
 
@@ -48,7 +48,7 @@ fn row(text: &mut String, at: f64, frame: &Frame) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::body::Source;
+    use super::super::body::LayerSource;
     use super::*;
     use growbot_client::robot_file;
 
@@ -56,7 +56,7 @@ mod tests {
     fn a_row_for_the_start_and_one_for_each_layer() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let layer = Layer { alpha: 0.0, height: 0.5, tilt: 0.0 };
-        let body = Body::of_layers(&robot, [(layer, Source::Planned), (layer, Source::Planned)]);
+        let body = Body::of_layers(&robot, [(layer, LayerSource::Planned), (layer, LayerSource::Planned)]);
         let text = write("planned", &body, &[18.0, 36.5]);
         let rows: Vec<Vec<f64>> = text
             .lines()

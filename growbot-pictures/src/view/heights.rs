@@ -24,7 +24,7 @@ pub struct HeightScale {
     /// Smallest and greatest height, mm.
     all: [f64; 2],
     /// True if the range was given, false if it was derived from the heights.
-    told: bool,
+    is_fixed: bool,
 }
 
 impl HeightScale {
@@ -52,7 +52,7 @@ impl HeightScale {
         let found = [0, 1].map(|end| heights.get(found[end] as usize).copied().unwrap_or(all[end]));
         // Layers of equal height are in the middle of the scale.
         let found = if found[1] - found[0] > 1e-3 { found } else { [found[0] - 0.05, found[1] + 0.05] };
-        Self { palette, range: range.unwrap_or(found), all, told: range.is_some() }
+        Self { palette, range: range.unwrap_or(found), all, is_fixed: range.is_some() }
     }
 
     /// Returns the heights at which the colours end, mm.
@@ -86,7 +86,7 @@ impl HeightScale {
         let beyond = self.beyond();
         let [low, high] = PERCENTILES;
         let name = "Height of the layers, mm";
-        if !self.told && beyond != [false; 2] {
+        if !self.is_fixed && beyond != [false; 2] {
             canvas.text(left, y - 25.0, "", name);
             canvas.text(left, y - 9.0, "note", format_args!("from percentile {low} to {high}"));
         } else {

@@ -22,13 +22,13 @@
 //! colours, the scale and the squares of the floor. Each turns about its own middle. A body can be replaced by a longer
 //! one while the view stays.
 
-mod around;
-mod data;
 pub(crate) mod heights;
-mod numbers;
+mod info_panel;
 pub mod page;
+mod page_data;
 pub mod picture;
 pub mod plot;
+mod scene_view;
 mod self_clearance;
 mod side_by_side;
 
@@ -47,13 +47,13 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
 
-pub use around::{Around, SceneFile};
+pub use scene_view::{NamedScene, SceneView};
 
 /// Greatest number of layers on a page, a body of some 150 m. Browsers fail beyond it.
 pub const MAX_LAYERS: usize = 200_000;
 
 /// Greatest number of points of a line next to a body.
-const MAX_PLACES: usize = 500;
+const MAX_POLYLINE_POINTS: usize = 500;
 
 /// Reason why a view cannot be made.
 #[derive(Debug, thiserror::Error)]
@@ -76,7 +76,7 @@ pub enum ViewError {
     },
     /// A run log contains no temperatures.
     #[error("{name} tells no temperature: leave it out of --plot")]
-    NotTold {
+    NoTemperatures {
         /// Name of the log.
         name: String,
     },
@@ -96,7 +96,7 @@ pub struct Subject<'a> {
     /// Layers of a growth that was simulated without a board, and so has no log.
     pub laid: Option<&'a [Layer]>,
     /// Scene in which the body is shown. `None` without one.
-    pub scene: Option<SceneFile<'a>>,
+    pub scene: Option<NamedScene<'a>>,
 }
 
 impl Subject<'_> {
@@ -134,7 +134,7 @@ impl Subject<'_> {
             tip.translation.vector
         });
         let path: Vec<Vector3<f64>> = path.collect();
-        let stride = path.len().div_ceil(MAX_PLACES).max(1);
+        let stride = path.len().div_ceil(MAX_POLYLINE_POINTS).max(1);
         let places = path.chunks(stride).filter_map(<[_]>::last).copied();
         Some([self.plan.start.position()].into_iter().chain(places).collect())
     }
@@ -144,7 +144,7 @@ impl Subject<'_> {
     fn estimated(&self) -> Option<Vec<Vector3<f64>>> {
         let Self { robot, plan, .. } = self;
         let path = self.run?.estimated(&Job::of_plan(robot, plan), plan)?;
-        let stride = path.len().div_ceil(MAX_PLACES).max(1);
+        let stride = path.len().div_ceil(MAX_POLYLINE_POINTS).max(1);
         let places = path.chunks(stride).filter_map(<[Frame]>::last).map(|frame| frame.translation.vector);
         Some([plan.start.position()].into_iter().chain(places).collect())
     }

@@ -5,9 +5,9 @@ use serde_json::{Value, json};
 
 use growbot_scene::obstacle_selection::SelectionLimits;
 
-use super::around::Around;
+use super::scene_view::SceneView;
 use super::side_by_side::{difference, together};
-use super::{Subject, ViewError, data, numbers};
+use super::{Subject, ViewError, info_panel, page_data};
 use crate::drawing::canvas::escape;
 use crate::drawing::colours::HEIGHTS;
 
@@ -25,11 +25,11 @@ const LIMITS: SelectionLimits = SelectionLimits { shapes: 1000, triangles: 12_00
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
-pub fn of_one(subject: &Subject) -> Result<String, ViewError> {
+pub fn render(subject: &Subject) -> Result<String, ViewError> {
     let layers = subject.layers()?;
-    let around = Around::of(subject, &layers, &LIMITS);
-    let mut data = data::of(subject, &layers, around.as_ref());
-    data["numbers"] = json!(numbers::of(subject, &layers, around.as_ref()));
+    let around = SceneView::of(subject, &layers, &LIMITS);
+    let mut data = page_data::page_data(subject, &layers, around.as_ref());
+    data["numbers"] = json!(info_panel::of(subject, &layers, around.as_ref()));
     Ok(filled(subject.name, data, NOWHERE))
 }
 
@@ -38,12 +38,12 @@ pub fn of_one(subject: &Subject) -> Result<String, ViewError> {
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
-pub fn of_growth(subject: &Subject, control: bool) -> Result<String, ViewError> {
+pub fn render_live(subject: &Subject, control: bool) -> Result<String, ViewError> {
     let layers = subject.layers()?;
-    let around = Around::of(subject, &layers, &LIMITS);
-    let mut data = data::of(subject, &layers, around.as_ref());
+    let around = SceneView::of(subject, &layers, &LIMITS);
+    let mut data = page_data::page_data(subject, &layers, around.as_ref());
     data["about"] = json!(format!("growth of {}", subject.plan.robot));
-    data["numbers"] = json!(numbers::of(subject, &layers, around.as_ref()));
+    data["numbers"] = json!(info_panel::of(subject, &layers, around.as_ref()));
     data["live"] = json!({ "control": control });
     Ok(filled(subject.name, data, HOME))
 }
@@ -52,15 +52,15 @@ pub fn of_growth(subject: &Subject, control: bool) -> Result<String, ViewError> 
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
-pub fn of_two([one, other]: [&Subject; 2]) -> Result<String, ViewError> {
+pub fn render_pair([one, other]: [&Subject; 2]) -> Result<String, ViewError> {
     let layers = [one.layers()?, other.layers()?];
     let [a, b] = &layers;
-    let around = [(one, a), (other, b)].map(|(subject, layers)| Around::of(subject, layers, &LIMITS));
+    let around = [(one, a), (other, b)].map(|(subject, layers)| SceneView::of(subject, layers, &LIMITS));
     let [around_one, around_other] = around.each_ref().map(Option::as_ref);
     let data = json!({
-        "compared": [data::of(one, a, around_one), data::of(other, b, around_other)],
+        "compared": [page_data::page_data(one, a, around_one), page_data::page_data(other, b, around_other)],
         "difference": difference([(one.name, a), (other.name, b)]),
-        "numbers": together(&numbers::of(one, a, around_one), &numbers::of(other, b, around_other)),
+        "numbers": together(&info_panel::of(one, a, around_one), &info_panel::of(other, b, around_other)),
     });
     Ok(filled(&format!("{} and {}", one.name, other.name), data, NOWHERE))
 }

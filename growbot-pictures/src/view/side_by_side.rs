@@ -3,10 +3,10 @@
 use serde_json::{Value, json};
 
 use super::Layers;
-use super::numbers::Group;
+use super::info_panel::InfoGroup;
 
 /// Returns the groups of two bodies, each `[heading, [[name, value, value], ...]]`. A missing value is null.
-pub fn together(one: &[Group], other: &[Group]) -> Value {
+pub fn together(one: &[InfoGroup], other: &[InfoGroup]) -> Value {
     let groups = joined(one, other).into_iter().map(|(heading, a, b)| {
         let rows = joined(a.map_or(&[][..], Vec::as_slice), b.map_or(&[][..], Vec::as_slice));
         json!([heading, rows])
@@ -55,7 +55,7 @@ fn tenths(length: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn group(heading: &str, names: &[&str]) -> Group {
+    fn group(heading: &str, names: &[&str]) -> InfoGroup {
         (heading.to_owned(), names.iter().map(|name| ((*name).to_owned(), format!("{name} of {heading}"))).collect())
     }
 

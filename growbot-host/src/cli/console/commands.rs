@@ -11,11 +11,11 @@ const LONGEST_WAIT_S: f64 = 1e6;
 
 /// A parsed line.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Command {
+pub enum ConsoleCommand {
     /// An empty line.
     Nothing,
     /// A request that the board answers at once.
-    Ask(Ask),
+    Board(BoardRequest),
     /// Plan to this goal, and grow the body.
     Grow(Goal),
     /// Print the events of this time, s.
@@ -28,7 +28,7 @@ pub enum Command {
 
 /// Requests that the board answers at once.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Ask {
+pub enum BoardRequest {
     /// Identity, status and sensors of the board.
     Status,
     /// Plan to this pose on the board, which stores the layers.
@@ -90,40 +90,40 @@ pub fn help() -> String {
 ///
 /// # Errors
 /// Returns a message about the mistake in the line.
-pub fn parse(line: &str) -> Result<Command, String> {
+pub fn parse(line: &str) -> Result<ConsoleCommand, String> {
     let line = line.trim();
     let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
     let rest = rest.trim();
-    let alone = |command: Command| match rest {
+    let alone = |command: ConsoleCommand| match rest {
         "" => Ok(command),
         _ => Err(format!("`{word}` takes nothing: leave {rest:?} away")),
     };
     match word {
-        "" => Ok(Command::Nothing),
-        "status" => alone(Command::Ask(Ask::Status)),
-        "plan" => Ok(Command::Ask(Ask::Plan(pose(rest)?))),
-        "start" => alone(Command::Ask(Ask::Start)),
-        "pause" => alone(Command::Ask(Ask::Pause)),
-        "grow" => parse_goal(rest).map(|typed| Command::Grow(typed.goal)).map_err(|error| error.to_string()),
-        "layers" if rest.is_empty() => Ok(Command::Ask(Ask::Layers(None))),
+        "" => Ok(ConsoleCommand::Nothing),
+        "status" => alone(ConsoleCommand::Board(BoardRequest::Status)),
+        "plan" => Ok(ConsoleCommand::Board(BoardRequest::Plan(pose(rest)?))),
+        "start" => alone(ConsoleCommand::Board(BoardRequest::Start)),
+        "pause" => alone(ConsoleCommand::Board(BoardRequest::Pause)),
+        "grow" => parse_goal(rest).map(|typed| ConsoleCommand::Grow(typed.goal)).map_err(|error| error.to_string()),
+        "layers" if rest.is_empty() => Ok(ConsoleCommand::Board(BoardRequest::Layers(None))),
         "layers" => rest
             .parse()
-            .map(|first| Command::Ask(Ask::Layers(Some(first))))
+            .map(|first| ConsoleCommand::Board(BoardRequest::Layers(Some(first))))
             .map_err(|_| format!("{rest:?} is no layer: give a whole number from 0 on")),
-        "wait" if rest.is_empty() => Ok(Command::Wait(1.0)),
+        "wait" if rest.is_empty() => Ok(ConsoleCommand::Wait(1.0)),
         "wait" => parse_number(rest)
             .filter(|seconds| (0.0..=LONGEST_WAIT_S).contains(seconds))
-            .map(Command::Wait)
+            .map(ConsoleCommand::Wait)
             .ok_or_else(|| format!("{rest:?} is no time: give seconds, 0 to {LONGEST_WAIT_S}")),
-        "stop" => alone(Command::Ask(Ask::Stop)),
+        "stop" => alone(ConsoleCommand::Board(BoardRequest::Stop)),
         // The rest of the line is ignored, so that a typing error does not prevent an emergency stop.
-        "estop" => Ok(Command::Ask(Ask::EmergencyStop)),
-        "clear" => alone(Command::Ask(Ask::Clear)),
-        "help" => alone(Command::Help),
-        "quit" | "exit" => alone(Command::Quit),
+        "estop" => Ok(ConsoleCommand::Board(BoardRequest::EmergencyStop)),
+        "clear" => alone(ConsoleCommand::Board(BoardRequest::Clear)),
+        "help" => alone(ConsoleCommand::Help),
+        "quit" | "exit" => alone(ConsoleCommand::Quit),
         _ => {
             if let Some((name, ..)) = maintenance::COMMANDS.iter().find(|(name, ..)| *name == word) {
-                return Ok(Command::Ask(Ask::Maintain(name, rest.to_owned())));
+                return Ok(ConsoleCommand::Board(BoardRequest::Maintain(name, rest.to_owned())));
             }
             let suggestion = did_you_mean(word, names());
             Err(format!("there is no command {word:?}{suggestion}: `help` lists them"))
@@ -186,14 +186,14 @@ mod tests {
             let argument = if matches!(word.argument, "POSE" | "GOAL") { POSES[0] } else { "" };
             assert!(parse(&format!(" {} {argument} ", word.name)).is_ok(), "{}", word.name);
         }
-        assert_eq!(parse("wait 2.5"), Ok(Command::Wait(2.5)));
-        assert_eq!(parse("layers 16"), Ok(Command::Ask(Ask::Layers(Some(16)))));
-        assert_eq!(parse("exit"), Ok(Command::Quit));
-        assert_eq!(parse("estop now"), Ok(Command::Ask(Ask::EmergencyStop)));
-        assert_eq!(parse("\t"), Ok(Command::Nothing));
+        assert_eq!(parse("wait 2.5"), Ok(ConsoleCommand::Wait(2.5)));
+        assert_eq!(parse("layers 16"), Ok(ConsoleCommand::Board(BoardRequest::Layers(Some(16)))));
+        assert_eq!(parse("exit"), Ok(ConsoleCommand::Quit));
+        assert_eq!(parse("estop now"), Ok(ConsoleCommand::Board(BoardRequest::EmergencyStop)));
+        assert_eq!(parse("\t"), Ok(ConsoleCommand::Nothing));
         assert!(parse("plan 0, 0, 100, 0, 90").is_ok());
-        assert!(matches!(parse("grow 0, 0.1m, 100"), Ok(Command::Grow(Goal::Position(_)))));
-        assert!(matches!(parse("grow 0,0,100,0,90"), Ok(Command::Grow(Goal::Pose(_)))));
+        assert!(matches!(parse("grow 0, 0.1m, 100"), Ok(ConsoleCommand::Grow(Goal::Position(_)))));
+        assert!(matches!(parse("grow 0,0,100,0,90"), Ok(ConsoleCommand::Grow(Goal::Pose(_)))));
     }
 
     #[test]

@@ -1,11 +1,11 @@
 //! `growbot console`: commands line by line, on a terminal or in a pipe, or the whole screen.
 
-mod ask;
-pub use self::ask::maintain;
+mod board_requests;
+pub use self::board_requests::maintain;
 mod commands;
 mod history;
-mod leaving;
-mod line;
+mod script;
+mod session;
 mod tui;
 
 use clap::Args;
@@ -13,7 +13,7 @@ use growbot_client::input::note_standard_input;
 use growbot_core::pose::Pose;
 use growbot_sim::port::TipSettings;
 
-use super::service::borrow_line;
+use super::service_robot::lease_port;
 use super::{Connection, Failure, PortArg, RobotArg};
 
 /// Control a robot with typed commands, on a terminal or in a pipe
@@ -46,12 +46,12 @@ pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
     let robot = args.robot.load()?;
     let presets = args.robot.presets()?;
-    let _lent = borrow_line(&port, "growbot console")?;
+    let _lent = lease_port(&port, "growbot console")?;
     let Connection { mut client, simulation } = port.connect(&robot, &TipSettings::default())?;
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).map_err(Failure::bad_input)?;
     if args.tui {
         return tui::run(client, robot, presets, start, &port);
     }
     client.open_session()?;
-    line::Session::new(client, simulation, robot, presets, start, port).run()
+    session::ConsoleSession::new(client, simulation, robot, presets, start, port).run()
 }

@@ -12,7 +12,7 @@ const LONGEST_ANSWER: u64 = 256;
 
 /// Expected kind of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Wanted {
+pub enum AnswerKind {
     /// Confirmation that something is done: Enter or yes.
     Ready,
     /// The word yes or no.
@@ -36,7 +36,7 @@ pub enum Answer {
     Number(f64),
 }
 
-impl Wanted {
+impl AnswerKind {
     /// Returns the choices for the user.
     pub fn choices(self) -> &'static str {
         match self {
@@ -67,23 +67,23 @@ impl Wanted {
 
 /// Reason why no line was received.
 #[derive(Debug, PartialEq, Eq)]
-pub enum NoLine {
+pub enum AnswerReadError {
     /// No line has arrived yet.
-    Yet,
+    Timeout,
     /// The input has ended.
-    Ever,
+    EndOfInput,
     /// The input cannot be read.
     Unreadable(String),
 }
 
 /// Lines that the user types.
-pub struct Answers {
+pub struct OperatorInput {
     lines: Receiver<Result<String, String>>,
     /// True if a person types at a terminal. In that case a question is repeated after an invalid answer.
     pub by_hand: bool,
 }
 
-impl Answers {
+impl OperatorInput {
     /// Starts a thread that reads lines of standard input. It ends with the input or with the program.
     pub fn of_standard_input() -> Self {
         let (tell, lines) = mpsc::sync_channel(1);
@@ -109,11 +109,11 @@ impl Answers {
     }
 
     /// Returns the next line, if it arrives within this time.
-    pub fn within(&self, time: Duration) -> Result<String, NoLine> {
+    pub fn within(&self, time: Duration) -> Result<String, AnswerReadError> {
         match self.lines.recv_timeout(time) {
-            Ok(line) => line.map_err(NoLine::Unreadable),
-            Err(RecvTimeoutError::Timeout) => Err(NoLine::Yet),
-            Err(RecvTimeoutError::Disconnected) => Err(NoLine::Ever),
+            Ok(line) => line.map_err(AnswerReadError::Unreadable),
+            Err(RecvTimeoutError::Timeout) => Err(AnswerReadError::Timeout),
+            Err(RecvTimeoutError::Disconnected) => Err(AnswerReadError::EndOfInput),
         }
     }
 }

@@ -6,9 +6,9 @@ use growbot_core::link::message::{Fault, MaintenanceTask, State, Status};
 use growbot_host::note;
 use growbot_sim::tip::manual_action::ManualAction;
 
-use super::answers::{Answer, Wanted};
+use super::answers::{Answer, AnswerKind};
 use super::report::Finding;
-use super::session::{Session, in_words};
+use super::session::{DoctorSession, in_words};
 use crate::cli::Failure;
 
 /// Temperature to which the nozzle is heated, C. It is a little above the lowest that the board heats to.
@@ -28,36 +28,37 @@ fn is_no_heat(fault: Fault) -> bool {
 }
 
 /// Returns the maximum time until the board reports that a heated nozzle does not get warmer.
-fn patience(session: &Session) -> Duration {
+fn patience(session: &DoctorSession) -> Duration {
     Duration::from_secs_f64(session.robot.description().heater.heating_timeout_s.clamp(1.0, 3600.0)) + PROOF
 }
 
 /// Checks with no heater connected that the board detects that the nozzle stays cold, and switches off.
-pub fn without_heater(session: &mut Session) -> Result<Finding, Failure> {
+pub fn without_heater(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let question = "Disconnect both wires of the heater from the board; the thermistor stays. The board is going to \
                     heat, with nothing that could get warm, until it finds that out.";
-    if !session.is_ready(question)? {
+    if !session.confirm(question)? {
         return Ok(Finding::skipped());
     }
-    session.by_hand(ManualAction::DisconnectHeater(true));
+    session.act(ManualAction::DisconnectHeater(true));
     let found = heat_nothing(session);
-    session.by_hand(ManualAction::DisconnectHeater(false));
+    session.act(ManualAction::DisconnectHeater(false));
     let found = found?;
     session.switch_off()?;
     session.clear()?;
     Ok(found)
 }
 
-fn heat_nothing(session: &mut Session) -> Result<Finding, Failure> {
-    let before = session.look()?.status.temperature_centi_c.unwrap_or_default();
+fn heat_nothing(session: &mut DoctorSession) -> Result<Finding, Failure> {
+    let before = session.sample()?.status.temperature_centi_c.unwrap_or_default();
     if let Some(why) = session.maintain(preheat())? {
         return Ok(Finding::failed(why, "see `growbot status`"));
     }
     let time = patience(session);
     note!("this takes up to {} s", time.as_secs());
     let warmer = |centi_c: Option<i32>| f64::from(centi_c.unwrap_or(before).saturating_sub(before)) / 100.0;
-    let seen = session
-        .watch(time, None, |seen| seen.status.fault.is_some() || warmer(seen.status.temperature_centi_c) > WARMER_C)?;
+    let seen = session.wait_until(time, None, |seen| {
+        seen.status.fault.is_some() || warmer(seen.status.temperature_centi_c) > WARMER_C
+    })?;
     Ok(match seen.map(|seen| (seen.status.fault, warmer(seen.status.temperature_centi_c))) {
         Some((Some(fault), _)) if is_no_heat(fault) => {
             Finding::passed(format!("switched off by {}, as it must be", fault.code()))
@@ -78,23 +79,23 @@ fn heat_nothing(session: &mut Session) -> Result<Finding, Failure> {
 }
 
 /// Checks with a lamp that the power reaches the terminals, and that the emergency stop cuts it.
-pub fn lamp(session: &mut Session) -> Result<Finding, Failure> {
+pub fn lamp(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let question = "Connect a lamp for the supply's voltage, 5 to 20 W, in place of the heater; the thermistor stays. \
                     It is dark while the switches are proved, some 20 s, and then lights.";
-    if !session.is_ready(question)? {
+    if !session.confirm(question)? {
         return Ok(Finding::skipped());
     }
     // A lamp does not warm the nozzle either.
-    session.by_hand(ManualAction::DisconnectHeater(true));
+    session.act(ManualAction::DisconnectHeater(true));
     let found = light(session);
-    session.by_hand(ManualAction::DisconnectHeater(false));
+    session.act(ManualAction::DisconnectHeater(false));
     let found = found?;
     session.switch_off()?;
     session.clear()?;
     Ok(found)
 }
 
-fn light(session: &mut Session) -> Result<Finding, Failure> {
+fn light(session: &mut DoctorSession) -> Result<Finding, Failure> {
     if let Some(why) = session.maintain(preheat())? {
         return Ok(Finding::failed(why, "see `growbot status`"));
     }
@@ -103,7 +104,7 @@ fn light(session: &mut Session) -> Result<Finding, Failure> {
     let proof_s = 8.0 * heater.heat_capacity_j_per_k / heater.power_w.max(1e-3) + 5.0;
     let looks = ((proof_s + 2.0) / super::session::LOOK.as_secs_f64()) as u32;
     let mut driven = 0;
-    let seen = session.watch(PROOF, None, |seen| {
+    let seen = session.wait_until(PROOF, None, |seen| {
         driven += u32::from(seen.status.duty > 0);
         seen.status.fault.is_some() || driven > looks
     })?;
@@ -113,12 +114,13 @@ fn light(session: &mut Session) -> Result<Finding, Failure> {
             "the thermistor must be connected and cold; try again",
         ));
     }
-    is_lit(session)
+    check_lamp(session)
 }
 
 /// Checks with the person that the lamp is lit, and that the emergency stop switches it off.
-pub fn is_lit(session: &mut Session) -> Result<Finding, Failure> {
-    let lit = session.ask("Is the lamp lit? Answer soon: the board finds that the nozzle stays cold.", Wanted::YesOrNo);
+pub fn check_lamp(session: &mut DoctorSession) -> Result<Finding, Failure> {
+    let lit =
+        session.ask("Is the lamp lit? Answer soon: the board finds that the nozzle stays cold.", AnswerKind::YesOrNo);
     // The status is read first, because the emergency stop changes it. Without an answer the stop is sent at once.
     let status = matches!(lit, Ok(Some(_))).then(|| session.status());
     session.emergency_stop()?;
@@ -136,7 +138,7 @@ pub fn is_lit(session: &mut Session) -> Result<Finding, Failure> {
             "check the supply at the terminals, both switches and their wires; a lamp of another voltage stays dark, too",
         ));
     }
-    Ok(match session.ask("The emergency stop was given. Is the lamp dark now?", Wanted::YesOrNo)? {
+    Ok(match session.ask("The emergency stop was given. Is the lamp dark now?", AnswerKind::YesOrNo)? {
         None => Finding::skipped(),
         Some(Answer::Yes) => Finding::passed("it lights, and the emergency stop switches it off"),
         Some(_) => Finding::failed(
@@ -156,12 +158,12 @@ fn switched_off_by(status: &Status) -> Option<String> {
 }
 
 /// Heats the nozzle itself, to a low temperature.
-pub fn nozzle(session: &mut Session) -> Result<Finding, Failure> {
+pub fn nozzle(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let question = format!(
         "Connect the nozzle's heater in place of the lamp, with its thermal cut-off, the thermistor in its seat, your \
          hand at the supply's switch. It is going to be heated to {LOW_C} C."
     );
-    if !session.is_ready(&question)? {
+    if !session.confirm(&question)? {
         return Ok(Finding::skipped());
     }
     if let Some(why) = session.maintain(preheat())? {
@@ -171,7 +173,7 @@ pub fn nozzle(session: &mut Session) -> Result<Finding, Failure> {
     note!("this takes up to {} s", time.as_secs());
     let band = session.robot.description().heater.band_c;
     let mut in_band = 0;
-    let seen = session.watch(time, None, |seen| {
+    let seen = session.wait_until(time, None, |seen| {
         let celsius = seen.status.temperature_centi_c.map_or(0.0, |centi| f64::from(centi) / 100.0);
         in_band = if (celsius - LOW_C).abs() <= band { in_band + 1 } else { 0 };
         seen.status.fault.is_some() || in_band > 50

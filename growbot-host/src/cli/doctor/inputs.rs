@@ -4,7 +4,7 @@ use growbot_core::link::message::{SensorReadings, State};
 use growbot_sim::tip::manual_action::ManualAction;
 
 use super::report::Finding;
-use super::session::{Session, WATCH};
+use super::session::{DoctorSession, WATCH};
 use crate::cli::Failure;
 
 /// Range of a room's temperature, C.
@@ -15,8 +15,8 @@ const GRAVITY: [f64; 2] = [0.85, 1.15];
 const TILT_DEG: f64 = 20.0;
 
 /// Checks that a nozzle that was not heated has the temperature of the room.
-pub fn temperature(session: &mut Session) -> Result<Finding, Failure> {
-    let Some(centi_c) = session.look()?.status.temperature_centi_c else {
+pub fn temperature(session: &mut DoctorSession) -> Result<Finding, Failure> {
+    let Some(centi_c) = session.sample()?.status.temperature_centi_c else {
         return Ok(Finding::failed("there is no reading", "check the thermistor's wires"));
     };
     let [min, max] = ROOM_C;
@@ -32,13 +32,13 @@ pub fn temperature(session: &mut Session) -> Result<Finding, Failure> {
 }
 
 /// Checks that the supply is within the robot's limits.
-pub fn supply(session: &mut Session) -> Result<Finding, Failure> {
+pub fn supply(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let description = session.robot.description();
     let (min, max) = (description.supply.min_v, description.supply.max_v);
     if !description.sensors.supply {
         return Ok(Finding::absent("sensors.supply"));
     }
-    let Some(mv) = session.look()?.sensors.supply_mv else {
+    let Some(mv) = session.sample()?.sensors.supply_mv else {
         return Ok(Finding::failed("there is no reading", "check the divider of the supply"));
     };
     let volts = f64::from(mv) / 1000.0;
@@ -63,12 +63,12 @@ impl BothLevels {
 }
 
 /// Checks that the index sensor detects its mark at one place of a turn, and not at another.
-pub fn index(session: &mut Session) -> Result<Finding, Failure> {
-    if !session.is_ready("Turn the head by hand, slowly, by more than a turn, from now until it is seen.")? {
+pub fn index(session: &mut DoctorSession) -> Result<Finding, Failure> {
+    if !session.confirm("Turn the head by hand, slowly, by more than a turn, from now until it is seen.")? {
         return Ok(Finding::skipped());
     }
     let mut levels = BothLevels([false; 2]);
-    let seen = session.watch(WATCH, Some(ManualAction::TurnHead(1)), |seen| levels.add(seen.sensors.on_index))?;
+    let seen = session.wait_until(WATCH, Some(ManualAction::TurnHead(1)), |seen| levels.add(seen.sensors.on_index))?;
     if seen.is_some() {
         return Ok(Finding::passed("on and off the mark"));
     }
@@ -90,14 +90,14 @@ struct Switch {
 }
 
 impl Switch {
-    fn run(&self, session: &mut Session) -> Result<Finding, Failure> {
+    fn run(&self, session: &mut DoctorSession) -> Result<Finding, Failure> {
         for (wanted, (question, hand)) in [(true, self.close), (false, self.open)] {
-            if !session.is_ready(question)? {
+            if !session.confirm(question)? {
                 return Ok(Finding::skipped());
             }
-            session.by_hand(hand);
+            session.act(hand);
             let level = self.level;
-            if session.watch(WATCH / 6, None, |seen| level(&seen.sensors) == Some(wanted))?.is_none() {
+            if session.wait_until(WATCH / 6, None, |seen| level(&seen.sensors) == Some(wanted))?.is_none() {
                 let [closed, open] = self.names;
                 let (found, missing) = if wanted { (open, closed) } else { (closed, open) };
                 return Ok(Finding::failed(format!("{found}, and not {missing}"), self.remedy));
@@ -108,7 +108,7 @@ impl Switch {
 }
 
 /// Checks the filament switch.
-pub fn filament(session: &mut Session) -> Result<Finding, Failure> {
+pub fn filament(session: &mut DoctorSession) -> Result<Finding, Failure> {
     if session.robot.description().sensors.filament_presence.is_none() {
         return Ok(Finding::absent("sensors.filament_presence"));
     }
@@ -120,12 +120,12 @@ pub fn filament(session: &mut Session) -> Result<Finding, Failure> {
         remedy: "check the switch and its wire, and sensors.filament_presence.active_low",
     };
     let found = switch.run(session)?;
-    session.by_hand(ManualAction::TakeFilament(false));
+    session.act(ManualAction::TakeFilament(false));
     Ok(found)
 }
 
 /// Checks the emergency stop. Pressed, it leads to a state of its own. Released, it can be cleared.
-pub fn emergency_stop(session: &mut Session) -> Result<Finding, Failure> {
+pub fn emergency_stop(session: &mut DoctorSession) -> Result<Finding, Failure> {
     if session.robot.description().sensors.emergency_stop.is_none() {
         return Ok(Finding::absent("sensors.emergency_stop"));
     }
@@ -137,11 +137,11 @@ pub fn emergency_stop(session: &mut Session) -> Result<Finding, Failure> {
         remedy: "check the button and its wires, and sensors.emergency_stop.active_low",
     };
     let found = switch.run(session)?;
-    session.by_hand(ManualAction::PressEmergencyStop(false));
-    if found.outcome != super::report::Outcome::Passed {
+    session.act(ManualAction::PressEmergencyStop(false));
+    if found.outcome != super::report::StepOutcome::Passed {
         return Ok(found);
     }
-    let state = session.look()?.status.state;
+    let state = session.sample()?.status.state;
     if state != State::EmergencyStop {
         return Ok(Finding::failed(
             format!("the button was pressed, and the board is {}, not emergency-stop", state.name()),
@@ -155,12 +155,12 @@ pub fn emergency_stop(session: &mut Session) -> Result<Finding, Failure> {
 }
 
 /// Checks that the orientation sensor measures the earth's gravity, and follows the tip.
-pub fn orientation(session: &mut Session) -> Result<Finding, Failure> {
+pub fn orientation(session: &mut DoctorSession) -> Result<Finding, Failure> {
     if !session.robot.description().sensors.orientation {
         return Ok(Finding::absent("sensors.orientation"));
     }
     let remedy = "check SDA, SCL, the sensor's 3.3 V and how it is fixed to the tip";
-    let Some(first) = session.look()?.sensors.gravity_milli_g.map(earths) else {
+    let Some(first) = session.sample()?.sensors.gravity_milli_g.map(earths) else {
         return Ok(Finding::failed("there is no reading", remedy));
     };
     let [min, max] = GRAVITY;
@@ -168,16 +168,16 @@ pub fn orientation(session: &mut Session) -> Result<Finding, Failure> {
     if !(min..=max).contains(&length) {
         return Ok(Finding::failed(format!("gravity of {length:.2} at rest; {min} to {max} is right"), remedy));
     }
-    if !session.is_ready("Tilt the tip by more than 20 degrees and hold it there.")? {
+    if !session.confirm("Tilt the tip by more than 20 degrees and hold it there.")? {
         return Ok(Finding::skipped());
     }
-    session.by_hand(ManualAction::LayDown(true));
+    session.act(ManualAction::LayDown(true));
     let mut most = 0.0_f64;
-    let tilted = session.watch(WATCH / 6, None, |seen| {
+    let tilted = session.wait_until(WATCH / 6, None, |seen| {
         most = most.max(seen.sensors.gravity_milli_g.map_or(0.0, |gravity| angle_deg(first, earths(gravity))));
         most > TILT_DEG
     })?;
-    session.by_hand(ManualAction::LayDown(false));
+    session.act(ManualAction::LayDown(false));
     Ok(match tilted {
         Some(_) => Finding::passed(format!("gravity of {length:.2}, tilted by {most:.0} degrees")),
         None => Finding::failed(format!("tilted by {most:.0} degrees, more than {TILT_DEG} was to be seen"), remedy),

@@ -4,12 +4,12 @@ use growbot_client::client::{Client, ClientError};
 use growbot_core::link::message::{BootReport, ImageCheck, Refusal};
 
 use super::report::Finding;
-use super::session::{Session, in_words};
+use super::session::{DoctorSession, in_words};
 use crate::cli::Failure;
 use crate::cli::status::{described, is_configured};
 
 /// Checks that the board responds. Reports its firmware, the cause of its start, and a crash.
-pub fn talks(session: &mut Session) -> Result<Finding, Failure> {
+pub fn check_link(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let hello = session.client.identify()?;
     let [major, minor, patch] = hello.firmware;
     let mut found = format!("firmware {major}.{minor}.{patch}, started by {}", hello.reset_cause.name());
@@ -45,7 +45,7 @@ fn boot(client: &mut Client) -> Result<Option<BootReport>, Failure> {
 }
 
 /// Checks that the board has the description of this robot.
-pub fn is_described(session: &mut Session) -> Result<Finding, Failure> {
+pub fn check_description(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let hello = session.client.identify()?;
     let (name, hash) = (session.robot.name(), session.robot.hash());
     let configure = format!("send it: growbot configure FILE --port {}", session.port);

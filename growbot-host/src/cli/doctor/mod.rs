@@ -22,12 +22,12 @@ use growbot_host::note;
 use growbot_host::output::print;
 use growbot_sim::port::TipSettings;
 
-use self::answers::Answers;
-use self::report::{Finding, Outcome, Report};
-use self::session::Session;
+use self::answers::OperatorInput;
+use self::report::{CommissioningReport, Finding, StepOutcome};
+use self::session::DoctorSession;
 use super::interrupt::stop_on_interrupt;
-use super::service::borrow_line;
-use super::{ChosenPort, Connection, Failure, RobotArg, RobotPortArg};
+use super::service_robot::lease_port;
+use super::{Connection, Failure, RequiredPortArg, RobotArg, SelectedPort};
 
 /// Commission a new robot step by step: link, sensors, motors, heater
 ///
@@ -44,7 +44,7 @@ use super::{ChosenPort, Connection, Failure, RobotArg, RobotPortArg};
 #[command(after_help = EXAMPLES)]
 pub struct DoctorArgs {
     #[command(flatten)]
-    port: RobotPortArg,
+    port: RequiredPortArg,
     #[command(flatten)]
     robot: RobotArg,
     /// File of the report. It is written after each step, and continued if it exists
@@ -74,13 +74,13 @@ struct Step {
     asks: bool,
     /// True if a failure ends the command, because the steps after it would be unsafe or useless.
     gates: bool,
-    run: fn(&mut Session) -> Result<Finding, Failure>,
+    run: fn(&mut DoctorSession) -> Result<Finding, Failure>,
 }
 
 /// The steps, in their order.
 const STEPS: [Step; 13] = [
-    Step { name: "link", asks: false, gates: true, run: link::talks },
-    Step { name: "description", asks: false, gates: true, run: link::is_described },
+    Step { name: "link", asks: false, gates: true, run: link::check_link },
+    Step { name: "description", asks: false, gates: true, run: link::check_description },
     Step { name: "temperature", asks: false, gates: true, run: inputs::temperature },
     Step { name: "supply", asks: false, gates: false, run: inputs::supply },
     Step { name: "index", asks: true, gates: false, run: inputs::index },
@@ -96,7 +96,7 @@ const STEPS: [Step; 13] = [
 
 /// Options of the steps.
 #[derive(Clone, Copy)]
-struct Manner<'a> {
+struct RunOptions<'a> {
     /// The report's file.
     file: Option<&'a Path>,
     /// True to repeat steps that have passed.
@@ -110,22 +110,22 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
     let robot = args.robot.load()?;
     let mut report = match &args.output {
-        Some(file) => Report::open(file)?,
-        None => Report::default(),
+        Some(file) => CommissioningReport::open(file)?,
+        None => CommissioningReport::default(),
     };
     report.begin(&robot, port.text(), port.is_simulated())?;
-    let _lent = borrow_line(&port, "growbot doctor")?;
+    let _lent = lease_port(&port, "growbot doctor")?;
     let Connection { mut client, simulation } = port.connect(&robot, &TipSettings::default())?;
     client.open_session()?;
     // From here on Ctrl-C stops the board. Nothing heats or moves before this line.
     let orders = stop_on_interrupt(&mut client, &port);
-    let mut session = Session {
+    let mut session = DoctorSession {
         client,
         robot,
-        hands: simulation,
+        simulated_operator: simulation,
         orders,
-        answers: Answers::of_standard_input(),
-        answered: Vec::new(),
+        answers: OperatorInput::of_standard_input(),
+        recorded_answers: Vec::new(),
         simulated: port.is_simulated(),
         port: port.text().to_owned(),
     };
@@ -134,7 +134,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
     } else if !io::stdin().is_terminal() {
         note!("the answers come from standard input, a line each: yes, no, skip, quit or a number");
     }
-    let manner = Manner { file: args.output.as_deref(), again: args.again, prints: !args.json };
+    let manner = RunOptions { file: args.output.as_deref(), again: args.again, prints: !args.json };
     let remark = if session.simulated { ", simulated: it says nothing of a real one" } else { "" };
     manner.print(&format!("{} at {}{remark}\n\n", session.robot.name(), session.port))?;
     let done = commission(&mut session, &mut report, manner);
@@ -150,7 +150,11 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
 }
 
 /// Does the steps. The report includes a step that was interrupted.
-fn commission(session: &mut Session, report: &mut Report, manner: Manner) -> Result<(), Failure> {
+fn commission(
+    session: &mut DoctorSession,
+    report: &mut CommissioningReport,
+    manner: RunOptions,
+) -> Result<(), Failure> {
     let gates: Vec<&str> = STEPS.iter().filter(|step| step.gates).map(|step| step.name).collect();
     for outdated in report.outdate(&gates) {
         note!("{outdated}: it is done again");
@@ -163,15 +167,15 @@ fn commission(session: &mut Session, report: &mut Report, manner: Manner) -> Res
             manner.print(&Finding::passed(format!("before, {time}")).line(step.name))?;
             continue;
         }
-        session.answered.clear();
+        session.recorded_answers.clear();
         let done = (step.run)(session);
         let (finding, broken_off) = match done {
             Ok(finding) => (finding, None),
             Err(failure) => (Finding::not_done(failure.message()), Some(failure)),
         };
         manner.print(&finding.line(step.name))?;
-        let ends = step.gates && finding.outcome == Outcome::Failed;
-        report.add(step.name, finding, std::mem::take(&mut session.answered));
+        let ends = step.gates && finding.outcome == StepOutcome::Failed;
+        report.add(step.name, finding, std::mem::take(&mut session.recorded_answers));
         manner.save(report)?;
         if let Some(failure) = broken_off {
             return Err(failure);
@@ -183,7 +187,7 @@ fn commission(session: &mut Session, report: &mut Report, manner: Manner) -> Res
     Ok(())
 }
 
-impl Manner<'_> {
+impl RunOptions<'_> {
     fn print(self, text: &str) -> Result<(), Failure> {
         if self.prints {
             print(text)?;
@@ -191,20 +195,20 @@ impl Manner<'_> {
         Ok(())
     }
 
-    fn save(self, report: &Report) -> Result<(), Failure> {
+    fn save(self, report: &CommissioningReport) -> Result<(), Failure> {
         self.file.map_or(Ok(()), |file| report.write(file))
     }
 }
 
 /// Prints the summary and the next command. Returns an error if a step failed or was not done.
-fn conclude(report: &Report, manner: Manner, port: &ChosenPort) -> Result<(), Failure> {
+fn conclude(report: &CommissioningReport, manner: RunOptions, port: &SelectedPort) -> Result<(), Failure> {
     let summary = report.summary(&STEPS.map(|step| step.name));
     manner.print(&format!("\n{summary}"))?;
     if let Some(file) = manner.file {
         note!("report written to {}", file.display());
     }
     if !summary.is_good() {
-        return Err(Failure::answered_no(summary.in_words()));
+        return Err(Failure::request_failed(summary.in_words()));
     }
     manner.print(&if report.passed_at("nozzle").is_some() {
         format!("next     growbot tune --port {}, then the first layer\n", port.text())

@@ -5,9 +5,9 @@ use std::time::Duration;
 use growbot_core::link::message::MaintenanceTask;
 use growbot_sim::tip::manual_action::ManualAction;
 
-use super::answers::{Answer, Wanted};
+use super::answers::{Answer, AnswerKind};
 use super::report::Finding;
-use super::session::{Session, in_words};
+use super::session::{DoctorSession, in_words};
 use crate::cli::Failure;
 
 /// Turn of the head, degrees.
@@ -22,11 +22,15 @@ const FEED_PERCENT: f64 = 2.0;
 const SPARE: Duration = Duration::from_secs(2);
 
 /// Starts a task and watches the board for this time. Returns a finding if the task has failed.
-fn moves(session: &mut Session, task: MaintenanceTask, time: Duration) -> Result<Option<Finding>, Failure> {
+fn run_motor_task(
+    session: &mut DoctorSession,
+    task: MaintenanceTask,
+    time: Duration,
+) -> Result<Option<Finding>, Failure> {
     if let Some(why) = session.maintain(task)? {
         return Ok(Some(Finding::failed(why, "see `growbot status`")));
     }
-    let faulted = session.watch(time + SPARE, None, |seen| seen.status.fault.is_some())?;
+    let faulted = session.wait_until(time + SPARE, None, |seen| seen.status.fault.is_some())?;
     Ok(faulted.and_then(|seen| seen.status.fault).map(|fault| {
         Finding::failed(
             in_words(fault),
@@ -37,14 +41,14 @@ fn moves(session: &mut Session, task: MaintenanceTask, time: Duration) -> Result
 
 /// Runs a check in a dry run. Afterwards the motors are released, and a fault is cleared.
 fn in_dry_run(
-    session: &mut Session,
-    run: impl FnOnce(&mut Session) -> Result<Finding, Failure>,
+    session: &mut DoctorSession,
+    run: impl FnOnce(&mut DoctorSession) -> Result<Finding, Failure>,
 ) -> Result<Finding, Failure> {
     if let Some(why) = session.dry_run()? {
         return Ok(Finding::failed(why, "see `growbot status`"));
     }
     // The step interrupt accepts no command before it has released the motors.
-    session.look()?;
+    session.sample()?;
     let found = run(session)?;
     session.switch_off()?;
     // The next step detects a fault that remains.
@@ -53,23 +57,25 @@ fn in_dry_run(
 }
 
 /// Checks that the head finds its mark and turns the right way.
-pub fn head(session: &mut Session) -> Result<Finding, Failure> {
-    if !session.is_ready("The head is going to turn, up to three turns: hands off, nothing in its way.")? {
+pub fn head(session: &mut DoctorSession) -> Result<Finding, Failure> {
+    if !session.confirm("The head is going to turn, up to three turns: hands off, nothing in its way.")? {
         return Ok(Finding::skipped());
     }
     in_dry_run(session, |session| {
         let per_s = session.robot.description().head.homing_turns_per_s;
         let homing = Duration::from_secs_f64((HOMING_TURNS / per_s).clamp(1.0, 600.0));
-        if let Some(failed) = moves(session, MaintenanceTask::Home, homing)? {
+        if let Some(failed) = run_motor_task(session, MaintenanceTask::Home, homing)? {
             return Ok(failed);
         }
         let turn = Duration::from_secs_f64((TURN_DEG / 360.0 / per_s).clamp(0.5, 600.0));
-        if let Some(failed) = moves(session, MaintenanceTask::Rotate { centi_deg: (TURN_DEG * 100.0) as i32 }, turn)? {
+        if let Some(failed) =
+            run_motor_task(session, MaintenanceTask::Rotate { centi_deg: (TURN_DEG * 100.0) as i32 }, turn)?
+        {
             return Ok(failed);
         }
         let question = "It has found its mark and turned by 90 degrees. Seen from ahead, looking at the nozzle: was \
                         that counter-clockwise, by a quarter of a turn?";
-        Ok(match session.ask(question, Wanted::YesOrNo)? {
+        Ok(match session.ask(question, AnswerKind::YesOrNo)? {
             None => Finding::skipped(),
             Some(Answer::Yes) => Finding::passed("homed, and turned counter-clockwise by 90 degrees"),
             Some(_) => Finding::failed(
@@ -81,32 +87,32 @@ pub fn head(session: &mut Session) -> Result<Finding, Failure> {
 }
 
 /// Checks that the feed moves filament by the commanded length.
-pub fn feed(session: &mut Session) -> Result<Finding, Failure> {
+pub fn feed(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let question = format!(
         "Take the filament out of the nozzle, so that it moves freely, and mark it where it enters the feed. The feed \
          is going to push {FEED_MM} mm."
     );
-    if !session.is_ready(&question)? {
+    if !session.confirm(&question)? {
         return Ok(Finding::skipped());
     }
-    session.by_hand(ManualAction::FreeFilament(true));
+    session.act(ManualAction::FreeFilament(true));
     let found = in_dry_run(session, |session| {
         // The time is that of the slowest possible feed.
         let time = Duration::from_secs_f64(feed_s(session).clamp(1.0, 290.0));
-        if let Some(failed) = moves(session, MaintenanceTask::Feed { um: (FEED_MM * 1000.0) as i32 }, time)? {
+        if let Some(failed) = run_motor_task(session, MaintenanceTask::Feed { um: (FEED_MM * 1000.0) as i32 }, time)? {
             return Ok(failed);
         }
-        match session.ask("By how many mm has the filament moved forwards?", Wanted::Number)? {
+        match session.ask("By how many mm has the filament moved forwards?", AnswerKind::Number)? {
             Some(Answer::Number(mm)) => Ok(judge(session, mm)),
             _ => Ok(Finding::skipped()),
         }
     });
-    session.by_hand(ManualAction::FreeFilament(false));
+    session.act(ManualAction::FreeFilament(false));
     found
 }
 
 /// Returns the time that the feed takes, s. The speed is that of growth, or less.
-fn feed_s(session: &Session) -> f64 {
+fn feed_s(session: &DoctorSession) -> f64 {
     let description = session.robot.description();
     let grows = description.layer.height_mm * session.robot.wall_area() / session.robot.filament_area();
     let feed = &description.feed;
@@ -117,7 +123,7 @@ fn feed_s(session: &Session) -> f64 {
     FEED_MM / slowest.max(1e-3)
 }
 
-fn judge(session: &Session, mm: f64) -> Finding {
+fn judge(session: &DoctorSession, mm: f64) -> Finding {
     let now = session.robot.description().feed.steps_per_mm;
     let percent = (mm / FEED_MM - 1.0) * 100.0;
     let found = format!("{mm} mm for {FEED_MM} mm, off by {percent:+.1} %; {FEED_PERCENT} % is allowed");

@@ -27,7 +27,7 @@ const INDENT: usize = 24;
 /// Outcome of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Outcome {
+pub enum StepOutcome {
     /// The step passed.
     Passed,
     /// The step failed.
@@ -40,7 +40,7 @@ pub enum Outcome {
     NotDone,
 }
 
-impl Outcome {
+impl StepOutcome {
     /// Returns the name.
     fn name(self) -> &'static str {
         match self {
@@ -57,7 +57,7 @@ impl Outcome {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Finding {
     /// Outcome of the step.
-    pub outcome: Outcome,
+    pub outcome: StepOutcome,
     /// Observation, with the values and their limits.
     pub found: String,
     /// Remedy, if the step failed.
@@ -68,28 +68,28 @@ pub struct Finding {
 impl Finding {
     /// Returns the finding of a step that passed.
     pub fn passed(found: impl Into<String>) -> Self {
-        Self { outcome: Outcome::Passed, found: found.into(), remedy: None }
+        Self { outcome: StepOutcome::Passed, found: found.into(), remedy: None }
     }
 
     /// Returns the finding of a step that failed, with the remedy.
     pub fn failed(found: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { outcome: Outcome::Failed, found: found.into(), remedy: Some(remedy.into()) }
+        Self { outcome: StepOutcome::Failed, found: found.into(), remedy: Some(remedy.into()) }
     }
 
     /// Returns the finding of a step that the user skipped.
     pub fn skipped() -> Self {
-        Self { outcome: Outcome::Skipped, found: "left out by choice".to_owned(), remedy: None }
+        Self { outcome: StepOutcome::Skipped, found: "left out by choice".to_owned(), remedy: None }
     }
 
     /// Returns the finding of a step for a part that the robot does not have. `key` is the part's key in the robot
     /// file.
     pub fn absent(key: &str) -> Self {
-        Self { outcome: Outcome::Absent, found: format!("the robot file has no {key}"), remedy: None }
+        Self { outcome: StepOutcome::Absent, found: format!("the robot file has no {key}"), remedy: None }
     }
 
     /// Returns the finding of a step that was interrupted.
     pub fn not_done(why: &str) -> Self {
-        Self { outcome: Outcome::NotDone, found: one_line(why).into_owned(), remedy: None }
+        Self { outcome: StepOutcome::NotDone, found: one_line(why).into_owned(), remedy: None }
     }
 
     /// Returns one or more lines for the terminal.
@@ -115,7 +115,7 @@ impl Finding {
 
 /// An answer, with its question and its time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Answered {
+pub struct RecordedAnswer {
     /// The question.
     pub question: String,
     /// Text that the user typed.
@@ -126,12 +126,12 @@ pub struct Answered {
 
 /// A step in the report.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Done {
+struct StepRecord {
     step: String,
     #[serde(flatten)]
     finding: Finding,
     #[serde(default)]
-    answers: Vec<Answered>,
+    answers: Vec<RecordedAnswer>,
     utc: String,
     /// Hash of the robot's description at that time, 16 hexadecimal digits. Empty if it is not known.
     #[serde(default)]
@@ -140,7 +140,7 @@ struct Done {
 
 /// The report of a robot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Report {
+pub struct CommissioningReport {
     format: String,
     robot: String,
     /// Hash of the robot's description, 16 hexadecimal digits.
@@ -148,10 +148,10 @@ pub struct Report {
     description: String,
     port: String,
     simulated: bool,
-    steps: Vec<Done>,
+    steps: Vec<StepRecord>,
 }
 
-impl Default for Report {
+impl Default for CommissioningReport {
     fn default() -> Self {
         Self {
             format: FORMAT.to_owned(),
@@ -164,7 +164,7 @@ impl Default for Report {
     }
 }
 
-impl Report {
+impl CommissioningReport {
     /// Reads the report from this file, or creates one if the file does not exist.
     pub fn open(file: &Path) -> Result<Self, Failure> {
         let unusable = |what: &str| {
@@ -206,7 +206,7 @@ impl Report {
     /// Returns the time at which this step passed. `None` if it did not pass.
     pub fn passed_at(&self, step: &str) -> Option<&str> {
         let done = self.steps.iter().find(|done| done.step == step)?;
-        (done.finding.outcome == Outcome::Passed).then_some(done.utc.as_str())
+        (done.finding.outcome == StepOutcome::Passed).then_some(done.utc.as_str())
     }
 
     /// Marks each of these steps as not done that passed with another description. Returns a message about each of
@@ -214,7 +214,9 @@ impl Report {
     pub fn outdate(&mut self, names: &[&str]) -> Vec<String> {
         let now = &self.description;
         let outdated = self.steps.iter_mut().filter(|done| {
-            done.finding.outcome == Outcome::Passed && done.description != *now && names.contains(&done.step.as_str())
+            done.finding.outcome == StepOutcome::Passed
+                && done.description != *now
+                && names.contains(&done.step.as_str())
         });
         outdated
             .map(|done| {
@@ -227,8 +229,9 @@ impl Report {
     }
 
     /// Adds a step, or replaces an earlier result of it.
-    pub fn add(&mut self, step: &str, finding: Finding, answers: Vec<Answered>) {
-        let done = Done { step: step.to_owned(), finding, answers, utc: now(), description: self.description.clone() };
+    pub fn add(&mut self, step: &str, finding: Finding, answers: Vec<RecordedAnswer>) {
+        let done =
+            StepRecord { step: step.to_owned(), finding, answers, utc: now(), description: self.description.clone() };
         match self.steps.iter_mut().find(|known| known.step == step) {
             Some(known) => *known = done,
             None => self.steps.push(done),
@@ -249,7 +252,7 @@ impl Report {
     pub fn summary(&self, names: &[&'static str]) -> Summary {
         let outcome = |name: &str| {
             let done = self.steps.iter().find(|done| done.step == name);
-            done.map_or(Outcome::NotDone, |done| done.finding.outcome)
+            done.map_or(StepOutcome::NotDone, |done| done.finding.outcome)
         };
         Summary(names.iter().map(|name| (*name, outcome(name))).collect())
     }
@@ -261,25 +264,25 @@ pub fn now() -> String {
 }
 
 /// Outcomes of the steps.
-pub struct Summary(Vec<(&'static str, Outcome)>);
+pub struct Summary(Vec<(&'static str, StepOutcome)>);
 
 impl Summary {
     /// Returns true if no step failed or is left to do.
     pub fn is_good(&self) -> bool {
-        !self.0.iter().any(|(_, outcome)| matches!(outcome, Outcome::Failed | Outcome::NotDone))
+        !self.0.iter().any(|(_, outcome)| matches!(outcome, StepOutcome::Failed | StepOutcome::NotDone))
     }
 
-    fn of(&self, outcome: Outcome) -> Vec<&'static str> {
+    fn of(&self, outcome: StepOutcome) -> Vec<&'static str> {
         self.0.iter().filter(|(_, other)| *other == outcome).map(|(name, _)| *name).collect()
     }
 
     /// Returns a text about the steps that failed or were not done.
     pub fn in_words(&self) -> String {
-        let part = |outcome: Outcome, words: &str| {
+        let part = |outcome: StepOutcome, words: &str| {
             let names = self.of(outcome);
             (!names.is_empty()).then(|| format!("{words}: {}", names.join(", ")))
         };
-        let parts = [part(Outcome::Failed, "failed"), part(Outcome::NotDone, "not done")];
+        let parts = [part(StepOutcome::Failed, "failed"), part(StepOutcome::NotDone, "not done")];
         let parts: Vec<String> = parts.into_iter().flatten().collect();
         format!("{}; mend that, and run growbot doctor again", parts.join("; "))
     }
@@ -287,7 +290,9 @@ impl Summary {
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        for outcome in [Outcome::Passed, Outcome::Failed, Outcome::Skipped, Outcome::Absent, Outcome::NotDone] {
+        for outcome in
+            [StepOutcome::Passed, StepOutcome::Failed, StepOutcome::Skipped, StepOutcome::Absent, StepOutcome::NotDone]
+        {
             let names = self.of(outcome);
             if !names.is_empty() {
                 let list = Finding { outcome, found: names.join(", "), remedy: None };

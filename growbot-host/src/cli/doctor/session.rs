@@ -8,12 +8,12 @@ use growbot_client::growth::CommandQueue;
 use growbot_client::sanitize::one_line;
 use growbot_core::link::message::{Fault, MaintenanceTask, SensorReadings, State, Status};
 use growbot_core::robot::Robot;
-use growbot_host::messages::ask as ask_line;
+use growbot_host::messages::print_prompt as ask_line;
 use growbot_sim::ground_truth::SimulatedTip;
 use growbot_sim::tip::manual_action::ManualAction;
 
-use super::answers::{Answer, Answers, NoLine, Wanted};
-use super::report::{Answered, now};
+use super::answers::{Answer, AnswerKind, AnswerReadError, OperatorInput};
+use super::report::{RecordedAnswer, now};
 use crate::cli::Failure;
 
 /// Interval of the checks for an answer, and of sensor requests.
@@ -24,27 +24,27 @@ pub const WATCH: Duration = Duration::from_secs(60);
 const GREET: u32 = 10;
 
 /// A board, a person, and the person's answers in this step.
-pub struct Session {
+pub struct DoctorSession {
     pub client: Client,
     pub robot: Robot,
     /// Simulation that does the requested actions. `None` if the robot is not simulated.
-    pub hands: Option<Box<dyn SimulatedTip>>,
+    pub simulated_operator: Option<Box<dyn SimulatedTip>>,
     pub orders: Arc<CommandQueue>,
-    pub answers: Answers,
-    pub answered: Vec<Answered>,
+    pub answers: OperatorInput,
+    pub recorded_answers: Vec<RecordedAnswer>,
     pub simulated: bool,
     pub port: String,
 }
 
 /// Status and sensors of the board at one moment.
-pub struct Seen {
+pub struct BoardSample {
     pub status: Status,
     pub sensors: SensorReadings,
 }
 
-impl Session {
+impl DoctorSession {
     /// Prints a question and waits for the answer. `None` if the step is skipped.
-    pub fn ask(&mut self, question: &str, wanted: Wanted) -> Result<Option<Answer>, Failure> {
+    pub fn ask(&mut self, question: &str, wanted: AnswerKind) -> Result<Option<Answer>, Failure> {
         loop {
             for line in wrapped(question) {
                 ask_line(format_args!("{line}"));
@@ -54,81 +54,81 @@ impl Session {
             let answer = match wanted.read(&line) {
                 Ok(answer) => answer,
                 Err(why) if self.answers.by_hand => {
-                    Failure::bad_input(why).say();
+                    Failure::bad_input(why).print();
                     continue;
                 }
                 Err(why) => return Err(Failure::bad_input(why)),
             };
             let typed = one_line(line.trim()).into_owned();
-            self.answered.push(Answered { question: question.to_owned(), answer: typed, utc: now() });
+            self.recorded_answers.push(RecordedAnswer { question: question.to_owned(), answer: typed, utc: now() });
             return match answer {
                 Answer::Skip => Ok(None),
-                Answer::Quit => Err(Failure::answered_no("left by choice; run it again to go on")),
+                Answer::Quit => Err(Failure::request_failed("left by choice; run it again to go on")),
                 answer => Ok(Some(answer)),
             };
         }
     }
 
     /// Waits for the confirmation that something is done. Returns false if the step is skipped.
-    pub fn is_ready(&mut self, question: &str) -> Result<bool, Failure> {
-        Ok(self.ask(question, Wanted::Ready)?.is_some())
+    pub fn confirm(&mut self, question: &str) -> Result<bool, Failure> {
+        Ok(self.ask(question, AnswerKind::Ready)?.is_some())
     }
 
     /// Waits for a line. Meanwhile it sends status requests, so that the board does not lose its host.
     fn line(&mut self) -> Result<String, Failure> {
         for look in 1_u32.. {
-            self.check()?;
+            self.stop_if_interrupted()?;
             match self.answers.within(LOOK) {
                 Ok(line) => return Ok(line),
-                Err(NoLine::Ever) => break,
-                Err(NoLine::Unreadable(why)) => {
+                Err(AnswerReadError::EndOfInput) => break,
+                Err(AnswerReadError::Unreadable(why)) => {
                     return Err(Failure::bad_input(format!("cannot read the answers: {why}")));
                 }
-                Err(NoLine::Yet) if look.is_multiple_of(GREET) => {
+                Err(AnswerReadError::Timeout) if look.is_multiple_of(GREET) => {
                     self.client.status().map_err(lost)?;
                 }
-                Err(NoLine::Yet) => {}
+                Err(AnswerReadError::Timeout) => {}
             }
         }
-        Err(Failure::answered_no(
+        Err(Failure::request_failed(
             "the answers have ended before the steps: give a line for each question on standard input, or use a terminal",
         ))
     }
 
     /// Stops the board and returns an error, if a stop was requested.
-    fn check(&mut self) -> Result<(), Failure> {
+    fn stop_if_interrupted(&mut self) -> Result<(), Failure> {
         if self.orders.stop_requested() {
-            return Err(Failure::answered_no(self.client.stop()?.message(self.simulated)));
+            return Err(Failure::request_failed(self.client.stop()?.message(self.simulated)));
         }
         Ok(())
     }
 
     /// Lets the simulation do an action, if the robot is simulated.
-    pub fn by_hand(&mut self, hand: ManualAction) {
-        if let Some(hands) = &mut self.hands {
+    pub fn act(&mut self, hand: ManualAction) {
+        if let Some(hands) = &mut self.simulated_operator {
             hands.apply_action(hand);
         }
     }
 
     /// Waits for [`LOOK`], and returns the status and the sensors of the board.
-    pub fn look(&mut self) -> Result<Seen, Failure> {
-        self.check()?;
+    pub fn sample(&mut self) -> Result<BoardSample, Failure> {
+        self.stop_if_interrupted()?;
         self.client.wait(LOOK).map_err(lost)?;
-        Ok(Seen { status: self.client.status().map_err(lost)?, sensors: self.client.sensors().map_err(lost)? })
+        Ok(BoardSample { status: self.client.status().map_err(lost)?, sensors: self.client.sensors().map_err(lost)? })
     }
 
     /// Watches the board until `is_so` returns true, while the simulation does `hand`. `None` after this time.
-    pub fn watch(
+    pub fn wait_until(
         &mut self,
         time: Duration,
         hand: Option<ManualAction>,
-        mut is_so: impl FnMut(&Seen) -> bool,
-    ) -> Result<Option<Seen>, Failure> {
+        mut is_so: impl FnMut(&BoardSample) -> bool,
+    ) -> Result<Option<BoardSample>, Failure> {
         for _ in 0..time.as_millis() / LOOK.as_millis() {
             if let Some(hand) = hand {
-                self.by_hand(hand);
+                self.act(hand);
             }
-            let seen = self.look()?;
+            let seen = self.sample()?;
             if is_so(&seen) {
                 return Ok(Some(seen));
             }
@@ -138,7 +138,7 @@ impl Session {
 
     /// Requests a maintenance task from the board. Returns the reason if the board refuses it.
     pub fn maintain(&mut self, task: MaintenanceTask) -> Result<Option<String>, Failure> {
-        self.check()?;
+        self.stop_if_interrupted()?;
         match self.client.maintain(task) {
             Ok(()) => Ok(None),
             Err(error @ ClientError::Refused { .. }) => Ok(Some(error.to_string())),
@@ -200,7 +200,7 @@ pub fn in_words(fault: Fault) -> String {
 fn lost(error: ClientError) -> Failure {
     match error {
         ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => error.into(),
-        error => Failure::answered_no(format!(
+        error => Failure::request_failed(format!(
             "{error}; the robot may be heating: see `growbot status`, and cut its power if that does not answer"
         )),
     }

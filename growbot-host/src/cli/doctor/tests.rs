@@ -22,8 +22,8 @@ const GOOD: [&str; 15] = ["", "", "", "", "", "", "", "yes", "", "50", "", "", "
 /// A robot on its bench.
 struct Bench {
     sim: Rc<RefCell<Sim>>,
-    session: Session,
-    report: Report,
+    session: DoctorSession,
+    report: CommissioningReport,
 }
 
 impl Bench {
@@ -36,15 +36,15 @@ impl Bench {
         let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
         client.open_session().unwrap();
         let hands = sim.borrow().tip_handle();
-        let mut report = Report::default();
+        let mut report = CommissioningReport::default();
         assert!(report.begin(&robot, "sim", true).is_ok());
-        let session = Session {
+        let session = DoctorSession {
             client,
             robot,
-            hands: Some(hands),
+            simulated_operator: Some(hands),
             orders: Default::default(),
-            answers: Answers::of(answers),
-            answered: Vec::new(),
+            answers: OperatorInput::of(answers),
+            recorded_answers: Vec::new(),
             simulated: true,
             port: "sim".to_owned(),
         };
@@ -53,7 +53,7 @@ impl Bench {
 
     /// Removes the simulation that does the requested actions.
     fn without_hands(mut self) -> Self {
-        self.session.hands = None;
+        self.session.simulated_operator = None;
         self
     }
 
@@ -63,7 +63,8 @@ impl Bench {
     }
 
     fn run(&mut self) -> Result<(), Failure> {
-        let done = commission(&mut self.session, &mut self.report, Manner { file: None, again: false, prints: false });
+        let done =
+            commission(&mut self.session, &mut self.report, RunOptions { file: None, again: false, prints: false });
         assert!(self.session.switch_off().is_ok());
         let mut sim = self.sim.borrow_mut();
         assert!(!matches!(sim.state(), State::Maintenance | State::Heating), "{:?}", sim.state());
@@ -72,7 +73,7 @@ impl Bench {
     }
 
     /// Returns the outcome and the finding of a step.
-    fn step(&self, name: &str) -> (Outcome, String) {
+    fn step(&self, name: &str) -> (StepOutcome, String) {
         let json = self.report.json();
         let steps = json["steps"].as_array().unwrap();
         let done = steps.iter().find(|done| done["step"] == name).unwrap_or_else(|| panic!("no {name} in {json}"));
@@ -96,7 +97,7 @@ fn robot_with(change: impl FnOnce(&mut RobotDescription)) -> Robot {
 fn fails(mut bench: Bench, step: &str, words: &[&str]) -> Bench {
     let _ = bench.run();
     let (outcome, text) = bench.step(step);
-    assert_eq!(outcome, Outcome::Failed, "{step}: {text}");
+    assert_eq!(outcome, StepOutcome::Failed, "{step}: {text}");
     for word in words {
         assert!(text.contains(word), "{step}: {text:?} has no {word:?}");
     }
@@ -109,7 +110,7 @@ fn a_good_robot_passes_every_step() {
     assert!(bench.run().is_ok());
     for step in &STEPS {
         let (outcome, text) = bench.step(step.name);
-        assert_eq!(outcome, Outcome::Passed, "{}: {text}", step.name);
+        assert_eq!(outcome, StepOutcome::Passed, "{}: {text}", step.name);
     }
     let summary = bench.report.summary(&STEPS.map(|step| step.name));
     assert!(summary.is_good());
@@ -126,7 +127,7 @@ fn steps_are_left_out_by_choice() {
     let mut bench = Bench::new(&["skip"; 9]);
     assert!(bench.run().is_ok());
     assert!(bench.report.summary(&STEPS.map(|step| step.name)).is_good());
-    assert_eq!(bench.step("nozzle").0, Outcome::Skipped);
+    assert_eq!(bench.step("nozzle").0, StepOutcome::Skipped);
     assert!(bench.sim.borrow_mut().simulated_tip().nozzle_c() < 30.0);
 }
 
@@ -173,9 +174,9 @@ fn a_head_that_homes_for_long_is_waited_for() {
     });
     for sixty_fourths in (0..64).step_by(3) {
         let mut bench = Bench::of(robot.clone(), &["", "yes"]);
-        bench.session.by_hand(ManualAction::TurnHead(sixty_fourths));
+        bench.session.act(ManualAction::TurnHead(sixty_fourths));
         let Ok(found) = motors::head(&mut bench.session) else { panic!("it was broken off") };
-        assert_eq!(found.outcome, Outcome::Passed, "{sixty_fourths}: {found:?}");
+        assert_eq!(found.outcome, StepOutcome::Passed, "{sixty_fourths}: {found:?}");
     }
 }
 
@@ -210,10 +211,10 @@ fn a_lamp_that_the_board_has_switched_off_proves_nothing() {
         let mut bench = Bench::new(&[answer, "yes"]).with(TipFault::HeaterOpen);
         assert!(matches!(bench.session.maintain(MaintenanceTask::Preheat { target_centi_c: 6000 }), Ok(None)));
         // The person is slow.
-        let off = bench.session.watch(Duration::from_secs(600), None, |seen| seen.status.fault.is_some());
+        let off = bench.session.wait_until(Duration::from_secs(600), None, |seen| seen.status.fault.is_some());
         assert!(matches!(off, Ok(Some(_))));
-        let Ok(found) = heating::is_lit(&mut bench.session) else { panic!("it was broken off") };
-        assert_eq!(found.outcome, Outcome::Failed, "{found:?}");
+        let Ok(found) = heating::check_lamp(&mut bench.session) else { panic!("it was broken off") };
+        assert_eq!(found.outcome, StepOutcome::Failed, "{found:?}");
         assert!(found.found.contains("before you answered, by heating-too-slow"), "{found:?}");
         assert!(found.remedy.is_some_and(|remedy| remedy.contains("answer sooner")));
         assert!(!bench.sim.borrow_mut().simulated_tip().heater_is_on());
@@ -243,7 +244,7 @@ fn answers_that_end_leave_the_rest_undone() {
     let mut bench = Bench::new(&["", ""]);
     let Err(failure) = bench.run() else { panic!("it has not ended") };
     assert!(!failure.is_bad_input() && failure.message().contains("give a line for each"), "{}", failure.message());
-    assert_eq!((bench.step("index").0, bench.step("filament").0), (Outcome::Passed, Outcome::NotDone));
+    assert_eq!((bench.step("index").0, bench.step("filament").0), (StepOutcome::Passed, StepOutcome::NotDone));
     assert!(!bench.report.summary(&STEPS.map(|step| step.name)).is_good());
 }
 
@@ -262,7 +263,7 @@ fn an_interruption_while_the_nozzle_heats_switches_it_off() {
     bench.session.orders = Arc::clone(&orders);
     assert!(matches!(bench.session.maintain(MaintenanceTask::Preheat { target_centi_c: 6000 }), Ok(None)));
     let sim = Rc::clone(&bench.sim);
-    let watched = bench.session.watch(Duration::from_secs(300), None, |seen| {
+    let watched = bench.session.wait_until(Duration::from_secs(300), None, |seen| {
         assert_eq!(seen.status.state, State::Maintenance);
         if sim.borrow_mut().simulated_tip().heater_is_on() {
             orders.interrupt();
@@ -290,7 +291,7 @@ fn a_report_goes_on_where_it_was() {
     let mut bench = Bench::new(&GOOD[..7]);
     assert!(bench.run().is_err());
     assert!(bench.report.write(&file).is_ok());
-    let Ok(mut report) = Report::open(&file) else { panic!("the report is not read") };
+    let Ok(mut report) = CommissioningReport::open(&file) else { panic!("the report is not read") };
     assert_eq!(report, bench.report);
     let robot = |name: &str| robot_file::load(name.as_ref()).unwrap();
     assert!(report.begin(&robot("growbot-b"), "sim", true).is_err());
@@ -317,11 +318,11 @@ fn another_description_has_the_gates_done_again() {
     let gates = STEPS.iter().filter(|step| step.asks && step.gates).count();
     // The emergency stop is tried, and the steps after it are left for another time.
     let mut again = Bench::of(edited.clone(), &["", "", "quit"]);
-    again.report = Report::open(&file).unwrap_or_default();
+    again.report = CommissioningReport::open(&file).unwrap_or_default();
     assert!(again.report.begin(&edited, "sim", true).is_ok());
     assert!(again.run().is_err());
     let outcomes = ["emergency-stop", "head", "no-heater", "lamp", "nozzle"].map(|name| again.step(name).0);
-    let (passed, not_done) = (Outcome::Passed, Outcome::NotDone);
+    let (passed, not_done) = (StepOutcome::Passed, StepOutcome::NotDone);
     assert_eq!((gates, outcomes), (4, [passed, passed, not_done, not_done, not_done]));
     assert!(again.step("nozzle").1.contains(&format!("another robot description ({hash}")));
     assert!(!again.report.summary(&STEPS.map(|step| step.name)).is_good());
@@ -343,7 +344,7 @@ fn what_is_no_report_is_refused() {
         "{\"format\":\"growbot-doctor/2\",\"robot\":\"a\",\"port\":\"\",\"simulated\":false,\"steps\":[]}",
     ] {
         std::fs::write(&file, text).unwrap();
-        let Err(failure) = Report::open(&file) else { panic!("it was not refused") };
+        let Err(failure) = CommissioningReport::open(&file) else { panic!("it was not refused") };
         assert!(failure.is_bad_input() && failure.message().contains("name another file"), "{}", failure.message());
     }
 }

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 /// Errors of layers and measurements, each with its distribution.
 #[derive(Serialize)]
-pub struct WrittenDisturbances {
+pub struct DisturbanceReport {
     #[serde(flatten)]
     pub errors: DisturbancesJson,
     /// Error of the odometry's scale, in closed loop only.
@@ -16,7 +16,7 @@ pub struct WrittenDisturbances {
     pub odometry_scale: Option<Distribution>,
 }
 
-impl WrittenDisturbances {
+impl DisturbanceReport {
     /// Returns the disturbances of a simulation with this seed.
     pub fn of(simulation: &Simulation, seed: u64) -> Self {
         let sensors = simulation.sensors.as_ref();

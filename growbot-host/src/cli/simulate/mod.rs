@@ -1,10 +1,10 @@
 //! `growbot simulate`: simulates growths with errors, without a robot, in open or closed loop, once or many times.
 
-mod body;
+mod body_file;
 mod disturbances;
+mod json;
 mod samples;
 mod table;
-mod written;
 
 use std::path::PathBuf;
 use std::thread;
@@ -17,18 +17,18 @@ use growbot_client::warning::Warning;
 use growbot_core::simulation::{DirectionSensor, Disturbance, DisturbedLayer, SimulatedSensors};
 use growbot_core::slicing::Slicing;
 use growbot_host::output::{is_standard_output, print, write_to};
-use growbot_host::progress::{Progress, Results};
-use growbot_pictures::view::SceneFile;
+use growbot_host::progress::{Progress, ResultTiming};
+use growbot_pictures::view::NamedScene;
 use growbot_sim::simulation::campaign::Campaign;
 use growbot_sim::simulation::{Simulation, SimulationResult};
 
-use self::body::{BodyFormat, Grown};
-use self::disturbances::WrittenDisturbances;
+use self::body_file::{BodyFormat, BodyToWrite};
+use self::disturbances::DisturbanceReport;
+use self::json::{SimulatedCampaign, SimulatedGrowth};
 use self::samples::Samples;
-use self::written::{SimulatedCampaign, SimulatedGrowth};
 use super::Failure;
 use super::disturbance::{DisturbanceArgs, signed_percent};
-use super::goal::{GoalArgs, ToGrow};
+use super::plan_source::{PlanSourceArgs, ResolvedPlan};
 use super::units::mm;
 
 /// Simulate a growth with noise, with or without feedback, once or many times
@@ -52,7 +52,7 @@ use super::units::mm;
 #[command(after_help = AFTER_HELP)]
 pub struct SimulateArgs {
     #[command(flatten)]
-    goal: GoalArgs,
+    goal: PlanSourceArgs,
     /// Slicing of the path: into layers that end where it does, or into whole steps, rounded up, as in the paper
     #[arg(long, value_name = "HOW", value_enum, default_value = "exact")]
     slice: Slice,
@@ -132,7 +132,7 @@ fn step_mm(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
-    let ToGrow { robot, plan, scene, unclear } = args.goal.open(args.json)?;
+    let ResolvedPlan { robot, plan, scene, clearance_error: unclear } = args.goal.open(args.json)?;
     warn(&plan.warnings);
     let slicing = args.slicing(robot.description().layer.height_mm)?;
     let mut simulation = Simulation::new(&plan, &robot, slicing);
@@ -152,11 +152,11 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
             warn(&outcome.sag.map(|hung| simulation.warnings(&hung)).unwrap_or_default());
             if let (Some(file), Some(format)) = (&args.output, body) {
                 let (name, scene_file) = (args.goal.name("growbot simulate"), args.goal.scene_file(&plan));
-                let scene = scene.as_ref().map(|loaded| SceneFile { file: &scene_file, scene: &loaded.scene });
-                let grown = Grown { name: &name, robot: &robot, plan: &plan, laid: &laid, scene };
-                body::write(file, format, &grown)?;
+                let scene = scene.as_ref().map(|loaded| NamedScene { file: &scene_file, scene: &loaded.scene });
+                let grown = BodyToWrite { name: &name, robot: &robot, plan: &plan, laid: &laid, scene };
+                body_file::write(file, format, &grown)?;
             }
-            let disturbances = WrittenDisturbances::of(&simulation, seed);
+            let disturbances = DisturbanceReport::of(&simulation, seed);
             let table = table::growth(&plan.goal, &outcome, &disturbances, seed);
             (table, json_line(&SimulatedGrowth::new(&outcome, &simulation, seed)))
         }
@@ -251,8 +251,8 @@ impl SimulateArgs {
             growbot_host::note!("nothing is drawn by chance, so all {runs} growths are the same");
         }
         let threads = self.threads.map_or_else(|| thread::available_parallelism().map_or(1, usize::from), usize::from);
-        let mut progress = Progress::start(Some(runs), Results::AtEnd);
-        let at = |done| progress.at(done, || format!("{done} growths"));
+        let mut progress = Progress::start(Some(runs), ResultTiming::AtEnd);
+        let at = |done| progress.update(done, || format!("{done} growths"));
         let seed = self.disturbance.seed;
         let campaign = match &self.samples {
             None => Campaign::run(simulation, seed, runs, threads, at),

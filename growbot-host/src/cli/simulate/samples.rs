@@ -11,7 +11,7 @@ use growbot_sim::simulation::obstacles::ObstacleReport;
 use growbot_sim::simulation::{Simulation, SimulationResult};
 
 use super::super::Failure;
-use super::disturbances::WrittenDisturbances;
+use super::disturbances::DisturbanceReport;
 
 /// Columns of a growth itself. `_mm` and `_deg` are units. The normalized error has none.
 const GROWTH: &str = "layers,length_mm,path_length_mm";
@@ -22,7 +22,7 @@ const SAG: &str = "sag_mm,root_stress_mpa,root_moment_n_mm";
 
 /// Columns of a growth in a scene. The contact is empty if the body touches nothing, and the pause if it does not
 /// pause.
-const AMONG: &str = "contact_at_mm,clearance_mm,detours,paused_at_mm";
+const SCENE_COLUMNS: &str = "contact_at_mm,clearance_mm,detours,paused_at_mm";
 
 /// A table that is being written.
 pub struct Samples<'a> {
@@ -73,7 +73,7 @@ impl Samples<'_> {
     }
 
     fn new<'a>(file: Box<dyn Write + 'a>, simulation: &Simulation) -> io::Result<Samples<'a>> {
-        let (names, values): (Vec<_>, Vec<_>) = WrittenDisturbances::of(simulation, 0).columns().into_iter().unzip();
+        let (names, values): (Vec<_>, Vec<_>) = DisturbanceReport::of(simulation, 0).columns().into_iter().unzip();
         let mut samples = Samples {
             file: BufWriter::new(file),
             path_length: simulation.path_length(),
@@ -84,7 +84,7 @@ impl Samples<'_> {
             ["x_mm", "y_mm", "z_mm", "heading_deg", "pitch_deg"].map(|part| format!("{end}_{part}")).join(",")
         });
         let sag = if simulation.sag { format!(",{SAG}") } else { String::new() };
-        let among = if simulation.scene.is_some() { format!(",{AMONG}") } else { String::new() };
+        let among = if simulation.scene.is_some() { format!(",{SCENE_COLUMNS}") } else { String::new() };
         writeln!(samples.file, "seed,{},{GROWTH},{ERRORS}{sag}{among},{}", poses.join(","), names.join(","))?;
         Ok(samples)
     }

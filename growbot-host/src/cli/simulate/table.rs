@@ -9,10 +9,10 @@ use growbot_sim::simulation::statistics::Statistics;
 use growbot_sim::simulation::{SagResult, Simulation, SimulationResult};
 
 use super::super::growth_table::{arrived, row};
-use super::disturbances::WrittenDisturbances;
+use super::disturbances::DisturbanceReport;
 
 /// Returns the table of a growth: target and final pose, the error between them, and the body.
-pub fn growth(goal: &Pose, outcome: &SimulationResult, disturbances: &WrittenDisturbances, seed: u64) -> String {
+pub fn growth(goal: &Pose, outcome: &SimulationResult, disturbances: &DisturbanceReport, seed: u64) -> String {
     let SimulationResult { grown, arrival, sag: hung, obstacles: among } = outcome;
     let mut table = arrived(goal, arrival);
     let pitch = arrival.pitch_error_deg;
@@ -90,7 +90,7 @@ pub fn campaign(campaign: &Campaign, robot: &str, simulation: &Simulation, seed:
         "{} simulated growths of {robot}, {:.0} layers, {path_length:.1} mm, seeds {seed} to {last}\n{}\n",
         campaign.runs,
         campaign.layers.mean(),
-        WrittenDisturbances::of(simulation, seed).in_words()
+        DisturbanceReport::of(simulation, seed).in_words()
     );
     table +=
         &format!("{:<17}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}\n", "error", "mean", "SD", "min", "median", "95 %", "max");

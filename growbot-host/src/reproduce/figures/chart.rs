@@ -4,7 +4,7 @@ use growbot_pictures::drawing::canvas::Canvas;
 use growbot_pictures::drawing::chart::Panel;
 
 use super::super::paper::MeanSd;
-use super::super::statistics::Summary;
+use super::super::statistics::SampleSummary;
 
 /// Colour of steps of the text. The colours are those of Okabe and Ito, which colour-blind readers can distinguish.
 pub const TEXT_STEP: &str = "#0072b2";
@@ -135,7 +135,7 @@ impl PanelExt for Panel {
             }
         }
         if values.len() > 1 {
-            Mark::Square.draw(canvas, self.place(x, Summary::of(values).median), colour);
+            Mark::Square.draw(canvas, self.place(x, SampleSummary::of(values).median), colour);
         }
     }
 

@@ -59,7 +59,7 @@ fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quant
         _ => &[(SlicingRule::Text, -0.24, TEXT_STEP), (SlicingRule::Table, 0.0, TABLE_STEP)],
     };
     let values = |slicing: SlicingRule, group: usize| {
-        open_set(&of.experiments, paper::A, group, Planner::TwoPlane, slicing)
+        open_set(&of.experiments, paper::ROBOT_A, group, Planner::TwoPlane, slicing)
             .map(|set| set.values(quantity))
             .unwrap_or_default()
     };
@@ -76,13 +76,13 @@ fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quant
             let shown: Vec<f64> =
                 values.iter().copied().filter(|value| limit.is_none_or(|max| *value <= max)).collect();
             panel.cloud(canvas, x, &shown, colour);
-            means.push((x, super::super::statistics::Summary::of(&values).mean));
+            means.push((x, super::super::statistics::SampleSummary::of(&values).mean));
         }
         panel.means(canvas, &means, colour);
     }
     match quantity {
         Quantity::Position => {
-            for (group, number) in ROBOTS[paper::A].position_error.into_iter().flatten().enumerate() {
+            for (group, number) in ROBOTS[paper::ROBOT_A].position_error.into_iter().flatten().enumerate() {
                 panel.whisker(canvas, group as f64 + 0.24, number, Mark::Diamond, PAPER);
             }
         }
@@ -121,7 +121,7 @@ fn scale(quantity: Quantity, values: &[f64]) -> (Scale, Option<f64>) {
     if quantity != Quantity::Heading {
         return (Scale::from_zero(values.iter().copied()), None);
     }
-    let max = 2.0 * super::super::statistics::Summary::of(values).p95;
+    let max = 2.0 * super::super::statistics::SampleSummary::of(values).p95;
     let scale = Scale::from_zero(values.iter().copied().filter(|value| *value <= max));
     let Scale::Linear(_, top) = scale else { return (scale, None) };
     (scale, Some(top))

@@ -1,7 +1,7 @@
 //! Figure 6: position error by noise of the growth, along the representative path of each group.
 
 use super::super::Reproduction;
-use super::super::experiments::{Quantity, Set};
+use super::super::experiments::{GrowthSet, Quantity};
 use super::super::paper::{GROUPS, NOISE};
 use super::super::slicing_rule::SlicingRule;
 use super::chart::{CLOSED, CanvasExt, EXACT, Mark, PanelExt, TABLE_STEP, TEXT_STEP, figure};
@@ -12,7 +12,7 @@ const SIZE: (f64, f64) = (1000.0, 936.0);
 const ROUNDING: f64 = 1e-9;
 
 /// Returns the colour of a set of growths, its offset from the tick, and its name.
-fn series(set: &Set) -> Option<(&'static str, f64, &'static str)> {
+fn series(set: &GrowthSet) -> Option<(&'static str, f64, &'static str)> {
     Some(match (set.condition.slicing, set.condition.feedback) {
         (_, true) => (CLOSED, 0.36, "closed loop"),
         (SlicingRule::Text, false) => (TEXT_STEP, -0.36, "steps of 3.096 mm"),
@@ -23,7 +23,7 @@ fn series(set: &Set) -> Option<(&'static str, f64, &'static str)> {
 }
 
 /// Returns the legend: each series once, then the median and the means.
-fn legend(sets: &[Set]) -> Vec<(Mark, &'static str, String)> {
+fn legend(sets: &[GrowthSet]) -> Vec<(Mark, &'static str, String)> {
     let mut legend: Vec<(Mark, &str, String)> = Vec::new();
     for (colour, _, name) in sets.iter().filter_map(series) {
         if legend.iter().all(|(_, other, _)| *other != colour) {
@@ -52,7 +52,7 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
     let mut canvas = figure(SIZE.0, SIZE.1, title, &notes);
     let sets = &of.experiments.noise;
     canvas.legend(24.0, 118.0, &legend(sets));
-    let shown = |set: &Set| {
+    let shown = |set: &GrowthSet| {
         let mut values = set.values(Quantity::Position);
         values.retain(|value| *value > ROUNDING);
         values

@@ -25,7 +25,7 @@ const AZIMUTHS: u32 = 36;
 
 /// Returns Figure 5.
 pub fn of_robot_a(of: &Reproduction, title: &'static str) -> String {
-    let examples: Vec<&Example> = of.experiments.examples.iter().filter(|e| e.growth.robot == paper::A).collect();
+    let examples: Vec<&Example> = of.experiments.examples.iter().filter(|e| e.growth.robot == paper::ROBOT_A).collect();
     let first = "The growth of each group whose position error is nearest to the group's median; two-plane paths, \
                  steps of 3.096 mm.";
     draw(of, title, first, &examples, 236.0)
@@ -33,7 +33,7 @@ pub fn of_robot_a(of: &Reproduction, title: &'static str) -> String {
 
 /// Returns Figure 7.
 pub fn of_robots_b_and_c(of: &Reproduction, title: &'static str) -> String {
-    let examples: Vec<&Example> = of.experiments.examples.iter().filter(|e| e.growth.robot != paper::A).collect();
+    let examples: Vec<&Example> = of.experiments.examples.iter().filter(|e| e.growth.robot != paper::ROBOT_A).collect();
     let first = "The growth to goals at 8 R whose position error is nearest to the median; two-plane paths, steps of \
                  62.64 and 20 mm.";
     draw(of, title, first, &examples, 480.0)

@@ -7,7 +7,7 @@ use super::super::comparison::open_set;
 use super::super::experiments::Quantity;
 use super::super::paper::{self, GROUPS, MeanSd, ROBOTS};
 use super::super::slicing_rule::SlicingRule;
-use super::super::statistics::Summary;
+use super::super::statistics::SampleSummary;
 use super::chart::{CanvasExt, EXACT, Mark, PAPER, PanelExt, ROBOT, TABLE_STEP, TEXT_STEP, dashed, figure};
 use super::errors::group_ticks;
 use growbot_pictures::drawing::canvas::Canvas;
@@ -15,7 +15,7 @@ use growbot_pictures::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 950.0);
 /// Robots of panels A to C.
-const SHOWN: [usize; 3] = [paper::A, paper::B, paper::C];
+const SHOWN: [usize; 3] = [paper::ROBOT_A, paper::B, paper::C];
 
 /// Returns the figure.
 pub fn svg(of: &Reproduction, title: &'static str) -> String {
@@ -64,7 +64,7 @@ fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Qu
     let everywhere = SHOWN.iter().flat_map(|robot| (0..GROUPS.len()).filter_map(|group| summary(*robot, group)));
     let quoted: Vec<f64> = match quantity {
         Quantity::Position => {
-            let of_a = ROBOTS[paper::A].position_error.into_iter().flatten().map(|MeanSd { mean, sd }| mean - sd);
+            let of_a = ROBOTS[paper::ROBOT_A].position_error.into_iter().flatten().map(|MeanSd { mean, sd }| mean - sd);
             of_a.chain([paper::LONG_PATHS_B.mean, paper::LONG_PATHS_C.mean]).collect()
         }
         _ => vec![paper::PITCH_ERROR_DEG.mean],
@@ -80,7 +80,7 @@ fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Qu
         Quantity::Position => {
             across(canvas, paper::LONG_PATHS_B.mean, 0.5, ROBOT[1]);
             across(canvas, paper::LONG_PATHS_C.mean, 0.5, ROBOT[2]);
-            for (group, number) in ROBOTS[paper::A].position_error.into_iter().flatten().enumerate() {
+            for (group, number) in ROBOTS[paper::ROBOT_A].position_error.into_iter().flatten().enumerate() {
                 panel.whisker(canvas, group as f64 + 0.16, number, Mark::Diamond, PAPER);
             }
         }
@@ -89,7 +89,7 @@ fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Qu
         _ => across(canvas, paper::PITCH_ERROR_DEG.mean, -0.5, PAPER),
     }
     for (robot, colour) in SHOWN.into_iter().zip(ROBOT) {
-        let points: Vec<(f64, Summary)> =
+        let points: Vec<(f64, SampleSummary)> =
             (0..GROUPS.len()).filter_map(|group| Some((group as f64, summary(robot, group)?))).collect();
         let line = points.iter().map(|(x, summary)| panel.place(*x, summary.mean));
         canvas.line(line.collect::<Vec<_>>(), format_args!("stroke=\"{colour}\" stroke-width=\"1.8\""));
@@ -122,7 +122,7 @@ fn by_k(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4]) {
                     .map(|set| set.summary(Quantity::Position).mean)
             })
             .collect();
-        means.map(|means| Summary::of(&means).mean)
+        means.map(|means| SampleSummary::of(&means).mean)
     };
     let panel = Panel { area, x: Scale::Log(0.001, 1.0), y: Scale::Log(0.001, 1.0) };
     panel.axes(

@@ -10,8 +10,8 @@ use growbot_core::pose::Frame;
 use nalgebra::{Point3, UnitQuaternion};
 
 use self::cdr::Cdr;
+use super::foxglove::{FRAME, Level};
 use super::message::Message;
-use super::messages::{FRAME, Level};
 
 /// The frame that moves with the tip.
 const TIP: &str = "tip";

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::place::Place;
+use super::projection::Projection;
 use crate::drawing::canvas::Canvas;
 use crate::drawing::chart::number;
 
@@ -61,7 +61,7 @@ impl Axes {
     }
 
     /// Draws the grid of the floor, and the three edges with ticks, numbers and names.
-    pub fn draw(&self, canvas: &mut Canvas, place: &Place) {
+    pub fn draw(&self, canvas: &mut Canvas, place: &Projection) {
         if place.camera.towards.z.abs() > 0.1 {
             self.draw_floor(canvas, place);
         }
@@ -71,7 +71,7 @@ impl Axes {
         }
     }
 
-    fn draw_floor(&self, canvas: &mut Canvas, place: &Place) {
+    fn draw_floor(&self, canvas: &mut Canvas, place: &Projection) {
         let mut lines = String::new();
         for axis in 0..2 {
             let other = 1 - axis;
@@ -95,7 +95,7 @@ impl Axes {
         (first..=last).map(|tick| step * tick as f64).collect()
     }
 
-    fn draw_axis(&self, canvas: &mut Canvas, place: &Place, axis: usize, centre: [f64; 2]) {
+    fn draw_axis(&self, canvas: &mut Canvas, place: &Projection, axis: usize, centre: [f64; 2]) {
         let mut along = Vector3::zeros();
         along[axis] = 1.0;
         let [right, down] = place.direction(&along);
@@ -154,7 +154,7 @@ impl Axes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::view::picture::camera::{Camera, Look};
+    use crate::view::picture::camera::{Camera, Viewpoint};
 
     #[test]
     fn a_box_has_round_corners_and_four_edges_along_each_axis() {
@@ -172,10 +172,13 @@ mod tests {
     #[test]
     fn an_axis_that_is_seen_from_its_end_has_no_name() {
         let axes = Axes::round(Vector3::zeros(), Vector3::repeat(100.0), 50.0);
-        for (look, names) in
-            [(Look::Front, ["x, mm", "z, mm"]), (Look::Side, ["y, mm", "z, mm"]), (Look::Top, ["x, mm", "y, mm"])]
-        {
-            let place = Place { camera: Camera::new(look, &[]), scale: 3.0, centre: [50.0, 50.0], at: [300.0, 300.0] };
+        for (look, names) in [
+            (Viewpoint::Front, ["x, mm", "z, mm"]),
+            (Viewpoint::Side, ["y, mm", "z, mm"]),
+            (Viewpoint::Top, ["x, mm", "y, mm"]),
+        ] {
+            let place =
+                Projection { camera: Camera::new(look, &[]), scale: 3.0, centre: [50.0, 50.0], at: [300.0, 300.0] };
             let mut canvas = Canvas::new(600.0, 600.0, "");
             axes.draw(&mut canvas, &place);
             let drawn = canvas.finish();

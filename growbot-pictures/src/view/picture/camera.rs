@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 /// The viewpoint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Look {
+pub enum Viewpoint {
     /// The corner, of eight, from which start and goal are seen best from the side.
     Corner,
     /// From the front, along the y axis.
@@ -31,12 +31,12 @@ pub struct Camera {
 
 impl Camera {
     /// Returns the camera of a viewpoint. [`Look::Corner`] shows the directions in `facing` best, the first above all.
-    pub fn new(look: Look, facing: &[Vector3<f64>]) -> Self {
+    pub fn new(look: Viewpoint, facing: &[Vector3<f64>]) -> Self {
         let towards = match look {
-            Look::Corner => best_corner(facing),
-            Look::Front => Vector3::new(0.0, -1.0, 0.0),
-            Look::Side => Vector3::new(1.0, 0.0, 0.0),
-            Look::Top => return Self { right: Vector3::x(), up: Vector3::y(), towards: Vector3::z() },
+            Viewpoint::Corner => best_corner(facing),
+            Viewpoint::Front => Vector3::new(0.0, -1.0, 0.0),
+            Viewpoint::Side => Vector3::new(1.0, 0.0, 0.0),
+            Viewpoint::Top => return Self { right: Vector3::x(), up: Vector3::y(), towards: Vector3::z() },
         };
         let right = Vector3::z().cross(&towards).normalize();
         Self { right, up: towards.cross(&right), towards }
@@ -48,7 +48,7 @@ impl Camera {
     }
 
     /// Returns the depth of a point, mm. A nearer point has a greater value.
-    pub fn nearness(&self, point: &Vector3<f64>) -> f64 {
+    pub fn depth(&self, point: &Vector3<f64>) -> f64 {
         self.towards.dot(point)
     }
 }
@@ -78,21 +78,21 @@ mod tests {
 
     #[test]
     fn every_look_has_perpendicular_axes_and_sees_z_upwards() {
-        for look in [Look::Corner, Look::Front, Look::Side, Look::Top] {
+        for look in [Viewpoint::Corner, Viewpoint::Front, Viewpoint::Side, Viewpoint::Top] {
             let camera = Camera::new(look, &[Vector3::x(), Vector3::z()]);
             assert!((camera.right.cross(&camera.up) - camera.towards).norm() < 1e-12, "{look:?}");
-            assert!(look == Look::Top || camera.see(&Vector3::z())[1] > 0.8, "{look:?}");
+            assert!(look == Viewpoint::Top || camera.see(&Vector3::z())[1] > 0.8, "{look:?}");
         }
-        assert_eq!(Camera::new(Look::Front, &[]).see(&Vector3::new(1.0, 2.0, 3.0)), [1.0, 3.0]);
-        assert_eq!(Camera::new(Look::Side, &[]).see(&Vector3::new(1.0, 2.0, 3.0)), [2.0, 3.0]);
+        assert_eq!(Camera::new(Viewpoint::Front, &[]).see(&Vector3::new(1.0, 2.0, 3.0)), [1.0, 3.0]);
+        assert_eq!(Camera::new(Viewpoint::Side, &[]).see(&Vector3::new(1.0, 2.0, 3.0)), [2.0, 3.0]);
     }
 
     #[test]
     fn a_corner_shows_the_goal_from_the_side() {
-        let camera = Camera::new(Look::Corner, &[Vector3::x()]);
+        let camera = Camera::new(Viewpoint::Corner, &[Vector3::x()]);
         assert!(camera.see(&Vector3::x())[0].abs() > 0.6, "{camera:?}");
         // A direction of length 0 still gives a valid camera.
-        let camera = Camera::new(Look::Corner, &[Vector3::zeros()]);
+        let camera = Camera::new(Viewpoint::Corner, &[Vector3::zeros()]);
         assert!((camera.towards.norm() - 1.0).abs() < 1e-12);
     }
 }

@@ -4,7 +4,7 @@ use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
 use super::WIDE;
-use super::place::{Bounds, Place, solid};
+use super::projection::{Bounds, Projection, solid};
 use crate::drawing::canvas::Canvas;
 
 /// Axes of the tip: names and colours.
@@ -30,7 +30,7 @@ pub struct Arrow {
 }
 
 /// Returns the shaft and head of an arrow as a path.
-pub fn arrow(place: &Place, arrow: &Arrow, colour: &str) -> String {
+pub fn arrow(place: &Projection, arrow: &Arrow, colour: &str) -> String {
     let Arrow { from, along, length, thick } = arrow;
     let at = |share: f64| from + share * length * along;
     let shaft = solid(place, &[(at(0.0), *along, *thick), (at(0.75), *along, *thick)]);
@@ -39,13 +39,13 @@ pub fn arrow(place: &Place, arrow: &Arrow, colour: &str) -> String {
 }
 
 /// Draws the axes of the tip, x, y and z, over everything. An axis that points at the viewer has no name.
-pub fn draw_axes(canvas: &mut Canvas, place: &Place, base_from_tip: &Frame, length: f64) {
+pub fn draw_axes(canvas: &mut Canvas, place: &Projection, base_from_tip: &Frame, length: f64) {
     let mut axes: Vec<_> = [Vector3::x(), Vector3::y(), Vector3::z()]
         .into_iter()
         .map(|axis| base_from_tip.rotation * axis)
         .zip(AXES)
         .collect();
-    axes.sort_by(|(a, _), (b, _)| place.camera.nearness(a).total_cmp(&place.camera.nearness(b)));
+    axes.sort_by(|(a, _), (b, _)| place.camera.depth(a).total_cmp(&place.camera.depth(b)));
     let from = base_from_tip.translation.vector;
     let [ahead_right, ahead_down] = place.direction(&(base_from_tip.rotation * Vector3::z()));
     for (along, (name, colour)) in axes {
@@ -63,22 +63,22 @@ pub fn draw_axes(canvas: &mut Canvas, place: &Place, base_from_tip: &Frame, leng
 
 /// A line next to a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Line {
+pub struct LineStyle {
     /// Meaning of the line.
     pub name: &'static str,
     /// Style of the line, as SVG attributes.
     pub style: &'static str,
 }
 
-impl Line {
+impl LineStyle {
     /// Draws the line through these points, mm.
-    pub fn draw(&self, canvas: &mut Canvas, place: &Place, places: impl Iterator<Item = Vector3<f64>>) {
+    pub fn draw(&self, canvas: &mut Canvas, place: &Projection, places: impl Iterator<Item = Vector3<f64>>) {
         canvas.line(places.map(|at| place.point(&at).into()), self.style);
     }
 }
 
 /// Draws samples of lines with their names, side by side and centred on `middle`.
-pub fn key(canvas: &mut Canvas, [middle, y]: [f64; 2], lines: &[Line]) {
+pub fn key(canvas: &mut Canvas, [middle, y]: [f64; 2], lines: &[LineStyle]) {
     const SAMPLE: f64 = 30.0;
     const GAP: f64 = 7.0;
     const BETWEEN: f64 = 24.0;
@@ -100,7 +100,7 @@ pub fn disc(canvas: &mut Canvas, [x, y]: [f64; 2], radius: f64, colour: &str) {
 }
 
 /// Draws a word centred on a point, moved as far as needed to fit into the drawing, and readable on any background.
-pub fn word(canvas: &mut Canvas, [x, y]: [f64; 2], text: &str, colour: &str) {
+pub fn draw_label(canvas: &mut Canvas, [x, y]: [f64; 2], text: &str, colour: &str) {
     let half = LETTER * text.chars().count() as f64 + 4.0;
     let x = x.max(half).min(WIDE - half);
     for style in ["stroke=\"#fff\" stroke-width=\"3.5\" stroke-linejoin=\"round\"", ""] {
@@ -114,7 +114,7 @@ pub fn word(canvas: &mut Canvas, [x, y]: [f64; 2], text: &str, colour: &str) {
 /// Draws a word beyond the end of an arrow.
 pub fn word_beyond(
     canvas: &mut Canvas,
-    place: &Place,
+    place: &Projection,
     end: &Vector3<f64>,
     along: &Vector3<f64>,
     text: &str,
@@ -125,13 +125,13 @@ pub fn word_beyond(
     let seen = libm::hypot(right, down);
     let [right, down] = if seen > 1e-6 { [right / seen, down / seen] } else { [0.0, 1.0] };
     let aside = LETTER * text.chars().count() as f64 + 8.0;
-    word(canvas, [x + right * aside, y + down * WORD + 4.5], text, colour);
+    draw_label(canvas, [x + right * aside, y + down * WORD + 4.5], text, colour);
 }
 
 /// Draws a word next to a point, with a line to it, on the side that is farthest from the directions in `taken`.
 pub fn word_at_free_side(
     canvas: &mut Canvas,
-    place: &Place,
+    place: &Projection,
     [x, y]: [f64; 2],
     taken: &[Vector3<f64>],
     text: &str,
@@ -151,7 +151,7 @@ pub fn word_at_free_side(
         canvas.line([(x, y), (end_x, end_y)], format_args!("stroke=\"{stroke}\" stroke-width=\"{width}\""));
     }
     let aside = LETTER * text.chars().count() as f64 + 4.0;
-    word(canvas, [end_x + right * aside, end_y + down * WORD + 4.5], text, colour);
+    draw_label(canvas, [end_x + right * aside, end_y + down * WORD + 4.5], text, colour);
 }
 
 /// A floor of whole squares.
@@ -185,7 +185,7 @@ impl Floor {
     }
 
     /// Draws the floor.
-    pub fn draw(&self, canvas: &mut Canvas, place: &Place) {
+    pub fn draw(&self, canvas: &mut Canvas, place: &Projection) {
         let [wide, deep] = self.squares;
         let along = (0..=wide).map(|x| [self.at(x, 0), self.at(x, deep)]);
         let across = (0..=deep).map(|y| [self.at(0, y), self.at(wide, y)]);

@@ -28,24 +28,24 @@ mod axes;
 mod camera;
 mod marks;
 mod obstacles;
-mod place;
+mod projection;
 mod stage;
 mod tube;
 
-pub use camera::Look;
+pub use camera::Viewpoint;
 
 use growbot_core::layer_bytes::LayerBytes;
 use nalgebra::Vector3;
 
 use self::axes::Axes;
 use self::camera::Camera;
-use self::marks::{FREE_SIDE, Line, key};
-use self::place::{Bounds, Place};
+use self::marks::{FREE_SIDE, LineStyle, key};
+use self::projection::{Bounds, Projection};
 use self::stage::Stage;
 use self::tube::Detail;
-use super::around::Around;
 use super::heights::{HeightScale, LEGEND};
-use super::numbers::{caption, measured};
+use super::info_panel::{caption, measured};
+use super::scene_view::SceneView;
 use super::side_by_side::difference;
 use super::{Layers, Subject, ViewError};
 use crate::drawing::canvas::{Canvas, escape};
@@ -81,7 +81,7 @@ const LESS_FINE: Detail = Detail { rings: 80, faces: 36 };
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
     /// The viewpoint.
-    pub look: Look,
+    pub look: Viewpoint,
     /// Colours of heights.
     pub palette: Palette,
     /// Range of the colours, mm. `None` to derive it from the heights.
@@ -94,7 +94,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { look: Look::Corner, palette: Palette::default(), range: None, title: true, axes: false }
+        Self { look: Viewpoint::Corner, palette: Palette::default(), range: None, title: true, axes: false }
     }
 }
 
@@ -126,12 +126,12 @@ pub fn svg(subjects: &[&Subject], options: &Options) -> Result<String, ViewError
     let high = bounds.iter().map(|bounds| scale * bounds.size()[1] + 2.0 * margin[1]).fold(MIN_HIGH, f64::max);
 
     let bottom = grid.rows as f64 * (top + high);
-    let mut canvas = Canvas::new(WIDE, bottom + FOOT, &spoken(&all, &stages));
+    let mut canvas = Canvas::new(WIDE, bottom + FOOT, &accessible_title(&all, &stages));
     let names = names(subjects);
     for (index, (stage, bounds)) in stages.iter().zip(&bounds).enumerate() {
         let [left, above] = grid.corner(index, top + high);
         let at = [left + 0.5 * grid.width, above + top + 0.5 * high];
-        let place = Place { camera, scale, centre: bounds.centre(), at };
+        let place = Projection { camera, scale, centre: bounds.centre(), at };
         let room = [left + 2.0, above + top, left + grid.width - 2.0, above + top + high - 16.0];
         stage.draw(&mut canvas, (&place, &room), &heights, square, boxes[index].as_ref());
         if options.title {
@@ -191,7 +191,7 @@ fn height_scale(all: &[(&Subject, &Layers)], options: &Options) -> HeightScale {
 }
 
 /// Returns the title for screen readers.
-fn spoken(all: &[(&Subject, &Layers)], stages: &[Stage]) -> String {
+fn accessible_title(all: &[(&Subject, &Layers)], stages: &[Stage]) -> String {
     let title = |((subject, layers), stage): (&(&Subject, &Layers), &Stage)| {
         let scene = stage.around().and_then(clear_of).map_or_else(String::new, |words| format!(", {words}"));
         escape(&format!("{}: {}{scene}", subject.name, caption(subject, layers, "")))
@@ -200,9 +200,9 @@ fn spoken(all: &[(&Subject, &Layers)], stages: &[Stage]) -> String {
 }
 
 /// Returns a line with the smallest clearance of a body from its scene.
-fn clear_of(around: &Around) -> Option<String> {
-    let (clearance, place) = around.clearance().zip(around.place())?;
-    Some(format!("{}: narrowest {clearance}, {place}; obstacles: {}", around.file, around.shown.summary()))
+fn clear_of(around: &SceneView) -> Option<String> {
+    let (clearance, place) = around.clearance_text().zip(around.closest_approach_text())?;
+    Some(format!("{}: narrowest {clearance}, {place}; obstacles: {}", around.file, around.obstacles.summary()))
 }
 
 /// Returns the names of bodies: files without their extensions, unless two bodies would then have the same name.
@@ -212,7 +212,7 @@ fn names<'a>(subjects: &[&'a Subject]) -> Vec<&'a str> {
 }
 
 /// Returns the lines next to all bodies, without repetitions.
-fn lines(stages: &[Stage]) -> Vec<Line> {
+fn lines(stages: &[Stage]) -> Vec<LineStyle> {
     stages.iter().flat_map(Stage::lines).fold(Vec::new(), |mut lines, line| {
         if !lines.contains(&line) {
             lines.push(line);

@@ -6,9 +6,9 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::camera::Camera;
 use super::marks::{disc, word_at_free_side};
-use super::place::{Place, outline, round_points, within};
+use super::projection::{Projection, clip_to_rect, outline, round_points};
 use crate::drawing::canvas::Canvas;
-use crate::view::around::Around;
+use crate::view::scene_view::SceneView;
 
 /// Largest part of a scene that a picture shows.
 pub const LIMITS: SelectionLimits = SelectionLimits { shapes: 300, triangles: 4000, points: 3000 };
@@ -24,16 +24,16 @@ const FINE_FACE: &str = "fill-opacity=\".14\" stroke-opacity=\".12\"";
 const SAMPLES: u32 = 24;
 
 /// A rectangle of the drawing: left, top, right, bottom.
-pub type Room = [f64; 4];
+pub type ClipRect = [f64; 4];
 
 /// Returns the obstacles within a rectangle as pieces of the drawing, each with its depth. `tube` holds points of the
 /// centreline.
-pub fn pieces(around: &Around, tube: &[Vector3<f64>], place: &Place, room: &Room) -> Vec<(f64, String)> {
-    let shown = &around.shown;
+pub fn pieces(around: &SceneView, tube: &[Vector3<f64>], place: &Projection, room: &ClipRect) -> Vec<(f64, String)> {
+    let shown = &around.obstacles;
     let camera = &place.camera;
     let mut pieces = Vec::new();
     let mut add = |near: f64, corners: Vec<[f64; 2]>, colour: &str, style: &str| {
-        let corners = within(corners, room);
+        let corners = clip_to_rect(corners, room);
         if corners.len() > 2 {
             let d = outline(&corners);
             pieces.push((near, format!("<path fill=\"{colour}\" stroke=\"{colour}\" {style} d=\"{d}\"/>\n")));
@@ -41,7 +41,7 @@ pub fn pieces(around: &Around, tube: &[Vector3<f64>], place: &Place, room: &Room
     };
     for square in &shown.squares {
         // A half space lies behind everything on its free side.
-        let near = square.iter().map(|corner| camera.nearness(corner)).fold(f64::INFINITY, f64::min);
+        let near = square.iter().map(|corner| camera.depth(corner)).fold(f64::INFINITY, f64::min);
         add(near, square.iter().map(|corner| place.point(corner)).collect(), PLANE, FINE_FACE);
     }
     for shape in &shown.shapes {
@@ -64,18 +64,18 @@ pub fn pieces(around: &Around, tube: &[Vector3<f64>], place: &Place, room: &Room
     for Triangle(corners) in &shown.triangles {
         let [a, b, c] = corners;
         if (b - a).cross(&(c - a)).dot(&camera.towards) >= 0.0 {
-            let near = camera.nearness(&((a + b + c) / 3.0));
+            let near = camera.depth(&((a + b + c) / 3.0));
             add(near, corners.iter().map(|corner| place.point(corner)).collect(), OBSTACLE, FINE_FACE);
         }
     }
     for (at, radius) in &shown.points {
-        add(camera.nearness(at), dot(place, at, *radius), OBSTACLE, FACE);
+        add(camera.depth(at), dot(place, at, *radius), OBSTACLE, FACE);
     }
     pieces
 }
 
 /// Returns the depth of a shape where it passes the tube in the picture.
-fn nearness(shape: &Shape, tube: &[Vector3<f64>], place: &Place) -> f64 {
+fn nearness(shape: &Shape, tube: &[Vector3<f64>], place: &Projection) -> f64 {
     let (from, to) = match shape {
         Shape::Ball { centre, .. } => (*centre, *centre),
         Shape::Capsule { from, to, .. } => (*from, *to),
@@ -93,7 +93,7 @@ fn nearness(shape: &Shape, tube: &[Vector3<f64>], place: &Place) -> f64 {
     let samples = (0..=SAMPLES).map(|step| from + (to - from) * (f64::from(step) / f64::from(SAMPLES)));
     let least = |at: &Vector3<f64>| tube.iter().map(|point| apart(at, point)).fold(f64::INFINITY, f64::min);
     let nearest = samples.map(|at| (least(&at), at)).min_by(|a, b| a.0.total_cmp(&b.0));
-    camera.nearness(&nearest.map_or(from, |(_, at)| at))
+    camera.depth(&nearest.map_or(from, |(_, at)| at))
 }
 
 /// Returns the faces of a box that face the camera.
@@ -115,7 +115,7 @@ fn faces(
 }
 
 /// Returns the ball of a point, at least as large as can be seen.
-fn dot(place: &Place, at: &Vector3<f64>, radius: f64) -> Vec<[f64; 2]> {
+fn dot(place: &Projection, at: &Vector3<f64>, radius: f64) -> Vec<[f64; 2]> {
     let [x, y] = place.point(at);
     let radius = (radius * place.scale).max(0.8);
     let corner = |corner: u32| {
@@ -126,8 +126,8 @@ fn dot(place: &Place, at: &Vector3<f64>, radius: f64) -> Vec<[f64; 2]> {
 }
 
 /// Marks the narrowest point, over everything. `along` is the body's direction there, and the label avoids it.
-pub fn mark(canvas: &mut Canvas, place: &Place, around: &Around, along: &Vector3<f64>) {
-    let (Some((found, _)), Some(clearance)) = (&around.narrowest, around.clearance()) else { return };
+pub fn mark(canvas: &mut Canvas, place: &Projection, around: &SceneView, along: &Vector3<f64>) {
+    let (Some((found, _)), Some(clearance)) = (&around.closest_approach, around.clearance_text()) else { return };
     let [from, to] = [&found.on_body, &found.on_obstacle].map(|point| place.point(point));
     for (colour, width) in [("#fff", 4.0), (NARROWEST, 2.0)] {
         canvas.line([from.into(), to.into()], format_args!("stroke=\"{colour}\" stroke-width=\"{width}\""));

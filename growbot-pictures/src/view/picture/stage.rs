@@ -6,14 +6,14 @@ use nalgebra::Vector3;
 
 use super::axes::Axes;
 use super::camera::Camera;
-use super::marks::{Arrow, Floor, Line, arrow, disc, draw_axes, word, word_at_free_side, word_beyond};
-use super::obstacles::{self, LIMITS, Room};
-use super::place::{Bounds, Place};
+use super::marks::{Arrow, Floor, LineStyle, arrow, disc, draw_axes, draw_label, word_at_free_side, word_beyond};
+use super::obstacles::{self, ClipRect, LIMITS};
+use super::projection::{Bounds, Projection};
 use super::tube::{Detail, Tube};
 use crate::drawing::canvas::Canvas;
 use crate::drawing::chart::round_below;
-use crate::view::around::Around;
 use crate::view::heights::HeightScale;
+use crate::view::scene_view::SceneView;
 use crate::view::{Layers, Subject, measured_end};
 
 /// Colours of marks and of the background, equal to the page's.
@@ -24,11 +24,11 @@ const GHOST: &str = "#a9b2be";
 const SHADOW: &str = "#e6e9ee";
 
 /// Lines that may be drawn next to a body: names and styles.
-const PLANNED_LINE: Line =
-    Line { name: "plan", style: "stroke=\"#4a5563\" stroke-width=\"1.3\" stroke-dasharray=\"7 4\"" };
-const COMMANDED_LINE: Line =
-    Line { name: "commanded", style: "stroke=\"#1f5fbf\" stroke-width=\"1.5\" stroke-dasharray=\"2 3\"" };
-const ESTIMATED_LINE: Line = Line { name: "estimated", style: "stroke=\"#c2185b\" stroke-width=\"1.5\"" };
+const PLANNED_LINE: LineStyle =
+    LineStyle { name: "plan", style: "stroke=\"#4a5563\" stroke-width=\"1.3\" stroke-dasharray=\"7 4\"" };
+const COMMANDED_LINE: LineStyle =
+    LineStyle { name: "commanded", style: "stroke=\"#1f5fbf\" stroke-width=\"1.5\" stroke-dasharray=\"2 3\"" };
+const ESTIMATED_LINE: LineStyle = LineStyle { name: "estimated", style: "stroke=\"#c2185b\" stroke-width=\"1.5\"" };
 
 /// A body and its marks, mm.
 pub struct Stage {
@@ -40,7 +40,7 @@ pub struct Stage {
     /// Positions of the tip as estimated by feedback.
     estimated: Option<Vec<Vector3<f64>>>,
     /// The scene around the body.
-    around: Option<Around>,
+    around: Option<SceneView>,
     start: Pose,
     goal: Pose,
     via: Vec<Pose>,
@@ -75,7 +75,7 @@ impl Stage {
             planned,
             commanded: subject.commanded(layers),
             estimated: subject.estimated(),
-            around: Around::of(subject, layers, &LIMITS),
+            around: SceneView::of(subject, layers, &LIMITS),
             start: plan.start,
             goal: plan.goal,
             via: plan.via(),
@@ -87,14 +87,14 @@ impl Stage {
     }
 
     /// Returns the lines next to the body.
-    pub fn lines(&self) -> impl Iterator<Item = Line> {
+    pub fn lines(&self) -> impl Iterator<Item = LineStyle> {
         let planned = self.planned.as_ref().map(|_| PLANNED_LINE);
         let commanded = self.commanded.as_ref().map(|_| COMMANDED_LINE);
         planned.into_iter().chain(commanded).chain(self.estimated.as_ref().map(|_| ESTIMATED_LINE))
     }
 
     /// Returns the scene around the body.
-    pub fn around(&self) -> Option<&Around> {
+    pub fn around(&self) -> Option<&SceneView> {
         self.around.as_ref()
     }
 
@@ -201,7 +201,7 @@ impl Stage {
     pub fn draw(
         &self,
         canvas: &mut Canvas,
-        (place, room): (&Place, &Room),
+        (place, room): (&Projection, &ClipRect),
         heights: &HeightScale,
         square: f64,
         axes: Option<&Axes>,
@@ -226,7 +226,7 @@ impl Stage {
         }
         let mut pieces = self.tube.pieces(camera, place, heights);
         for (mark, colour) in [(self.start_arrow(), START), (self.goal_arrow(), GOAL)] {
-            pieces.push((camera.nearness(&(mark.from + 0.5 * mark.length * mark.along)), arrow(place, &mark, colour)));
+            pieces.push((camera.depth(&(mark.from + 0.5 * mark.length * mark.along)), arrow(place, &mark, colour)));
         }
         if let Some(around) = &self.around {
             let tube: Vec<Vector3<f64>> = self.tube.centreline().collect();
@@ -256,8 +256,8 @@ impl Stage {
     }
 
     /// Returns the direction of the body at its narrowest point.
-    fn way_past(&self, around: &Around) -> Vector3<f64> {
-        let Some((found, _)) = &around.narrowest else { return Vector3::z() };
+    fn way_past(&self, around: &SceneView) -> Vector3<f64> {
+        let Some((found, _)) = &around.closest_approach else { return Vector3::z() };
         let frames = self.tube.frames();
         let apart = |frame: &Frame| (frame.translation.vector - found.on_body).norm_squared();
         let nearest = frames.min_by(|a, b| apart(a).total_cmp(&apart(b)));
@@ -265,7 +265,7 @@ impl Stage {
     }
 
     /// Draws what lies over everything: the tip's axes, poses on the way, and labels.
-    fn words(&self, canvas: &mut Canvas, place: &Place) {
+    fn words(&self, canvas: &mut Canvas, place: &Projection) {
         draw_axes(canvas, place, &self.tube.base_from_tip(), self.axis());
         let [start, goal] = [self.start_arrow(), self.goal_arrow()];
         let tip = self.tube.base_from_tip();
@@ -286,7 +286,12 @@ impl Stage {
         for (index, via) in self.via.iter().enumerate() {
             let at = place.point(&via.position());
             disc(canvas, at, 0.2 * self.outer * place.scale, GOAL);
-            word(canvas, [at[0], at[1] - 0.2 * self.outer * place.scale - 9.0], &format!("via {}", index + 1), GOAL);
+            draw_label(
+                canvas,
+                [at[0], at[1] - 0.2 * self.outer * place.scale - 9.0],
+                &format!("via {}", index + 1),
+                GOAL,
+            );
         }
         if let Some(reached) = &self.reached {
             let at = place.point(reached);

@@ -11,7 +11,7 @@ use growbot_core::pose::Frame;
 use nalgebra::{Vector2, Vector3};
 
 use super::camera::Camera;
-use super::place::{Place, outline};
+use super::projection::{Projection, outline};
 use crate::drawing::colours::hex;
 use crate::view::heights::HeightScale;
 
@@ -89,7 +89,7 @@ impl Tube {
     }
 
     /// Returns the visible faces, ring by ring, each ring with its depth. Faces are coloured by the heights of layers.
-    pub fn pieces(&self, camera: &Camera, place: &Place, heights: &HeightScale) -> Vec<(f64, String)> {
+    pub fn pieces(&self, camera: &Camera, place: &Projection, heights: &HeightScale) -> Vec<(f64, String)> {
         let mut pieces = Vec::with_capacity(self.rings.len() + 2);
         let mut below = self.base_from_start;
         for (frame, layer) in &self.rings {
@@ -113,7 +113,7 @@ impl Tube {
                 ));
             }
             faces.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let near = camera.nearness(&(0.5 * (below.translation.vector + frame.translation.vector)));
+            let near = camera.depth(&(0.5 * (below.translation.vector + frame.translation.vector)));
             pieces.push((near, faces.into_iter().map(|(_, face)| face).collect()));
             below = *frame;
         }
@@ -124,7 +124,7 @@ impl Tube {
     }
 
     /// Returns the rim and the visible inside of an open end. `None` if the end faces away.
-    fn end(&self, frame: &Frame, outwards: f64, camera: &Camera, place: &Place) -> Option<(f64, String)> {
+    fn end(&self, frame: &Frame, outwards: f64, camera: &Camera, place: &Projection) -> Option<(f64, String)> {
         let ahead = outwards * (frame.rotation * Vector3::z());
         (ahead.dot(&camera.towards) > 0.0).then(|| {
             let circle = |radius: f64| {
@@ -137,12 +137,12 @@ impl Tube {
                  d=\"{inside}\"/>\n"
             );
             // The end is nearer than the ring that ends there, so it is drawn later.
-            (camera.nearness(&(frame.translation.vector + 0.02 * self.outer * ahead)), faces)
+            (camera.depth(&(frame.translation.vector + 0.02 * self.outer * ahead)), faces)
         })
     }
 
     /// Returns the two edges of the tube in the picture. They show the planned tube behind the one as built.
-    pub fn edges(&self, camera: &Camera, place: &Place) -> [String; 2] {
+    pub fn edges(&self, camera: &Camera, place: &Projection) -> [String; 2] {
         [-1.0, 1.0].map(|side| {
             let points = self.frames().filter_map(|frame| {
                 let ahead = frame.rotation * Vector3::z();
@@ -154,7 +154,7 @@ impl Tube {
     }
 
     /// Returns the shadow on a floor at this height (mm), as faces of one colour.
-    pub fn shadow(&self, floor: f64, place: &Place) -> String {
+    pub fn shadow(&self, floor: f64, place: &Projection) -> String {
         let onto = |point: Vector3<f64>| place.point(&Vector3::new(point.x, point.y, floor));
         let mut shadow = String::new();
         let mut before: Option<[[f64; 2]; 2]> = None;

@@ -12,8 +12,8 @@ use growbot_client::run_log::BodyKind;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, decode};
 
-use self::series::{Layered, Reading, Timeline, off_the_plan};
-use super::numbers::{caption, measured};
+use self::series::{LayerSeries, TemperatureReading, Timeline, deviation_from_plan};
+use super::info_panel::{caption, measured};
 use super::{Layers, Subject, ViewError};
 use crate::drawing::canvas::{Canvas, escape};
 use crate::drawing::chart::{Panel, Scale, number};
@@ -21,7 +21,7 @@ use crate::drawing::colours::{SERIES, series};
 
 /// Quantity of a panel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Quantity {
+pub enum PlotKind {
     /// Heights of the layers: the mean, and the range around the wall.
     Heights,
     /// Tilt of the layers.
@@ -34,7 +34,7 @@ pub enum Quantity {
 
 /// Quantity of the horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Along {
+pub enum XAxis {
     /// Length of the body.
     Path,
     /// Time.
@@ -43,7 +43,7 @@ pub enum Along {
 
 /// Width of a drawing, left and right margin of its panels, height of a panel and the gap above it, and space above and
 /// below all panels.
-const WIDE: f64 = 960.0;
+const WIDTH: f64 = 960.0;
 const LEFT: f64 = 96.0;
 const RIGHT: f64 = 28.0;
 const HIGH: f64 = 140.0;
@@ -71,7 +71,7 @@ const NAME_LETTERS: usize = 34;
 
 /// A body, with the bytes of its log if it is a run.
 #[derive(Debug, Clone, Copy)]
-pub struct Plotted<'a> {
+pub struct PlotInput<'a> {
     /// The body.
     pub subject: &'a Subject<'a>,
     /// Bytes of the log.
@@ -82,9 +82,9 @@ pub struct Plotted<'a> {
 #[derive(Debug, Clone, Copy)]
 pub struct Options<'a> {
     /// Quantities, each with a panel.
-    pub quantities: &'a [Quantity],
+    pub quantities: &'a [PlotKind],
     /// Quantity of the horizontal axis.
-    pub along: Along,
+    pub along: XAxis,
     /// True to draw names and captions above the panels.
     pub title: bool,
 }
@@ -93,10 +93,10 @@ pub struct Options<'a> {
 ///
 /// # Errors
 /// [`ViewError`] if a body has too many layers or lacks a quantity.
-pub fn svg(plotted: &[Plotted], options: &Options) -> Result<String, ViewError> {
+pub fn svg(plotted: &[PlotInput], options: &Options) -> Result<String, ViewError> {
     let curves = plotted.iter().map(Curve::of).collect::<Result<Vec<_>, _>>()?;
     let axis = Axis::new(options.along, &curves);
-    let panels: Vec<Vec<Lines>> = options
+    let panels: Vec<Vec<PanelData>> = options
         .quantities
         .iter()
         .map(|quantity| curves.iter().map(|curve| quantity.lines(curve, &axis)).collect())
@@ -106,11 +106,11 @@ pub fn svg(plotted: &[Plotted], options: &Options) -> Result<String, ViewError> 
     let height = head + (GAP + HIGH) * panels.len() as f64 + FOOT;
     let spoken = |curve: &Curve| format!("{}: {}", curve.subject.name, caption(curve.subject, &curve.layers, ""));
     let spoken: Vec<String> = curves.iter().map(spoken).collect();
-    let mut canvas = Canvas::new(WIDE, height, &escape(&spoken.join("; ")));
+    let mut canvas = Canvas::new(WIDTH, height, &escape(&spoken.join("; ")));
     match &curves[..] {
         [one] if options.title => title(&mut canvas, one),
         [_] => {}
-        _ => key(&mut canvas, &names, if options.title { 42.0 } else { 24.0 }),
+        _ => draw_legend(&mut canvas, &names, if options.title { 42.0 } else { 24.0 }),
     }
     for (index, (lines, quantity)) in panels.iter().zip(options.quantities).enumerate() {
         let top = head + GAP + (GAP + HIGH) * index as f64;
@@ -120,9 +120,9 @@ pub fn svg(plotted: &[Plotted], options: &Options) -> Result<String, ViewError> 
 }
 
 /// Returns the names of bodies: files without their extensions, unless two bodies would then have the same name.
-fn names<'a>(plotted: &[Plotted<'a>]) -> Vec<&'a str> {
+fn names<'a>(plotted: &[PlotInput<'a>]) -> Vec<&'a str> {
     let alike = |one: &Subject| plotted.iter().filter(|other| other.subject.stem() == one.stem()).count() > 1;
-    plotted.iter().map(|Plotted { subject, .. }| if alike(subject) { subject.name } else { subject.stem() }).collect()
+    plotted.iter().map(|PlotInput { subject, .. }| if alike(subject) { subject.name } else { subject.stem() }).collect()
 }
 
 /// Returns the space above the panels.
@@ -145,8 +145,8 @@ fn title(canvas: &mut Canvas, curve: &Curve) {
 }
 
 /// Draws the names of several bodies with samples of their lines, from this height on.
-fn key(canvas: &mut Canvas, names: &[&str], top: f64) {
-    let width = (WIDE - LEFT - RIGHT) / NAMES_IN_ROW as f64;
+fn draw_legend(canvas: &mut Canvas, names: &[&str], top: f64) {
+    let width = (WIDTH - LEFT - RIGHT) / NAMES_IN_ROW as f64;
     for (index, name) in names.iter().enumerate() {
         let left = LEFT + width * (index % NAMES_IN_ROW) as f64;
         let y = top + NAMES_ROW * (index / NAMES_IN_ROW) as f64;
@@ -167,20 +167,20 @@ fn line_style(index: usize) -> String {
 struct Curve<'a> {
     subject: &'a Subject<'a>,
     layers: Layers,
-    layered: Layered,
+    layered: LayerSeries,
     timeline: Timeline,
 }
 
 impl<'a> Curve<'a> {
-    fn of(plotted: &Plotted<'a>) -> Result<Self, ViewError> {
-        let Plotted { subject, log } = *plotted;
+    fn of(plotted: &PlotInput<'a>) -> Result<Self, ViewError> {
+        let PlotInput { subject, log } = *plotted;
         let layers = subject.layers()?;
         let body: Vec<Layer> = layers.body().iter().map(decode).collect();
         let timeline = match (subject.run, log) {
-            (Some(_), Some(log)) => Timeline::told(log, &body, subject.plan),
+            (Some(_), Some(log)) => Timeline::from_log(log, &body, subject.plan),
             _ => Timeline::planned(&body, subject.plan),
         };
-        let layered = Layered::of(layers.body(), subject.robot.tip_radius());
+        let layered = LayerSeries::of(layers.body(), subject.robot.tip_radius());
         Ok(Self { subject, layers, layered, timeline })
     }
 
@@ -195,23 +195,23 @@ impl<'a> Curve<'a> {
 struct Axis {
     scale: Scale,
     name: &'static str,
-    along: Along,
+    along: XAxis,
     /// Seconds for a unit of the axis, if it is time.
     unit: f64,
 }
 
 impl Axis {
-    fn new(along: Along, curves: &[Curve]) -> Self {
+    fn new(along: XAxis, curves: &[Curve]) -> Self {
         let longest = curves.iter().map(Curve::longest).fold(0.0, f64::max);
         let (unit, name) = match along {
-            Along::Path => (1.0, "along the body, mm"),
-            Along::Time if longest > 7200.0 => (3600.0, "time, h"),
-            Along::Time if longest > 120.0 => (60.0, "time, min"),
-            Along::Time => (1.0, "time, s"),
+            XAxis::Path => (1.0, "along the body, mm"),
+            XAxis::Time if longest > 7200.0 => (3600.0, "time, h"),
+            XAxis::Time if longest > 120.0 => (60.0, "time, min"),
+            XAxis::Time => (1.0, "time, s"),
         };
         let end = match along {
-            Along::Path => curves.iter().filter_map(|curve| curve.layered.lengths.last().copied()).fold(0.0, f64::max),
-            Along::Time => longest / unit,
+            XAxis::Path => curves.iter().filter_map(|curve| curve.layered.lengths.last().copied()).fold(0.0, f64::max),
+            XAxis::Time => longest / unit,
         };
         Self { scale: Scale::Linear(0.0, if end > 0.0 { end } else { 1.0 }), name, along, unit }
     }
@@ -219,24 +219,24 @@ impl Axis {
     /// Returns the position of each layer on the axis.
     fn layers(&self, curve: &Curve) -> Vec<f64> {
         match self.along {
-            Along::Path => curve.layered.lengths.clone(),
-            Along::Time => curve.timeline.laid.iter().map(|at| at / self.unit).collect(),
+            XAxis::Path => curve.layered.lengths.clone(),
+            XAxis::Time => curve.timeline.laid.iter().map(|at| at / self.unit).collect(),
         }
     }
 
     /// Returns the position of a reading on the axis.
-    fn of(&self, reading: &Reading, curve: &Curve) -> f64 {
+    fn of(&self, reading: &TemperatureReading, curve: &Curve) -> f64 {
         match self.along {
-            Along::Path => {
+            XAxis::Path => {
                 let lengths = &curve.layered.lengths;
                 reading.laid.checked_sub(1).and_then(|last| lengths.get(last)).copied().unwrap_or_default()
             }
-            Along::Time => reading.at / self.unit,
+            XAxis::Time => reading.at / self.unit,
         }
     }
 }
 
-impl Quantity {
+impl PlotKind {
     fn unit(self) -> &'static str {
         match self {
             Self::Heights | Self::Error => "mm",
@@ -245,13 +245,13 @@ impl Quantity {
         }
     }
 
-    fn lines(self, curve: &Curve, axis: &Axis) -> Result<Lines, ViewError> {
+    fn lines(self, curve: &Curve, axis: &Axis) -> Result<PanelData, ViewError> {
         match self {
             Self::Heights => Ok(heights(curve, axis)),
-            Self::Tilt => Ok(Lines {
+            Self::Tilt => Ok(PanelData {
                 head: "Tilt of the layers",
                 line: means(&axis.layers(curve), &curve.layered.tilts),
-                ..Lines::default()
+                ..PanelData::default()
             }),
             Self::Error => error(curve, axis),
             Self::Temperature => temperature(curve, axis),
@@ -280,7 +280,7 @@ impl Quantity {
 
 /// The lines of a body in a panel.
 #[derive(Default)]
-struct Lines {
+struct PanelData {
     head: &'static str,
     /// Min and max at positions on the axis, with the area between them filled.
     band: Vec<(f64, [f64; 2])>,
@@ -289,7 +289,7 @@ struct Lines {
     dashed: Vec<(f64, Option<f64>)>,
 }
 
-impl Lines {
+impl PanelData {
     fn values(&self) -> impl Iterator<Item = f64> + '_ {
         let dashed = self.dashed.iter().filter_map(|(_, value)| *value);
         self.line.iter().map(|(_, value)| *value).chain(dashed)
@@ -311,7 +311,7 @@ impl Lines {
 }
 
 /// Draws a panel with the lines of all bodies. Bands and dashed lines are drawn only for a body alone.
-fn draw(canvas: &mut Canvas, top: f64, axis: &Axis, quantity: Quantity, lines: &[Lines], is_last: bool) {
+fn draw(canvas: &mut Canvas, top: f64, axis: &Axis, quantity: PlotKind, lines: &[PanelData], is_last: bool) {
     let (y, head) = match lines {
         [one] => (quantity.scale(one.values().chain(one.band.iter().flat_map(|(_, ends)| *ends))), one.head),
         _ => {
@@ -319,10 +319,10 @@ fn draw(canvas: &mut Canvas, top: f64, axis: &Axis, quantity: Quantity, lines: &
             (quantity.scale(values), quantity.head_of_several())
         }
     };
-    let panel = Panel { area: [LEFT, top, WIDE - LEFT - RIGHT, HIGH], x: axis.scale, y };
+    let panel = Panel { area: [LEFT, top, WIDTH - LEFT - RIGHT, HIGH], x: axis.scale, y };
     let labels = |value: f64| if is_last { number(value) } else { String::new() };
     let ticks: Vec<(f64, String)> = axis.scale.ticks().into_iter().map(|tick| (tick, labels(tick))).collect();
-    if let [Lines { band, .. }] = lines
+    if let [PanelData { band, .. }] = lines
         && !band.is_empty()
     {
         let upper = band.iter().map(|(x, [_, max])| panel.place(*x, *max));
@@ -347,7 +347,7 @@ fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
     })
 }
 
-fn heights(curve: &Curve, axis: &Axis) -> Lines {
+fn heights(curve: &Curve, axis: &Axis) -> PanelData {
     let (mut band, mut line) = (Vec::new(), Vec::new());
     for (at, heights) in stretches(&axis.layers(curve), &curve.layered.heights) {
         let min = heights.iter().map(|[min, ..]| *min).fold(f64::INFINITY, f64::min);
@@ -356,10 +356,10 @@ fn heights(curve: &Curve, axis: &Axis) -> Lines {
         line.push((at, heights.iter().map(|[_, mean, _]| mean).sum::<f64>() / heights.len() as f64));
     }
     let head = "Height of the layers: mean, and from the lowest to the highest place round the wall";
-    Lines { head, band, line, ..Lines::default() }
+    PanelData { head, band, line, ..PanelData::default() }
 }
 
-fn error(curve: &Curve, axis: &Axis) -> Result<Lines, ViewError> {
+fn error(curve: &Curve, axis: &Axis) -> Result<PanelData, ViewError> {
     let Curve { subject, layers, .. } = curve;
     let Some(built) = &layers.built else {
         return Err(ViewError::NotMeasured {
@@ -369,7 +369,7 @@ fn error(curve: &Curve, axis: &Axis) -> Result<Lines, ViewError> {
     };
     let start = subject.plan.start.frame();
     let at = axis.layers(curve);
-    let off = |body: &[LayerBytes]| means(&at, &off_the_plan(&start, body, &layers.planned));
+    let off = |body: &[LayerBytes]| means(&at, &deviation_from_plan(&start, body, &layers.planned));
     let head = match &layers.commanded {
         Some(_) => "Deviation, laid (simulated); dashed, commanded, by the board's steps",
         None if layers.kind == Some(BodyKind::Commanded) => "Deviation, commanded (simulated), by the board's steps",
@@ -377,17 +377,17 @@ fn error(curve: &Curve, axis: &Axis) -> Result<Lines, ViewError> {
     };
     let commanded = layers.commanded.as_deref().map(off).unwrap_or_default();
     let dashed = commanded.into_iter().map(|(at, off)| (at, Some(off))).collect();
-    Ok(Lines { head, line: off(built), dashed, ..Lines::default() })
+    Ok(PanelData { head, line: off(built), dashed, ..PanelData::default() })
 }
 
-fn temperature(curve: &Curve, axis: &Axis) -> Result<Lines, ViewError> {
+fn temperature(curve: &Curve, axis: &Axis) -> Result<PanelData, ViewError> {
     let (subject, readings) = (curve.subject, &curve.timeline.temperatures);
     let name = || subject.name.to_owned();
     if subject.run.is_none() {
         return Err(ViewError::NotMeasured { name: name(), what: "temperature" });
     }
     if readings.is_empty() {
-        return Err(ViewError::NotTold { name: name() });
+        return Err(ViewError::NoTemperatures { name: name() });
     }
     let at: Vec<f64> = readings.iter().map(|reading| axis.of(reading, curve)).collect();
     let line = means(&at, &readings.iter().map(|reading| reading.celsius).collect::<Vec<_>>());
@@ -401,7 +401,7 @@ fn temperature(curve: &Curve, axis: &Axis) -> Result<Lines, ViewError> {
         .enumerate()
         .filter_map(|(index, (at, reading))| is_corner(index).then_some((*at, reading.target)))
         .collect();
-    Ok(Lines { head: "Temperature of the nozzle; dashed, the setpoint", line, dashed, ..Lines::default() })
+    Ok(PanelData { head: "Temperature of the nozzle; dashed, the setpoint", line, dashed, ..PanelData::default() })
 }
 
 /// Returns the mean of each stretch of values, at the end of the stretch.

@@ -11,7 +11,7 @@ use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
 /// Values of the layers of a body. Each belongs to the end of its layer.
-pub struct Layered {
+pub struct LayerSeries {
     /// Length of the body after the layer, mm.
     pub lengths: Vec<f64>,
     /// Height on the middle of the wall, mm: min, mean and max around it.
@@ -20,7 +20,7 @@ pub struct Layered {
     pub tilts: Vec<f64>,
 }
 
-impl Layered {
+impl LayerSeries {
     /// Returns the values of these layers. `tip_radius` is the radius of the middle of the wall, mm.
     pub fn of(layers: &[LayerBytes], tip_radius: f64) -> Self {
         let mut length = 0.0;
@@ -36,7 +36,7 @@ impl Layered {
 }
 
 /// Returns the distance of a body from the planned one at the same length, after each of its layers, mm.
-pub fn off_the_plan(start: &Frame, built: &[LayerBytes], planned: &[LayerBytes]) -> Vec<f64> {
+pub fn deviation_from_plan(start: &Frame, built: &[LayerBytes], planned: &[LayerBytes]) -> Vec<f64> {
     let planned = centreline(start, planned);
     let mut near = 0;
     let off = centreline(start, built).into_iter().skip(1).map(|(length, point)| {
@@ -69,12 +69,12 @@ pub struct Timeline {
     /// Time at which each layer was laid.
     pub laid: Vec<f64>,
     /// Temperatures of the nozzle.
-    pub temperatures: Vec<Reading>,
+    pub temperatures: Vec<TemperatureReading>,
 }
 
 /// Temperature of the nozzle in a status report.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reading {
+pub struct TemperatureReading {
     /// Time of the report, s.
     pub at: f64,
     /// Number of layers laid before the report.
@@ -97,7 +97,7 @@ impl Timeline {
     }
 
     /// Returns the timeline of the run log in these bytes, whose body has these layers.
-    pub fn told(log: &[u8], layers: &[Layer], plan: &Plan) -> Self {
+    pub fn from_log(log: &[u8], layers: &[Layer], plan: &Plan) -> Self {
         let mut clock = RunClock::default();
         let mut told = Self::default();
         for event in events(log) {
@@ -106,7 +106,7 @@ impl Timeline {
                     clock.status(&status);
                     if let Some(celsius) = status.temperature_c {
                         let (at, laid) = (seconds(&clock), told.laid.len());
-                        told.temperatures.push(Reading { at, laid, celsius, target: status.target_c });
+                        told.temperatures.push(TemperatureReading { at, laid, celsius, target: status.target_c });
                     }
                 }
                 RunEvent::Laid(laid) if (laid.layer as usize) < layers.len() => {
@@ -145,10 +145,10 @@ mod tests {
         let start = Frame::identity();
         let planned = straight(&[1.0; 10]);
         // Higher layers lie on the same line. They deviate only beyond its end.
-        let off = off_the_plan(&start, &straight(&[1.5; 8]), &planned);
+        let off = deviation_from_plan(&start, &straight(&[1.5; 8]), &planned);
         assert!(off[..6].iter().all(|mm| *mm < 1e-6), "{off:?}");
         assert!((off[7] - 2.0).abs() < 1e-6, "{off:?}");
-        assert_eq!(off_the_plan(&start, &straight(&[1.0]), &[]), [1.0]);
-        assert!(off_the_plan(&start, &[], &planned).is_empty());
+        assert_eq!(deviation_from_plan(&start, &straight(&[1.0]), &[]), [1.0]);
+        assert!(deviation_from_plan(&start, &[], &planned).is_empty());
     }
 }

@@ -12,7 +12,7 @@ const MAX_UNREPORTED: usize = 65_536;
 pub type Point = [f64; 3];
 
 /// The body of one job.
-pub struct Body {
+pub struct TrackedBody {
     plan_id: u64,
     planned: Vec<Layer>,
     planned_points: Vec<Point>,
@@ -24,7 +24,7 @@ pub struct Body {
     unreported: u32,
 }
 
-impl Body {
+impl TrackedBody {
     /// Creates a body without layers. `planned` is empty if the plan is not known here.
     pub fn new(plan_id: u64, start: &Pose, planned: Vec<Layer>) -> Self {
         let tip = start.frame();
@@ -52,7 +52,7 @@ impl Body {
     }
 
     /// Adds a laid layer. A layer whose report was lost counts as planned, or as an even layer of `full` height (mm).
-    pub fn lay(&mut self, index: u32, layer: Layer, full: f64) {
+    pub fn add_layer(&mut self, index: u32, layer: Layer, full: f64) {
         let known = self.planned.len().max(self.built.len().saturating_add(MAX_UNREPORTED));
         let is_far = !self.built.is_empty() && (index.saturating_sub(self.first) as usize) > known;
         if is_far || index == u32::MAX {
@@ -137,37 +137,37 @@ mod tests {
 
     #[test]
     fn layers_stack_up_and_repeated_reports_do_not() {
-        let mut body = Body::new(1, &upright(), Vec::new());
-        body.lay(0, even(0.7), 0.774);
-        body.lay(1, even(0.8), 0.774);
-        body.lay(1, even(0.8), 0.774);
+        let mut body = TrackedBody::new(1, &upright(), Vec::new());
+        body.add_layer(0, even(0.7), 0.774);
+        body.add_layer(1, even(0.8), 0.774);
+        body.add_layer(1, even(0.8), 0.774);
         assert_eq!((body.built().len(), body.next(), body.unreported()), (2, 2, 0));
         assert!((body.tip().position().z - 1.5).abs() < 1e-12);
     }
 
     #[test]
     fn indices_that_no_board_can_have_come_to_are_ignored() {
-        let mut body = Body::new(1, &upright(), Vec::new());
-        body.lay(u32::MAX, even(0.7), 0.774);
+        let mut body = TrackedBody::new(1, &upright(), Vec::new());
+        body.add_layer(u32::MAX, even(0.7), 0.774);
         assert_eq!((body.built().len(), body.next()), (0, 0));
-        body.lay(0, even(0.7), 0.774);
+        body.add_layer(0, even(0.7), 0.774);
         for far in [u32::MAX, u32::MAX - 1, 1 << 20] {
-            body.lay(far, even(0.7), 0.774);
+            body.add_layer(far, even(0.7), 0.774);
         }
         assert_eq!((body.built().len(), body.unreported()), (1, 0));
-        let mut body = Body::new(1, &upright(), Vec::new());
+        let mut body = TrackedBody::new(1, &upright(), Vec::new());
         for index in [u32::MAX - 2, u32::MAX - 1, u32::MAX] {
-            body.lay(index, even(0.7), 0.774);
+            body.add_layer(index, even(0.7), 0.774);
         }
         assert_eq!(body.next(), u32::MAX);
     }
 
     #[test]
     fn a_lost_report_counts_as_planned_and_else_as_a_full_layer() {
-        let mut body = Body::new(1, &upright(), vec![even(0.5); 3]);
-        body.lay(0, even(0.7), 0.774);
-        body.lay(2, even(0.7), 0.774);
-        body.lay(4, even(0.7), 0.774);
+        let mut body = TrackedBody::new(1, &upright(), vec![even(0.5); 3]);
+        body.add_layer(0, even(0.7), 0.774);
+        body.add_layer(2, even(0.7), 0.774);
+        body.add_layer(4, even(0.7), 0.774);
         assert_eq!(body.unreported(), 2);
         assert!((body.tip().position().z - (3.0 * 0.7 + 0.5 + 0.774)).abs() < 1e-12);
         assert!((body.planned_points()[3][2] - 1.5).abs() < 1e-12);
@@ -175,8 +175,8 @@ mod tests {
 
     #[test]
     fn a_late_viewer_sees_the_rest() {
-        let mut body = Body::new(1, &upright(), Vec::new());
-        body.lay(100, even(0.7), 0.774);
+        let mut body = TrackedBody::new(1, &upright(), Vec::new());
+        body.add_layer(100, even(0.7), 0.774);
         assert_eq!((body.first(), body.next(), body.built().len()), (100, 101, 1));
     }
 }

@@ -4,7 +4,7 @@ use growbot_client::forecast::Forecast;
 use growbot_client::sanitize::is_control;
 use growbot_core::layer::Layer;
 use growbot_core::link::message::{State, Status};
-use growbot_host::finish_time::clock_text_here;
+use growbot_host::clock_text::local_clock_text;
 use growbot_pictures::duration::duration_text;
 use ratatui::Frame;
 use ratatui::layout::{Alignment, Constraint, Layout, Position, Rect};
@@ -53,7 +53,7 @@ fn draw(frame: &mut Frame, model: &Model) {
     let [head, state, trouble, heater, tip, pictures, log, keys] = Layout::vertical([
         Constraint::Length(1),
         Constraint::Length(1),
-        Constraint::Length(trouble_text(model).map_or(0, |text| rows(&text, area.width))),
+        Constraint::Length(problem_text(model).map_or(0, |text| rows(&text, area.width))),
         Constraint::Length(1),
         Constraint::Length(1),
         Constraint::Fill(1),
@@ -65,10 +65,10 @@ fn draw(frame: &mut Frame, model: &Model) {
     frame.render_widget(state_line(model), state);
     frame.render_widget(heater_line(model), heater);
     frame.render_widget(tip_line(model), tip);
-    if let Some(text) = trouble_text(model) {
+    if let Some(text) = problem_text(model) {
         frame.render_widget(Paragraph::new(text).style(BAD).wrap(Wrap { trim: true }), trouble);
     }
-    if let Some(sheet) = &model.sheet {
+    if let Some(sheet) = &model.popup {
         let block = Block::bordered().title_bottom(Span::styled(" any key takes this away ", DIM));
         frame.render_widget(Paragraph::new(sheet.as_str()).block(block), pictures);
     } else if area.width < MIN_SIZE.0 || area.height < MIN_SIZE.1 {
@@ -106,7 +106,7 @@ fn state_line(model: &Model) -> Line<'static> {
         State::Heating | State::Homing | State::Growing | State::Tuning | State::Maintenance | State::Paused => WORKING,
         _ => GOOD,
     };
-    let known = if model.lost.is_some() { "last known: " } else { "" };
+    let known = if model.link_error.is_some() { "last known: " } else { "" };
     let mut spans = vec![Span::raw(known), Span::styled(status.state.name().to_uppercase(), style)];
     spans.push(Span::raw(match status.state {
         State::Growing => format!("  {}", progress(model, status)),
@@ -125,7 +125,7 @@ fn progress(model: &Model, status: &Status) -> String {
     // No finish time is shown for a simulated robot, because its time is not real time.
     let forecast = Forecast { period_s: model.robot.description().layer.period_s, pace: 1.0 };
     let finish = model.speed.is_none().then(|| forecast.finish_of(OffsetDateTime::now_utc(), status)).flatten();
-    finish.map_or(text.clone(), |finish| format!("{text}, done at {}", clock_text_here(finish)))
+    finish.map_or(text.clone(), |finish| format!("{text}, done at {}", local_clock_text(finish)))
 }
 
 fn heater_line(model: &Model) -> Line<'static> {
@@ -166,8 +166,8 @@ fn tip_line(model: &Model) -> Line<'static> {
 }
 
 /// Returns a text about a lost connection or a fault. `None` without either.
-fn trouble_text(model: &Model) -> Option<String> {
-    if let Some(why) = &model.lost {
+fn problem_text(model: &Model) -> Option<String> {
+    if let Some(why) = &model.link_error {
         return Some(format!("NO ANSWER: {why}"));
     }
     let fault = model.status.as_ref()?.fault?;
@@ -313,7 +313,7 @@ fn beside(dot: f64, each: f64, dots: f64) -> f64 {
 fn draw_log(frame: &mut Frame, area: Rect, model: &Model) {
     let shown = usize::from(area.height);
     let lines = model.log.iter().skip(model.log.len().saturating_sub(shown)).map(|line| {
-        let style = if line.bad { BAD } else { Style::new() };
+        let style = if line.is_error { BAD } else { Style::new() };
         Line::from(vec![
             Span::styled(format!("{:>8}  ", clock(line.at_s)), DIM),
             Span::styled(line.text.clone(), style),
@@ -480,7 +480,7 @@ mod tests {
         model.prompt = Some(Prompt::new(&"1".repeat(190)));
         assert_eq!(drawn(&model, 80, 24)[23].chars().count(), 79);
         model.prompt = None;
-        model.sheet = Some("one\ntwo".to_owned());
+        model.popup = Some("one\ntwo".to_owned());
         let lines = drawn(&model, 80, 24);
         assert!(lines[5].contains("one") && lines[6].contains("two") && lines[18].contains("any key"), "{lines:?}");
     }

@@ -2,13 +2,13 @@
 
 use crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
-use crate::cli::console::commands::Ask;
+use crate::cli::console::commands::BoardRequest;
 
 /// Action of a key.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Action {
     /// A request to the board.
-    Ask(Ask),
+    Ask(BoardRequest),
     /// Open the prompt with this beginning of a command.
     Prompt(&'static str),
     /// Let time on `sim` pass faster.
@@ -40,11 +40,11 @@ pub fn action(key: KeyEvent) -> Option<Action> {
         return None;
     }
     match key.code {
-        KeyCode::Char('h') => Some(Action::Ask(Ask::Pause)),
-        KeyCode::Char('g') => Some(Action::Ask(Ask::Start)),
-        KeyCode::Char('s') => Some(Action::Ask(Ask::Stop)),
-        KeyCode::Char('e') => Some(Action::Ask(Ask::EmergencyStop)),
-        KeyCode::Char('c') => Some(Action::Ask(Ask::Clear)),
+        KeyCode::Char('h') => Some(Action::Ask(BoardRequest::Pause)),
+        KeyCode::Char('g') => Some(Action::Ask(BoardRequest::Start)),
+        KeyCode::Char('s') => Some(Action::Ask(BoardRequest::Stop)),
+        KeyCode::Char('e') => Some(Action::Ask(BoardRequest::EmergencyStop)),
+        KeyCode::Char('c') => Some(Action::Ask(BoardRequest::Clear)),
         KeyCode::Char('p') => Some(Action::Prompt("plan ")),
         KeyCode::Char(':') => Some(Action::Prompt("")),
         KeyCode::Char('+' | '=') => Some(Action::Faster),
@@ -57,7 +57,9 @@ pub fn action(key: KeyEvent) -> Option<Action> {
 /// Returns the action of a key that also works while a command is being typed.
 pub fn always(key: KeyEvent) -> Option<Action> {
     match key.code {
-        KeyCode::Char('e') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Action::Ask(Ask::EmergencyStop)),
+        KeyCode::Char('e') if key.modifiers.contains(KeyModifiers::CONTROL) => {
+            Some(Action::Ask(BoardRequest::EmergencyStop))
+        }
         KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Action::Quit),
         _ => None,
     }
@@ -73,7 +75,7 @@ mod tests {
             assert!(action(KeyEvent::from(KeyCode::Char(letter))).is_some(), "{letter}");
         }
         let control = |letter| KeyEvent::new(KeyCode::Char(letter), KeyModifiers::CONTROL);
-        assert_eq!(always(control('e')), Some(Action::Ask(Ask::EmergencyStop)));
+        assert_eq!(always(control('e')), Some(Action::Ask(BoardRequest::EmergencyStop)));
         assert_eq!(action(control('c')), Some(Action::Quit));
         assert_eq!(action(control('s')), None);
         assert_eq!(always(KeyEvent::from(KeyCode::Char('e'))), None);

@@ -11,11 +11,11 @@ mod body;
 mod draw;
 mod keys;
 mod model;
+mod poller;
 mod prompt;
-mod readings;
+mod temperature_history;
 #[cfg(test)]
 mod testing;
-mod watch;
 
 use std::io::{self, IsTerminal};
 use std::sync::Arc;
@@ -35,15 +35,15 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use ratatui::DefaultTerminal;
 
-use super::ask::ask;
-use super::commands::{Ask, Command, help, parse};
-use super::leaving::{left, works};
-use crate::cli::{ChosenPort, Failure};
-use body::Body;
+use super::board_requests::send;
+use super::commands::{BoardRequest, ConsoleCommand, help, parse};
+use super::script::{is_active, still_active_text};
+use crate::cli::{Failure, SelectedPort};
+use body::TrackedBody;
 use keys::Action;
 use model::Model;
-use prompt::{Prompt, Typed};
-use watch::Watch;
+use poller::BoardPoller;
+use prompt::{Prompt, PromptAction};
 
 /// Maximum time to wait for a key before the screen is drawn again.
 const TICK: Duration = Duration::from_millis(80);
@@ -73,40 +73,40 @@ pub fn run(
     robot: Robot,
     presets: MaterialPresets,
     start: Pose,
-    port: &ChosenPort,
+    port: &SelectedPort,
 ) -> Result<(), Failure> {
     let (name, simulated) = (port.name(), port.is_simulated());
-    let mut watch = Watch::new(client, name.is_virtual());
+    let mut watch = BoardPoller::new(client, name.is_virtual());
     // A board that does not respond is reported before the screen is taken.
     let hello = watch.client().open_session()?;
-    let place = format!("{}{}", port.text(), port.remark());
+    let place = format!("{}{}", port.text(), port.simulated_suffix());
     let mut model = Model::new(robot, &place, start, watch.speed());
     if hello.robot_hash != model.robot.hash() {
-        model.complain(&format!(
+        model.log_error(&format!(
             "the board is {}, the limits shown are those of {}: choose it with --robot",
             hello.robot_name,
             model.robot.name()
         ));
     }
     model.apply_status(hello.status);
-    let leave = leave_when_told()?;
-    let mut console = Console { watch, model, simulated, presets, start, history: Vec::new(), quit: false };
+    let leave = install_exit_handler()?;
+    let mut console = TuiApp { watch, model, simulated, presets, start, history: Vec::new(), quit: false };
     let mut screen = Screen::open()?;
     let done = console.run(&mut screen, &leave);
     drop(screen);
     done?;
     if !name.is_virtual()
         && let Some(status) = &console.model.status
-        && works(status.state)
+        && is_active(status.state)
     {
-        growbot_host::warning!("{}", left(status.state, &console.model.robot, port));
+        growbot_host::warning!("{}", still_active_text(status.state, &console.model.robot, port));
     }
     Ok(())
 }
 
 /// Returns a flag that is set by a request to end, or when the terminal goes away. The robot then finishes its layer
 /// and pauses, as after `q`.
-fn leave_when_told() -> Result<Arc<AtomicBool>, Failure> {
+fn install_exit_handler() -> Result<Arc<AtomicBool>, Failure> {
     let leave = Arc::new(AtomicBool::new(false));
     let told = Arc::clone(&leave);
     ctrlc::set_handler(move || {
@@ -143,8 +143,8 @@ impl Drop for Screen {
 }
 
 /// A session on the whole screen.
-struct Console {
-    watch: Watch,
+struct TuiApp {
+    watch: BoardPoller,
     model: Model,
     /// True if the robot is simulated.
     simulated: bool,
@@ -155,7 +155,7 @@ struct Console {
     quit: bool,
 }
 
-impl Console {
+impl TuiApp {
     fn run(&mut self, screen: &mut Screen, leave: &AtomicBool) -> Result<(), Failure> {
         let gone =
             |error: io::Error| Failure::bad_input(format!("the terminal is gone ({error}); the robot continues"));
@@ -179,14 +179,14 @@ impl Console {
     }
 
     fn apply_key(&mut self, key: KeyEvent) {
-        self.model.sheet = None;
+        self.model.popup = None;
         let always = keys::always(key);
         let action = match &mut self.model.prompt {
             Some(prompt) if always.is_none() => {
                 match prompt.apply(key, &self.history) {
-                    Typed::Continue => {}
-                    Typed::Cancelled => self.model.prompt = None,
-                    Typed::Done(line) => {
+                    PromptAction::Continue => {}
+                    PromptAction::Cancelled => self.model.prompt = None,
+                    PromptAction::Done(line) => {
                         self.model.prompt = None;
                         self.carry_out(&line);
                     }
@@ -208,7 +208,7 @@ impl Console {
 
     fn change_speed(&mut self, faster: bool) {
         if !self.watch.change_speed(faster) {
-            self.model.say(match self.watch.speed() {
+            self.model.log(match self.watch.speed() {
                 Some(_) => "that is as far as the speed goes",
                 None => "a real robot has one speed only",
             });
@@ -221,24 +221,26 @@ impl Console {
             self.history.push(line.to_owned());
         }
         match parse(line) {
-            Err(why) => self.model.complain(&why),
-            Ok(Command::Nothing) => {}
-            Ok(Command::Ask(Ask::Plan(goal))) => drop(self.plan(&goal.into())),
-            Ok(Command::Ask(what)) => self.ask(&what),
-            Ok(Command::Grow(goal)) => {
+            Err(why) => self.model.log_error(&why),
+            Ok(ConsoleCommand::Nothing) => {}
+            Ok(ConsoleCommand::Board(BoardRequest::Plan(goal))) => drop(self.plan(&goal.into())),
+            Ok(ConsoleCommand::Board(what)) => self.ask(&what),
+            Ok(ConsoleCommand::Grow(goal)) => {
                 if self.plan(&goal) {
-                    self.ask(&Ask::Start);
+                    self.ask(&BoardRequest::Start);
                 }
             }
-            Ok(Command::Wait(_)) => self.model.say("here time passes by itself: + and - change its speed on sim"),
-            Ok(Command::Help) => self.model.sheet = Some(help()),
-            Ok(Command::Quit) => self.quit = true,
+            Ok(ConsoleCommand::Wait(_)) => {
+                self.model.log("here time passes by itself: + and - change its speed on sim")
+            }
+            Ok(ConsoleCommand::Help) => self.model.popup = Some(help()),
+            Ok(ConsoleCommand::Quit) => self.quit = true,
         }
     }
 
-    fn ask(&mut self, what: &Ask) {
-        let answer = ask(self.watch.client(), &self.model.robot, self.simulated, &self.presets, &self.start, what);
-        self.tell(answer);
+    fn ask(&mut self, what: &BoardRequest) {
+        let answer = send(self.watch.client(), &self.model.robot, self.simulated, &self.presets, &self.start, what);
+        self.show_response(answer);
     }
 
     /// Plans on the host to check the body, and requests the same plan from the board. Returns true if the board has
@@ -259,34 +261,35 @@ impl Console {
         let plan = match planned {
             Ok(plan) => plan,
             Err(error) => {
-                self.model.complain(&error.to_string());
+                self.model.log_error(&error.to_string());
                 return false;
             }
         };
         let layers = job_layers(&plan.path, robot);
-        let body = Body::new(layers.summary().plan_id, &self.start, layers.map(|layer| decode(&layer)).collect());
+        let body =
+            TrackedBody::new(layers.summary().plan_id, &self.start, layers.map(|layer| decode(&layer)).collect());
         for warning in &plan.warnings {
-            self.model.complain(&format!("{}: {}", warning.code, warning.message));
+            self.model.log_error(&format!("{}: {}", warning.code, warning.message));
         }
         if plan.warnings.iter().any(|warning| BLOCKING.contains(&warning.code.as_str())) {
-            self.model.complain("not planned: choose another pose, or grow it with `growbot grow --force`");
+            self.model.log_error("not planned: choose another pose, or grow it with `growbot grow --force`");
             return false;
         }
-        let request = Ask::Plan(plan.goal);
-        let answer = ask(self.watch.client(), &self.model.robot, self.simulated, &self.presets, &self.start, &request);
+        let request = BoardRequest::Plan(plan.goal);
+        let answer = send(self.watch.client(), &self.model.robot, self.simulated, &self.presets, &self.start, &request);
         let planned = answer.is_ok();
         if planned {
             self.model.body = body;
         }
-        self.tell(answer);
+        self.show_response(answer);
         planned
     }
 
-    fn tell(&mut self, answer: Result<String, Failure>) {
+    fn show_response(&mut self, answer: Result<String, Failure>) {
         match answer {
-            Ok(text) if text.lines().count() > 1 => self.model.sheet = Some(text),
-            Ok(text) => self.model.say(&text),
-            Err(failure) => self.model.complain(failure.message()),
+            Ok(text) if text.lines().count() > 1 => self.model.popup = Some(text),
+            Ok(text) => self.model.log(&text),
+            Err(failure) => self.model.log_error(failure.message()),
         }
     }
 }
@@ -300,13 +303,13 @@ mod tests {
     use growbot_sim::port::sim::Sim;
 
     /// Returns a console on a simulated robot, without a terminal.
-    fn console() -> Console {
+    fn console() -> TuiApp {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
-        let mut watch = Watch::new(Client::new(Box::new(Sim::new(robot.clone())), "sim"), true);
+        let mut watch = BoardPoller::new(Client::new(Box::new(Sim::new(robot.clone())), "sim"), true);
         watch.client().open_session().unwrap();
         let model = Model::new(robot, "sim", start, watch.speed());
-        Console {
+        TuiApp {
             watch,
             model,
             simulated: true,
@@ -317,7 +320,7 @@ mod tests {
         }
     }
 
-    impl Console {
+    impl TuiApp {
         fn press(&mut self, letters: &str) {
             for letter in letters.chars() {
                 let code = if letter == '\n' { KeyCode::Enter } else { KeyCode::Char(letter) };
@@ -379,9 +382,9 @@ mod tests {
         console.press(":plan 20,0,0,0,90\n");
         assert!(console.says("self-collision") && console.says("not planned"), "{:?}", console.model.log);
         console.press(":status\n");
-        assert!(console.model.sheet.as_ref().is_some_and(|sheet| sheet.contains("growbot-a")));
+        assert!(console.model.popup.as_ref().is_some_and(|sheet| sheet.contains("growbot-a")));
         console.press("-");
-        assert!(console.model.sheet.is_none());
+        assert!(console.model.popup.is_none());
         assert_eq!(console.model.speed, Some(30.0));
         console.press("q");
         assert!(console.quit);

@@ -7,9 +7,9 @@ use growbot_core::link::message::{Fault, LayerLaid, Message, SensorReadings, Sta
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
-use super::body::Body;
+use super::body::TrackedBody;
 use super::prompt::Prompt;
-use super::readings::Readings;
+use super::temperature_history::TemperatureHistory;
 
 /// Maximum number of lines in the log.
 const LOG: usize = 200;
@@ -27,15 +27,15 @@ pub struct Model {
     /// Latest readings of the sensors.
     pub sensors: Option<SensorReadings>,
     /// Reason why the board does not respond. `None` if it responds.
-    pub lost: Option<String>,
+    pub link_error: Option<String>,
     /// Temperatures so far.
-    pub readings: Readings,
+    pub readings: TemperatureHistory,
     /// The body so far.
-    pub body: Body,
+    pub body: TrackedBody,
     /// Events so far, the latest last.
-    pub log: VecDeque<Line>,
+    pub log: VecDeque<LogEntry>,
     /// A response of many lines, shown until the next key.
-    pub sheet: Option<String>,
+    pub popup: Option<String>,
     /// The command being typed.
     pub prompt: Option<Prompt>,
     start: Pose,
@@ -44,13 +44,13 @@ pub struct Model {
 
 /// A line of the log.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Line {
+pub struct LogEntry {
     /// Time on the board's clock, s.
     pub at_s: f64,
     /// Text of the line.
     pub text: String,
     /// True if something went wrong.
-    pub bad: bool,
+    pub is_error: bool,
 }
 
 impl Model {
@@ -62,11 +62,11 @@ impl Model {
             speed,
             status: None,
             sensors: None,
-            lost: None,
-            readings: Readings::default(),
-            body: Body::new(0, &start, Vec::new()),
+            link_error: None,
+            readings: TemperatureHistory::default(),
+            body: TrackedBody::new(0, &start, Vec::new()),
             log: VecDeque::new(),
-            sheet: None,
+            popup: None,
             prompt: None,
             start,
             clock_s: 0.0,
@@ -75,13 +75,13 @@ impl Model {
 
     /// Applies a status of the board.
     pub fn apply_status(&mut self, status: Status) {
-        if self.lost.take().is_some() {
-            self.say("the board answers again");
+        if self.link_error.take().is_some() {
+            self.log("the board answers again");
         }
         self.clock_s = status.uptime_ms as f64 / 1000.0;
         self.readings.add(self.clock_s, status.temperature_centi_c, status.target_centi_c);
         if status.plan_id != self.body.plan_id() {
-            self.body = Body::new(status.plan_id, &self.start, Vec::new());
+            self.body = TrackedBody::new(status.plan_id, &self.start, Vec::new());
         } else if status.layers_laid < self.body.next() {
             // The same job starts again from the beginning.
             self.body.begin_again(&self.start);
@@ -107,10 +107,10 @@ impl Model {
             }
             Message::Laid(LayerLaid { plan_id, index, as_built, .. }) => {
                 if *plan_id != self.body.plan_id() {
-                    self.body = Body::new(*plan_id, &self.start, Vec::new());
+                    self.body = TrackedBody::new(*plan_id, &self.start, Vec::new());
                 }
                 let Some(as_built) = as_built else { return };
-                self.body.lay(*index, decode(as_built), self.robot.description().layer.height_mm);
+                self.body.add_layer(*index, decode(as_built), self.robot.description().layer.height_mm);
             }
             _ => {}
         }
@@ -118,24 +118,24 @@ impl Model {
 
     /// Records that the board does not respond.
     pub fn apply_loss(&mut self, why: &str) {
-        if self.lost.replace(why.to_owned()).is_none() {
-            self.complain(why);
+        if self.link_error.replace(why.to_owned()).is_none() {
+            self.log_error(why);
         }
     }
 
     /// Adds a line to the log.
-    pub fn say(&mut self, text: &str) {
+    pub fn log(&mut self, text: &str) {
         self.write(text, false);
     }
 
     /// Adds a line about something that went wrong to the log.
-    pub fn complain(&mut self, text: &str) {
+    pub fn log_error(&mut self, text: &str) {
         self.write(text, true);
     }
 
     fn say_state(&mut self, state: State, fault: Option<Fault>) {
         match fault {
-            Some(fault) => self.complain(&format!("{}: {}, {}", state.name(), fault.code(), fault.explanation())),
+            Some(fault) => self.log_error(&format!("{}: {}, {}", state.name(), fault.code(), fault.explanation())),
             None => self.write(state.name(), state == State::EmergencyStop),
         }
     }
@@ -147,7 +147,7 @@ impl Model {
             }
             // Text from outside must not move the cursor.
             let text = line.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-            self.log.push_back(Line { at_s: self.clock_s, text, bad });
+            self.log.push_back(LogEntry { at_s: self.clock_s, text, is_error: bad });
         }
     }
 }
@@ -199,7 +199,7 @@ mod tests {
         model.apply_status(status(State::Idle, 9.0));
         let said: Vec<&str> = model.log.iter().map(|line| line.text.as_str()).collect();
         assert_eq!(said, ["idle", "the board does not answer", "the board answers again"]);
-        assert!(model.log.iter().map(|line| line.bad).eq([false, true, false]));
+        assert!(model.log.iter().map(|line| line.is_error).eq([false, true, false]));
     }
 
     #[test]
@@ -218,7 +218,7 @@ mod tests {
     fn the_log_keeps_the_latest_and_no_control_characters() {
         let mut model = model();
         for number in 0..300 {
-            model.say(&format!("line {number}\u{1b}[2J"));
+            model.log(&format!("line {number}\u{1b}[2J"));
         }
         assert_eq!(model.log.len(), LOG);
         assert_eq!(model.log.back().map(|line| line.text.as_str()), Some("line 299 [2J"));

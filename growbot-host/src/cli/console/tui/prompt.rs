@@ -18,7 +18,7 @@ pub struct Prompt {
 
 /// Effect of a key on the line.
 #[derive(Debug, PartialEq)]
-pub enum Typed {
+pub enum PromptAction {
     /// The user is still typing the line.
     Continue,
     /// The line is to be run.
@@ -51,12 +51,12 @@ impl Prompt {
     }
 
     /// Applies a key. `history` contains the earlier lines, the latest last.
-    pub fn apply(&mut self, key: KeyEvent, history: &[String]) -> Typed {
+    pub fn apply(&mut self, key: KeyEvent, history: &[String]) -> PromptAction {
         let plain = !key.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT);
         match key.code {
-            KeyCode::Enter => return Typed::Done(self.text()),
-            KeyCode::Esc => return Typed::Cancelled,
-            KeyCode::Backspace if self.text.is_empty() => return Typed::Cancelled,
+            KeyCode::Enter => return PromptAction::Done(self.text()),
+            KeyCode::Esc => return PromptAction::Cancelled,
+            KeyCode::Backspace if self.text.is_empty() => return PromptAction::Cancelled,
             KeyCode::Backspace if self.cursor > 0 => {
                 self.cursor -= 1;
                 self.text.remove(self.cursor);
@@ -77,7 +77,7 @@ impl Prompt {
             }
             _ => {}
         }
-        Typed::Continue
+        PromptAction::Continue
     }
 
     fn recall(&mut self, back: usize, history: &[String]) {
@@ -113,8 +113,8 @@ fn common_beginning(one: &str, other: &str) -> String {
 mod tests {
     use super::*;
 
-    fn press(prompt: &mut Prompt, keys: &[KeyCode], history: &[String]) -> Typed {
-        keys.iter().fold(Typed::Continue, |_, key| prompt.apply(KeyEvent::from(*key), history))
+    fn press(prompt: &mut Prompt, keys: &[KeyCode], history: &[String]) -> PromptAction {
+        keys.iter().fold(PromptAction::Continue, |_, key| prompt.apply(KeyEvent::from(*key), history))
     }
 
     #[test]
@@ -125,7 +125,7 @@ mod tests {
         press(&mut prompt, &[KeyCode::Backspace, KeyCode::Char(','), KeyCode::Home, KeyCode::Delete], &[]);
         assert_eq!((prompt.text().as_str(), prompt.cursor()), ("lan 1,", 0));
         press(&mut prompt, &[KeyCode::Char('p'), KeyCode::End], &[]);
-        assert_eq!(press(&mut prompt, &[KeyCode::Enter], &[]), Typed::Done("plan 1,".to_owned()));
+        assert_eq!(press(&mut prompt, &[KeyCode::Enter], &[]), PromptAction::Done("plan 1,".to_owned()));
     }
 
     #[test]
@@ -155,8 +155,11 @@ mod tests {
 
     #[test]
     fn escape_and_erasing_nothing_give_it_up() {
-        assert_eq!(press(&mut Prompt::new("stop"), &[KeyCode::Esc], &[]), Typed::Cancelled);
-        assert_eq!(press(&mut Prompt::new("a"), &[KeyCode::Backspace, KeyCode::Backspace], &[]), Typed::Cancelled);
+        assert_eq!(press(&mut Prompt::new("stop"), &[KeyCode::Esc], &[]), PromptAction::Cancelled);
+        assert_eq!(
+            press(&mut Prompt::new("a"), &[KeyCode::Backspace, KeyCode::Backspace], &[]),
+            PromptAction::Cancelled
+        );
     }
 
     #[test]

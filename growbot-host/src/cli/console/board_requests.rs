@@ -1,0 +1,126 @@
+//! Requests that a board answers at once, with the response as a few lines of text.
+
+use growbot_client::client::{Client, ClientError};
+use growbot_client::maintenance::{MaterialPresets, task_message};
+use growbot_core::layer_bytes::decode;
+use growbot_core::link::message::{
+    Accepted, Empty, HostSilencePolicy, Message, PlanRequest, ReadLayers, Refusal, Resume, Start, State, StoredLayers,
+};
+use growbot_core::plan::Planner;
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_pictures::layer_table::{LAYER_COLUMNS, fields};
+
+use super::commands::BoardRequest;
+use crate::cli::status::BoardReport;
+use crate::cli::{Failure, simulated_prefix};
+
+/// Sends a request to the board of `robot` and returns the response as text. The robot's bodies begin at `start`.
+pub fn send(
+    client: &mut Client,
+    robot: &Robot,
+    is_simulated: bool,
+    presets: &MaterialPresets,
+    start: &Pose,
+    what: &BoardRequest,
+) -> Result<String, Failure> {
+    match what {
+        BoardRequest::Status => Ok(BoardReport::of(client, is_simulated)?.text()),
+        BoardRequest::Plan(goal) => plan(client, robot, start, goal),
+        BoardRequest::Start => start_stored(client),
+        BoardRequest::Pause => {
+            client.request("to pause", &Message::Pause(Empty {}))?;
+            Ok("pauses after the layer under way; `start` continues\n".to_owned())
+        }
+        BoardRequest::Layers(first) => layers(client, *first),
+        BoardRequest::Stop => {
+            let stopped = client.stop()?;
+            Ok(format!("{}\n", stopped.message(is_simulated)))
+        }
+        BoardRequest::EmergencyStop => {
+            client.emergency_stop()?;
+            Ok(format!("emergency stop: heater and steppers of the {}robot are off\n", simulated_prefix(is_simulated)))
+        }
+        BoardRequest::Maintain(word, rest) => maintain(client, robot, presets, word, rest),
+        BoardRequest::Clear => {
+            client.clear_fault()?;
+            Ok("cleared\n".to_owned())
+        }
+    }
+}
+
+fn plan(client: &mut Client, robot: &Robot, start: &Pose, goal: &Pose) -> Result<String, Failure> {
+    let request = PlanRequest {
+        start: start.into(),
+        goal: goal.into(),
+        radius: robot.description().planning_radius_mm,
+        planner: Planner::Shortest,
+    };
+    let what = "to plan";
+    match client.request(what, &Message::Plan(request))? {
+        Message::Planned(planned) => {
+            Ok(format!("plan {:016x}: {} layers, {:.3} mm\n", planned.plan_id, planned.layers, planned.length))
+        }
+        other => Err(unexpected(what, &other)),
+    }
+}
+
+/// Sends the task of a maintenance command to the board, and returns a description of the task.
+pub fn maintain(
+    client: &mut Client,
+    robot: &Robot,
+    presets: &MaterialPresets,
+    word: &str,
+    rest: &str,
+) -> Result<String, Failure> {
+    let Some(task) = presets.task(word, rest, robot) else {
+        return Err(Failure::request_failed(format!("there is no command {word:?} of maintenance")));
+    };
+    let task = task.map_err(Failure::request_failed)?;
+    client.maintain(task).map_err(|error| match error {
+        ClientError::Refused { refusal: Refusal::WrongState { state: State::Idle }, .. } => {
+            Failure::request_failed(format!("{error}: motors turn when the nozzle is hot; `preheat` first"))
+        }
+        error => error.into(),
+    })?;
+    Ok(format!("{}\n", task_message(task)))
+}
+
+fn start_stored(client: &mut Client) -> Result<String, Failure> {
+    let what = "to start";
+    let status = client.status()?;
+    let plan_id = status.plan_id;
+    let mut text = String::new();
+    if plan_id != 0 && (status.state == State::Stopped || status.interrupted.is_some()) {
+        // An interrupted layer is laid again. `growbot resume` offers the choice.
+        let resume = Resume { plan_id, start_layer: status.layers_laid, reported_layers: status.layers_laid };
+        client.request("to resume", &Message::Resume(resume))?;
+        text += &format!("resumes at layer {}\n", status.layers_laid);
+    }
+    match client.request(what, &Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Pause }))? {
+        Message::Accepted(Accepted { next, .. }) => Ok(text + &format!("started with {next} layers\n")),
+        other => Err(unexpected(what, &other)),
+    }
+}
+
+fn layers(client: &mut Client, first: Option<u32>) -> Result<String, Failure> {
+    let what = "for layers";
+    let first = match first {
+        Some(first) => first,
+        None => client.status()?.layers_laid,
+    };
+    match client.request(what, &Message::ReadLayers(ReadLayers { first }))? {
+        Message::StoredLayers(StoredLayers { first, layers }) => {
+            let mut text = format!("layer,{LAYER_COLUMNS}\n");
+            for (index, layer) in (u64::from(first)..).zip(layers.iter().map(decode)) {
+                text += &format!("{index},{}\n", fields(&layer));
+            }
+            Ok(text)
+        }
+        other => Err(unexpected(what, &other)),
+    }
+}
+
+fn unexpected(request: &'static str, answer: &Message) -> Failure {
+    Failure::request_failed(ClientError::Unexpected { request, kind: answer.kind() })
+}

@@ -1,0 +1,173 @@
+//! Lines of standard input, warnings about a robot that a console leaves, and script commands that are not run.
+
+use std::io::{self, BufRead, BufReader};
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use growbot_client::input::BoundedLines;
+use growbot_core::link::message::State;
+use growbot_core::robot::Robot;
+
+use super::commands::{BoardRequest, ConsoleCommand, parse};
+use crate::cli::SelectedPort;
+
+/// Lines of standard input, as they arrive.
+pub type Lines = Receiver<io::Result<Vec<u8>>>;
+
+/// Maximum time for reading the rest of a script to count the commands that are not run.
+const READING: Duration = Duration::from_millis(500);
+
+/// Starts a thread that reads lines of standard input. A read may block for long, but Ctrl-C must not wait for it. The
+/// thread ends with the input or with the program.
+pub fn lines_of_stdin() -> Lines {
+    let (read, lines) = mpsc::sync_channel(0);
+    thread::spawn(move || {
+        for line in BufReader::new(BoundedLines::of(io::stdin().lock())).split(b'\n') {
+            let failed = line.is_err();
+            if read.send(line).is_err() || failed {
+                break;
+            }
+        }
+    });
+    lines
+}
+
+/// Returns true if a robot in this state is hot or moves.
+pub fn is_active(state: State) -> bool {
+    matches!(
+        state,
+        State::Heating | State::Homing | State::Growing | State::Paused | State::Tuning | State::Maintenance
+    )
+}
+
+/// Returns a message about the further behaviour of a robot that is left while it works, with the remedy.
+pub fn still_active_text(state: State, robot: &Robot, port: &SelectedPort) -> String {
+    let name = if state == State::Maintenance { "in maintenance" } else { state.name() };
+    if port.is_in_process() {
+        return format!("the simulated robot is {name}, and ends with this program");
+    }
+    let future = if state == State::Tuning {
+        "it heats on until it is tuned".to_owned()
+    } else if state == State::Maintenance {
+        "its heater goes off 10 minutes after the latest command".to_owned()
+    } else {
+        let off_after = robot.description().pause.off_after_s;
+        format!(
+            "left alone it pauses after the layer under way and has its heater on for {off_after} s more, or \
+             continues if it was started so"
+        )
+    };
+    format!("the robot is {name}: {future}; to stop it: `growbot stop --port {}`", port.text())
+}
+
+/// A command of a script that would have stopped the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct StopCommand {
+    name: &'static str,
+    line: usize,
+}
+
+/// Commands of a script that are not run.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub struct SkippedCommands {
+    commands: usize,
+    /// First of these commands that stops the robot, if any.
+    stop: Option<StopCommand>,
+    /// True if the end of the script was not reached in time.
+    continues: bool,
+}
+
+impl SkippedCommands {
+    /// Counts the commands after this line, for at most `READING`.
+    pub fn after(number: usize, lines: &Lines) -> Self {
+        let began = Instant::now();
+        let mut left_out = Self::default();
+        for number in number + 1.. {
+            let line = match lines.recv_timeout(READING.saturating_sub(began.elapsed())) {
+                Ok(Ok(line)) => line,
+                Ok(Err(_)) | Err(RecvTimeoutError::Disconnected) => return left_out,
+                Err(RecvTimeoutError::Timeout) => break,
+            };
+            if !left_out.count(number, &String::from_utf8_lossy(&line)) {
+                return left_out;
+            }
+            if began.elapsed() >= READING {
+                break;
+            }
+        }
+        left_out.continues = true;
+        left_out
+    }
+
+    /// Counts a line. Returns false if the line ends the script.
+    fn count(&mut self, number: usize, line: &str) -> bool {
+        let stop = match parse(line) {
+            Ok(ConsoleCommand::Nothing) => return true,
+            Ok(ConsoleCommand::Quit) => return false,
+            Ok(ConsoleCommand::Board(BoardRequest::Stop)) => Some("stop"),
+            Ok(ConsoleCommand::Board(BoardRequest::EmergencyStop)) => Some("estop"),
+            _ => None,
+        };
+        self.commands += 1;
+        self.stop = self.stop.or(stop.map(|name| StopCommand { name, line: number }));
+        true
+    }
+
+    /// Returns true if no command was left out.
+    pub fn is_nothing(&self) -> bool {
+        self.commands == 0 && !self.continues
+    }
+
+    /// Returns the text for a message.
+    pub fn text(&self) -> String {
+        let (count, some) = (self.commands, if self.continues { "at least " } else { "" });
+        let commands = if count == 1 { "command is" } else { "commands are" };
+        match self.stop {
+            _ if self.is_nothing() => "no more commands came after it".to_owned(),
+            None if count == 0 => "commands that come after it are not carried out".to_owned(),
+            None => format!("{some}{count} more {commands} not carried out"),
+            Some(StopCommand { name, line }) => {
+                format!("{some}{count} more {commands} not carried out, among them `{name}` in line {line}")
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn left_out(lines: &[&str], ends: bool) -> SkippedCommands {
+        let (read, taken) = mpsc::sync_channel(lines.len());
+        lines.iter().for_each(|line| read.send(Ok(line.as_bytes().to_vec())).unwrap());
+        if ends {
+            drop(read);
+            SkippedCommands::after(2, &taken)
+        } else {
+            let told = SkippedCommands::after(2, &taken);
+            drop(read);
+            told
+        }
+    }
+
+    #[test]
+    fn commands_that_are_left_out_are_counted_and_the_first_stop_among_them_is_named() {
+        let text = |lines: &[&str]| left_out(lines, true).text();
+        assert_eq!(text(&[]), "no more commands came after it");
+        assert_eq!(text(&["", "status", " "]), "1 more command is not carried out");
+        assert_eq!(
+            text(&["wait 5", "", "stop", "estop", "quit", "start"]),
+            "3 more commands are not carried out, among them `stop` in line 5"
+        );
+        assert_eq!(text(&["dance", "estop now"]), "2 more commands are not carried out, among them `estop` in line 4");
+        assert!(left_out(&["", "quit", "start"], true).is_nothing());
+    }
+
+    #[test]
+    fn a_script_whose_end_does_not_come_is_not_waited_for() {
+        let told = left_out(&["status"], false);
+        assert_eq!(told.text(), "at least 1 more command is not carried out");
+        assert!(!left_out(&[], false).is_nothing());
+    }
+}

@@ -1,0 +1,138 @@
+//! Follows a board while the screen is shown: lets time pass on `sim`, receives events and requests the status.
+
+use std::time::{Duration, Instant};
+
+use growbot_client::client::{Client, ClientError};
+
+use super::model::Model;
+use crate::cli::growth_monitor::clock_drift_failure;
+
+/// Interval of status requests to a real board.
+const STATUS_INTERVAL: Duration = Duration::from_millis(500);
+/// Interval of sensor requests.
+const SENSORS: Duration = Duration::from_secs(2);
+/// Interval of requests to a board that does not respond.
+const LOST: Duration = Duration::from_secs(3);
+/// Time to wait for an event of a real board.
+const EVENT: Duration = Duration::from_millis(10);
+/// Longest step of time on `sim` between two status requests, unless `sim` runs fast.
+const VIRTUAL_STEP: Duration = Duration::from_secs(2);
+/// Maximum number of steps in one go if `sim` runs fast.
+const LOOKS: u32 = 20;
+/// Maximum time to compute `sim` or to receive events before the keys are read again.
+const COMPUTE: Duration = Duration::from_millis(200);
+/// Possible speeds of `sim`, in multiples of real time. The fifth is the initial one.
+const SPEEDS: [u32; 9] = [1, 3, 10, 30, 60, 200, 600, 2_000, 6_000];
+
+/// A board that the screen follows.
+pub struct BoardPoller {
+    client: Client,
+    /// Index into [`SPEEDS`]. `None` for a board with a clock of its own.
+    pace: Option<usize>,
+    /// The board's clock at the latest status request, ms.
+    latest_ms: u64,
+    asked: Option<Instant>,
+    sensed: Option<Instant>,
+}
+
+impl BoardPoller {
+    /// Creates the watch of a board. With a virtual clock, time passes only in this type.
+    pub fn new(client: Client, virtual_clock: bool) -> Self {
+        Self { client, pace: virtual_clock.then_some(4), latest_ms: 0, asked: None, sensed: None }
+    }
+
+    /// Returns the client of the board.
+    pub fn client(&mut self) -> &mut Client {
+        &mut self.client
+    }
+
+    /// Returns the speed in multiples of real time. `None` for a board with a clock of its own.
+    pub fn speed(&self) -> Option<f64> {
+        self.factor().map(f64::from)
+    }
+
+    fn factor(&self) -> Option<u32> {
+        self.pace.and_then(|index| SPEEDS.get(index)).copied()
+    }
+
+    /// Lets time on `sim` pass faster or slower. Returns false if the speed stays as it is.
+    pub fn change_speed(&mut self, faster: bool) -> bool {
+        let Some(speed) = &mut self.pace else { return false };
+        let next = if faster { speed.saturating_add(1) } else { speed.wrapping_sub(1) };
+        let there = next < SPEEDS.len();
+        if there {
+            *speed = next;
+        }
+        there
+    }
+
+    /// Updates the model after this much real time.
+    pub fn follow(&mut self, model: &mut Model, passed: Duration) {
+        let due = |asked: Option<Instant>, every| asked.is_none_or(|at| at.elapsed() >= every);
+        if model.link_error.is_some() && !due(self.asked, LOST) {
+            return;
+        }
+        let done = match self.factor() {
+            Some(factor) => self.let_pass(model, passed * factor),
+            None => self.listen(model, due(self.asked, STATUS_INTERVAL)),
+        };
+        let done = done.and_then(|()| {
+            if due(self.sensed, SENSORS) {
+                model.sensors = Some(self.client.sensors()?);
+                self.sensed = Some(Instant::now());
+            }
+            Ok(())
+        });
+        if let Err(error) = done {
+            self.asked = Some(Instant::now());
+            model.apply_loss(&error.to_string());
+        }
+    }
+
+    fn listen(&mut self, model: &mut Model, ask: bool) -> Result<(), ClientError> {
+        let began = Instant::now();
+        while let Some(event) = self.client.event(EVENT)? {
+            model.apply_event(&event);
+            if began.elapsed() > COMPUTE {
+                break;
+            }
+        }
+        if ask { self.ask(model).map(drop) } else { Ok(()) }
+    }
+
+    fn let_pass(&mut self, model: &mut Model, time: Duration) -> Result<(), ClientError> {
+        let began = Instant::now();
+        let mut now = self.ask(model)?;
+        let until = now.saturating_add(time.as_millis() as u64);
+        let step = VIRTUAL_STEP.max(time / LOOKS);
+        while now < until && began.elapsed() < COMPUTE {
+            if let Some(event) = self.client.event(step.min(Duration::from_millis(until - now)))? {
+                model.apply_event(&event);
+            }
+            let before = now;
+            now = self.ask(model)?;
+            if now < before {
+                // The board has restarted, and its clock with it.
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Requests the board's status and applies it. Returns the board's clock, ms.
+    fn ask(&mut self, model: &mut Model) -> Result<u64, ClientError> {
+        self.asked = Some(Instant::now());
+        let mut status = self.client.status()?;
+        if status.uptime_ms < self.latest_ms {
+            // The board has restarted, and does not know the session.
+            status = self.client.open_session()?.status;
+            model.log("the board has started anew");
+        }
+        self.latest_ms = status.uptime_ms;
+        model.apply_status(status);
+        if let Some(drift) = self.client.stop_if_clock_drifts()? {
+            model.log_error(clock_drift_failure(&drift, self.pace.is_some()).message());
+        }
+        Ok(self.latest_ms)
+    }
+}

@@ -1,0 +1,449 @@
+//! Growth on the command line: progress, log, result and exit code.
+
+use std::fmt::Display;
+
+use clap::ValueEnum;
+use growbot_client::clearance_guard::Detour;
+use growbot_client::client::ClockDrift;
+use growbot_client::forecast::Forecast;
+use growbot_client::growth::{Command, GrowthError, GrowthReport, JobEvent, OnParked, Outcome};
+use growbot_client::plan::Plan;
+use growbot_client::run_log::{GrowthResult, OutcomeKind, RunLog, RunLogError};
+use growbot_client::sanitize::json_line;
+use growbot_core::link::message::{HostSilencePolicy, PauseCause, State};
+use growbot_core::robot::Robot;
+use growbot_host::clock_text::local_clock_text;
+use growbot_host::output::print;
+use growbot_host::progress::{Progress, ResultTiming};
+use growbot_host::watch::WatchPage;
+use time::OffsetDateTime;
+
+use super::terminal_commands::{TerminalCommands, waiting_hint};
+use super::{Failure, growth_table, simulated_prefix};
+
+/// Behaviour of the board when it loses contact with its host.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum OnHostSilence {
+    /// Finish the layer and pause, with the heater off after some minutes
+    Pause,
+    /// Continue to the last layer that the board stores
+    Continue,
+}
+
+impl From<OnHostSilence> for HostSilencePolicy {
+    fn from(what: OnHostSilence) -> Self {
+        match what {
+            OnHostSilence::Pause => Self::Pause,
+            OnHostSilence::Continue => Self::Continue,
+        }
+    }
+}
+
+/// Format of the printed result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ResultFormat {
+    /// A table.
+    Table,
+    /// A line of JSON.
+    Json,
+    /// Nothing, because the run log goes to standard output and ends with the result.
+    Nothing,
+}
+
+impl ResultFormat {
+    /// Returns JSON for `--json`, or else the table.
+    pub fn of(json: bool) -> Self {
+        if json { Self::Json } else { Self::Table }
+    }
+}
+
+/// A growth under way, with everything that shows it.
+pub struct GrowthMonitor<'a> {
+    /// The robot.
+    pub robot: &'a Robot,
+    /// The plan.
+    pub plan: &'a Plan,
+    /// Log of the growth.
+    pub log: RunLog,
+    /// Page that follows the growth.
+    pub watch: Option<WatchPage>,
+    /// Format of the printed result.
+    pub print: ResultFormat,
+    /// Number of layers that were laid before.
+    pub laid: usize,
+    /// Seed of the random errors. `None` if nothing is random.
+    pub seed: Option<u64>,
+    /// True if the robot is simulated.
+    pub simulated: bool,
+    /// Speed of the robot's clock, in multiples of real time. `None` if it is not known.
+    pub pace: Option<f64>,
+    /// Keyboard for commands of the user.
+    pub keyboard: TerminalCommands,
+    /// True if the page may send commands.
+    pub page_controls: bool,
+}
+
+impl GrowthMonitor<'_> {
+    /// Returns the effect of a parked board: the growth waits if the user can let it continue, or else it ends.
+    pub fn when_parked(&self) -> OnParked {
+        if self.keyboard.is_there() || self.page_controls { OnParked::Wait } else { OnParked::End }
+    }
+
+    /// Shows a growth while it runs, and prints its result.
+    pub fn follow(
+        mut self,
+        grow: impl FnOnce(&mut dyn FnMut(&JobEvent)) -> Result<GrowthReport, GrowthError>,
+    ) -> Result<(), Failure> {
+        let period_s = self.robot.description().layer.period_s;
+        let forecast = self.pace.map(|pace| Forecast { period_s, pace });
+        self.log.set_forecast(forecast);
+        if let Some(watch) = &self.watch {
+            watch.runs_at(self.pace);
+        }
+        let mut show = GrowthProgress::new(self.plan.requirements.layers, self.laid as u64, forecast);
+        let mut logging = LogHealth::default();
+        let grown = grow(&mut |event| {
+            show.ingest(event);
+            if let JobEvent::State(state) = event {
+                self.keyboard.set_state(*state);
+                if let Some(words) = waiting_hint(*state, self.keyboard.is_there(), self.page_controls) {
+                    show.warn(&words);
+                }
+            }
+            if let Some(watch) = &self.watch {
+                watch.ingest(event);
+            }
+            let written = self.log.record(event);
+            logging.update(written, self.log.missing_lines(), self.watch.as_ref(), |words| show.warn(words));
+        });
+        show.end();
+        match grown {
+            Ok(grown) => self.result(&grown, show.emergency),
+            Err(GrowthError::Interrupted(error)) => {
+                let mut result = self.failed_result(OutcomeKind::Lost, &error);
+                let logged = self.end(&mut result);
+                // The loss of the robot is printed even if the result cannot be.
+                if self.print == ResultFormat::Json
+                    && let Err(error) = print(&json_line(&result))
+                {
+                    Failure::from(error).print();
+                }
+                if let Err(failure) = logged {
+                    failure.print();
+                }
+                Err(growth_failure(GrowthError::Interrupted(error), self.simulated))
+            }
+            Err(error) => {
+                std::mem::take(&mut self.log).discard();
+                let result = self.failed_result(OutcomeKind::Refused, &error);
+                if self.print == ResultFormat::Json && error.is_refusal() {
+                    print_refusal(&result);
+                }
+                if let Some(watch) = self.watch.take() {
+                    watch.end(result);
+                }
+                Err(match error {
+                    GrowthError::NotStarted(error) => error.into(),
+                    error => growth_failure(error, self.simulated),
+                })
+            }
+        }
+    }
+
+    /// Returns the result of a growth that has not started, or whose outcome is not known.
+    fn failed_result(&self, outcome: OutcomeKind, error: &dyn Display) -> GrowthResult {
+        let nothing = GrowthResult::nothing_grown(outcome, self.plan, self.seed, self.simulated);
+        GrowthResult { error: Some(error.to_string()), ..nothing }
+    }
+
+    /// Ends log and page. An incomplete log does not prevent the printing of the result, which states the missing
+    /// lines.
+    fn end(&mut self, result: &mut GrowthResult) -> Result<(), Failure> {
+        let written = self.log.end(result);
+        let missing = self.log.missing_lines();
+        result.log_lines_missing = (missing > 0).then_some(missing);
+        if let Some(watch) = self.watch.take() {
+            watch.end(result.clone());
+        }
+        match (written, missing) {
+            (Ok(()), 0) => Ok(()),
+            (written, _) => Err(Failure::request_failed(format_args!(
+                "the run log is incomplete, {missing} lines are missing{}",
+                written.map_or_else(|error| format!(": {}", error.reason()), |()| String::new())
+            ))),
+        }
+    }
+
+    fn result(mut self, grown: &GrowthReport, emergency: bool) -> Result<(), Failure> {
+        let mut result = GrowthResult::new(grown, self.plan, self.seed, self.simulated);
+        let logged = self.end(&mut result);
+        let printed = match self.print {
+            ResultFormat::Json => print(&json_line(&result)),
+            ResultFormat::Table => print(&growth_table::table(self.plan, self.robot, grown, self.seed, self.simulated)),
+            ResultFormat::Nothing => Ok(()),
+        };
+        // After a complete growth, a failure of log or output is the only one.
+        match (grown.outcome, logged) {
+            (Outcome::Done, logged) => logged.and_then(|()| Ok(printed?)),
+            (outcome, logged) => {
+                for failure in [logged.err(), printed.err().map(Failure::from)].into_iter().flatten() {
+                    failure.print();
+                }
+                outcome_result(outcome, emergency, self.simulated)
+            }
+        }
+    }
+}
+
+/// Returns the failure for a robot, simulated or not, that was stopped because its board's clock is wrong.
+pub fn clock_drift_failure(drift: &ClockDrift, simulated: bool) -> Failure {
+    Failure::request_failed(format!("{drift}: the robot was stopped, {}; {}", off_text(simulated), ClockDrift::REMEDY))
+}
+
+/// Returns a text about the parts that are off after a stop.
+fn off_text(simulated: bool) -> &'static str {
+    if simulated { "heater and steppers of the simulated robot are off" } else { "heater and steppers are off" }
+}
+
+/// Returns the failure for a growth without an outcome that could be measured.
+pub fn growth_failure(error: GrowthError, simulated: bool) -> Failure {
+    match error {
+        GrowthError::Interrupted(error) if simulated => {
+            Failure::request_failed(format_args!("{error}; the robot is a simulated one"))
+        }
+        error => Failure::request_failed(error),
+    }
+}
+
+/// Returns success or failure for an outcome. `emergency` is true after an emergency stop. `simulated` is true if no
+/// real robot has grown.
+pub fn outcome_result(outcome: Outcome, emergency: bool, simulated: bool) -> Result<(), Failure> {
+    let (kind, off) = (simulated_prefix(simulated), off_text(simulated));
+    match outcome {
+        Outcome::Done => Ok(()),
+        Outcome::Stopped if emergency => Err(Failure::request_failed(format!(
+            "emergency stop: {off}, until it is cleared (`clear` in `growbot console`)"
+        ))),
+        Outcome::Stopped => Err(Failure::request_failed(format!("stopped before the last layer: {off}"))),
+        Outcome::Fault(fault) => {
+            Err(Failure::request_failed(format!("fault {}: {}; {off}", fault.code(), fault.explanation())))
+        }
+        Outcome::ClockDrift(drift) => Err(clock_drift_failure(&drift, simulated)),
+        Outcome::Parked => Err(Failure::request_failed(format!(
+            "a long pause has switched the heater of the {kind}robot off: `growbot resume` resumes the body"
+        ))),
+        Outcome::Interrupted => Err(Failure::request_failed(format!(
+            "the {kind}board has started anew, or another host has taken it: `growbot status` shows what it knows, `growbot resume` resumes the body",
+        ))),
+        Outcome::Lost if simulated => {
+            Err(Failure::request_failed("the simulated board does not answer any more: the robot is a simulated one"))
+        }
+        Outcome::Lost => Err(Failure::request_failed(
+            "the board does not answer any more; the robot may still be growing: see `growbot status`, and cut its power if that does not answer",
+        )),
+    }
+}
+
+/// Watches whether the run log can be written. A change is reported at once, on the terminal and on the page.
+#[derive(Default)]
+struct LogHealth {
+    fails: bool,
+}
+
+impl LogHealth {
+    fn update(
+        &mut self,
+        written: Result<(), RunLogError>,
+        missing: usize,
+        watch: Option<&WatchPage>,
+        say: impl FnOnce(&str),
+    ) {
+        let was = std::mem::replace(&mut self.fails, written.is_err());
+        let words = match (was, written) {
+            (false, Err(error)) => Some(error.to_string()),
+            (true, Ok(())) if missing == 0 => Some("the run log can be written again: no line is missing".to_owned()),
+            (true, Ok(())) => Some(format!("the run log can be written again: {missing} lines are missing")),
+            _ => None,
+        };
+        let Some(words) = words else { return };
+        say(&words);
+        if let Some(watch) = watch {
+            watch.warn(self.fails.then_some(words));
+        }
+    }
+}
+
+/// Prints the line of JSON of a growth that did not start. The reason is printed even if this line cannot be.
+pub fn print_refusal(result: &GrowthResult) {
+    if let Err(error) = print(&json_line(result)) {
+        Failure::from(error).print();
+    }
+}
+
+/// Shows a growth on standard error.
+struct GrowthProgress {
+    progress: Progress,
+    layers: usize,
+    /// Number of layers before the latest amendment.
+    layers_before: usize,
+    laid: u64,
+    forecast: Option<Forecast>,
+    state: &'static str,
+    /// True if the emergency stop was given here, or pressed.
+    emergency: bool,
+    /// Latest printed reason why the board did not accept an amendment.
+    not_amended: Option<String>,
+    /// True if the robot waits for filament and the warning was printed.
+    out_of_filament: bool,
+}
+
+/// Instructions for a robot that waits for filament.
+const OUT_OF_FILAMENT: &str = "out of filament: push the new one in up to the feed, then `preheat`, `load`, `purge` (here \
+                               or on the page), and `continue`; the robot waits for an hour with its nozzle at standby";
+
+impl GrowthProgress {
+    fn new(layers: usize, laid: u64, forecast: Option<Forecast>) -> Self {
+        Self {
+            progress: Progress::start(Some(layers as u64), ResultTiming::AtEnd),
+            layers,
+            layers_before: layers,
+            laid,
+            forecast,
+            state: "starting",
+            emergency: false,
+            not_amended: None,
+            out_of_filament: false,
+        }
+    }
+
+    fn ingest(&mut self, event: &JobEvent) {
+        match event {
+            JobEvent::State(state) => {
+                self.state = state.name();
+                self.emergency |= *state == State::EmergencyStop;
+                if matches!(state, State::Heating | State::Homing | State::Growing | State::Paused | State::Parked) {
+                    self.progress.note(self.state);
+                }
+            }
+            JobEvent::Status(status) => {
+                let runs_out = status.state == State::Paused && status.pause_cause == PauseCause::FilamentOut;
+                if runs_out && !std::mem::replace(&mut self.out_of_filament, runs_out) {
+                    self.progress.warn(OUT_OF_FILAMENT);
+                }
+                self.out_of_filament = runs_out;
+                self.state = status.state.name();
+                self.emergency |= status.state == State::EmergencyStop;
+            }
+            JobEvent::Amendment(amendment) => {
+                self.layers_before = std::mem::replace(&mut self.layers, amendment.total as usize);
+            }
+            JobEvent::Crash(_) => self.progress.warn("the board's firmware crashed: `growbot status` says where"),
+            JobEvent::Board(_)
+            | JobEvent::EncoderReference(_)
+            | JobEvent::LayersSent { .. }
+            | JobEvent::Simulated { .. } => {}
+            JobEvent::Command(order) => {
+                self.emergency |= *order == Command::EmergencyStop;
+                self.progress.note(&format!("ordered: {}", order.name()));
+            }
+            JobEvent::Detour(Detour { from, clearance_mm, instead_of, .. }) => self.progress.warn(&format!(
+                "{instead_of}: from layer {from} on the body takes another path, {clearance_mm:.2} mm clear"
+            )),
+            JobEvent::ClearanceViolation(too_near) => self.progress.warn(&format!(
+                "{too_near}; the robot pauses: take the obstacle away, or stop and plan another body from where it is"
+            )),
+            JobEvent::CommandFailed(why) => self.progress.warn(why),
+            JobEvent::NoResponse => self.progress.warn("the board does not answer: calling it again"),
+            JobEvent::Reconnected => self.progress.note("the board answers again"),
+            JobEvent::AmendmentRejected(why) => {
+                self.layers = self.layers_before;
+                if let Some(why) = why.as_ref().filter(|why| self.not_amended.as_ref() != Some(why)) {
+                    self.progress.warn(&format!("{why}; it continues with the layers that it has"));
+                    self.not_amended = Some(why.clone());
+                }
+            }
+            JobEvent::Laid { index, .. } => self.laid = u64::from(*index) + 1,
+        }
+        let Self { state, laid, layers, .. } = *self;
+        let finish = || {
+            let forecast = self.forecast.filter(|_| state == State::Growing.name())?;
+            forecast.finish(OffsetDateTime::now_utc(), (layers as u64).saturating_sub(laid))
+        };
+        self.progress.update(laid, || {
+            let done = finish().map_or_else(String::new, |finish| format!(", done at {}", local_clock_text(finish)));
+            format!("{state}, layer {laid} of {layers}{done}")
+        });
+    }
+
+    /// Prints a warning, even if a progress bar is shown.
+    fn warn(&self, words: &str) {
+        self.progress.warn(words);
+    }
+
+    fn end(&self) {
+        self.progress.finish();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use growbot_client::arrival::Arrival;
+    use growbot_client::client::ClientError;
+    use growbot_client::growth::MeasuredBy;
+    use growbot_core::link::message::Fault;
+    use growbot_core::plan::Planner;
+    use growbot_core::pose::Pose;
+
+    const DRIFT: ClockDrift = ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
+
+    #[test]
+    fn a_clock_that_is_wrong_has_its_own_outcome_with_drift_and_limit() {
+        let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
+        let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
+        let plan = Plan::new(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
+        let grown = |outcome| GrowthReport {
+            outcome,
+            plan_id: 1,
+            body: Vec::new(),
+            arrival: Arrival::of(&plan.start.frame(), &plan.goal, 2.1),
+            duration_s: 0.0,
+            filament_mm: 0.0,
+            as_built: Vec::new(),
+            interrupted: None,
+            measured_by: MeasuredBy::Steps,
+            feedback: None,
+        };
+        let json = |outcome| serde_json::to_value(GrowthResult::new(&grown(outcome), &plan, None, false)).unwrap();
+        let drifted = json(Outcome::ClockDrift(DRIFT));
+        assert_eq!(drifted["outcome"], "clock-drift");
+        assert!((drifted["clock_drift"]["percent"].as_f64().unwrap() + 5.0).abs() < 1e-9, "{drifted}");
+        assert_eq!(drifted["clock_drift"]["limit_percent"], 2.0);
+        assert!(json(Outcome::Stopped)["clock_drift"].is_null());
+    }
+
+    #[test]
+    fn what_is_said_of_a_simulated_robot_says_so_and_asks_nobody_to_cut_a_power() {
+        let outcomes = [
+            (Outcome::Stopped, false),
+            (Outcome::Stopped, true),
+            (Outcome::Fault(Fault::OverTemperature), false),
+            (Outcome::ClockDrift(DRIFT), false),
+            (Outcome::Parked, false),
+            (Outcome::Interrupted, false),
+            (Outcome::Lost, false),
+        ];
+        for (outcome, emergency) in outcomes {
+            let said = |simulated| {
+                let Err(failure) = outcome_result(outcome, emergency, simulated) else { panic!("{outcome:?}") };
+                failure.message().to_owned()
+            };
+            assert!(said(true).contains("simulated") && !said(true).contains("power"), "{}", said(true));
+            assert!(!said(false).contains("simulated"), "{}", said(false));
+        }
+        let silent =
+            || GrowthError::Interrupted(ClientError::StopNotAcknowledged { port: "sim (simulated)".to_owned() });
+        assert!(growth_failure(silent(), true).message().ends_with("the robot is a simulated one"));
+        assert!(growth_failure(silent(), false).message().contains("cut its power"));
+    }
+}

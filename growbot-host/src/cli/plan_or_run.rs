@@ -1,0 +1,84 @@
+//! A plan or a run log, read from a file.
+
+use std::path::Path;
+
+use growbot_client::input::{MAX_LOG_BYTES, display_name, read_bytes, text_of};
+use growbot_client::plan::Plan;
+use growbot_client::plan_file::{self, LoadedPlan as OpenedPlan, PlanFileError};
+use growbot_client::run_log::RecordedRun;
+use growbot_core::robot::Robot;
+use growbot_scene::scene_file::{LoadedScene, load};
+use serde_json::Value;
+
+use super::{Failure, robot_of, warn_of_damage};
+
+/// A plan, with its run log if the body was grown.
+pub struct PlanOrRun {
+    pub robot: Robot,
+    pub plan: Plan,
+    /// The run log: its record, and its bytes.
+    pub run: Option<(RecordedRun, Vec<u8>)>,
+    /// The scene of the view: its name, and its contents.
+    pub scene: Option<(String, LoadedScene)>,
+}
+
+impl PlanOrRun {
+    /// Reads a plan or a run log from a file, from standard input (`-`), or from a pipe that the shell has opened. It
+    /// reads them only once, because only a file can be read again. The scene is the one that the plan names. The given
+    /// scene replaces it if that file is elsewhere, or if the plan names none.
+    pub fn open(file: &Path, robot: Option<&Path>, given: Option<&Path>) -> Result<Self, Failure> {
+        let mut opened = Self::read(file, robot, given)?;
+        if let (None, Some(given)) = (&opened.scene, given) {
+            opened.scene = Some((given.display().to_string(), load(given)?));
+        }
+        Ok(opened)
+    }
+
+    fn read(file: &Path, robot: Option<&Path>, given: Option<&Path>) -> Result<Self, Failure> {
+        let bytes = read_bytes(file, MAX_LOG_BYTES)?;
+        if is_log(&bytes) {
+            let record = RecordedRun::read(&bytes, &display_name(file)).map_err(Failure::bad_input)?;
+            warn_of_damage(&record, file);
+            let robot = robot_of(&record, robot)?;
+            let plan = record.plan(&robot)?;
+            let scene = match record.scene(&plan, &robot, given) {
+                Ok(scene) => scene,
+                Err(error) if given.is_some() => return Err(error.into()),
+                // A grown body can be shown without its scene.
+                Err(error) => {
+                    growbot_host::warning!("{error}; {} is shown without it", display_name(file));
+                    None
+                }
+            };
+            let scene = scene.map(|scene| (called(given, record.plan.scene.as_ref().map(|scene| &scene.file)), scene));
+            return Ok(Self { robot, plan, run: Some((record, bytes)), scene });
+        }
+        match plan_file::read_in_scene(&text_of(bytes, file)?, &display_name(file), robot, given) {
+            Err(PlanFileError::NotJson { file, reason }) => Err(neither(&file, &format!("no JSON: {reason}"))),
+            Err(PlanFileError::NoPlan { file, reason }) => Err(neither(&file, &reason)),
+            Err(error) => Err(error.into()),
+            Ok(OpenedPlan { robot, plan, scene }) => {
+                let file = called(given, plan.scene.as_ref().map(|scene| &scene.file));
+                Ok(Self { robot, plan, run: None, scene: scene.map(|scene| (file, scene)) })
+            }
+        }
+    }
+}
+
+/// Returns the name of a scene: the given file, or else the name in the plan.
+fn called(given: Option<&Path>, named: Option<&String>) -> String {
+    given.map(|given| given.display().to_string()).or_else(|| named.cloned()).unwrap_or_default()
+}
+
+fn neither(file: &str, reason: &str) -> Failure {
+    Failure::bad_input(format_args!(
+        "{file} is no run log and no plan ({reason}): give a file that `growbot grow --log` or `growbot plan -o` has \
+         written"
+    ))
+}
+
+/// Returns true if a file begins like a run log: with a line of JSON that is an event.
+fn is_log(bytes: &[u8]) -> bool {
+    let first = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
+    serde_json::from_slice::<Value>(first).is_ok_and(|line| line.get("event").is_some())
+}

@@ -1,0 +1,116 @@
+//! The plan that a command grows: from a file, or made for a goal.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use growbot_client::input::display_name;
+use growbot_client::plan::Plan;
+use growbot_client::plan_file::{self, LoadedPlan};
+use growbot_client::pose_text::{TypedGoal, parse_goal};
+use growbot_client::scene_planning::{self, SceneCheckError};
+use growbot_core::robot::Robot;
+use growbot_scene::scene_file::{self, LoadedScene};
+
+use super::scene_options::SceneArgs;
+use super::search::PlanningOptions;
+use super::{Failure, RobotArg};
+
+/// Options that make a plan, and so conflict with a plan from a file.
+const CONFLICTING: [&str; 9] =
+    ["from", "via", "via_csv", "to", "planner", "radius", "clear_of_self", "effort", "time_limit"];
+
+/// A plan or a goal, and the robot.
+#[derive(Args)]
+pub struct PlanSourceArgs {
+    /// The plan, as `growbot plan -o` writes it
+    #[arg(value_name = "PLAN", conflicts_with_all = CONFLICTING)]
+    plan: Option<PathBuf>,
+    /// Goal pose X,Y,Z,HEADING,PITCH, or goal position X,Y,Z with any direction
+    #[arg(long, value_name = "POSE", allow_hyphen_values = true, value_parser = parse_goal)]
+    to: Option<TypedGoal>,
+    #[command(flatten)]
+    search: PlanningOptions,
+    /// Take the shortest path that does not run into the body. This is the default without --planner. With --planner
+    /// alone, the path is the shortest of all
+    #[arg(long)]
+    clear_of_self: bool,
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// The robot: a built-in name or a TOML file [default: the plan's, or without a plan GROWBOT_ROBOT, then
+    /// growbot.toml, then growbot-a]
+    #[arg(long, value_name = "FILE|NAME")]
+    robot: Option<PathBuf>,
+}
+
+impl PlanSourceArgs {
+    /// Returns the name of the growth: that of the plan's file, or else the command.
+    pub fn name(&self, command: &str) -> String {
+        let file = self.plan.as_ref().and_then(|plan| plan.file_name());
+        file.map_or_else(|| command.to_owned(), |file| file.to_string_lossy().into_owned())
+    }
+
+    /// Returns the absolute path of the plan's scene, for a program in another directory. `None` if the plan has no
+    /// scene.
+    pub fn place_of_scene(&self, plan: &Plan) -> Result<Option<String>, Failure> {
+        let Some(scene) = &plan.scene else { return Ok(None) };
+        let beside = self.plan.as_ref().and_then(|plan| plan.parent()).map(|parent| parent.join(&scene.file));
+        let found = self.scene.scene.clone().or(beside.filter(|path| path.exists()));
+        let path =
+            std::path::absolute(found.unwrap_or_else(|| PathBuf::from(&scene.file))).map_err(Failure::bad_input)?;
+        Ok(Some(path.display().to_string()))
+    }
+
+    /// Returns the name of the scene: the given file, or else the name in the plan.
+    pub fn scene_file(&self, plan: &Plan) -> String {
+        let given = self.scene.scene.as_ref().map(|file| file.display().to_string());
+        given.or_else(|| plan.scene.as_ref().map(|scene| scene.file.clone())).unwrap_or_default()
+    }
+
+    /// Reads the plan, or makes it. Robot and scene are those of the plan, unless others are given.
+    pub fn open(&self, json: bool) -> Result<ResolvedPlan, Failure> {
+        let given = self.scene.scene.as_deref();
+        if let Some(path) = &self.plan {
+            let LoadedPlan { robot, mut plan, scene } = plan_file::open_in_scene(path, self.robot.as_deref(), given)?;
+            if self.robot.is_none() {
+                growbot_host::detail!("robot {}, from: {}", robot.name(), display_name(path));
+            }
+            let (Some(file), None) = (given, &scene) else {
+                return Ok(ResolvedPlan { robot, plan, scene, clearance_error: None });
+            };
+            // The plan does not refer to the scene.
+            let loaded = scene_file::load(file)?;
+            let unclear = match scene_planning::check_clearance(&plan, &robot, &file.display().to_string(), &loaded) {
+                Ok(clearance) => {
+                    plan.scene = Some(clearance);
+                    None
+                }
+                Err(unclear) => Some(unclear),
+            };
+            return Ok(ResolvedPlan { robot, plan, scene: Some(loaded), clearance_error: unclear });
+        }
+        let robot = RobotArg { robot: self.robot.clone() }.load()?;
+        let goal = self
+            .to
+            .as_ref()
+            .ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan's file, or a goal with --to"))?;
+        if let Some(file) = given {
+            let ends = self.search.start_and_goals(&robot, goal)?;
+            let loaded = scene_file::load(file)?;
+            let plan =
+                self.scene.plan_in((file, &loaded), &robot, &ends, &self.search.search(&robot, true), None, json)?;
+            return Ok(ResolvedPlan { robot, plan, scene: Some(loaded), clearance_error: None });
+        }
+        let plan = self.search.plan(&robot, goal, self.clear_of_self || self.search.planner.is_none())?;
+        Ok(ResolvedPlan { robot, plan, scene: None, clearance_error: None })
+    }
+}
+
+/// A plan, with its robot and its scene.
+pub struct ResolvedPlan {
+    pub robot: Robot,
+    pub plan: Plan,
+    /// Scene in which the body grows.
+    pub scene: Option<LoadedScene>,
+    /// Reason why the plan is not clear of the scene.
+    pub clearance_error: Option<SceneCheckError>,
+}

@@ -1,0 +1,465 @@
+//! Commands on a robot that a service owns: they send requests to the service.
+
+use std::io::{self, IsTerminal};
+use std::sync::Arc;
+use std::time::Duration;
+
+use clap::Args;
+use growbot_client::plan::Plan;
+use growbot_client::plan_file::PlanFile;
+use growbot_client::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunEvent};
+use growbot_client::sanitize::json_line;
+use growbot_core::robot::Robot;
+use growbot_host::clock_text::local_clock_text;
+use growbot_host::output::print;
+use growbot_host::progress::{Progress, ResultTiming};
+use growbot_host::serve::api::{Addresses, Maintenance, PREFIX};
+use growbot_host::serve::client::{LeasedPort, RESPONSE_TIMEOUT, ServiceClient, ServiceError};
+use growbot_host::serve::commands::{Given, RobotCommand};
+use growbot_host::serve::grow_request::Wanted;
+use growbot_host::serve::job_store::{Job, JobState};
+use growbot_host::serve::{RobotState, RobotView};
+use serde_json::{Value, json};
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
+
+use super::growth_monitor::ResultFormat;
+use super::{Failure, RequiredPortArg, SelectedPort, replay};
+
+/// Timeout of a request to the service in an emergency. An emergency stop makes two. If the service has not confirmed
+/// it by then, the stop is sent to the port itself.
+const EMERGENCY: Duration = Duration::from_millis(50);
+
+impl From<ServiceError> for Failure {
+    fn from(error: ServiceError) -> Self {
+        match &error {
+            ServiceError::Rejected { status: 422 | 404, .. } => Self::bad_input(error),
+            _ => Self::request_failed(error),
+        }
+    }
+}
+
+/// A robot that a service owns.
+pub struct ServiceRobot {
+    caller: ServiceClient,
+    robot: RobotView,
+}
+
+/// Returns the robot at this port, if a service of this user owns it.
+pub fn find_service_robot(port: &SelectedPort) -> Result<Option<ServiceRobot>, Failure> {
+    owner_within(port, RESPONSE_TIMEOUT)
+}
+
+/// Like [`owner`], but for an emergency, in which a service that hangs must not delay the stop.
+pub fn owner_in_emergency(port: &SelectedPort) -> Option<ServiceRobot> {
+    owner_within(port, EMERGENCY).ok().flatten()
+}
+
+fn owner_within(port: &SelectedPort, limit: Duration) -> Result<Option<ServiceRobot>, Failure> {
+    let Some(caller) = ServiceClient::find() else { return Ok(None) };
+    let robot = caller.robot_at(port.text(), limit)?;
+    Ok(robot.map(|robot| ServiceRobot { caller, robot }))
+}
+
+/// Lease of a robot's link from the service to this program. The caller is dropped last.
+pub struct PortLeaseGuard {
+    _line: LeasedPort,
+    _caller: ServiceClient,
+}
+
+/// Leases the link of a robot from the service that owns it, for a command that communicates with the board itself.
+/// `None` if no service owns the robot.
+pub fn lease_port(port: &SelectedPort, command: &str) -> Result<Option<PortLeaseGuard>, Failure> {
+    let Some(ServiceRobot { caller, robot }) = find_service_robot(port)? else { return Ok(None) };
+    let line = caller.lease_port(&robot.name, command)?;
+    growbot_host::note!(
+        "the service lends the line of {}robot {}",
+        super::simulated_prefix(robot.simulated),
+        robot.name
+    );
+    Ok(Some(PortLeaseGuard { _line: line, _caller: caller }))
+}
+
+impl ServiceRobot {
+    fn at(&self, what: &str) -> String {
+        format!("/robots/{}/{what}", self.robot.name)
+    }
+
+    /// Returns the word that precedes "robot" in messages if the robot is simulated.
+    fn kind(&self) -> &'static str {
+        super::simulated_prefix(self.robot.simulated)
+    }
+
+    fn send_command(&self, order: RobotCommand) -> Result<RobotView, ServiceError> {
+        self.caller.post(&self.at("orders"), &Given { order })
+    }
+
+    /// Prints the status of the robot.
+    pub fn status(&self, as_json: bool) -> Result<(), Failure> {
+        let robot = &self.robot;
+        let text = if as_json { json_line(&json_of(robot)) } else { text_of(robot) };
+        Ok(print(&text)?)
+    }
+
+    /// Stops the robot.
+    pub fn stop(&self) -> Result<(), Failure> {
+        self.send_command(RobotCommand::Stop)?;
+        Ok(print(&format!("stopped: heater and steppers of the {}robot are off\n", self.kind()))?)
+    }
+
+    /// Discards the unfinished body of the robot.
+    pub fn cancel(&self) -> Result<(), Failure> {
+        self.send_command(RobotCommand::Cancel)?;
+        Ok(print(&format!("given up by the {}board\n", self.kind()))?)
+    }
+
+    /// Sends the emergency stop. Returns false if the service does not confirm it at once.
+    pub fn emergency_stop(&self) -> bool {
+        let given = Given { order: RobotCommand::EmergencyStop };
+        self.caller.post_within::<Value>(&self.at("orders"), &given, EMERGENCY).is_ok()
+    }
+
+    /// Runs a maintenance task.
+    pub fn maintain(&self, task: &str, value: &str) -> Result<(), Failure> {
+        let maintenance = Maintenance { task: task.to_owned(), value: value.to_owned() };
+        let _: RobotView = self.caller.post(&self.at("maintenance"), &maintenance)?;
+        Ok(print(&format!("{}robot {}: {task} {value}\n", self.kind(), self.robot.name))?)
+    }
+
+    /// Grows a plan, and follows it. `scene` is the path of the scene that the plan leads through.
+    pub fn grow(
+        &self,
+        robot: &Robot,
+        plan: &Plan,
+        scene: Option<String>,
+        name: String,
+        options: &ServiceGrowthOptions,
+    ) -> Result<(), Failure> {
+        let written = PlanFile::with_robot(plan, robot);
+        let wanted = Wanted {
+            plan: Some(serde_json::to_value(written).map_err(Failure::bad_input)?),
+            scene,
+            feedback: options.feedback,
+            force: options.force,
+            ignore_scene: options.ignore_scene,
+            name: Some(name),
+            ..Wanted::default()
+        };
+        let job: Job = self.caller.post(&self.at("jobs"), &wanted)?;
+        growbot_host::note!("the service grows it as job {}; it goes on when this command ends", job.id);
+        self.say_page(&job, options.page)?;
+        self.follow(&job, options)
+    }
+
+    /// Resumes the latest unfinished job of this robot, or follows the one under way.
+    pub fn resume(&self, plan_id: Option<u64>, options: &ServiceGrowthOptions) -> Result<(), Failure> {
+        let jobs: Vec<Job> = self.caller.get("/jobs?max=1000")?;
+        let plan_id = plan_id.map(|id| format!("{id:016x}"));
+        let is_wanted = |job: &Job| plan_id.as_ref().is_none_or(|id| job.plan_id == *id);
+        let is_open = |job: &Job| job.state == JobState::Interrupted || self.robot.job.as_ref() == Some(&job.id);
+        let job = jobs.into_iter().find(|job| job.robot == self.robot.name && is_open(job) && is_wanted(job));
+        let job = job.ok_or_else(|| {
+            let of_plan = plan_id.map_or_else(String::new, |id| format!(" of plan {id}"));
+            Failure::request_failed(format!(
+                "the service knows no unfinished job{of_plan} on robot {}",
+                self.robot.name
+            ))
+        })?;
+        if self.robot.job.as_ref() != Some(&job.id) {
+            let _: Job = self.caller.post(&format!("/jobs/{}/resume", job.id), &json!({}))?;
+        }
+        self.say_page(&job, options.page)?;
+        self.follow(&job, options)
+    }
+
+    /// Prints the address of a growth's page, if it is requested.
+    fn say_page(&self, job: &Job, page: Option<PageAccess>) -> Result<(), Failure> {
+        let Some(page) = page else { return Ok(()) };
+        let Addresses { operate, look } = self.caller.get("/addresses")?;
+        let at = if page == PageAccess::Control { operate } else { look };
+        growbot_host::note!("watch it at {at}{}/jobs/{}/live/", PREFIX.trim_start_matches('/'), job.id);
+        Ok(())
+    }
+
+    /// Follows a job to its end. Ctrl-C stops it, but the end of the terminal does not.
+    fn follow(&self, job: &Job, options: &ServiceGrowthOptions) -> Result<(), Failure> {
+        self.stop_on_interrupt();
+        let mut show = JobProgress::new(job, self.robot.simulated);
+        let mut after = 0;
+        let mut result = None;
+        loop {
+            let followed = self.caller.follow(&job.id, &mut after, |line| {
+                if let Ok(event) = serde_json::from_str(line) {
+                    result = show.ingest(event).or(result.take());
+                }
+                true
+            });
+            match followed {
+                Ok(()) => break,
+                Err(ServiceError::Unreachable(_)) => show.wait_for_service(),
+                Err(error) => return Err(error.into()),
+            }
+        }
+        show.progress.finish();
+        self.end(job, result, options)
+    }
+
+    fn end(&self, job: &Job, result: Option<GrowthResult>, options: &ServiceGrowthOptions) -> Result<(), Failure> {
+        let log = self.log(&job.id)?;
+        if let Some(path) = &options.log {
+            growbot_client::atomic_file::write_atomic(path, &log)?;
+        }
+        let now: Job = self.caller.get(&format!("/jobs/{}", job.id))?;
+        let Some(result) = result else {
+            let why = now.why.unwrap_or_else(|| "the service does not say why".to_owned());
+            return Err(Failure::request_failed(format!("job {} was left: {why}", job.id)));
+        };
+        match options.print {
+            ResultFormat::Json => print(&json_line(&result))?,
+            ResultFormat::Table => {
+                let record = RecordedRun::read(&log, &job.id).map_err(Failure::bad_input)?;
+                print(&replay::text_of(&record)?)?;
+            }
+            ResultFormat::Nothing => {}
+        }
+        match result.outcome {
+            OutcomeKind::Done => Ok(()),
+            outcome => Err(Failure::request_failed(format!(
+                "{}: job {} of the {}robot {}{}",
+                outcome,
+                job.id,
+                self.kind(),
+                self.robot.name,
+                result.fault.map_or_else(String::new, |fault| format!(", fault {fault}"))
+            ))),
+        }
+    }
+
+    fn log(&self, job: &str) -> Result<Vec<u8>, Failure> {
+        Ok(self.caller.bytes(&format!("/jobs/{job}/log"))?)
+    }
+
+    /// Lets Ctrl-C request a stop from the service. The loss of the terminal stops nothing.
+    fn stop_on_interrupt(&self) {
+        let name = Arc::new(self.robot.name.clone());
+        let installed = ctrlc::set_handler(move || {
+            if !io::stderr().is_terminal() {
+                std::process::exit(1);
+            }
+            growbot_host::warning!("stopping; press Ctrl-C again for the emergency stop");
+            let orders = [RobotCommand::Stop, RobotCommand::EmergencyStop];
+            let order = orders[usize::from(INTERRUPTED.swap(true, std::sync::atomic::Ordering::Relaxed))];
+            let path = format!("/robots/{name}/orders");
+            // In a thread, so that the second request need not wait for the response to the first.
+            std::thread::spawn(move || {
+                let given = ServiceClient::find().map(|caller| caller.post::<Value>(&path, &Given { order }));
+                if !matches!(given, Some(Ok(_))) {
+                    growbot_host::error!(
+                        "the service has not confirmed the stop: `growbot estop`, or cut the robot's power"
+                    );
+                }
+            });
+        });
+        if let Err(error) = installed {
+            growbot_host::warning!("Ctrl-C will end this program without stopping the robot ({error})");
+        }
+    }
+}
+
+/// True if Ctrl-C was pressed before.
+static INTERRUPTED: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBool::new(false);
+
+/// Options of a growth and its output.
+pub struct ServiceGrowthOptions {
+    pub feedback: bool,
+    pub force: bool,
+    pub ignore_scene: bool,
+    pub print: ResultFormat,
+    /// File for a copy of the run log.
+    pub log: Option<std::path::PathBuf>,
+    /// The requested page.
+    pub page: Option<PageAccess>,
+}
+
+/// The page of a growth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PageAccess {
+    /// Page that only shows the growth.
+    View,
+    /// Page that can also send commands.
+    Control,
+}
+
+/// Shows a growth on standard error.
+struct JobProgress {
+    progress: Progress,
+    state: String,
+    laid: u64,
+    layers: u32,
+    finish: Option<OffsetDateTime>,
+    is_silent: bool,
+}
+
+impl JobProgress {
+    fn new(job: &Job, _simulated: bool) -> Self {
+        let progress = Progress::start(Some(u64::from(job.layers)), ResultTiming::AtEnd);
+        Self { progress, state: "starting".to_owned(), laid: 0, layers: job.layers, finish: None, is_silent: false }
+    }
+
+    /// Processes a line of the run log. Returns the result if the line is the last one.
+    fn ingest(&mut self, event: RunEvent) -> Option<GrowthResult> {
+        if std::mem::take(&mut self.is_silent) {
+            self.progress.note("the service answers again");
+        }
+        match event {
+            RunEvent::State { state } => {
+                if state != self.state {
+                    self.progress.note(&state);
+                }
+                self.state = state;
+            }
+            RunEvent::Status(status) => {
+                self.finish = status.finish_utc.and_then(|time| OffsetDateTime::parse(&time, &Rfc3339).ok());
+            }
+            RunEvent::Laid(laid) => self.laid = u64::from(laid.layer) + 1,
+            RunEvent::Amending(amendment) => self.layers = amendment.total,
+            RunEvent::Ordered { order } => self.progress.note(&format!("ordered: {}", order.name())),
+            RunEvent::NotObeyed { why } => self.progress.warn(&why),
+            RunEvent::Silent => self.progress.warn("the board does not answer: the service calls it again"),
+            RunEvent::Back => self.progress.note("the board answers again"),
+            RunEvent::End { result } => return Some(*result),
+            _ => {}
+        }
+        let Self { state, laid, layers, finish, .. } = self;
+        self.progress.update(*laid, || {
+            let done = finish.map_or_else(String::new, |finish| format!(", done at {}", local_clock_text(finish)));
+            format!("{state}, layer {laid} of {layers}{done}")
+        });
+        None
+    }
+
+    fn wait_for_service(&mut self) {
+        if !std::mem::replace(&mut self.is_silent, true) {
+            self.progress.warn("the service does not answer: the robot goes on with the layers that it has; waiting");
+        }
+        std::thread::sleep(Duration::from_millis(500));
+    }
+}
+
+fn json_of(robot: &RobotView) -> Value {
+    json!({
+        "robot": robot.robot,
+        "service": robot.name,
+        "simulated": robot.simulated,
+        "connected": robot.state != RobotState::Disconnected,
+        "trouble": robot.trouble,
+        "state": robot.board,
+        "fault": robot.fault,
+        "temperature_c": robot.temperature_c,
+        "target_c": robot.target_c,
+        "layers": robot.layers,
+        "laid": robot.laid,
+        "pause_cause": robot.pause,
+        "job": robot.job,
+        "finish_utc": robot.finish_utc,
+    })
+}
+
+fn text_of(robot: &RobotView) -> String {
+    let simulated = if robot.simulated { ", simulated" } else { "" };
+    let mut text = format!("robot        {}, owned by the service{simulated}\n", robot.name);
+    if let Some(trouble) = &robot.trouble {
+        return text + &format!("trouble      {trouble}\n");
+    }
+    text += &format!("state        {}\n", robot.board.as_deref().unwrap_or("unknown"));
+    if let (Some(fault), Some(meaning)) = (&robot.fault, &robot.fault_explanation) {
+        text += &format!("fault        {fault}: {meaning}\n");
+    }
+    let celsius = |celsius: Option<f64>| celsius.map(|celsius| format!("{celsius:.1} C"));
+    let target = celsius(robot.target_c).map_or("heater off".to_owned(), |target| format!("target {target}"));
+    text += &format!("temperature  {}, {target}\n", celsius(robot.temperature_c).unwrap_or("no reading".to_owned()));
+    text += &match &robot.job {
+        Some(job) => format!("job          {job}, {} of {} layers laid\n", robot.laid, robot.layers),
+        None => "job          none\n".to_owned(),
+    };
+    if let Some(pause) = &robot.pause {
+        text += &format!("waits        {pause}\n");
+    }
+    if let Some(refused) = &robot.refused {
+        text += &format!("refused      {refused}\n");
+    }
+    text
+}
+
+/// Pause the present growth of the service, after the layer under way
+#[derive(Args)]
+#[command(
+    after_help = "Example:\n  growbot pause --port /dev/ttyACM0\n\nA growth without a service is paused from its \
+                        own terminal or page."
+)]
+pub struct PauseArgs {
+    #[command(flatten)]
+    port: RequiredPortArg,
+}
+
+/// Continue a paused growth of the service
+#[derive(Args)]
+#[command(after_help = "Example:\n  growbot continue --port /dev/ttyACM0")]
+pub struct ContinueArgs {
+    #[command(flatten)]
+    port: RequiredPortArg,
+}
+
+/// Follow the present growth of the service to its end
+#[derive(Args)]
+#[command(after_help = "Example:\n  growbot attach --port /dev/ttyACM0")]
+pub struct AttachArgs {
+    #[command(flatten)]
+    port: RequiredPortArg,
+    /// End with one line of JSON instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+fn owned(port: &RequiredPortArg, what: &str) -> Result<ServiceRobot, Failure> {
+    let port = port.choose()?;
+    find_service_robot(&port)?.ok_or_else(|| {
+        Failure::bad_input(format!(
+            "no service owns the {}robot at {}: {what} it where it is grown, or begin it with `growbot serve` running",
+            port.kind(),
+            port.text()
+        ))
+    })
+}
+
+/// Runs `growbot pause`.
+pub fn run_pause(args: &PauseArgs) -> Result<(), Failure> {
+    let owned = owned(&args.port, "pause")?;
+    owned.send_command(RobotCommand::Pause)?;
+    Ok(print(&format!("the {}robot {} pauses after its layer\n", owned.kind(), owned.robot.name))?)
+}
+
+/// Runs `growbot continue`.
+pub fn run_continue(args: &ContinueArgs) -> Result<(), Failure> {
+    let owned = owned(&args.port, "continue")?;
+    owned.send_command(RobotCommand::Continue)?;
+    Ok(print(&format!("the {}robot {} continues\n", owned.kind(), owned.robot.name))?)
+}
+
+/// Runs `growbot attach`.
+pub fn run_attach(args: &AttachArgs) -> Result<(), Failure> {
+    let owned = owned(&args.port, "follow")?;
+    let Some(id) = &owned.robot.job else {
+        return Err(Failure::request_failed(format!("robot {} has no job under way", owned.robot.name)));
+    };
+    let job: Job = owned.caller.get(&format!("/jobs/{id}"))?;
+    let options = ServiceGrowthOptions {
+        feedback: false,
+        force: false,
+        ignore_scene: false,
+        print: ResultFormat::of(args.json),
+        log: None,
+        page: None,
+    };
+    owned.follow(&job, &options)
+}

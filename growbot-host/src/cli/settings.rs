@@ -1,0 +1,77 @@
+//! `growbot config`: shows the settings of all commands and their origins.
+
+use std::path::Path;
+
+use clap::Args;
+use growbot_client::sanitize::json_line;
+use growbot_host::output::print;
+use growbot_host::settings::{FILE_NAME, Key, Origin, Setting, nearest, user_file};
+use serde_json::{Map, Value, json};
+
+use super::Failure;
+
+/// Show the default robot and port of commands, and where they are set
+///
+/// An option has the highest priority. The environment (GROWBOT_ROBOT, GROWBOT_PORT) comes second. The nearest
+/// growbot.toml comes third: it is searched from this directory upwards. The growbot.toml of the user's configuration
+/// ($XDG_CONFIG_HOME/growbot/growbot.toml, or ~/.config/growbot/growbot.toml) comes fourth. The built-in value comes
+/// last. Paths in a growbot.toml are relative to that file. A plan contains its robot, so these settings do not change
+/// it.
+#[derive(Args)]
+#[command(after_help = "\
+Examples:
+  growbot config
+  printf 'robot = \"growbot-b\"\\nport = \"/dev/ttyACM0\"\\n' > growbot.toml")]
+pub struct ConfigArgs {
+    /// Print one line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
+    let settings =
+        Key::ALL.into_iter().map(|key| Ok((key, Setting::load(key)?))).collect::<Result<Vec<_>, Failure>>()?;
+    if args.json {
+        let settings: Map<_, _> =
+            settings.iter().map(|(key, setting)| (key.name().to_owned(), json_of(setting))).collect();
+        return Ok(print(&json_line(&settings))?);
+    }
+    let width = settings.iter().map(|(_, setting)| setting.value.chars().count()).max().unwrap_or(0).max(5);
+    let mut text = format!("setting  {:<width$}  from\n", "value");
+    for (key, setting) in &settings {
+        text += &format!("{:<7}  {:<width$}  {}\n", key.name(), setting.value, in_words(&setting.origin));
+    }
+    let there = |file: Option<&Path>| file.filter(|file| file.is_file()).map(|file| file.display().to_string());
+    let none = || "none".to_owned();
+    let user = user_file();
+    text += &format!("\nnearest {FILE_NAME}     {}\n", there(nearest().as_deref()).unwrap_or_else(none));
+    let missing = || user.as_deref().map_or_else(none, |file| format!("none ({} is not there)", file.display()));
+    text += &format!("user's configuration     {}\n", there(user.as_deref()).unwrap_or_else(missing));
+    Ok(print(&text)?)
+}
+
+/// Returns the value of a setting, and prints its origin if messages are verbose.
+pub fn log_setting(key: Key, setting: Setting) -> String {
+    growbot_host::detail!("{} {}, from: {}", key.name(), setting.value, in_words(&setting.origin));
+    setting.value
+}
+
+/// Returns the origin of a value as text for messages.
+fn in_words(origin: &Origin) -> String {
+    match origin {
+        Origin::Environment(variable) => (*variable).to_owned(),
+        Origin::Nearest(file) | Origin::User(file) => file.display().to_string(),
+        Origin::BuiltIn => "built in".to_owned(),
+    }
+}
+
+fn json_of(setting: &Setting) -> Value {
+    let value = &setting.value;
+    match &setting.origin {
+        Origin::Environment(variable) => json!({ "value": value, "origin": "environment", "variable": variable }),
+        Origin::Nearest(file) => json!({ "value": value, "origin": "nearest", "file": file.display().to_string() }),
+        Origin::User(file) => json!({ "value": value, "origin": "user", "file": file.display().to_string() }),
+        Origin::BuiltIn => json!({ "value": value, "origin": "built-in" }),
+    }
+}

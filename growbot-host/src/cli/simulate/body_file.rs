@@ -1,0 +1,123 @@
+//! The body of a simulated growth as a file, in the formats of `growbot export` and `growbot view`.
+
+use std::path::Path;
+
+use clap::ValueEnum;
+use growbot_client::atomic_file::{format_from_extension, write_atomic};
+use growbot_client::plan::Plan;
+use growbot_client::run_log::BodyKind;
+use growbot_core::angle::wrap_positive;
+use growbot_core::layer::Layer;
+use growbot_core::robot::Robot;
+use growbot_core::simulation::DisturbedLayer;
+use growbot_host::output::is_standard_output;
+use growbot_pictures::drawing::pdf::svg_to_pdf;
+use growbot_pictures::drawing::png::png;
+use growbot_pictures::export::body::Body;
+use growbot_pictures::export::mesh::Resolution;
+use growbot_pictures::export::obstacles::scene_view;
+use growbot_pictures::export::{centreline_csv, glb, stl};
+use growbot_pictures::view::picture::{self, Options};
+use growbot_pictures::view::{NamedScene, Subject, page};
+
+use super::super::Failure;
+
+/// Formats of a body.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum BodyFormat {
+    Csv,
+    Stl,
+    Glb,
+    Html,
+    Svg,
+    Png,
+    Pdf,
+}
+
+/// All extensions of `-o`.
+const ENDINGS: [&str; 8] = ["csv", "stl", "glb", "html", "svg", "png", "pdf", "json"];
+/// Chords round a wall, and layers per ring, of a mesh.
+const RESOLUTION: Resolution = Resolution { segments: 64, layers_per_ring: 1 };
+/// Width of a PNG, pixels.
+const WIDTH: u32 = 1600;
+
+impl BodyFormat {
+    /// Returns the format of a file by its extension. `None` for a result, and for standard output.
+    pub fn of(file: &Path) -> Result<Option<Self>, Failure> {
+        match format_from_extension(file, &ENDINGS)? {
+            // All extensions but that of the result are formats of bodies.
+            Some(ending) => Ok(Self::from_str(ending, true).ok()),
+            None if is_standard_output(file) => Ok(None),
+            None => Err(Failure::bad_input(format!(
+                "which format? End {} in .csv, .stl, .glb, .html, .svg, .png or .pdf, or in .json for the result",
+                file.display()
+            ))),
+        }
+    }
+}
+
+/// A grown body.
+pub struct BodyToWrite<'a> {
+    /// Name of the growth.
+    pub name: &'a str,
+    pub robot: &'a Robot,
+    pub plan: &'a Plan,
+    pub laid: &'a [DisturbedLayer],
+    /// Scene in which the body was grown.
+    pub scene: Option<NamedScene<'a>>,
+}
+
+/// Writes the body that was laid.
+pub fn write(file: &Path, format: BodyFormat, grown: &BodyToWrite) -> Result<(), Failure> {
+    let BodyToWrite { name, robot, plan, laid, scene } = *grown;
+    let layers = untwisted(laid);
+    let kind = BodyKind::Laid.name();
+    let body = || Body::laid(robot, &plan.start, &layers);
+    let subject = Subject { name, robot, plan, run: None, laid: Some(&layers), scene };
+    let picture = || picture::svg(&[&subject], &Options::default()).map_err(Failure::bad_input);
+    let bytes = match format {
+        BodyFormat::Csv => centreline_csv::write(&body(), None).into_bytes(),
+        BodyFormat::Stl => stl::write(kind, &body(), RESOLUTION)?,
+        BodyFormat::Glb => {
+            glb::write(&[(kind, &body())], scene_view(&subject).map_err(Failure::bad_input)?.as_ref(), RESOLUTION)?
+        }
+        BodyFormat::Html => page::render(&subject).map_err(Failure::bad_input)?.into_bytes(),
+        BodyFormat::Svg => picture()?.into_bytes(),
+        BodyFormat::Pdf => svg_to_pdf(&picture()?).map_err(Failure::bad_input)?,
+        BodyFormat::Png => png(&picture()?, WIDTH).map_err(Failure::bad_input)?,
+    };
+    write_atomic(file, &bytes)?;
+    growbot_host::note!("body, {kind}, written to {}, {} bytes", file.display(), bytes.len());
+    Ok(())
+}
+
+/// Returns layers without twist that form the same body. The twist of a tip turns the angles of all later layers.
+fn untwisted(laid: &[DisturbedLayer]) -> Vec<Layer> {
+    let mut twist = 0.0;
+    let layers = laid.iter().map(|DisturbedLayer { layer, twist: more }| {
+        let layer = Layer { alpha: wrap_positive(layer.alpha + twist), ..*layer };
+        twist += more;
+        layer
+    });
+    layers.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use growbot_core::kinematics::advance;
+    use growbot_core::pose::Frame;
+
+    #[test]
+    fn a_twisted_body_lies_where_its_layers_without_twist_do() {
+        let laid: Vec<DisturbedLayer> = (0..300)
+            .map(|index| {
+                let layer = Layer { alpha: 0.1 * f64::from(index % 7), height: 0.774, tilt: 0.007 };
+                DisturbedLayer { layer, twist: 0.01 * f64::from(index % 3) }
+            })
+            .collect();
+        let twisted = laid.iter().fold(Frame::identity(), |tip, laid| advance(&tip, &laid.step()));
+        let plain = untwisted(&laid).iter().fold(Frame::identity(), |tip, layer| advance(&tip, &layer.step()));
+        assert!((twisted.translation.vector - plain.translation.vector).norm() < 1e-9);
+    }
+}

@@ -1,0 +1,238 @@
+//! Simulated growths as JSON for scripts.
+
+use growbot_client::plan_file::TipPoseJson;
+use growbot_client::run_log::ArrivalJson;
+use growbot_core::angle::degrees;
+use growbot_core::pose::Pose;
+use growbot_core::tracking::Estimate;
+use growbot_sim::simulation::campaign::{Campaign, ObstacleStatistics};
+use growbot_sim::simulation::obstacles::{ClearancePause, Contact, ObstacleReport};
+use growbot_sim::simulation::statistics::Statistics;
+use growbot_sim::simulation::{SagResult, Simulation, SimulationResult};
+use serde::Serialize;
+
+use super::disturbances::DisturbanceReport;
+
+/// A growth as JSON for scripts.
+#[derive(Serialize)]
+pub struct SimulatedGrowth {
+    #[serde(flatten)]
+    arrival: ArrivalJson,
+    layers: u64,
+    length_mm: f64,
+    path_length_mm: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    feedback: Option<WrittenEstimate>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sag: Option<WrittenSag>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scene: Option<SceneResultJson>,
+    disturbances: DisturbanceReport,
+    seed: u64,
+}
+
+impl SimulatedGrowth {
+    /// Returns the JSON of this growth, with this seed.
+    pub fn new(outcome: &SimulationResult, simulation: &Simulation, seed: u64) -> Self {
+        let SimulationResult { grown, arrival, sag: hung, obstacles: among } = outcome;
+        Self {
+            arrival: arrival.into(),
+            layers: grown.layers,
+            length_mm: grown.length,
+            path_length_mm: simulation.path_length(),
+            disturbances: DisturbanceReport::of(simulation, seed),
+            seed,
+            feedback: grown.estimate.as_ref().map(WrittenEstimate::from),
+            sag: hung.as_ref().map(WrittenSag::from),
+            scene: among.as_ref().map(SceneResultJson::from),
+        }
+    }
+}
+
+/// Estimate of feedback.
+#[derive(Serialize)]
+struct WrittenEstimate {
+    estimate: TipPoseJson,
+    position_sd_mm: f64,
+    direction_sd_deg: f64,
+    growth_bias_percent: f64,
+    tilt_bias_percent: f64,
+    alpha_bias_deg: f64,
+    twist_bias_deg: f64,
+}
+
+impl From<&Estimate> for WrittenEstimate {
+    fn from(estimate: &Estimate) -> Self {
+        let bias = &estimate.systematic_errors;
+        Self {
+            estimate: TipPoseJson::from(&Pose::from_frame(&estimate.base_from_tip)),
+            position_sd_mm: estimate.position_sd,
+            direction_sd_deg: degrees(estimate.direction_sd),
+            growth_bias_percent: 100.0 * bias.growth,
+            tilt_bias_percent: 100.0 * bias.tilt,
+            alpha_bias_deg: degrees(bias.alpha),
+            twist_bias_deg: degrees(bias.twist),
+        }
+    }
+}
+
+/// Many growths as JSON for scripts.
+#[derive(Serialize)]
+pub struct SimulatedCampaign {
+    repeat: u64,
+    seed: u64,
+    path_length_mm: f64,
+    layers: WrittenStatistics,
+    position_error_mm: WrittenStatistics,
+    normalized_position_error: WrittenStatistics,
+    /// Null if no growth has a heading error.
+    heading_error_deg: Option<WrittenStatistics>,
+    pitch_error_deg: WrittenStatistics,
+    direction_error_deg: WrittenStatistics,
+    worst_seed: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    max_sag: Option<WrittenSag>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scene: Option<WrittenManyAmong>,
+    disturbances: DisturbanceReport,
+}
+
+impl SimulatedCampaign {
+    /// Returns the JSON of these growths, with the seeds from this one on.
+    pub fn new(campaign: &Campaign, simulation: &Simulation, seed: u64) -> Self {
+        Self {
+            repeat: campaign.runs,
+            seed,
+            path_length_mm: simulation.path_length(),
+            layers: (&campaign.layers).into(),
+            position_error_mm: (&campaign.position_error_mm).into(),
+            normalized_position_error: (&campaign.normalized_position_error).into(),
+            heading_error_deg: Some(&campaign.heading_error_deg).filter(|errors| !errors.is_empty()).map(Into::into),
+            pitch_error_deg: (&campaign.pitch_error_deg).into(),
+            direction_error_deg: (&campaign.direction_error_deg).into(),
+            worst_seed: campaign.farthest.map(|farthest| farthest.seed),
+            max_sag: campaign.hung.as_ref().map(WrittenSag::from),
+            scene: campaign.among.as_ref().map(WrittenManyAmong::from),
+            disturbances: DisturbanceReport::of(simulation, seed),
+        }
+    }
+}
+
+/// The distribution of an error.
+#[derive(Serialize)]
+struct WrittenStatistics {
+    mean: f64,
+    sd: f64,
+    min: f64,
+    p50: f64,
+    p95: f64,
+    max: f64,
+}
+
+impl From<&Statistics> for WrittenStatistics {
+    fn from(statistics: &Statistics) -> Self {
+        Self {
+            mean: statistics.mean(),
+            sd: statistics.deviation(),
+            min: statistics.min(),
+            p50: statistics.percentile(50.0),
+            p95: statistics.percentile(95.0),
+            max: statistics.max(),
+        }
+    }
+}
+
+/// Sag of a body under its weight.
+#[derive(Serialize)]
+struct WrittenSag {
+    deflection_mm: f64,
+    root_stress_mpa: f64,
+    root_moment_n_mm: f64,
+}
+
+impl From<&SagResult> for WrittenSag {
+    fn from(hung: &SagResult) -> Self {
+        Self { deflection_mm: hung.deflection, root_stress_mpa: hung.root.stress, root_moment_n_mm: hung.root.moment }
+    }
+}
+
+/// First contact of a body with an obstacle.
+#[derive(Serialize)]
+struct WrittenContact {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seed: Option<u64>,
+    layer: u64,
+    at_mm: f64,
+    point_mm: [f64; 3],
+    obstacle: Option<String>,
+}
+
+impl WrittenContact {
+    fn new(contact: &Contact, seed: Option<u64>) -> Self {
+        let Contact { layer, at, point, obstacle } = contact;
+        let obstacle = obstacle.map(|obstacle| obstacle.to_string());
+        Self { seed, layer: *layer, at_mm: *at, point_mm: (*point).into(), obstacle }
+    }
+}
+
+/// Place at which a growth paused.
+#[derive(Serialize)]
+struct WrittenPause {
+    layers: u64,
+    at_mm: f64,
+    clearance_mm: f64,
+    deviation_mm: f64,
+}
+
+/// Result of a growth in a scene.
+#[derive(Serialize)]
+struct SceneResultJson {
+    /// Null if the body touches nothing.
+    contact: Option<WrittenContact>,
+    clearance_mm: f64,
+    detours: u32,
+    /// Null if the growth does not pause.
+    paused: Option<WrittenPause>,
+}
+
+impl From<&ObstacleReport> for SceneResultJson {
+    fn from(ObstacleReport { contact, clearance, detours, paused }: &ObstacleReport) -> Self {
+        let pause = |&ClearancePause { layers, at, clearance, deviation }: &ClearancePause| WrittenPause {
+            layers,
+            at_mm: at,
+            clearance_mm: clearance,
+            deviation_mm: deviation,
+        };
+        Self {
+            contact: contact.as_ref().map(|contact| WrittenContact::new(contact, None)),
+            clearance_mm: *clearance,
+            detours: *detours,
+            paused: paused.as_ref().map(pause),
+        }
+    }
+}
+
+/// Results of many growths in a scene.
+#[derive(Serialize)]
+struct WrittenManyAmong {
+    contacts: u64,
+    /// Contact of the first growth that touches an obstacle. Null if none does.
+    first_contact: Option<WrittenContact>,
+    min_clearance_mm: f64,
+    with_detours: u64,
+    pauses: u64,
+}
+
+impl From<&ObstacleStatistics> for WrittenManyAmong {
+    fn from(
+        ObstacleStatistics { contacts, first_contact, clearance, with_detours, pauses }: &ObstacleStatistics,
+    ) -> Self {
+        Self {
+            contacts: *contacts,
+            first_contact: first_contact.as_ref().map(|(seed, contact)| WrittenContact::new(contact, Some(*seed))),
+            min_clearance_mm: *clearance,
+            with_detours: *with_detours,
+            pauses: *pauses,
+        }
+    }
+}

@@ -1,0 +1,222 @@
+//! Client of the service's socket, for growbot's commands.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use axum::body::{Body, Bytes};
+use axum::http::{Method, Request, StatusCode};
+use http_body_util::BodyExt;
+use hyper::body::Incoming;
+use hyper::client::conn::http1;
+use hyper_util::rt::TokioIo;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use tokio::net::UnixStream;
+use tokio::runtime::Runtime;
+use tokio::time::{Duration, timeout};
+
+use super::ServicePaths;
+use super::api::PREFIX;
+use super::port_lease::Borrower;
+use super::robot_worker::RobotView;
+
+/// Errors of a request to the service.
+#[derive(Debug, thiserror::Error)]
+pub enum ServiceError {
+    /// The service does not respond.
+    #[error("the service does not answer ({0}): is `growbot serve` running?")]
+    Unreachable(String),
+    /// The service has rejected the request.
+    #[error("{detail}")]
+    Rejected {
+        /// HTTP status of the response.
+        status: u16,
+        /// Reason of the rejection.
+        detail: String,
+    },
+}
+
+impl ServiceError {
+    #[expect(clippy::needless_pass_by_value, reason = "errors are mapped by it")]
+    fn silent(error: impl ToString) -> Self {
+        Self::Unreachable(error.to_string())
+    }
+}
+
+/// A leased port. The lease ends when this is dropped, when its [`Caller`] is dropped, or when the program ends.
+pub struct LeasedPort(#[expect(dead_code, reason = "it is held")] Incoming);
+
+/// Default timeout of a request. It is long because a command to a robot may wait for its board.
+pub const RESPONSE_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// Connection to a running service of this user.
+pub struct ServiceClient {
+    runtime: Runtime,
+    socket: PathBuf,
+}
+
+impl ServiceClient {
+    /// Returns the service of this user. `None` if no service is running.
+    #[must_use]
+    pub fn find() -> Option<Self> {
+        Self::at(&ServicePaths::for_user()?.socket()).ok()
+    }
+
+    /// Returns the service with this socket.
+    ///
+    /// # Errors
+    /// No service listens on the socket.
+    pub fn at(socket: &Path) -> io::Result<Self> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        runtime.block_on(UnixStream::connect(socket))?;
+        Ok(Self { runtime, socket: socket.to_path_buf() })
+    }
+
+    /// Returns the robot with this port if the service owns it.
+    ///
+    /// # Errors
+    /// [`CallError`].
+    pub fn robot_at(&self, port: &str, limit: Duration) -> Result<Option<RobotView>, ServiceError> {
+        let real = |name: &str| std::fs::canonicalize(name).ok();
+        let robots: Vec<RobotView> =
+            self.runtime.block_on(self.request(Method::GET, "/robots", Body::empty(), limit))?;
+        let is_there =
+            |robot: &RobotView| robot.port == port || real(port).is_some_and(|at| real(&robot.port) == Some(at));
+        Ok(robots.into_iter().find(is_there))
+    }
+
+    /// Requests a JSON value from this path.
+    ///
+    /// # Errors
+    /// [`CallError`].
+    pub fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ServiceError> {
+        self.runtime.block_on(self.request(Method::GET, path, Body::empty(), RESPONSE_TIMEOUT))
+    }
+
+    /// Requests the bytes at this path.
+    ///
+    /// # Errors
+    /// [`CallError`].
+    pub fn bytes(&self, path: &str) -> Result<Vec<u8>, ServiceError> {
+        self.runtime.block_on(async {
+            let (status, incoming) = self.send(Method::GET, path, Body::empty()).await?;
+            let bytes = incoming.collect().await.map_err(ServiceError::silent)?.to_bytes();
+            if status.is_success() { Ok(bytes.to_vec()) } else { Err(refused(status, &bytes)) }
+        })
+    }
+
+    /// Sends a JSON value to this path.
+    ///
+    /// # Errors
+    /// [`CallError`].
+    pub fn post<T: DeserializeOwned>(&self, path: &str, what: &impl Serialize) -> Result<T, ServiceError> {
+        self.post_within(path, what, RESPONSE_TIMEOUT)
+    }
+
+    /// Like [`Caller::post`], but with another timeout.
+    ///
+    /// # Errors
+    /// [`CallError`].
+    pub fn post_within<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        what: &impl Serialize,
+        limit: Duration,
+    ) -> Result<T, ServiceError> {
+        let body = serde_json::to_vec(what).map_err(ServiceError::silent)?;
+        self.runtime.block_on(self.request(Method::POST, path, body.into(), limit))
+    }
+
+    async fn request<T: DeserializeOwned>(
+        &self,
+        method: Method,
+        path: &str,
+        body: Body,
+        limit: Duration,
+    ) -> Result<T, ServiceError> {
+        let asked = async {
+            let (status, incoming) = self.send(method, path, body).await?;
+            let bytes = incoming.collect().await.map_err(ServiceError::silent)?.to_bytes();
+            if !status.is_success() {
+                return Err(refused(status, &bytes));
+            }
+            serde_json::from_slice(&bytes).map_err(ServiceError::silent)
+        };
+        let late = |_| ServiceError::Unreachable(format!("no answer within {:.1} s", limit.as_secs_f64()));
+        timeout(limit, asked).await.map_err(late)?
+    }
+
+    async fn send(&self, method: Method, path: &str, body: Body) -> Result<(StatusCode, Incoming), ServiceError> {
+        let stream = UnixStream::connect(&self.socket).await.map_err(ServiceError::silent)?;
+        let (mut sender, connection) = http1::handshake(TokioIo::new(stream)).await.map_err(ServiceError::silent)?;
+        tokio::spawn(connection);
+        let request = Request::builder()
+            .method(method)
+            .uri(format!("{PREFIX}{path}"))
+            .header("host", "localhost")
+            .header("content-type", "application/json")
+            .body(body)
+            .map_err(ServiceError::silent)?;
+        let response = sender.send_request(request).await.map_err(ServiceError::silent)?;
+        Ok((response.status(), response.into_body()))
+    }
+
+    /// Leases a robot's port. The service closes the port and keeps it closed until the returned value is dropped.
+    ///
+    /// # Errors
+    /// [`CallError`], for example if the robot has a job.
+    pub fn lease_port(&self, robot: &str, to: &str) -> Result<LeasedPort, ServiceError> {
+        let body = serde_json::to_vec(&Borrower { to: to.to_owned() }).map_err(ServiceError::silent)?;
+        let begun = async {
+            let (status, incoming) = self.send(Method::POST, &format!("/robots/{robot}/lend"), body.into()).await?;
+            if status.is_success() {
+                return Ok(LeasedPort(incoming));
+            }
+            let bytes = incoming.collect().await.map_err(ServiceError::silent)?.to_bytes();
+            Err(refused(status, &bytes))
+        };
+        let late = |_| ServiceError::Unreachable(format!("no answer within {:.1} s", RESPONSE_TIMEOUT.as_secs_f64()));
+        self.runtime.block_on(async { timeout(RESPONSE_TIMEOUT, begun).await.map_err(late)? })
+    }
+
+    /// Passes the lines of a job's run log after line `after` to `take` as they arrive, until the job has ended or
+    /// `take` returns false.
+    ///
+    /// # Errors
+    /// [`CallError`], mostly because the service has ended. `after` is then the number of the latest line, from which
+    /// the caller can resume.
+    pub fn follow(&self, job: &str, after: &mut u64, mut take: impl FnMut(&str) -> bool) -> Result<(), ServiceError> {
+        self.runtime.block_on(async {
+            let path = format!("/jobs/{job}/events?after={after}");
+            let (status, mut incoming) = self.send(Method::GET, &path, Body::empty()).await?;
+            if !status.is_success() {
+                let bytes = incoming.collect().await.map_err(ServiceError::silent)?.to_bytes();
+                return Err(refused(status, &bytes));
+            }
+            let mut text = Vec::new();
+            while let Some(frame) = incoming.frame().await {
+                text.extend_from_slice(frame.map_err(ServiceError::silent)?.data_ref().unwrap_or(&Bytes::new()));
+                while let Some(end) = text.windows(2).position(|pair| pair == b"\n\n") {
+                    let event: Vec<u8> = text.drain(..end + 2).collect();
+                    let event = String::from_utf8_lossy(&event);
+                    let field =
+                        |name: &str| event.lines().find_map(|line| line.strip_prefix(name)).map(str::trim_start);
+                    let Some(data) = field("data:") else { continue };
+                    *after = field("id:").and_then(|id| id.parse().ok()).unwrap_or(*after);
+                    if !take(data) {
+                        return Ok(());
+                    }
+                }
+            }
+            Ok(())
+        })
+    }
+}
+
+fn refused(status: StatusCode, bytes: &[u8]) -> ServiceError {
+    let problem: Value = serde_json::from_slice(bytes).unwrap_or_default();
+    let detail = problem.get("detail").and_then(Value::as_str);
+    let detail = detail.map_or_else(|| String::from_utf8_lossy(bytes).into_owned(), str::to_owned);
+    ServiceError::Rejected { status: status.as_u16(), detail }
+}

@@ -1,0 +1,75 @@
+//! Requests for streams of events, as server-sent events and on WebSockets.
+
+use axum::Extension;
+use axum::extract::ws::WebSocketUpgrade;
+use axum::extract::{Path, Query, State};
+use axum::http::HeaderMap;
+use axum::response::Response;
+use futures_util::stream::Stream;
+use serde::Deserialize;
+
+use super::api::{ServiceState, found_job};
+use super::event_stream::{self, StreamEvent};
+use super::limits::StreamPermit;
+use super::problem::Problem;
+
+/// Maximum length of a client's message on a WebSocket, bytes. Such messages are ignored.
+const MAX_HEARD: usize = 1024;
+
+/// Start of a stream of events.
+#[derive(Debug, Deserialize)]
+pub struct After {
+    after: Option<u64>,
+}
+
+/// Returns the number of the line after which the stream starts.
+fn after(headers: &HeaderMap, After { after }: After) -> u64 {
+    let last = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse().ok());
+    last.or(after).unwrap_or(0)
+}
+
+pub async fn of_job(
+    State(service): ServiceState,
+    Path(id): Path<String>,
+    Query(wanted): Query<After>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let job = found_job(&service, &id)?;
+    Ok(event_stream::sse_response(event_stream::job_events(service, job.id, after(&headers, wanted))))
+}
+
+pub async fn socket_of_job(
+    State(service): ServiceState,
+    Extension(permit): Extension<StreamPermit>,
+    Path(id): Path<String>,
+    Query(wanted): Query<After>,
+    headers: HeaderMap,
+    upgrade: WebSocketUpgrade,
+) -> Result<Response, Problem> {
+    let job = found_job(&service, &id)?;
+    let told = event_stream::job_events(service, job.id, after(&headers, wanted));
+    Ok(socket(upgrade, permit, told))
+}
+
+pub async fn of_robots(State(service): ServiceState) -> Response {
+    event_stream::sse_response(event_stream::robot_events(service))
+}
+
+pub async fn socket_of_robots(
+    State(service): ServiceState,
+    Extension(permit): Extension<StreamPermit>,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    socket(upgrade, permit, event_stream::robot_events(service))
+}
+
+fn socket(
+    upgrade: WebSocketUpgrade,
+    permit: StreamPermit,
+    told: impl Stream<Item = StreamEvent> + Send + 'static,
+) -> Response {
+    upgrade.max_message_size(MAX_HEARD).on_upgrade(|socket| async move {
+        event_stream::on_socket(socket, told).await;
+        drop(permit);
+    })
+}

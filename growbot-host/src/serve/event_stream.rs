@@ -1,0 +1,209 @@
+//! Streams of events: the lines of a job's run log, each once, and the state of all robots. They are sent as
+//! server-sent events or on a WebSocket.
+
+use std::convert::Infallible;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::PathBuf;
+use std::pin::pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::Bytes;
+use axum::extract::ws::{Message, WebSocket};
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use futures_util::stream::{Stream, StreamExt, unfold};
+use growbot_client::sanitize::json_line;
+use tokio::sync::watch;
+use tokio::time::{sleep, timeout};
+
+use super::Service;
+use super::job_store::JobState;
+
+/// Minimum time between two events about the robots.
+const BETWEEN: Duration = Duration::from_millis(100);
+/// Interval at which a log is read even if no change was reported.
+const LOOK: Duration = Duration::from_secs(1);
+/// Maximum number of bytes that are read from a log at a time.
+const CHUNK: u64 = 1 << 20;
+
+/// Version of the messages on a WebSocket.
+const VERSION: u32 = 1;
+/// Interval of pings to a silent client on a WebSocket. It is also the timeout for sending a message.
+const PING: Duration = Duration::from_secs(15);
+/// Number of unanswered pings after which the connection is closed.
+const UNANSWERED: u32 = 2;
+
+/// An event of a stream.
+pub struct StreamEvent {
+    event: &'static str,
+    /// Number of the log line. A client can resume the stream after it. `None` for robots.
+    id: Option<u64>,
+    /// Content of the event, a line of JSON.
+    data: String,
+}
+
+impl StreamEvent {
+    /// Converts the event to a server-sent event.
+    fn into_sse(self) -> Event {
+        let event = Event::default().event(self.event).data(self.data);
+        match self.id {
+            Some(id) => event.id(id.to_string()),
+            None => event,
+        }
+    }
+
+    /// Converts the event to a message on a WebSocket, with the version of the messages.
+    fn message(&self) -> Message {
+        let Self { event, id, data } = self;
+        let id = id.map_or_else(String::new, |id| format!(r#""id":{id},"#));
+        Message::text(format!(r#"{{"version":{VERSION},"event":"{event}",{id}"data":{data}}}"#))
+    }
+}
+
+/// Sends a stream as server-sent events.
+pub fn sse_response(told: impl Stream<Item = StreamEvent> + Send + 'static) -> Response {
+    let events = told.map(|told| Ok::<_, Infallible>(told.into_sse()));
+    Sse::new(events).keep_alive(KeepAlive::default()).into_response()
+}
+
+/// Sends a stream on a WebSocket until it ends or the client closes the connection. Messages of the client are ignored.
+pub async fn on_socket(mut socket: WebSocket, told: impl Stream<Item = StreamEvent> + Send + 'static) {
+    let mut told = pin!(told);
+    let mut unanswered = 0;
+    loop {
+        let sent = tokio::select! {
+            next = told.next() => match next {
+                Some(told) => timeout(PING, socket.send(told.message())).await.is_ok_and(|sent| sent.is_ok()),
+                None => break,
+            },
+            heard = socket.recv() => {
+                unanswered = 0;
+                matches!(heard, Some(Ok(_)))
+            }
+            () = sleep(PING) => {
+                unanswered += 1;
+                unanswered <= UNANSWERED && socket.send(Message::Ping(Bytes::new())).await.is_ok()
+            }
+        };
+        if !sent {
+            return;
+        }
+    }
+    // The client may be gone and not receive this.
+    let _ = socket.send(Message::Close(None)).await;
+}
+
+/// Returns the lines of a job's run log after line `after`, then new lines as they are written, until the job ends. The
+/// identifier of an event is the number of its line. A client that was disconnected resumes after the latest one.
+pub fn job_events(service: Arc<Service>, id: String, after: u64) -> impl Stream<Item = StreamEvent> {
+    let path = service.shared.jobs_to_read().log_path(&id);
+    let changes = service.shared.changes.subscribe();
+    let lines = LogTail { path, offset: 0, number: 0, after, rest: Vec::new(), found: Vec::new().into_iter() };
+    unfold((service, id, changes, lines), |(service, id, mut changes, mut lines)| async move {
+        loop {
+            if let Some((number, line)) = lines.next() {
+                let told = StreamEvent { event: "log", id: Some(number), data: line };
+                return Some((told, (service, id, changes, lines)));
+            }
+            let is_active = service.job(&id).is_some_and(|job| job.state == JobState::Active);
+            changes.mark_unchanged();
+            // The log contains all lines by now that were written before the job ended.
+            let more = lines.read().unwrap_or(false);
+            if !more && !is_active {
+                return None;
+            }
+            if !more {
+                wait(&mut changes).await;
+            }
+        }
+    })
+}
+
+async fn wait(changes: &mut watch::Receiver<u64>) {
+    // The log is read after a change and after the timeout.
+    let _ = timeout(LOOK, changes.changed()).await;
+}
+
+/// Reader of a growing log.
+struct LogTail {
+    path: PathBuf,
+    offset: u64,
+    /// Number of lines that were read.
+    number: u64,
+    /// Number of lines to skip.
+    after: u64,
+    /// Start of an incomplete line.
+    rest: Vec<u8>,
+    found: std::vec::IntoIter<(u64, String)>,
+}
+
+impl LogTail {
+    fn next(&mut self) -> Option<(u64, String)> {
+        self.found.next()
+    }
+
+    /// Reads more of the log. Returns whether any bytes were read.
+    fn read(&mut self) -> io::Result<bool> {
+        let mut file = File::open(&self.path)?;
+        file.seek(SeekFrom::Start(self.offset))?;
+        let before = self.rest.len();
+        file.take(CHUNK).read_to_end(&mut self.rest)?;
+        let read = self.rest.len() - before;
+        self.offset += read as u64;
+        let end = self.rest.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
+        let whole: Vec<u8> = self.rest.drain(..end).collect();
+        let mut found = Vec::new();
+        for line in whole.split(|byte| *byte == b'\n').filter(|line| !line.is_empty()) {
+            self.number += 1;
+            if self.number > self.after {
+                found.push((self.number, String::from_utf8_lossy(line).into_owned()));
+            }
+        }
+        self.found = found.into_iter();
+        Ok(read > 0)
+    }
+}
+
+/// Returns the state of all robots now and after each change.
+pub fn robot_events(service: Arc<Service>) -> impl Stream<Item = StreamEvent> {
+    let changes = service.shared.changes.subscribe();
+    unfold((service, changes, String::new()), |(service, mut changes, mut told)| async move {
+        loop {
+            changes.mark_unchanged();
+            let now = json_line(&service.robots());
+            if now != told {
+                told.clone_from(&now);
+                let next = StreamEvent { event: "robots", id: None, data: now.trim_end().to_owned() };
+                return Some((next, (service, changes, told)));
+            }
+            wait(&mut changes).await;
+            sleep(BETWEEN).await;
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+
+    #[test]
+    fn each_line_is_told_once_when_it_is_whole() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("log.jsonl");
+        let mut file = File::create(&path).unwrap();
+        let mut lines =
+            LogTail { path, offset: 0, number: 0, after: 1, rest: Vec::new(), found: Vec::new().into_iter() };
+        let all = |lines: &mut LogTail| {
+            let _ = lines.read().unwrap();
+            std::iter::from_fn(|| lines.next()).collect::<Vec<_>>()
+        };
+        file.write_all(b"one\ntwo\nthr").unwrap();
+        assert_eq!(all(&mut lines), [(2, "two".to_owned())]);
+        assert_eq!(all(&mut lines), []);
+        file.write_all(b"ee\n\nfour\n").unwrap();
+        assert_eq!(all(&mut lines), [(3, "three".to_owned()), (4, "four".to_owned())]);
+    }
+}

@@ -1,0 +1,136 @@
+//! Request for a job or a plan, and the path that is planned for it.
+
+use std::path::{Path, PathBuf};
+
+use growbot_client::plan::{Goal, Plan, PlanOptions};
+use growbot_client::plan_file::{self, LoadedPlan};
+use growbot_client::pose_text::{parse_goal, parse_pose};
+use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
+use growbot_core::plan::Planner;
+use growbot_core::robot::Robot;
+use growbot_scene::scene_file::{LoadedScene, load};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::api::Access;
+use super::audit::CommandSource;
+use super::paths::ServicePaths;
+use super::problem::Problem;
+use super::scene_store;
+
+/// A request to grow or to plan.
+#[derive(Debug, Clone, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Wanted {
+    /// A plan, in the format that `growbot plan -o` writes. Without it, `to` is required.
+    pub plan: Option<Value>,
+    /// Goal: X,Y,Z,HEADING,PITCH, or X,Y,Z for any direction.
+    pub to: Option<String>,
+    /// Start pose. The default is `0,0,0,0,90`.
+    pub from: Option<String>,
+    /// Poses or positions that the path passes through, in order.
+    #[serde(default)]
+    pub via: Vec<String>,
+    /// Radius of the bends, mm. The default is the robot's planning radius.
+    pub radius_mm: Option<f64>,
+    /// Scene to keep clear of: the name of a scene that `/scenes` has stored. On the user's socket it can also be the
+    /// absolute path of a file.
+    #[serde(default)]
+    pub scene: Option<String>,
+    /// Measure each layer, and plan the rest of the path again from the measured tip.
+    #[serde(default)]
+    pub feedback: bool,
+    /// Grow despite the warnings self-collision, filament-short and layer-limit.
+    #[serde(default)]
+    pub force: bool,
+    /// Grow although the plan is not clear of the scene, and do not keep corrections clear of it.
+    #[serde(default)]
+    pub ignore_scene: bool,
+    /// Name of the job for users.
+    pub name: Option<String>,
+}
+
+/// A plan, and the scene that it keeps clear of.
+pub struct PlanInScene {
+    /// The plan.
+    pub plan: Plan,
+    /// The scene. `None` without a scene.
+    pub scene: Option<LoadedScene>,
+}
+
+impl Wanted {
+    /// Returns the plan. `robot` is the robot that is to grow it.
+    pub fn resolve(&self, robot: &Robot, places: &ServicePaths, access: Access) -> Result<PlanInScene, Problem> {
+        let scene = self.scene_file(places, access)?;
+        match (&self.plan, &self.to) {
+            (Some(_), Some(_)) => Err(Problem::bad("both plan and to are given: leave one of them out")),
+            (None, None) => Err(Problem::bad("there is nothing to grow: give plan, or to")),
+            (Some(plan), None) => self.given(plan, robot, scene.as_deref()),
+            (None, Some(goal)) => self.to_goal(goal, robot, scene.as_deref()),
+        }
+    }
+
+    /// Returns the path of the scene's file. Only growbot's commands on this machine can name any file.
+    fn scene_file(&self, places: &ServicePaths, access: Access) -> Result<Option<PathBuf>, Problem> {
+        let named_by_plan = || self.plan.as_ref()?.pointer("/scene/file")?.as_str();
+        let Some(name) = self.scene.as_deref().or_else(named_by_plan) else { return Ok(None) };
+        if access == Access::Control(CommandSource::Socket) && Path::new(name).is_absolute() {
+            return Ok(Some(PathBuf::from(name)));
+        }
+        scene_store::find(places, name).map(Some)
+    }
+
+    fn given(&self, plan: &Value, robot: &Robot, scene: Option<&Path>) -> Result<PlanInScene, Problem> {
+        let opened = plan_file::read_in_scene(&plan.to_string(), "the plan", None, scene);
+        let LoadedPlan { robot: of, mut plan, scene: within } = opened.map_err(Problem::bad)?;
+        if of.hash() != robot.hash() {
+            return Err(Problem::conflict(format!(
+                "the plan is for {} ({:016x}), and the robot is {} ({:016x}): plan for that one",
+                of.name(),
+                of.hash(),
+                robot.name(),
+                robot.hash()
+            )));
+        }
+        let (Some(file), None) = (scene, &within) else { return Ok(PlanInScene { plan, scene: within }) };
+        // The plan was made without the scene.
+        let loaded = load(file).map_err(Problem::bad)?;
+        match scene_planning::check_clearance(&plan, robot, &file.display().to_string(), &loaded) {
+            Ok(clearance) => plan.scene = Some(clearance),
+            Err(_) if self.ignore_scene => {}
+            Err(unclear) => return Err(Problem::bad(format!("{unclear}; or set ignore_scene"))),
+        }
+        Ok(PlanInScene { plan, scene: Some(loaded) })
+    }
+
+    fn to_goal(&self, goal: &str, robot: &Robot, scene: Option<&Path>) -> Result<PlanInScene, Problem> {
+        let goal = parse_goal(goal).map_err(Problem::bad)?.goal;
+        let start = parse_pose(self.from.as_deref().unwrap_or("0,0,0,0,90")).map_err(Problem::bad)?;
+        let via: Result<Vec<_>, _> = self.via.iter().map(|via| parse_goal(via).map(|typed| typed.goal)).collect();
+        let via = via.map_err(Problem::bad)?;
+        let search = PlanOptions {
+            radius: self.radius_mm.unwrap_or(robot.description().planning_radius_mm),
+            planner: Planner::Shortest,
+            clear_of_self: true,
+        };
+        let Some(file) = scene else {
+            let plan = Plan::through_waypoints(robot, &start, &via, &goal, &search).map_err(Problem::bad)?;
+            return Ok(PlanInScene { plan, scene: None });
+        };
+        let loaded = load(file).map_err(Problem::bad)?;
+        let through = SceneOptions {
+            file: &file.display().to_string(),
+            loaded: &loaded,
+            margin: loaded.margin,
+            grown: None,
+            effort: EFFORT,
+            deadline: None,
+            length_max: MAX_LENGTH_MM,
+            first_only: false,
+        };
+        let goals: Vec<Goal> = via.into_iter().chain([goal]).collect();
+        let plan = scene_planning::plan(robot, &start, &goals, &search, &through).map_err(Problem::bad)?;
+        Ok(PlanInScene { plan, scene: Some(loaded) })
+    }
+}

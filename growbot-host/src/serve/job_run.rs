@@ -1,0 +1,335 @@
+//! A job on its robot's board, from its start or from where it was left.
+
+use std::sync::Arc;
+use std::sync::mpsc::Sender;
+
+use growbot_client::clearance_guard::SceneContext;
+use growbot_client::client::ClientError;
+use growbot_client::feedback::{DEFAULT_SENSOR_NOISE, Feedback};
+use growbot_client::forecast::Forecast;
+use growbot_client::growth::{
+    CommandQueue, GrowthError, GrowthOptions, GrowthReport, Job as BoardJob, JobEvent, OnInterrupted, OnParked,
+    Outcome, grow_job, resume_job,
+};
+use growbot_client::plan::Plan;
+use growbot_client::run_log::{GrowthResult, Origin, OutcomeKind, RecordedRun, RunLog, utc_text};
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::message::{HostSilencePolicy, State};
+use growbot_core::robot::Robot;
+use growbot_core::simulation::ErrorModel;
+use growbot_scene::scene_file::LoadedScene;
+use growbot_sim::ground_truth::grow_with_ground_truth;
+use time::OffsetDateTime;
+
+use super::job_store::{Job, JobState};
+use super::notification::{Happening, NotificationContext};
+use super::robot_worker::{Connection, LinkState, NewJob, RobotWorker};
+use crate::watch::LiveGrowth;
+
+type Reply = Sender<Result<(), String>>;
+
+impl RobotWorker {
+    /// Starts a new job.
+    pub(super) fn start_job(&self, connection: &mut Connection, new: NewJob, reply: Reply) -> LinkState {
+        let NewJob { job, plan, robot, scene, feedback } = new;
+        let board_job = BoardJob::of_plan(&robot, &plan);
+        let noise = feedback.then_some(DEFAULT_SENSOR_NOISE);
+        let around = scene.as_ref().map(|scene| SceneContext::new(&robot, scene, plan.radius));
+        let feedback = noise.map(|noise| {
+            let feedback = Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise);
+            around.iter().fold(feedback, Feedback::with_scene)
+        });
+        if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
+            let remedy = "give the scene a larger margin_mm or the plan another radius, or set ignore_scene";
+            return refuse(&reply, &format!("{too_near}: {remedy}"));
+        }
+        let imperfection = ErrorModel::default();
+        let origin = Origin {
+            port: &self.entry.port,
+            imperfection: self.is_simulated().then_some(&imperfection),
+            ignores_scene: job.ignore_scene,
+        };
+        let path = self.shared.jobs().log_path(&job.id);
+        let log = match RunLog::create(&path, &plan, &board_job, noise, origin) {
+            Ok(log) => log,
+            Err(error) => return refuse(&reply, &error.to_string()),
+        };
+        // The client may have given the request up by now.
+        self.set_job_state(&job, JobState::Active, None);
+        let mut growing = RunningJob::new(self, &job, &board_job, &[], log, Some(reply));
+        let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
+        let orders = Arc::clone(&growing.orders);
+        let Connection { client, simulation, .. } = connection;
+        let grown =
+            grow_with_ground_truth(simulation.as_mut(), &board_job, &mut |event| growing.ingest(event), |on_event| {
+                grow_job(client, &board_job, manner, &orders, on_event)
+            });
+        growing.end(grown, &plan)
+    }
+
+    /// Resumes an unfinished job at a client's request.
+    pub(super) fn resume(&self, connection: &mut Connection, job: &Job, reply: Reply) -> LinkState {
+        self.continue_job(connection, job, Some(reply), |_| Ok(()))
+    }
+
+    /// Resumes the job that was active when the service ended or the connection was lost. The board must have continued
+    /// the job or be waiting for its host. After a loss of power or a stop the job becomes interrupted, because only a
+    /// user may start heating again.
+    pub(super) fn reattach_job(&self, connection: &mut Connection, job: &Job) -> LinkState {
+        self.continue_job(connection, job, None, |state| match state {
+            State::Heating | State::Homing | State::Growing | State::Paused | State::Parked | State::Done => Ok(()),
+            state => Err(format!("the board is {}: resume the job, or cancel it", state.name())),
+        })
+    }
+
+    fn continue_job(
+        &self,
+        connection: &mut Connection,
+        job: &Job,
+        reply: Option<Reply>,
+        may: impl FnOnce(State) -> Result<(), String>,
+    ) -> LinkState {
+        let hello = match connection.client.identify() {
+            Ok(hello) => hello,
+            Err(error) => return LinkState::Lost(error.to_string()),
+        };
+        let path = self.shared.jobs().log_path(&job.id);
+        let opened = || -> Result<(RecordedRun, Robot, Plan, Option<LoadedScene>), String> {
+            let mut record = RecordedRun::open(&path).map_err(|error| error.to_string())?;
+            let robot = record.own_robot().map_err(|error| error.to_string())?;
+            let plan = record.plan(&robot).map_err(|error| error.to_string())?;
+            record.sync_to_board(hello.status.plan_id);
+            if hello.status.plan_id != record.plan_id {
+                let stored = GrowthError::nothing_to_resume(record.plan_id, &hello.status);
+                return Err(stored.to_string());
+            }
+            may(hello.status.state)?;
+            let scene = record.feedback.is_some().then(|| record.scene(&plan, &robot, None)).transpose();
+            let scene = scene.map_err(|error| error.to_string())?.flatten();
+            Ok((record, robot, plan, scene))
+        };
+        let (record, robot, plan, scene) = match opened() {
+            Ok(opened) => opened,
+            Err(why) => {
+                // A job that a client wants to resume keeps its state.
+                if reply.is_none() {
+                    self.set_job_state(job, JobState::Interrupted, Some(&why));
+                }
+                if let Some(reply) = reply {
+                    return refuse(&reply, &why);
+                }
+                self.notify_job(job, Happening::Interrupted, Some(&why));
+                return LinkState::Ready;
+            }
+        };
+        let log = match RunLog::resume(&path, &record, &self.entry.port) {
+            Ok(log) => log,
+            Err(error) => {
+                let why = error.to_string();
+                if let Some(reply) = reply {
+                    return refuse(&reply, &why);
+                }
+                self.set_job_state(job, JobState::Interrupted, Some(&why));
+                return LinkState::Ready;
+            }
+        };
+        let mut board_job = BoardJob::of_plan(&robot, &plan);
+        (board_job.plan_id, board_job.layers) = (record.plan_id, record.layers.clone());
+        let around = scene.as_ref().map(|scene| SceneContext::new(&robot, scene, plan.radius));
+        let feedback = record.feedback(&board_job, &plan, around.as_ref());
+        let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
+        self.set_job_state(job, JobState::Active, None);
+        let mut growing = RunningJob::new(self, job, &board_job, &record.known_layers(), log, reply);
+        let orders = Arc::clone(&growing.orders);
+        let grown = resume_job(
+            &mut connection.client,
+            &board_job,
+            record.known_layers(),
+            OnInterrupted::Redo,
+            manner,
+            &orders,
+            &mut |event| growing.ingest(event),
+        );
+        growing.end(grown, &plan)
+    }
+
+    /// Stops the job that was active when the connection was lost, because a stop was sent then.
+    pub(super) fn apply_pending_stop(&self, connection: &mut Connection, job: &Job) -> LinkState {
+        match connection.client.stop() {
+            Ok(_) => {
+                self.update_state(|known| known.stop_on_reconnect = false);
+                self.set_job_state(job, JobState::Interrupted, Some("stopped, as ordered when its line was lost"));
+                LinkState::Ready
+            }
+            Err(error) => LinkState::Lost(error.to_string()),
+        }
+    }
+
+    /// Sends a notice about a job.
+    fn notify_job(&self, job: &Job, event: Happening, why: Option<&str>) {
+        self.with_notification_context(|about| {
+            self.shared.notify_event(&NotificationContext { job: Some(&job.id), ..*about }, event, why)
+        });
+    }
+
+    /// Records the state of a job.
+    fn set_job_state(&self, job: &Job, state: JobState, why: Option<&str>) {
+        if state == JobState::Done {
+            // The notice is queued before the state is recorded. If the service is killed in between, the notice is
+            // sent twice, which is better than never.
+            self.notify_job(job, Happening::Finish, None);
+        }
+        if let Err(error) = self.shared.jobs().set_state(&job.id, state, why) {
+            crate::warning!("{error}");
+        }
+        let is_active = state == JobState::Active;
+        self.update_state(|known| known.job = is_active.then(|| job.id.clone()));
+    }
+}
+
+fn refuse(reply: &Reply, why: &str) -> LinkState {
+    // The client may no longer wait for the response.
+    let _ = reply.send(Err(why.to_owned()));
+    LinkState::Ready
+}
+
+/// An active growth, with its log and its updates for other threads.
+struct RunningJob<'a> {
+    keeper: &'a RobotWorker,
+    job: &'a Job,
+    log: RunLog,
+    orders: Arc<CommandQueue>,
+    live: Arc<LiveGrowth>,
+    forecast: Option<Forecast>,
+    layers: u32,
+    laid: u32,
+    /// Channel on which the client is informed that the job has started.
+    reply: Option<Reply>,
+}
+
+impl<'a> RunningJob<'a> {
+    fn new(
+        keeper: &'a RobotWorker,
+        job: &'a Job,
+        board_job: &BoardJob,
+        known: &[Option<LayerBytes>],
+        mut log: RunLog,
+        reply: Option<Reply>,
+    ) -> Self {
+        let orders = Arc::new(CommandQueue::default());
+        let live = LiveGrowth::new(board_job, known, Some(Arc::clone(&orders)));
+        live.set_pace(keeper.pace());
+        let period_s = board_job.robot.description().layer.period_s;
+        let forecast = keeper.pace().map(|pace| Forecast { period_s, pace });
+        log.set_forecast(forecast);
+        keeper.update_state(|known| {
+            (known.commands, known.live_growth) = (Some(Arc::clone(&orders)), Some(Arc::clone(&live)));
+            known.command_error = None;
+            known.job = Some(job.id.clone());
+        });
+        Self { keeper, job, log, orders, live, forecast, layers: job.layers, laid: job.laid, reply }
+    }
+
+    fn ingest(&mut self, event: &JobEvent) {
+        self.live.ingest(event);
+        if let Err(error) = self.log.record(event) {
+            self.keeper.update_state(|known| known.command_error = Some(error.to_string()));
+        }
+        match event {
+            JobEvent::Status(status) => {
+                let finish = self.forecast.and_then(|of| of.finish_of(OffsetDateTime::now_utc(), status));
+                self.keeper.update_state(|known| known.finish_utc = finish.map(utc_text));
+                self.keeper.record_status(status.clone());
+                self.confirm_start();
+            }
+            JobEvent::State(state) => self.keeper.update_state(|known| {
+                if let Some(status) = &mut known.status {
+                    status.state = *state;
+                }
+            }),
+            JobEvent::Laid { index, .. } => {
+                self.laid = index.saturating_add(1);
+                self.keeper.update_state(|known| {
+                    if let Some(status) = &mut known.status {
+                        status.layers_laid = index.saturating_add(1);
+                    }
+                });
+                self.save_progress();
+            }
+            JobEvent::Amendment(amendment) => self.layers = amendment.total,
+            JobEvent::CommandFailed(why) => self.keeper.update_state(|known| known.command_error = Some(why.clone())),
+            JobEvent::Command(_) => self.keeper.update_state(|known| known.command_error = None),
+            _ => self.keeper.shared.signal_change(),
+        }
+    }
+
+    /// Informs the client that the job has started.
+    fn confirm_start(&mut self) {
+        if let Some(reply) = self.reply.take() {
+            let _ = reply.send(Ok(()));
+        }
+    }
+
+    fn save_progress(&self) {
+        if let Err(error) = self.keeper.shared.jobs().set_laid(&self.job.id, self.laid, self.layers) {
+            crate::warning!("{error}");
+        }
+    }
+
+    /// Records the outcome of the growth.
+    fn end(mut self, grown: Result<GrowthReport, GrowthError>, plan: &Plan) -> LinkState {
+        self.keeper.update_state(|known| (known.commands, known.live_growth, known.finish_utc) = (None, None, None));
+        let simulated = self.keeper.is_simulated();
+        match grown {
+            Ok(grown) if grown.outcome == Outcome::Lost => self.detach("the board has not answered for too long"),
+            Ok(grown) => {
+                let mut result = GrowthResult::new(&grown, plan, None, simulated);
+                let missing = self.log.missing_lines();
+                result.log_lines_missing = (missing > 0).then_some(missing);
+                self.laid = u32::try_from(grown.as_built.len()).unwrap_or(u32::MAX);
+                self.save_progress();
+                self.close(&result, result.fault.clone());
+                LinkState::Ready
+            }
+            Err(GrowthError::Interrupted(error)) => self.detach(&error.to_string()),
+            Err(error) => {
+                let reply = self.reply.take();
+                let why = error.to_string();
+                let lost =
+                    matches!(&error, GrowthError::NotStarted(ClientError::Port(_) | ClientError::NoResponse { .. }));
+                let nothing = GrowthResult::nothing_grown(OutcomeKind::Refused, plan, None, simulated);
+                if self.laid == 0 {
+                    std::mem::take(&mut self.log).discard();
+                    self.keeper.set_job_state(self.job, JobState::Ended, Some(&why));
+                } else {
+                    let interrupted = GrowthResult { outcome: OutcomeKind::Interrupted, ..nothing };
+                    self.close(&interrupted, Some(why.clone()));
+                }
+                if let Some(reply) = reply {
+                    let _ = reply.send(Err(why.clone()));
+                }
+                if lost { LinkState::Lost(why) } else { LinkState::Ready }
+            }
+        }
+    }
+
+    /// Leaves a job that continues or waits without its host. The thread resumes it when the connection is back. It
+    /// then repeats a stop that the board may not have received.
+    fn detach(&mut self, why: &str) -> LinkState {
+        self.live.supersede();
+        let stops = self.orders.stop_requested();
+        self.keeper.update_state(|known| known.stop_on_reconnect |= stops);
+        self.confirm_start();
+        LinkState::Lost(why.to_owned())
+    }
+
+    fn close(&mut self, result: &GrowthResult, why: Option<String>) {
+        self.live.end(result.clone());
+        if let Err(error) = self.log.end(result) {
+            crate::warning!("{error}");
+        }
+        let why = why.unwrap_or_else(|| result.outcome.name().to_owned());
+        self.keeper.set_job_state(self.job, JobState::from_outcome(result.outcome), Some(&why));
+        self.confirm_start();
+    }
+}

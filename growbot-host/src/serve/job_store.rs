@@ -1,0 +1,443 @@
+//! All jobs of the service, in SQLite. The list can be rebuilt from the run logs, which are the actual record.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use growbot_client::run_log::{OutcomeKind, RecordedRun, utc_now};
+use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, named_params};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::ServicePaths;
+
+/// Version of the tables, `PRAGMA user_version`. It rises with each change of [`TABLES`].
+const VERSION: i64 = 3;
+
+/// The jobs, the queued notices, and the condition of each robot that was reported last.
+const TABLES: &str = "
+    CREATE TABLE job (
+        id TEXT PRIMARY KEY,
+        robot TEXT NOT NULL,
+        name TEXT NOT NULL,
+        state TEXT NOT NULL,
+        plan_id TEXT NOT NULL,
+        layers INTEGER NOT NULL,
+        laid INTEGER NOT NULL DEFAULT 0,
+        length_mm REAL NOT NULL,
+        simulated INTEGER NOT NULL,
+        ignore_scene INTEGER NOT NULL,
+        created_utc TEXT NOT NULL,
+        ended_utc TEXT,
+        why TEXT,
+        idempotency_key TEXT UNIQUE
+    ) STRICT;
+    CREATE INDEX job_by_time ON job (created_utc);
+    CREATE TABLE notice (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        channel TEXT NOT NULL,
+        notice TEXT NOT NULL,
+        created_ms INTEGER NOT NULL,
+        due_ms INTEGER NOT NULL,
+        attempts INTEGER NOT NULL DEFAULT 0
+    ) STRICT;
+    CREATE INDEX notice_by_time ON notice (channel, due_ms);
+    CREATE TABLE told (
+        robot TEXT PRIMARY KEY,
+        fault TEXT NOT NULL,
+        pause TEXT NOT NULL
+    ) STRICT;
+";
+
+/// Errors of the list of jobs.
+#[derive(Debug, thiserror::Error)]
+pub enum JobStoreError {
+    /// A file or directory cannot be used.
+    #[error("cannot use {path}: {reason}; the service needs a directory of its own that it can write to", path = .path.display())]
+    File {
+        /// Path of the file.
+        path: PathBuf,
+        /// Error of the operating system.
+        reason: String,
+    },
+    /// Another release has written the database.
+    #[error(
+        "{path} was written by {} release of growbot (tables {found}, this release uses {VERSION}): use that release, or \
+         move the file away, because the list is then rebuilt from the run logs beside it",
+        if *found > VERSION { "a later" } else { "an earlier" },
+        path = .path.display()
+    )]
+    OtherVersion {
+        /// Path of the database.
+        path: PathBuf,
+        /// Version of its tables.
+        found: i64,
+    },
+    /// SQLite has failed.
+    #[error("the list of jobs: {0}; it is made anew from the run logs when jobs.sqlite is moved away")]
+    Database(#[from] rusqlite::Error),
+}
+
+impl JobStoreError {
+    /// Converts an error of the operating system about a file.
+    pub fn of(path: &Path, error: &std::io::Error) -> Self {
+        Self::File { path: path.to_path_buf(), reason: error.to_string() }
+    }
+}
+
+/// State of a job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum JobState {
+    /// The board has the job or is receiving it. It heats, homes, grows or pauses.
+    Active,
+    /// The job was left unfinished and can be resumed.
+    Interrupted,
+    /// All layers are laid.
+    Done,
+    /// The job ended in another way and cannot be resumed by the service.
+    Ended,
+}
+
+impl JobState {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Active => "active",
+            Self::Interrupted => "interrupted",
+            Self::Done => "done",
+            Self::Ended => "ended",
+        }
+    }
+
+    fn from_name(name: &str) -> Self {
+        [Self::Active, Self::Interrupted, Self::Done]
+            .into_iter()
+            .find(|state| state.name() == name)
+            .unwrap_or(Self::Ended)
+    }
+
+    /// Returns the state of a job after a growth with this outcome.
+    pub fn from_outcome(outcome: OutcomeKind) -> Self {
+        match outcome {
+            OutcomeKind::Done => Self::Done,
+            OutcomeKind::Refused => Self::Ended,
+            _ => Self::Interrupted,
+        }
+    }
+}
+
+/// A job of the service.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Job {
+    /// Identifier in addresses: the time of the job's creation, then the name of the robot.
+    pub id: String,
+    /// Name of the robot in the service.
+    pub robot: String,
+    /// Name for users.
+    pub name: String,
+    /// State of the job.
+    pub state: JobState,
+    /// Hash of the layers when the job was created, 16 hexadecimal digits.
+    pub plan_id: String,
+    /// Number of layers.
+    pub layers: u32,
+    /// Number of laid layers.
+    pub laid: u32,
+    /// Length of the path, mm.
+    pub length_mm: f64,
+    /// True if the robot is simulated.
+    pub simulated: bool,
+    /// True if the body was grown without regard to its scene.
+    pub ignore_scene: bool,
+    /// Time of creation, RFC 3339.
+    pub created_utc: String,
+    /// Time when the job ended, RFC 3339. Null while it is active.
+    pub ended_utc: Option<String>,
+    /// Outcome of the job, or the reason why it was left. Null if there is none yet.
+    pub why: Option<String>,
+}
+
+/// List of all jobs.
+pub struct JobStore {
+    pub(super) database: Connection,
+    logs: PathBuf,
+}
+
+const COLUMNS: &str =
+    "id, robot, name, state, plan_id, layers, laid, length_mm, simulated, ignore_scene, created_utc, ended_utc, why";
+
+impl JobStore {
+    /// Opens the list of jobs. A missing or damaged list is rebuilt from the run logs.
+    pub fn open(places: &ServicePaths) -> Result<Self, JobStoreError> {
+        places.create().map_err(|error| JobStoreError::of(places.state_dir(), &error))?;
+        let path = places.database();
+        let is_new = !path.exists();
+        let mut jobs = Self { database: Connection::open(&path)?, logs: places.logs() };
+        if !is_new && !jobs.is_sound() {
+            let aside = path.with_extension("damaged");
+            fs::rename(&path, &aside).map_err(|error| JobStoreError::of(&path, &error))?;
+            crate::warning!(
+                "the list of jobs is damaged: it is made anew from the run logs, and kept as {}",
+                aside.display()
+            );
+            jobs.database = Connection::open(&path)?;
+        }
+        jobs.database
+            .execute_batch("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA busy_timeout = 2000;")?;
+        let found: i64 = jobs.database.query_row("PRAGMA user_version", [], |row| row.get(0))?;
+        match found {
+            0 => jobs.create_tables()?,
+            VERSION => {}
+            _ => return Err(JobStoreError::OtherVersion { path, found }),
+        }
+        jobs.fail_unstarted()?;
+        Ok(jobs)
+    }
+
+    /// Ends jobs that were entered, but that no robot had started when the service ended. Such jobs have no run log.
+    fn fail_unstarted(&self) -> Result<(), JobStoreError> {
+        let mut statement = self.database.prepare("SELECT id FROM job WHERE state = 'active'")?;
+        let active: Vec<String> = statement.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
+        let mut never_begun = active.iter().filter(|id| !self.log_path(id).exists());
+        never_begun
+            .try_for_each(|id| self.set_state(id, JobState::Ended, Some("the service ended before it had begun")))
+    }
+
+    /// Creates the tables and enters a job for each run log, all of them or none.
+    fn create_tables(&self) -> Result<(), JobStoreError> {
+        let transaction = self.database.unchecked_transaction()?;
+        self.database.execute_batch(TABLES)?;
+        self.rebuild()?;
+        self.database.pragma_update(None, "user_version", VERSION)?;
+        Ok(transaction.commit()?)
+    }
+
+    /// Opens a second, read-only connection to the list. [`Jobs::open`] must have opened it before.
+    pub fn open_to_read(places: &ServicePaths) -> Result<Self, JobStoreError> {
+        let database = Connection::open_with_flags(places.database(), OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+        database.execute_batch("PRAGMA busy_timeout = 2000;")?;
+        Ok(Self { database, logs: places.logs() })
+    }
+
+    fn is_sound(&self) -> bool {
+        let checked: Result<String, _> = self.database.query_row("PRAGMA integrity_check", [], |row| row.get(0));
+        checked.is_ok_and(|said| said == "ok")
+    }
+
+    /// Enters a job for each run log.
+    fn rebuild(&self) -> Result<(), JobStoreError> {
+        let entries = fs::read_dir(&self.logs).map_err(|error| JobStoreError::of(&self.logs, &error))?;
+        for path in entries.flatten().map(|entry| entry.path()) {
+            let Some(id) = path.file_stem().and_then(|id| id.to_str()) else { continue };
+            let Some((_, robot)) = id.split_once('_') else { continue };
+            let record = match RecordedRun::open(&path) {
+                Ok(record) => record,
+                Err(error) => {
+                    crate::warning!("a job is missing in the list, whose run log cannot be read: {error}");
+                    continue;
+                }
+            };
+            let created = id.split('_').next().unwrap_or_default();
+            let outcome = record.result.as_ref().map(|result| result.outcome);
+            let job = Job {
+                id: id.to_owned(),
+                robot: robot.to_owned(),
+                name: id.to_owned(),
+                state: outcome.map_or(JobState::Active, JobState::from_outcome),
+                plan_id: format!("{:016x}", record.plan_id),
+                layers: record.total,
+                laid: u32::try_from(record.as_built.len()).unwrap_or(u32::MAX),
+                length_mm: record.plan.length_mm,
+                simulated: record.is_simulated(),
+                ignore_scene: record.ignore_scene,
+                created_utc: written_time(created),
+                ended_utc: None,
+                why: outcome.map(|outcome| outcome.name().to_owned()),
+            };
+            self.insert(&job, None)?;
+        }
+        Ok(())
+    }
+
+    /// Returns a new identifier for a job of this robot.
+    pub fn new_id(&self, robot: &str) -> String {
+        let now = utc_now();
+        let time: String = now.chars().filter(|letter| letter.is_ascii_digit() || *letter == 'T').collect();
+        (0_u32..)
+            .map(|more| match more {
+                0 => format!("{time}_{robot}"),
+                more => format!("{time}{more:02}_{robot}"),
+            })
+            .find(|id| !self.log_path(id).exists())
+            .unwrap_or_default()
+    }
+
+    /// Returns the path of a job's run log.
+    pub fn log_path(&self, id: &str) -> PathBuf {
+        self.logs.join(format!("{id}.jsonl"))
+    }
+
+    /// Enters a job. `key` is its idempotency key.
+    pub fn insert(&self, job: &Job, key: Option<&str>) -> Result<(), JobStoreError> {
+        let insert = format!(
+            "INSERT INTO job ({COLUMNS}, idempotency_key) VALUES (:id, :robot, :name, :state, :plan_id, \
+             :layers, :laid, :length_mm, :simulated, :ignore_scene, :created_utc, :ended_utc, :why, :key)"
+        );
+        self.database.execute(
+            &insert,
+            named_params! {
+                ":id": job.id, ":robot": job.robot, ":name": job.name, ":state": job.state.name(),
+                ":plan_id": job.plan_id, ":layers": job.layers, ":laid": job.laid, ":length_mm": job.length_mm,
+                ":simulated": job.simulated, ":ignore_scene": job.ignore_scene, ":created_utc": job.created_utc, ":ended_utc": job.ended_utc,
+                ":why": job.why, ":key": key,
+            },
+        )?;
+        Ok(())
+    }
+
+    /// Returns the job that was created with this idempotency key.
+    pub fn find_by_key(&self, key: &str) -> Result<Option<Job>, JobStoreError> {
+        self.one("idempotency_key = ?1", key)
+    }
+
+    /// Returns the job with this identifier.
+    pub fn get(&self, id: &str) -> Result<Option<Job>, JobStoreError> {
+        self.one("id = ?1", id)
+    }
+
+    /// Returns the active job of a robot. A job that the robot has not yet started has no run log and does not count.
+    pub fn active(&self, robot: &str) -> Result<Option<Job>, JobStoreError> {
+        let job = self.one("state = 'active' AND robot = ?1", robot)?;
+        Ok(job.filter(|job| self.log_path(&job.id).exists()))
+    }
+
+    fn one(&self, which: &str, value: &str) -> Result<Option<Job>, JobStoreError> {
+        let query = format!("SELECT {COLUMNS} FROM job WHERE {which} ORDER BY created_utc DESC LIMIT 1");
+        Ok(self.database.query_row(&query, [value], of_row).optional()?)
+    }
+
+    /// Returns the latest jobs, newest first.
+    pub fn latest(&self, max: u32) -> Result<Vec<Job>, JobStoreError> {
+        let query = format!("SELECT {COLUMNS} FROM job ORDER BY created_utc DESC, id DESC LIMIT ?1");
+        let mut statement = self.database.prepare(&query)?;
+        let rows = statement.query_map([max], of_row)?;
+        Ok(rows.collect::<Result<_, _>>()?)
+    }
+
+    /// Records the number of laid layers. The update does not wait for the disk, because the run log has the number if
+    /// a loss of power loses it.
+    pub fn set_laid(&self, id: &str, laid: u32, layers: u32) -> Result<(), JobStoreError> {
+        self.database.pragma_update(None, "synchronous", "NORMAL")?;
+        let updated = self.database.execute("UPDATE job SET laid = ?2, layers = ?3 WHERE id = ?1", (id, laid, layers));
+        self.database.pragma_update(None, "synchronous", "FULL")?;
+        updated?;
+        Ok(())
+    }
+
+    /// Changes the state of a job.
+    pub fn set_state(&self, id: &str, state: JobState, why: Option<&str>) -> Result<(), JobStoreError> {
+        let ended = (state != JobState::Active).then(utc_now);
+        let update = "UPDATE job SET state = ?2, why = ?3, ended_utc = ?4 WHERE id = ?1";
+        self.database.execute(update, (id, state.name(), why, ended))?;
+        Ok(())
+    }
+
+    /// Ends a job that the robot has rejected. Its idempotency key can be used again.
+    pub fn mark_rejected(&self, id: &str, why: &str) -> Result<(), JobStoreError> {
+        self.set_state(id, JobState::Ended, Some(why))?;
+        self.database.execute("UPDATE job SET idempotency_key = NULL WHERE id = ?1", [id])?;
+        Ok(())
+    }
+}
+
+fn of_row(row: &Row) -> rusqlite::Result<Job> {
+    Ok(Job {
+        id: row.get(0)?,
+        robot: row.get(1)?,
+        name: row.get(2)?,
+        state: JobState::from_name(&row.get::<_, String>(3)?),
+        plan_id: row.get(4)?,
+        layers: row.get(5)?,
+        laid: row.get(6)?,
+        length_mm: row.get(7)?,
+        simulated: row.get(8)?,
+        ignore_scene: row.get(9)?,
+        created_utc: row.get(10)?,
+        ended_utc: row.get(11)?,
+        why: row.get(12)?,
+    })
+}
+
+/// Converts a time such as `20261123T014500123` to RFC 3339.
+fn written_time(compact: &str) -> String {
+    let part = |from: usize, to: usize| compact.get(from..to).unwrap_or("00");
+    format!(
+        "{}-{}-{}T{}:{}:{}.{}Z",
+        part(0, 4),
+        part(4, 6),
+        part(6, 8),
+        part(9, 11),
+        part(11, 13),
+        part(13, 15),
+        part(15, 18)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Creates a database with one job and this version of the tables.
+    fn of_version(version: i64) -> (tempfile::TempDir, ServicePaths) {
+        let directory = tempfile::tempdir().unwrap();
+        let places = ServicePaths::in_dir(directory.path().to_path_buf());
+        places.create().unwrap();
+        let database = Connection::open(places.database()).unwrap();
+        database.execute_batch(TABLES).unwrap();
+        database.pragma_update(None, "user_version", version).unwrap();
+        let job = "INSERT INTO job VALUES ('20261123T014500123_lab', 'lab', 'a body', 'done', '00000000000000ff', 78, 78, \
+                   60.0, 1, 0, '2026-11-23T01:45:00.123Z', '2026-11-23T02:45:00Z', 'done', 'a key')";
+        database.execute(job, []).unwrap();
+        (directory, places)
+    }
+
+    #[test]
+    fn a_database_of_this_version_keeps_its_jobs() {
+        let (_directory, places) = of_version(VERSION);
+        for _ in 0..2 {
+            let job = JobStore::open(&places).unwrap().find_by_key("a key").unwrap().unwrap();
+            assert_eq!((job.id.as_str(), job.laid, job.state), ("20261123T014500123_lab", 78, JobState::Done));
+        }
+    }
+
+    #[test]
+    fn a_job_is_active_from_its_run_log_on() {
+        let (_directory, places) = of_version(VERSION);
+        let jobs = JobStore::open(&places).unwrap();
+        jobs.set_state("20261123T014500123_lab", JobState::Active, None).unwrap();
+        assert_eq!(jobs.active("lab").unwrap(), None);
+        fs::write(jobs.log_path("20261123T014500123_lab"), "{}").unwrap();
+        assert_eq!(JobStore::open(&places).unwrap().active("lab").unwrap().unwrap().laid, 78);
+        fs::remove_file(jobs.log_path("20261123T014500123_lab")).unwrap();
+        let ended = JobStore::open(&places).unwrap().get("20261123T014500123_lab").unwrap().unwrap();
+        assert_eq!(
+            (ended.state, ended.why.as_deref()),
+            (JobState::Ended, Some("the service ended before it had begun"))
+        );
+    }
+
+    #[test]
+    fn a_database_of_another_release_is_refused_and_left_as_it_is() {
+        for (version, which) in [(1, "an earlier"), (2, "an earlier"), (VERSION + 1, "a later")] {
+            let (_directory, places) = of_version(version);
+            let message = JobStore::open(&places).err().unwrap().to_string();
+            let found = format!("{which} release of growbot (tables {version}, this release uses {VERSION})");
+            for part in ["jobs.sqlite", &found, "move the file away", "rebuilt from the run logs"] {
+                assert!(message.contains(part), "{message}");
+            }
+            let database = Connection::open(places.database()).unwrap();
+            let kept: i64 = database.query_row("PRAGMA user_version", [], |row| row.get(0)).unwrap();
+            assert_eq!(kept, version);
+            assert_eq!(database.query_row("SELECT count(*) FROM job", [], |row| row.get(0)), Ok(1_i64));
+        }
+    }
+}

@@ -1,0 +1,363 @@
+//! Sending of notices by a signed webhook and by a command. Each has its own thread and queue, so they do not wait for
+//! each other, and robots wait for neither of them.
+
+use std::io::Write;
+use std::os::unix::process::CommandExt;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, sleep};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::{fs, io};
+
+use axum::http::Uri;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use ring::hmac;
+use rustix::process::{Pid, Signal, kill_process_group};
+use ureq::Agent;
+
+use super::config::NotifyEntry;
+use super::notification::{AlertState, Channel, Happening, Notice, NotificationContext, QueuedNotification};
+use super::server::write_secret;
+use super::{JobStoreError, ServiceContext, ServicePaths};
+
+/// Timeout of a webhook's response.
+const ANSWER: Duration = Duration::from_secs(10);
+/// Timeout of a command. The service kills it afterwards.
+const COMMAND: Duration = Duration::from_secs(60);
+/// Delay before the first retry of a notice. It doubles with each further retry.
+const FIRST_RETRY_DELAY: Duration = Duration::from_secs(1);
+/// Maximum delay before a retry.
+const MAX_RETRY_DELAY: Duration = Duration::from_secs(3600);
+/// Age at which a notice is given up.
+const MAX_AGE: Duration = Duration::from_secs(24 * 3600);
+/// Prefix of the secret, from the Standard Webhooks specification.
+const SECRET: &str = "whsec_";
+
+/// Errors in the settings of notifications.
+#[derive(Debug, thiserror::Error)]
+pub enum NotifyError {
+    /// The address is invalid. The message does not repeat it, because it may contain a secret.
+    #[error("the webhook of [serve.notify] is no address: give one that begins with https:// or http://, and a host")]
+    Address,
+    /// The command is empty.
+    #[error("the command of [serve.notify] is empty: give a list of a program and its arguments, or take the line out")]
+    Command,
+    /// The webhook's secret cannot be used.
+    #[error("cannot use the webhook's secret in {path}: {reason}; delete the file, and another secret is drawn")]
+    Secret {
+        /// Path of the secret's file.
+        path: String,
+        /// Reason why the secret cannot be used.
+        reason: String,
+    },
+}
+
+/// The configured channels, and the events that are sent on them.
+#[derive(Default)]
+pub struct Notifier {
+    channels: Vec<(Channel, Mutex<Sender<()>>)>,
+    events: Vec<Happening>,
+}
+
+/// A receiver on the network.
+struct Webhook {
+    address: String,
+    /// Address in messages, without the parts that may be secret.
+    host: String,
+    key: hmac::Key,
+    agent: Agent,
+}
+
+/// Threads that send notices, before they are started.
+pub struct NotifierThreads(Vec<(Channel, Receiver<()>, NotificationSink)>);
+
+enum NotificationSink {
+    Webhook(Box<Webhook>),
+    Command(Vec<String>),
+}
+
+impl Notifier {
+    /// Creates the channels of the settings.
+    pub fn new(entry: &NotifyEntry, places: &ServicePaths) -> Result<(Self, NotifierThreads), NotifyError> {
+        let mut tellers = Vec::new();
+        if let Some(address) = &entry.webhook {
+            tellers.push((
+                Channel::Webhook,
+                NotificationSink::Webhook(Box::new(Webhook::new(address, &places.webhook_secret())?)),
+            ));
+        }
+        if let Some(command) = &entry.command {
+            if command.first().is_none_or(String::is_empty) {
+                return Err(NotifyError::Command);
+            }
+            tellers.push((Channel::Command, NotificationSink::Command(command.clone())));
+        }
+        let mut notify =
+            Self { channels: Vec::new(), events: entry.events.clone().unwrap_or_else(|| Happening::ALL.to_vec()) };
+        let start = |(channel, teller)| {
+            let (wake, woken) = mpsc::channel();
+            notify.channels.push((channel, Mutex::new(wake)));
+            (channel, woken, teller)
+        };
+        let tellers = tellers.into_iter().map(start).collect();
+        Ok((notify, NotifierThreads(tellers)))
+    }
+
+    fn tell(&self, shared: &ServiceContext, notice: &Notice) -> Result<(), JobStoreError> {
+        if !self.events.contains(&notice.event) {
+            return Ok(());
+        }
+        let channels: Vec<Channel> = self.channels.iter().map(|(channel, _)| *channel).collect();
+        shared.jobs().enqueue_notification(notice, &channels, now_ms())?;
+        for (_, wake) in &self.channels {
+            // The thread of the channel runs as long as the service.
+            let _ = wake.lock().unwrap_or_else(PoisonError::into_inner).send(());
+        }
+        Ok(())
+    }
+}
+
+impl ServiceContext {
+    /// Queues a notice about a robot if a channel is configured.
+    pub fn notify_event(&self, about: &NotificationContext, event: Happening, why: Option<&str>) {
+        if self.notifier.channels.is_empty() {
+            return;
+        }
+        if let Err(error) = self.notifier.tell(self, &about.notice(event, None, why)) {
+            crate::warning!("nobody can be told that {event:?}: {error}");
+        }
+    }
+
+    /// Queues notices about changes of a robot's condition.
+    pub fn notify_alert(&self, about: &NotificationContext, condition: &AlertState) {
+        if self.notifier.channels.is_empty() {
+            return;
+        }
+        let told = || -> Result<(), JobStoreError> {
+            let news = self.jobs().new_notifications(about, condition)?;
+            // The notices are queued before the condition is recorded. If the service is killed in between, they are
+            // sent twice, which is better than never.
+            news.iter().try_for_each(|notice| self.notifier.tell(self, notice))?;
+            self.jobs().set_notified(about.robot, condition)
+        };
+        if let Err(error) = told() {
+            crate::warning!("nobody can be told of robot {}: {error}", about.robot);
+        }
+    }
+}
+
+impl NotifierThreads {
+    /// Starts the threads. They send queued notices until the process ends.
+    pub fn start(self, shared: &Arc<ServiceContext>) {
+        for (channel, woken, teller) in self.0 {
+            let shared = Arc::clone(shared);
+            let spawned = thread::Builder::new()
+                .name(format!("{channel:?}"))
+                .spawn(move || run(&shared, channel, &woken, &teller));
+            if let Err(error) = spawned {
+                crate::warning!("nobody is told anything by {channel:?}: the system gives it no thread: {error}");
+            }
+        }
+    }
+}
+
+fn run(shared: &ServiceContext, channel: Channel, woken: &Receiver<()>, teller: &NotificationSink) {
+    loop {
+        let next = shared.jobs().next_notification(channel);
+        let wait = match next {
+            Ok(Some(next)) if next.due_ms <= now_ms() => {
+                if let Err(error) = deliver(shared, &next, teller) {
+                    crate::warning!("{error}");
+                    sleep(FIRST_RETRY_DELAY);
+                }
+                continue;
+            }
+            Ok(Some(next)) => Duration::from_millis(u64::try_from(next.due_ms - now_ms()).unwrap_or(0)),
+            Ok(None) => MAX_RETRY_DELAY,
+            Err(error) => {
+                crate::warning!("{error}");
+                MAX_RETRY_DELAY
+            }
+        };
+        // The wait is limited because the system's clock may be set in the meantime.
+        let _ = woken.recv_timeout(wait.min(MAX_RETRY_DELAY));
+    }
+}
+
+/// Tries once to send a notice. If that fails, schedules a retry or gives the notice up.
+fn deliver(shared: &ServiceContext, next: &QueuedNotification, teller: &NotificationSink) -> Result<(), JobStoreError> {
+    let told = match teller {
+        NotificationSink::Webhook(webhook) => webhook.post(next),
+        NotificationSink::Command(command) => call(command, &next.notice),
+    };
+    let Err(why) = told else { return shared.jobs().remove_notification(next.id) };
+    let by = match teller {
+        NotificationSink::Webhook(webhook) => &webhook.host,
+        NotificationSink::Command(command) => &command[0],
+    };
+    let pause = FIRST_RETRY_DELAY.saturating_mul(1 << next.attempts.min(12)).min(MAX_RETRY_DELAY);
+    let due_ms = now_ms() + as_ms(pause);
+    if due_ms > next.created_ms + as_ms(MAX_AGE) {
+        crate::warning!("{by} has not taken a notice ({why}): after {} h it is given up", MAX_AGE.as_secs() / 3600);
+        return shared.jobs().remove_notification(next.id);
+    }
+    if next.attempts == 0 {
+        crate::warning!("{by} has not taken a notice ({why}): it is told again later");
+    }
+    shared.jobs().reschedule_notification(next.id, due_ms)
+}
+
+impl Webhook {
+    fn new(address: &str, secret: &Path) -> Result<Self, NotifyError> {
+        let uri: Uri = address.parse().map_err(|_| NotifyError::Address)?;
+        let (Some(scheme @ ("http" | "https")), Some(host)) = (uri.scheme_str(), uri.host()) else {
+            return Err(NotifyError::Address);
+        };
+        let agent = Agent::config_builder()
+            .timeout_global(Some(ANSWER))
+            .max_redirects(0)
+            .http_status_as_error(false)
+            .user_agent(concat!("growbot/", env!("CARGO_PKG_VERSION")))
+            .build();
+        let key = hmac::Key::new(hmac::HMAC_SHA256, &secret_of(secret)?);
+        Ok(Self { address: address.to_owned(), host: format!("{scheme}://{host}"), key, agent: agent.into() })
+    }
+
+    fn post(&self, next: &QueuedNotification) -> Result<(), String> {
+        let id = format!("{}-{}", next.created_ms, next.id);
+        let time = (now_ms() / 1000).to_string();
+        let answer = self
+            .agent
+            .post(&self.address)
+            .header("content-type", "application/json")
+            .header("webhook-id", &id)
+            .header("webhook-timestamp", &time)
+            .header("webhook-signature", signature(&self.key, &id, &time, &next.notice))
+            .send(&next.notice);
+        match answer {
+            Ok(answer) if answer.status().is_success() => Ok(()),
+            Ok(answer) => Err(format!("it has answered {}", answer.status().as_u16())),
+            Err(ureq::Error::BadUri(_)) => Err("its address is none".to_owned()),
+            Err(error) => Err(error.to_string()),
+        }
+    }
+}
+
+/// Returns the signature of a notice and its time, with which the receiver checks that this service has sent it.
+fn signature(key: &hmac::Key, id: &str, time: &str, notice: &str) -> String {
+    format!("v1,{}", STANDARD.encode(hmac::sign(key, format!("{id}.{time}.{notice}").as_bytes())))
+}
+
+/// Returns the webhook's secret from its file. A missing file is created with a new secret.
+fn secret_of(path: &Path) -> Result<Vec<u8>, NotifyError> {
+    let error = |reason: String| NotifyError::Secret { path: path.display().to_string(), reason };
+    let text = match fs::read_to_string(path) {
+        Ok(text) => text,
+        Err(missing) if missing.kind() == io::ErrorKind::NotFound => {
+            let mut bytes = [0; 32];
+            getrandom::fill(&mut bytes).map_err(|why| error(why.to_string()))?;
+            let text = format!("{SECRET}{}\n", STANDARD.encode(bytes));
+            write_secret(path, &text).map_err(|why| error(why.to_string()))?;
+            text
+        }
+        Err(why) => return Err(error(why.to_string())),
+    };
+    let encoded = text.trim().strip_prefix(SECRET).ok_or_else(|| error(format!("it does not begin with {SECRET}")))?;
+    let bytes = STANDARD.decode(encoded).map_err(|_| error("it is no base64".to_owned()))?;
+    match bytes.len() {
+        24..=64 => Ok(bytes),
+        length => Err(error(format!("it has {length} bytes, and needs 24 to 64"))),
+    }
+}
+
+/// Runs the command with the notice on its standard input and in its environment variables.
+fn call(command: &[String], notice: &str) -> Result<(), String> {
+    let read: Notice = serde_json::from_str(notice).map_err(|error| error.to_string())?;
+    let mut child = Command::new(&command[0])
+        .args(&command[1..])
+        .env("GROWBOT_NOTICE_EVENT", read.event.name())
+        .env("GROWBOT_NOTICE_ROBOT", &read.robot)
+        .env("GROWBOT_NOTICE_MESSAGE", &read.message)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .process_group(0)
+        .spawn()
+        .map_err(|error| error.to_string())?;
+    if let Some(mut stdin) = child.stdin.take() {
+        // The command may ignore its input. A pipe can buffer a whole notice, so the write does not block.
+        let _ = stdin.write_all(notice.as_bytes());
+    }
+    let began = Instant::now();
+    loop {
+        match child.try_wait() {
+            Ok(Some(status)) if status.success() => return Ok(()),
+            Ok(Some(status)) => return Err(format!("it has ended with {status}")),
+            Ok(None) if began.elapsed() < COMMAND => sleep(Duration::from_millis(20)),
+            Ok(None) => {
+                if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
+                    let _ = kill_process_group(group, Signal::KILL);
+                }
+                let _ = child.wait();
+                return Err(format!("it had not ended after {} s", COMMAND.as_secs()));
+            }
+            Err(error) => return Err(error.to_string()),
+        }
+    }
+}
+
+fn as_ms(duration: Duration) -> i64 {
+    i64::try_from(duration.as_millis()).unwrap_or(i64::MAX)
+}
+
+fn now_ms() -> i64 {
+    as_ms(SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_secret_is_made_once_and_for_its_user_alone() {
+        use std::os::unix::fs::PermissionsExt;
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("webhook-secret");
+        let secret = secret_of(&path).unwrap();
+        assert_eq!((secret.len(), secret_of(&path).unwrap() == secret), (32, true));
+        assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+        for wrong in ["", "whsec_", "whsec_????", "c2VjcmV0", "whsec_c2hvcnQ="] {
+            fs::write(&path, wrong).unwrap();
+            let said = secret_of(&path).unwrap_err().to_string();
+            assert!(said.contains("another secret is drawn") && (wrong.is_empty() || !said.contains(wrong)), "{said}");
+        }
+    }
+
+    /// The expected signature was computed with hmac, hashlib and base64 of Python.
+    #[test]
+    fn the_signature_is_that_of_others() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("webhook-secret");
+        fs::write(&path, "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw").unwrap();
+        let key = hmac::Key::new(hmac::HMAC_SHA256, &secret_of(&path).unwrap());
+        let made = signature(&key, "1795398240123-7", "1795398241", r#"{"version":1}"#);
+        assert_eq!(made, "v1,5zLlH7Gc03CBvyW2/4gfkxibdIrLf73U6qnOsMGtmT8=");
+    }
+
+    #[test]
+    fn an_address_that_is_none_is_refused_and_not_repeated() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("webhook-secret");
+        for wrong in ["", "hooks.example/s3cret", "ftp://hooks.example/s3cret", "https:///s3cret", "http://a b/s3cret"]
+        {
+            let error = Webhook::new(wrong, &path).err().unwrap();
+            assert!(!error.to_string().contains("s3cret"), "{error}");
+        }
+        assert_eq!(
+            Webhook::new("https://me:pass@hooks.example/s3cret?key=1", &path).unwrap().host,
+            "https://hooks.example"
+        );
+    }
+}

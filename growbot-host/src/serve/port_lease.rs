@@ -1,0 +1,117 @@
+//! Leases of a robot's port. A command that communicates with the board itself, such as `growbot console`, has the port
+//! as long as it keeps its request open. Meanwhile the service handles only the emergency stop.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Receiver;
+use std::time::Duration;
+
+use axum::extract::{Path, State};
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use growbot_client::client::Client;
+use growbot_sim::port;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use tokio::task::spawn_blocking;
+
+use super::api::{Access, ServiceState};
+use super::audit::CommandSource;
+use super::problem::Problem;
+use super::robot_worker::{PendingRequest, RobotRequest, RobotWorker};
+
+/// Timeout of a lease request. The robot may be busy with a status request before it closes the port.
+const ANSWER: Duration = Duration::from_secs(10);
+/// Interval at which the service checks whether the lease has ended.
+const LEASE_POLL_INTERVAL: Duration = Duration::from_millis(50);
+/// Timeout of opening a separate connection for an emergency stop.
+const ESTOP_CONNECT_TIMEOUT: Duration = Duration::from_millis(500);
+/// Timeout of a board's confirmation of an emergency stop.
+const ESTOP_CONFIRM_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Request for a lease.
+#[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Borrower {
+    /// Name of the command that requests the port.
+    pub to: String,
+}
+
+/// A lease of a port.
+pub struct PortLease {
+    /// Name of the command that has the port.
+    to: String,
+    is_over: Arc<AtomicBool>,
+}
+
+/// Guard of a lease. The lease ends when it is dropped.
+struct LeaseEndGuard(Arc<AtomicBool>);
+
+impl Drop for LeaseEndGuard {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Release);
+    }
+}
+
+/// Leases the port of a robot without a job until the client closes the request.
+pub async fn lease_port(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    Path(name): Path<String>,
+    Json(Borrower { to }): Json<Borrower>,
+) -> Result<Response, Problem> {
+    if access != Access::Control(CommandSource::Socket) {
+        return Err(Problem::forbidden("a line is lent to commands on the machine of the service alone"));
+    }
+    let keeper = Arc::clone(service.robot(&name).ok_or_else(|| Problem::not_found("robot", &name))?);
+    let held = LeaseEndGuard(Arc::default());
+    let loan = PortLease { to: to.clone(), is_over: Arc::clone(&held.0) };
+    let asked = spawn_blocking(move || {
+        let _begins = keeper.lock_job_start();
+        let asked = keeper.ensure_idle().and_then(|()| keeper.request(RobotRequest::Lend(loan), ANSWER));
+        service.shared.audit.note(
+            CommandSource::Socket,
+            &name,
+            &format!("lend to {to}"),
+            asked.as_ref().err().map(String::as_str),
+        );
+        asked
+    });
+    asked.await.map_err(Problem::internal)?.map_err(Problem::conflict)?;
+    // The stream sends no events. It ends when the client disconnects.
+    let nothing = futures_util::stream::unfold(held, |held| async move {
+        std::future::pending::<()>().await;
+        Some((Ok::<_, Infallible>(Event::default()), held))
+    });
+    Ok(Sse::new(nothing).keep_alive(KeepAlive::new().interval(Duration::from_secs(1))).into_response())
+}
+
+impl RobotWorker {
+    /// Waits until a lease of the closed port ends. Rejects all requests in the meantime, except for an emergency stop.
+    pub(super) fn wait_for_lease_end(&self, loan: &PortLease, asked: &Receiver<PendingRequest>) {
+        let lent = format!("its line is lent to {}, which has to end first", loan.to);
+        self.update_state(|known| known.connection_error = Some(lent.clone()));
+        while !loan.is_over.load(Ordering::Acquire) {
+            let Ok(asked) = asked.recv_timeout(LEASE_POLL_INTERVAL) else { continue };
+            let answer = match asked.ask {
+                RobotRequest::EmergencyStop => self.emergency_stop_out_of_band(),
+                _ => Err(format!("robot {}: {lent}", self.name)),
+            };
+            asked.answer(answer);
+        }
+    }
+
+    /// Sends the emergency stop on a separate connection, while the port is leased or busy.
+    pub(super) fn emergency_stop_out_of_band(&self) -> Result<(), String> {
+        let name = self.port()?;
+        let port = port::open_for_emergency_stop(&name, ESTOP_CONNECT_TIMEOUT).map_err(|error| error.to_string())?;
+        let mut client = Client::new(port, &self.entry.port);
+        match client.emergency_stop_within(ESTOP_CONFIRM_TIMEOUT, &mut 0) {
+            Ok(true) => Ok(()),
+            Ok(false) => Err(format!("no answer at {} within {} s", self.entry.port, ESTOP_CONFIRM_TIMEOUT.as_secs())),
+            Err(error) => Err(error.to_string()),
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! Scenes that clients have sent to the service, so that plans can avoid them.
+//!
+//! The service never deletes them, because jobs refer to them. A resumed body is kept clear of the scene of its job.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use growbot_client::atomic_file::write_atomic;
+use growbot_client::plan_file::format_hash;
+use growbot_core::hash::Hasher;
+use growbot_scene::read::is_geometry;
+use growbot_scene::scene_file;
+
+use super::paths::ServicePaths;
+use super::problem::Problem;
+
+/// Maximum length of all stored scenes together, bytes.
+const MAX_KEPT: u64 = 1 << 30;
+
+/// Stores a scene. Returns the name by which [`find`] finds it.
+pub fn store(places: &ServicePaths, name: &str, bytes: &[u8]) -> Result<String, Problem> {
+    let ending = Path::new(name).extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+    let ending = ending.to_ascii_lowercase();
+    let is_scene_file = ending == "toml";
+    if !is_scene_file && !is_geometry(Path::new(&format!("scene.{ending}"))) {
+        return Err(Problem::bad(format!(
+            "{name:?} is no scene by its ending: send a .toml, .stl, .obj, .ply, .glb or .pcd"
+        )));
+    }
+    if is_scene_file {
+        let written = scene_file::parse(&String::from_utf8_lossy(bytes), name).map_err(Problem::bad)?;
+        let files =
+            || written.meshes.iter().map(|mesh| &mesh.file).chain(written.clouds.iter().map(|cloud| &cloud.file));
+        if let Some(other) = files().next() {
+            return Err(Problem::bad(format!(
+                "{name} names {other}, which was not sent: send a scene of one file, or give it to `growbot grow \
+                 --scene` on the machine of the service"
+            )));
+        }
+    }
+    let directory = places.scenes();
+    let kept: u64 = fs::read_dir(&directory)
+        .map_err(Problem::internal)?
+        .filter_map(|entry| entry.ok()?.metadata().ok())
+        .map(|metadata| metadata.len())
+        .sum();
+    if kept + bytes.len() as u64 > MAX_KEPT {
+        return Err(Problem::conflict(format!(
+            "scenes of {MAX_KEPT} bytes are kept: remove those that no job needs from {}",
+            directory.display()
+        )));
+    }
+    let kept = format!("{}.{ending}", format_hash(Hasher::hash(bytes)));
+    let path = directory.join(&kept);
+    write_atomic(&path, bytes).map_err(Problem::internal)?;
+    if let Err(error) = scene_file::load(&path) {
+        fs::remove_file(&path).map_err(Problem::internal)?;
+        return Err(Problem::bad(error.to_string().replace(&path.display().to_string(), name)));
+    }
+    Ok(kept)
+}
+
+/// Returns the path of a stored scene.
+pub fn find(places: &ServicePaths, name: &str) -> Result<PathBuf, Problem> {
+    let is_name = name.chars().all(|letter| letter.is_ascii_alphanumeric() || letter == '.') && !name.starts_with('.');
+    let path = places.scenes().join(name);
+    if is_name && path.is_file() {
+        return Ok(path);
+    }
+    Err(Problem::bad(format!("scene {name:?} is not here: send it to /scenes first, and name it as that answers")))
+}

@@ -1,0 +1,471 @@
+//! State of a growth, and the part of it that a page has not yet received.
+
+use growbot_client::growth::{Job, JobEvent};
+use growbot_client::run_clock::RunClock;
+use growbot_client::run_log::{BodyKind, GrowthResult, hex_of};
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
+use growbot_core::link::message::{Fault, PauseCause, State, Status};
+use serde::Serialize;
+
+/// Maximum number of temperature readings that are kept. Beyond it, every second one is dropped.
+const MAX_READINGS: usize = 4096;
+
+/// A growth as pages show it.
+pub struct GrowthTracker {
+    period_s: f64,
+    /// Pace of the robot's clock, in multiples of real time. `None` if it is not known.
+    pace: Option<f64>,
+    /// Known layers of the job, as commanded.
+    commanded: Vec<LayerBytes>,
+    /// Number of layers of the job.
+    total: usize,
+    /// Layers that the latest amendment has replaced.
+    replaced: Option<Replaced>,
+    /// Layers as built. A layer without a report is as commanded.
+    built: Vec<LayerBytes>,
+    state: &'static str,
+    fault: Option<Fault>,
+    pause_cause: PauseCause,
+    readings: Vec<Reading>,
+    /// Number of times that readings were thinned out.
+    thinned: u32,
+    clock: RunClock,
+    answers: bool,
+    /// Reason why the board rejected the latest command.
+    refused: Option<String>,
+    /// Problem with this program's own files. `None` without a problem.
+    warned: Option<String>,
+    /// Number of layers as the plastic of a simulated tip lies. They are the first ones.
+    simulated: usize,
+    /// Encoder that carries the rounding errors of these layers over to the next ones.
+    rounding: LayerEncoder,
+    ended: Option<GrowthResult>,
+}
+
+/// Layers that an amendment has replaced.
+struct Replaced {
+    /// Index of the first layer.
+    from: u32,
+    /// Replaced layers.
+    layers: Vec<LayerBytes>,
+    /// Number of layers of the job before the amendment.
+    total: usize,
+}
+
+/// A reading of the nozzle's temperature. In JSON it is three numbers.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Reading(f64, f64, Option<f64>);
+
+/// Changes since the last update that was sent to a page.
+#[derive(Debug, Serialize)]
+pub struct Update<'a> {
+    /// Name of the board's state.
+    state: &'static str,
+    /// True if the board responds.
+    answers: bool,
+    /// Meaning of the state. `None` if its name is clear.
+    explanation: Option<&'static str>,
+    /// Reason why the board rejected a command.
+    refused: Option<&'a str>,
+    /// Problem with this program's own files.
+    warned: Option<&'a str>,
+    /// Name of the shown body, once a simulated tip has laid it.
+    built_name: Option<&'static str>,
+    /// Number of layers of the job.
+    total: usize,
+    /// Time that the remaining layers take on the robot's clock, s.
+    left_s: f64,
+    /// Real time until the last layer, s. Null unless the robot grows at a known pace.
+    finish_in_s: Option<f64>,
+    layers: LayersUpdate,
+    readings: NewReadings<'a>,
+    /// Result of the growth. `None` before its end.
+    ended: Option<&'a GrowthResult>,
+}
+
+/// Layers that replace those from an index on.
+#[derive(Debug, Serialize)]
+struct LayersUpdate {
+    from: usize,
+    /// Layers in hexadecimal, 24 digits each.
+    built: String,
+}
+
+/// Readings that replace those from an index on.
+#[derive(Debug, Serialize)]
+struct NewReadings<'a> {
+    from: usize,
+    taken: &'a [Reading],
+}
+
+/// Part of a growth that a page has received.
+#[derive(Debug, Default)]
+pub struct UpdateCursor {
+    layers: usize,
+    /// Number of layers that the page has received as the plastic of a simulated tip lies.
+    simulated: usize,
+    readings: usize,
+    thinned: u32,
+    /// True if the page has received the result.
+    pub ended: bool,
+}
+
+impl GrowthTracker {
+    /// Creates the state of a growth that is about to start, or to be resumed after the `known` layers.
+    pub fn new(job: &Job, known: &[Option<LayerBytes>]) -> Self {
+        Self {
+            period_s: job.robot.description().layer.period_s,
+            pace: None,
+            commanded: job.layers.clone(),
+            total: job.layers.len(),
+            replaced: None,
+            built: known.iter().zip(&job.layers).map(|(built, commanded)| built.unwrap_or(*commanded)).collect(),
+            state: "starting",
+            fault: None,
+            pause_cause: PauseCause::default(),
+            readings: Vec::new(),
+            thinned: 0,
+            clock: RunClock::default(),
+            answers: true,
+            refused: None,
+            warned: None,
+            simulated: 0,
+            rounding: LayerEncoder::default(),
+            ended: None,
+        }
+    }
+
+    /// Updates the state with an event.
+    pub fn ingest(&mut self, event: &JobEvent) {
+        match event {
+            JobEvent::Board(hello) => self.record_status(&hello.status),
+            JobEvent::State(state) => self.record_state(*state),
+            JobEvent::Status(status) => self.record_status(status),
+            JobEvent::Laid { index, as_built, .. } => self.record_layer(*index as usize, *as_built),
+            JobEvent::Amendment(amendment) => {
+                let from = self.commanded.len().min(amendment.from as usize);
+                let layers = self.commanded.split_off(from);
+                self.replaced = Some(Replaced { from: from as u32, layers, total: self.total });
+                self.replace(amendment.from, &amendment.layers);
+                self.total = amendment.total as usize;
+            }
+            JobEvent::AmendmentRejected(_) => {
+                if let Some(before) = self.replaced.take() {
+                    self.replace(before.from, &before.layers);
+                    self.total = before.total;
+                }
+            }
+            JobEvent::LayersSent { from, layers } => self.replace(*from, layers),
+            JobEvent::CommandFailed(why) => self.refused = Some(why.clone()),
+            JobEvent::Command(_) => self.refused = None,
+            JobEvent::NoResponse => self.answers = false,
+            JobEvent::Reconnected => self.answers = true,
+            JobEvent::Simulated { from, layers } => self.record_simulated_layers(*from as usize, layers),
+            JobEvent::ClearanceViolation(too_near) => self.refused = Some(too_near.to_string()),
+            JobEvent::EncoderReference(_) | JobEvent::Crash(_) | JobEvent::Detour(_) => {}
+        }
+    }
+
+    /// Sets the pace of the robot's clock, in multiples of real time. `None` if it is not known.
+    pub fn runs_at(&mut self, pace: Option<f64>) {
+        self.pace = pace;
+    }
+
+    /// Sets or clears the problem with this program's own files.
+    pub fn warn(&mut self, words: Option<String>) {
+        self.warned = words;
+    }
+
+    /// Sets the result of the growth.
+    pub fn end(&mut self, result: GrowthResult) {
+        self.ended = Some(result);
+    }
+
+    /// Returns the changes since `seen`, and updates `seen`. Layers and readings replace those from the given index on.
+    pub fn update_for(&self, seen: &mut UpdateCursor) -> Update<'_> {
+        if seen.thinned != self.thinned {
+            (seen.readings, seen.thinned) = (0, self.thinned);
+        }
+        // The layers that a simulated tip has laid replace those that were commanded.
+        if self.simulated > seen.simulated {
+            seen.layers = seen.layers.min(seen.simulated);
+        }
+        let layers = self.built.get(seen.layers..).unwrap_or_default();
+        let readings = self.readings.get(seen.readings..).unwrap_or_default();
+        let left_s = self.total.saturating_sub(self.built.len()) as f64 * self.period_s;
+        let update = Update {
+            state: self.state,
+            answers: self.answers,
+            explanation: self.explanation(),
+            refused: self.refused.as_deref(),
+            warned: self.warned.as_deref(),
+            built_name: (self.simulated > 0).then(|| BodyKind::Laid.title()),
+            total: self.total,
+            left_s,
+            finish_in_s: self.pace.filter(|_| self.state == State::Growing.name()).map(|pace| left_s / pace),
+            layers: LayersUpdate { from: seen.layers, built: hex_of(layers) },
+            readings: NewReadings { from: seen.readings, taken: readings },
+            ended: self.ended.as_ref(),
+        };
+        (seen.layers, seen.readings, seen.ended) = (self.built.len(), self.readings.len(), self.ended.is_some());
+        seen.simulated = self.simulated;
+        update
+    }
+
+    /// Returns the meaning of the state for users. `None` if its name is clear.
+    fn explanation(&self) -> Option<&'static str> {
+        match (self.fault, self.state, self.pause_cause) {
+            (Some(fault), ..) => Some(fault.explanation()),
+            (None, "paused", PauseCause::Requested) => Some("paused as it was asked to"),
+            (None, "paused", PauseCause::HostSilent) => Some("paused until its host is back"),
+            (None, "paused", PauseCause::FilamentOut) => {
+                Some("out of filament: push the new one in up to the feed; preheat, load and purge it, then continue")
+            }
+            (None, "paused", PauseCause::LayersExhausted) => Some("paused until it has more layers"),
+            (None, "parked", _) => Some("a long pause has switched the heater off: Continue heats up and homes first"),
+            (None, "emergency-stop", _) => {
+                Some("stays off until the emergency stop is cleared (`clear` in `growbot console`)")
+            }
+            (None, ..) => None,
+        }
+    }
+
+    /// Handles a change of state. The status has the cause of a pause or fault, and the growth requests it at once. So
+    /// these states are shown only with the status, together with their explanation.
+    fn record_state(&mut self, state: State) {
+        if !matches!(state, State::Paused | State::Fault) {
+            (self.state, self.fault) = (state.name(), None);
+        }
+    }
+
+    fn record_status(&mut self, status: &Status) {
+        (self.state, self.fault, self.pause_cause) = (status.state.name(), status.fault, status.pause_cause);
+        self.clock.set_uptime(status.uptime_ms);
+        let now = self.clock.now() as f64 / 1000.0;
+        let celsius = |centi: i32| f64::from(centi) / 100.0;
+        if let Some(temperature) = status.temperature_centi_c {
+            self.readings.push(Reading(now, celsius(temperature), status.target_centi_c.map(celsius)));
+        }
+        if self.readings.len() > MAX_READINGS {
+            let mut index = 0;
+            self.readings.retain(|_| {
+                index += 1;
+                index % 2 == 1
+            });
+            self.thinned += 1;
+        }
+    }
+
+    fn record_layer(&mut self, index: usize, as_built: Option<LayerBytes>) {
+        // A layer may be reported again after a resumption. The first report stays.
+        if index < self.built.len() {
+            return;
+        }
+        self.built.extend_from_slice(self.commanded.get(self.built.len()..index).unwrap_or_default());
+        self.built.extend(as_built.or_else(|| self.commanded.get(index).copied()));
+    }
+
+    /// Replaces commanded layers by those that the plastic of a simulated tip forms.
+    fn record_simulated_layers(&mut self, from: usize, layers: &[Layer]) {
+        for (index, layer) in (from..).zip(layers) {
+            let layer = self.rounding.encode(layer);
+            match self.built.get_mut(index) {
+                Some(built) => *built = layer,
+                None => self.built.push(layer),
+            }
+        }
+        self.simulated = self.simulated.max(from + layers.len());
+    }
+
+    fn replace(&mut self, from: u32, layers: &[LayerBytes]) {
+        self.commanded.truncate(from as usize);
+        self.commanded.extend_from_slice(layers);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use growbot_client::growth::Amendment;
+    use growbot_client::run_log::OutcomeKind;
+    use growbot_core::path::{Segment, end};
+    use growbot_core::pose::Pose;
+    use serde_json::{Value, json};
+
+    fn update_of(watched: &GrowthTracker, seen: &mut UpdateCursor) -> Value {
+        serde_json::to_value(watched.update_for(seen)).unwrap()
+    }
+
+    fn watched(known: &[Option<LayerBytes>]) -> GrowthTracker {
+        let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
+        let path = [Segment::Straight { length: 7.0 }];
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        let goal = Pose::from_frame(&end(&path, &start.frame()));
+        GrowthTracker::new(&Job::new(&robot, &start, &goal, &path), known)
+    }
+
+    fn status(uptime_ms: u64) -> JobEvent {
+        JobEvent::Status(Status {
+            state: State::Growing,
+            fault: None,
+            temperature_centi_c: Some(20_050),
+            target_centi_c: None,
+            duty: 0,
+            plan_id: 1,
+            layer_count: 10,
+            next_layer: 10,
+            layers_laid: 0,
+            interrupted: None,
+            pause_cause: PauseCause::LayersExhausted,
+            is_resumable: true,
+            uptime_ms,
+        })
+    }
+
+    #[test]
+    fn a_page_hears_everything_once_and_another_one_from_the_beginning() {
+        let mut watched = watched(&[Some([7; 12]), None]);
+        let total = watched.total;
+        let mut seen = UpdateCursor::default();
+        let first = update_of(&watched, &mut seen);
+        assert_eq!(first["layers"]["built"].as_str().unwrap().len(), 2 * 24);
+        assert_eq!((&first["state"], &first["total"]), (&json!("starting"), &json!(total)));
+        watched.ingest(&JobEvent::Laid { index: 1, as_built: Some([9; 12]), measured: None });
+        watched.ingest(&JobEvent::Laid { index: 2, as_built: Some([1; 12]), measured: None });
+        watched.ingest(&JobEvent::Laid { index: 4, as_built: None, measured: None });
+        watched.ingest(&status(1000));
+        let second = update_of(&watched, &mut seen);
+        let commanded = hex_of(&watched.commanded[3..5]);
+        assert_eq!(second["layers"], json!({ "from": 2, "built": format!("{}{commanded}", hex_of(&[[1; 12]])) }));
+        assert_eq!(second["readings"], json!({ "from": 0, "taken": [[0.0, 200.5, null]] }));
+        assert_eq!(second["left_s"], json!((total - 5) as f64 * 18.0));
+        let third = update_of(&watched, &mut seen);
+        assert_eq!((&third["layers"]["built"], &third["readings"]["taken"]), (&json!(""), &json!([])));
+        let anew = update_of(&watched, &mut UpdateCursor::default());
+        assert_eq!(anew["layers"]["built"].as_str().unwrap().len(), 5 * 24);
+    }
+
+    #[test]
+    fn a_page_is_told_when_it_is_done_while_the_robot_grows_at_a_known_pace() {
+        let mut watched = watched(&[]);
+        let left_s = watched.total as f64 * 18.0;
+        let finish = |watched: &GrowthTracker| update_of(watched, &mut UpdateCursor::default())["finish_in_s"].clone();
+        watched.ingest(&status(0));
+        assert_eq!(finish(&watched), Value::Null, "the pace is not known");
+        watched.runs_at(Some(60.0));
+        assert_eq!(finish(&watched), json!(left_s / 60.0));
+        watched.ingest(&JobEvent::State(State::Parked));
+        assert_eq!(finish(&watched), Value::Null, "it waits");
+    }
+
+    #[test]
+    fn readings_are_thinned_out_and_told_anew_and_the_clock_goes_on_over_a_restart() {
+        let mut watched = watched(&[]);
+        let mut seen = UpdateCursor::default();
+        for second in 0..MAX_READINGS as u64 {
+            watched.ingest(&status(1000 * second));
+        }
+        update_of(&watched, &mut seen);
+        watched.ingest(&status(0));
+        let update = update_of(&watched, &mut seen);
+        let taken = update["readings"]["taken"].as_array().unwrap();
+        assert_eq!((update["readings"]["from"].as_u64(), taken.len()), (Some(0), MAX_READINGS / 2 + 1));
+        assert_eq!((taken[1][0].as_f64(), taken.last().unwrap()[0].as_f64()), (Some(2.0), Some(4095.0)));
+    }
+
+    #[test]
+    fn an_amendment_that_the_board_does_not_take_is_taken_back() {
+        let mut watched = watched(&[]);
+        let (commanded, total) = (watched.commanded.clone(), watched.total);
+        watched.ingest(&JobEvent::Amendment(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
+        assert_eq!((watched.commanded.len(), watched.total), (3, 20));
+        watched.ingest(&JobEvent::AmendmentRejected(None));
+        assert!(watched.commanded == commanded && watched.total == total);
+    }
+
+    #[test]
+    fn where_a_simulated_tip_has_laid_comes_in_the_place_of_what_was_commanded() {
+        let mut watched = watched(&[]);
+        let mut seen = UpdateCursor::default();
+        watched.ingest(&JobEvent::Laid { index: 0, as_built: Some([7; 12]), measured: None });
+        watched.ingest(&JobEvent::Laid { index: 1, as_built: Some([8; 12]), measured: None });
+        assert_eq!(update_of(&watched, &mut seen)["built_name"], json!(null));
+        let layer = Layer { alpha: 1.0, height: 0.5, tilt: 0.003 };
+        watched.ingest(&JobEvent::Simulated { from: 0, layers: vec![layer] });
+        let update = update_of(&watched, &mut seen);
+        let expected = hex_of(&[LayerEncoder::default().encode(&layer), [8; 12]]);
+        assert_eq!(
+            (&update["built_name"], &update["layers"]),
+            (&json!("Laid (simulated)"), &json!({ "from": 0, "built": expected }))
+        );
+        assert_eq!(update_of(&watched, &mut seen)["layers"]["from"], 2);
+    }
+
+    #[test]
+    fn a_log_that_fails_is_told_until_it_does_not() {
+        let mut watched = watched(&[]);
+        watched.warn(Some("disk full".to_owned()));
+        watched.ingest(&JobEvent::Command(growbot_client::growth::Command::Pause));
+        assert_eq!(update_of(&watched, &mut UpdateCursor::default())["warned"], "disk full");
+        watched.warn(None);
+        assert_eq!(update_of(&watched, &mut UpdateCursor::default())["warned"], Value::Null);
+    }
+
+    #[test]
+    fn a_fault_is_explained() {
+        let mut watched = watched(&[]);
+        let JobEvent::Status(mut status) = status(0) else { unreachable!() };
+        (status.state, status.fault) = (State::Fault, Some(Fault::OverTemperature));
+        watched.ingest(&JobEvent::Status(status));
+        let update = update_of(&watched, &mut UpdateCursor::default());
+        assert_eq!(
+            (&update["state"], &update["explanation"]),
+            (&json!("fault"), &json!(Fault::OverTemperature.explanation()))
+        );
+    }
+
+    /// The event of a new state comes before the status with its cause.
+    #[test]
+    fn a_state_is_not_shown_before_its_explanation() {
+        let shown = |watched: &GrowthTracker| {
+            let update = update_of(watched, &mut UpdateCursor::default());
+            (update["state"].clone(), update["explanation"].clone())
+        };
+        let mut watched = watched(&[]);
+        watched.ingest(&status(0));
+        let JobEvent::Status(growing) = status(1) else { unreachable!() };
+        let pause = |pause_cause| Status { state: State::Paused, pause_cause, ..growing.clone() };
+        for (waits, explanation) in [
+            (PauseCause::Requested, "paused as it was asked to"),
+            (PauseCause::HostSilent, "paused until its host is back"),
+        ] {
+            watched.ingest(&JobEvent::State(State::Paused));
+            assert_eq!(shown(&watched), (json!("growing"), Value::Null), "not yet known why");
+            watched.ingest(&JobEvent::Status(pause(waits)));
+            assert_eq!(shown(&watched), (json!("paused"), json!(explanation)));
+            watched.ingest(&JobEvent::State(State::Growing));
+            assert_eq!(shown(&watched), (json!("growing"), Value::Null));
+        }
+        watched.ingest(&JobEvent::State(State::Fault));
+        assert_eq!(shown(&watched), (json!("growing"), Value::Null), "not yet known which");
+        let fault = Status { state: State::Fault, fault: Some(Fault::FilamentOut), ..growing };
+        watched.ingest(&JobEvent::Status(fault));
+        assert_eq!(shown(&watched), (json!("fault"), json!(Fault::FilamentOut.explanation())));
+        watched.ingest(&JobEvent::State(State::Idle));
+        assert_eq!(shown(&watched), (json!("idle"), Value::Null), "a fault that was cleared is not told any more");
+    }
+
+    #[test]
+    fn amended_layers_are_those_that_unknown_ones_are_shown_by() {
+        let mut watched = watched(&[]);
+        watched.ingest(&JobEvent::Amendment(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
+        watched.ingest(&JobEvent::LayersSent { from: 3, layers: vec![[6; 12]] });
+        watched.ingest(&JobEvent::Laid { index: 3, as_built: None, measured: None });
+        assert_eq!(watched.built[1..], [[5; 12], [5; 12], [6; 12]]);
+        let update = update_of(&watched, &mut UpdateCursor::default());
+        assert_eq!(update["total"], 20);
+        watched.end(serde_json::from_value(json!({ "outcome": "stopped" })).unwrap());
+        assert_eq!(watched.ended.unwrap().outcome, OutcomeKind::Stopped);
+    }
+}

@@ -1,0 +1,110 @@
+//! The page's data of a body: JSON for its script (growbot-pictures/viewer/src/subject.js). Lengths are in mm.
+
+use growbot_client::client::ClockDrift;
+use growbot_client::run_log::{RecordedRun, hex_of};
+use growbot_core::pose::{Frame, Pose};
+use growbot_scene::obstacle_selection::ObstacleSelection;
+use growbot_scene::shapes::Shape;
+use nalgebra::Vector3;
+use serde_json::{Value, json};
+
+use super::info_panel::caption;
+use super::scene_view::{SceneView, hundredths};
+use super::{Layers, Subject, measured_end};
+
+/// Returns the JSON, without the table of numbers.
+pub fn page_data(subject: &Subject, layers: &Layers, around: Option<&SceneView>) -> Value {
+    let Subject { name, robot, plan, run, laid, .. } = subject;
+    let description = robot.description();
+    let mut warnings: Vec<String> = plan.warnings.iter().map(|warning| warning.message.clone()).collect();
+    let unknown = run.map_or(0, RecordedRun::unknown_layers);
+    if unknown > 0 {
+        warnings.push(format!("{unknown} layers are not known, interrupted or lost: they are shown as planned"));
+    }
+    if let Some(drift) = run.and_then(RecordedRun::clock_drift) {
+        warnings.push(format!("{drift}; {}", ClockDrift::REMEDY));
+    }
+    match run.map_or(0, RecordedRun::missing_simulated_layers) {
+        0 => {}
+        layers => warnings.push(format!("the log does not say where {layers} layers lie: they are shown as commanded")),
+    }
+    if let Some(words) = run.and_then(|run| run.damage.message(name)) {
+        warnings.push(words);
+    }
+    let about = match run {
+        Some(run) => format!("growth of {}: {}", plan.robot, run.outcome()),
+        None if laid.is_some() => format!("simulated growth of {}", plan.robot),
+        None => format!("plan for {}", plan.robot),
+    };
+    json!({
+        "name": name,
+        "about": about,
+        "caption": caption(subject, layers, ""),
+        "robot": {
+            "outer_radius_mm": 0.5 * robot.outer_diameter(),
+            "tip_radius_mm": robot.tip_radius(),
+            "wall_mm": description.wall.width_mm,
+            "period_s": description.layer.period_s,
+        },
+        "start": frame(&plan.start.frame()),
+        "goal": {
+            "position": plan.goal.position().as_slice(),
+            "direction": direction(&plan.goal),
+        },
+        "via": plan.via().iter().map(|via| json!(via.position().as_slice())).collect::<Vec<_>>(),
+        "reached": run.and_then(measured_end).map(|(reached, _)| json!(reached.position().as_slice())),
+        "estimated": subject.estimated().map(points),
+        "commanded": subject.commanded(layers).map(points),
+        "built_name": layers.built_name(),
+        "planned": hex_of(&layers.planned),
+        "built": layers.built.as_deref().map(hex_of),
+        "warnings": warnings,
+        "scene": around.map(scene),
+    })
+}
+
+/// Returns the obstacles that are shown, in the format of growbot-pictures/viewer/src/obstacles.js.
+fn scene(around: &SceneView) -> Value {
+    let ObstacleSelection { shapes, squares, triangles, points, .. } = &around.obstacles;
+    let corners = |corners: &[Vector3<f64>]| corners.iter().flat_map(hundredths).collect::<Vec<f64>>();
+    let [mut boxes, mut balls, mut capsules] = [vec![], vec![], vec![]];
+    for shape in shapes {
+        match shape {
+            Shape::Box { centre, half_extents: half, rotation } => {
+                let axes = rotation.matrix().iter().map(|part| (1e5 * part).round() / 1e5);
+                boxes.push(corners(&[*centre, *half]).into_iter().chain(axes).collect::<Vec<f64>>());
+            }
+            Shape::Ball { centre, radius } => balls.push([corners(&[*centre]), vec![*radius]].concat()),
+            Shape::Capsule { from, to, radius } => capsules.push([corners(&[*from, *to]), vec![*radius]].concat()),
+        }
+    }
+    let points = points.iter().flat_map(|(at, radius)| hundredths(at).into_iter().chain([*radius]));
+    json!({
+        "boxes": boxes,
+        "balls": balls,
+        "capsules": capsules,
+        "squares": squares.iter().map(|square| corners(square)).collect::<Vec<_>>(),
+        "triangles": triangles.iter().flat_map(|triangle| corners(&triangle.0)).collect::<Vec<f64>>(),
+        "points": points.collect::<Vec<f64>>(),
+        "narrowest": around.closest_approach.as_ref().map(|(found, _)| json!({
+            "on_body": hundredths(&found.on_body),
+            "on_obstacle": hundredths(&found.on_obstacle),
+            "label": around.clearance_text(),
+        })),
+    })
+}
+
+/// Returns the x, y and z axis of a frame and its origin, 12 numbers.
+fn frame(base_from_tip: &Frame) -> Value {
+    let axes = base_from_tip.rotation.matrix().iter().chain(base_from_tip.translation.vector.iter());
+    axes.copied().collect::<Vec<f64>>().into()
+}
+
+/// Returns points, 3 numbers each.
+fn points(path: Vec<Vector3<f64>>) -> Vec<[f64; 3]> {
+    path.into_iter().map(Into::into).collect()
+}
+
+fn direction(pose: &Pose) -> [f64; 3] {
+    pose.direction().into()
+}

@@ -1,0 +1,103 @@
+//! The scene around a body: the part of it that is shown, and the point where the body is nearest to an obstacle.
+
+use growbot_client::scene_planning;
+use growbot_core::kinematics::advance;
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::{LayerBytes, decode};
+use growbot_core::path::Segment;
+use growbot_scene::closest_approach::{ClosestApproach, closest_approach};
+use growbot_scene::obstacle_selection::{ObstacleSelection, SelectionLimits};
+use growbot_scene::scene::Scene;
+use nalgebra::Vector3;
+
+use super::{Layers, MAX_POLYLINE_POINTS, Subject, ViewError};
+
+/// A scene and the name of its file.
+#[derive(Debug, Clone, Copy)]
+pub struct NamedScene<'a> {
+    /// Name of the file.
+    pub file: &'a str,
+    /// Obstacles.
+    pub scene: &'a Scene,
+}
+
+/// The part of a scene that is shown around a body.
+#[derive(Debug, Clone)]
+pub struct SceneView {
+    /// Name of the scene's file.
+    pub file: String,
+    /// Obstacles that are shown.
+    pub obstacles: ObstacleSelection,
+    /// Narrowest point, with the proven clearance there between the outside of the tube and the obstacle, mm. `None`
+    /// without obstacles.
+    pub closest_approach: Option<(ClosestApproach, f64)>,
+}
+
+impl SceneView {
+    /// Returns the scene around the body of a subject that is shown. `None` without a scene.
+    ///
+    /// # Errors
+    /// [`ViewError::TooManyLayers`].
+    pub fn for_subject(subject: &Subject, limits: &SelectionLimits) -> Result<Option<Self>, ViewError> {
+        Ok(Self::of(subject, &subject.layers()?, limits))
+    }
+
+    /// Like [`Self::of_subject`], for layers that are already known.
+    pub(super) fn of(subject: &Subject, layers: &Layers, limits: &SelectionLimits) -> Option<Self> {
+        let NamedScene { file, scene } = subject.scene?;
+        let start = subject.plan.start.frame();
+        let stride = layers.body().len().div_ceil(MAX_POLYLINE_POINTS).max(1);
+        let mut tip = start;
+        let mut places = vec![tip.translation.vector];
+        for stretch in layers.body().chunks(stride) {
+            for layer in stretch {
+                tip = advance(&tip, &decode(layer).step());
+            }
+            places.push(tip.translation.vector);
+        }
+        let planned = &subject.plan.path;
+        let path = if layers.built.is_none() && !planned.is_empty() {
+            scene_planning::laid(planned, subject.robot)
+        } else {
+            path(layers.body())
+        };
+        let half_tube = 0.5 * subject.robot.outer_diameter();
+        // A plan states its clearance, which was proven when the plan was read.
+        let said = subject.plan.scene.as_ref().filter(|_| layers.built.is_none()).map(|scene| scene.clearance);
+        Some(Self {
+            file: file.to_owned(),
+            obstacles: ObstacleSelection::near(scene, &places, limits),
+            closest_approach: closest_approach(scene, &path, &start)
+                .map(|found| (found, said.unwrap_or(found.distance - half_tube))),
+        })
+    }
+
+    /// Returns the clearance at the narrowest point as text.
+    #[must_use]
+    pub fn clearance_text(&self) -> Option<String> {
+        let (_, clearance) = self.closest_approach.as_ref()?;
+        Some(if *clearance < 0.0 { format!("{:.2} mm inside", -clearance) } else { format!("{clearance:.2} mm") })
+    }
+
+    /// Returns the position of the narrowest point as text.
+    #[must_use]
+    pub fn closest_approach_text(&self) -> Option<String> {
+        let (found, _) = self.closest_approach.as_ref()?;
+        Some(format!("{:.0} mm along, at {}", found.at, found.obstacle))
+    }
+}
+
+/// Returns the path of layers as they lie.
+fn path(layers: &[LayerBytes]) -> Vec<Segment> {
+    let layers = layers.iter().map(decode).filter(|layer| layer.height > 0.0);
+    let segment = |Layer { alpha, height: length, tilt: bend }| {
+        if bend > 0.0 { Segment::Arc { alpha, bend, length } } else { Segment::Straight { length } }
+    };
+    layers.map(segment).collect()
+}
+
+/// Returns a point rounded to hundredths of a mm, as in the page's data.
+pub(super) fn hundredths(point: &Vector3<f64>) -> [f64; 3] {
+    // Adding 0 turns -0 into 0.
+    point.data.0[0].map(|part| (100.0 * part).round() / 100.0 + 0.0)
+}

@@ -1,0 +1,179 @@
+//! Exceptions with a message, the value, the limit and the remedy. The classes are in `python/growbot/_errors.py`.
+
+use pyo3::IntoPyObjectExt;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyType;
+
+use growbot_client::through_scene::ThroughError;
+use growbot_core::number::Short;
+use growbot_core::plan::PlanError;
+use growbot_core::pose::PoseError;
+
+/// Class of the exception.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ErrorKind {
+    /// A value that is not possible.
+    Input,
+    /// A value of a wrong type or shape.
+    Type,
+    /// A file that is missing or not valid.
+    File,
+    /// The planner found no path.
+    NoPath,
+    /// A board that does not respond, rejects a request, or has a fault.
+    Board,
+}
+
+/// A value or a limit.
+#[derive(Debug, Clone)]
+pub enum ErrorValue {
+    /// A number in the unit of the message.
+    Number(f64),
+    /// A text.
+    Words(String),
+}
+
+impl From<f64> for ErrorValue {
+    fn from(number: f64) -> Self {
+        Self::Number(number)
+    }
+}
+
+impl From<&str> for ErrorValue {
+    fn from(words: &str) -> Self {
+        Self::Words(words.to_owned())
+    }
+}
+
+impl From<String> for ErrorValue {
+    fn from(words: String) -> Self {
+        Self::Words(words)
+    }
+}
+
+/// Reason why a request failed.
+#[derive(Debug)]
+pub enum Error {
+    /// An error of growbot.
+    Growbot {
+        /// Class of the exception.
+        kind: ErrorKind,
+        /// Message with the failure, the value, the limit and the remedy.
+        message: String,
+        /// Value, if there is one.
+        value: Option<ErrorValue>,
+        /// Limit, if there is one.
+        limit: Option<ErrorValue>,
+    },
+    /// An exception of Python, such as Ctrl-C.
+    Python(PyErr),
+}
+
+impl Error {
+    /// Returns an error without value and limit.
+    pub fn new(kind: ErrorKind, message: impl ToString) -> Self {
+        Self::Growbot { kind, message: message.to_string(), value: None, limit: None }
+    }
+
+    /// Returns an error with value and limit.
+    pub fn with(kind: ErrorKind, message: impl ToString, value: impl Into<ErrorValue>, limit: impl Into<ErrorValue>) -> Self {
+        Self::Growbot { kind, message: message.to_string(), value: Some(value.into()), limit: Some(limit.into()) }
+    }
+
+    /// Adds the number of the row to the error.
+    pub fn of_row(self, row: usize) -> Self {
+        match self {
+            Self::Growbot { kind, message, value, limit } => {
+                Self::Growbot { kind, message: format!("row {row}: {message}"), value, limit }
+            }
+            python @ Self::Python(_) => python,
+        }
+    }
+}
+
+/// Returns the exception of an error.
+fn exception(py: Python<'_>, kind: ErrorKind, message: String, value: Option<ErrorValue>, limit: Option<ErrorValue>) -> PyResult<PyErr> {
+    static CLASSES: [PyOnceLock<Py<PyType>>; 5] = [const { PyOnceLock::new() }; 5];
+    let name = ["InputError", "InputTypeError", "FileError", "NoPathError", "BoardError"];
+    let class = CLASSES[kind as usize].import(py, "growbot._errors", name[kind as usize])?;
+    let told = |told: Option<ErrorValue>| match told {
+        None => Ok(py.None()),
+        Some(ErrorValue::Number(number)) => number.into_py_any(py),
+        Some(ErrorValue::Words(words)) => words.into_py_any(py),
+    };
+    Ok(PyErr::from_value(class.call1((message, told(value)?, told(limit)?))?))
+}
+
+impl From<Error> for PyErr {
+    fn from(refused: Error) -> Self {
+        match refused {
+            Error::Python(error) => error,
+            Error::Growbot { kind, message, value, limit } => {
+                Python::attach(|py| exception(py, kind, message, value, limit).unwrap_or_else(|error| error))
+            }
+        }
+    }
+}
+
+impl From<PyErr> for Error {
+    fn from(error: PyErr) -> Self {
+        Self::Python(error)
+    }
+}
+
+impl From<PlanError> for Error {
+    fn from(error: PlanError) -> Self {
+        let message = error.to_string();
+        match error {
+            PlanError::RadiusTooSmall { radius, limit } | PlanError::RadiusTooLarge { radius, limit } => {
+                Self::with(ErrorKind::Input, message, radius, limit)
+            }
+            PlanError::Missed { distance, limit, .. } => Self::with(ErrorKind::NoPath, message, distance, limit),
+            PlanError::NoPath | PlanError::TooManySegments(_) => Self::new(ErrorKind::NoPath, message),
+        }
+    }
+}
+
+impl From<PoseError> for Error {
+    fn from(error: PoseError) -> Self {
+        let message = error.to_string();
+        match error {
+            PoseError::NotFinite { value, .. } => Self::with(ErrorKind::Input, message, value, "finite"),
+            PoseError::TooFar { value, limit, .. } => Self::with(ErrorKind::Input, message, value, limit),
+            PoseError::Pitch { value } => {
+                Self::with(ErrorKind::Input, format!("{message}: give one within"), value, 90.0_f64.copysign(value))
+            }
+        }
+    }
+}
+
+impl From<ThroughError> for Error {
+    fn from(error: ThroughError) -> Self {
+        match error {
+            ThroughError::Plan(error) => error.into(),
+            ThroughError::NoPath(error) => {
+                use growbot_client::through_scene::NoPath;
+                let message = error.to_string();
+                match error {
+                    NoPath::Start { distance, need } | NoPath::Goal { distance, need } => {
+                        Self::with(ErrorKind::NoPath, message, distance, need)
+                    }
+                    NoPath::TooFar { distance, left } => Self::with(ErrorKind::NoPath, message, distance, left),
+                    NoPath::Separated { need } => Self::with(ErrorKind::NoPath, message, "none", need),
+                    NoPath::AtResolution { step, .. } => Self::with(ErrorKind::NoPath, message, error.code(), step),
+                    NoPath::NotClear => Self::with(ErrorKind::NoPath, message, "two-plane", "shortest"),
+                    NoPath::NotFound => Self::with(ErrorKind::NoPath, message, error.code(), "effort and time_limit_s"),
+                }
+            }
+        }
+    }
+}
+
+/// Returns the error for a number outside of these limits.
+pub fn outside(name: &str, value: f64, [min, max]: [f64; 2], unit: &str) -> Error {
+    let limit = if value < min { min } else { max };
+    let message =
+        format!("{name} is {} {unit}, and may be {} to {}: give one within", Short(&value), Short(&min), Short(&max));
+    Error::with(ErrorKind::Input, message, value, limit)
+}

@@ -1,0 +1,67 @@
+//! Positions along a path.
+
+use growbot_core::helicoid::Walk;
+use growbot_core::path::Segment;
+use growbot_core::pose::Frame;
+
+/// Returns the tip's frames (base from tip, mm) at lengths along a path. The lengths are in mm and within the path.
+/// Lengths in ascending order are fastest.
+pub fn frames(path: &[Segment], start: &Frame, lengths: &[f64]) -> Vec<Frame> {
+    let mut course = PathCursor { path, index: 0, begun: 0.0, base: *start, start: *start, walk: None };
+    lengths.iter().map(|length| course.at(*length)).collect()
+}
+
+/// A tip that moves along a path.
+struct PathCursor<'a> {
+    path: &'a [Segment],
+    /// The current segment, the length at which it begins (mm), and the frame there.
+    index: usize,
+    begun: f64,
+    base: Frame,
+    start: Frame,
+    /// State of a walk along a helicoidal arc, and its length so far, radii.
+    walk: Option<(Walk, f64)>,
+}
+
+impl PathCursor<'_> {
+    fn at(&mut self, length: f64) -> Frame {
+        if length < self.begun {
+            (self.index, self.begun, self.base, self.walk) = (0, 0.0, self.start, None);
+        }
+        while let Some(segment) = self.path.get(self.index) {
+            if length < self.begun + segment.length() {
+                let within = length - self.begun;
+                return self.base * self.part(segment, within);
+            }
+            self.base *= segment.step();
+            self.begun += segment.length();
+            self.index += 1;
+            self.walk = None;
+        }
+        self.base
+    }
+
+    /// Returns `start_from_tip` after `within` mm of a segment.
+    fn part(&mut self, segment: &Segment, within: f64) -> Frame {
+        match *segment {
+            Segment::Arc { alpha, bend, length } => {
+                Segment::Arc { alpha, bend: bend * (within / length), length: within }.step()
+            }
+            Segment::Straight { .. } => Segment::Straight { length: within }.step(),
+            Segment::Helicoid { curve, radius, .. } => {
+                let to = within / radius;
+                if self.walk.as_ref().is_none_or(|(_, gone)| *gone > to) {
+                    self.walk = Some((Walk::new(&curve), 0.0));
+                }
+                let mut frame = Frame::identity();
+                if let Some((walk, gone)) = &mut self.walk {
+                    walk.advance(to - *gone);
+                    *gone = to;
+                    frame = walk.frame();
+                }
+                frame.translation.vector *= radius;
+                frame
+            }
+        }
+    }
+}

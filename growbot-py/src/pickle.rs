@@ -1,0 +1,82 @@
+//! A plan as plain values, exact to the bit, for pickle. (In a plan's JSON, angles are in degrees.)
+
+use growbot_client::plan::{Choice, Plan, SceneClearance};
+use growbot_client::warning::warnings;
+use growbot_core::helicoid::Helicoid;
+use growbot_core::path::{Leg, Segment};
+use growbot_core::plan::{Planner, needs};
+use growbot_core::robot::Robot;
+use nalgebra::Vector3;
+
+use crate::pose::{pose_from, state_of};
+use crate::error::{ErrorKind, Error};
+
+type Numbers = (f64, f64, f64, f64, f64);
+/// Goal of a leg, number of its segments, statistics of its search, and whether its direction was free.
+type LegState = (Numbers, usize, Option<(usize, usize, f64)>, bool);
+/// Planner, radius, start, legs, the numbers of each segment, and the scene.
+pub type PlanState = (bool, f64, Numbers, Vec<LegState>, Vec<Vec<f64>>, Option<(String, u64, f64)>);
+
+/// Returns the values of a plan.
+pub fn of(plan: &Plan) -> PlanState {
+    let legs = plan.legs.iter().zip(&plan.choices).zip(&plan.free_directions).map(|((leg, choice), free)| {
+        let choice = choice.map(|choice| (choice.candidates, choice.passed_over, choice.two_plane_length));
+        (state_of(&leg.goal), leg.segments, choice, *free)
+    });
+    let segments = plan.path.iter().map(|segment| match *segment {
+        Segment::Arc { alpha, bend, length } => vec![alpha, bend, length],
+        Segment::Straight { length } => vec![length],
+        Segment::Helicoid { curve: Helicoid { m0, p }, radius, length } => {
+            vec![m0.x, m0.y, m0.z, p.x, p.y, p.z, radius, length]
+        }
+    });
+    let scene = plan.scene.as_ref().map(|scene| (scene.file.clone(), scene.hash, scene.clearance));
+    let shortest = plan.planner == Planner::Shortest;
+    (shortest, plan.radius, state_of(&plan.start), legs.collect(), segments.collect(), scene)
+}
+
+/// Returns the plan of these values.
+pub fn plan(robot: &Robot, (shortest, radius, start, legs, segments, scene): PlanState) -> Result<Plan, Error> {
+    let path = segments.iter().map(|numbers| segment(numbers)).collect::<Result<Vec<_>, _>>()?;
+    let start = pose_from(start)?;
+    let needs = needs(&path, robot);
+    let (mut all, mut choices, mut free_directions) = (Vec::new(), Vec::new(), Vec::new());
+    for (goal, segments, choice, free) in legs {
+        all.push(Leg { goal: pose_from(goal)?, segments });
+        choices.push(choice.map(|(candidates, passed_over, two_plane_length)| Choice {
+            candidates,
+            passed_over,
+            two_plane_length,
+        }));
+        free_directions.push(free);
+    }
+    Ok(Plan {
+        robot: robot.name().to_owned(),
+        robot_hash: robot.hash(),
+        planner: if shortest { Planner::Shortest } else { Planner::TwoPlane },
+        radius,
+        start,
+        goal: all.last().map_or(start, |leg| leg.goal),
+        legs: all,
+        choices,
+        free_directions,
+        warnings: warnings(&path, &needs, robot),
+        needs,
+        path,
+        scene: scene.map(|(file, hash, clearance)| SceneClearance { file, hash, clearance }),
+    })
+}
+
+fn segment(numbers: &[f64]) -> Result<Segment, Error> {
+    let sound = numbers.iter().all(|number| number.is_finite());
+    match *numbers {
+        [alpha, bend, length] if sound && length > 0.0 && bend >= 0.0 => Ok(Segment::Arc { alpha, bend, length }),
+        [length] if sound && length >= 0.0 => Ok(Segment::Straight { length }),
+        [a, b, c, d, e, f, radius, length] if sound && radius > 0.0 && length > 0.0 => Ok(Segment::Helicoid {
+            curve: Helicoid { m0: Vector3::new(a, b, c), p: Vector3::new(d, e, f) },
+            radius,
+            length,
+        }),
+        _ => Err(Error::new(ErrorKind::Input, "the pickled plan has a segment that is none: pickle it again")),
+    }
+}

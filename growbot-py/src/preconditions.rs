@@ -1,0 +1,90 @@
+//! Checks before a growth, and the scene around a plan.
+
+use std::path::PathBuf;
+
+use growbot_client::feedback::can_measure;
+use growbot_client::plan as client;
+use growbot_client::plan_file::written_hash;
+use growbot_client::through_scene::clear_in;
+use growbot_client::warning::PREVENTING;
+use growbot_core::simulation::Disturbance;
+use growbot_pictures::view::{SceneFile, Subject, page};
+use growbot_scene::file::LoadedScene;
+use pyo3::prelude::*;
+
+use crate::conditions::Conditions;
+use crate::plan::Plan;
+use crate::error::{ErrorKind, Error};
+use crate::scene::Scene;
+
+/// Returns the scene for the growth of a plan. If a scene is given, the plan must be clear in it. Otherwise it is the
+/// scene through which the plan was made.
+pub fn scene_for_growth(plan: &Plan, scene: Option<&Bound<PyAny>>) -> Result<Option<Scene>, Error> {
+    if let Some(scene) = scene {
+        let scene = Scene::given(scene)?;
+        clear_in(&plan.inner, &plan.robot, &scene.file.display().to_string(), &scene.loaded)
+            .map_err(|unclear| Error::new(ErrorKind::Input, format!("{unclear}; or set ignore_scene=True")))?;
+        return Ok(Some(scene));
+    }
+    through(&plan.inner)
+}
+
+/// Returns the scene through which a plan was made.
+fn through(plan: &client::Plan) -> Result<Option<Scene>, Error> {
+    let Some(through) = &plan.scene else { return Ok(None) };
+    let found = Scene::read(PathBuf::from(&through.file))
+        .map_err(|error| Error::new(ErrorKind::File, format!("{error}; or give the plan's scene as scene=")))?;
+    if found.loaded.hash == through.hash {
+        return Ok(Some(found));
+    }
+    let message =
+        format!("{} is not the scene that was planned through: plan again, or give that one as scene=", through.file);
+    Err(Error::with(ErrorKind::File, message, written_hash(found.loaded.hash), written_hash(through.hash)))
+}
+
+/// Returns the page of a body, with the scene through which it was planned. The page has no scene if the files have
+/// changed.
+pub fn page_of(py: Python<'_>, subject: &Subject) -> Result<String, Error> {
+    py.detach(|| {
+        let scene = match subject.run {
+            Some(run) => run.scene(subject.plan, subject.robot, None).ok().flatten(),
+            None => through(subject.plan).ok().flatten().map(|scene| LoadedScene::clone(&scene.loaded)),
+        };
+        let file = subject.plan.scene.as_ref().map_or("", |scene| &scene.file);
+        let scene = scene.as_ref().map(|loaded| SceneFile { file, scene: &loaded.scene });
+        page::of_one(&Subject { scene, ..*subject })
+    })
+    .map_err(|error| Error::new(ErrorKind::Input, error))
+}
+
+/// Returns an error if the plan cannot be grown under these conditions.
+pub fn check_growable(plan: &Plan, conditions: &Conditions, simulated: bool, force: bool) -> Result<(), Error> {
+    let warnings = plan.inner.warnings.iter();
+    let preventing: Vec<&str> =
+        warnings.map(|warning| warning.code.as_str()).filter(|code| PREVENTING.contains(code)).collect();
+    if !preventing.is_empty() && !force {
+        let codes = preventing.join(", ");
+        let message = format!("not grown because of {codes}: change the plan, or grow it all the same with force=True");
+        return Err(Error::with(ErrorKind::Input, message, codes, "no such warning"));
+    }
+    if conditions.needs_simulation() {
+        return Err(Error::new(
+            ErrorKind::Input,
+            "sag, whole steps, gravity_only and odometry_scale_percent are for growths without a board: use Plan.simulate, or leave them out",
+        ));
+    }
+    if !simulated && conditions.disturbance() != Disturbance::default() {
+        return Err(Error::new(
+            ErrorKind::Input,
+            "layers of a robot cannot be disturbed: leave out noises and biases, or connect to \"sim\"",
+        ));
+    }
+    if conditions.feedback() && !can_measure(&plan.robot) {
+        let message = format!(
+            "robot {} has nothing to measure layers by: give it sensors.filament_motion or sensors.orientation, or leave out feedback",
+            plan.robot.name()
+        );
+        return Err(Error::new(ErrorKind::Input, message));
+    }
+    Ok(())
+}
