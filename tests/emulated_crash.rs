@@ -12,7 +12,7 @@ use growbot_host::crash::{Crash, Image};
 use growbot_sim::image_seal::{SealError, is_sealed, seal, seal_in_place};
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
-use growbot_tests::tip_words::Words;
+use growbot_tests::tip_memory::Words;
 use object::{Object, ObjectSection, ObjectSymbol};
 
 /// Returns a client of a board that runs this image, and the words of its tip.
@@ -61,11 +61,11 @@ fn a_crash_is_told_after_the_reset_by_function_and_line() {
 
         let json = serde_json::to_value(crash.written()).unwrap();
         let named = json["at"].as_array().unwrap().iter().find(|place| {
-            place["function"].as_str().is_some_and(|name| name.ends_with(&format!("high_water::{function}")))
+            place["function"].as_str().is_some_and(|name| name.ends_with(&format!("stack_monitor::{function}")))
         });
         let named = named.unwrap_or_else(|| panic!("{function} is not named: {json}"));
-        assert!(named["file"].as_str().unwrap().ends_with("an386/high_water.rs"), "{named}");
-        let source = include_str!("../growbot-firmware/boards/an386/high_water.rs");
+        assert!(named["file"].as_str().unwrap().ends_with("an386/stack_monitor.rs"), "{named}");
+        let source = include_str!("../growbot-firmware/boards/an386/stack_monitor.rs");
         let lines: Vec<&str> = source.lines().collect();
         let line = named["line"].as_u64().unwrap() as usize;
         let begins = lines.iter().position(|line| line.contains(&format!("fn {function}("))).unwrap() + 1;
@@ -89,7 +89,7 @@ fn a_crash_is_told_after_the_reset_by_function_and_line() {
     let crash = Crash::new(&told, Some(&image));
     println!("{}", crash.text());
     assert_eq!(crash.record.cause, ResetCause::StackOverflow);
-    assert!(crash.text().contains("high_water::overflow"), "{}", crash.text());
+    assert!(crash.text().contains("stack_monitor::overflow"), "{}", crash.text());
     // Another image is not mistaken for the one that crashed.
     let other = Image::open(&firmware("stm32f405")).unwrap();
     let unknown = Crash::new(&told, Some(&other));

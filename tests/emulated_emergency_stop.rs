@@ -20,7 +20,7 @@ use growbot_firmware::emulated_tip as table;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
-use growbot_tests::tip_words::{BoardLimit, Words, all_off_at_the_tip};
+use growbot_tests::tip_memory::{BoardLimit, Words, wait_until_outputs_off};
 
 const PLAN: u64 = 1;
 /// Bytes of noise: three times the size of the board's queue.
@@ -139,7 +139,7 @@ fn behind_noise_and_half_a_frame_the_stop_switches_everything_off() {
             assert_eq!(words.read(output), 0, "the word at {output:#x}");
         }
         assert_eq!(words.read(table::HEATER_DUTY), 0);
-        all_off_at_the_tip(&mut emulator.borrow_mut(), "after the stop");
+        wait_until_outputs_off(&mut emulator.borrow_mut(), "after the stop");
         let status = client.status().unwrap();
         assert_eq!((status.state, status.fault), (State::EmergencyStop, None));
         let lost = words.read(table::LINK_BYTES_LOST) - lost;

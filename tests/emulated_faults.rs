@@ -13,7 +13,7 @@ use growbot_core::robot::Robot;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
-use growbot_tests::tip_words::{BoardLimit, Words, all_off_at_the_tip};
+use growbot_tests::tip_memory::{BoardLimit, Words, wait_until_outputs_off};
 
 /// Returns robot A with faster homing and growth, so that the test does not take long.
 fn robot() -> Robot {
@@ -70,7 +70,7 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     assert!(after <= within, "{what}: noticed after {after} s, more than {within} s");
     assert_eq!(status.state, if expected.is_some() { State::Fault } else { State::EmergencyStop }, "{what}");
     // The tip switches off the next time it polls its board.
-    all_off_at_the_tip(&mut emulator.borrow_mut(), &what);
+    wait_until_outputs_off(&mut emulator.borrow_mut(), &what);
 }
 
 #[test]

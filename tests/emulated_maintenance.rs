@@ -19,7 +19,7 @@ use growbot_core::robot::{DigitalInput, Robot};
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
-use growbot_tests::tip_words::{BoardLimit, Words};
+use growbot_tests::tip_memory::{BoardLimit, Words};
 
 /// Time limit for the board to accept a task that it refuses because it is cold or moving, s of its clock.
 const LIMIT_S: u32 = 180;

@@ -23,7 +23,7 @@ use growbot_core::robot::Robot;
 use growbot_sim::port::rp2040::Rp2040;
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::{Tip, TipFault};
-use growbot_tests::fault_campaign::cases::{Case, Onset, Right};
+use growbot_tests::fault_campaign::cases::{Case, Expected, Onset};
 use growbot_tests::pico_firmware;
 
 /// Cases that run without `GROWBOT_FAULTS`.
@@ -69,17 +69,17 @@ fn robot() -> Robot {
 }
 
 /// A board under test.
-trait Tested: Port + 'static {
+trait BoardUnderTest: Port + 'static {
     fn tip(&mut self) -> RefMut<'_, Tip>;
 }
 
-impl Tested for Sim {
+impl BoardUnderTest for Sim {
     fn tip(&mut self) -> RefMut<'_, Tip> {
         self.simulated_tip()
     }
 }
 
-impl Tested for Rp2040 {
+impl BoardUnderTest for Rp2040 {
     fn tip(&mut self) -> RefMut<'_, Tip> {
         self.simulated_tip()
     }
@@ -98,13 +98,13 @@ impl Met {
     fn is_right(&self, case: &Case) -> bool {
         let is_one_of =
             |codes: &[Fault]| self.state == State::Fault && self.fault.is_some_and(|fault| codes.contains(&fault));
-        match case.right() {
-            Right::Codes(codes) | Right::AtNextStart(codes) => is_one_of(codes),
-            Right::CodesOrPause(codes) => self.state == State::Paused || is_one_of(codes),
-            Right::EmergencyStop => self.state == State::EmergencyStop,
-            Right::Continues => self.state == State::Done,
-            Right::Refused => self.state == State::Idle,
-            Right::StaysPaused => self.state == State::Paused,
+        match case.expected() {
+            Expected::Codes(codes) | Expected::AtNextStart(codes) => is_one_of(codes),
+            Expected::CodesOrPause(codes) => self.state == State::Paused || is_one_of(codes),
+            Expected::EmergencyStop => self.state == State::EmergencyStop,
+            Expected::Continues => self.state == State::Done,
+            Expected::Refused => self.state == State::Idle,
+            Expected::StaysPaused => self.state == State::Paused,
         }
     }
 
@@ -120,7 +120,7 @@ struct Bench<B> {
     what: String,
 }
 
-impl<B: Tested> Bench<B> {
+impl<B: BoardUnderTest> Bench<B> {
     /// Begins a growth and starts it.
     fn begin(&mut self, nozzle_c: f64) -> Result<(), ClientError> {
         let begin = BeginJob { plan_id: PLAN, layers: LAYERS, robot_hash: robot().hash() };
@@ -177,7 +177,7 @@ impl<B: Tested> Bench<B> {
 }
 
 /// Grows until the onset, injects the fault, and waits for the board's reaction.
-fn meet(board: impl Tested, case: Case) -> Met {
+fn meet(board: impl BoardUnderTest, case: Case) -> Met {
     let what = format!("{}, {}", case.fault.name(), case.onset.name());
     let board = Rc::new(RefCell::new(board));
     let client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
@@ -189,7 +189,7 @@ fn meet(board: impl Tested, case: Case) -> Met {
     // The tests at the board's start take a while.
     bench.client.pass(Duration::from_secs(3)).unwrap();
     let begun = bench.begin(if case.onset == Onset::Heating { HEATING_C } else { WARM_C });
-    if case.right() == Right::Refused {
+    if case.expected() == Expected::Refused {
         assert!(matches!(begun, Err(ClientError::Refused { .. })), "{}: {begun:?}", bench.what);
         let Status { state, fault, .. } = bench.client.status().unwrap();
         return Met { state, fault, after: 0.0 };
@@ -204,7 +204,7 @@ fn meet(board: impl Tested, case: Case) -> Met {
     assert_eq!((status.state, status.fault), (during, None), "{}: too early", bench.what);
     let broken_ms = bench.inject(case.fault);
     let met = bench.end(broken_ms);
-    if !(matches!(case.right(), Right::AtNextStart(_)) && met.state == State::Done) {
+    if !(matches!(case.expected(), Expected::AtNextStart(_)) && met.state == State::Done) {
         return met;
     }
     bench.begin(WARM_C).unwrap();
@@ -221,7 +221,7 @@ fn check(case: Case) -> Result<String, String> {
     let [after, others] = met.map(|met| met.after);
     let line = format!("| {fault} | {onset} | {name} | {after:.1} | {other} | {others:.1} |");
     if !met.iter().all(|met| met.is_right(&case)) {
-        return Err(format!("{line}: right is {:?}", case.right()));
+        return Err(format!("{line}: right is {:?}", case.expected()));
     }
     if name == other && after > (1.0 + LATER) * others + LATER_S {
         return Err(format!("{line}: too late"));

@@ -27,9 +27,9 @@ use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
-use growbot_tests::survival::crash::{self, Crash, Recovered};
-use growbot_tests::survival::{Body, Cuttable, Undisturbed};
-use growbot_tests::tip_words::Words;
+use growbot_tests::recovery::crash::{self, Crash, Recovery};
+use growbot_tests::recovery::{Body, CuttablePort, ReferenceGrowth};
+use growbot_tests::tip_memory::Words;
 
 /// Layers of each job.
 const LAYERS: usize = 20;
@@ -106,7 +106,7 @@ fn over_a_bad_line_the_image_lays_each_layer_once() {
     let (robot, body) = (robot(), Body::of(LENGTH));
     let job = body.job(&robot);
     assert_eq!(job.layers.len(), LAYERS);
-    let undisturbed = Undisturbed::grow(&job);
+    let undisturbed = ReferenceGrowth::grow(&job);
     each(number("GROWBOT_EMULATED_JOBS", 10), || {
         // Successive jobs run on one board, because its journal has room for them.
         let mut running = None;
@@ -120,7 +120,7 @@ fn over_a_bad_line_the_image_lays_each_layer_once() {
     });
 }
 
-fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &Undisturbed, seed: u64) -> Result<String, String> {
+fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &ReferenceGrowth, seed: u64) -> Result<String, String> {
     let mut random = Rng::new(&[1, seed]);
     let (drop, flip) = (random.uniform_between(0.0, 0.1), random.uniform_between(0.0, 1e-3));
     let few = drop / 10.0;
@@ -148,7 +148,7 @@ fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &Undisturbed, seed: u6
 fn whatever_interrupts_the_image_it_resumes_and_lays_each_layer_once() {
     let (robot, body) = (robot(), Body::of(LENGTH));
     let job = body.job(&robot);
-    let undisturbed = Undisturbed::grow(&job);
+    let undisturbed = ReferenceGrowth::grow(&job);
     let count = number("GROWBOT_EMULATED_POINTS", 5);
     each(count, || |point| Point::of(point, count).interrupt(&job, &undisturbed));
 }
@@ -158,7 +158,7 @@ fn whatever_interrupts_the_image_it_resumes_and_lays_each_layer_once() {
 struct Point {
     crash: Crash,
     /// Number of states and layers that have been reported before it: three states, then layers.
-    told: u64,
+    events_seen: u64,
     /// Delay after that.
     later: Duration,
 }
@@ -171,14 +171,14 @@ impl Point {
         let share = (point as f64 + random.uniform()) / count as f64;
         Self {
             crash,
-            told: 1 + (share * 0.75 * (3 + LAYERS) as f64) as u64,
+            events_seen: 1 + (share * 0.75 * (3 + LAYERS) as f64) as u64,
             later: Duration::from_secs_f64(random.uniform_between(0.0, PERIOD_S)),
         }
     }
 
     /// Grows up to this point, interrupts the growth, reconnects, and resumes to the end.
-    fn interrupt(&self, job: &Job, undisturbed: &Undisturbed) -> Result<String, String> {
-        let (Self { crash, told, later }, first) = (self, board(job.robot, &[])?);
+    fn interrupt(&self, job: &Job, undisturbed: &ReferenceGrowth) -> Result<String, String> {
+        let (Self { crash, events_seen: told, later }, first) = (self, board(job.robot, &[])?);
         let what = format!("{crash:?} {:.2} s after event {told}", later.as_secs_f64());
         let mut known = Vec::new();
         let (broken, flash) = self.grow(job, &first, &mut known);
@@ -198,7 +198,7 @@ impl Point {
         let feed_steps: u64 = [Some(&first), second.as_ref()].into_iter().flatten().map(feed_steps).sum();
         let more_feed_steps = feed_steps as i64 - undisturbed.feed_steps as i64;
         let told = format!("{what}: {laid} layers known, {} laid, cut {:?}", found.layers_laid, found.interrupted);
-        let recovered = Recovered { found, as_built: grown.as_built, more_feed_steps };
+        let recovered = Recovery { found, as_built: grown.as_built, more_feed_steps };
         crash::check(job, undisturbed, *crash, &recovered).map_err(|wrong| format!("{told}: {wrong}"))?;
         Ok(format!("{told}: resumed, {} layers, {more_feed_steps} feed steps laid again", recovered.as_built.len()))
     }
@@ -211,7 +211,7 @@ impl Point {
         known: &mut Vec<Option<LayerBytes>>,
     ) -> (Result<Grown, GrowthError>, Option<Vec<u8>>) {
         let gone = Rc::new(Cell::new(false));
-        let line = Cuttable { port: Rc::clone(board), cut: Rc::clone(&gone) };
+        let line = CuttablePort { port: Rc::clone(board), cut: Rc::clone(&gone) };
         let mut client = Client::new(Box::new(line), "the emulated board");
         let (mut told, mut flash) = (0, None);
         let mut crashed = None;
@@ -223,7 +223,7 @@ impl Point {
                 _ => return,
             }
             told += 1;
-            if told == self.told {
+            if told == self.events_seen {
                 board.borrow().clock().pass(self.later).unwrap();
                 match self.crash {
                     Crash::Power => flash = Some(board.borrow_mut().cut_power().unwrap()),

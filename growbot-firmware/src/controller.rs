@@ -14,12 +14,12 @@
 //!
 //! The controller never blocks. Call [`Controller::poll`] at least every 20 ms, with a clock in us.
 
-mod configuring;
-mod growing;
+mod configuration;
+mod growth;
 mod job;
-mod maintaining;
+mod maintenance;
 mod requests;
-mod supervising;
+mod supervision;
 #[cfg(test)]
 mod tests;
 
@@ -31,19 +31,19 @@ use growbot_core::link::message::{
 };
 use growbot_core::robot::Robot;
 
-use crate::hal::{Adc, Board, Drivers, Parts};
-use crate::heater::{self, Heater, Sampler};
+use crate::hal::{Adc, Board, Parts, StepperDrivers};
+use crate::heater::{self, Heater, Oversampler};
 use crate::layer_store::LayerStore;
 use crate::link::{self, Link};
-use crate::safety::inputs::Inputs;
-use crate::safety::proof_of_life::ProofOfLife;
-use crate::safety::retained::{Copies, Retained, UnderWay};
+use crate::safety::input_monitor::Inputs;
+use crate::safety::liveness::LivenessCheck;
+use crate::safety::retained::{ActiveWork, RetainedState, RetainedStore};
 use crate::safety::transitions::{Event, after, may_heat};
-use crate::stepping::Handover;
+use crate::stepping::Mailbox;
 
 /// Facts about the start of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Identity {
+pub struct BootInfo {
     /// Identifier that differs at each start.
     pub boot_id: u32,
     /// The cause of the start.
@@ -53,12 +53,12 @@ pub struct Identity {
     /// Latest crash of the firmware. `None` without a valid record.
     pub crash: Option<CrashWords>,
     /// The crystal did not start, and the board runs on an oscillator that is too inexact to heat by.
-    pub without_crystal: bool,
+    pub crystal_failed: bool,
     /// The board has the description of its robot. Without one the board only communicates.
     pub configured: bool,
 }
 
-impl Identity {
+impl BootInfo {
     /// Returns whether the image is known to differ from the sealed one.
     pub(crate) fn is_corrupt(&self) -> bool {
         matches!(self.image, ImageCheck::Corrupt { .. })
@@ -67,7 +67,7 @@ impl Identity {
 
 /// Monitor of the step interrupt.
 #[derive(Debug, Clone, Copy, Default)]
-struct TickWatch {
+struct StepTickMonitor {
     /// Number of step interrupts at the latest check.
     ticks: u32,
     /// Number of consecutive checks at which that number had not changed.
@@ -77,25 +77,25 @@ struct TickWatch {
 /// The controller of one robot.
 pub struct Controller<B: Board> {
     robot: Robot,
-    identity: Identity,
+    identity: BootInfo,
     parts: Parts<B>,
     link: Link,
     state: State,
     fault: Option<Fault>,
-    retained: Retained,
-    copies: Copies,
-    configuring: configuring::Configuring,
+    retained: RetainedState,
+    copies: RetainedStore,
+    configuring: configuration::ConfigUpload,
     job: job::Job,
-    motion: growing::Motion,
+    motion: growth::Motion,
     heater: Heater,
     /// Duty of the fan, 0 to 1.
     fan: f64,
-    thermistor: Sampler,
-    supply: Sampler,
+    thermistor: Oversampler,
+    supply: Oversampler,
     inputs: Inputs,
     readings: SensorReadings,
-    proof: ProofOfLife,
-    ticks: TickWatch,
+    proof: LivenessCheck,
+    ticks: StepTickMonitor,
     /// The step interrupt stopped while motors may have been energised.
     motors_energised: bool,
     /// Number of emergency stops received over the link that have been carried out.
@@ -111,8 +111,8 @@ pub struct Controller<B: Board> {
 impl<B: Board> Controller<B> {
     /// Creates a controller with everything off. It starts in the self-test, or with the fault of the boot before. A
     /// board that is not configured stays unconfigured, whatever `robot` is.
-    pub fn new(robot: Robot, identity: Identity, mut parts: Parts<B>, handover: &Handover) -> Self {
-        let (copies, retained) = Copies::find(&mut parts.retained);
+    pub fn new(robot: Robot, identity: BootInfo, mut parts: Parts<B>, handover: &Mailbox) -> Self {
+        let (copies, retained) = RetainedStore::find(&mut parts.retained);
         let unknown = retained.err();
         let mut controller = Self {
             robot,
@@ -123,17 +123,17 @@ impl<B: Board> Controller<B> {
             fault: None,
             retained: retained.unwrap_or_default(),
             copies,
-            configuring: configuring::Configuring::default(),
+            configuring: configuration::ConfigUpload::default(),
             job: job::Job::default(),
-            motion: growing::Motion::default(),
+            motion: growth::Motion::default(),
             heater: Heater::default(),
             fan: 0.0,
-            thermistor: Sampler::default(),
-            supply: Sampler::default(),
+            thermistor: Oversampler::default(),
+            supply: Oversampler::default(),
             inputs: Inputs::default(),
             readings: SensorReadings::default(),
-            proof: ProofOfLife::default(),
-            ticks: TickWatch::default(),
+            proof: LivenessCheck::default(),
+            ticks: StepTickMonitor::default(),
             motors_energised: false,
             calls: handover.calls(),
             sectors: 0,
@@ -150,14 +150,14 @@ impl<B: Board> Controller<B> {
     }
 
     /// Processes a byte from the host. An emergency stop is recognised earlier, where the byte arrives.
-    pub fn receive(&mut self, byte: u8, handover: &Handover) {
+    pub fn receive(&mut self, byte: u8, handover: &Mailbox) {
         if let Some(Ok(frame)) = self.link.receive(byte) {
             self.serve(&frame, handover);
         }
     }
 
     /// Removes and returns the next byte for the host.
-    pub fn transmit(&mut self) -> Option<u8> {
+    pub fn next_tx_byte(&mut self) -> Option<u8> {
         self.link.transmit()
     }
 
@@ -175,7 +175,7 @@ impl<B: Board> Controller<B> {
 
     /// Returns the number of layers of the job that are laid.
     #[must_use]
-    pub fn laid(&self) -> u32 {
+    pub fn layers_laid(&self) -> u32 {
         self.job.laid
     }
 
@@ -186,7 +186,7 @@ impl<B: Board> Controller<B> {
     }
 
     /// Does everything that is due at time `now`, us since the start.
-    pub fn poll(&mut self, now: u64, handover: &Handover) {
+    pub fn poll(&mut self, now: u64, handover: &Mailbox) {
         self.now = now;
         if let Some(raw) = self.parts.thermistor.sample() {
             self.thermistor.add(raw);
@@ -196,9 +196,9 @@ impl<B: Board> Controller<B> {
         }
         self.proof.sampler = true;
         self.parts.drivers.poll(now, may_heat(self.state));
-        self.obey_emergency_stop(handover);
-        if self.heater.is_blind(now) {
-            self.fail(Fault::ThermistorSilent, handover);
+        self.handle_emergency_stop(handover);
+        if self.heater.is_powered_without_reading(now) {
+            self.latch_fault(Fault::ThermistorSilent, handover);
         }
         if now >= self.next_update {
             self.next_update = now.saturating_add(heater::PERIOD_US);
@@ -207,15 +207,15 @@ impl<B: Board> Controller<B> {
         if let Some(report) = handover.pop_report() {
             self.handle_report(report, handover);
         }
-        self.proceed(handover);
+        self.advance_growth(handover);
         self.report_layers();
         self.link.send_events(now);
     }
 
     /// Switches everything off after an emergency stop. Each poll checks this first.
-    fn obey_emergency_stop(&mut self, handover: &Handover) {
+    fn handle_emergency_stop(&mut self, handover: &Mailbox) {
         let calls = handover.calls();
-        if handover.emergency_stop() || calls != self.calls {
+        if handover.is_emergency_stopped() || calls != self.calls {
             self.latch_emergency_stop(handover);
         }
         if calls != self.calls {
@@ -225,7 +225,7 @@ impl<B: Board> Controller<B> {
     }
 
     /// Applies an event to the state machine. Returns `false` if the current state ignores the event.
-    fn happens(&mut self, event: Event) -> bool {
+    fn apply_event(&mut self, event: Event) -> bool {
         let Some(state) = after(self.state, event) else { return false };
         if self.state != state {
             self.state = state;
@@ -244,7 +244,7 @@ impl<B: Board> Controller<B> {
     /// Writes the state that the next start needs into the memory that survives a reset.
     fn retain(&mut self) {
         let job::Job { plan_id, laid, given, .. } = self.job;
-        let under_way = UnderWay { state: self.state, plan_id, laid, begun: given, sectors: self.sectors };
+        let under_way = ActiveWork { state: self.state, plan_id, laid, begun: given, sectors: self.sectors };
         self.retained.under_way = (may_heat(self.state) || self.state == State::Parked).then_some(under_way);
         self.copies.write(&mut self.parts.retained, &self.retained);
     }
@@ -263,7 +263,7 @@ impl<B: Board> Controller<B> {
             layers_laid: self.job.laid,
             interrupted: self.job.interrupted,
             pause_cause: self.pause_cause(),
-            is_resumable: !self.job.unwritten,
+            is_resumable: !self.job.journal_failed,
             uptime_ms: self.now / 1000,
         }
     }

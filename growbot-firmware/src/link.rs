@@ -22,7 +22,7 @@ const MAX_LAID: usize = EVENTS - 4;
 /// Number of closed sessions that are stored, so that their delayed frames do not open them again.
 const CLOSED: usize = 4;
 /// Time without a received frame after which a host counts as silent, us.
-pub const SILENCE_US: u64 = 10_000_000;
+pub const HOST_TIMEOUT_US: u64 = 10_000_000;
 /// Time without an acknowledgement after which events are repeated, us. The time doubles with each repetition.
 const RESEND_US: u64 = 400_000;
 /// Max time between two repetitions, us.
@@ -161,12 +161,12 @@ impl Link {
     pub fn owner(&self, now: u64) -> Option<(&HostName, u64)> {
         let session = self.session.as_ref()?;
         let silent = now.saturating_sub(session.received);
-        (silent < SILENCE_US).then_some((&session.host, silent))
+        (silent < HOST_TIMEOUT_US).then_some((&session.host, silent))
     }
 
     /// Processes the header of a frame: it shows that its host is alive, and acknowledges events. Returns how the frame
     /// is to be handled.
-    pub fn ingest(&mut self, header: &Header, now: u64) -> Arrival {
+    pub fn process_header(&mut self, header: &Header, now: u64) -> Arrival {
         let Some(session) = self.session.as_mut().filter(|session| session.id == header.session) else {
             return Arrival::Outside;
         };
@@ -189,21 +189,21 @@ impl Link {
             && let Some(answer) = session.answer.take()
         {
             self.send(header.session, 0, header.seq, &answer);
-            self.remember(answer);
+            self.cache_response(answer);
         }
         Arrival::Settled
     }
 
     /// Sends the response and caches it for retransmission. If the transmit queue is full the response is not sent,
     /// because the host repeats the request.
-    pub fn answer(&mut self, request: &Header, message: Message) {
+    pub fn respond(&mut self, request: &Header, message: Message) {
         self.send(request.session, 0, request.seq, &message);
         if self.is_open(request.session) {
-            self.remember(message);
+            self.cache_response(message);
         }
     }
 
-    fn remember(&mut self, answer: Message) {
+    fn cache_response(&mut self, answer: Message) {
         if let Some(session) = &mut self.session {
             session.answer = Some(answer);
         }

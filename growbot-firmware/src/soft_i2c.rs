@@ -15,7 +15,7 @@ use embedded_hal::i2c::{Error, ErrorKind, ErrorType, I2c, NoAcknowledgeSource, O
 /// high for at least 0.6 us.
 const HALF_NS: u32 = 1500;
 /// Time for which all chips together may hold the clock low in one transaction, us.
-const PATIENCE_US: u16 = 100;
+const MAX_CLOCK_STRETCH_US: u16 = 100;
 /// Number of clocks after which a chip that was interrupted while it sent a byte releases the data line: the rest of
 /// the byte, and its acknowledgement (UM10204, 3.1.16).
 const CLOCKS_TO_FREE: u8 = 9;
@@ -55,7 +55,7 @@ pub struct SoftI2c<C, D, T> {
 impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D, T> {
     /// Creates a bus on two pins that are both released.
     pub fn new(clock: C, data: D, timer: T) -> Self {
-        Self { clock, data, timer, patience_us: PATIENCE_US }
+        Self { clock, data, timer, patience_us: MAX_CLOCK_STRETCH_US }
     }
 
     #[inline(never)] // Transactions call it and `clock_high` often: one copy of each saves 0.4 kB of flash.
@@ -98,7 +98,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
     }
 
     /// Frees the bus, so that both lines are high.
-    fn free(&mut self) -> Result<(), SoftI2cError> {
+    fn recover_bus(&mut self) -> Result<(), SoftI2cError> {
         self.set_data(true)?;
         self.clock_high()?;
         for _ in 0..CLOCKS_TO_FREE {
@@ -194,8 +194,8 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> I2c for SoftI
         if operations.is_empty() {
             return Ok(());
         }
-        self.patience_us = PATIENCE_US;
-        self.free()?;
+        self.patience_us = MAX_CLOCK_STRETCH_US;
+        self.recover_bus()?;
         let done = self.operate(address, operations);
         let stopped = self.stop();
         done.and(stopped)
@@ -205,7 +205,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> I2c for SoftI
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::wires::{ADDRESS, FakeChip, FakeWires, Trouble};
+    use crate::testing::fake_i2c_bus::{ADDRESS, FakeChip, FakeWires, Trouble};
 
     fn bus(chip: &FakeChip) -> (FakeWires, impl I2c<Error = SoftI2cError> + use<>) {
         let wires = FakeWires::new(chip.clone());

@@ -4,13 +4,13 @@ use std::process::ExitCode;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use growbot_tests::survival::crash::{Crash, check, crash_at};
-use growbot_tests::survival::{Body, Undisturbed, robot, wire};
+use growbot_tests::recovery::crash::{Crash, check, crash_at};
+use growbot_tests::recovery::{Body, ReferenceGrowth, robot, wire};
 
 fn main() -> ExitCode {
     let jobs = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(10_000);
     let (robot, body) = (robot(), Body::of(300));
-    let undisturbed = Undisturbed::grow(&body.job(&robot));
+    let undisturbed = ReferenceGrowth::grow(&body.job(&robot));
     let events = undisturbed.events - 2;
     let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     std::thread::scope(|scope| {

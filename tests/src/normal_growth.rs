@@ -135,7 +135,7 @@ fn watch(rig: &mut Rig, seed: u64, seconds: f64, seen: &mut Seen, until: impl Fn
         let mut sim = rig.sim.borrow_mut();
         let Some(target) = sim.controller().target_c() else { continue };
         let above = sim.simulated_tip().nozzle_c() - target;
-        let layer = sim.controller().laid();
+        let layer = sim.controller().layers_laid();
         drop(sim);
         if rig.state() == State::Growing {
             seen.furthest = seen.furthest.or(Furthest { above_c: above, seed, at_s: rig.seconds(), layer });

@@ -3,11 +3,11 @@
 use embedded_storage::nor_flash::NorFlashErrorKind;
 use growbot_firmware::emulated_tip as table;
 
-use crate::image::word_flash::{ByWords, Word, WordFlash};
+use crate::runtime::word_flash::{Word, WordFlash, WordNorFlash};
 use crate::tip::word;
 
 /// A part of the flash.
-pub type PartOfFlash = ByWords<SharedWords>;
+pub type PartOfFlash = WordNorFlash<SharedWords>;
 
 /// Words of the shared memory.
 pub struct SharedWords {
@@ -17,7 +17,7 @@ pub struct SharedWords {
 impl SharedWords {
     /// Returns the flash of the robot's description, and the journal's. Call it once.
     pub fn parts() -> [PartOfFlash; 2] {
-        [table::DESCRIPTION, table::JOURNAL].map(|start| ByWords(Self { start }))
+        [table::DESCRIPTION, table::JOURNAL].map(|start| WordNorFlash(Self { start }))
     }
 }
 

@@ -140,9 +140,9 @@ pub fn boot_id() -> u32 {
     word(table::ENTROPY).read() ^ word(table::BOOTS).read().wrapping_mul(0x9E37_79B1)
 }
 
-/// Copies the machine description that the host has written, and returns its length. It is 0 without a description, and
+/// Copies the robot description that the host has written, and returns its length. It is 0 without a description, and
 /// for one that does not fit.
-pub fn copy_machine_description(into: &mut [u8]) -> usize {
+pub fn copy_robot_description(into: &mut [u8]) -> usize {
     let length = word(table::MACHINE_LENGTH).read() as usize;
     if length > table::MACHINE_CAPACITY || length > into.len() {
         return 0;

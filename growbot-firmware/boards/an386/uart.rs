@@ -5,8 +5,8 @@
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_firmware::byte_queue::ByteQueue;
 
-use crate::HANDOVER;
-use crate::interrupt_owned::InterruptOwned;
+use crate::MAILBOX;
+use crate::interrupt_cell::InterruptCell;
 use crate::interrupts::{self, Interrupt};
 use crate::registers::Register;
 use crate::tip;
@@ -49,7 +49,7 @@ impl Uart {
     pub fn start(clock_hz: u32) -> Self {
         // The emulator ignores the rate, but requires a divider of at least 16.
         BAUD_DIVIDER.write((clock_hz / 115_200).max(16));
-        WATCH.give(EmergencyStopDetector::new());
+        WATCH.init(EmergencyStopDetector::new());
         CONTROL.write(CONTROL_ALL);
         Uart { received: &RECEIVED, to_send: &TO_SEND }
     }
@@ -61,7 +61,7 @@ impl Uart {
 }
 
 /// Recogniser of an emergency stop in the received bytes.
-static WATCH: InterruptOwned<EmergencyStopDetector> = InterruptOwned::empty();
+static WATCH: InterruptCell<EmergencyStopDetector> = InterruptCell::empty();
 
 /// Processes the received bytes. An emergency stop is carried out here, ahead of all queued bytes.
 pub fn on_receive() {
@@ -82,7 +82,7 @@ pub fn on_receive() {
 fn obey(emergency_stop: bool) {
     if emergency_stop {
         // This comes first, so that no step in between energises a motor again.
-        HANDOVER.call_emergency_stop();
+        MAILBOX.request_emergency_stop();
         tip::make_safe();
     }
 }

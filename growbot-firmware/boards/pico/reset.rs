@@ -7,7 +7,7 @@ use core::mem::MaybeUninit;
 use growbot_core::link::message::ResetCause;
 use rp2040_pac as pac;
 
-use crate::image::crash::{self, Moment};
+use crate::runtime::crash::{self, ExceptionContext};
 
 /// Three words that survive a reset: no code loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_notes")]
@@ -111,7 +111,7 @@ extern "C" fn default_handler() -> ! {
 }
 
 /// Ends the program after a stack overflow or another fault of the processor.
-pub fn on_crash(cause: ResetCause, moment: &Moment) -> ! {
+pub fn on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();
     // The step that is most certain to succeed comes first.

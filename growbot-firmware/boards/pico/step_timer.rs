@@ -6,9 +6,9 @@ use growbot_firmware::stepping::Engine;
 use rp2040_pac as pac;
 use rp2040_pac::interrupt;
 
-use crate::HANDOVER;
+use crate::MAILBOX;
 use crate::clock::{CrystalWatch, PROCESSOR_HZ};
-use crate::interrupt_owned::InterruptOwned;
+use crate::interrupt_cell::InterruptCell;
 use crate::{pins, reset};
 
 /// The slice.
@@ -37,7 +37,7 @@ struct Ticking {
     crystal: CrystalWatch,
 }
 
-static TICKING: InterruptOwned<Ticking> = InterruptOwned::empty();
+static TICKING: InterruptCell<Ticking> = InterruptCell::empty();
 
 /// Starts the ticks, which begin once the interrupts are enabled. [`growbot_core::robot::Robot::check_for_board`] has
 /// checked the rate.
@@ -67,7 +67,7 @@ fn PWM_IRQ_WRAP() {
             if ticking.crystal.has_stopped() {
                 reset::end_by_clock_failure();
             }
-            ticking.engine.tick(&HANDOVER);
+            ticking.engine.tick(&MAILBOX);
         });
     }
 }

@@ -5,9 +5,9 @@ use growbot_firmware::byte_queue::ByteQueue;
 use rp2040_pac as pac;
 use rp2040_pac::interrupt;
 
-use crate::HANDOVER;
+use crate::MAILBOX;
 use crate::clock::PROCESSOR_HZ;
-use crate::interrupt_owned::InterruptOwned;
+use crate::interrupt_cell::InterruptCell;
 use crate::pins;
 
 /// Queue of one direction.
@@ -29,7 +29,7 @@ const RECEIVE_INTERRUPT: u32 = 1 << 4;
 const TRANSMIT_INTERRUPT: u32 = 1 << 5;
 
 /// Recogniser of an emergency stop in the received bytes.
-static WATCH: InterruptOwned<EmergencyStopDetector> = InterruptOwned::empty();
+static WATCH: InterruptCell<EmergencyStopDetector> = InterruptCell::empty();
 
 /// Initialises the UART. Bytes are transferred once the interrupts are enabled.
 pub fn start(uart: &pac::UART0) {
@@ -55,7 +55,7 @@ pub fn send_queued() {
 pub fn obey(emergency_stop: bool) {
     if emergency_stop {
         // This comes first, so that no step in between energises a motor again.
-        HANDOVER.call_emergency_stop();
+        MAILBOX.request_emergency_stop();
         pins::make_safe();
     }
 }

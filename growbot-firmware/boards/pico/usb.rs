@@ -8,7 +8,7 @@ use growbot_firmware::usb_serial::{BYTES, Content, NOTIFICATIONS, PACKET, Reply,
 use rp2040_pac as pac;
 use rp2040_pac::interrupt;
 
-use crate::interrupt_owned::InterruptOwned;
+use crate::interrupt_cell::InterruptCell;
 use crate::uart::{self, Queue};
 
 /// Received bytes, oldest first.
@@ -48,7 +48,7 @@ const SETUP_RECEIVED: u32 = 1 << 17;
 const PULL_UP: u32 = 1 << 16;
 const CONTROL_INTERRUPT: u32 = 1 << 29;
 
-static DEVICE: InterruptOwned<Device> = InterruptOwned::empty();
+static DEVICE: InterruptCell<Device> = InterruptCell::empty();
 
 /// State of endpoint 0.
 #[derive(Clone, Copy)]
@@ -68,7 +68,7 @@ struct Buffer {
     control: usize,
     at: usize,
     /// The next packet is an odd one.
-    odd: bool,
+    data1: bool,
 }
 
 struct Device {
@@ -106,13 +106,13 @@ fn read(offset: usize) -> u32 {
 impl Buffer {
     const fn new(endpoint: u8, from_host: bool, at: usize) -> Self {
         let control = BUFFERS + 8 * endpoint as usize + 4 * from_host as usize;
-        Self { control, at, odd: false }
+        Self { control, at, data1: false }
     }
 
     /// Hands the buffer to the controller.
     fn hand_over(&mut self, flags: u32) {
-        let odd = if self.odd { ODD } else { 0 };
-        self.odd = !self.odd;
+        let odd = if self.data1 { ODD } else { 0 };
+        self.data1 = !self.data1;
         write(self.control, flags | odd);
         // The controller, with its clock of 48 MHz, must see the other bits before this one.
         // SAFETY: the instructions only take time.
@@ -173,7 +173,7 @@ impl Device {
     fn configure(&mut self, on: bool) {
         for buffer in [&mut self.receive, &mut self.send] {
             write(buffer.control, 0);
-            buffer.odd = false;
+            buffer.data1 = false;
         }
         self.sends = false;
         drop_queued();
@@ -192,7 +192,7 @@ impl Device {
         write(self.reply.control, 0);
         write(self.request.control, 0);
         // The first packet after a request is an odd one.
-        (self.reply.odd, self.request.odd, self.control) = (true, true, Control::Idle);
+        (self.reply.data1, self.request.data1, self.control) = (true, true, Control::Idle);
         match self.serial.answer(Setup::new(read(0), read(4))) {
             Reply::Send(content, most) => {
                 let length = self.serial.content(content).len();
@@ -225,11 +225,11 @@ impl Device {
     fn clear(&mut self, endpoint: u8) {
         if !self.serial.is_configured() {
         } else if endpoint == BYTES {
-            self.receive.odd = false;
+            self.receive.data1 = false;
             self.receive.hand_over(PACKET as u32);
         } else if endpoint == 0x80 | BYTES {
             write(self.send.control, 0);
-            (self.send.odd, self.sends) = (false, false);
+            (self.send.data1, self.sends) = (false, false);
         }
     }
 
@@ -247,7 +247,7 @@ impl Device {
             Control::Sends(_, from, until) if from < until => self.send_reply(),
             Control::Sends(..) => {
                 self.control = Control::Idle;
-                self.request.odd = true;
+                self.request.data1 = true;
                 self.request.hand_over(0);
             }
             Control::GetsAddress(address) => {

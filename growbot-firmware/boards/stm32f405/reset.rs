@@ -8,7 +8,7 @@ use cortex_m::peripheral::SCB;
 use growbot_core::link::message::ResetCause;
 use stm32f4xx_hal::pac;
 
-use crate::image::crash::{self, Moment};
+use crate::runtime::crash::{self, ExceptionContext};
 
 /// Three words that survive a reset: no code loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_notes")]
@@ -108,7 +108,7 @@ pub fn end_by_clock_failure() -> ! {
 }
 
 /// Ends the program after a stack overflow or another fault of the processor.
-pub fn on_crash(cause: ResetCause, moment: &Moment) -> ! {
+pub fn on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();
     // The step that is most certain to succeed comes first.

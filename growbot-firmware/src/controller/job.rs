@@ -16,9 +16,9 @@ use super::{Controller, centi};
 use crate::hal::{Board, Watchdog};
 use crate::journal::{self, JobState, JournalError};
 use crate::link;
-use crate::safety::retained::UnderWay;
+use crate::safety::retained::ActiveWork;
 use crate::safety::transitions::Event;
-use crate::stepping::{Handover, Material, Report};
+use crate::stepping::{Mailbox, Material, Report};
 
 /// Temperature below which the nozzle must be to erase a sector of the journal, degrees Celsius. Erasing stops the
 /// processor for up to two seconds.
@@ -48,7 +48,7 @@ pub(super) struct Job {
     /// Reaction to a silent host.
     pub silence: HostSilencePolicy,
     /// The journal has failed, so that the job cannot be resumed.
-    pub unwritten: bool,
+    pub journal_failed: bool,
     /// Carry from the layers that are laid to the next layers.
     pub carry: journal::Carry,
     /// Material of the layers handed to the engine.
@@ -112,7 +112,7 @@ impl<B: Board> Controller<B> {
             state => return Err(Refusal::WrongState { state }),
         }
         self.new_job(begin.plan_id, begin.layers)?;
-        self.happens(Event::Begin);
+        self.apply_event(Event::Begin);
         Ok(self.accepted())
     }
 
@@ -122,7 +122,7 @@ impl<B: Board> Controller<B> {
         if layers > capacity {
             return Err(Refusal::PlanTooLong { layers, capacity });
         }
-        self.make_room(layers)?;
+        self.erase_journal_for(layers)?;
         self.parts.journal.begin(plan_id, self.robot.hash(), layers).map_err(|_| Refusal::JournalNotWritable)?;
         self.store_mut().restart(0);
         self.job = Job { plan_id, layers, ..Job::default() };
@@ -131,7 +131,7 @@ impl<B: Board> Controller<B> {
 
     /// Erases as much of the journal as a job needs. Everything is off. The nozzle must be cold too, because nothing is
     /// monitored while the flash is erased.
-    fn make_room(&mut self, layers: u32) -> Result<(), Refusal> {
+    fn erase_journal_for(&mut self, layers: u32) -> Result<(), Refusal> {
         while self.parts.journal.needs_erasing(layers) {
             if self.heater.temperature(self.now).is_none_or(|temperature| temperature >= COLD_C) {
                 return Err(Refusal::NozzleTooHot { below: centi(COLD_C) });
@@ -145,7 +145,7 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    pub(super) fn this_plan(&self, plan_id: u64) -> Result<(), Refusal> {
+    pub(super) fn check_plan_id(&self, plan_id: u64) -> Result<(), Refusal> {
         if plan_id == 0 || plan_id != self.job.plan_id {
             return Err(Refusal::PlanMismatch { board: self.job.plan_id });
         }
@@ -154,7 +154,7 @@ impl<B: Board> Controller<B> {
 
     pub(super) fn resume(&mut self, resume: &Resume) -> Result<Message, Refusal> {
         self.check_event(Event::Resume)?;
-        self.this_plan(resume.plan_id)?;
+        self.check_plan_id(resume.plan_id)?;
         let laid = self.job.laid;
         if matches!(self.state, State::Idle | State::Stopped) {
             if resume.start_layer == laid.saturating_add(1) && self.job.interrupted.is_some() {
@@ -167,14 +167,14 @@ impl<B: Board> Controller<B> {
             self.job.interrupted = None;
         }
         self.job.reported = resume.reported_layers.min(self.job.laid);
-        self.happens(Event::Resume);
+        self.apply_event(Event::Resume);
         Ok(self.accepted())
     }
 
     /// Refuses a request that the journal could not record, and records that the job cannot be resumed.
-    fn in_journal(&mut self, written: Result<(), JournalError>) -> Result<(), Refusal> {
+    fn journal_result(&mut self, written: Result<(), JournalError>) -> Result<(), Refusal> {
         written.map_err(|_| {
-            self.job.unwritten = true;
+            self.job.journal_failed = true;
             Refusal::JournalNotWritable
         })
     }
@@ -185,7 +185,7 @@ impl<B: Board> Controller<B> {
         let unknown =
             journal::Laid { as_built: LayerBytes::default(), height_units: 0, lean_owed: self.job.carry.lean_owed };
         let written = self.parts.journal.skipped(index, &unknown);
-        self.in_journal(written)?;
+        self.journal_result(written)?;
         if self.store().get(index).is_some() {
             self.store_mut().drop_first();
         } else {
@@ -197,7 +197,7 @@ impl<B: Board> Controller<B> {
     }
 
     pub(super) fn store_layers(&mut self, batch: &AppendLayers) -> Result<Message, Refusal> {
-        self.this_plan(batch.plan_id)?;
+        self.check_plan_id(batch.plan_id)?;
         self.check_event(Event::Layers)?;
         let expected = self.store().next_index();
         if batch.first > expected {
@@ -246,7 +246,7 @@ impl<B: Board> Controller<B> {
         if amend.new_plan_id == self.job.plan_id {
             return Ok(self.accepted());
         }
-        self.this_plan(amend.plan_id)?;
+        self.check_plan_id(amend.plan_id)?;
         if amend.first_replaced < self.job.given {
             return Err(Refusal::LayerAlreadyBegun { first: self.job.given });
         }
@@ -268,7 +268,7 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::LayerStoreFull);
         }
         let written = self.parts.journal.amended(amend.first_replaced, amend.new_plan_id, amend.layers);
-        self.in_journal(written)?;
+        self.journal_result(written)?;
         self.store_mut().truncate(amend.first_replaced);
         for bytes in &amend.first_layers {
             self.store_layer(*bytes)?;
@@ -278,7 +278,7 @@ impl<B: Board> Controller<B> {
     }
 
     pub(super) fn start(&mut self, start: &Start) -> Result<Message, Refusal> {
-        self.this_plan(start.plan_id)?;
+        self.check_plan_id(start.plan_id)?;
         self.check_event(Event::Start)?;
         if self.state == State::Idle && self.job.interrupted.is_some() {
             // A host must decide with `Resume` how the interrupted layer is handled.
@@ -292,7 +292,7 @@ impl<B: Board> Controller<B> {
         if is_at_rest && (!self.has_filament() || is_unloaded) {
             return Err(Refusal::NoFilament);
         }
-        if self.motion.maintains_something() {
+        if self.motion.is_maintenance_active() {
             return Err(Refusal::StillMoving);
         }
         self.set_pause(None);
@@ -300,11 +300,11 @@ impl<B: Board> Controller<B> {
         match self.state {
             State::Idle if self.job.laid == self.job.layers => {
                 self.end_job();
-                self.happens(Event::Finished);
+                self.apply_event(Event::Finished);
             }
             State::Idle | State::Parked => {
                 self.heater.switch_on(self.robot.description().heater.target_c, self.now);
-                self.happens(Event::Start);
+                self.apply_event(Event::Start);
             }
             // The request is a repetition, or ends a pause.
             _ => {}
@@ -313,34 +313,34 @@ impl<B: Board> Controller<B> {
     }
 
     /// Cancels the job. A repeated request changes nothing.
-    pub(super) fn cancel(&mut self, cancel: &Cancel, handover: &Handover) -> Result<Message, Refusal> {
+    pub(super) fn cancel(&mut self, cancel: &Cancel, handover: &Mailbox) -> Result<Message, Refusal> {
         self.check_event(Event::Cancel)?;
         if self.job.plan_id != 0 {
-            self.this_plan(cancel.plan_id)?;
+            self.check_plan_id(cancel.plan_id)?;
         }
-        self.interrupt(handover);
+        self.abort_layer(handover);
         self.end_job();
         self.store_mut().restart(0);
         self.job = Job::default();
-        self.happens(Event::Cancel);
+        self.apply_event(Event::Cancel);
         Ok(self.accepted())
     }
 
     /// Ends the job in the journal.
     pub(super) fn end_job(&mut self) {
         if self.parts.journal.job().is_some_and(|job| !job.ended) {
-            self.job.unwritten |= self.parts.journal.ended().is_err();
+            self.job.journal_failed |= self.parts.journal.ended().is_err();
         }
     }
 
     /// Switches everything off. If a layer was in progress it becomes the interrupted layer, and its progress is
     /// recorded.
-    pub(super) fn interrupt(&mut self, handover: &Handover) {
+    pub(super) fn abort_layer(&mut self, handover: &Mailbox) {
         // A layer whose report is pending is already laid.
         if self.job.given > self.job.laid
             && let Some(Report::Laid(turn)) = handover.pop_report()
         {
-            self.count(&turn, handover);
+            self.record_turn(&turn, handover);
         }
         let sectors = handover.progress();
         self.switch_off(handover);
@@ -360,7 +360,7 @@ impl<B: Board> Controller<B> {
         let interrupted = (known.begun > known.laid).then(|| match self.retained.under_way {
             // The retained progress counts only for the layer that was current then. In a later state, for example in
             // maintenance, no layer was current.
-            Some(UnderWay { plan_id, laid, begun, sectors, .. })
+            Some(ActiveWork { plan_id, laid, begun, sectors, .. })
                 if (plan_id, laid) == (known.plan_id, known.laid) && begun > laid =>
             {
                 let since = RETAINED_AGE_S / self.robot.description().layer.period_s * SECTORS as f64;
@@ -383,7 +383,7 @@ impl<B: Board> Controller<B> {
     /// without a pause, the record of the layer before includes this.
     pub(super) fn note_begun(&mut self) {
         if self.job.given == self.job.laid {
-            self.job.unwritten |= self.parts.journal.begun(self.job.given).is_err();
+            self.job.journal_failed |= self.parts.journal.begun(self.job.given).is_err();
         }
         self.job.interrupted = None;
     }
@@ -399,14 +399,14 @@ impl<B: Board> Controller<B> {
         self.job.carry.height_units += u64::from(layer.height_units);
         self.job.carry.lean_owed = layer.lean_owed;
         let next_begun = self.job.given > self.job.laid;
-        self.job.unwritten |= self.parts.journal.committed(index, &layer, next_begun).is_err();
+        self.job.journal_failed |= self.parts.journal.committed(index, &layer, next_begun).is_err();
     }
 
     /// Reports layers from the journal that the host has not received yet.
     pub(super) fn report_layers(&mut self) {
         while self.job.reported < self.job.laid && self.link.has_room_for_layer() {
             let index = self.job.reported;
-            let as_built = self.parts.journal.laid(index).filter(|laid| !laid.interrupted).map(|laid| laid.as_built);
+            let as_built = self.parts.journal.layer(index).filter(|laid| !laid.interrupted).map(|laid| laid.as_built);
             let measured = self.job.measured(index);
             self.link.push_event(link::Event::Laid(LayerLaid {
                 plan_id: self.job.plan_id,

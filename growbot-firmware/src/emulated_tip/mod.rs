@@ -53,7 +53,7 @@
 //! | `0x164` | [`ENCODER_SLIP`] | host | `i32`; filament moved beyond a step's worth by each step, in 1/65536 |
 //! | `0x168` | [`CRASH`] | host | `CRASH_*`: how the board is to crash, as a test |
 //! | `0x16C` | [`HANG`] | host | 1: the main loop is to hang while the watchdog is fed, as a test |
-//! | `0x1000` | [`MACHINE`] | host | the machine description, bytes |
+//! | `0x1000` | [`MACHINE`] | host | the robot description, bytes |
 //! | `0x2_0000` | [`JOURNAL`] | board | its flash, [`JOURNAL_CAPACITY`] bytes: survives a reset of the board |
 //! | `0x8_0000` | [`DESCRIPTION`] | board | the flash of the robot's description, as that of the journal |
 //! | `0xC_0000` | [`ALARMS`] | board | the latest tick of each remainder by [`ALARM_WORDS`] |
@@ -167,7 +167,7 @@ pub const INDEX_WIDTH: usize = 0x118;
 pub const INDEX_FAULT: usize = 0x11C;
 /// Offset, host to board: a number that differs from run to run.
 pub const ENTROPY: usize = 0x120;
-/// Offset, host to board: length of the machine description in bytes; 0 for none.
+/// Offset, host to board: length of the robot description in bytes; 0 for none.
 pub const MACHINE_LENGTH: usize = 0x124;
 /// Offset, host to board: reading of the supply's voltage, 0 to 4095.
 pub const SUPPLY_RAW: usize = 0x128;
@@ -207,9 +207,9 @@ pub const ENCODER_SLIP: usize = 0x164;
 pub const CRASH: usize = 0x168;
 /// Offset, host to board: 1 to make the board's main loop hang while its watchdog is fed.
 pub const HANG: usize = 0x16C;
-/// Offset, host to board: the machine description.
+/// Offset, host to board: the robot description.
 pub const MACHINE: usize = 0x1000;
-/// Max length of the machine description, bytes.
+/// Max length of the robot description, bytes.
 pub const MACHINE_CAPACITY: usize = 0x1000;
 
 /// Offset, board to host: the flash of the board's journal.

@@ -9,24 +9,24 @@
 //! than half a second. Too high a temperature is a fault whether the heater is on or off. All other checks apply only
 //! while it is on.
 
+mod autotune;
 mod model;
 mod proof_test;
-mod regulation;
 mod sampler;
 mod supervision;
+mod temperature_control;
 #[cfg(test)]
 mod tests;
-mod tuning;
 
 use growbot_core::link::message::{Fault, Tuned};
 use growbot_core::robot::RobotDescription;
 
+use self::autotune::RelayTuner;
 use self::model::Nozzle;
-use self::proof_test::{ProofTest, Rest};
-use self::regulation::Regulation;
-pub use self::sampler::Sampler;
-use self::supervision::{Look, Regulated, Supervision};
-use self::tuning::Relay;
+use self::proof_test::{ProofTest, UnheatedTrend};
+pub use self::sampler::Oversampler;
+use self::supervision::{ControlState, Look, Supervision};
+use self::temperature_control::TemperatureControl;
 use crate::thermistor::{Broken, temperature};
 
 /// Time between two updates of the regulation, us (docs/decisions/0022-heater-regulation.md).
@@ -73,14 +73,14 @@ pub struct Output {
     /// Duty of the power stage, 0 to 1.
     pub duty: f64,
     /// The second switch is closed.
-    pub closed: bool,
+    pub enable: bool,
 }
 
 impl Output {
     /// Output with both switches open.
-    pub const OFF: Self = Self { duty: 0.0, closed: false };
-    const SECOND_SWITCH_ALONE: Self = Self { duty: 0.0, closed: true };
-    const POWER_STAGE_ALONE: Self = Self { duty: 1.0, closed: false };
+    pub const OFF: Self = Self { duty: 0.0, enable: false };
+    const SECOND_SWITCH_ALONE: Self = Self { duty: 0.0, enable: true };
+    const POWER_STAGE_ALONE: Self = Self { duty: 1.0, enable: false };
 }
 
 /// Reading of the thermistor.
@@ -110,12 +110,12 @@ pub struct Heater {
     /// Time since which the temperature has been near enough to the target for a layer, us.
     steady_since: Option<u64>,
     /// Readings while the heater is off.
-    rest: Rest,
+    rest: UnheatedTrend,
     /// Proof test of the switches. `None` unless it is running.
     proof: Option<ProofTest>,
-    regulation: Regulation,
+    regulation: TemperatureControl,
     supervision: Supervision,
-    tuning: Option<Relay>,
+    tuning: Option<RelayTuner>,
     tuned: Option<Tuned>,
 }
 
@@ -148,11 +148,11 @@ impl Heater {
     /// are found.
     pub fn tune(&mut self, target_c: f64, now: u64) {
         self.switch_on(target_c, now);
-        (self.tuning, self.tuned) = (Some(Relay::default()), None);
+        (self.tuning, self.tuned) = (Some(RelayTuner::default()), None);
     }
 
     /// Returns the gains that were found since the last call.
-    pub fn pop_tuned(&mut self) -> Option<Tuned> {
+    pub fn take_tuning_result(&mut self) -> Option<Tuned> {
         self.tuned.take()
     }
 
@@ -201,7 +201,7 @@ impl Heater {
 
     /// Returns whether power flows although the reading has grown too old since the latest update.
     #[must_use]
-    pub fn is_blind(&self, now: u64) -> bool {
+    pub fn is_powered_without_reading(&self, now: u64) -> bool {
         self.duty > 0.0 && self.temperature(now).is_none()
     }
 
@@ -234,7 +234,7 @@ impl Heater {
         let Some(target_c) = self.target else {
             match self.temperature(now) {
                 Some(reading_c) => _ = self.rest.add(reading_c as f32, seconds),
-                None => self.rest = Rest::default(),
+                None => self.rest = UnheatedTrend::default(),
             }
             return Ok(Output::OFF);
         };
@@ -256,13 +256,13 @@ impl Heater {
             if let Some(output) = proof.look(&mut self.rest, reading_c, seconds, timeout_s, &nozzle)? {
                 return Ok(output);
             }
-            (self.proof, self.rest, self.on_since) = (None, Rest::default(), now);
+            (self.proof, self.rest, self.on_since) = (None, UnheatedTrend::default(), now);
             // The second switch was open.
             given = 0.0;
         }
         self.watch_band(target_c - reading_c, nozzle.band_c, seconds_us(robot.heater.heating_timeout_s), now)?;
         let dithers = (target_c - reading_c).abs() < DITHERED_BANDS * nozzle.band_c;
-        let regulated = self.tuning.is_none().then(|| Regulated {
+        let regulated = self.tuning.is_none().then(|| ControlState {
             trim: self.regulation.trim(),
             saturated: self.regulation.saturated(),
             dither: dithers.then(|| self.regulation.dither()),
@@ -274,9 +274,11 @@ impl Heater {
         }
         let duty = match &mut self.tuning {
             None => self.regulation.duty(target_c, reading_c, dithers, seconds, nozzle),
-            Some(relay) => relay.duty(target_c, reading_c, seconds, nozzle).unwrap_or_else(|tuned| self.finish(tuned)),
+            Some(relay) => {
+                relay.update(target_c, reading_c, seconds, nozzle).unwrap_or_else(|tuned| self.finish(tuned))
+            }
         };
-        Ok(Output { duty: f64::from(duty), closed: self.target.is_some() })
+        Ok(Output { duty: f64::from(duty), enable: self.target.is_some() })
     }
 
     /// Converts the mean conversion of a period.

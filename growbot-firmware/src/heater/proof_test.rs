@@ -66,7 +66,7 @@ const HEADROOM_C: f32 = 35.0;
 
 /// One-second means of the reading while the heater is off.
 #[derive(Debug, Clone, Default)]
-pub struct Rest {
+pub struct UnheatedTrend {
     means: Deque<f32, MEANS>,
     /// Sum of the readings of the current mean.
     sum: f32,
@@ -76,14 +76,14 @@ pub struct Rest {
 
 /// The line that the reading would follow without heat.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Reference {
+struct Baseline {
     /// Latest mean, degrees Celsius.
     at_c: f32,
     /// Slope, degrees a second. It is never positive, because nothing heats.
     slope_c_per_s: f32,
 }
 
-impl Rest {
+impl UnheatedTrend {
     /// Adds a reading. Returns the mean that it completes.
     pub fn add(&mut self, reading_c: f32, seconds: f32) -> Option<f32> {
         self.sum += reading_c * seconds;
@@ -102,10 +102,10 @@ impl Rest {
     }
 
     /// Returns the line through the latter half of the means. `None` while there are too few.
-    fn latter_half(&self) -> Option<Reference> {
+    fn latter_half(&self) -> Option<Baseline> {
         let at = |index: usize| self.means.iter().nth(index).copied();
         let (middle, last) = (at(MEANS / 2)?, at(MEANS - 1)?);
-        Some(Reference { at_c: last, slope_c_per_s: (last - middle) / HALF_S })
+        Some(Baseline { at_c: last, slope_c_per_s: (last - middle) / HALF_S })
     }
 
     /// Returns the largest distance of a mean from the line through the first and the latest one, degrees.
@@ -121,11 +121,11 @@ impl Rest {
     }
 
     /// Returns the reference from the means. `None` while they are not straight or too steep.
-    fn reference(&self, nozzle: &Nozzle) -> Option<Reference> {
-        let Reference { at_c, slope_c_per_s: slope } = self.latter_half()?;
+    fn reference(&self, nozzle: &Nozzle) -> Option<Baseline> {
+        let Baseline { at_c, slope_c_per_s: slope } = self.latter_half()?;
         let fall = FALL_TIMES * nozzle.needed_w(at_c).max(0.0) / nozzle.heat_capacity_j_per_k;
         let straight = self.bend_c() <= BEND_C && (-fall - FALLING_C_PER_S..=RISING_C_PER_S).contains(&slope);
-        straight.then_some(Reference { at_c, slope_c_per_s: slope.min(0.0) })
+        straight.then_some(Baseline { at_c, slope_c_per_s: slope.min(0.0) })
     }
 
     /// Returns whether the latest two means are equal. The means of a working sensor differ while the nozzle leaves its
@@ -154,7 +154,7 @@ enum Stage {
     #[default]
     AtRest,
     /// One switch has been closed for this time, s.
-    Closed { seconds: f32, reference: Reference },
+    Closed { seconds: f32, reference: Baseline },
 }
 
 impl ProofTest {
@@ -165,7 +165,7 @@ impl ProofTest {
     /// Returns the fault of the switch that conducts.
     pub fn look(
         &mut self,
-        rest: &mut Rest,
+        rest: &mut UnheatedTrend,
         reading_c: f32,
         seconds: f32,
         timeout_s: f32,
@@ -215,7 +215,7 @@ fn stage_s(nozzle: &Nozzle) -> f32 {
     DELAY_S + RISE_C * nozzle.heat_capacity_j_per_k / nozzle.available_w
 }
 
-impl Reference {
+impl Baseline {
     /// Returns the temperature after a time, degrees Celsius. A fall levels off as the nozzle nears its surroundings.
     fn after(&self, seconds: f32, nozzle: &Nozzle) -> f32 {
         let levels_off = 0.5 * seconds * nozzle.need_w_per_k / nozzle.heat_capacity_j_per_k;

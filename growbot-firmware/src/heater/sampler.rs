@@ -7,7 +7,7 @@ use crate::thermistor::is_broken;
 /// Conversions at either end of the scale come only from a broken sensor. They are averaged separately from the valid
 /// ones, because a mean of both would be a temperature that does not exist.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Sampler {
+pub struct Oversampler {
     sound: Sum,
     broken: Sum,
 }
@@ -30,7 +30,7 @@ impl Sum {
     }
 }
 
-impl Sampler {
+impl Oversampler {
     /// Adds a conversion, 0 to 4095.
     pub fn add(&mut self, raw: u16) {
         if is_broken(raw) { self.broken.add(raw) } else { self.sound.add(raw) }
@@ -50,7 +50,7 @@ mod tests {
 
     #[test]
     fn the_mean_is_of_one_period() {
-        let mut sampler = Sampler::default();
+        let mut sampler = Oversampler::default();
         assert_eq!(sampler.pop_mean(), None);
         for raw in [1010, 1011, 1011, 1012] {
             sampler.add(raw);
@@ -65,7 +65,7 @@ mod tests {
 
     #[test]
     fn a_wire_that_breaks_within_a_period_is_no_cold_nozzle() {
-        let mut sampler = Sampler::default();
+        let mut sampler = Oversampler::default();
         for raw in [600, 600, 600, 4095] {
             sampler.add(raw);
         }

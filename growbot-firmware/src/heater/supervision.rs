@@ -48,7 +48,7 @@ use heapless::Deque;
 
 use self::models::{Bounds, Change, Factors, LAG_S, LOWER, MARK_S, MARKS, Mark, UNMEASURED_MAX, UNMEASURED_MIN, UPPER};
 use super::model::Nozzle;
-use super::regulation::{DITHER_PERIOD_S, Dither, dither_at};
+use super::temperature_control::{DITHER_PERIOD_S, Dither, dither_at};
 
 /// Rise of the lower model, degrees, from which on the reading must follow. Decision 0023. Sound bounds it from below,
 /// faults (a heater's open wire) from above.
@@ -136,13 +136,13 @@ pub struct Look<'a> {
     /// The target has been reached.
     pub hot: bool,
     /// State of the regulation. `None` while the gains are tuned.
-    pub regulated: Option<Regulated>,
+    pub regulated: Option<ControlState>,
     pub nozzle: &'a Nozzle<'a>,
 }
 
 /// The part of the regulation's state that supervision needs.
 #[derive(Debug, Clone, Copy)]
-pub struct Regulated {
+pub struct ControlState {
     pub trim: f32,
     pub saturated: bool,
     /// `None` without dither.
@@ -165,7 +165,7 @@ pub struct Supervision {
     /// The reading has left its first value since then.
     moved: bool,
     /// Time in which the reading has not changed at all.
-    still: Option<Still>,
+    still: Option<FrozenReading>,
     /// Time without power, s.
     unpowered_s: f32,
     /// Time for which a hot nozzle has been far below the target, s.
@@ -179,7 +179,7 @@ pub struct Supervision {
 
 /// A reading that stands still.
 #[derive(Debug, Clone, Copy)]
-struct Still {
+struct FrozenReading {
     reading_c: f32,
     /// Time for which it has stood still, s.
     seconds: f32,
@@ -316,7 +316,7 @@ impl Supervision {
     fn stands_still(&mut self, look: &Look) -> Option<Fault> {
         let first = *self.first_c.get_or_insert(look.reading_c);
         self.moved |= (look.reading_c - first).abs() > MOVED_C;
-        let fresh = Still { reading_c: look.reading_c, seconds: 0.0, dithered_s: 0.0, nominal: self.nominal };
+        let fresh = FrozenReading { reading_c: look.reading_c, seconds: 0.0, dithered_s: 0.0, nominal: self.nominal };
         let still = self.still.get_or_insert(fresh);
         // If the mean of whole counts does not change, it is equal to the last bit.
         if (still.reading_c - look.reading_c).abs() > 1e-6 {

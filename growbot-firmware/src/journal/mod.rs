@@ -24,7 +24,7 @@
 //! - If a record cannot be written, the first record of the present job is struck out. A growth that cannot be resumed
 //!   is better than one that is resumed at the wrong layer.
 
-mod present;
+mod current_job;
 mod record;
 #[cfg(test)]
 mod tests;
@@ -32,8 +32,8 @@ mod tests;
 use embedded_storage::nor_flash::MultiwriteNorFlash;
 use growbot_core::layer_bytes::LayerBytes;
 
-pub use present::{Carry, JobState};
-use present::{Found, Present};
+pub use current_job::{Carry, JobState};
+use current_job::{CurrentJob, Found};
 pub use record::Laid;
 use record::{BLANK, Kind, RECORD_BYTES, Record, RecordBytes, STRUCK, split};
 
@@ -82,12 +82,12 @@ pub struct Journal<F> {
     jobs: u32,
     /// Slot that reads as blank, and may have been written to when power was lost.
     doubtful: Option<u32>,
-    present: Option<Present>,
+    present: Option<CurrentJob>,
 }
 
 /// The last slot that is not blank, as far as the journal has been read.
 #[derive(Clone, Copy)]
-struct Tail {
+struct LastRecord {
     place: u32,
     bytes: RecordBytes,
 }
@@ -250,7 +250,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     }
 
     /// Returns a layer of the present job. The search is fast, and fastest in the order of the layers.
-    pub fn laid(&mut self, index: u32) -> Option<LaidRecord> {
+    pub fn layer(&mut self, index: u32) -> Option<LaidRecord> {
         let present = self.present.as_ref().filter(|present| index < present.state.laid)?;
         let (at, Found { layer: near, offset }) = (present.at, present.found);
         // There is at least one slot for each layer in between.
@@ -321,7 +321,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     }
 
     /// Reads a sector's records except for the last one, which becomes the tail, and finds the blank part of the ring.
-    fn read_sector(&mut self, sector: u32, tail: &mut Option<Tail>) {
+    fn read_sector(&mut self, sector: u32, tail: &mut Option<LastRecord>) {
         let first = sector * Self::PLACES;
         let Some(own) = self.sector_record(sector) else {
             (self.next, self.free) = (self.around(first + Self::PLACES), 0);
@@ -337,7 +337,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             }
             (self.next, self.free) = (self.around(place + 1), 0);
             blank = false;
-            if let Some(Tail { place, bytes }) = tail.replace(Tail { place, bytes })
+            if let Some(LastRecord { place, bytes }) = tail.replace(LastRecord { place, bytes })
                 && let Some(record) = Record::from_bytes(&bytes)
             {
                 self.apply(&record, place);
@@ -350,12 +350,12 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     }
 
     /// Decides whether the last record is valid, and in which slot the next one goes.
-    fn settle(&mut self, tail: Option<Tail>) {
+    fn settle(&mut self, tail: Option<LastRecord>) {
         if self.free > 0 {
             self.doubtful = Some(self.next);
             (self.next, self.free) = (self.around(self.next + 1), self.free - 1);
         }
-        let Some(Tail { place, mut bytes }) = tail else { return };
+        let Some(LastRecord { place, mut bytes }) = tail else { return };
         let mut looks = 1;
         let record = loop {
             match Record::from_bytes(&bytes) {
@@ -445,7 +445,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             return;
         }
         if let (Kind::Job, [a, b, c, d, layers]) = (record.kind, record.content) {
-            self.present = Some(Present::new(record, at, [a, b, c, d, layers]));
+            self.present = Some(CurrentJob::new(record, at, [a, b, c, d, layers]));
         } else if record.kind != Kind::Sector && self.present.as_mut().is_some_and(|present| !present.apply(record)) {
             self.present = None;
         }

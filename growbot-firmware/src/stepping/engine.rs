@@ -13,14 +13,14 @@ use embedded_hal::digital::{InputPin, OutputPin};
 use growbot_core::layer::SECTORS;
 use growbot_core::robot::Robot;
 
-use super::axis::{Axis, Driver};
-use super::feed_move::FeedRun;
-use super::handover::{Done, Handover, Outline, Slot, Task};
+use super::axis_move::AxisMoveRun;
+use super::bresenham::Spread;
 use super::homing::HomingRun;
-use super::index::{IndexWatch, Mark, see_index};
-use super::orders::Alarm;
-use super::pace::Clock;
-use super::spread::Spread;
+use super::index_monitor::{IndexMonitor, Mark, read_index_sensor};
+use super::mailbox::{Mailbox, PendingMove, PendingReport, Slot, TurnHeader};
+use super::moves::EngineFault;
+use super::ramp::Clock;
+use super::stepper::{Axis, Driver};
 use super::turn::Sector;
 use crate::hal::Outputs;
 
@@ -36,7 +36,7 @@ pub struct Inputs<I, M, S> {
 
 /// The part of a robot's description that the engine needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct EngineSettings {
+pub struct EngineConfig {
     mark: Mark,
     emergency_stop: bool,
     /// Number of feed steps without a pulse of the encoder beyond which the filament counts as jammed. `u32::MAX`
@@ -44,10 +44,10 @@ pub struct EngineSettings {
     jam_steps: u32,
 }
 
-impl EngineSettings {
+impl EngineConfig {
     /// Returns the settings of a robot.
     #[must_use]
-    pub fn of(robot: &Robot) -> Self {
+    pub fn for_robot(robot: &Robot) -> Self {
         let description = robot.description();
         let sensors = &description.sensors;
         Self {
@@ -64,8 +64,8 @@ impl EngineSettings {
 enum Mode {
     Idle,
     Homing(HomingRun),
-    Feeding(FeedRun),
-    Rotating(FeedRun),
+    Feeding(AxisMoveRun),
+    Rotating(AxisMoveRun),
     /// Laying of a turn. The turn's outline is in [`Engine::turn`], its progress in [`Engine::progress`].
     Laying,
     /// The end of a task whose report waits until the controller has removed the one before.
@@ -115,19 +115,19 @@ pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S, O> {
     feed: Driver<FS, FD, FE>,
     inputs: Inputs<I, M, S>,
     outputs: O,
-    settings: EngineSettings,
+    settings: EngineConfig,
     mode: Mode,
-    turn: Outline,
+    turn: TurnHeader,
     progress: Progress,
     /// Slot in which the steps made are counted.
     made: Slot,
     clock: Clock,
-    watch: IndexWatch,
+    watch: IndexMonitor,
     ticks: u32,
     filament_pulses: u32,
     filament_high: bool,
     /// Feed steps of layers since the encoder's latest pulse.
-    fed_blindly: u32,
+    feed_steps_without_pulse: u32,
 }
 
 impl<HS, HD, HE, FS, FD, FE, I, M, S, O> Engine<HS, HD, HE, FS, FD, FE, I, M, S, O>
@@ -149,7 +149,7 @@ where
         feed: Axis<FS, FD, FE>,
         inputs: Inputs<I, M, S>,
         outputs: O,
-        settings: EngineSettings,
+        settings: EngineConfig,
     ) -> Self {
         let mut engine = Self {
             head: Driver::new(head),
@@ -158,15 +158,15 @@ where
             outputs,
             settings,
             mode: Mode::Idle,
-            turn: Outline::NONE,
+            turn: TurnHeader::NONE,
             progress: Progress::NONE,
             made: Slot::A,
             clock: Clock::AT_REST,
-            watch: IndexWatch::LOST,
+            watch: IndexMonitor::LOST,
             ticks: 0,
             filament_pulses: 0,
             filament_high: true,
-            fed_blindly: 0,
+            feed_steps_without_pulse: 0,
         };
         engine.head.disable();
         engine.feed.disable();
@@ -174,19 +174,19 @@ where
     }
 
     /// Runs one tick of the step interrupt.
-    pub fn tick(&mut self, handover: &Handover) {
+    pub fn tick(&mut self, handover: &Mailbox) {
         self.ticks = self.ticks.wrapping_add(1);
         handover.set_ticks(self.ticks);
         if let Err(alarm) = self.watch_and_advance(handover) {
             self.release(handover);
             self.outputs.make_safe();
-            handover.report(Done::Alarm(alarm));
+            handover.report(PendingReport::Alarm(alarm));
         }
     }
 
     /// Returns the number of ticks until something happens, including that tick. `u32::MAX` if nothing happens without
     /// a new move.
-    pub fn ticks_to_event(&self, handover: &Handover) -> u32 {
+    pub fn ticks_to_event(&self, handover: &Mailbox) -> u32 {
         if self.head.raised || self.feed.raised || handover.halt_waits() || handover.call_waits() {
             return 1;
         }
@@ -222,20 +222,20 @@ where
         }
     }
 
-    fn release(&mut self, handover: &Handover) {
+    fn release(&mut self, handover: &Mailbox) {
         self.mode = Mode::Idle;
         handover.set_sector(&Sector::default());
         self.clock = Clock::AT_REST;
-        self.watch = IndexWatch::LOST;
-        self.fed_blindly = 0;
+        self.watch = IndexMonitor::LOST;
+        self.feed_steps_without_pulse = 0;
         self.head.disable();
         self.feed.disable();
     }
 
-    fn watch_and_advance(&mut self, handover: &Handover) -> Result<(), Alarm> {
+    fn watch_and_advance(&mut self, handover: &Mailbox) -> Result<(), EngineFault> {
         let halted = handover.acknowledge_halt();
         self.count_filament(handover)?;
-        let stopped = self.emergency_stop(halted, handover)?;
+        let stopped = self.check_emergency_stop(halted, handover)?;
         if stopped || halted {
             self.release(handover);
             if stopped {
@@ -247,11 +247,11 @@ where
         self.advance(handover)
     }
 
-    fn count_filament(&mut self, handover: &Handover) -> Result<(), Alarm> {
-        let high = self.inputs.filament_motion.is_high().map_err(|_| Alarm::Hardware)?;
+    fn count_filament(&mut self, handover: &Mailbox) -> Result<(), EngineFault> {
+        let high = self.inputs.filament_motion.is_high().map_err(|_| EngineFault::Hardware)?;
         let before = core::mem::replace(&mut self.filament_high, high);
         if high && !before {
-            self.fed_blindly = 0;
+            self.feed_steps_without_pulse = 0;
         }
         // Filament that is changed does not count as growth.
         if matches!(&self.mode, Mode::Feeding(run) if run.changes_filament) {
@@ -269,9 +269,9 @@ where
 
     /// Returns whether the emergency stop is pressed, or was received over the link. It is latched for the controller,
     /// however short it was.
-    fn emergency_stop(&mut self, halted: bool, handover: &Handover) -> Result<bool, Alarm> {
+    fn check_emergency_stop(&mut self, halted: bool, handover: &Mailbox) -> Result<bool, EngineFault> {
         let pressed =
-            self.settings.emergency_stop && self.inputs.emergency_stop.is_high().map_err(|_| Alarm::Hardware)?;
+            self.settings.emergency_stop && self.inputs.emergency_stop.is_high().map_err(|_| EngineFault::Hardware)?;
         let stopped = handover.acknowledge_call() || pressed;
         if stopped {
             handover.set_emergency_stop(true);
@@ -284,15 +284,15 @@ where
         Ok(stopped)
     }
 
-    fn advance(&mut self, handover: &Handover) -> Result<(), Alarm> {
+    fn advance(&mut self, handover: &Mailbox) -> Result<(), EngineFault> {
         self.head.lower()?;
         self.feed.lower()?;
         if matches!(self.mode, Mode::Idle) {
             if !handover.order_waits() {
                 self.clock = Clock::AT_REST;
-                return see_index(&mut self.inputs.index, handover).map(|_| ());
+                return read_index_sensor(&mut self.inputs.index, handover).map(|_| ());
             }
-            if handover.emergency_stop() {
+            if handover.is_emergency_stopped() {
                 // The stop is released, but the controller has not handled it yet.
                 handover.refuse_order();
             }
@@ -312,9 +312,9 @@ where
             }
             Mode::Feeding(run) => {
                 if run.is_watched_step() {
-                    self.fed_blindly = self.fed_blindly.saturating_add(1);
-                    if self.fed_blindly > self.settings.jam_steps {
-                        return Err(Alarm::FilamentJam);
+                    self.feed_steps_without_pulse = self.feed_steps_without_pulse.saturating_add(1);
+                    if self.feed_steps_without_pulse > self.settings.jam_steps {
+                        return Err(EngineFault::FilamentJam);
                     }
                 }
                 if run.tick(&mut self.feed)? {
@@ -325,7 +325,7 @@ where
             Mode::Rotating(run) => {
                 // The move reads the sensor, but it does not check for a missing mark. The homing before the next layer
                 // does.
-                see_index(&mut self.inputs.index, handover)?;
+                read_index_sensor(&mut self.inputs.index, handover)?;
                 if run.tick(&mut self.head)? {
                     self.finish(Finished::Rotated, handover);
                 }
@@ -343,29 +343,29 @@ where
 
     /// Begins a move. Returns whether the move continues in the same tick, as a turn does that follows another one in
     /// the same direction.
-    fn begin(&mut self, task: Task, handover: &Handover) -> Result<bool, Alarm> {
+    fn begin(&mut self, task: PendingMove, handover: &Mailbox) -> Result<bool, EngineFault> {
         match task {
-            Task::Home(homing) => {
+            PendingMove::Home(homing) => {
                 self.head.enable(false)?;
-                self.watch = IndexWatch::LOST;
+                self.watch = IndexMonitor::LOST;
                 self.mode = Mode::Homing(HomingRun::new(homing));
                 Ok(false)
             }
-            Task::Feed(order) => {
+            PendingMove::Feed(order) => {
                 self.feed.enable(order.backwards)?;
                 if order.changes_filament {
-                    self.fed_blindly = 0;
+                    self.feed_steps_without_pulse = 0;
                 }
-                self.mode = Mode::Feeding(FeedRun::new(order));
+                self.mode = Mode::Feeding(AxisMoveRun::new(order));
                 Ok(false)
             }
-            Task::Rotate(order) => {
+            PendingMove::Rotate(order) => {
                 self.head.enable(order.backwards)?;
-                self.watch = IndexWatch::LOST;
-                self.mode = Mode::Rotating(FeedRun::new(order));
+                self.watch = IndexMonitor::LOST;
+                self.mode = Mode::Rotating(AxisMoveRun::new(order));
                 Ok(false)
             }
-            Task::Lay(turn) => {
+            PendingMove::Lay(turn) => {
                 let (head, feed) = (self.head.enable(turn.backwards)?, self.feed.enable(false)?);
                 let follows = !(self.clock.is_at_rest() || head || feed);
                 self.turn = turn;
@@ -383,7 +383,7 @@ where
     }
 
     /// Reports the end of a task, or waits until the controller has removed the report before.
-    fn finish(&mut self, finished: Finished, handover: &Handover) {
+    fn finish(&mut self, finished: Finished, handover: &Mailbox) {
         if handover.report_waits() {
             self.mode = Mode::Finished(finished);
             return;
@@ -391,18 +391,18 @@ where
         self.mode = Mode::Idle;
         handover.set_sector(&Sector::default());
         handover.report(match finished {
-            Finished::Homed => Done::Homed,
+            Finished::Homed => PendingReport::Homed,
             Finished::Laid => {
                 let slot = self.made;
                 self.made = slot.other();
-                Done::Laid { slot, head: self.progress.head_made }
+                PendingReport::Laid { slot, head: self.progress.head_made }
             }
-            Finished::Fed => Done::Fed,
-            Finished::Rotated => Done::Rotated,
+            Finished::Fed => PendingReport::Fed,
+            Finished::Rotated => PendingReport::Rotated,
         });
     }
 
-    fn start_sector(&mut self, index: usize, handover: &Handover) {
+    fn start_sector(&mut self, index: usize, handover: &Mailbox) {
         let Some(sector) = handover.sector(&self.turn, index) else { return };
         handover.set_sector(&sector);
         let Sector { ticks, head, feed } = sector;
@@ -413,23 +413,23 @@ where
         self.progress.feed_made = 0;
     }
 
-    fn lay(&mut self, handover: &Handover) -> Result<(), Alarm> {
+    fn lay(&mut self, handover: &Mailbox) -> Result<(), EngineFault> {
         let progress = &mut self.progress;
         if !self.clock.tick(&self.turn.pace, progress.turn_left, handover.passing()) {
             return Ok(());
         }
         if progress.head.tick() {
             progress.head_made += 1;
-            let on = see_index(&mut self.inputs.index, handover)?;
+            let on = read_index_sensor(&mut self.inputs.index, handover)?;
             self.watch.step(on, &self.settings.mark)?;
             self.head.raise()?;
         }
         if progress.feed.tick() {
             progress.feed_made += 1;
             self.feed.raise()?;
-            self.fed_blindly = self.fed_blindly.saturating_add(1);
-            if self.fed_blindly > self.settings.jam_steps {
-                return Err(Alarm::FilamentJam);
+            self.feed_steps_without_pulse = self.feed_steps_without_pulse.saturating_add(1);
+            if self.feed_steps_without_pulse > self.settings.jam_steps {
+                return Err(EngineFault::FilamentJam);
             }
         }
         progress.turn_left -= 1;

@@ -19,7 +19,7 @@ use growbot_core::layer::{Layer, SECTORS};
 use growbot_core::robot::{FeedStrategy, LayerMotion, Robot};
 use growbot_core::trigonometry;
 
-use super::pace::{Ends, ONE, Pace};
+use super::ramp::{EndSpeeds, ONE, RampLimits};
 
 /// Steps and ticks of one sector. Neither axis makes more than one step in two ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -42,12 +42,12 @@ pub struct Turn {
     /// Ticks of all sectors.
     pub ticks: u32,
     /// Limits of the speed at the beginning and the end of the turn.
-    pub pace: Pace,
+    pub pace: RampLimits,
 }
 
 /// Error: a layer needs steps faster than one in two ticks, or more acceleration than the motors have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct StepRate;
+pub struct StepRateError;
 
 /// Returns the factor by which running evenly within a sector flattens the first harmonic of a profile.
 fn flattening() -> f64 {
@@ -69,16 +69,16 @@ impl Turn {
         feed_steps: impl Fn(f64) -> f64,
         robot: &Robot,
         backwards: bool,
-        before: Option<&Ends>,
-    ) -> Result<(Self, Ends), StepRate> {
+        before: Option<&EndSpeeds>,
+    ) -> Result<(Self, EndSpeeds), StepRateError> {
         let steeper = Layer { tilt: profile.tilt / flattening(), ..*profile };
         // The check of a layer does not include the steeper profile. A layer close to its limits is therefore laid
         // without the factor.
         let (sectors, motion) = Self::of_profile(&steeper, &feed_steps, robot)
-            .or_else(|StepRate| Self::of_profile(profile, &feed_steps, robot))?;
+            .or_else(|StepRateError| Self::of_profile(profile, &feed_steps, robot))?;
         let ticks = sectors.iter().map(|sector| sector.ticks).sum();
-        let ends = Ends::of(&motion, backwards);
-        let pace = Pace::of(&motion, &ends, before, robot.description().motion.tick_hz, ticks);
+        let ends = EndSpeeds::of(&motion, backwards);
+        let pace = RampLimits::of(&motion, &ends, before, robot.description().motion.tick_hz, ticks);
         Ok((Self { sectors, backwards, ticks, pace }, ends))
     }
 
@@ -86,8 +86,8 @@ impl Turn {
         profile: &Layer,
         feed_steps: &impl Fn(f64) -> f64,
         robot: &Robot,
-    ) -> Result<([Sector; SECTORS], LayerMotion), StepRate> {
-        robot.check_motion(profile).map_err(|_| StepRate)?;
+    ) -> Result<([Sector; SECTORS], LayerMotion), StepRateError> {
+        robot.check_motion(profile).map_err(|_| StepRateError)?;
         let description = robot.description();
         let ticks = description.layer.period_s * f64::from(description.motion.tick_hz);
         let head_steps = f64::from(description.head.steps_per_turn);
@@ -109,7 +109,7 @@ impl Turn {
             let [ticks, head, feed] = [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
             // A lean of more than the whole height would take feed back. No checked layer has one.
             if ticks < 1.0 || head < 0.0 || feed < 0.0 || 2.0 * head.max(feed) > ticks {
-                return Err(StepRate);
+                return Err(StepRateError);
             }
             *sector = Sector { ticks: ticks as u32, head: head as u32, feed: feed as u32 };
             from = to;
@@ -176,7 +176,7 @@ mod tests {
         })
     }
 
-    fn lay(layer: &Layer, robot: &Robot) -> Result<Turn, StepRate> {
+    fn lay(layer: &Layer, robot: &Robot) -> Result<Turn, StepRateError> {
         let feed_steps = |share| share * layer.height * robot.feed_steps_per_length();
         Turn::new(layer, feed_steps, robot, false, None).map(|(turn, _)| turn)
     }

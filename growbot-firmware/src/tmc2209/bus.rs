@@ -8,7 +8,7 @@ use tmc2209::reg::{Address, State};
 use tmc2209::{MASTER_ADDR, ReadRequest, SYNC_AND_RESERVED, WriteRequest, crc};
 
 /// Serial line with one wire for both directions. Its functions never wait.
-pub trait Wire {
+pub trait SingleWireUart {
     /// Sends some bytes, at most 8. Returns `false` if the transmit buffer has too little room for all of them. Then
     /// none is sent.
     fn send(&mut self, bytes: &[u8]) -> bool;
@@ -41,7 +41,7 @@ pub(super) enum Outcome {
 }
 
 #[derive(Debug, Clone, Copy)]
-enum Exchange {
+enum Transaction {
     None,
     /// The bytes wait for room in the transmit buffer until this time.
     Sending {
@@ -68,14 +68,14 @@ enum What {
 /// The line, and the current exchange.
 pub(super) struct Bus<W> {
     wire: W,
-    exchange: Exchange,
+    exchange: Transaction,
     /// The latest received bytes.
     latest: [u8; ANSWER_BYTES],
 }
 
-impl<W: Wire> Bus<W> {
+impl<W: SingleWireUart> Bus<W> {
     pub(super) fn new(wire: W) -> Self {
-        Self { wire, exchange: Exchange::None, latest: [0; ANSWER_BYTES] }
+        Self { wire, exchange: Transaction::None, latest: [0; ANSWER_BYTES] }
     }
 
     /// Begins to read a register of a driver.
@@ -89,13 +89,13 @@ impl<W: Wire> Bus<W> {
     }
 
     fn begin(&mut self, node: u8, what: What, attempts: u8, now: u64) {
-        self.exchange = Exchange::Sending { node, what, attempts, until: now.saturating_add(ANSWER_US) };
+        self.exchange = Transaction::Sending { node, what, attempts, until: now.saturating_add(ANSWER_US) };
         self.send(now);
     }
 
     /// Sends the pending bytes if there is room.
     fn send(&mut self, now: u64) {
-        let Exchange::Sending { node, what, attempts, .. } = self.exchange else { return };
+        let Transaction::Sending { node, what, attempts, .. } = self.exchange else { return };
         // Bytes received until now are not a response to this request.
         self.take();
         self.latest = [0; ANSWER_BYTES];
@@ -107,7 +107,7 @@ impl<W: Wire> Bus<W> {
             }
         };
         if sent {
-            self.exchange = Exchange::Sent { node, what, attempts, until: now.saturating_add(time) };
+            self.exchange = Transaction::Sent { node, what, attempts, until: now.saturating_add(time) };
         }
     }
 
@@ -116,12 +116,12 @@ impl<W: Wire> Bus<W> {
         // Received bytes are processed first, so that a response that arrived in time counts even if it is read late.
         let answer = self.take();
         match self.exchange {
-            Exchange::None => None,
-            Exchange::Sending { until, .. } => {
+            Transaction::None => None,
+            Transaction::Sending { until, .. } => {
                 self.send(now);
                 (now > until).then(|| self.end(Outcome::Silent))
             }
-            Exchange::Sent { node, what, attempts, until } => match (what, answer) {
+            Transaction::Sent { node, what, attempts, until } => match (what, answer) {
                 (What::Read(_), Some(value)) => Some(self.end(Outcome::Read(value))),
                 _ if now <= until => None,
                 (What::Write(_), _) => Some(self.end(Outcome::Written)),
@@ -135,7 +135,7 @@ impl<W: Wire> Bus<W> {
     }
 
     fn end(&mut self, outcome: Outcome) -> Outcome {
-        self.exchange = Exchange::None;
+        self.exchange = Transaction::None;
         outcome
     }
 
@@ -146,7 +146,7 @@ impl<W: Wire> Bus<W> {
             let [_, rest @ ..] = self.latest;
             let [b1, b2, b3, b4, b5, b6, b7] = rest;
             self.latest = [b1, b2, b3, b4, b5, b6, b7, byte];
-            if let Exchange::Sent { what: What::Read(register), .. } = self.exchange
+            if let Transaction::Sent { what: What::Read(register), .. } = self.exchange
                 && let Some(value) = answer(&self.latest, register)
             {
                 return Some(value);

@@ -6,7 +6,7 @@ use growbot_core::link::message::{Fault, State};
 use growbot_core::robot::Robot;
 use growbot_sim::tip::{Motor, Parts, STEINHART_HART_104GT_2, Variation};
 
-use super::cases::{Case, Onset, Right};
+use super::cases::{Case, Expected, Onset};
 use super::rig::Rig;
 use growbot_core::random::Rng;
 
@@ -39,21 +39,21 @@ impl Seen {
     #[must_use]
     pub fn wrong(&self, case: &Case, robot: &Robot) -> Option<String> {
         let limit = robot.description().heater.max_c + ALLOWED_ABOVE_MAX;
-        let as_it_should = match case.right() {
-            Right::Codes(codes) | Right::AtNextStart(codes) => {
+        let as_it_should = match case.expected() {
+            Expected::Codes(codes) | Expected::AtNextStart(codes) => {
                 self.state == State::Fault && self.fault.is_some_and(|code| codes.contains(&code))
             }
-            Right::CodesOrPause(codes) => {
+            Expected::CodesOrPause(codes) => {
                 self.state == State::Paused
                     || self.state == State::Fault && self.fault.is_some_and(|fault| codes.contains(&fault))
             }
-            Right::EmergencyStop => self.state == State::EmergencyStop,
-            Right::Continues => self.state == State::Done,
-            Right::Refused => self.state == State::Idle && self.fault.is_none(),
-            Right::StaysPaused => self.state == State::Paused,
+            Expected::EmergencyStop => self.state == State::EmergencyStop,
+            Expected::Continues => self.state == State::Done,
+            Expected::Refused => self.state == State::Idle && self.fault.is_none(),
+            Expected::StaysPaused => self.state == State::Paused,
         };
         if !as_it_should {
-            return Some(format!("ended {:?} with {:?}, right is {:?}", self.state, self.fault, case.right()));
+            return Some(format!("ended {:?} with {:?}, right is {:?}", self.state, self.fault, case.expected()));
         }
         if !self.off && self.state != State::Paused {
             return Some("something was still on".to_string());
@@ -137,7 +137,7 @@ pub fn meet(plant: Plant, case: &Case, seed: u64) -> Seen {
     // An error here means that the growth has ended, so it is ignored.
     let _ = grow_on(&mut rig, case.onset);
     let mut ended = rig.pass(PATIENCE, has_ended);
-    if rig.state() == State::Done && matches!(case.right(), Right::AtNextStart(_)) {
+    if rig.state() == State::Done && matches!(case.expected(), Expected::AtNextStart(_)) {
         let again = begin_anew(&mut rig);
         ended = again.is_ok() && rig.pass(PATIENCE, has_ended);
     }

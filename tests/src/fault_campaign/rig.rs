@@ -134,7 +134,7 @@ impl Rig {
     /// Returns true if every layer that was sent has been laid.
     #[must_use]
     pub fn has_laid_all(&self) -> bool {
-        self.sim.borrow().controller().laid() == self.handed_over
+        self.sim.borrow().controller().layers_laid() == self.handed_over
     }
 
     /// Lets at most `seconds` pass, until `until` returns true. Returns true if it did.

@@ -20,13 +20,13 @@ use super::tip::{
     FakeOrientation, FakeRetained, FakeSupply, FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX,
     Motors, TipOutputs, Wire, World,
 };
-use crate::controller::{Controller, Identity};
-use crate::descriptions::Descriptions;
+use crate::controller::{BootInfo, Controller};
+use crate::description_store::DescriptionStore;
 use crate::hal::{Board, Parts};
 use crate::journal::Journal;
 use crate::layer_store::LayerStore;
 use crate::safety::transitions::may_heat;
-use crate::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
+use crate::stepping::{Axis, Engine, EngineConfig, Inputs, Mailbox};
 use crate::testing::flash::Flash;
 use crate::testing::{FakePin, FakePins, FakePower};
 
@@ -57,7 +57,7 @@ pub struct Bench {
     /// The main loop runs. Otherwise it hangs, and the controller is not polled.
     pub main_loop_runs: bool,
     engine: TestEngine,
-    handover: Handover,
+    handover: Mailbox,
     tick: u64,
     next_poll: u64,
     /// Tick at which the host next shows that it is alive.
@@ -122,8 +122,8 @@ impl Bench {
             emergency_stop: pins.pin(EMERGENCY_STOP),
         };
         let outputs = TipOutputs { power: power.clone(), fan: fan.clone(), pins: pins.clone() };
-        let engine = Engine::new(axis(HEAD), axis(FEED), inputs, outputs, EngineSettings::of(&robot));
-        let handover = Handover::new();
+        let engine = Engine::new(axis(HEAD), axis(FEED), inputs, outputs, EngineConfig::for_robot(&robot));
+        let handover = Mailbox::new();
         let parts = Parts {
             heater_power: power.clone(),
             heater_enable: pins.pin(HEATER_ENABLE),
@@ -138,16 +138,16 @@ impl Bench {
             debug_port: FakeDebugPort(Rc::clone(&world)),
             retained: FakeRetained(Rc::clone(&world)),
             journal: Journal::open(world.flash.clone()),
-            descriptions: Descriptions::open(world.descriptions.clone()),
+            descriptions: DescriptionStore::open(world.descriptions.clone()),
             store: Box::new(LayerStore::new()),
         };
         pins.set(FILAMENT_PRESENCE, true);
-        let identity = Identity {
+        let identity = BootInfo {
             boot_id: 5,
             reset_cause,
             image: world.image.get(),
             crash: None,
-            without_crystal: world.without_crystal.get(),
+            crystal_failed: world.without_crystal.get(),
             configured: world.configured.get(),
         };
         Self {
@@ -291,7 +291,7 @@ impl Bench {
     /// request.
     pub fn read(&mut self, ack: Option<u16>) -> (Vec<Message>, Vec<Message>) {
         let (mut events, mut answers) = (Vec::new(), Vec::new());
-        while let Some(byte) = self.controller.transmit() {
+        while let Some(byte) = self.controller.next_tx_byte() {
             let Some(frame) = self.receiver.push(byte) else { continue };
             let frame = frame.expect("the board sends whole frames");
             let message = Message::decode(frame.header.kind, &frame.body).expect("the board sends messages");
@@ -485,7 +485,7 @@ impl Bench {
 
     /// Simulates the UART's interrupt when it recognises an emergency stop.
     pub fn call_emergency_stop(&self) {
-        self.handover.call_emergency_stop();
+        self.handover.request_emergency_stop();
     }
 
     /// Returns and clears the number of emergency stops that the board has acknowledged.
@@ -495,7 +495,7 @@ impl Bench {
 
     /// Raises a fault in the controller.
     pub fn fail(&mut self, fault: Fault) {
-        self.controller.fail(fault, &self.handover);
+        self.controller.latch_fault(fault, &self.handover);
     }
 
     pub fn press_emergency_stop(&self, pressed: bool) {

@@ -48,7 +48,7 @@ fn every_event_in_every_state_does_what_the_table_says() {
             let status = bench.status();
             let Some(request) = request(event, &mut bench) else {
                 // This event occurs on the robot itself.
-                assert_eq!(bench.controller.happens(event), expected.is_some(), "{state:?}, {event:?}");
+                assert_eq!(bench.controller.apply_event(event), expected.is_some(), "{state:?}, {event:?}");
                 assert_eq!(bench.controller.state(), expected.unwrap_or(state), "{state:?}, {event:?}");
                 continue;
             };

@@ -178,7 +178,7 @@ impl hal::DebugPort for FakeDebugPort {
 /// The drivers' serial line.
 pub struct FakeDrivers(pub Rc<World>);
 
-impl hal::Drivers for FakeDrivers {
+impl hal::StepperDrivers for FakeDrivers {
     fn poll(&mut self, _now: u64, in_use: bool) {
         self.0.motors_in_use.set(in_use);
     }
@@ -187,7 +187,7 @@ impl hal::Drivers for FakeDrivers {
         !self.0.drivers_unconfigured.get()
     }
 
-    fn trouble(&self) -> Option<DriverReport> {
+    fn problem(&self) -> Option<DriverReport> {
         self.0.driver_trouble.get()
     }
 }

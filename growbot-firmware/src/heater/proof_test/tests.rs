@@ -16,8 +16,8 @@ fn nozzle(robot: &Robot) -> Nozzle<'_> {
 }
 
 /// Returns the readings at rest that give these means.
-fn of(means: impl IntoIterator<Item = f32>) -> Rest {
-    let mut rest = Rest::default();
+fn of(means: impl IntoIterator<Item = f32>) -> UnheatedTrend {
+    let mut rest = UnheatedTrend::default();
     for mean in means {
         assert_eq!(rest.add(mean, 1.0), Some(mean));
     }
@@ -30,7 +30,7 @@ fn line(from: f32, slope: f32) -> [f32; 7] {
 
 #[test]
 fn a_mean_is_of_a_second() {
-    let mut rest = Rest::default();
+    let mut rest = UnheatedTrend::default();
     for _ in 0..3 {
         let found = [10.0, 20.0, 20.0, 40.0].map(|reading| rest.add(reading, DT));
         assert_eq!(found, [None, None, None, Some(22.5)]);
@@ -58,8 +58,8 @@ fn a_reference_is_of_the_latest_seven_means() {
     }
     // Earlier means no longer count.
     let rest = of([500.0, 300.0].into_iter().chain(line(100.0, -0.5)));
-    assert_eq!(rest.reference(&nozzle), Some(Reference { at_c: 97.0, slope_c_per_s: -0.5 }));
-    assert_eq!(rest.latter_half(), Some(Reference { at_c: 97.0, slope_c_per_s: -0.5 }));
+    assert_eq!(rest.reference(&nozzle), Some(Baseline { at_c: 97.0, slope_c_per_s: -0.5 }));
+    assert_eq!(rest.latter_half(), Some(Baseline { at_c: 97.0, slope_c_per_s: -0.5 }));
     assert_eq!(rest.bend_c(), 0.0);
 }
 
@@ -74,9 +74,9 @@ fn a_reference_is_straight_and_as_steep_as_a_nozzle_without_power() {
     assert!(!of(line(100.0, 0.29)).rises() && of(line(100.0, 0.31)).rises());
     // A slope that is allowed for a reference does not count as a rise, to the last bit.
     let steepest = of([0.0, 0.0, 0.0, 0.0, 0.3, 0.6, 0.900_000_04]);
-    assert_eq!(steepest.latter_half(), Some(Reference { at_c: 0.900_000_04, slope_c_per_s: RISING_C_PER_S }));
+    assert_eq!(steepest.latter_half(), Some(Baseline { at_c: 0.900_000_04, slope_c_per_s: RISING_C_PER_S }));
     assert!(!steepest.rises());
-    assert!(!of(line(100.0, -0.5)).rises() && !Rest::default().rises());
+    assert!(!of(line(100.0, -0.5)).rises() && !UnheatedTrend::default().rises());
     // 125 C need 12 W: 1.6 C/s, and 0.3 C/s more.
     let down = |slope: f32| line(125.0 - 6.0 * slope, slope);
     assert!(is_reference(down(-1.89)) && !is_reference(down(-1.91)));
@@ -102,14 +102,14 @@ fn a_reading_stands_still_where_two_means_are_the_same() {
     for apart in [90.002, 89.998] {
         assert!(!of([90.0, 90.0, apart]).stands_still());
     }
-    assert!(!of([90.0]).stands_still() && !Rest::default().stands_still());
+    assert!(!of([90.0]).stands_still() && !UnheatedTrend::default().stands_still());
 }
 
 #[test]
 fn a_fall_levels_off() {
     let robot = robot_a();
     let nozzle = nozzle(&robot);
-    let reference = Reference { at_c: 100.0, slope_c_per_s: -1.0 };
+    let reference = Baseline { at_c: 100.0, slope_c_per_s: -1.0 };
     assert!((reference.after(0.0, &nozzle) - 100.0).abs() < 1e-4);
     // The fall is reduced by a share of 0.5 * 10 s * 0.12 W/K / 12 J/K = 0.05, and by half at most.
     assert!((reference.after(10.0, &nozzle) - (100.0 - 10.0 * 0.95)).abs() < 1e-3);
@@ -127,7 +127,7 @@ fn a_stage_lasts_until_the_whole_power_would_show() {
 fn prove(mut reading: impl FnMut(f32, Output) -> f32) -> ([f32; 3], Result<(), Fault>) {
     let robot = robot_a();
     let nozzle = nozzle(&robot);
-    let (mut proof, mut rest) = (ProofTest::default(), Rest::default());
+    let (mut proof, mut rest) = (ProofTest::default(), UnheatedTrend::default());
     let (mut times, mut output) = ([0.0; 3], Output::OFF);
     for look in 1..4000_u32 {
         let reading_c = reading(look as f32 * DT, output);

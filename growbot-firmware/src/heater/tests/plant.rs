@@ -3,7 +3,7 @@
 
 use growbot_core::robot::RobotDescription;
 
-use crate::heater::{Demand, Heater, Output, PERIOD_US, Sampler};
+use crate::heater::{Demand, Heater, Output, Oversampler, PERIOD_US};
 use crate::testing::robot_a;
 use crate::thermistor::{FULL_SCALE, reading};
 use growbot_core::link::message::Fault;
@@ -162,7 +162,7 @@ impl Rig {
 
     /// Advances by one period: the nozzle advances at the duty, then is read and regulated.
     pub fn step(&mut self) -> Result<(), Fault> {
-        let Output { duty, closed } = self.output;
+        let Output { duty, enable: closed } = self.output;
         let duty = match self.wrong {
             Wrong::HeaterOpen => 0.0,
             Wrong::StuckOn(min) if closed => duty.max(min),
@@ -190,7 +190,7 @@ impl Rig {
         self.now += PERIOD_US;
         let supply_v = self.spread.measured.then_some(self.robot.supply.nominal_v * supply);
         let demand = Demand { flow_mm3_per_s: self.flow, fan: self.fan, supply_v };
-        let mut sampler = Sampler::default();
+        let mut sampler = Oversampler::default();
         let exact = reading(self.sensor_c, &self.robot.thermistor);
         for _ in 0..self.conversions {
             let noise = if self.spread.noise > 0.0 { self.spread.noise * self.random.normal() } else { 0.0 };

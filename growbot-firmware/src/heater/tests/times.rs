@@ -3,7 +3,7 @@
 use growbot_core::link::message::{Fault, Gains, Tuned};
 use growbot_core::robot::RobotDescription;
 
-use crate::heater::tuning::Relay;
+use crate::heater::autotune::RelayTuner;
 use crate::heater::{Demand, Heater, Output, PERIOD_US, STEADY_BANDS};
 use crate::testing::robot_a;
 use crate::thermistor::{FULL_SCALE, reading, temperature};
@@ -57,7 +57,7 @@ fn a_nozzle_that_has_rested_is_proven_in_15_s() {
     }
     heater.switch_on(200.0, 8_000_000);
     let outputs: std::vec::Vec<Output> = (0..160).map(|_| update(&mut heater)).collect();
-    let heats = outputs.iter().position(|output| output.closed && output.duty > 0.0).unwrap();
+    let heats = outputs.iter().position(|output| output.enable && output.duty > 0.0).unwrap();
     // Each switch is closed for 7 s, from the next whole second on.
     assert!((140..=150).contains(&heats), "{heats} periods");
 }
@@ -100,9 +100,9 @@ fn it_is_hot_after_2_s_in_its_band_and_steady_after_10_s_near_or_60_s_in_it() {
 #[test]
 fn it_is_blind_where_power_flows_on_an_old_reading() {
     let heater = Heater { duty: 0.5, ..having_read(100.0, 1_000_000) };
-    assert!(!heater.is_blind(1_400_000) && heater.is_blind(1_400_001));
+    assert!(!heater.is_powered_without_reading(1_400_000) && heater.is_powered_without_reading(1_400_001));
     assert!((heater.duty() - 0.5).abs() < 1e-12);
-    assert!(!Heater { duty: 0.0, ..heater }.is_blind(9_000_000));
+    assert!(!Heater { duty: 0.0, ..heater }.is_powered_without_reading(9_000_000));
 }
 
 #[test]
@@ -153,7 +153,7 @@ fn a_heating_that_takes_too_long_is_a_fault_below_the_target() {
     // The nozzle may still be cooling to a lower target.
     assert_eq!(watch(&heater, -50.0, 1_501), Ok(()));
     assert_eq!(watch(&heater, 3.0, 1_501), Ok(()));
-    let tuning = Heater { tuning: Some(Relay::default()), ..heater };
+    let tuning = Heater { tuning: Some(RelayTuner::default()), ..heater };
     for error in [50.0, 0.0, -50.0] {
         assert_eq!(watch(&tuning, error, 2_500), Ok(()));
         assert_eq!(watch(&tuning, error, 2_501), Err(Fault::HeatingTooSlow));
@@ -185,9 +185,9 @@ fn what_tuning_found_is_given_once_and_not_lost_before() {
     let mut heater = Heater { tuned: Some(TUNED), ..Heater::default() };
     heater.switch_off();
     heater.switch_on(200.0, 0);
-    assert_eq!(heater.pop_tuned(), Some(TUNED));
-    assert_eq!(heater.pop_tuned(), None);
+    assert_eq!(heater.take_tuning_result(), Some(TUNED));
+    assert_eq!(heater.take_tuning_result(), None);
     heater.tuned = Some(TUNED);
     heater.tune(200.0, 0);
-    assert_eq!(heater.pop_tuned(), None, "a new search forgets the one before");
+    assert_eq!(heater.take_tuning_result(), None, "a new search forgets the one before");
 }

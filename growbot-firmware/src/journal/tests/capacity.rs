@@ -9,7 +9,7 @@ fn new_flash_and_the_emulators_zeros_have_no_journal_and_are_not_written_to() {
         flash.set_bytes(&[byte; 2048]);
         let mut journal = Journal::open(flash.clone());
         assert_eq!(journal.job(), None);
-        assert_eq!(journal.laid(0), None);
+        assert_eq!(journal.layer(0), None);
         assert!(journal.needs_erasing(1));
         assert_eq!(journal.begin(1, ROBOT, 1), Err(JournalError::Full));
         assert_eq!((flash.bytes(), flash.erasures()), (std::vec![byte; 2048], std::vec![0, 0]));
@@ -87,7 +87,7 @@ fn a_job_of_the_robots_flash_may_have_six_thousand_layers_and_two_thousand_pause
     let mut journal = Journal::open(flash);
     assert_eq!(known(&mut journal).unwrap().state.laid, layers);
     for index in [6142, 0, 3000, 2999, 3001] {
-        assert_eq!(journal.laid(index).unwrap().as_built, layer(2, index).as_built, "{index}");
+        assert_eq!(journal.layer(index).unwrap().as_built, layer(2, index).as_built, "{index}");
     }
 }
 

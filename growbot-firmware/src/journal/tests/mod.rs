@@ -47,8 +47,8 @@ fn layer(plan_id: u64, index: u32) -> Laid {
 
 fn known<const S: usize>(journal: &mut Journal<Flash<S>>) -> Option<Known> {
     let state = *journal.job()?;
-    let laid = (0..state.laid).map(|index| journal.laid(index).unwrap()).collect();
-    assert_eq!(journal.laid(state.laid), None);
+    let laid = (0..state.laid).map(|index| journal.layer(index).unwrap()).collect();
+    assert_eq!(journal.layer(state.laid), None);
     Some(Known { state, carry: journal.carry(), laid })
 }
 

@@ -83,7 +83,7 @@ fn a_reading_must_follow_the_lower_model_by_70_percent_and_the_nominal_one_by_40
 #[test]
 fn the_state_says_what_a_missing_rise_is() {
     let found = |reading_c: f32, hot: bool, moved: bool, still_s: f32| {
-        let still = Some(Still { seconds: still_s, ..still(reading_c) });
+        let still = Some(FrozenReading { seconds: still_s, ..still(reading_c) });
         let supervision = Supervision { lower: by(20.0), moved, still, ..since(5.0, reading_c) };
         supervision.does_not_follow(&Look { hot, ..at(reading_c) })
     };

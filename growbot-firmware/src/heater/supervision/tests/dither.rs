@@ -20,7 +20,7 @@ fn swing(
         look += 1;
         let swings = share * AMPLITUDE_C * dither_at(phase + shift).0;
         let regulated =
-            Some(Regulated { trim: 0.0, saturated, dither: Some(Dither { phase, amplitude_c: AMPLITUDE_C }) });
+            Some(ControlState { trim: 0.0, saturated, dither: Some(Dither { phase, amplitude_c: AMPLITUDE_C }) });
         supervision.misses_dither(&Look { regulated, ..at(TARGET_C + swings) })
     })
 }
@@ -55,7 +55,7 @@ fn a_reading_that_stands_at_its_target_shows_no_dither_where_the_looks_do_not_di
         let found = looks_without_fault(10 * looks, || {
             let phase = look as f32 * seconds / DITHER_PERIOD_S;
             look += 1;
-            let regulated = Some(Regulated {
+            let regulated = Some(ControlState {
                 dither: Some(Dither { phase: phase - libm::floorf(phase), amplitude_c: 0.5 }),
                 ..STEADY
             });

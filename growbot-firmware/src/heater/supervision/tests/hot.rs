@@ -4,7 +4,7 @@ use super::*;
 
 #[test]
 fn a_hot_nozzle_that_is_8_c_too_cold_for_3_s_or_out_of_its_band_for_30_s_drops() {
-    let low = |below: f32, hot: bool, regulated: Option<Regulated>| {
+    let low = |below: f32, hot: bool, regulated: Option<ControlState>| {
         let mut supervision = Supervision::default();
         looks_without_fault(400, || supervision.drops(&Look { hot, regulated, ..at(TARGET_C - below) }))
     };

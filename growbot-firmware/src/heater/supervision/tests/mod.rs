@@ -28,7 +28,7 @@ fn nozzle(measured: bool) -> &'static Nozzle<'static> {
     if measured { known } else { unknown }
 }
 
-const STEADY: Regulated = Regulated { trim: 0.0, saturated: false, dither: None };
+const STEADY: ControlState = ControlState { trim: 0.0, saturated: false, dither: None };
 
 /// Returns the data of a hot nozzle at its target, without power.
 fn at(reading_c: f32) -> Look<'static> {
@@ -74,6 +74,6 @@ fn assert_near(value: f32, expected: f32) {
     assert!((value - expected).abs() <= 2e-3 * expected.abs().max(0.1), "{value}, not {expected}");
 }
 
-fn still(reading_c: f32) -> Still {
-    Still { reading_c, seconds: 0.0, dithered_s: 0.0, nominal: by(0.0) }
+fn still(reading_c: f32) -> FrozenReading {
+    FrozenReading { reading_c, seconds: 0.0, dithered_s: 0.0, nominal: by(0.0) }
 }

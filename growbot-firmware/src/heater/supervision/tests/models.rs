@@ -49,7 +49,7 @@ fn below_the_surroundings_nothing_falls() {
 #[test]
 fn the_trim_is_learned_near_the_target_while_the_power_is_free() {
     let learn = |reading_c: f32, saturated: bool, seconds: f32| {
-        let regulated = Regulated { trim: 0.25, saturated, dither: None };
+        let regulated = ControlState { trim: 0.25, saturated, dither: None };
         let mut supervision = Supervision::default();
         run(&mut supervision, &Look { regulated: Some(regulated), ..at(reading_c) }, seconds);
         supervision.learned

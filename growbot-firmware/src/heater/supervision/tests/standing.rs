@@ -39,14 +39,14 @@ fn the_smaller_change_counts_for_a_reading_that_stands() {
 
 #[test]
 fn a_reading_that_stands_while_the_power_is_dithered_is_frozen_after_45_s() {
-    let dithered = Regulated { dither: Some(Dither { phase: 0.0, amplitude_c: 0.5 }), ..STEADY };
-    let stand = |regulated: Option<Regulated>| {
+    let dithered = ControlState { dither: Some(Dither { phase: 0.0, amplitude_c: 0.5 }), ..STEADY };
+    let stand = |regulated: Option<ControlState>| {
         let mut supervision = Supervision::default();
         looks_without_fault(400, || supervision.stands_still(&Look { regulated, ..at(TARGET_C) }))
     };
     // The first update does not count as standing still. The next 180 make 45 s.
     assert_eq!(stand(Some(dithered)), (180, Some(Fault::ThermistorFrozen)));
-    assert_eq!(stand(Some(Regulated { saturated: true, ..dithered })), (400, None));
+    assert_eq!(stand(Some(ControlState { saturated: true, ..dithered })), (400, None));
     assert_eq!(stand(Some(STEADY)), (400, None));
     assert_eq!(stand(None), (400, None));
     // Any change is enough, however small.
@@ -73,7 +73,7 @@ fn a_reading_has_moved_once_it_was_more_than_3_c_from_its_first() {
 
 #[test]
 fn a_reading_that_stands_at_all_the_power_may_be_that_of_a_nozzle_that_comes_no_further() {
-    let still = Some(Still { seconds: 4.25, ..still(150.0) });
+    let still = Some(FrozenReading { seconds: 4.25, ..still(150.0) });
     for (duty, hot, fault) in [
         (0.99, false, Fault::ThermistorFrozen),
         (1.0, false, Fault::HeatingTooSlow),
