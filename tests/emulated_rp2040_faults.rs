@@ -87,14 +87,14 @@ impl BoardUnderTest for Rp2040 {
 
 /// Result of a fault.
 #[derive(Debug, PartialEq)]
-struct Met {
+struct CaseResult {
     state: State,
     fault: Option<Fault>,
     /// Time until the board noticed the fault, s.
     after: f64,
 }
 
-impl Met {
+impl CaseResult {
     fn is_right(&self, case: &Case) -> bool {
         let is_one_of =
             |codes: &[Fault]| self.state == State::Fault && self.fault.is_some_and(|fault| codes.contains(&fault));
@@ -155,7 +155,7 @@ impl<B: BoardUnderTest> Bench<B> {
     }
 
     /// Returns the result of a growth in which a fault began at `broken_ms`.
-    fn end(&mut self, broken_ms: u64) -> Met {
+    fn end(&mut self, broken_ms: u64) -> CaseResult {
         let status = self.wait_for(&[State::Fault, State::EmergencyStop, State::Done, State::Paused]);
         let noticed_ms = match status.state {
             State::Fault | State::EmergencyStop => {
@@ -172,12 +172,12 @@ impl<B: BoardUnderTest> Bench<B> {
         }
         // The board may notice the fault before its time is requested.
         let after = noticed_ms.saturating_sub(broken_ms) as f64 / 1000.0;
-        Met { state: status.state, fault: status.fault, after }
+        CaseResult { state: status.state, fault: status.fault, after }
     }
 }
 
 /// Grows until the onset, injects the fault, and waits for the board's reaction.
-fn meet(board: impl BoardUnderTest, case: Case) -> Met {
+fn meet(board: impl BoardUnderTest, case: Case) -> CaseResult {
     let what = format!("{}, {}", case.fault.name(), case.onset.name());
     let board = Rc::new(RefCell::new(board));
     let client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
@@ -192,7 +192,7 @@ fn meet(board: impl BoardUnderTest, case: Case) -> Met {
     if case.expected() == Expected::Refused {
         assert!(matches!(begun, Err(ClientError::Refused { .. })), "{}: {begun:?}", bench.what);
         let Status { state, fault, .. } = bench.client.status().unwrap();
-        return Met { state, fault, after: 0.0 };
+        return CaseResult { state, fault, after: 0.0 };
     }
     begun.unwrap();
     if case.onset == Onset::Boot {
@@ -217,7 +217,7 @@ fn check(case: Case) -> Result<String, String> {
     let simulated = meet(Sim::new(robot()), case);
     let pico = meet(Rp2040::start(&robot(), Some(&pico_firmware("growbot-a"))).unwrap(), case);
     let (fault, onset, met) = (case.fault.name(), case.onset.name(), [&pico, &simulated]);
-    let [name, other] = met.map(Met::name);
+    let [name, other] = met.map(CaseResult::name);
     let [after, others] = met.map(|met| met.after);
     let line = format!("| {fault} | {onset} | {name} | {after:.1} | {other} | {others:.1} |");
     if !met.iter().all(|met| met.is_right(&case)) {

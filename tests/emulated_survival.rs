@@ -190,7 +190,7 @@ impl Point {
         }
         let second = flash.map(|flash| board(job.robot, &flash)).transpose()?;
         let laid = known.len();
-        let (found, grown) = come_back(second.as_ref().unwrap_or(&first), job, known, *crash)
+        let (found, grown) = reconnect_and_resume(second.as_ref().unwrap_or(&first), job, known, *crash)
             .map_err(|error| format!("{what}: {error}"))?;
         if grown.outcome != Outcome::Done {
             return Err(format!("{what}: resumed, it ended by {:?}", grown.outcome));
@@ -253,7 +253,7 @@ fn feed_steps(board: &Board) -> u64 {
 }
 
 /// Connects another host, which clears a fault and resumes. Returns the status that it found, and the growth.
-fn come_back(
+fn reconnect_and_resume(
     board: &Board,
     job: &Job,
     known: Vec<Option<LayerBytes>>,

@@ -8,7 +8,7 @@ use bmi160::interface::I2cInterface;
 use bmi160::{AccelerometerPowerMode, AccelerometerRange, Bmi160, SensorSelector, SlaveAddr};
 use embedded_hal::i2c::I2c;
 
-use crate::hal::Orientation;
+use crate::hal::GravitySensor;
 
 /// Identification of a BMI160 (data sheet, register 0x00).
 const CHIP_ID: u8 = 0xD1;
@@ -48,7 +48,7 @@ impl<I: I2c> Bmi160Sensor<I> {
     }
 }
 
-impl<I: I2c> Orientation for Bmi160Sensor<I> {
+impl<I: I2c> GravitySensor for Bmi160Sensor<I> {
     fn gravity(&mut self) -> Option<[i16; 3]> {
         if self.started {
             let read = self.read();

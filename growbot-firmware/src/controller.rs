@@ -31,14 +31,14 @@ use growbot_core::link::message::{
 };
 use growbot_core::robot::Robot;
 
-use crate::hal::{Adc, Board, Parts, StepperDrivers};
+use crate::hal::{Adc, Board, BoardResources, StepperDrivers};
 use crate::heater::{self, Heater, Oversampler};
 use crate::layer_store::LayerStore;
 use crate::link::{self, Link};
 use crate::safety::input_monitor::Inputs;
 use crate::safety::liveness::LivenessCheck;
 use crate::safety::retained::{ActiveWork, RetainedState, RetainedStore};
-use crate::safety::transitions::{Event, after, may_heat};
+use crate::safety::transitions::{Event, may_heat, next_state};
 use crate::stepping::Mailbox;
 
 /// Facts about the start of a board.
@@ -78,7 +78,7 @@ struct StepTickMonitor {
 pub struct Controller<B: Board> {
     robot: Robot,
     identity: BootInfo,
-    parts: Parts<B>,
+    parts: BoardResources<B>,
     link: Link,
     state: State,
     fault: Option<Fault>,
@@ -103,15 +103,15 @@ pub struct Controller<B: Board> {
     /// Number of finished sectors of the current layer, as last stored in the retained state.
     sectors: u8,
     /// Time at which the state was entered, us.
-    since: u64,
-    next_update: u64,
-    now: u64,
+    state_entered_us: u64,
+    next_supervision_us: u64,
+    now_us: u64,
 }
 
 impl<B: Board> Controller<B> {
     /// Creates a controller with everything off. It starts in the self-test, or with the fault of the boot before. A
     /// board that is not configured stays unconfigured, whatever `robot` is.
-    pub fn new(robot: Robot, identity: BootInfo, mut parts: Parts<B>, handover: &Mailbox) -> Self {
+    pub fn new(robot: Robot, identity: BootInfo, mut parts: BoardResources<B>, handover: &Mailbox) -> Self {
         let (copies, retained) = RetainedStore::find(&mut parts.retained);
         let unknown = retained.err();
         let mut controller = Self {
@@ -137,9 +137,9 @@ impl<B: Board> Controller<B> {
             motors_energised: false,
             calls: handover.calls(),
             sectors: 0,
-            since: 0,
-            next_update: 0,
-            now: 0,
+            state_entered_us: 0,
+            next_supervision_us: 0,
+            now_us: 0,
         };
         controller.switch_off(handover);
         if identity.configured {
@@ -152,13 +152,13 @@ impl<B: Board> Controller<B> {
     /// Processes a byte from the host. An emergency stop is recognised earlier, where the byte arrives.
     pub fn receive(&mut self, byte: u8, handover: &Mailbox) {
         if let Some(Ok(frame)) = self.link.receive(byte) {
-            self.serve(&frame, handover);
+            self.handle_frame(&frame, handover);
         }
     }
 
     /// Removes and returns the next byte for the host.
     pub fn next_tx_byte(&mut self) -> Option<u8> {
-        self.link.transmit()
+        self.link.next_tx_byte()
     }
 
     /// Returns the state of the robot.
@@ -176,7 +176,7 @@ impl<B: Board> Controller<B> {
     /// Returns the number of layers of the job that are laid.
     #[must_use]
     pub fn layers_laid(&self) -> u32 {
-        self.job.laid
+        self.job.layers_laid
     }
 
     /// Returns the target of the nozzle's temperature, degrees Celsius. `None` if the heater is off.
@@ -187,7 +187,7 @@ impl<B: Board> Controller<B> {
 
     /// Does everything that is due at time `now`, us since the start.
     pub fn poll(&mut self, now: u64, handover: &Mailbox) {
-        self.now = now;
+        self.now_us = now;
         if let Some(raw) = self.parts.thermistor.sample() {
             self.thermistor.add(raw);
         }
@@ -200,8 +200,8 @@ impl<B: Board> Controller<B> {
         if self.heater.is_powered_without_reading(now) {
             self.latch_fault(Fault::ThermistorSilent, handover);
         }
-        if now >= self.next_update {
-            self.next_update = now.saturating_add(heater::PERIOD_US);
+        if now >= self.next_supervision_us {
+            self.next_supervision_us = now.saturating_add(heater::PERIOD_US);
             self.supervise(handover);
         }
         if let Some(report) = handover.pop_report() {
@@ -226,25 +226,31 @@ impl<B: Board> Controller<B> {
 
     /// Applies an event to the state machine. Returns `false` if the current state ignores the event.
     fn apply_event(&mut self, event: Event) -> bool {
-        let Some(state) = after(self.state, event) else { return false };
+        let Some(state) = next_state(self.state, event) else { return false };
         if self.state != state {
             self.state = state;
-            self.since = self.now;
+            self.state_entered_us = self.now_us;
             self.retain();
-            self.link.push_event(link::Event::State(StateChanged { state, fault: self.fault }));
+            self.link.push_event(link::HostEvent::State(StateChanged { state, fault: self.fault }));
         }
         true
     }
 
     /// Returns the time since the state was entered, us.
     fn in_state_us(&self) -> u64 {
-        self.now.saturating_sub(self.since)
+        self.now_us.saturating_sub(self.state_entered_us)
     }
 
     /// Writes the state that the next start needs into the memory that survives a reset.
     fn retain(&mut self) {
-        let job::Job { plan_id, laid, given, .. } = self.job;
-        let under_way = ActiveWork { state: self.state, plan_id, laid, begun: given, sectors: self.sectors };
+        let job::Job { plan_id, layers_laid: laid, layers_begun: given, .. } = self.job;
+        let under_way = ActiveWork {
+            state: self.state,
+            plan_id,
+            layers_laid: laid,
+            layers_begun: given,
+            sectors_done: self.sectors,
+        };
         self.retained.under_way = (may_heat(self.state) || self.state == State::Parked).then_some(under_way);
         self.copies.write(&mut self.parts.retained, &self.retained);
     }
@@ -254,17 +260,17 @@ impl<B: Board> Controller<B> {
         Status {
             state: self.state,
             fault: self.fault,
-            temperature_centi_c: self.heater.temperature(self.now).map(centi),
+            temperature_centi_c: self.heater.temperature(self.now_us).map(centi),
             target_centi_c: self.heater.target().map(centi),
             duty: self.duty(),
             plan_id: self.job.plan_id,
-            layer_count: self.job.layers,
+            layer_count: self.job.layer_count,
             next_layer: self.store().next_index(),
-            layers_laid: self.job.laid,
+            layers_laid: self.job.layers_laid,
             interrupted: self.job.interrupted,
             pause_cause: self.pause_cause(),
             is_resumable: !self.job.journal_failed,
-            uptime_ms: self.now / 1000,
+            uptime_ms: self.now_us / 1000,
         }
     }
 

@@ -23,7 +23,7 @@ pub trait Adc {
 }
 
 /// The tip's orientation sensor.
-pub trait Orientation {
+pub trait GravitySensor {
     /// Returns gravity in the tip's frame, thousandths of the earth's, upwards as a resting accelerometer shows it.
     /// `None` if the sensor does not respond. Takes a millisecond at most.
     fn gravity(&mut self) -> Option<[i16; 3]>;
@@ -132,7 +132,7 @@ pub trait Board {
     /// Serial line of the stepper drivers.
     type Drivers: StepperDrivers;
     /// Orientation sensor of the tip.
-    type Orientation: Orientation;
+    type Orientation: GravitySensor;
     /// Watchdog.
     type Watchdog: Watchdog;
     /// Debug port of the processor.
@@ -147,7 +147,7 @@ pub trait Board {
 }
 
 /// The parts of a board, as values.
-pub struct Parts<B: Board> {
+pub struct BoardResources<B: Board> {
     /// Power stage of the heater.
     pub heater_power: B::HeaterPower,
     /// Second switch in series with the power stage.

@@ -30,7 +30,7 @@ const MAX_RESEND_US: u64 = 3_200_000;
 
 /// An event that a host must receive.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Event {
+pub enum HostEvent {
     /// A layer is laid.
     Laid(LayerLaid),
     /// The state has changed.
@@ -39,7 +39,7 @@ pub enum Event {
     Tuned(Tuned),
 }
 
-impl Event {
+impl HostEvent {
     fn message(self) -> Message {
         match self {
             Self::Laid(laid) => Message::Laid(laid),
@@ -84,13 +84,13 @@ struct Session {
 
 /// The handling of a received frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Arrival {
+pub enum FrameAction {
     /// A request of the open session, received for the first time.
-    New,
+    Handle,
     /// A request outside of the open session.
-    Outside,
+    NoSession,
     /// A frame that needs no further handling: its response was sent again, or it is too old to matter.
-    Settled,
+    Ignore,
 }
 
 /// The board's end of the link.
@@ -100,7 +100,7 @@ pub struct Link {
     outbox: Deque<u8, OUTBOX>,
     session: Option<Session>,
     closed: Deque<u32, CLOSED>,
-    events: Deque<Event, EVENTS>,
+    events: Deque<HostEvent, EVENTS>,
 }
 
 impl Link {
@@ -111,7 +111,7 @@ impl Link {
     }
 
     /// Removes and returns the next byte to send.
-    pub fn transmit(&mut self) -> Option<u8> {
+    pub fn next_tx_byte(&mut self) -> Option<u8> {
         self.outbox.pop_front()
     }
 
@@ -166,9 +166,9 @@ impl Link {
 
     /// Processes the header of a frame: it shows that its host is alive, and acknowledges events. Returns how the frame
     /// is to be handled.
-    pub fn process_header(&mut self, header: &Header, now: u64) -> Arrival {
+    pub fn process_header(&mut self, header: &Header, now: u64) -> FrameAction {
         let Some(session) = self.session.as_mut().filter(|session| session.id == header.session) else {
-            return Arrival::Outside;
+            return FrameAction::NoSession;
         };
         session.received = now;
         while session.sent > 0 && header.ack != 0 && !is_seq_after(session.first_event, header.ack) {
@@ -178,12 +178,12 @@ impl Link {
             session.resend = Resend::after(RESEND_US, now);
         }
         if header.kind == ACK || header.seq == 0 {
-            return Arrival::Settled;
+            return FrameAction::Ignore;
         }
         if is_seq_after(header.seq, session.request) {
             session.request = header.seq;
             session.answer = None;
-            return Arrival::New;
+            return FrameAction::Handle;
         }
         if header.seq == session.request
             && let Some(answer) = session.answer.take()
@@ -191,7 +191,7 @@ impl Link {
             self.send(header.session, 0, header.seq, &answer);
             self.cache_response(answer);
         }
-        Arrival::Settled
+        FrameAction::Ignore
     }
 
     /// Sends the response and caches it for retransmission. If the transmit queue is full the response is not sent,
@@ -212,13 +212,13 @@ impl Link {
     /// Returns whether a session is open and its events have room for another layer.
     #[must_use]
     pub fn has_room_for_layer(&self) -> bool {
-        let waiting = self.events.iter().filter(|event| matches!(event, Event::Laid(_))).count();
+        let waiting = self.events.iter().filter(|event| matches!(event, HostEvent::Laid(_))).count();
         self.session.is_some() && waiting < MAX_LAID && !self.events.is_full()
     }
 
     /// Queues an event for the host. If a host has left a whole queue unacknowledged, its session is closed. When the
     /// host returns, the status reports the effects of the events.
-    pub fn push_event(&mut self, event: Event) {
+    pub fn push_event(&mut self, event: HostEvent) {
         if self.session.is_some() && self.events.push_back(event).is_err() {
             self.close();
         }

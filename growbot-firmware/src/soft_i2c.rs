@@ -26,9 +26,9 @@ pub enum SoftI2cError {
     /// No chip acknowledged the address, or the chip did not acknowledge a byte.
     NotAcknowledged(NoAcknowledgeSource),
     /// A chip holds the clock low.
-    ClockHeld,
+    ClockStretchTimeout,
     /// A chip holds the data line low, and did not release it when it was clocked.
-    DataHeld,
+    BusStuck,
     /// A pin cannot be set or read.
     Pin,
 }
@@ -37,7 +37,7 @@ impl Error for SoftI2cError {
     fn kind(&self) -> ErrorKind {
         match self {
             Self::NotAcknowledged(source) => ErrorKind::NoAcknowledge(*source),
-            Self::ClockHeld | Self::DataHeld => ErrorKind::Bus,
+            Self::ClockStretchTimeout | Self::BusStuck => ErrorKind::Bus,
             Self::Pin => ErrorKind::Other,
         }
     }
@@ -80,7 +80,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
     fn clock_high(&mut self) -> Result<(), SoftI2cError> {
         self.clock.set_high().map_err(|_| SoftI2cError::Pin)?;
         while self.clock.is_low().map_err(|_| SoftI2cError::Pin)? {
-            self.patience_us = self.patience_us.checked_sub(1).ok_or(SoftI2cError::ClockHeld)?;
+            self.patience_us = self.patience_us.checked_sub(1).ok_or(SoftI2cError::ClockStretchTimeout)?;
             self.timer.delay_us(1);
         }
         Ok(())
@@ -110,7 +110,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
             self.clock_high()?;
             self.half();
         }
-        if self.data()? { Ok(()) } else { Err(SoftI2cError::DataHeld) }
+        if self.data()? { Ok(()) } else { Err(SoftI2cError::BusStuck) }
     }
 
     /// Makes a start condition, or a repeated one: the data line falls while the clock is high. The clock is low
@@ -259,7 +259,7 @@ mod tests {
     fn a_chip_that_holds_a_line_down_costs_less_than_a_millisecond() {
         let chip = FakeChip::default();
         for (trouble, error) in
-            [(Trouble::HoldsClock, SoftI2cError::ClockHeld), (Trouble::HoldsData, SoftI2cError::DataHeld)]
+            [(Trouble::HoldsClock, SoftI2cError::ClockStretchTimeout), (Trouble::HoldsData, SoftI2cError::BusStuck)]
         {
             let (wires, mut bus) = bus(&chip);
             chip.trouble(trouble);
@@ -281,7 +281,7 @@ mod tests {
         bus.write_read(ADDRESS, &[0x20], &mut bytes).unwrap();
         assert_eq!(bytes, [0x3C]);
         wires.stretch_next(130);
-        assert_eq!(bus.write_read(ADDRESS, &[0x20], &mut bytes), Err(SoftI2cError::ClockHeld));
+        assert_eq!(bus.write_read(ADDRESS, &[0x20], &mut bytes), Err(SoftI2cError::ClockStretchTimeout));
         wires.stretch_next(0);
         bus.write_read(ADDRESS, &[0x20], &mut bytes).unwrap();
     }

@@ -8,7 +8,7 @@ use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use growbot_core::robot::Robot;
 use growbot_firmware::hal::Outputs;
 use growbot_firmware::invertible_pin::InvertiblePin;
-use growbot_firmware::stepping::{Axis, Engine, EngineConfig, Inputs, Mailbox};
+use growbot_firmware::stepping::{Axis, Engine, EngineConfig, EngineInputs, Mailbox};
 
 static HEAD_STEP: AtomicBool = AtomicBool::new(false);
 static HEAD_DIRECTION: AtomicBool = AtomicBool::new(false);
@@ -64,7 +64,7 @@ pub fn engine(settings: EngineConfig) -> StepEngine {
     Engine::new(
         Axis { step: Pin(&HEAD_STEP), direction: wired(&HEAD_DIRECTION), enable: wired(&HEAD_ENABLE) },
         Axis { step: Pin(&FEED_STEP), direction: wired(&FEED_DIRECTION), enable: wired(&FEED_ENABLE) },
-        Inputs { index: wired(&INDEX), filament_motion: Pin(&FILAMENT), emergency_stop: wired(&STOP) },
+        EngineInputs { index: wired(&INDEX), filament_motion: Pin(&FILAMENT), emergency_stop: wired(&STOP) },
         TipOutputs,
         settings,
     )

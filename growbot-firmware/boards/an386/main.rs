@@ -27,13 +27,13 @@ use growbot_core::robot::{Robot, RobotError};
 use growbot_firmware::board_robot::BoardRobot;
 use growbot_firmware::controller::{BootInfo, Controller};
 use growbot_firmware::description_store::{DescriptionStore, StoredDescription};
-use growbot_firmware::hal::{Board, NoDebugPort, Parts, UnmanagedDrivers};
+use growbot_firmware::hal::{Board, BoardResources, NoDebugPort, UnmanagedDrivers};
 use growbot_firmware::invertible_pin::InvertiblePin;
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
-use growbot_firmware::stepping::{Axis, Engine, EngineConfig, Inputs, Mailbox};
+use growbot_firmware::stepping::{Axis, Engine, EngineConfig, EngineInputs, Mailbox};
 
-use crate::flash::{PartOfFlash, SharedWords};
+use crate::flash::{FlashPartition, SharedWords};
 use crate::runtime::retained::RetainedRam;
 use crate::runtime::{crash, seal};
 use crate::stack_monitor::StackMonitor;
@@ -64,7 +64,7 @@ impl Board for An386 {
     type Watchdog = watchdog::BoardWatchdog;
     type DebugPort = NoDebugPort;
     type Retained = RetainedRam;
-    type Flash = PartOfFlash;
+    type Flash = FlashPartition;
     type Store = &'static mut LayerStore;
 }
 
@@ -123,7 +123,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
     let engine = Engine::new(
         Axis { step: tip.head_step, direction: tip.head_direction, enable: tip.head_enable },
         Axis { step: tip.feed_step, direction: tip.feed_direction, enable: tip.feed_enable },
-        Inputs {
+        EngineInputs {
             // The emulated sensor pulls its line low on the mark.
             index: InvertiblePin::new(tip.index, true),
             filament_motion: tip.filament_motion,
@@ -134,7 +134,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
     );
     step_timer::start(engine, robot.description().motion.tick_hz, CLOCK_HZ);
     interrupts::start(&mut core.NVIC);
-    let identity = BootInfo { configured, ..identity() };
+    let identity = BootInfo { configured, ..boot_info() };
     defmt::info!(
         "an386 for {=str}, boot id {=u32:08x}, started by {=str}",
         robot.name(),
@@ -142,7 +142,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
         identity.reset_cause.name()
     );
 
-    let parts = Parts {
+    let parts = BoardResources {
         heater_power: tip.heater,
         heater_enable: tip.heater_enable,
         fan: tip.fan,
@@ -169,7 +169,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
 }
 
 /// Returns the facts about this start.
-fn identity() -> BootInfo {
+fn boot_info() -> BootInfo {
     BootInfo {
         boot_id: tip::boot_id(),
         reset_cause: reset::named(tip::reset_cause()),
@@ -189,7 +189,7 @@ fn decode_for_board(bytes: &[u8]) -> Result<Robot, RobotError> {
 /// Returns the robot in the board's flash. Without one it returns the robot whose description the desktop has put into
 /// the tip's memory, and otherwise the robot that the firmware was built for.
 #[inline(never)] // Its stack frame is needed only during the start-up.
-fn load_robot(descriptions: &mut DescriptionStore<PartOfFlash>) -> Result<BoardRobot, RobotError> {
+fn load_robot(descriptions: &mut DescriptionStore<FlashPartition>) -> Result<BoardRobot, RobotError> {
     let mut bytes = [0; growbot_core::robot::MAX_ENCODED_LEN];
     let length = tip::copy_robot_description(&mut bytes);
     match (bytes.get(..length), descriptions.newest()) {

@@ -55,7 +55,7 @@ pub fn named(cause: u32) -> ResetCause {
 }
 
 /// Ends the program after a stack overflow or another fault of the processor.
-pub fn on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
+pub fn reset_on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
     tip::make_safe();
     // The step that is most certain to succeed comes first.

@@ -8,7 +8,7 @@ use growbot_firmware::stepping::Engine;
 use crate::MAILBOX;
 use crate::interrupt_cell::InterruptCell;
 use crate::registers::Register;
-use crate::tip::{self, Encoder, Flag, IndexSensor, Step, Switch, TipOutputs, Wire};
+use crate::tip::{self, DirectionPin, FilamentEncoder, Flag, IndexSensor, Step, Switch, TipOutputs};
 
 const BASE: usize = 0x4000_0000;
 // SAFETY: the registers of TIMER0, which only this file uses.
@@ -24,8 +24,18 @@ const CONTROL_ENABLE: u32 = 1 << 0;
 const CONTROL_INTERRUPT: u32 = 1 << 3;
 
 /// The engine that runs in the step interrupt.
-pub type StepEngine =
-    Engine<Step, Wire, Switch, Step, Wire, Switch, InvertiblePin<IndexSensor>, Encoder, Flag, TipOutputs>;
+pub type StepEngine = Engine<
+    Step,
+    DirectionPin,
+    Switch,
+    Step,
+    DirectionPin,
+    Switch,
+    InvertiblePin<IndexSensor>,
+    FilamentEncoder,
+    Flag,
+    TipOutputs,
+>;
 
 static ENGINE: InterruptCell<StepEngine> = InterruptCell::empty();
 

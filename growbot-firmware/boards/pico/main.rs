@@ -42,12 +42,12 @@ use growbot_firmware::bmi160_sensor::Bmi160Sensor;
 use growbot_firmware::board_robot::BoardRobot;
 use growbot_firmware::controller::{BootInfo, Controller};
 use growbot_firmware::description_store::DescriptionStore;
-use growbot_firmware::hal::{Board, NoDebugPort, Parts};
+use growbot_firmware::hal::{Board, BoardResources, NoDebugPort};
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::link_mux::LinkMux;
 use growbot_firmware::soft_i2c::SoftI2c;
-use growbot_firmware::stepping::{Axis, Engine, EngineConfig, Inputs, Mailbox};
+use growbot_firmware::stepping::{Axis, Engine, EngineConfig, EngineInputs, Mailbox};
 use growbot_firmware::tmc2209::{DriverConfig, Tmc2209};
 use rp2040_pac as pac;
 
@@ -153,19 +153,19 @@ fn set_up() -> &'static mut Controller<Pico> {
     clock::start(&device);
     let mut descriptions = DescriptionStore::open(BoardFlash::of_description());
     let BoardRobot { robot, configured } = BoardRobot::load(&mut descriptions);
-    let identity = BootInfo { configured, ..identify(&device) };
+    let identity = BootInfo { configured, ..boot_info(&device) };
     let pins = Pins::new(robot.description(), configured, device.IO_BANK0, device.PADS_BANK0);
     uart::start(&device.UART0);
     usb::start(&device.RESETS);
     let engine = Engine::new(
         Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
         Axis { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
-        Inputs { index: pins.index, filament_motion: pins.filament_motion, emergency_stop: pins.emergency_stop },
+        EngineInputs { index: pins.index, filament_motion: pins.filament_motion, emergency_stop: pins.emergency_stop },
         pins::TipOutputs,
         EngineConfig::for_robot(&robot),
     );
     let (thermistor, supply) = adc::new(device.ADC, pins.thermistor, pins.supply);
-    let parts = Parts {
+    let parts = BoardResources {
         heater_power: Power::start(pins.heater),
         heater_enable: pins.heater_enable,
         fan: Power::start(pins.fan),
@@ -189,7 +189,7 @@ fn set_up() -> &'static mut Controller<Pico> {
         identity.boot_id,
         identity.reset_cause.name()
     );
-    vectors::move_to_memory();
+    vectors::relocate_to_ram();
     step_timer::start(engine, &device.PWM, robot.description().motion.tick_hz);
     start_interrupts(&mut core.NVIC);
     // The controller is not on the stack, because planning needs the stack.
@@ -209,7 +209,7 @@ fn start_interrupts(nvic: &mut NVIC) {
 }
 
 /// Returns the facts about this start.
-fn identify(device: &pac::Peripherals) -> BootInfo {
+fn boot_info(device: &pac::Peripherals) -> BootInfo {
     BootInfo {
         reset_cause: reset::read_and_clear_cause(device),
         boot_id: reset::next_boot_id(),

@@ -147,12 +147,12 @@ impl InputPin for OpenDrain {
 }
 
 /// The peripherals that configure the pins.
-struct Roles {
+struct PinMux {
     io: pac::IO_BANK0,
     pads: pac::PADS_BANK0,
 }
 
-impl Roles {
+impl PinMux {
     /// Sets a pin's pad and function. A pin that the processor does not have is ignored.
     fn give(&self, pin: Option<u8>, pad: u32, function: u32) {
         if let Some(pin) = pin.map(usize::from).filter(|pin| *pin < 30) {
@@ -231,7 +231,7 @@ impl Pins {
     /// Configures each pin for the robot's board. Without a robot all pins except the link's stay in their state after
     /// the reset.
     pub fn new(robot: &RobotDescription, configured: bool, io: pac::IO_BANK0, pads: pac::PADS_BANK0) -> Self {
-        let roles = Roles { io, pads };
+        let roles = PinMux { io, pads };
         roles.give(Some(LINK_TX), PAD, FUNCTION_UART);
         // Without an adapter the line idles, instead of picking up bytes.
         roles.give(Some(LINK_RX), PAD | PULL_UP, FUNCTION_UART);

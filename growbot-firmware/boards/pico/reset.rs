@@ -96,7 +96,7 @@ pub fn restart() -> ! {
 /// Switches everything off and resets after the crystal has stopped. The start then waits for the crystal. The function
 /// does not use the flash, which may be busy (`memory/pico.x`).
 #[inline(never)] // It is not inlined into the step interrupt, which seldom needs it.
-pub fn end_by_clock_failure() -> ! {
+pub fn reset_on_clock_failure() -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();
     NOTES.write(END, CLOCK_FAILED);

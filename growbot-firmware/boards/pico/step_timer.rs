@@ -7,7 +7,7 @@ use rp2040_pac as pac;
 use rp2040_pac::interrupt;
 
 use crate::MAILBOX;
-use crate::clock::{CrystalWatch, PROCESSOR_HZ};
+use crate::clock::{CrystalMonitor, PROCESSOR_HZ};
 use crate::interrupt_cell::InterruptCell;
 use crate::{pins, reset};
 
@@ -34,7 +34,7 @@ pub type StepEngine = Engine<
 /// Data of the step interrupt.
 struct Ticking {
     engine: StepEngine,
-    crystal: CrystalWatch,
+    crystal: CrystalMonitor,
 }
 
 static TICKING: InterruptCell<Ticking> = InterruptCell::empty();
@@ -42,7 +42,7 @@ static TICKING: InterruptCell<Ticking> = InterruptCell::empty();
 /// Starts the ticks, which begin once the interrupts are enabled. [`growbot_core::robot::Robot::check_for_board`] has
 /// checked the rate.
 pub fn start(engine: StepEngine, pwm: &pac::PWM, tick_hz: u32) {
-    TICKING.give(Ticking { engine, crystal: CrystalWatch::new() });
+    TICKING.init(Ticking { engine, crystal: CrystalMonitor::new() });
     let clocks = PROCESSOR_HZ / tick_hz.max(1);
     // The smallest whole divider, up to 255, with which a period fits.
     let divider = clocks.div_ceil(MAX_COUNTS).clamp(1, 255);
@@ -65,7 +65,7 @@ fn PWM_IRQ_WRAP() {
     unsafe {
         TICKING.with(|ticking| {
             if ticking.crystal.has_stopped() {
-                reset::end_by_clock_failure();
+                reset::reset_on_clock_failure();
             }
             ticking.engine.tick(&MAILBOX);
         });

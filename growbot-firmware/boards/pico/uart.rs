@@ -33,7 +33,7 @@ static WATCH: InterruptCell<EmergencyStopDetector> = InterruptCell::empty();
 
 /// Initialises the UART. Bytes are transferred once the interrupts are enabled.
 pub fn start(uart: &pac::UART0) {
-    WATCH.give(EmergencyStopDetector::new());
+    WATCH.init(EmergencyStopDetector::new());
     // With sixteenfold oversampling, the divider in 64ths is 4 times clock over rate, rounded.
     let divider = (4 * PROCESSOR_HZ + BAUD / 2) / BAUD;
     // SAFETY: values within the registers' ranges.

@@ -4,7 +4,9 @@
 //! to. Its priority is that of the UART's interrupt, because either may receive a stop.
 
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
-use growbot_firmware::usb_serial::{BYTES, Content, NOTIFICATIONS, PACKET, Reply, Setup, UsbSerial};
+use growbot_firmware::usb_serial::{
+    Content, ControlResponse, DATA_ENDPOINT, MAX_PACKET_BYTES, NOTIFICATION_ENDPOINT, Setup, UsbSerial,
+};
 use rp2040_pac as pac;
 use rp2040_pac::interrupt;
 
@@ -55,10 +57,10 @@ static DEVICE: InterruptCell<Device> = InterruptCell::empty();
 enum Control {
     Idle,
     /// Sends the remaining part of a content, from one index to another.
-    Sends(Content, usize, usize),
-    TakesCoding,
+    SendingData(Content, usize, usize),
+    ReceivingLineCoding,
     /// Sets this address when the host has received the reply.
-    GetsAddress(u8),
+    SettingAddress(u8),
 }
 
 /// Buffer of an endpoint in one direction.
@@ -123,7 +125,7 @@ impl Buffer {
     /// Sends a packet.
     fn send(&mut self, bytes: impl Iterator<Item = u8>) {
         let (mut count, mut word) = (0, 0);
-        for byte in bytes.take(PACKET) {
+        for byte in bytes.take(MAX_PACKET_BYTES) {
             word |= u32::from(byte) << (8 * (count % 4));
             count += 1;
             if count % 4 == 0 {
@@ -140,7 +142,7 @@ impl Buffer {
     /// Returns the bytes of the received packet.
     fn received(self) -> impl Iterator<Item = u8> {
         let count = (read(self.control) & LENGTH) as usize;
-        (0..count.min(PACKET)).map(move |at| (read(self.at + at / 4 * 4) >> (8 * (at % 4))) as u8)
+        (0..count.min(MAX_PACKET_BYTES)).map(move |at| (read(self.at + at / 4 * 4) >> (8 * (at % 4))) as u8)
     }
 }
 
@@ -152,8 +154,8 @@ impl Device {
             control: Control::Idle,
             reply: Buffer::new(0, false, CONTROL_BUFFER),
             request: Buffer::new(0, true, CONTROL_BUFFER),
-            receive: Buffer::new(BYTES, true, RECEIVE_BUFFER),
-            send: Buffer::new(BYTES, false, SEND_BUFFER),
+            receive: Buffer::new(DATA_ENDPOINT, true, RECEIVE_BUFFER),
+            send: Buffer::new(DATA_ENDPOINT, false, SEND_BUFFER),
             sends: false,
         }
     }
@@ -178,11 +180,11 @@ impl Device {
         self.sends = false;
         drop_queued();
         let on_if = |kind: u32, at: usize| if on { ENDPOINT_ON | kind | at as u32 } else { 0 };
-        write(ENDPOINTS + 8 * (usize::from(NOTIFICATIONS) - 1), on_if(INTERRUPT, NOTIFICATION_BUFFER));
-        write(ENDPOINTS + 8 * (usize::from(BYTES) - 1), on_if(BULK, SEND_BUFFER));
-        write(ENDPOINTS + 8 * (usize::from(BYTES) - 1) + 4, on_if(BULK, RECEIVE_BUFFER));
+        write(ENDPOINTS + 8 * (usize::from(NOTIFICATION_ENDPOINT) - 1), on_if(INTERRUPT, NOTIFICATION_BUFFER));
+        write(ENDPOINTS + 8 * (usize::from(DATA_ENDPOINT) - 1), on_if(BULK, SEND_BUFFER));
+        write(ENDPOINTS + 8 * (usize::from(DATA_ENDPOINT) - 1) + 4, on_if(BULK, RECEIVE_BUFFER));
         if on {
-            self.receive.hand_over(PACKET as u32);
+            self.receive.hand_over(MAX_PACKET_BYTES as u32);
         }
     }
 
@@ -194,29 +196,29 @@ impl Device {
         // The first packet after a request is an odd one.
         (self.reply.data1, self.request.data1, self.control) = (true, true, Control::Idle);
         match self.serial.answer(Setup::new(read(0), read(4))) {
-            Reply::Send(content, most) => {
+            ControlResponse::Send(content, most) => {
                 let length = self.serial.content(content).len();
-                self.control = Control::Sends(content, 0, length.min(most));
+                self.control = Control::SendingData(content, 0, length.min(most));
                 self.send_reply();
                 return;
             }
-            Reply::TakeCoding => {
-                self.control = Control::TakesCoding;
-                self.request.hand_over(PACKET as u32);
+            ControlResponse::TakeCoding => {
+                self.control = Control::ReceivingLineCoding;
+                self.request.hand_over(MAX_PACKET_BYTES as u32);
                 return;
             }
-            Reply::Refuse => {
+            ControlResponse::Refuse => {
                 // SAFETY: both directions of endpoint 0.
                 unsafe { registers().ep_stall_arm().write(|w| w.bits(0b11)) };
                 write(self.reply.control, STALL);
                 write(self.request.control, STALL);
                 return;
             }
-            Reply::Address(address) => self.control = Control::GetsAddress(address),
-            Reply::Configure(on) => self.configure(on),
-            Reply::ClearEndpoint(endpoint) => self.clear(endpoint),
-            Reply::Opened => drop_queued(),
-            Reply::Done => {}
+            ControlResponse::Address(address) => self.control = Control::SettingAddress(address),
+            ControlResponse::Configure(on) => self.configure(on),
+            ControlResponse::ClearEndpoint(endpoint) => self.clear(endpoint),
+            ControlResponse::Opened => drop_queued(),
+            ControlResponse::Done => {}
         }
         self.reply.send(core::iter::empty());
     }
@@ -224,10 +226,10 @@ impl Device {
     /// Restarts the packets of an endpoint.
     fn clear(&mut self, endpoint: u8) {
         if !self.serial.is_configured() {
-        } else if endpoint == BYTES {
+        } else if endpoint == DATA_ENDPOINT {
             self.receive.data1 = false;
-            self.receive.hand_over(PACKET as u32);
-        } else if endpoint == 0x80 | BYTES {
+            self.receive.hand_over(MAX_PACKET_BYTES as u32);
+        } else if endpoint == 0x80 | DATA_ENDPOINT {
             write(self.send.control, 0);
             (self.send.data1, self.sends) = (false, false);
         }
@@ -235,32 +237,32 @@ impl Device {
 
     /// Sends the next packet of a reply. If none is left, an empty packet from the host ends the reply.
     fn send_reply(&mut self) {
-        let Control::Sends(content, from, until) = self.control else { return };
-        let to = until.min(from + PACKET);
-        self.control = Control::Sends(content, to, until);
+        let Control::SendingData(content, from, until) = self.control else { return };
+        let to = until.min(from + MAX_PACKET_BYTES);
+        self.control = Control::SendingData(content, to, until);
         let bytes = self.serial.content(content).iter().copied();
         self.reply.send(bytes.skip(from).take(to - from));
     }
 
     fn on_reply_sent(&mut self) {
         match self.control {
-            Control::Sends(_, from, until) if from < until => self.send_reply(),
-            Control::Sends(..) => {
+            Control::SendingData(_, from, until) if from < until => self.send_reply(),
+            Control::SendingData(..) => {
                 self.control = Control::Idle;
                 self.request.data1 = true;
                 self.request.hand_over(0);
             }
-            Control::GetsAddress(address) => {
+            Control::SettingAddress(address) => {
                 self.control = Control::Idle;
                 // SAFETY: an address of 7 bits.
                 unsafe { registers().addr_endp().write(|w| w.bits(u32::from(address))) };
             }
-            Control::Idle | Control::TakesCoding => {}
+            Control::Idle | Control::ReceivingLineCoding => {}
         }
     }
 
     fn on_request(&mut self) {
-        if let Control::TakesCoding = self.control {
+        if let Control::ReceivingLineCoding = self.control {
             self.control = Control::Idle;
             self.serial.take_coding(self.request.received());
             self.reply.send(core::iter::empty());
@@ -274,7 +276,7 @@ impl Device {
             let _ = RECEIVED.enqueue(byte);
         }
         if self.serial.is_configured() {
-            self.receive.hand_over(PACKET as u32);
+            self.receive.hand_over(MAX_PACKET_BYTES as u32);
         }
     }
 
@@ -284,7 +286,7 @@ impl Device {
             return;
         }
         self.sends = true;
-        self.send.send(core::iter::from_fn(|| TO_SEND.dequeue()).take(PACKET - 1));
+        self.send.send(core::iter::from_fn(|| TO_SEND.dequeue()).take(MAX_PACKET_BYTES - 1));
     }
 
     fn on_buffers(&mut self) {
@@ -298,10 +300,10 @@ impl Device {
         if is_done(0, true) {
             self.on_request();
         }
-        if is_done(BYTES, true) {
+        if is_done(DATA_ENDPOINT, true) {
             self.on_received();
         }
-        if is_done(BYTES, false) {
+        if is_done(DATA_ENDPOINT, false) {
             self.sends = false;
         }
     }
@@ -328,7 +330,7 @@ pub fn start(resets: &pac::RESETS) {
         while resets.reset_done().read().bits() & RESET == 0 {}
     }
     (0..CONTROL_BUFFER).step_by(4).for_each(|offset| write(offset, 0));
-    DEVICE.give(Device::new());
+    DEVICE.init(Device::new());
     // SAFETY: values of the data sheet. The bus counts as supplied, because not every board has a pin that detects it.
     unsafe {
         usb.usb_muxing().write(|w| w.bits(1 | 1 << 3));

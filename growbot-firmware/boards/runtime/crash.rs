@@ -6,7 +6,7 @@ use core::mem::MaybeUninit;
 
 use growbot_core::link::crash::{CrashWords, cause_code};
 use growbot_core::link::message::ResetCause;
-use growbot_firmware::safety::crash::{Places, RETAINED_WORDS, from_words, words};
+use growbot_firmware::safety::crash::{MemoryLayout, RETAINED_WORDS, decode, encode};
 
 use super::{seal, stack};
 
@@ -78,11 +78,11 @@ pub fn retain(cause: ResetCause, boot_id: u32, moment: &ExceptionContext) {
     let what = cause_code(cause) | (icsr & 0x1FF) << 16;
     let sp = moment.stack_pointer as u32;
     let head = [what, boot_id, seal::stated(), sp, moment.exc_return, cfsr, hfsr, mmfar, bfar];
-    let places = Places {
+    let places = MemoryLayout {
         stack: stack::bottom() as u32..stack::top() as u32,
         code: &raw const __stext as u32..&raw const __etext as u32,
     };
-    for (index, value) in words(&head, &places, stack_word).into_iter().enumerate() {
+    for (index, value) in encode(&head, &places, stack_word).into_iter().enumerate() {
         // SAFETY: one of the words. No other code runs, because this is the handler of an exception that ends the
         // program.
         unsafe { word(index).write_volatile(value) }
@@ -93,5 +93,5 @@ pub fn retain(cause: ResetCause, boot_id: u32, moment: &ExceptionContext) {
 /// Returns the latest crash. `None` if the memory has no valid record.
 pub fn latest() -> Option<CrashWords> {
     // SAFETY: aligned words. RAM may be read before it was written.
-    from_words(&core::array::from_fn(|index| unsafe { word(index).read_volatile() }))
+    decode(&core::array::from_fn(|index| unsafe { word(index).read_volatile() }))
 }

@@ -91,5 +91,5 @@ extern "C" fn hard_fault() -> ! {
 extern "C" fn on_fault(stack_pointer: usize, exc_return: u32) -> ! {
     let overflowed = stack_pointer < bottom() + STACK_RESERVE_BYTES;
     let cause = if overflowed { ResetCause::StackOverflow } else { ResetCause::ProcessorFault };
-    crate::reset::on_crash(cause, &ExceptionContext { stack_pointer, exc_return })
+    crate::reset::reset_on_crash(cause, &ExceptionContext { stack_pointer, exc_return })
 }

@@ -10,9 +10,9 @@ use stm32f4xx_hal::pac;
 /// The processor's clock.
 pub const PROCESSOR_HZ: u32 = 168_000_000;
 /// The clock of the peripherals on the first bus (APB1).
-pub const PERIPHERALS_1_HZ: u32 = PROCESSOR_HZ / 4;
+pub const APB1_HZ: u32 = PROCESSOR_HZ / 4;
 /// The clock of the timers on that bus, which is twice as fast.
-pub const TIMERS_1_HZ: u32 = PROCESSOR_HZ / 2;
+pub const APB1_TIMER_HZ: u32 = PROCESSOR_HZ / 2;
 
 /// SysTicks a second.
 const TICK_HZ: u32 = 1_000;

@@ -37,10 +37,10 @@ mod app {
     use growbot_firmware::board_robot::BoardRobot;
     use growbot_firmware::controller::{BootInfo, Controller};
     use growbot_firmware::description_store::DescriptionStore;
-    use growbot_firmware::hal::{Board, Parts, UnmanagedDrivers};
+    use growbot_firmware::hal::{Board, BoardResources, UnmanagedDrivers};
     use growbot_firmware::journal::Journal;
     use growbot_firmware::layer_store::LayerStore;
-    use growbot_firmware::stepping::{Axis, Engine, EngineConfig, Inputs, Mailbox};
+    use growbot_firmware::stepping::{Axis, Engine, EngineConfig, EngineInputs, Mailbox};
     use stm32f4xx_hal::pac;
     use stm32f4xx_hal::prelude::*;
 
@@ -134,12 +134,16 @@ mod app {
         let engine = Engine::new(
             Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
             Axis { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
-            Inputs { index: pins.index, filament_motion: pins.filament_motion, emergency_stop: pins.emergency_stop },
+            EngineInputs {
+                index: pins.index,
+                filament_motion: pins.filament_motion,
+                emergency_stop: pins.emergency_stop,
+            },
             pins::TipOutputs,
             EngineConfig::for_robot(&robot),
         );
         let (thermistor, supply) = adc::new(device.ADC1, device.ADC_COMMON, pins.thermistor, pins.supply, &mut rcc);
-        let parts = Parts {
+        let parts = BoardResources {
             heater_power: Heater::new(device.TIM1, pins.heater, &mut rcc),
             heater_enable: pins.heater_enable,
             fan: Fan::new(device.TIM12, pins.fan, &mut rcc),
@@ -215,7 +219,7 @@ mod app {
 
     #[task(binds = PVD, priority = 5)]
     fn supply_sags(_cx: supply_sags::Context) {
-        reset::end_by_brown_out();
+        reset::reset_on_brown_out();
     }
 
     #[task(binds = TIM2, priority = 4, local = [engine, step_timer])]

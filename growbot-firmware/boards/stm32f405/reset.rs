@@ -91,7 +91,7 @@ fn end(note: u32) -> ! {
 }
 
 /// Switches everything off and resets, because the processor's supply sags.
-pub fn end_by_brown_out() -> ! {
+pub fn reset_on_brown_out() -> ! {
     end(SAGGED)
 }
 

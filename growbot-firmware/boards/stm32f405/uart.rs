@@ -34,7 +34,7 @@ impl Uart {
         pac::USART2::enable(rcc);
         pac::USART2::reset(rcc);
         // With sixteenfold oversampling, the register has the divider in sixteenths, which is clock over rate, rounded.
-        let divider = (clock::PERIPHERALS_1_HZ + BAUD / 2) / BAUD;
+        let divider = (clock::APB1_HZ + BAUD / 2) / BAUD;
         // SAFETY: any 16-bit divider is valid. At 42 MHz it is 365, 0.1 % off the rate.
         usart.brr().write(|w| unsafe { w.bits((divider & 0xFFFF) as u16) });
         usart.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit().rxneie().set_bit());

@@ -86,7 +86,7 @@ impl<B: Board> Controller<B> {
     /// Returns whether the board must be reset now to start with the new robot description. Everything is off then.
     #[must_use]
     pub fn needs_reset(&self) -> bool {
-        self.configuring.restart_at.is_some_and(|at| self.now >= at)
+        self.configuring.restart_at.is_some_and(|at| self.now_us >= at)
     }
 
     /// Accepts a part of a description, and stores the description once its last part has arrived.
@@ -109,7 +109,7 @@ impl<B: Board> Controller<B> {
             let stored = self.parts.descriptions.store(&robot);
             self.parts.watchdog.feed();
             stored.map_err(|_| Refusal::DescriptionNotStored)?;
-            self.configuring.restart_at = Some(self.now.saturating_add(RESTART_US));
+            self.configuring.restart_at = Some(self.now_us.saturating_add(RESTART_US));
         }
         Ok(self.configuring.answer())
     }
@@ -123,10 +123,10 @@ impl<B: Board> Controller<B> {
         if may_heat(self.state) || matches!(self.state, State::SelfTest | State::Parked) {
             return Err(Refusal::WrongState { state: self.state });
         }
-        if self.job.plan_id != 0 && self.job.laid < self.job.layers {
+        if self.job.plan_id != 0 && self.job.layers_laid < self.job.layer_count {
             return Err(Refusal::JobNotDone { plan_id: self.job.plan_id });
         }
-        let is_cold = self.heater.temperature(self.now).is_some_and(|temperature| temperature < COLD_C);
+        let is_cold = self.heater.temperature(self.now_us).is_some_and(|temperature| temperature < COLD_C);
         if is_cold || self.in_state_us() >= COOLED_US {
             Ok(())
         } else {

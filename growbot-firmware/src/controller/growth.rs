@@ -152,18 +152,18 @@ impl<B: Board> Controller<B> {
     pub(super) fn handle_report(&mut self, report: Report, handover: &Mailbox) {
         let growing = matches!(self.state, State::Growing | State::Paused);
         match report {
-            Report::Homed | Report::Fed | Report::Rotated if self.motion.finish_maintenance(self.now) => {}
+            Report::Homed | Report::Fed | Report::Rotated if self.motion.finish_maintenance(self.now_us) => {}
             Report::Homed if self.state == State::Homing => {
-                self.motion.reported(self.now);
+                self.motion.reported(self.now_us);
                 self.motion.backwards = false;
                 self.apply_event(Event::Homed);
             }
             Report::Laid(turn) if growing => {
-                self.motion.reported(self.now);
+                self.motion.reported(self.now_us);
                 self.record_turn(&turn, handover);
             }
             Report::Fed if growing => {
-                self.motion.reported(self.now);
+                self.motion.reported(self.now_us);
                 let back = self.motion.feeding.take() == Some(Feeding::Back);
                 self.motion.retracted_steps = if back { self.retract_steps() } else { 0 };
             }
@@ -184,7 +184,7 @@ impl<B: Board> Controller<B> {
         self.commit(LayerEncoder::default().encode(&as_built(&turn.feed, &self.robot)), measured);
         self.sectors = 0;
         self.retain();
-        if self.job.laid == self.job.layers {
+        if self.job.layers_laid == self.job.layer_count {
             self.switch_off(handover);
             self.end_job();
             self.apply_event(Event::Finished);
@@ -194,7 +194,7 @@ impl<B: Board> Controller<B> {
     /// Takes the next step of the growth if its conditions are met.
     pub(super) fn advance_growth(&mut self, handover: &Mailbox) {
         match self.state {
-            State::Heating if self.heater.is_steady(self.now) && self.parts.drivers.are_configured() => {
+            State::Heating if self.heater.is_steady(self.now_us) && self.parts.drivers.are_configured() => {
                 self.home(handover);
             }
             State::Growing if handover.can_accept_move() && self.motion.feeding.is_none() => {
@@ -211,8 +211,8 @@ impl<B: Board> Controller<B> {
         let homing = self.homing();
         let seconds = self.homing_s(&homing);
         handover.submit(Move::Home(homing));
-        self.motion.given(seconds, self.now);
-        self.apply_event(Event::Hot);
+        self.motion.given(seconds, self.now_us);
+        self.apply_event(Event::TemperatureReached);
     }
 
     /// Returns the max time of a homing, s.
@@ -239,13 +239,13 @@ impl<B: Board> Controller<B> {
 
     /// Lays the next layer while growing, or pauses.
     fn lay_or_pause(&mut self, handover: &Mailbox) {
-        if self.job.given == self.job.layers {
+        if self.job.layers_begun == self.job.layer_count {
             return;
         }
-        let next = self.store().get(self.job.given).filter(|_| self.motion.pause.is_none());
+        let next = self.store().get(self.job.layers_begun).filter(|_| self.motion.pause.is_none());
         let Some(bytes) = next else {
             // The current layer is finished first.
-            if self.job.laid == self.job.given {
+            if self.job.layers_laid == self.job.layers_begun {
                 self.apply_event(Event::LayersExhausted);
                 self.feed(Feeding::Back, handover);
             }
@@ -264,14 +264,14 @@ impl<B: Board> Controller<B> {
                 let period_s = self.robot.description().layer.period_s;
                 self.note_begun();
                 handover.submit(Move::Lay(turn));
-                self.motion.given(period_s, self.now);
+                self.motion.given(period_s, self.now_us);
                 self.motion.backwards = !backwards;
-                self.job.given += 1;
+                self.job.layers_begun += 1;
                 // The queue is not full, because no more than two turns are outstanding.
-                let _ = self.job.carries.push_back(journal::Laid {
+                let _ = self.job.carries.push_back(journal::LayerRecord {
                     as_built: LayerBytes::default(),
                     height_units: RawLayer::from_bytes(&bytes).height,
-                    lean_owed: self.job.material.carry().lean_owed,
+                    residual_lean: self.job.material.carry().lean_owed,
                 });
                 self.retain();
             }
@@ -302,7 +302,7 @@ impl<B: Board> Controller<B> {
         let steps_a_second = feed.retract_mm_per_s * feed.steps_per_mm;
         let ticks_per_step = (f64::from(description.motion.tick_hz) / steps_a_second).max(2.0) as u32;
         handover.submit(Move::Feed(AxisMove { steps, backwards, ticks_per_step, changes_filament: false }));
-        self.motion.given(f64::from(steps) / steps_a_second, self.now);
+        self.motion.given(f64::from(steps) / steps_a_second, self.now_us);
         self.motion.feeding = Some(feeding);
     }
 
@@ -311,7 +311,7 @@ impl<B: Board> Controller<B> {
     fn pause_or_continue(&mut self, handover: &Mailbox) {
         let description = self.robot.description();
         let (heater, pause) = (&description.heater, &description.pause);
-        let continues = self.motion.pause.is_none() && self.store().get(self.job.given).is_some();
+        let continues = self.motion.pause.is_none() && self.store().get(self.job.layers_begun).is_some();
         let paused_s = self.in_state_us() as f64 * 1e-6;
         let target = if continues || paused_s < pause.standby_after_s {
             heater.target_c
@@ -326,12 +326,12 @@ impl<B: Board> Controller<B> {
             let cause = self.motion.pause;
             self.switch_off(handover);
             self.motion.pause = cause;
-            self.apply_event(Event::PausedTooLong);
+            self.apply_event(Event::PauseTimeout);
             return;
         }
         if self.heater.target() != Some(target) {
-            self.heater.set_target(target, self.now);
-        } else if continues && self.heater.is_steady(self.now) {
+            self.heater.set_target(target, self.now_us);
+        } else if continues && self.heater.is_steady(self.now_us) {
             self.apply_event(Event::LayersAvailable);
         }
     }
@@ -370,7 +370,7 @@ impl<B: Board> Controller<B> {
         }
         let description = self.robot.description();
         if self.is_in_power_lead() {
-            let next = self.store().get(self.job.given);
+            let next = self.store().get(self.job.layers_begun);
             let height = next.map_or(0.0, |bytes| layer_bytes::decode(&bytes).height);
             return height * self.robot.wall_area() / description.layer.period_s;
         }

@@ -37,7 +37,7 @@ impl<B: Board> Controller<B> {
                 let homing = self.homing();
                 let seconds = self.homing_s(&homing);
                 handover.submit(Move::Home(homing));
-                self.motion.start_maintenance(MaintenanceMove::Head, seconds, self.now);
+                self.motion.start_maintenance(MaintenanceMove::Head, seconds, self.now_us);
             }
             MaintenanceTask::Rotate { centi_deg } => self.rotate(centi_deg, handover)?,
             MaintenanceTask::Feed { um } => self.feed_by(um, handover)?,
@@ -45,7 +45,7 @@ impl<B: Board> Controller<B> {
         }
         // The operator is present.
         if matches!(self.state, State::Maintenance | State::Paused) {
-            self.since = self.now;
+            self.state_entered_us = self.now_us;
         }
         Ok(self.accepted())
     }
@@ -69,8 +69,8 @@ impl<B: Board> Controller<B> {
         match self.state {
             // The pause starts again, and with it the time at the temperature of growth.
             State::Paused => {}
-            State::Maintenance if !self.is_dry_run() => self.heater.set_target(target_c, self.now),
-            _ => self.heater.switch_on(target_c, self.now),
+            State::Maintenance if !self.is_dry_run() => self.heater.set_target(target_c, self.now_us),
+            _ => self.heater.switch_on(target_c, self.now_us),
         }
         self.apply_event(Event::Preheat);
         Ok(())
@@ -104,7 +104,7 @@ impl<B: Board> Controller<B> {
         let per_s = f64::from(head.steps_per_turn) * head.homing_turns_per_s;
         let (order, seconds) = self.axis_move(turns * f64::from(head.steps_per_turn), per_s, centi_deg < 0, false);
         handover.submit(Move::Rotate(order));
-        self.motion.start_maintenance(MaintenanceMove::Head, seconds, self.now);
+        self.motion.start_maintenance(MaintenanceMove::Head, seconds, self.now_us);
         Ok(())
     }
 
@@ -125,7 +125,7 @@ impl<B: Board> Controller<B> {
         handover.submit(Move::Feed(order));
         let (flow, forward, back) =
             if backwards { (0.0, 0, order.steps) } else { (mm_per_s * self.robot.filament_area(), order.steps, 0) };
-        self.motion.start_maintenance(MaintenanceMove::Filament { flow, forward, back }, seconds, self.now);
+        self.motion.start_maintenance(MaintenanceMove::Filament { flow, forward, back }, seconds, self.now_us);
         if self.state == State::Paused {
             // The operator is working at the nozzle and decides when the growth continues.
             self.wait_for_start();
@@ -159,10 +159,10 @@ impl<B: Board> Controller<B> {
     fn check_maintenance_move(&self, event: Event, handover: &Mailbox) -> Result<(), Refusal> {
         self.check_event(event)?;
         let min_c = self.robot.description().heater.extrusion_min_c;
-        let now_c = self.heater.temperature(self.now).unwrap_or(0.0);
+        let now_c = self.heater.temperature(self.now_us).unwrap_or(0.0);
         // The temperature also counts as unsteady while the heater's switches are tested and while it approaches a new
         // target.
-        let steady = self.heater.is_steady(self.now);
+        let steady = self.heater.is_steady(self.now_us);
         if (now_c < min_c || !steady) && !self.is_dry_run() {
             let target_c = self.heater.target().unwrap_or(min_c);
             return Err(Refusal::NozzleTooCold {
@@ -188,7 +188,7 @@ impl<B: Board> Controller<B> {
     pub(super) fn check_maintenance_timeout(&mut self, handover: &Mailbox) {
         if self.state == State::Maintenance && self.in_state_us() >= UNATTENDED_US {
             self.switch_off(handover);
-            self.apply_event(Event::Unattended);
+            self.apply_event(Event::MaintenanceTimeout);
         }
     }
 }

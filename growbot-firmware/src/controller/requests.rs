@@ -16,8 +16,8 @@ use heapless::String;
 use super::{BootInfo, Controller, centi};
 use crate::hal::{Board, Watchdog};
 use crate::layer_store::CAPACITY;
-use crate::link::Arrival;
-use crate::safety::transitions::{Event, after};
+use crate::link::FrameAction;
+use crate::safety::transitions::{Event, next_state};
 use crate::stepping::Mailbox;
 
 /// Kind of a stop request, which is carried out whatever its body contains.
@@ -30,28 +30,28 @@ const TUNING_MARGIN_C: f64 = 20.0;
 
 impl<B: Board> Controller<B> {
     /// Carries out a request and sends the response.
-    pub(super) fn serve(&mut self, frame: &Frame, handover: &Mailbox) {
+    pub(super) fn handle_frame(&mut self, frame: &Frame, handover: &Mailbox) {
         let header = frame.header;
-        let arrival = self.link.process_header(&header, self.now);
-        if arrival == Arrival::Settled {
+        let arrival = self.link.process_header(&header, self.now_us);
+        if arrival == FrameAction::Ignore {
             return;
         }
         let answer = match Message::decode_request(header.kind, &frame.body) {
             _ if header.kind == STOP => Ok(self.stop(handover)),
             Ok(Message::Ack(_)) => return,
-            Ok(Message::Goodbye(_)) if arrival == Arrival::New => return self.link.close(),
-            Ok(message) => self.carry_out(message, &header, arrival, handover),
+            Ok(Message::Goodbye(_)) if arrival == FrameAction::Handle => return self.link.close(),
+            Ok(message) => self.dispatch(message, &header, arrival, handover),
             Err(_) => Err(Refusal::UnknownRequest),
         };
         let answer = answer.unwrap_or_else(|refusal| Message::Refused(Refused { kind: header.kind, refusal }));
         self.link.respond(&header, answer);
     }
 
-    fn carry_out(
+    fn dispatch(
         &mut self,
         request: Message,
         header: &Header,
-        arrival: Arrival,
+        arrival: FrameAction,
         handover: &Mailbox,
     ) -> Result<Message, Refusal> {
         // These requests need no session.
@@ -69,7 +69,7 @@ impl<B: Board> Controller<B> {
             Message::GetSensorReadings(_) => return Ok(Message::SensorReadings(self.readings)),
             _ => {}
         }
-        if arrival != Arrival::New {
+        if arrival != FrameAction::Handle {
             return Err(Refusal::NoSession);
         }
         match request {
@@ -105,11 +105,11 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::NoSession);
         }
         if !self.link.is_open(header.session) {
-            if let Some((_, silent)) = self.link.owner(self.now).filter(|_| !hello.take_over) {
+            if let Some((_, silent)) = self.link.owner(self.now_us).filter(|_| !hello.take_over) {
                 return Err(Refusal::OwnedByOtherHost { silent_ms: (silent / 1000) as u32 });
             }
-            self.link.open(header, hello.host, self.now);
-            self.job.reported = self.job.laid;
+            self.link.open(header, hello.host, self.now_us);
+            self.job.layers_reported = self.job.layers_laid;
         }
         Ok(self.board_hello())
     }
@@ -125,7 +125,7 @@ impl<B: Board> Controller<B> {
             robot_hash: if configured { self.robot.hash() } else { 0 },
             layer_capacity: CAPACITY as u32,
             status: self.status(),
-            owner: self.link.owner(self.now).map(|(host, _)| host.clone()),
+            owner: self.link.owner(self.now_us).map(|(host, _)| host.clone()),
         })
     }
 
@@ -142,7 +142,7 @@ impl<B: Board> Controller<B> {
 
     /// Refuses an event that is not possible in this state.
     pub(super) fn check_event(&self, event: Event) -> Result<(), Refusal> {
-        match after(self.state, event) {
+        match next_state(self.state, event) {
             Some(_) => Ok(()),
             None => Err(Refusal::WrongState { state: self.state }),
         }
@@ -166,7 +166,7 @@ impl<B: Board> Controller<B> {
         if self.may_be_halted() {
             return Err(Refusal::DebugProbe);
         }
-        self.heater.tune(target, self.now);
+        self.heater.tune(target, self.now_us);
         self.apply_event(Event::Tune);
         Ok(self.accepted())
     }
@@ -195,7 +195,7 @@ impl<B: Board> Controller<B> {
     /// Returns whether the cause of a fault is known to remain.
     fn is_cause_present(&self, fault: Fault) -> bool {
         let description = self.robot.description();
-        let temperature = self.heater.temperature(self.now);
+        let temperature = self.heater.temperature(self.now_us);
         // If a newer description has no such sensor, the cause cannot be checked.
         let measured = description.sensors.supply;
         let volts = self.readings.supply_mv.map(|millivolts| f64::from(millivolts) / 1000.0);

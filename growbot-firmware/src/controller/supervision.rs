@@ -7,11 +7,11 @@ use growbot_core::link::message::{
 };
 
 use super::{Controller, StepTickMonitor, centi};
-use crate::hal::{Board, DebugPort, Orientation, StepperDrivers, Watchdog};
-use crate::heater::{self, Demand, Output};
+use crate::hal::{Board, DebugPort, GravitySensor, StepperDrivers, Watchdog};
+use crate::heater::{self, Demand, HeaterOutput};
 use crate::link;
 use crate::safety::input_monitor::{Look, volts};
-use crate::safety::retained::{RetainedError, fault_of};
+use crate::safety::retained::{RetainedError, fault_for_reset};
 use crate::safety::transitions::{Event, may_feed, may_heat};
 use crate::stepping::Mailbox;
 
@@ -141,25 +141,25 @@ impl<B: Board> Controller<B> {
     fn regulate(&mut self, supply_v: Option<f64>, handover: &Mailbox) {
         let demand = Demand { flow_mm3_per_s: self.plastic_flow_mm3_per_s(handover), fan: self.fan, supply_v };
         let raw = self.thermistor.pop_mean();
-        match self.heater.update(raw, &demand, self.robot.description(), self.now) {
+        match self.heater.update(raw, &demand, self.robot.description(), self.now_us) {
             Ok(output) => self.apply_heater_output(output, handover),
             Err(fault) => self.latch_fault(fault, handover),
         }
         self.proof.regulator = true;
         let min_c = self.robot.description().heater.extrusion_min_c;
         let feeds = may_feed(self.state) || (self.motion.feeds_for_maintenance() && !self.is_dry_run());
-        if feeds && self.heater.temperature(self.now).is_some_and(|temperature| temperature < min_c) {
+        if feeds && self.heater.temperature(self.now_us).is_some_and(|temperature| temperature < min_c) {
             self.latch_fault(Fault::UnderTemperature, handover);
         }
         if let Some(tuned) = self.heater.take_tuning_result() {
             self.switch_off(handover);
             self.apply_event(Event::Tuned);
-            self.link.push_event(link::Event::Tuned(tuned));
+            self.link.push_event(link::HostEvent::Tuned(tuned));
         }
     }
 
     /// Sets the heater's two switches.
-    fn apply_heater_output(&mut self, output: Output, handover: &Mailbox) {
+    fn apply_heater_output(&mut self, output: HeaterOutput, handover: &Mailbox) {
         let duty = (output.duty * f64::from(self.parts.heater_power.max_duty_cycle())) as u16;
         let enabled = if output.enable {
             self.parts.heater_enable.set_high().is_ok()
@@ -180,7 +180,7 @@ impl<B: Board> Controller<B> {
         if works
             && self.job.silence == HostSilencePolicy::Pause
             && self.pause_cause() == PauseCause::LayersExhausted
-            && self.link.owner(self.now).is_none()
+            && self.link.owner(self.now_us).is_none()
         {
             self.set_pause(Some(PauseCause::HostSilent));
         }
@@ -211,20 +211,20 @@ impl<B: Board> Controller<B> {
             self.latch_fault(Fault::StepsStalled, handover);
             self.motors_energised = works;
         }
-        if self.motion.is_overdue(self.now) {
+        if self.motion.is_overdue(self.now_us) {
             self.latch_fault(Fault::MotionOverdue, handover);
         }
     }
 
     /// Runs the self-test: every sensor must give the reading of a healthy one.
     fn run_self_test(&mut self, look: &Look, handover: &Mailbox) {
-        let measures = self.heater.temperature(self.now).is_some();
+        let measures = self.heater.temperature(self.now_us).is_some();
         let powered = !self.robot.description().sensors.supply || look.supply_v.is_some();
         if self.in_state_us() < SELF_TEST_MIN_US {
             return;
         }
         if measures && powered {
-            self.apply_event(Event::Tested);
+            self.apply_event(Event::SelfTestPassed);
         } else if self.in_state_us() > SELF_TEST_MAX_US {
             let fault = if measures { Fault::SupplyLow } else { self.heater.sensor_fault() };
             self.latch_fault(fault, handover);
@@ -269,14 +269,14 @@ impl<B: Board> Controller<B> {
             fault,
             cleared: false,
             state: self.state,
-            uptime_ms: self.now / 1000,
-            temperature_centi_c: self.heater.temperature(self.now).map(centi),
+            uptime_ms: self.now_us / 1000,
+            temperature_centi_c: self.heater.temperature(self.now_us).map(centi),
             target_centi_c: self.heater.target().map(centi),
             duty: self.duty(),
             sensors: self.readings,
             plan_id: self.job.plan_id,
-            laid: self.job.laid,
-            layers_begun: self.job.given,
+            laid: self.job.layers_laid,
+            layers_begun: self.job.layers_begun,
         }
     }
 
@@ -287,18 +287,18 @@ impl<B: Board> Controller<B> {
         let latched = self.retained.record.is_some_and(|record| !record.cleared);
         if let Some(under_way) = self.retained.under_way {
             let record = FaultRecord {
-                fault: Some(fault_of(cause)),
+                fault: Some(fault_for_reset(cause)),
                 state: under_way.state,
                 plan_id: under_way.plan_id,
-                laid: under_way.laid,
-                layers_begun: under_way.begun,
+                laid: under_way.layers_laid,
+                layers_begun: under_way.layers_begun,
                 ..self.record(None)
             };
             self.retained.record = Some(record);
         } else if !latched
             && (cause == ResetCause::ClockFailed || unknown.is_some_and(|unknown| unknown.is_fault(cause)))
         {
-            self.retained.record = Some(self.record(Some(fault_of(cause))));
+            self.retained.record = Some(self.record(Some(fault_for_reset(cause))));
         }
         if self.identity.is_corrupt() {
             // With a corrupt image nothing is reliable, so this fault comes first.

@@ -93,7 +93,7 @@ mod sensors;
 mod step_record;
 
 pub use sensors::{EncoderMapping, encoder_level, index_level};
-pub use step_record::{Axis, StepRecord, step_record_offset};
+pub use step_record::{Motor, StepRecord, step_record_offset};
 
 /// Address of the memory on the board: the expansion RAM of the mps2 boards.
 pub const ADDRESS: usize = 0x2100_0000;
@@ -168,7 +168,7 @@ pub const INDEX_FAULT: usize = 0x11C;
 /// Offset, host to board: a number that differs from run to run.
 pub const ENTROPY: usize = 0x120;
 /// Offset, host to board: length of the robot description in bytes; 0 for none.
-pub const MACHINE_LENGTH: usize = 0x124;
+pub const ROBOT_LENGTH: usize = 0x124;
 /// Offset, host to board: reading of the supply's voltage, 0 to 4095.
 pub const SUPPLY_RAW: usize = 0x128;
 /// Offset, host to board: 1 while the supply's ADC delivers readings.
@@ -208,18 +208,18 @@ pub const CRASH: usize = 0x168;
 /// Offset, host to board: 1 to make the board's main loop hang while its watchdog is fed.
 pub const HANG: usize = 0x16C;
 /// Offset, host to board: the robot description.
-pub const MACHINE: usize = 0x1000;
+pub const ROBOT: usize = 0x1000;
 /// Max length of the robot description, bytes.
-pub const MACHINE_CAPACITY: usize = 0x1000;
+pub const ROBOT_CAPACITY: usize = 0x1000;
 
 /// Offset, board to host: the flash of the board's journal.
-pub const JOURNAL: usize = 0x2_0000;
+pub const JOURNAL_FLASH: usize = 0x2_0000;
 /// Bytes of a sector of that flash, which is erased as a unit. It is the same as on the robot's board.
-pub const JOURNAL_SECTOR: usize = 0x2_0000;
+pub const FLASH_SECTOR_BYTES: usize = 0x2_0000;
 /// Bytes of that flash.
-pub const JOURNAL_CAPACITY: usize = 2 * JOURNAL_SECTOR;
+pub const FLASH_AREA_BYTES: usize = 2 * FLASH_SECTOR_BYTES;
 /// Offset, board to host: the flash of the robot's description, with the same number of sectors and bytes.
-pub const DESCRIPTION: usize = 0x8_0000;
+pub const DESCRIPTION_FLASH: usize = 0x8_0000;
 
 /// Offset, board to host: at each tick, after [`TICKS_LO`] and [`TICKS_HI`], the board writes the tick's low half into
 /// the word of its remainder by [`ALARM_WORDS`]. A debugger that watches one word stops the board at one tick.
@@ -260,11 +260,11 @@ pub const INDEX_FAULT_STUCK_LOW: u32 = 1;
 pub const INDEX_FAULT_STUCK_HIGH: u32 = 2;
 
 /// [`ENCODER_STATE`]: filament follows the feed.
-pub const ENCODER_TURNS: u32 = 0;
+pub const ENCODER_OK: u32 = 0;
 /// [`ENCODER_STATE`]: filament stands, with the encoder's line low.
-pub const ENCODER_STANDS_LOW: u32 = 1;
+pub const ENCODER_STUCK_LOW: u32 = 1;
 /// [`ENCODER_STATE`]: filament stands, with the encoder's line high.
-pub const ENCODER_STANDS_HIGH: u32 = 2;
+pub const ENCODER_STUCK_HIGH: u32 = 2;
 
 /// Offset of the word of [`ALARMS`] that is written at a tick.
 #[must_use]
@@ -309,7 +309,7 @@ mod tests {
             INDEX_WIDTH,
             INDEX_FAULT,
             ENTROPY,
-            MACHINE_LENGTH,
+            ROBOT_LENGTH,
             SUPPLY_RAW,
             SUPPLY_LIVE,
             FILAMENT_PRESENT,
@@ -328,14 +328,14 @@ mod tests {
             ENCODER_SLIP,
             CRASH,
             HANG,
-            MACHINE,
-            JOURNAL,
-            DESCRIPTION,
+            ROBOT,
+            JOURNAL_FLASH,
+            DESCRIPTION_FLASH,
         ];
         assert!(words.windows(2).all(|pair| pair[0] + 4 <= pair[1]));
         assert!(words.iter().all(|offset| offset % 4 == 0));
-        const { assert!(MACHINE + MACHINE_CAPACITY <= JOURNAL && JOURNAL + JOURNAL_CAPACITY <= DESCRIPTION) };
-        const { assert!(DESCRIPTION + JOURNAL_CAPACITY <= ALARMS) };
+        const { assert!(ROBOT + ROBOT_CAPACITY <= JOURNAL_FLASH && JOURNAL_FLASH + FLASH_AREA_BYTES <= DESCRIPTION_FLASH) };
+        const { assert!(DESCRIPTION_FLASH + FLASH_AREA_BYTES <= ALARMS) };
         const { assert!(ALARMS + 4 * ALARM_WORDS as usize <= STEP_RING) };
     }
 }

@@ -6,11 +6,12 @@ use std::rc::Rc;
 use growbot_core::layer_bytes::LayerBytes;
 
 use super::*;
-use crate::journal::{Journal, JournalError, Laid};
+use crate::journal::{Journal, JournalError, LayerRecord};
 use crate::testing::flash::Flash;
 
 type Small = Flash<1024>;
-const LAYER: Laid = Laid { as_built: [7; size_of::<LayerBytes>()], height_units: 1, lean_owed: [0; 2] };
+const LAYER: LayerRecord =
+    LayerRecord { as_built: [7; size_of::<LayerBytes>()], height_units: 1, residual_lean: [0; 2] };
 
 type Supply = Rc<Cell<bool>>;
 
@@ -50,8 +51,8 @@ fn a_start_without_supply_settles_nothing_and_the_next_one_finds_the_job() {
     let flash = Small::new(2);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(4).unwrap() {}
-    journal.begin(1, 2, 4).unwrap();
-    journal.committed(0, &LAYER, true).unwrap();
+    journal.begin_job(1, 2, 4).unwrap();
+    journal.record_laid(0, &LAYER, true).unwrap();
     // Power was lost while the last record was programmed. At too low a voltage the record reads as torn.
     let whole = flash.bytes();
     let mut torn = whole.clone();
@@ -66,6 +67,6 @@ fn a_start_without_supply_settles_nothing_and_the_next_one_finds_the_job() {
     assert_eq!(journal.job().map(|job| job.laid), Some(1));
     // The journal returns an error for a record that it could not write.
     supply.set(false);
-    assert_eq!(journal.committed(1, &LAYER, true), Err(JournalError::Flash));
+    assert_eq!(journal.record_laid(1, &LAYER, true), Err(JournalError::Flash));
     assert_eq!(journal.job(), None);
 }

@@ -21,7 +21,7 @@ use core::f32::consts::PI;
 
 use growbot_core::link::message::{Gains, Tuned};
 
-use super::model::Nozzle;
+use super::model::NozzleModel;
 
 /// Number of first swings that are not measured, because they are not yet steady
 /// (docs/decisions/0022-heater-regulation.md).
@@ -99,7 +99,7 @@ impl RelayTuner {
     }
 
     /// Returns the duty, 0 to 1, or the gains once they are found.
-    pub fn update(&mut self, target_c: f32, reading_c: f32, seconds: f32, nozzle: &Nozzle) -> Result<f32, Tuned> {
+    pub fn update(&mut self, target_c: f32, reading_c: f32, seconds: f32, nozzle: &NozzleModel) -> Result<f32, Tuned> {
         let available = nozzle.available_w;
         let need = nozzle.needed_w(target_c) / available;
         let middle = (need * self.middle).clamp(MIN_MIDDLE, MAX_MIDDLE);
@@ -173,7 +173,7 @@ mod tests {
     #[test]
     fn the_power_switches_between_two_levels_round_the_need_at_each_side_of_the_hysteresis() {
         let robot = robot_a();
-        let nozzle = Nozzle::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
+        let nozzle = NozzleModel::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
         let mut relay = RelayTuner::default();
         let duty = |relay: &mut RelayTuner, reading_c| relay.update(200.0, reading_c, 0.25, &nozzle).unwrap();
         // The power is full far below the target, then 0.42 of it, plus or minus nine tenths of that.
@@ -206,7 +206,7 @@ mod tests {
     #[test]
     fn the_levels_stay_within_the_power_where_most_of_it_is_needed() {
         let robot = robot_a();
-        let nozzle = Nozzle::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
+        let nozzle = NozzleModel::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
         let mut relay = RelayTuner::default();
         // The levels are 33 W of 50 W, plus or minus nine tenths of the remaining 17 W.
         for (reading_c, duty) in [(299.0, 0.66 + 0.306), (301.0, 0.66 - 0.306)] {
@@ -216,7 +216,12 @@ mod tests {
 
     /// Runs the relay through one swing, with a number of updates at each level. The reading is at its extremes in the
     /// last update of each level.
-    fn swing(relay: &mut RelayTuner, nozzle: &Nozzle, looks: [u32; 2], extremes_c: [f32; 2]) -> Result<f32, Tuned> {
+    fn swing(
+        relay: &mut RelayTuner,
+        nozzle: &NozzleModel,
+        looks: [u32; 2],
+        extremes_c: [f32; 2],
+    ) -> Result<f32, Tuned> {
         let mut latest = Ok(0.0);
         for (looks, extreme_c) in looks.into_iter().zip(extremes_c) {
             for look in 1..=looks {
@@ -229,7 +234,7 @@ mod tests {
     #[test]
     fn the_gains_are_those_of_the_mean_of_four_swings_after_two() {
         let robot = robot_a();
-        let nozzle = Nozzle::new(&Demand { supply_v: Some(13.2), ..Demand::default() }, robot.description());
+        let nozzle = NozzleModel::new(&Demand { supply_v: Some(13.2), ..Demand::default() }, robot.description());
         let mut relay = RelayTuner::default();
         // The first two swings are not yet steady.
         for (looks, highest_c) in [(50, 230.0), (90, 210.0)] {
@@ -250,7 +255,7 @@ mod tests {
     #[test]
     fn a_swing_that_takes_no_time_leaves_the_levels() {
         let robot = robot_a();
-        let nozzle = Nozzle::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
+        let nozzle = NozzleModel::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
         let mut relay = RelayTuner::default();
         assert!(swing(&mut relay, &nozzle, [10; 2], [201.0, 199.0]).is_ok());
         for reading_c in [201.0, 199.0] {
@@ -263,7 +268,7 @@ mod tests {
     #[test]
     fn the_middle_moves_as_far_as_the_levels_differ_in_length_and_by_no_more_than_the_limits() {
         let robot = robot_a();
-        let nozzle = Nozzle::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
+        let nozzle = NozzleModel::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
         // The power is high for 0.6, 0.4, 0.9 and 0.1 of a swing. The middle changes by nine tenths of 0.2, or by the
         // limit.
         for (looks, times) in [([6, 4], 1.18), ([4, 6], 0.82), ([9, 1], 1.4), ([1, 9], 0.7)] {

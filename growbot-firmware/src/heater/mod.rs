@@ -22,12 +22,12 @@ use growbot_core::link::message::{Fault, Tuned};
 use growbot_core::robot::RobotDescription;
 
 use self::autotune::RelayTuner;
-use self::model::Nozzle;
+use self::model::NozzleModel;
 use self::proof_test::{ProofTest, UnheatedTrend};
 pub use self::sampler::Oversampler;
-use self::supervision::{ControlState, Look, Supervision};
+use self::supervision::{ControlState, Supervision, SupervisionInput};
 use self::temperature_control::TemperatureControl;
-use crate::thermistor::{Broken, temperature};
+use crate::thermistor::{ThermistorError, celsius_from_raw};
 
 /// Time between two updates of the regulation, us (docs/decisions/0022-heater-regulation.md).
 pub const PERIOD_US: u64 = 100_000;
@@ -69,14 +69,14 @@ pub struct Demand {
 
 /// States of the heater's two switches.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Output {
+pub struct HeaterOutput {
     /// Duty of the power stage, 0 to 1.
     pub duty: f64,
     /// The second switch is closed.
     pub enable: bool,
 }
 
-impl Output {
+impl HeaterOutput {
     /// Output with both switches open.
     pub const OFF: Self = Self { duty: 0.0, enable: false };
     const SECOND_SWITCH_ALONE: Self = Self { duty: 0.0, enable: true };
@@ -98,7 +98,7 @@ pub struct Heater {
     target: Option<f64>,
     reading: Option<Reading>,
     /// Reason why the latest conversions gave no reading.
-    broken: Option<Broken>,
+    broken: Option<ThermistorError>,
     /// Latest duty of the power stage, 0 to 1.
     duty: f64,
     /// Time of the latest update, us.
@@ -173,8 +173,8 @@ impl Heater {
     #[must_use]
     pub fn sensor_fault(&self) -> Fault {
         match self.broken {
-            Some(Broken::Open) => Fault::ThermistorOpen,
-            Some(Broken::Short) => Fault::ThermistorShort,
+            Some(ThermistorError::Open) => Fault::ThermistorOpen,
+            Some(ThermistorError::Short) => Fault::ThermistorShort,
             None => Fault::ThermistorSilent,
         }
     }
@@ -217,7 +217,7 @@ impl Heater {
         demand: &Demand,
         robot: &RobotDescription,
         now: u64,
-    ) -> Result<Output, Fault> {
+    ) -> Result<HeaterOutput, Fault> {
         // A fault leaves the duty unchanged, so that the fault's record contains it.
         let output = self.next(raw, demand, robot, now)?;
         self.duty = output.duty;
@@ -225,7 +225,13 @@ impl Heater {
     }
 
     /// Computes the states of the switches until the next update.
-    fn next(&mut self, raw: Option<f64>, demand: &Demand, robot: &RobotDescription, now: u64) -> Result<Output, Fault> {
+    fn next(
+        &mut self,
+        raw: Option<f64>,
+        demand: &Demand,
+        robot: &RobotDescription,
+        now: u64,
+    ) -> Result<HeaterOutput, Fault> {
         let before = self.updated.replace(now).unwrap_or(now);
         let seconds = now.saturating_sub(before).min(OLDEST_READING_US) as f32 * 1e-6;
         if let Some(raw) = raw {
@@ -236,19 +242,19 @@ impl Heater {
                 Some(reading_c) => _ = self.rest.add(reading_c as f32, seconds),
                 None => self.rest = UnheatedTrend::default(),
             }
-            return Ok(Output::OFF);
+            return Ok(HeaterOutput::OFF);
         };
         match self.broken {
-            Some(Broken::Open) => return Err(Fault::ThermistorOpen),
-            Some(Broken::Short) => return Err(Fault::ThermistorShort),
+            Some(ThermistorError::Open) => return Err(Fault::ThermistorOpen),
+            Some(ThermistorError::Short) => return Err(Fault::ThermistorShort),
             None => {}
         }
         let Some(reading_c) = self.temperature(now) else {
             // The first reading after switching on may still be pending.
             let waiting = now.saturating_sub(self.on_since) <= OLDEST_READING_US;
-            return if waiting { Ok(Output::OFF) } else { Err(Fault::ThermistorSilent) };
+            return if waiting { Ok(HeaterOutput::OFF) } else { Err(Fault::ThermistorSilent) };
         };
-        let nozzle = Nozzle::new(demand, robot);
+        let nozzle = NozzleModel::new(demand, robot);
         let (target_c, reading_c) = (target_c as f32, reading_c as f32);
         let mut given = self.duty as f32;
         if let Some(proof) = &mut self.proof {
@@ -268,7 +274,15 @@ impl Heater {
             dither: dithers.then(|| self.regulation.dither()),
         });
         let (hot, nozzle) = (self.is_hot(now), &nozzle);
-        self.supervision.look(&Look { reading_c, target_c, duty: given, seconds, hot, regulated, nozzle })?;
+        self.supervision.look(&SupervisionInput {
+            reading_c,
+            target_c,
+            duty: given,
+            seconds,
+            hot,
+            regulated,
+            nozzle,
+        })?;
         if self.tuning.and_then(|relay| relay.swing_s()).is_some_and(|swing| swing > MAX_SWING_S) {
             return Err(Fault::ThermistorFrozen);
         }
@@ -278,12 +292,12 @@ impl Heater {
                 relay.update(target_c, reading_c, seconds, nozzle).unwrap_or_else(|tuned| self.finish(tuned))
             }
         };
-        Ok(Output { duty: f64::from(duty), enable: self.target.is_some() })
+        Ok(HeaterOutput { duty: f64::from(duty), enable: self.target.is_some() })
     }
 
     /// Converts the mean conversion of a period.
     fn read(&mut self, raw: f64, robot: &RobotDescription, now: u64) -> Result<(), Fault> {
-        match temperature(raw, &robot.thermistor) {
+        match celsius_from_raw(raw, &robot.thermistor) {
             Ok(celsius) => {
                 (self.reading, self.broken) = (Some(Reading { celsius, taken: now }), None);
                 if celsius > robot.heater.max_c {

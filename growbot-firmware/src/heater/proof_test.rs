@@ -27,8 +27,8 @@ mod tests;
 use growbot_core::link::message::Fault;
 use heapless::Deque;
 
-use super::Output;
-use super::model::Nozzle;
+use super::HeaterOutput;
+use super::model::NozzleModel;
 
 /// Time over which readings are averaged, s (decision 0021).
 const MEAN_S: f32 = 1.0;
@@ -121,7 +121,7 @@ impl UnheatedTrend {
     }
 
     /// Returns the reference from the means. `None` while they are not straight or too steep.
-    fn reference(&self, nozzle: &Nozzle) -> Option<Baseline> {
+    fn reference(&self, nozzle: &NozzleModel) -> Option<Baseline> {
         let Baseline { at_c, slope_c_per_s: slope } = self.latter_half()?;
         let fall = FALL_TIMES * nozzle.needed_w(at_c).max(0.0) / nozzle.heat_capacity_j_per_k;
         let straight = self.bend_c() <= BEND_C && (-fall - FALLING_C_PER_S..=RISING_C_PER_S).contains(&slope);
@@ -169,8 +169,8 @@ impl ProofTest {
         reading_c: f32,
         seconds: f32,
         timeout_s: f32,
-        nozzle: &Nozzle,
-    ) -> Result<Option<Output>, Fault> {
+        nozzle: &NozzleModel,
+    ) -> Result<Option<HeaterOutput>, Fault> {
         let mean = rest.add(reading_c, seconds);
         match &mut self.stage {
             Stage::AtRest => self.waited_s += seconds,
@@ -203,22 +203,22 @@ impl ProofTest {
             }
         }
         Ok(Some(match (self.stage, self.second_switch_is_proven) {
-            (Stage::AtRest, _) => Output::OFF,
-            (Stage::Closed { .. }, false) => Output::SECOND_SWITCH_ALONE,
-            (Stage::Closed { .. }, true) => Output::POWER_STAGE_ALONE,
+            (Stage::AtRest, _) => HeaterOutput::OFF,
+            (Stage::Closed { .. }, false) => HeaterOutput::SECOND_SWITCH_ALONE,
+            (Stage::Closed { .. }, true) => HeaterOutput::POWER_STAGE_ALONE,
         }))
     }
 }
 
 /// Returns the time for which one switch stays closed alone, s.
-fn stage_s(nozzle: &Nozzle) -> f32 {
+fn stage_s(nozzle: &NozzleModel) -> f32 {
     DELAY_S + RISE_C * nozzle.heat_capacity_j_per_k / nozzle.available_w
 }
 
 impl Baseline {
     /// Returns the temperature after a time, degrees Celsius. A fall levels off as the nozzle nears its surroundings.
-    fn after(&self, seconds: f32, nozzle: &Nozzle) -> f32 {
-        let levels_off = 0.5 * seconds * nozzle.need_w_per_k / nozzle.heat_capacity_j_per_k;
+    fn after(&self, seconds: f32, nozzle: &NozzleModel) -> f32 {
+        let levels_off = 0.5 * seconds * nozzle.loss_w_per_k / nozzle.heat_capacity_j_per_k;
         self.at_c + self.slope_c_per_s * seconds * (1.0 - levels_off.min(0.5))
     }
 }

@@ -1,6 +1,6 @@
 //! Oversampling: the mean of all conversions of a period.
 
-use crate::thermistor::is_broken;
+use crate::thermistor::is_out_of_range;
 
 /// Sum of the ADC's conversions.
 ///
@@ -33,7 +33,7 @@ impl Sum {
 impl Oversampler {
     /// Adds a conversion, 0 to 4095.
     pub fn add(&mut self, raw: u16) {
-        if is_broken(raw) { self.broken.add(raw) } else { self.sound.add(raw) }
+        if is_out_of_range(raw) { self.broken.add(raw) } else { self.sound.add(raw) }
     }
 
     /// Returns the mean of the conversions since the last call. `None` without any. It is the mean of the valid

@@ -20,7 +20,7 @@ use core::f32::consts::TAU;
 
 use growbot_core::trigonometry;
 
-use super::model::Nozzle;
+use super::model::NozzleModel;
 
 /// Period of the dither, s. Decision 0022. `heater::tests::faults` bounds it from above: a reading without the dither
 /// must be detected within 120 s.
@@ -98,7 +98,7 @@ impl TemperatureControl {
     }
 
     /// Returns the duty, 0 to 1, after `seconds` since the latest one.
-    pub fn duty(&mut self, target_c: f32, reading_c: f32, dithers: bool, seconds: f32, nozzle: &Nozzle) -> f32 {
+    pub fn duty(&mut self, target_c: f32, reading_c: f32, dithers: bool, seconds: f32, nozzle: &NozzleModel) -> f32 {
         let (available, need) = (nozzle.available_w, nozzle.needed_w(target_c));
         let (dither_c, dither_w) = if dithers { self.advance_dither(target_c, seconds, nozzle) } else { (0.0, 0.0) };
         let steady_c = reading_c - dither_c;
@@ -123,7 +123,7 @@ impl TemperatureControl {
     }
 
     /// Advances the dither. Returns its part in the reading, degrees, and its power, W.
-    fn advance_dither(&mut self, target_c: f32, seconds: f32, nozzle: &Nozzle) -> (f32, f32) {
+    fn advance_dither(&mut self, target_c: f32, seconds: f32, nozzle: &NozzleModel) -> (f32, f32) {
         let amplitude = *self
             .amplitude_c
             .get_or_insert_with(|| (DITHER_COUNTS * nozzle.count_c(target_c)).clamp(DITHER_MIN_C, DITHER_MAX_C));

@@ -1,6 +1,6 @@
 //! The present job, as its records describe it.
 
-use super::record::{Kind, LAST_COUNT, LAST_INDEX, Record, join, lean_owed};
+use super::record::{LAST_COUNT, LAST_INDEX, Record, RecordKind, join, lean_owed};
 
 /// The latest job in the journal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,17 +68,17 @@ impl CurrentJob {
         let is_next = record.index == state.laid && state.laid < state.layers;
         let [a, b, layers, height_units, lean] = record.content;
         match record.kind {
-            Kind::Begun if is_next => state.begun = state.laid + 1,
-            Kind::Laid | Kind::LaidNextBegun | Kind::Interrupted if is_next => {
+            RecordKind::Begun if is_next => state.begun = state.laid + 1,
+            RecordKind::Laid | RecordKind::LaidNextBegun | RecordKind::Interrupted if is_next => {
                 state.laid += 1;
-                state.begun = state.laid + u32::from(record.kind == Kind::LaidNextBegun);
+                state.begun = state.laid + u32::from(record.kind == RecordKind::LaidNextBegun);
                 self.carry.height_units += u64::from(height_units);
                 self.carry.lean_owed = lean_owed(lean);
             }
-            Kind::Amended if state.laid <= record.index && record.index <= layers.min(LAST_INDEX) => {
+            RecordKind::Amended if state.laid <= record.index && record.index <= layers.min(LAST_INDEX) => {
                 (state.plan_id, state.layers) = (join(a, b), layers);
             }
-            Kind::Ended => state.ended = true,
+            RecordKind::Ended => state.ended = true,
             _ => return false,
         }
         true

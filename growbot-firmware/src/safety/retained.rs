@@ -35,11 +35,11 @@ pub struct ActiveWork {
     /// Plan of the job.
     pub plan_id: u64,
     /// Number of layers laid.
-    pub laid: u32,
+    pub layers_laid: u32,
     /// Number of layers begun.
-    pub begun: u32,
+    pub layers_begun: u32,
     /// Number of finished sectors of the current layer, up to some tenths of a second ago.
-    pub sectors: u8,
+    pub sectors_done: u8,
 }
 
 /// The state that a board retains through a reset.
@@ -106,7 +106,7 @@ impl RetainedError {
     #[must_use]
     pub const fn is_fault(self, cause: ResetCause) -> bool {
         match self {
-            Self::NotWhole => survives(cause),
+            Self::NotWhole => keeps_ram(cause),
             Self::NotDecodable => true,
         }
     }
@@ -169,7 +169,7 @@ impl RetainedStore {
 
 /// Returns the fault that is latched after a reset during work.
 #[must_use]
-pub const fn fault_of(cause: ResetCause) -> Fault {
+pub const fn fault_for_reset(cause: ResetCause) -> Fault {
     match cause {
         ResetCause::BrownOut => Fault::BrownOut,
         ResetCause::Watchdog => Fault::WatchdogReset,
@@ -184,7 +184,7 @@ pub const fn fault_of(cause: ResetCause) -> Fault {
 /// there. A copy that is not whole after such a reset was destroyed. [`ResetCause::External`] is excluded, because a
 /// debug probe flashes a board by code in RAM.
 #[must_use]
-pub const fn survives(cause: ResetCause) -> bool {
+pub const fn keeps_ram(cause: ResetCause) -> bool {
     matches!(
         cause,
         ResetCause::Watchdog | ResetCause::ProcessorFault | ResetCause::StackOverflow | ResetCause::ClockFailed
@@ -220,8 +220,13 @@ pub(crate) mod tests {
             laid: u32::MAX,
             layers_begun: u32::MAX,
         };
-        let under_way =
-            ActiveWork { state: State::EmergencyStop, plan_id: u64::MAX, laid: u32::MAX, begun: u32::MAX, sectors: 64 };
+        let under_way = ActiveWork {
+            state: State::EmergencyStop,
+            plan_id: u64::MAX,
+            layers_laid: u32::MAX,
+            layers_begun: u32::MAX,
+            sectors_done: 64,
+        };
         RetainedState { record: Some(record), under_way: Some(under_way) }
     }
 
@@ -324,7 +329,7 @@ pub(crate) mod tests {
             (ResetCause::StackOverflow, true, Fault::StackOverflow),
             (ResetCause::ClockFailed, true, Fault::ClockFailed),
         ] {
-            assert_eq!((survives(cause), fault_of(cause)), (expected, fault));
+            assert_eq!((keeps_ram(cause), fault_for_reset(cause)), (expected, fault));
         }
     }
 
@@ -332,7 +337,9 @@ pub(crate) mod tests {
     /// fault, the fault cleared, at work again, an emergency stop.
     fn story() -> std::vec::Vec<RetainedState> {
         let record = |fault, cleared| longest().record.map(|record| FaultRecord { fault, cleared, ..record });
-        let at = |state, sectors| longest().under_way.map(|under_way| ActiveWork { state, sectors, ..under_way });
+        let at = |state, sectors| {
+            longest().under_way.map(|under_way| ActiveWork { state, sectors_done: sectors, ..under_way })
+        };
         let fault = Some(Fault::ThermistorOpen);
         std::vec![
             RetainedState::default(),

@@ -25,7 +25,7 @@ use super::turn::Sector;
 use crate::hal::Outputs;
 
 /// The inputs of the engine. Levels are logical.
-pub struct Inputs<I, M, S> {
+pub struct EngineInputs<I, M, S> {
     /// Input that is high while the index sensor detects its mark.
     pub index: I,
     /// The filament's encoder. Without an encoder it is a pin that never changes.
@@ -113,7 +113,7 @@ impl Progress {
 pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S, O> {
     head: Driver<HS, HD, HE>,
     feed: Driver<FS, FD, FE>,
-    inputs: Inputs<I, M, S>,
+    inputs: EngineInputs<I, M, S>,
     outputs: O,
     settings: EngineConfig,
     mode: Mode,
@@ -147,7 +147,7 @@ where
     pub fn new(
         head: Axis<HS, HD, HE>,
         feed: Axis<FS, FD, FE>,
-        inputs: Inputs<I, M, S>,
+        inputs: EngineInputs<I, M, S>,
         outputs: O,
         settings: EngineConfig,
     ) -> Self {
@@ -405,7 +405,7 @@ where
     fn start_sector(&mut self, index: usize, handover: &Mailbox) {
         let Some(sector) = handover.sector(&self.turn, index) else { return };
         handover.set_sector(&sector);
-        let Sector { ticks, head, feed } = sector;
+        let Sector { ticks, head_steps: head, feed_steps: feed } = sector;
         self.progress.sector = index;
         self.progress.sector_left = ticks;
         self.progress.head = Spread::new(head, ticks);

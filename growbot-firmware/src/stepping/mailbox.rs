@@ -146,7 +146,7 @@ impl Mailbox {
         Self {
             task: Mutex::new(Cell::new(None)),
             sectors: Slots(Mutex::new(
-                [const { [const { Cell::new(Sector { ticks: 0, head: 0, feed: 0 }) }; SECTORS] }; 2],
+                [const { [const { Cell::new(Sector { ticks: 0, head_steps: 0, feed_steps: 0 }) }; SECTORS] }; 2],
             )),
             laying: Mutex::new(Cell::new(Slot::A)),
             done: Mutex::new(Cell::new(None)),
@@ -186,7 +186,7 @@ impl Mailbox {
                 for (index, sector) in turn.sectors.into_iter().enumerate() {
                     self.sectors.set(slot, index, sector);
                 }
-                let Turn { backwards, ticks, pace, .. } = turn;
+                let Turn { reverse: backwards, ticks, pace, .. } = turn;
                 (PendingMove::Lay(TurnHeader { slot, backwards, ticks, pace }), pace.entry)
             }
         };
@@ -385,7 +385,7 @@ impl Mailbox {
     /// Publishes the feed of the sector that begins (engine side). The value is [`Sector::default`] once no layer is
     /// laid.
     pub(super) fn set_sector(&self, sector: &Sector) {
-        self.sector_feed.store(sector.feed, Ordering::Release);
+        self.sector_feed.store(sector.feed_steps, Ordering::Release);
         self.sector_ticks.store(sector.ticks, Ordering::Release);
     }
 

@@ -24,7 +24,7 @@ mod tests;
 mod turn;
 mod turn_planner;
 
-pub use engine::{Engine, EngineConfig, Inputs};
+pub use engine::{Engine, EngineConfig, EngineInputs};
 pub use mailbox::Mailbox;
 pub use moves::{AxisMove, HomingMove, Move, Report, TurnReport};
 pub use ramp::RampLimits;

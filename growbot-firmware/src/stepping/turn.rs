@@ -27,9 +27,9 @@ pub struct Sector {
     /// Duration, ticks of the step interrupt.
     pub ticks: u32,
     /// Steps of the head.
-    pub head: u32,
+    pub head_steps: u32,
     /// Steps of the feed.
-    pub feed: u32,
+    pub feed_steps: u32,
 }
 
 /// One layer as one turn of the head.
@@ -38,7 +38,7 @@ pub struct Turn {
     /// The sectors by angle, from the tip's x axis on.
     pub sectors: [Sector; SECTORS],
     /// The head turns clockwise: from the last sector to the first.
-    pub backwards: bool,
+    pub reverse: bool,
     /// Ticks of all sectors.
     pub ticks: u32,
     /// Limits of the speed at the beginning and the end of the turn.
@@ -79,7 +79,7 @@ impl Turn {
         let ticks = sectors.iter().map(|sector| sector.ticks).sum();
         let ends = EndSpeeds::of(&motion, backwards);
         let pace = RampLimits::of(&motion, &ends, before, robot.description().motion.tick_hz, ticks);
-        Ok((Self { sectors, backwards, ticks, pace }, ends))
+        Ok((Self { sectors, reverse: backwards, ticks, pace }, ends))
     }
 
     fn of_profile(
@@ -111,7 +111,7 @@ impl Turn {
             if ticks < 1.0 || head < 0.0 || feed < 0.0 || 2.0 * head.max(feed) > ticks {
                 return Err(StepRateError);
             }
-            *sector = Sector { ticks: ticks as u32, head: head as u32, feed: feed as u32 };
+            *sector = Sector { ticks: ticks as u32, head_steps: head as u32, feed_steps: feed as u32 };
             from = to;
         }
         Ok((sectors, robot.layer_motion(profile)))
@@ -133,7 +133,7 @@ impl Turn {
     /// Returns the layer that this turn lays.
     #[must_use]
     pub fn layer(&self, robot: &Robot) -> Layer {
-        as_built(&self.sectors.map(|sector| sector.feed), robot)
+        as_built(&self.sectors.map(|sector| sector.feed_steps), robot)
     }
 }
 
@@ -191,7 +191,7 @@ mod tests {
                 let angle = |edge: usize| TAU * edge as f64 / SECTORS as f64;
                 let share = |edge: usize| layer.material_fraction(angle(edge), robot.tip_radius());
                 let closed_form = steps * (share(index + 1) - share(index));
-                let feed = f64::from(sector.feed);
+                let feed = f64::from(sector.feed_steps);
                 prop_assert!((feed - closed_form).abs() <= 1.1, "{index}: {feed} for {closed_form}");
             }
         }
@@ -201,7 +201,7 @@ mod tests {
             let (by_feed, by_speed) = (robot_a_by(FeedStrategy::Feed), robot_a_by(FeedStrategy::Speed));
             let [feed, speed] = [&by_feed, &by_speed].map(|robot| lay(&layer, robot).unwrap());
             for (a, b) in feed.sectors.iter().zip(&speed.sectors) {
-                prop_assert_eq!((a.head, a.feed), (b.head, b.feed));
+                prop_assert_eq!((a.head_steps, a.feed_steps), (b.head_steps, b.feed_steps));
             }
             let total = |turn: &Turn| turn.sectors.iter().map(|sector| sector.ticks).sum::<u32>();
             prop_assert_eq!((total(&feed), total(&speed)), (72_000, 72_000));
@@ -244,7 +244,7 @@ mod tests {
         let robot = robot_a_by(FeedStrategy::Speed);
         let layer = Layer { alpha: 0.3, height: 0.77, tilt: 0.0077 };
         let turn = lay(&layer, &robot).unwrap();
-        let rate = |sector: &Sector| f64::from(sector.feed) / f64::from(sector.ticks);
+        let rate = |sector: &Sector| f64::from(sector.feed_steps) / f64::from(sector.ticks);
         let mean = turn.sectors.iter().map(rate).sum::<f64>() / SECTORS as f64;
         assert!(turn.sectors.iter().all(|sector| (rate(sector) / mean - 1.0).abs() < 0.02));
     }

@@ -144,7 +144,9 @@ mod tests {
                 let bytes = bytes(&Layer { alpha, height, tilt: lean * height / robot.tip_radius() });
                 if decode_checked(&bytes, &robot).is_ok() {
                     let turn = material.next_turn(&bytes, &robot, false).unwrap();
-                    assert!(turn.sectors.iter().all(|sector| 2 * sector.head.max(sector.feed) <= sector.ticks));
+                    assert!(
+                        turn.sectors.iter().all(|sector| 2 * sector.head_steps.max(sector.feed_steps) <= sector.ticks)
+                    );
                     laid += 1;
                 }
             }
@@ -161,7 +163,7 @@ mod tests {
         for _ in 0..5000 {
             let bytes = encoder.encode(&layer);
             let turn = material.next_turn(&bytes, &robot, false).unwrap();
-            steps += turn.sectors.iter().map(|sector| u64::from(sector.feed)).sum::<u64>();
+            steps += turn.sectors.iter().map(|sector| u64::from(sector.feed_steps)).sum::<u64>();
             height += decode(&bytes).height;
             assert!((steps as f64 - height * robot.feed_steps_per_length()).abs() < 0.51);
         }

@@ -31,7 +31,7 @@ const TAKEN_AT_ONCE: usize = 32;
 
 /// Result of an exchange.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Outcome {
+pub(super) enum TransactionResult {
     /// A register was written. Only the driver's counter shows whether the driver accepted it.
     Written,
     /// A register was read.
@@ -46,21 +46,21 @@ enum Transaction {
     /// The bytes wait for room in the transmit buffer until this time.
     Sending {
         node: u8,
-        what: What,
+        what: RegisterAccess,
         attempts: u8,
         until: u64,
     },
     /// The bytes have been sent. A response or the end of the write is due by this time.
     Sent {
         node: u8,
-        what: What,
+        what: RegisterAccess,
         attempts: u8,
         until: u64,
     },
 }
 
 #[derive(Debug, Clone, Copy)]
-enum What {
+enum RegisterAccess {
     Read(Address),
     Write(State),
 }
@@ -80,15 +80,15 @@ impl<W: SingleWireUart> Bus<W> {
 
     /// Begins to read a register of a driver.
     pub(super) fn read(&mut self, node: u8, register: Address, now: u64) {
-        self.begin(node, What::Read(register), ATTEMPTS, now);
+        self.begin(node, RegisterAccess::Read(register), ATTEMPTS, now);
     }
 
     /// Begins to write a register of a driver.
     pub(super) fn write(&mut self, node: u8, state: State, now: u64) {
-        self.begin(node, What::Write(state), 1, now);
+        self.begin(node, RegisterAccess::Write(state), 1, now);
     }
 
-    fn begin(&mut self, node: u8, what: What, attempts: u8, now: u64) {
+    fn begin(&mut self, node: u8, what: RegisterAccess, attempts: u8, now: u64) {
         self.exchange = Transaction::Sending { node, what, attempts, until: now.saturating_add(ANSWER_US) };
         self.send(now);
     }
@@ -100,8 +100,10 @@ impl<W: SingleWireUart> Bus<W> {
         self.take();
         self.latest = [0; ANSWER_BYTES];
         let (sent, time) = match what {
-            What::Read(register) => (self.wire.send(ReadRequest::from_addr(node, register).bytes()), ANSWER_US),
-            What::Write(state) => {
+            RegisterAccess::Read(register) => {
+                (self.wire.send(ReadRequest::from_addr(node, register).bytes()), ANSWER_US)
+            }
+            RegisterAccess::Write(state) => {
                 let request = WriteRequest::from_raw_data(node, state.addr(), state);
                 (self.wire.send(request.bytes()), WRITTEN_US)
             }
@@ -112,29 +114,29 @@ impl<W: SingleWireUart> Bus<W> {
     }
 
     /// Returns the result of the exchange. `None` while it is in progress, and if there is none.
-    pub(super) fn poll(&mut self, now: u64) -> Option<Outcome> {
+    pub(super) fn poll(&mut self, now: u64) -> Option<TransactionResult> {
         // Received bytes are processed first, so that a response that arrived in time counts even if it is read late.
         let answer = self.take();
         match self.exchange {
             Transaction::None => None,
             Transaction::Sending { until, .. } => {
                 self.send(now);
-                (now > until).then(|| self.end(Outcome::Silent))
+                (now > until).then(|| self.end(TransactionResult::Silent))
             }
             Transaction::Sent { node, what, attempts, until } => match (what, answer) {
-                (What::Read(_), Some(value)) => Some(self.end(Outcome::Read(value))),
+                (RegisterAccess::Read(_), Some(value)) => Some(self.end(TransactionResult::Read(value))),
                 _ if now <= until => None,
-                (What::Write(_), _) => Some(self.end(Outcome::Written)),
-                (What::Read(_), None) if attempts > 1 => {
+                (RegisterAccess::Write(_), _) => Some(self.end(TransactionResult::Written)),
+                (RegisterAccess::Read(_), None) if attempts > 1 => {
                     self.begin(node, what, attempts - 1, now);
                     None
                 }
-                (What::Read(_), None) => Some(self.end(Outcome::Silent)),
+                (RegisterAccess::Read(_), None) => Some(self.end(TransactionResult::Silent)),
             },
         }
     }
 
-    fn end(&mut self, outcome: Outcome) -> Outcome {
+    fn end(&mut self, outcome: TransactionResult) -> TransactionResult {
         self.exchange = Transaction::None;
         outcome
     }
@@ -146,7 +148,7 @@ impl<W: SingleWireUart> Bus<W> {
             let [_, rest @ ..] = self.latest;
             let [b1, b2, b3, b4, b5, b6, b7] = rest;
             self.latest = [b1, b2, b3, b4, b5, b6, b7, byte];
-            if let Transaction::Sent { what: What::Read(register), .. } = self.exchange
+            if let Transaction::Sent { what: RegisterAccess::Read(register), .. } = self.exchange
                 && let Some(value) = answer(&self.latest, register)
             {
                 return Some(value);

@@ -30,7 +30,7 @@ use tmc2209::reg::{Address, DRV_STATUS, GSTAT, SG_RESULT, TSTEP};
 pub use self::bus::{BAUD, SingleWireUart};
 pub use self::settings::DriverConfig;
 
-use self::bus::{Bus, Outcome};
+use self::bus::{Bus, TransactionResult};
 use self::health::{HealthMonitor, Look};
 use self::settings::REGISTERS;
 use crate::hal::StepperDrivers;
@@ -164,15 +164,17 @@ impl<W: SingleWireUart> Tmc2209<W> {
     }
 
     /// Takes the next step after an exchange.
-    fn proceed(&mut self, outcome: Outcome, now: u64, in_use: bool) {
+    fn proceed(&mut self, outcome: TransactionResult, now: u64, in_use: bool) {
         match (self.step, outcome) {
-            (PollState::CountBefore, Outcome::Read(count)) => self.write(0, count as u8, now),
-            (PollState::Write { index, before }, Outcome::Written) => self.write(index + 1, before, now),
-            (PollState::CountAfter { before }, Outcome::Read(count)) => {
+            (PollState::CountBefore, TransactionResult::Read(count)) => self.write(0, count as u8, now),
+            (PollState::Write { index, before }, TransactionResult::Written) => self.write(index + 1, before, now),
+            (PollState::CountAfter { before }, TransactionResult::Read(count)) => {
                 self.node().note_counted((count as u8).wrapping_sub(before));
                 self.end(now);
             }
-            (PollState::Look(register, look), Outcome::Read(value)) => self.look(register, look, value, now, in_use),
+            (PollState::Look(register, look), TransactionResult::Read(value)) => {
+                self.look(register, look, value, now, in_use)
+            }
             _ => {
                 self.node().problem = Some(DriverProblem::Silent);
                 self.end(now);

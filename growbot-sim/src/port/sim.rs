@@ -15,11 +15,11 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_firmware::controller::{BootInfo, Controller};
 use growbot_firmware::description_store::{DescriptionStore, StoredDescription};
-use growbot_firmware::hal::{Board, NoDebugPort, Outputs, Parts, RetainedMemory, UnmanagedDrivers, Watchdog};
+use growbot_firmware::hal::{Board, BoardResources, NoDebugPort, Outputs, RetainedMemory, UnmanagedDrivers, Watchdog};
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::safety::retained::{COPY_BYTES, RETAINED_BYTES};
-use growbot_firmware::stepping::{Axis, Engine, EngineConfig, Inputs, Mailbox};
+use growbot_firmware::stepping::{Axis, Engine, EngineConfig, EngineInputs, Mailbox};
 
 use crate::tip::flash::Flash;
 use crate::tip::pins::{
@@ -331,7 +331,7 @@ fn engine(robot: &Robot, tip: &SharedTip) -> SimEngine {
         direction: DirectionPin(motor, Rc::clone(tip)),
         enable: EnablePin(motor, Rc::clone(tip)),
     };
-    let inputs = Inputs {
+    let inputs = EngineInputs {
         index: Input::index(tip),
         filament_motion: Input::filament_motion(tip),
         emergency_stop: Input::emergency_stop(tip),
@@ -355,7 +355,7 @@ fn controller(
     identity: BootInfo,
     handover: &Mailbox,
 ) -> Controller<SimBoard> {
-    let parts = Parts {
+    let parts = BoardResources {
         heater_power: HeaterPower(Rc::clone(tip)),
         heater_enable: HeaterEnable(Rc::clone(tip)),
         fan: Fan(Rc::clone(tip)),

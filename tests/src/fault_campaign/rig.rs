@@ -42,7 +42,7 @@ impl Rig {
     ///
     /// # Errors
     /// Returns an error if the board does not respond.
-    pub fn greet(&mut self) -> Result<(), ClientError> {
+    pub fn connect(&mut self) -> Result<(), ClientError> {
         self.client.hello_robot(&self.robot).map(|_| ())
     }
 
@@ -60,7 +60,7 @@ impl Rig {
     ///
     /// # Errors
     /// Returns an error if the board refuses.
-    pub fn hand_over(&mut self, count: u32) -> Result<(), ClientError> {
+    pub fn send_layers(&mut self, count: u32) -> Result<(), ClientError> {
         self.hand_over_shares((0..count).map(|_| 1.0))
     }
 

@@ -5,12 +5,12 @@ use std::fmt::Write;
 use growbot_core::link::message::Fault;
 
 use super::cases::{Case, Expected, Onset};
-use super::growth::Seen;
+use super::growth::Observation;
 
 /// Returns a Markdown table of the seconds to detection and the peak temperature for each fault and onset, first for
 /// the lump, then for the cartridge.
 #[must_use]
-pub fn markdown(lump: &[(Case, Vec<Seen>)], cartridge: &[(Case, Vec<Seen>)]) -> String {
+pub fn markdown(lump: &[(Case, Vec<Observation>)], cartridge: &[(Case, Vec<Observation>)]) -> String {
     let mut text = String::from(
         "| fault | onset | growths | noticed | as | lump: after, s: median | longest | peak, C | cartridge: after, s: median | longest | peak, C |\n\
          |---|---|---|---|---|---|---|---|---|---|---|\n",
@@ -50,7 +50,7 @@ pub fn markdown(lump: &[(Case, Vec<Seen>)], cartridge: &[(Case, Vec<Seen>)]) -> 
 }
 
 /// Formats median and longest time to detection, s, and the peak, degrees Celsius.
-fn figures(seen: &[Seen]) -> String {
+fn figures(seen: &[Observation]) -> String {
     let mut after: Vec<f64> = seen.iter().filter_map(|one| one.after_s).collect();
     after.sort_by(f64::total_cmp);
     let peak = seen.iter().map(|one| one.peak_c).fold(f64::NEG_INFINITY, f64::max);

@@ -22,11 +22,11 @@ use super::tip::{
 };
 use crate::controller::{BootInfo, Controller};
 use crate::description_store::DescriptionStore;
-use crate::hal::{Board, Parts};
+use crate::hal::{Board, BoardResources};
 use crate::journal::Journal;
 use crate::layer_store::LayerStore;
 use crate::safety::transitions::may_heat;
-use crate::stepping::{Axis, Engine, EngineConfig, Inputs, Mailbox};
+use crate::stepping::{Axis, Engine, EngineConfig, EngineInputs, Mailbox};
 use crate::testing::flash::Flash;
 use crate::testing::{FakePin, FakePins, FakePower};
 
@@ -116,7 +116,7 @@ impl Bench {
         let (pins, power, fed) = (FakePins::default(), FakePower::default(), FakeWatchdog::default());
         let fan = FakePower::default();
         let axis = |at: usize| Axis { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
-        let inputs = Inputs {
+        let inputs = EngineInputs {
             index: pins.pin(INDEX),
             filament_motion: pins.pin(FILAMENT_MOTION),
             emergency_stop: pins.pin(EMERGENCY_STOP),
@@ -124,7 +124,7 @@ impl Bench {
         let outputs = TipOutputs { power: power.clone(), fan: fan.clone(), pins: pins.clone() };
         let engine = Engine::new(axis(HEAD), axis(FEED), inputs, outputs, EngineConfig::for_robot(&robot));
         let handover = Mailbox::new();
-        let parts = Parts {
+        let parts = BoardResources {
             heater_power: power.clone(),
             heater_enable: pins.pin(HEATER_ENABLE),
             fan: fan.clone(),

@@ -10,9 +10,9 @@ const DT: f32 = 0.25;
 const TIMEOUT_S: f32 = 299.5;
 
 /// Robot A's nozzle: 50 W, 12 J/K, 0.12 W/K, 240 C at most.
-fn nozzle(robot: &Robot) -> Nozzle<'_> {
+fn nozzle(robot: &Robot) -> NozzleModel<'_> {
     let supply_v = Some(robot.description().supply.nominal_v);
-    Nozzle::new(&Demand { supply_v, ..Demand::default() }, robot.description())
+    NozzleModel::new(&Demand { supply_v, ..Demand::default() }, robot.description())
 }
 
 /// Returns the readings at rest that give these means.
@@ -124,11 +124,11 @@ fn a_stage_lasts_until_the_whole_power_would_show() {
 
 /// Runs a proof test whose reading is a function of time and switches. Returns the duration of each output, s, and the
 /// result of the test.
-fn prove(mut reading: impl FnMut(f32, Output) -> f32) -> ([f32; 3], Result<(), Fault>) {
+fn prove(mut reading: impl FnMut(f32, HeaterOutput) -> f32) -> ([f32; 3], Result<(), Fault>) {
     let robot = robot_a();
     let nozzle = nozzle(&robot);
     let (mut proof, mut rest) = (ProofTest::default(), UnheatedTrend::default());
-    let (mut times, mut output) = ([0.0; 3], Output::OFF);
+    let (mut times, mut output) = ([0.0; 3], HeaterOutput::OFF);
     for look in 1..4000_u32 {
         let reading_c = reading(look as f32 * DT, output);
         match proof.look(&mut rest, reading_c, DT, TIMEOUT_S, &nozzle) {
@@ -136,7 +136,7 @@ fn prove(mut reading: impl FnMut(f32, Output) -> f32) -> ([f32; 3], Result<(), F
             Ok(None) => return (times, Ok(())),
             Err(fault) => return (times, Err(fault)),
         }
-        let stage = [Output::OFF, Output::SECOND_SWITCH_ALONE, Output::POWER_STAGE_ALONE];
+        let stage = [HeaterOutput::OFF, HeaterOutput::SECOND_SWITCH_ALONE, HeaterOutput::POWER_STAGE_ALONE];
         times[stage.iter().position(|stage| *stage == output).unwrap()] += DT;
     }
     panic!("it did not end: {times:?}");
@@ -157,8 +157,8 @@ fn sound_switches_are_proven_one_after_the_other() {
 fn a_switch_that_conducts_is_found_in_its_stage() {
     // The limit is 3.5 C above the reference.
     for (rise, found) in [(3.5, false), (3.6, true)] {
-        let stuck = prove(|_, output| if output == Output::SECOND_SWITCH_ALONE { 30.0 + rise } else { 30.0 });
-        let welded = prove(|_, output| if output == Output::POWER_STAGE_ALONE { 30.0 + rise } else { 30.0 });
+        let stuck = prove(|_, output| if output == HeaterOutput::SECOND_SWITCH_ALONE { 30.0 + rise } else { 30.0 });
+        let welded = prove(|_, output| if output == HeaterOutput::POWER_STAGE_ALONE { 30.0 + rise } else { 30.0 });
         if found {
             assert_eq!(stuck, ([6.75, 1.0, 0.0], Err(Fault::HeaterStuckOn)));
             assert_eq!(welded, ([6.75, 7.0, 1.0], Err(Fault::HeaterSwitchWelded)));
@@ -174,7 +174,7 @@ fn a_fall_that_stops_when_a_switch_closes_is_a_reading_that_is_frozen() {
     // The reading falls by 1 C/s during the rest.
     let mut last = 0.0;
     let (_, ended) = prove(|time, output| {
-        if output == Output::OFF {
+        if output == HeaterOutput::OFF {
             last = 150.0 - time;
         }
         last

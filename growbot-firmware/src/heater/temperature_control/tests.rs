@@ -8,9 +8,9 @@ use growbot_core::robot::Robot;
 const DT: f32 = 0.25;
 
 /// Robot A's nozzle: 50 W, 12 J/K, 0.12 W/K; gains 0.07, 0.004, 0.2. At 200 C it needs 21 W.
-fn nozzle(robot: &Robot, measured: bool) -> Nozzle<'_> {
+fn nozzle(robot: &Robot, measured: bool) -> NozzleModel<'_> {
     let supply_v = measured.then_some(robot.description().supply.nominal_v);
-    Nozzle::new(&Demand { supply_v, ..Demand::default() }, robot.description())
+    NozzleModel::new(&Demand { supply_v, ..Demand::default() }, robot.description())
 }
 
 fn assert_near(value: f32, expected: f32) {
@@ -39,7 +39,7 @@ fn the_duty_is_need_trim_and_the_gains_of_error_and_slope() {
 fn of_a_supply_that_gives_more_less_is_taken() {
     let robot = robot_a();
     let demand = Demand { supply_v: Some(1.2 * robot.description().supply.nominal_v), ..Demand::default() };
-    let nozzle = Nozzle::new(&demand, robot.description());
+    let nozzle = NozzleModel::new(&demand, robot.description());
     let duty = TemperatureControl::default().duty(200.0, 198.0, false, DT, &nozzle);
     assert_near(duty, (21.0 + 0.07 * 2.0 * 50.0) / 72.0);
 }
@@ -168,7 +168,7 @@ fn the_dither_is_of_a_count_of_the_adc_within_its_bounds() {
     for (pull_up_ohm, bounds) in [(4_700.0, (0.35, 0.35)), (25_000.0, (0.36, 0.69)), (40_000.0, (0.7, 0.7))] {
         let mut description = robot_a().description().clone();
         description.thermistor.pull_up_ohm = pull_up_ohm;
-        let nozzle = Nozzle::new(&Demand::default(), &description);
+        let nozzle = NozzleModel::new(&Demand::default(), &description);
         let mut regulation = TemperatureControl::default();
         regulation.duty(200.0, 200.0, true, DT, &nozzle);
         let amplitude = regulation.dither().amplitude_c;

@@ -34,15 +34,15 @@ enum Deed {
 struct Known {
     state: JobState,
     carry: Carry,
-    laid: Vec<LaidRecord>,
+    laid: Vec<StoredLayer>,
 }
 
 /// Returns a layer whose content identifies it.
-fn layer(plan_id: u64, index: u32) -> Laid {
+fn layer(plan_id: u64, index: u32) -> LayerRecord {
     let mut as_built = LayerBytes::default();
     as_built[..8].copy_from_slice(&(plan_id ^ u64::from(index) << 32).to_le_bytes());
     as_built[8..].copy_from_slice(&index.to_le_bytes());
-    Laid { as_built, height_units: 1 << 24 | index, lean_owed: [index as i16, -3 - index as i16] }
+    LayerRecord { as_built, height_units: 1 << 24 | index, residual_lean: [index as i16, -3 - index as i16] }
 }
 
 fn known<const S: usize>(journal: &mut Journal<Flash<S>>) -> Option<Known> {
@@ -62,12 +62,12 @@ impl Deed {
                 while journal.erase_step(layers)? {}
                 Ok(())
             }
-            Deed::Begin(plan_id, layers) => journal.begin(plan_id, ROBOT, layers),
-            Deed::Begun => journal.begun(index),
-            Deed::Commit(next_begun) => journal.committed(index, &laid, next_begun),
-            Deed::Skip => journal.skipped(index, &layer(!plan_id, index)),
-            Deed::Amend(from, plan_id, layers) => journal.amended(from, plan_id, layers),
-            Deed::End => journal.ended(),
+            Deed::Begin(plan_id, layers) => journal.begin_job(plan_id, ROBOT, layers),
+            Deed::Begun => journal.record_begun(index),
+            Deed::Commit(next_begun) => journal.record_laid(index, &laid, next_begun),
+            Deed::Skip => journal.record_skipped(index, &layer(!plan_id, index)),
+            Deed::Amend(from, plan_id, layers) => journal.record_amended(from, plan_id, layers),
+            Deed::End => journal.record_ended(),
         }
     }
 
@@ -82,9 +82,9 @@ impl Deed {
         let mut lay = |interrupted| {
             let plan_id = if interrupted { !state.plan_id } else { state.plan_id };
             let layer = layer(plan_id, state.laid);
-            laid.push(LaidRecord { as_built: layer.as_built, interrupted });
+            laid.push(StoredLayer { as_built: layer.as_built, interrupted });
             carry.height_units += u64::from(layer.height_units);
-            carry.lean_owed = layer.lean_owed;
+            carry.lean_owed = layer.residual_lean;
             state.laid += 1;
             state.begun = state.laid;
         };

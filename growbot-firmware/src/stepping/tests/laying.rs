@@ -118,7 +118,7 @@ fn turning_back_keeps_the_wires_from_winding_up() {
     let backwards = |motor: usize| rises.iter().filter(|rise| rise.motor == motor && rise.backwards).count();
     assert_eq!((backwards(HEAD), backwards(FEED)), (2 * 3200, 0));
     // The last sector comes first.
-    assert!(turns[1].backwards && !turns[2].backwards);
+    assert!(turns[1].reverse && !turns[2].reverse);
 }
 
 #[test]

@@ -204,7 +204,7 @@ impl Rig {
             direction: pin(motor, Kind::Direction),
             enable: pin(motor, Kind::Enable),
         };
-        let inputs = Inputs {
+        let inputs = EngineInputs {
             index: pin(0, Kind::Index),
             filament_motion: pin(0, Kind::Filament),
             emergency_stop: pin(0, Kind::Stop),

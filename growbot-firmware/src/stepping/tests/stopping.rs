@@ -83,7 +83,7 @@ fn a_pin_that_fails_switches_everything_off() {
     for broken in [0, 1, 2, 3, 4, 5, 6, 7, 8] {
         let (pins, handover) = (FakePins::default(), Mailbox::new());
         let axis = |at: usize| Axis { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
-        let inputs = Inputs { index: pins.pin(6), filament_motion: pins.pin(7), emergency_stop: pins.pin(8) };
+        let inputs = EngineInputs { index: pins.pin(6), filament_motion: pins.pin(7), emergency_stop: pins.pin(8) };
         let outputs = FakeOutputs::default();
         let mut engine = Engine::new(axis(0), axis(3), inputs, outputs.clone(), EngineConfig::for_robot(&robot));
         engine.tick(&handover);
