@@ -12,21 +12,21 @@ use growbot_host::crash::{Crash, Image};
 use growbot_sim::image_seal::{SealError, is_sealed, seal, seal_in_place};
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
-use growbot_tests::tip_memory::Words;
+use growbot_tests::tip_memory::TipMemoryView;
 use object::{Object, ObjectSection, ObjectSymbol};
 
 /// Returns a client of a board that runs this image, and the words of its tip.
-fn board(image: &Path) -> (Client, Words) {
+fn board(image: &Path) -> (Client, TipMemoryView) {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let mut emulator = Emulator::start(&robot, Some(image)).unwrap();
-    let words = Words::of(&mut emulator);
+    let words = TipMemoryView::of(&mut emulator);
     let mut client = Client::new(Box::new(emulator), "the emulated board");
     client.hello_robot(&robot).unwrap();
     (client, words)
 }
 
 /// Makes a board crash in this way, and waits until it has restarted.
-fn crash(words: &Words, how: u32) {
+fn crash(words: &TipMemoryView, how: u32) {
     let boots = words.read(table::BOOTS);
     words.write(table::CRASH, how);
     words.wait("another boot", |words| words.read(table::BOOTS) != boots);

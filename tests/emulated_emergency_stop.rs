@@ -20,7 +20,7 @@ use growbot_firmware::emulated_tip as table;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
-use growbot_tests::tip_memory::{BoardLimit, Words, wait_until_outputs_off};
+use growbot_tests::tip_memory::{BoardLimit, TipMemoryView, wait_until_outputs_off};
 
 const PLAN: u64 = 1;
 /// Bytes of noise: three times the size of the board's queue.
@@ -49,7 +49,7 @@ fn noise() -> Vec<u8> {
     bytes
 }
 
-fn start(client: &mut Client, words: &Words) {
+fn start(client: &mut Client, words: &TipMemoryView) {
     client
         .request("to start", &Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }))
         .unwrap();
@@ -69,10 +69,10 @@ fn start(client: &mut Client, words: &Words) {
 const OUTPUTS: [usize; 3] = [table::HEATER_ENABLE, table::HEAD_ENABLE, table::FEED_ENABLE];
 
 /// Returns a board with a job of 8 layers and a warm nozzle.
-fn with_a_job() -> (Rc<RefCell<Emulator>>, Words, Client) {
+fn with_a_job() -> (Rc<RefCell<Emulator>>, TipMemoryView, Client) {
     let robot = robot();
     let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
-    let words = Words::of(&mut emulator.borrow_mut());
+    let words = TipMemoryView::of(&mut emulator.borrow_mut());
     let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
     client.hello_robot(&robot).unwrap();
     client

@@ -13,7 +13,7 @@ use growbot_core::robot::Robot;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
-use growbot_tests::tip_memory::{BoardLimit, Words, wait_until_outputs_off};
+use growbot_tests::tip_memory::{BoardLimit, TipMemoryView, wait_until_outputs_off};
 
 /// Returns robot A with faster homing and growth, so that the test does not take long.
 fn robot() -> Robot {
@@ -32,7 +32,7 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     let what = format!("{} while {}", broken.name(), during.name());
     let robot = robot();
     let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
-    let words = Words::of(&mut emulator.borrow_mut());
+    let words = TipMemoryView::of(&mut emulator.borrow_mut());
     let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
     client.hello_robot(&robot).unwrap();
     let plan_id = 1;

@@ -177,7 +177,7 @@ impl<B: BoardUnderTest> Bench<B> {
 }
 
 /// Grows until the onset, injects the fault, and waits for the board's reaction.
-fn meet(board: impl BoardUnderTest, case: Case) -> CaseResult {
+fn run_case(board: impl BoardUnderTest, case: Case) -> CaseResult {
     let what = format!("{}, {}", case.fault.name(), case.onset.name());
     let board = Rc::new(RefCell::new(board));
     let client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
@@ -214,8 +214,8 @@ fn meet(board: impl BoardUnderTest, case: Case) -> CaseResult {
 
 /// Runs a fault on both boards. Returns a line of the table, or an error message.
 fn check(case: Case) -> Result<String, String> {
-    let simulated = meet(Sim::new(robot()), case);
-    let pico = meet(Rp2040::start(&robot(), Some(&pico_firmware("growbot-a"))).unwrap(), case);
+    let simulated = run_case(Sim::new(robot()), case);
+    let pico = run_case(Rp2040::start(&robot(), Some(&pico_firmware("growbot-a"))).unwrap(), case);
     let (fault, onset, met) = (case.fault.name(), case.onset.name(), [&pico, &simulated]);
     let [name, other] = met.map(CaseResult::name);
     let [after, others] = met.map(|met| met.after);

@@ -17,7 +17,7 @@ use growbot_core::link::message::{HostSilencePolicy, State, Status};
 use growbot_core::robot::Robot;
 use growbot_sim::port::rp2040::Rp2040;
 use growbot_tests::pico_firmware;
-use growbot_tests::recovery::crash::{self, Crash, Recovery};
+use growbot_tests::recovery::crash::{self, Interruption, Recovery};
 use growbot_tests::recovery::{Body, ReferenceGrowth};
 
 /// Number of emulators that run at a time.
@@ -190,7 +190,7 @@ fn power_lost_while_a_layer_is_noted_costs_the_open_layer_at_most() {
                 found.interrupted
             );
             let recovered = Recovery { found, as_built: grown.as_built, more_feed_steps };
-            crash::check(&job, &undisturbed, Crash::Power, &recovered)
+            crash::check(&job, &undisturbed, Interruption::Power, &recovered)
                 .unwrap_or_else(|wrong| panic!("{bytes}: {wrong}"));
         },
     );

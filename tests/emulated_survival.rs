@@ -27,9 +27,9 @@ use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
-use growbot_tests::recovery::crash::{self, Crash, Recovery};
+use growbot_tests::recovery::crash::{self, Interruption, Recovery};
 use growbot_tests::recovery::{Body, CuttablePort, ReferenceGrowth};
-use growbot_tests::tip_memory::Words;
+use growbot_tests::tip_memory::TipMemoryView;
 
 /// Layers of each job.
 const LAYERS: usize = 20;
@@ -156,7 +156,7 @@ fn whatever_interrupts_the_image_it_resumes_and_lays_each_layer_once() {
 /// Moment and kind of an interruption.
 #[derive(Debug)]
 struct Point {
-    crash: Crash,
+    crash: Interruption,
     /// Number of states and layers that have been reported before it: three states, then layers.
     events_seen: u64,
     /// Delay after that.
@@ -167,7 +167,7 @@ impl Point {
     /// Returns one of `count` points, spread over the first three quarters of the growth.
     fn of(point: u64, count: u64) -> Self {
         let mut random = Rng::new(&[2, point]);
-        let crash = [Crash::Power, Crash::Board, Crash::Host][(point % 3) as usize];
+        let crash = [Interruption::Power, Interruption::Board, Interruption::Host][(point % 3) as usize];
         let share = (point as f64 + random.uniform()) / count as f64;
         Self {
             crash,
@@ -184,8 +184,8 @@ impl Point {
         let (broken, flash) = self.grow(job, &first, &mut known);
         match (crash, broken.map(|grown| grown.outcome)) {
             // The first report is either that the board has restarted, or the fault for which it did.
-            (Crash::Board, Ok(Outcome::Interrupted | Outcome::Fault(Fault::StackOverflow))) => {}
-            (Crash::Host | Crash::Power, Err(_)) => {}
+            (Interruption::Board, Ok(Outcome::Interrupted | Outcome::Fault(Fault::StackOverflow))) => {}
+            (Interruption::Host | Interruption::Power, Err(_)) => {}
             (_, other) => return Err(format!("{what}: then {other:?}")),
         }
         let second = flash.map(|flash| board(job.robot, &flash)).transpose()?;
@@ -226,22 +226,22 @@ impl Point {
             if told == self.events_seen {
                 board.borrow().clock().pass(self.later).unwrap();
                 match self.crash {
-                    Crash::Power => flash = Some(board.borrow_mut().cut_power().unwrap()),
-                    Crash::Board => reset(board),
+                    Interruption::Power => flash = Some(board.borrow_mut().cut_power().unwrap()),
+                    Interruption::Board => reset(board),
                     _ => gone.set(true),
                 }
             }
         });
         client.vanish();
         // A board whose firmware crashed reports this after its restart.
-        assert_eq!(crashed, (self.crash == Crash::Board).then_some(ResetCause::StackOverflow));
+        assert_eq!(crashed, (self.crash == Interruption::Board).then_some(ResetCause::StackOverflow));
         (grown, flash)
     }
 }
 
 /// Resets a working board by an overflow of its stack.
 fn reset(board: &Board) {
-    let words = Words::of(&mut board.borrow_mut());
+    let words = TipMemoryView::of(&mut board.borrow_mut());
     let boots = words.read(table::BOOTS);
     words.write(table::OVERFLOW_STACK, 1);
     words.wait("another boot", |words| words.read(table::BOOTS) != boots);
@@ -257,11 +257,11 @@ fn reconnect_and_resume(
     board: &Board,
     job: &Job,
     known: Vec<Option<LayerBytes>>,
-    crash: Crash,
+    crash: Interruption,
 ) -> Result<(Status, Grown), GrowthError> {
     let mut client = Client::new(Box::new(Rc::clone(board)), "the emulated board");
     let hello = client.hello().map_err(GrowthError::Before)?;
-    let cause = if crash == Crash::Board { ResetCause::StackOverflow } else { ResetCause::PowerOn };
+    let cause = if crash == Interruption::Board { ResetCause::StackOverflow } else { ResetCause::PowerOn };
     assert_eq!(hello.reset_cause, cause, "{crash:?}");
     if hello.status.state == State::Fault {
         client.request("to clear the fault", &Message::ClearFault(Empty {})).map_err(GrowthError::Before)?;

@@ -1,6 +1,6 @@
 //! A growth that is interrupted at any moment is resumed, and each layer is laid once.
 
-use growbot_tests::recovery::crash::{Crash, check, crash_at};
+use growbot_tests::recovery::crash::{Interruption, check, crash_at};
 use growbot_tests::recovery::{Body, ReferenceGrowth, robot};
 
 /// Interval between the moments of the growth that this test tries. `cargo survival` tries all of them.
@@ -17,7 +17,7 @@ fn whatever_goes_and_whenever_each_layer_is_laid_once() {
     let moments = (1..6).chain((6..last - 4).step_by(EVERY)).chain(last - 4..=last);
     let mut tried = 0;
     for event in moments {
-        for crash in Crash::ALL {
+        for crash in Interruption::ALL {
             let recovered = crash_at(&job, &undisturbed, crash, event)
                 .and_then(|recovered| check(&job, &undisturbed, crash, &recovered));
             if let Err(wrong) = recovered {

@@ -13,7 +13,7 @@ use growbot_core::pose::Pose;
 use growbot_firmware::emulated_tip as table;
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
-use growbot_tests::tip_memory::Words;
+use growbot_tests::tip_memory::TipMemoryView;
 
 /// Size of the stack on both boards, bytes.
 const STACK: u32 = 64 * 1024;
@@ -22,7 +22,7 @@ const STACK: u32 = 64 * 1024;
 fn a_stack_overflow_is_a_clean_fault_and_the_next_boot_says_so() {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
-    let words = Words::of(&mut emulator);
+    let words = TipMemoryView::of(&mut emulator);
     let mut client = Client::new(Box::new(emulator), "the emulated board");
     assert_eq!(client.hello_robot(&robot).unwrap().reset_cause, ResetCause::PowerOn);
 
@@ -42,7 +42,7 @@ fn a_stack_overflow_is_a_clean_fault_and_the_next_boot_says_so() {
 fn planning_and_growing_leave_half_of_the_stack_unused() {
     let robot = robot_file::load("growbot-a2".as_ref()).unwrap();
     let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
-    let words = Words::of(&mut emulator);
+    let words = TipMemoryView::of(&mut emulator);
     // A warm nozzle saves the heating time.
     emulator.simulated_tip(|tip| tip.warm_at_once(190.0));
     let mut client = Client::new(Box::new(emulator), "the emulated board");

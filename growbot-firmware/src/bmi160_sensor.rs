@@ -71,7 +71,7 @@ fn milli_g(counts: i16) -> i16 {
 mod tests {
     use super::*;
     use crate::soft_i2c::SoftI2c;
-    use crate::testing::fake_i2c_bus::{FakeChip, FakeWires, Trouble};
+    use crate::testing::fake_i2c_bus::{BusFault, FakeChip, FakeWires};
 
     /// Register of the first of six bytes of acceleration.
     const ACC: u8 = 0x12;
@@ -117,11 +117,11 @@ mod tests {
     #[test]
     fn an_absent_chip_is_found_when_it_comes() {
         let mut bench = Bench::new();
-        bench.chip.trouble(Trouble::Absent);
+        bench.chip.trouble(BusFault::Absent);
         for _ in 0..10 {
             assert_eq!(bench.look(), None);
         }
-        bench.chip.trouble(Trouble::None);
+        bench.chip.trouble(BusFault::None);
         assert_eq!(bench.look(), None);
         bench.chip.set(ACC, &LEANS);
         assert_eq!(bench.look(), Some([63, -31, 1000]));
@@ -153,7 +153,7 @@ mod tests {
     #[test]
     fn any_trouble_of_the_bus_passes() {
         let mut bench = Bench::new();
-        for trouble in [Trouble::RefusesData, Trouble::HoldsClock, Trouble::HoldsData, Trouble::Absent] {
+        for trouble in [BusFault::RefusesData, BusFault::HoldsClock, BusFault::HoldsData, BusFault::Absent] {
             for looks_before in [0, 2] {
                 for _ in 0..looks_before {
                     bench.look();
@@ -162,7 +162,7 @@ mod tests {
                 for _ in 0..5 {
                     assert_eq!(bench.look(), None, "{trouble:?}");
                 }
-                bench.chip.trouble(Trouble::None);
+                bench.chip.trouble(BusFault::None);
                 bench.look();
                 assert!(bench.look().is_some(), "{trouble:?} has passed");
             }

@@ -35,8 +35,8 @@ impl BoardRobot {
     pub fn from_stored(stored: StoredDescription) -> Self {
         match stored {
             StoredDescription::Robot(robot) => Self { robot, configured: true },
-            StoredDescription::Unreadable => Self { configured: false, ..built_in() },
-            StoredDescription::Nothing => built_in(),
+            StoredDescription::Undecodable => Self { configured: false, ..built_in() },
+            StoredDescription::Empty => built_in(),
         }
     }
 }

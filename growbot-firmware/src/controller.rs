@@ -35,7 +35,7 @@ use crate::hal::{Adc, Board, BoardResources, StepperDrivers};
 use crate::heater::{self, Heater, Oversampler};
 use crate::layer_store::LayerStore;
 use crate::link::{self, Link};
-use crate::safety::input_monitor::Inputs;
+use crate::safety::input_monitor::InputMonitor;
 use crate::safety::liveness::LivenessCheck;
 use crate::safety::retained::{ActiveWork, RetainedState, RetainedStore};
 use crate::safety::transitions::{Event, may_heat, next_state};
@@ -86,13 +86,13 @@ pub struct Controller<B: Board> {
     copies: RetainedStore,
     configuring: configuration::ConfigUpload,
     job: job::Job,
-    motion: growth::Motion,
+    motion: growth::MoveTracker,
     heater: Heater,
     /// Duty of the fan, 0 to 1.
     fan: f64,
     thermistor: Oversampler,
     supply: Oversampler,
-    inputs: Inputs,
+    inputs: InputMonitor,
     readings: SensorReadings,
     proof: LivenessCheck,
     ticks: StepTickMonitor,
@@ -125,17 +125,17 @@ impl<B: Board> Controller<B> {
             copies,
             configuring: configuration::ConfigUpload::default(),
             job: job::Job::default(),
-            motion: growth::Motion::default(),
+            motion: growth::MoveTracker::default(),
             heater: Heater::default(),
             fan: 0.0,
             thermistor: Oversampler::default(),
             supply: Oversampler::default(),
-            inputs: Inputs::default(),
+            inputs: InputMonitor::default(),
             readings: SensorReadings::default(),
             proof: LivenessCheck::default(),
             ticks: StepTickMonitor::default(),
             motors_energised: false,
-            calls: handover.calls(),
+            calls: handover.link_emergency_stops(),
             sectors: 0,
             state_entered_us: 0,
             next_supervision_us: 0,
@@ -214,7 +214,7 @@ impl<B: Board> Controller<B> {
 
     /// Switches everything off after an emergency stop. Each poll checks this first.
     fn handle_emergency_stop(&mut self, handover: &Mailbox) {
-        let calls = handover.calls();
+        let calls = handover.link_emergency_stops();
         if handover.is_emergency_stopped() || calls != self.calls {
             self.latch_emergency_stop(handover);
         }

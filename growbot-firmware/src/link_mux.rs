@@ -29,12 +29,12 @@ impl<'a, const N: usize> LinkMux<'a, N> {
 
     /// Returns whether the host uses the second port.
     #[must_use]
-    pub const fn are_on_second(&self) -> bool {
+    pub const fn is_second_active(&self) -> bool {
         self.on_second
     }
 
     /// Returns the next byte for the link.
-    pub fn take(&mut self) -> Option<u8> {
+    pub fn next_byte(&mut self) -> Option<u8> {
         let (used, other) = if self.on_second { (self.second, self.first) } else { (self.first, self.second) };
         let byte = match used.dequeue() {
             Some(byte) => byte,
@@ -62,7 +62,7 @@ mod tests {
     }
 
     fn taken(lines: &mut LinkMux<64>) -> Vec<u8> {
-        std::iter::from_fn(|| lines.take()).collect()
+        std::iter::from_fn(|| lines.next_byte()).collect()
     }
 
     #[test]
@@ -70,13 +70,13 @@ mod tests {
         let (first, second) = (ByteQueue::new(), ByteQueue::new());
         let mut lines = LinkMux::new(&first, &second);
         assert!(taken(&mut lines).is_empty());
-        assert!(!lines.are_on_second());
+        assert!(!lines.is_second_active());
         put(&second, &[1, 2, 0]);
         assert_eq!(taken(&mut lines), [1, 2, 0]);
-        assert!(lines.are_on_second());
+        assert!(lines.is_second_active());
         put(&first, &[3, 0]);
         assert_eq!(taken(&mut lines), [3, 0]);
-        assert!(!lines.are_on_second());
+        assert!(!lines.is_second_active());
     }
 
     #[test]

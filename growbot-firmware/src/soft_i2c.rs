@@ -205,7 +205,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> I2c for SoftI
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::fake_i2c_bus::{ADDRESS, FakeChip, FakeWires, Trouble};
+    use crate::testing::fake_i2c_bus::{ADDRESS, BusFault, FakeChip, FakeWires};
 
     fn bus(chip: &FakeChip) -> (FakeWires, impl I2c<Error = SoftI2cError> + use<>) {
         let wires = FakeWires::new(chip.clone());
@@ -245,12 +245,12 @@ mod tests {
         let nobody = SoftI2cError::NotAcknowledged(NoAcknowledgeSource::Address);
         assert_eq!(bus.write(ADDRESS ^ 2, &[0]), Err(nobody));
         assert_eq!(nobody.kind(), ErrorKind::NoAcknowledge(NoAcknowledgeSource::Address));
-        chip.trouble(Trouble::RefusesData);
+        chip.trouble(BusFault::RefusesData);
         assert_eq!(bus.write(ADDRESS, &[0x30, 1]), Err(SoftI2cError::NotAcknowledged(NoAcknowledgeSource::Data)));
-        chip.trouble(Trouble::Absent);
+        chip.trouble(BusFault::Absent);
         assert_eq!(bus.read(ADDRESS, &mut [0]), Err(nobody));
         assert!(wires.is_free());
-        chip.trouble(Trouble::None);
+        chip.trouble(BusFault::None);
         bus.write(ADDRESS, &[0x30, 7]).unwrap();
         assert_eq!(chip.get(0x30), 7);
     }
@@ -259,14 +259,14 @@ mod tests {
     fn a_chip_that_holds_a_line_down_costs_less_than_a_millisecond() {
         let chip = FakeChip::default();
         for (trouble, error) in
-            [(Trouble::HoldsClock, SoftI2cError::ClockStretchTimeout), (Trouble::HoldsData, SoftI2cError::BusStuck)]
+            [(BusFault::HoldsClock, SoftI2cError::ClockStretchTimeout), (BusFault::HoldsData, SoftI2cError::BusStuck)]
         {
             let (wires, mut bus) = bus(&chip);
             chip.trouble(trouble);
             let before = wires.elapsed_us();
             assert_eq!(bus.write_read(ADDRESS, &[0x20], &mut [0; 6]), Err(error));
             assert!(wires.elapsed_us() - before < 200, "{} us", wires.elapsed_us() - before);
-            chip.trouble(Trouble::None);
+            chip.trouble(BusFault::None);
             bus.write_read(ADDRESS, &[0x20], &mut [0; 6]).unwrap();
         }
     }

@@ -18,12 +18,12 @@ const LOOK: Duration = Duration::from_millis(2);
 const STANDING: Duration = Duration::from_secs(300);
 
 /// Memory that the board shares with its tip, addressed by the byte offsets of `growbot_firmware::emulated_tip`.
-pub struct Words {
+pub struct TipMemoryView {
     memory: File,
     clock: BoardClock,
 }
 
-impl Words {
+impl TipMemoryView {
     /// Returns the words of a running board.
     ///
     /// # Panics
@@ -65,7 +65,7 @@ impl Words {
     }
 }
 
-impl Words {
+impl TipMemoryView {
     /// Lets a short time pass on the board.
     fn pass(&self) {
         self.clock.pass(LOOK).expect("the emulator runs");
@@ -78,7 +78,7 @@ fn another(memory: &File) -> File {
 
 /// Time limit by the board's own clock. The desktop's clock is unsuitable, because a busy machine slows the board down.
 pub struct BoardLimit {
-    words: Words,
+    words: TipMemoryView,
     limit_s: u32,
     /// Last reading of the clock, ticks since the board's boot.
     clock: u32,
@@ -91,9 +91,9 @@ pub struct BoardLimit {
 impl BoardLimit {
     /// Returns a limit of `limit_s` seconds that starts now.
     #[must_use]
-    pub fn new(words: &Words, limit_s: u32) -> Self {
+    pub fn new(words: &TipMemoryView, limit_s: u32) -> Self {
         let clock = words.read(table::TICKS_LO);
-        let words = Words { memory: another(&words.memory), clock: words.clock.clone() };
+        let words = TipMemoryView { memory: another(&words.memory), clock: words.clock.clone() };
         Self { words, limit_s, clock, passed: 0, moved: Instant::now() }
     }
 
@@ -123,7 +123,7 @@ impl BoardLimit {
 /// # Panics
 /// Panics if they are not off within two minutes of the board's clock. `what` is in the message.
 pub fn wait_until_outputs_off(emulator: &mut Emulator, what: &str) {
-    let mut limit = BoardLimit::new(&Words::of(emulator), LIMIT_S);
+    let mut limit = BoardLimit::new(&TipMemoryView::of(emulator), LIMIT_S);
     loop {
         let mut on = Vec::new();
         emulator.simulated_tip(|tip| {

@@ -37,7 +37,7 @@ use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerEncoder;
 use growbot_core::robot::{FeedStrategy, HeadRotation, Robot, RobotDescription};
 use growbot_firmware::board_robot;
-use growbot_firmware::stepping::{AxisMove, EngineConfig, HomingMove, Mailbox, Material, Move, Report, Turn};
+use growbot_firmware::stepping::{AxisMove, EngineConfig, HomingMove, Mailbox, Move, Report, Turn, TurnPlanner};
 
 use crate::pins::{StepEngine, World};
 use crate::polled_uart::PolledUart;
@@ -210,7 +210,7 @@ impl Bench {
 
     fn until_report(&mut self, order: Move, kind: Kind) -> Option<()> {
         self.handover.submit(order);
-        while !self.handover.report_waits() {
+        while !self.handover.has_report() {
             self.tick(kind);
         }
         matches!(self.handover.pop_report(), Some(Report::Homed | Report::Fed)).then_some(())
@@ -219,7 +219,7 @@ impl Bench {
     /// Lays turns without a stop between them.
     fn lay(&mut self, robot: &Robot) -> Option<()> {
         let alternate = robot.description().motion.turning == HeadRotation::Alternate;
-        let (mut material, mut encoder) = (Material::default(), LayerEncoder::default());
+        let (mut material, mut encoder) = (TurnPlanner::default(), LayerEncoder::default());
         let mut turn_of = |index: u32| {
             let lean = f64::from(index % 3) * 0.0025;
             let layer = Layer { alpha: 0.9 * f64::from(index), height: 0.77 - 0.1 * f64::from(index % 2), tilt: lean };
@@ -250,7 +250,7 @@ impl Bench {
         let mut sector_ends = sectors.next().map_or(0, |sector| sector.ticks);
         // At full speed the sectors give the ticks. With ramps only the steps show the kind of a tick.
         let full_speed = turn.needs_no_ramp();
-        while !self.handover.report_waits() {
+        while !self.handover.has_report() {
             now += 1;
             let last = now == turn.ticks;
             if full_speed && !last && now == sector_ends {

@@ -8,7 +8,7 @@ use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use growbot_core::robot::Robot;
 use growbot_firmware::hal::Outputs;
 use growbot_firmware::invertible_pin::InvertiblePin;
-use growbot_firmware::stepping::{Axis, Engine, EngineConfig, EngineInputs, Mailbox};
+use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
 
 static HEAD_STEP: AtomicBool = AtomicBool::new(false);
 static HEAD_DIRECTION: AtomicBool = AtomicBool::new(false);
@@ -62,8 +62,8 @@ fn wired(pin: &'static AtomicBool) -> Wired {
 pub fn engine(settings: EngineConfig) -> StepEngine {
     STOP.store(false, Ordering::Relaxed);
     Engine::new(
-        Axis { step: Pin(&HEAD_STEP), direction: wired(&HEAD_DIRECTION), enable: wired(&HEAD_ENABLE) },
-        Axis { step: Pin(&FEED_STEP), direction: wired(&FEED_DIRECTION), enable: wired(&FEED_ENABLE) },
+        StepperPins { step: Pin(&HEAD_STEP), direction: wired(&HEAD_DIRECTION), enable: wired(&HEAD_ENABLE) },
+        StepperPins { step: Pin(&FEED_STEP), direction: wired(&FEED_DIRECTION), enable: wired(&FEED_ENABLE) },
         EngineInputs { index: wired(&INDEX), filament_motion: Pin(&FILAMENT), emergency_stop: wired(&STOP) },
         TipOutputs,
         settings,

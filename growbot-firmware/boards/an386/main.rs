@@ -31,7 +31,7 @@ use growbot_firmware::hal::{Board, BoardResources, NoDebugPort, UnmanagedDrivers
 use growbot_firmware::invertible_pin::InvertiblePin;
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
-use growbot_firmware::stepping::{Axis, Engine, EngineConfig, EngineInputs, Mailbox};
+use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
 
 use crate::flash::{FlashPartition, SharedWords};
 use crate::runtime::retained::RetainedRam;
@@ -121,8 +121,8 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
 
     let uart = Uart::start(CLOCK_HZ);
     let engine = Engine::new(
-        Axis { step: tip.head_step, direction: tip.head_direction, enable: tip.head_enable },
-        Axis { step: tip.feed_step, direction: tip.feed_direction, enable: tip.feed_enable },
+        StepperPins { step: tip.head_step, direction: tip.head_direction, enable: tip.head_enable },
+        StepperPins { step: tip.feed_step, direction: tip.feed_direction, enable: tip.feed_enable },
         EngineInputs {
             // The emulated sensor pulls its line low on the mark.
             index: InvertiblePin::new(tip.index, true),
@@ -193,7 +193,7 @@ fn load_robot(descriptions: &mut DescriptionStore<FlashPartition>) -> Result<Boa
     let mut bytes = [0; growbot_core::robot::MAX_ENCODED_LEN];
     let length = tip::copy_robot_description(&mut bytes);
     match (bytes.get(..length), descriptions.newest()) {
-        (Some(given), StoredDescription::Nothing) if !given.is_empty() => {
+        (Some(given), StoredDescription::Empty) if !given.is_empty() => {
             Ok(BoardRobot { robot: decode_for_board(given)?, configured: true })
         }
         (_, found) => Ok(BoardRobot::from_stored(found)),

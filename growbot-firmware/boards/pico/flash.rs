@@ -33,7 +33,7 @@ unsafe extern "C" {
 }
 
 /// A part of the flash.
-pub type PartOfFlash = WordNorFlash<BoardFlash>;
+pub type FlashPartition = WordNorFlash<BoardFlash>;
 
 type Plain = unsafe extern "C" fn();
 type Erase = unsafe extern "C" fn(offset: u32, bytes: usize, block: u32, command: u32);
@@ -116,12 +116,12 @@ unsafe fn change(rom: &Rom, loader: *const u32, offset: u32, page: *const u32) {
 
 impl BoardFlash {
     /// Returns the flash of the robot's description.
-    pub fn of_description() -> PartOfFlash {
+    pub fn of_description() -> FlashPartition {
         WordNorFlash(Self::between(&raw const _description_start, &raw const _description_end))
     }
 
     /// Returns the journal's flash.
-    pub fn of_journal() -> PartOfFlash {
+    pub fn of_journal() -> FlashPartition {
         WordNorFlash(Self::between(&raw const _journal_start, &raw const _journal_end))
     }
 

@@ -47,13 +47,13 @@ use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::link_mux::LinkMux;
 use growbot_firmware::soft_i2c::SoftI2c;
-use growbot_firmware::stepping::{Axis, Engine, EngineConfig, EngineInputs, Mailbox};
+use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
 use growbot_firmware::tmc2209::{DriverConfig, Tmc2209};
 use rp2040_pac as pac;
 
-use crate::flash::{BoardFlash, PartOfFlash};
+use crate::flash::{BoardFlash, FlashPartition};
 use crate::pins::Pins;
-use crate::pwm::Power;
+use crate::pwm::PwmOutput;
 use crate::runtime::retained::RetainedRam;
 use crate::runtime::{crash, seal};
 use crate::tmc_uart::TmcUart;
@@ -77,9 +77,9 @@ struct Pico;
 
 impl Board for Pico {
     const KINDS: &'static [BoardKind] = &[BoardKind::Pico, BoardKind::SkrPico];
-    type HeaterPower = Power;
+    type HeaterPower = PwmOutput;
     type HeaterEnable = pins::Output;
-    type Fan = Power;
+    type Fan = PwmOutput;
     type Thermistor = adc::Thermistor;
     type Supply = adc::Supply;
     type FilamentPresence = pins::Sensor;
@@ -89,7 +89,7 @@ impl Board for Pico {
     type Watchdog = watchdog::BoardWatchdog;
     type DebugPort = NoDebugPort;
     type Retained = RetainedRam;
-    type Flash = PartOfFlash;
+    type Flash = FlashPartition;
     type Store = &'static mut LayerStore;
 }
 
@@ -113,11 +113,11 @@ fn run(controller: &mut Controller<Pico>) -> ! {
     let mut lines = LinkMux::new(&uart::RECEIVED, &usb::RECEIVED);
     let mut logged = controller.state();
     loop {
-        while let Some(byte) = lines.take() {
+        while let Some(byte) = lines.next_byte() {
             controller.receive(byte, &MAILBOX);
         }
         controller.poll(clock::now_us(), &MAILBOX);
-        let to_send = if lines.are_on_second() { &usb::TO_SEND } else { &uart::TO_SEND };
+        let to_send = if lines.is_second_active() { &usb::TO_SEND } else { &uart::TO_SEND };
         while to_send.has_room() {
             let Some(byte) = controller.next_tx_byte() else { break };
             let _ = to_send.enqueue(byte);
@@ -158,17 +158,17 @@ fn set_up() -> &'static mut Controller<Pico> {
     uart::start(&device.UART0);
     usb::start(&device.RESETS);
     let engine = Engine::new(
-        Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
-        Axis { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
+        StepperPins { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
+        StepperPins { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
         EngineInputs { index: pins.index, filament_motion: pins.filament_motion, emergency_stop: pins.emergency_stop },
         pins::TipOutputs,
         EngineConfig::for_robot(&robot),
     );
     let (thermistor, supply) = adc::new(device.ADC, pins.thermistor, pins.supply);
     let parts = BoardResources {
-        heater_power: Power::start(pins.heater),
+        heater_power: PwmOutput::start(pins.heater),
         heater_enable: pins.heater_enable,
-        fan: Power::start(pins.fan),
+        fan: PwmOutput::start(pins.fan),
         thermistor,
         supply,
         filament_presence: pins.filament_presence,

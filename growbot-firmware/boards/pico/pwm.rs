@@ -17,7 +17,7 @@ const UNDIVIDED: u32 = 1 << 4;
 const ENABLE: u32 = 1;
 
 /// A power stage: heater or fan. The other channel of its slice has no pin.
-pub struct Power(Option<Channel>);
+pub struct PwmOutput(Option<Channel>);
 
 /// A channel of a PWM slice.
 #[derive(Clone, Copy)]
@@ -32,7 +32,7 @@ fn slice(slice: usize) -> &'static pac::pwm::CH {
     unsafe { &*pac::PWM::ptr() }.ch(slice % 8)
 }
 
-impl Power {
+impl PwmOutput {
     /// Starts the PWM of a pin with a duty of zero. The slice is in its state after the reset. Without a pin the duty
     /// has no effect.
     pub fn start(pin: Option<u8>) -> Self {
@@ -53,11 +53,11 @@ impl Power {
     }
 }
 
-impl ErrorType for Power {
+impl ErrorType for PwmOutput {
     type Error = Infallible;
 }
 
-impl SetDutyCycle for Power {
+impl SetDutyCycle for PwmOutput {
     fn max_duty_cycle(&self) -> u16 {
         u16::MAX
     }

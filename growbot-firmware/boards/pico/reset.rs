@@ -111,7 +111,7 @@ extern "C" fn default_handler() -> ! {
 }
 
 /// Ends the program after a stack overflow or another fault of the processor.
-pub fn on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
+pub fn reset_on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();
     // The step that is most certain to succeed comes first.

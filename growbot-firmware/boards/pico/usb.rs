@@ -271,7 +271,7 @@ impl Device {
 
     fn on_received(&mut self) {
         for byte in self.receive.received() {
-            uart::obey(self.watch.push(byte));
+            uart::handle_emergency_stop(self.watch.push(byte));
             // A byte is lost if the queue is full, which the CRC of its frame shows.
             let _ = RECEIVED.enqueue(byte);
         }

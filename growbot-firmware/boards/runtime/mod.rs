@@ -1,6 +1,6 @@
 //! The parts that the images of all boards share.
 //!
-//! Each board has a function `reset::on_crash`, which makes the tip safe and resets the board.
+//! Each board has a function `reset::reset_on_crash`, which makes the tip safe and resets the board.
 
 pub mod crash;
 mod no_panic;

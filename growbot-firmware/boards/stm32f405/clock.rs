@@ -80,7 +80,7 @@ pub fn speed_up(rcc: &pac::RCC, flash: &pac::FLASH) -> ClockSource {
 /// internal oscillator, ten times slower, so that no task would be in time any more.
 #[exception]
 unsafe fn NonMaskableInt() {
-    crate::reset::end_by_clock_failure();
+    crate::reset::reset_on_clock_failure();
 }
 
 /// Starts SysTick on the processor's clock.

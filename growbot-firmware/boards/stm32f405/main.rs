@@ -40,7 +40,7 @@ mod app {
     use growbot_firmware::hal::{Board, BoardResources, UnmanagedDrivers};
     use growbot_firmware::journal::Journal;
     use growbot_firmware::layer_store::LayerStore;
-    use growbot_firmware::stepping::{Axis, Engine, EngineConfig, EngineInputs, Mailbox};
+    use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
     use stm32f4xx_hal::pac;
     use stm32f4xx_hal::prelude::*;
 
@@ -119,7 +119,7 @@ mod app {
         };
 
         brown_out::check_reset_level(&device.FLASH);
-        let mut identity = identify(&device.RCC, &device.FLASH);
+        let mut identity = boot_info(&device.RCC, &device.FLASH);
         let mut rcc = device.RCC.constrain();
         brown_out::start_detector(&device.PWR, &mut rcc);
         let [descriptions, journal] = BoardFlash::parts(device.FLASH);
@@ -132,8 +132,8 @@ mod app {
         let uart = Uart::start(device.USART2, (pins.link_tx, pins.link_rx), &mut rcc);
 
         let engine = Engine::new(
-            Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
-            Axis { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
+            StepperPins { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
+            StepperPins { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
             EngineInputs {
                 index: pins.index,
                 filament_motion: pins.filament_motion,
@@ -179,7 +179,7 @@ mod app {
 
     /// Returns the facts about this start. It makes the clocks fast before it checks the image, long before the
     /// watchdog must be fed.
-    fn identify(rcc: &pac::RCC, flash: &pac::FLASH) -> BootInfo {
+    fn boot_info(rcc: &pac::RCC, flash: &pac::FLASH) -> BootInfo {
         BootInfo {
             reset_cause: reset::read_and_clear_cause(rcc),
             boot_id: reset::next_boot_id(),

@@ -103,12 +103,12 @@ extern "C" fn default_handler() -> ! {
 }
 
 /// Switches everything off and resets, because the crystal has stopped.
-pub fn end_by_clock_failure() -> ! {
+pub fn reset_on_clock_failure() -> ! {
     end(CLOCK_FAILED)
 }
 
 /// Ends the program after a stack overflow or another fault of the processor.
-pub fn on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
+pub fn reset_on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();
     // The step that is most certain to succeed comes first.

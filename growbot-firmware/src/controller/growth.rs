@@ -27,7 +27,7 @@ const WAITS_FOR_FILAMENT_S: f64 = 3600.0;
 
 /// The moves handed to the step engine, and the positions in which they left head and filament.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Motion {
+pub(super) struct MoveTracker {
     /// Number of moves handed to the engine and not yet reported.
     outstanding: u8,
     /// Latest time at which the first of them must be reported, us.
@@ -69,7 +69,7 @@ pub(super) enum MaintenanceMove {
     },
 }
 
-impl Motion {
+impl MoveTracker {
     /// Returns whether a move is in progress.
     pub fn is_under_way(&self) -> bool {
         self.outstanding > 0
@@ -88,7 +88,7 @@ impl Motion {
             self.retracted_steps = self.retracted_steps.saturating_add(back);
         }
         self.maintained = Some(what);
-        self.given(seconds, now);
+        self.on_submitted(seconds, now);
     }
 
     /// Returns whether a move of maintenance moves filament.
@@ -99,7 +99,7 @@ impl Motion {
     /// Records the end of a move of maintenance. Returns `false` if there was none.
     fn finish_maintenance(&mut self, now: u64) -> bool {
         let Some(what) = self.maintained.take() else { return false };
-        self.reported(now);
+        self.on_reported(now);
         if let MaintenanceMove::Filament { forward, .. } = what {
             self.retracted_steps = self.retracted_steps.saturating_sub(forward);
         }
@@ -112,7 +112,7 @@ impl Motion {
     }
 
     /// Sets the number of steps by which the filament is behind the nozzle, after a start of the board.
-    pub fn assume_behind(&mut self, steps: u32) {
+    pub fn set_retracted_steps(&mut self, steps: u32) {
         self.retracted_steps = steps;
     }
 
@@ -122,7 +122,7 @@ impl Motion {
     }
 
     /// Returns whether maintenance pushes filament forward.
-    pub fn loads(&self) -> bool {
+    pub fn is_loading(&self) -> bool {
         matches!(self.maintained, Some(MaintenanceMove::Filament { forward: 1.., .. }))
     }
 
@@ -132,7 +132,7 @@ impl Motion {
     }
 
     /// Records a move that should take this time.
-    fn given(&mut self, seconds: f64, now: u64) {
+    fn on_submitted(&mut self, seconds: f64, now: u64) {
         self.latest_us = (seconds * (1.0 + ALLOWANCE) * 1e6) as u64 + ALLOWANCE_US;
         if self.outstanding == 0 {
             self.due = Some(now.saturating_add(self.latest_us));
@@ -141,7 +141,7 @@ impl Motion {
     }
 
     /// Records the report of a move.
-    fn reported(&mut self, now: u64) {
+    fn on_reported(&mut self, now: u64) {
         self.outstanding = self.outstanding.saturating_sub(1);
         self.due = (self.outstanding > 0).then_some(now.saturating_add(self.latest_us));
     }
@@ -154,16 +154,16 @@ impl<B: Board> Controller<B> {
         match report {
             Report::Homed | Report::Fed | Report::Rotated if self.motion.finish_maintenance(self.now_us) => {}
             Report::Homed if self.state == State::Homing => {
-                self.motion.reported(self.now_us);
+                self.motion.on_reported(self.now_us);
                 self.motion.backwards = false;
                 self.apply_event(Event::Homed);
             }
             Report::Laid(turn) if growing => {
-                self.motion.reported(self.now_us);
+                self.motion.on_reported(self.now_us);
                 self.record_turn(&turn, handover);
             }
             Report::Fed if growing => {
-                self.motion.reported(self.now_us);
+                self.motion.on_reported(self.now_us);
                 let back = self.motion.feeding.take() == Some(Feeding::Back);
                 self.motion.retracted_steps = if back { self.retract_steps() } else { 0 };
             }
@@ -211,7 +211,7 @@ impl<B: Board> Controller<B> {
         let homing = self.homing();
         let seconds = self.homing_s(&homing);
         handover.submit(Move::Home(homing));
-        self.motion.given(seconds, self.now_us);
+        self.motion.on_submitted(seconds, self.now_us);
         self.apply_event(Event::TemperatureReached);
     }
 
@@ -264,14 +264,14 @@ impl<B: Board> Controller<B> {
                 let period_s = self.robot.description().layer.period_s;
                 self.note_begun();
                 handover.submit(Move::Lay(turn));
-                self.motion.given(period_s, self.now_us);
+                self.motion.on_submitted(period_s, self.now_us);
                 self.motion.backwards = !backwards;
                 self.job.layers_begun += 1;
                 // The queue is not full, because no more than two turns are outstanding.
                 let _ = self.job.carries.push_back(journal::LayerRecord {
                     as_built: LayerBytes::default(),
                     height_units: RawLayer::from_bytes(&bytes).height,
-                    residual_lean: self.job.material.carry().lean_owed,
+                    residual_lean: self.job.material.carry().residual_lean,
                 });
                 self.retain();
             }
@@ -302,7 +302,7 @@ impl<B: Board> Controller<B> {
         let steps_a_second = feed.retract_mm_per_s * feed.steps_per_mm;
         let ticks_per_step = (f64::from(description.motion.tick_hz) / steps_a_second).max(2.0) as u32;
         handover.submit(Move::Feed(AxisMove { steps, backwards, ticks_per_step, changes_filament: false }));
-        self.motion.given(f64::from(steps) / steps_a_second, self.now_us);
+        self.motion.on_submitted(f64::from(steps) / steps_a_second, self.now_us);
         self.motion.feeding = Some(feeding);
     }
 
@@ -374,7 +374,8 @@ impl<B: Board> Controller<B> {
             let height = next.map_or(0.0, |bytes| layer_bytes::decode(&bytes).height);
             return height * self.robot.wall_area() / description.layer.period_s;
         }
-        let mm_per_s = handover.feed_rate() * f64::from(description.motion.tick_hz) / description.feed.steps_per_mm;
+        let mm_per_s =
+            handover.feed_steps_per_tick() * f64::from(description.motion.tick_hz) / description.feed.steps_per_mm;
         mm_per_s * self.robot.filament_area()
     }
 }

@@ -18,7 +18,7 @@ use crate::journal::{self, JobState, JournalError};
 use crate::link;
 use crate::safety::retained::ActiveWork;
 use crate::safety::transitions::Event;
-use crate::stepping::{Mailbox, Material, Report};
+use crate::stepping::{Mailbox, Report, TurnPlanner};
 
 /// Temperature below which the nozzle must be to erase a sector of the journal, degrees Celsius. Erasing stops the
 /// processor for up to two seconds.
@@ -50,9 +50,9 @@ pub(super) struct Job {
     /// The journal has failed, so that the job cannot be resumed.
     pub journal_failed: bool,
     /// Carry from the layers that are laid to the next layers.
-    pub carry: journal::Carry,
+    pub carry: journal::RoundingCarry,
     /// Material of the layers handed to the engine.
-    pub material: Material,
+    pub material: TurnPlanner,
     /// Carry from each layer that is handed to the engine and not yet laid to the next layer.
     pub carries: Deque<journal::LayerRecord, MAX_LAYERS_IN_FLIGHT>,
     /// Measurements after the latest layers.
@@ -72,7 +72,7 @@ impl Job {
     pub fn forget_given(&mut self) {
         self.layers_begun = self.layers_laid;
         self.carries.clear();
-        self.material = Material::from(self.carry);
+        self.material = TurnPlanner::from(self.carry);
     }
 
     /// Stores the measurements after a layer.
@@ -185,7 +185,7 @@ impl<B: Board> Controller<B> {
         let unknown = journal::LayerRecord {
             as_built: LayerBytes::default(),
             height_units: 0,
-            residual_lean: self.job.carry.lean_owed,
+            residual_lean: self.job.carry.residual_lean,
         };
         let written = self.parts.journal.record_skipped(index, &unknown);
         self.journal_result(written)?;
@@ -345,7 +345,7 @@ impl<B: Board> Controller<B> {
         {
             self.record_turn(&turn, handover);
         }
-        let sectors = handover.progress();
+        let sectors = handover.sectors_done();
         self.switch_off(handover);
         if self.job.layers_begun > self.job.layers_laid {
             let min = sectors.min(SECTORS as u32 - 1) as u8;
@@ -358,13 +358,13 @@ impl<B: Board> Controller<B> {
     pub(super) fn restore_job(&mut self) {
         let robot = self.robot.hash();
         // A finished job is restored too, because the host may not have acknowledged its last layers.
-        let is_known = |job: &&JobState| job.robot == robot && (!job.ended || job.laid == job.layers);
+        let is_known = |job: &&JobState| job.robot == robot && (!job.ended || job.layers_laid == job.layer_count);
         let Some(known) = self.parts.journal.job().filter(is_known).copied() else { return };
-        let interrupted = (known.begun > known.laid).then(|| match self.retained.under_way {
+        let interrupted = (known.layers_begun > known.layers_laid).then(|| match self.retained.under_way {
             // The retained progress counts only for the layer that was current then. In a later state, for example in
             // maintenance, no layer was current.
             Some(ActiveWork { plan_id, layers_laid: laid, layers_begun: begun, sectors_done: sectors, .. })
-                if (plan_id, laid) == (known.plan_id, known.laid) && begun > laid =>
+                if (plan_id, laid) == (known.plan_id, known.layers_laid) && begun > laid =>
             {
                 let since = RETAINED_AGE_S / self.robot.description().layer.period_s * SECTORS as f64;
                 let max = (f64::from(sectors) + 1.0 + since).min(SECTORS as f64) as u8;
@@ -374,18 +374,18 @@ impl<B: Board> Controller<B> {
         });
         self.job = Job {
             plan_id: known.plan_id,
-            layer_count: known.layers,
-            layers_laid: known.laid,
+            layer_count: known.layer_count,
+            layers_laid: known.layers_laid,
             interrupted,
             ..Job::default()
         };
-        self.store_mut().restart(known.laid);
+        self.store_mut().restart(known.layers_laid);
         self.job.carry = self.parts.journal.carry();
         self.job.forget_given();
         // Between two layers the robot was paused, with filament pulled back.
         let between_layers =
             (1..self.job.layer_count).contains(&self.job.layers_laid) && self.job.interrupted.is_none();
-        self.motion.assume_behind(if between_layers { self.retract_steps() } else { 0 });
+        self.motion.set_retracted_steps(if between_layers { self.retract_steps() } else { 0 });
     }
 
     /// Records in the journal that a layer is begun, before it is handed to the engine. If a layer follows another
@@ -406,7 +406,7 @@ impl<B: Board> Controller<B> {
         let Some(left) = self.job.carries.pop_front() else { return };
         let layer = journal::LayerRecord { as_built, ..left };
         self.job.carry.height_units += u64::from(layer.height_units);
-        self.job.carry.lean_owed = layer.residual_lean;
+        self.job.carry.residual_lean = layer.residual_lean;
         let next_begun = self.job.layers_begun > self.job.layers_laid;
         self.job.journal_failed |= self.parts.journal.record_laid(index, &layer, next_begun).is_err();
     }

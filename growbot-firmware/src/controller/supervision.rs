@@ -10,7 +10,7 @@ use super::{Controller, StepTickMonitor, centi};
 use crate::hal::{Board, DebugPort, GravitySensor, StepperDrivers, Watchdog};
 use crate::heater::{self, Demand, HeaterOutput};
 use crate::link;
-use crate::safety::input_monitor::{Look, volts};
+use crate::safety::input_monitor::{InputSample, volts};
 use crate::safety::retained::{RetainedError, fault_for_reset};
 use crate::safety::transitions::{Event, may_feed, may_heat};
 use crate::stepping::Mailbox;
@@ -26,14 +26,14 @@ const SELF_TEST_MAX_US: u64 = 2_000_000;
 const FAN_RAMP_S: f64 = 10.0;
 /// Number of consecutive checks, ten a second, without a step interrupt that raise a fault (SAFETY.md,
 /// `steps-stalled`).
-const LOOKS_WITHOUT_TICKS: u8 = 3;
+const MAX_STALLED_CHECKS: u8 = 3;
 
 impl<B: Board> Controller<B> {
     /// Runs all checks once.
     pub(super) fn supervise(&mut self, handover: &Mailbox) {
-        self.look_at_board(handover);
+        self.supervise_board(handover);
         if self.identity.configured {
-            self.look_at_tip(handover);
+            self.supervise_tip(handover);
         } else {
             // Nothing heats or moves, and the readings of the tip's sensors have no known meaning without a
             // description.
@@ -46,11 +46,11 @@ impl<B: Board> Controller<B> {
     }
 
     /// Checks the tip once and updates everything that depends on it.
-    fn look_at_tip(&mut self, handover: &Mailbox) {
+    fn supervise_tip(&mut self, handover: &Mailbox) {
         let look = self.read_sensors(handover);
         let grows = matches!(self.state, State::Heating | State::Homing | State::Growing | State::Paused);
         let needs_filament = (grows && self.pause_cause() != PauseCause::FilamentOut)
-            || (self.state == State::Maintenance && self.motion.loads());
+            || (self.state == State::Maintenance && self.motion.is_loading());
         let found = self.inputs.update(&look, self.robot.description(), needs_filament);
         if found == Some(Fault::FilamentOut) && matches!(self.state, State::Growing | State::Paused) {
             // The current layer is finished, unless the filament jams before.
@@ -69,13 +69,13 @@ impl<B: Board> Controller<B> {
         self.pause_on_silence();
         self.check_maintenance_timeout(handover);
         if self.state == State::Growing {
-            self.sectors = handover.progress() as u8;
+            self.sectors = handover.sectors_done() as u8;
             self.retain();
         }
     }
 
     /// Raises a fault if the board itself is unreliable: without its crystal, or if a debug probe may halt it.
-    fn look_at_board(&mut self, handover: &Mailbox) {
+    fn supervise_board(&mut self, handover: &Mailbox) {
         let latched = matches!(self.state, State::Fault | State::EmergencyStop);
         if self.identity.crystal_failed && !latched {
             self.latch_fault(Fault::ClockFailed, handover);
@@ -100,7 +100,7 @@ impl<B: Board> Controller<B> {
     }
 
     /// Reads every sensor except the thermistor.
-    fn read_sensors(&mut self, handover: &Mailbox) -> Look {
+    fn read_sensors(&mut self, handover: &Mailbox) -> InputSample {
         let description = self.robot.description();
         let sensors = &description.sensors;
         let raw = self.supply.pop_mean();
@@ -108,7 +108,7 @@ impl<B: Board> Controller<B> {
         let driver_fault = sensors.driver_fault.map(|_| self.parts.driver_fault.is_high().unwrap_or(true));
         let driver_trouble = self.parts.drivers.problem();
         let counts = driver_trouble.is_some_and(|trouble| self.is_driver_problem_relevant(trouble.problem));
-        let look = Look {
+        let look = InputSample {
             supply_v: raw.filter(|_| sensors.supply).map(|raw| volts(raw, &description.supply)),
             // If the pin cannot be read, missing filament is assumed.
             filament_present: sensors
@@ -207,7 +207,7 @@ impl<B: Board> Controller<B> {
         // If a stalled interrupt has left motors energised, only a reset releases them. The watchdog is therefore no
         // longer fed.
         self.proof.steps = ticks != before || !(works || self.motors_energised);
-        if looks_without >= LOOKS_WITHOUT_TICKS && (works || self.state == State::SelfTest) {
+        if looks_without >= MAX_STALLED_CHECKS && (works || self.state == State::SelfTest) {
             self.latch_fault(Fault::StepsStalled, handover);
             self.motors_energised = works;
         }
@@ -217,7 +217,7 @@ impl<B: Board> Controller<B> {
     }
 
     /// Runs the self-test: every sensor must give the reading of a healthy one.
-    fn run_self_test(&mut self, look: &Look, handover: &Mailbox) {
+    fn run_self_test(&mut self, look: &InputSample, handover: &Mailbox) {
         let measures = self.heater.temperature(self.now_us).is_some();
         let powered = !self.robot.description().sensors.supply || look.supply_v.is_some();
         if self.in_state_us() < SELF_TEST_MIN_US {

@@ -42,10 +42,10 @@ pub struct StoreError;
 #[allow(clippy::large_enum_variant, reason = "it is taken apart where it is made")]
 pub enum StoredDescription {
     /// No description was ever stored completely.
-    Nothing,
+    Empty,
     /// The description is complete, but this firmware cannot decode it or cannot drive its robot. Another release
     /// stored it.
-    Unreadable,
+    Undecodable,
     /// The description of a robot.
     Robot(Robot),
 }
@@ -56,7 +56,7 @@ impl StoredDescription {
     pub fn robot(self) -> Option<Robot> {
         match self {
             Self::Robot(robot) => Some(robot),
-            Self::Nothing | Self::Unreadable => None,
+            Self::Empty | Self::Undecodable => None,
         }
     }
 }
@@ -126,9 +126,9 @@ impl<F: MultiwriteNorFlash> DescriptionStore<F> {
     /// Returns the newest description.
     pub fn newest(&mut self) -> StoredDescription {
         let read = self.newest.and_then(|newest| self.read(newest.slot));
-        let Some((header, bytes)) = read else { return StoredDescription::Nothing };
+        let Some((header, bytes)) = read else { return StoredDescription::Empty };
         let robot = bytes.get(..header.length as usize).map(Robot::decode_for_board);
-        robot.and_then(Result::ok).map_or(StoredDescription::Unreadable, StoredDescription::Robot)
+        robot.and_then(Result::ok).map_or(StoredDescription::Undecodable, StoredDescription::Robot)
     }
 
     /// Stores a robot's description. It erases a slot, which takes up to two seconds in which the controller does

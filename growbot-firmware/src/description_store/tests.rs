@@ -38,7 +38,7 @@ fn the_newest_description_is_found_again() {
 #[test]
 fn a_whole_description_that_cannot_be_read_is_told_from_none() {
     let flash = Small::new(2);
-    assert_eq!(DescriptionStore::open(flash.clone()).newest(), StoredDescription::Nothing);
+    assert_eq!(DescriptionStore::open(flash.clone()).newest(), StoredDescription::Empty);
     let mut descriptions = DescriptionStore::open(flash.clone());
     descriptions.store(&robot_a()).unwrap();
     let newest = descriptions.newest.unwrap();
@@ -47,7 +47,7 @@ fn a_whole_description_that_cannot_be_read_is_told_from_none() {
     bytes[0] ^= 0x40;
     descriptions.write(newest, &bytes).unwrap();
     assert_eq!(descriptions.read(newest.slot), Some((header, bytes)));
-    assert_eq!(DescriptionStore::open(flash).newest(), StoredDescription::Unreadable);
+    assert_eq!(DescriptionStore::open(flash).newest(), StoredDescription::Undecodable);
 }
 
 #[test]

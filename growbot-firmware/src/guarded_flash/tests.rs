@@ -59,12 +59,12 @@ fn a_start_without_supply_settles_nothing_and_the_next_one_finds_the_job() {
     torn[32 * 2 + 8] ^= 0xf0;
     flash.set_bytes(&torn);
     let (supplied, _) = below(&flash, false);
-    assert_eq!(Journal::open(supplied).job().map(|job| job.laid), Some(0));
+    assert_eq!(Journal::open(supplied).job().map(|job| job.layers_laid), Some(0));
     assert_eq!(flash.bytes(), torn, "it has not been struck out");
     flash.set_bytes(&whole);
     let (supplied, supply) = below(&flash, true);
     let mut journal = Journal::open(supplied);
-    assert_eq!(journal.job().map(|job| job.laid), Some(1));
+    assert_eq!(journal.job().map(|job| job.layers_laid), Some(1));
     // The journal returns an error for a record that it could not write.
     supply.set(false);
     assert_eq!(journal.record_laid(1, &LAYER, true), Err(JournalError::Flash));

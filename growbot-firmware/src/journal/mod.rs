@@ -32,8 +32,8 @@ mod tests;
 use embedded_storage::nor_flash::MultiwriteNorFlash;
 use growbot_core::layer_bytes::LayerBytes;
 
-pub use current_job::{Carry, JobState};
-use current_job::{CurrentJob, Found};
+use current_job::{CurrentJob, LookupHint};
+pub use current_job::{JobState, RoundingCarry};
 pub use record::LayerRecord;
 use record::{BLANK, RECORD_BYTES, Record, RecordBytes, RecordKind, STRUCK, split};
 
@@ -257,8 +257,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
 
     /// Returns a layer of the present job. The search is fast, and fastest in the order of the layers.
     pub fn layer(&mut self, index: u32) -> Option<StoredLayer> {
-        let present = self.present.as_ref().filter(|present| index < present.state.laid)?;
-        let (at, Found { layer: near, offset }) = (present.at, present.found);
+        let present = self.present.as_ref().filter(|present| index < present.state.layers_laid)?;
+        let (at, LookupHint { layer: near, offset }) = (present.at, present.found);
         // There is at least one slot for each layer in between.
         let first = index.checked_sub(near).map_or(index + 1, |layers| offset + layers);
         for offset in first..=self.places() {
@@ -274,7 +274,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             };
             if record.job == self.last_job && record.index == index {
                 if let Some(present) = &mut self.present {
-                    present.found = Found { layer: index, offset };
+                    present.found = LookupHint { layer: index, offset };
                 }
                 return Some(StoredLayer { as_built: LayerRecord::from_content(record.content).as_built, interrupted });
             }
@@ -283,8 +283,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     }
 
     /// Returns the carry from the laid layers to the next ones.
-    pub fn carry(&self) -> Carry {
-        self.present.as_ref().map_or_else(Carry::default, |present| present.carry)
+    pub fn carry(&self) -> RoundingCarry {
+        self.present.as_ref().map_or_else(RoundingCarry::default, |present| present.carry)
     }
 
     fn sectors(&self) -> u32 {

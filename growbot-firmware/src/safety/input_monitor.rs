@@ -6,17 +6,17 @@ use growbot_core::robot::{RobotDescription, Supply};
 
 /// Number of consecutive samples that raise a fault of the supply or of a driver. It is 0.2 s, so that one disturbed
 /// sample raises none (`what_passes_by_is_no_fault`). SAFETY.md and `cargo fault-campaign` have the time.
-const LOOKS: u8 = 2;
+const FAULT_SAMPLES: u8 = 2;
 /// Number of consecutive samples without filament that raise a fault. It is 0.5 s, because the switch bounces as the
 /// filament's end passes. `cargo fault-campaign` has the time.
-const LOOKS_WITHOUT_FILAMENT: u8 = 5;
+const NO_FILAMENT_SAMPLES: u8 = 5;
 /// Number of consecutive samples without a reading of the supply's voltage that raise a fault. It is 1 s, as in
 /// SAFETY.md. The derivation of this value is not recorded.
-const LOOKS_WITHOUT_VOLTAGE: u8 = 10;
+const NO_VOLTAGE_SAMPLES: u8 = 10;
 
 /// The present inputs. A value is `None` if the robot has no such sensor, or if the sensor gives no reading.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Look {
+pub struct InputSample {
     /// Voltage of the supply, V.
     pub supply_v: Option<f64>,
     /// Filament is present.
@@ -27,7 +27,7 @@ pub struct Look {
 
 /// Time for which each input has been wrong, in samples.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Inputs {
+pub struct InputMonitor {
     no_voltage: u8,
     low: u8,
     high: u8,
@@ -41,22 +41,22 @@ fn count(counter: &mut u8, is_so: bool) -> u8 {
     *counter
 }
 
-impl Inputs {
+impl InputMonitor {
     /// Counts a sample. Returns a fault if a wrong input has persisted. Filament counts only if `needs_filament`.
-    pub fn update(&mut self, look: &Look, robot: &RobotDescription, needs_filament: bool) -> Option<Fault> {
+    pub fn update(&mut self, look: &InputSample, robot: &RobotDescription, needs_filament: bool) -> Option<Fault> {
         let low = look.supply_v.is_some_and(|volts| volts < robot.supply.min_v);
         let high = look.supply_v.is_some_and(|volts| volts > robot.supply.max_v);
         let blind = robot.sensors.supply && look.supply_v.is_none();
         // Every counter is updated, even if another one has found a fault.
         let found = [
-            (count(&mut self.driver, look.driver_fault == Some(true)) >= LOOKS, Fault::DriverFault),
-            (count(&mut self.low, low) >= LOOKS, Fault::SupplyLow),
-            (count(&mut self.high, high) >= LOOKS, Fault::SupplyHigh),
+            (count(&mut self.driver, look.driver_fault == Some(true)) >= FAULT_SAMPLES, Fault::DriverFault),
+            (count(&mut self.low, low) >= FAULT_SAMPLES, Fault::SupplyLow),
+            (count(&mut self.high, high) >= FAULT_SAMPLES, Fault::SupplyHigh),
             // If the voltage cannot be read, it may be too low.
-            (count(&mut self.no_voltage, blind) >= LOOKS_WITHOUT_VOLTAGE, Fault::SupplyLow),
+            (count(&mut self.no_voltage, blind) >= NO_VOLTAGE_SAMPLES, Fault::SupplyLow),
             (
                 count(&mut self.no_filament, needs_filament && look.filament_present == Some(false))
-                    >= LOOKS_WITHOUT_FILAMENT,
+                    >= NO_FILAMENT_SAMPLES,
                 Fault::FilamentOut,
             ),
         ];
@@ -75,12 +75,13 @@ mod tests {
     use super::*;
     use crate::testing::robot_a;
 
-    const FINE: Look = Look { supply_v: Some(12.0), filament_present: Some(true), driver_fault: Some(false) };
+    const FINE: InputSample =
+        InputSample { supply_v: Some(12.0), filament_present: Some(true), driver_fault: Some(false) };
 
     /// Counts the samples until this fault is found.
-    fn looks_to(fault: Fault, look: Look) -> u32 {
+    fn looks_to(fault: Fault, look: InputSample) -> u32 {
         let robot = robot_a();
-        let mut inputs = Inputs::default();
+        let mut inputs = InputMonitor::default();
         for looks in 1..100 {
             if let Some(found) = inputs.update(&look, robot.description(), true) {
                 assert_eq!(found, fault);
@@ -92,11 +93,11 @@ mod tests {
 
     #[test]
     fn each_input_has_its_fault_and_its_patience() {
-        assert_eq!(looks_to(Fault::DriverFault, Look { driver_fault: Some(true), ..FINE }), 2);
-        assert_eq!(looks_to(Fault::SupplyLow, Look { supply_v: Some(10.1), ..FINE }), 2);
-        assert_eq!(looks_to(Fault::SupplyHigh, Look { supply_v: Some(14.1), ..FINE }), 2);
-        assert_eq!(looks_to(Fault::SupplyLow, Look { supply_v: None, ..FINE }), 10);
-        assert_eq!(looks_to(Fault::FilamentOut, Look { filament_present: Some(false), ..FINE }), 5);
+        assert_eq!(looks_to(Fault::DriverFault, InputSample { driver_fault: Some(true), ..FINE }), 2);
+        assert_eq!(looks_to(Fault::SupplyLow, InputSample { supply_v: Some(10.1), ..FINE }), 2);
+        assert_eq!(looks_to(Fault::SupplyHigh, InputSample { supply_v: Some(14.1), ..FINE }), 2);
+        assert_eq!(looks_to(Fault::SupplyLow, InputSample { supply_v: None, ..FINE }), 10);
+        assert_eq!(looks_to(Fault::FilamentOut, InputSample { filament_present: Some(false), ..FINE }), 5);
     }
 
     #[test]
@@ -104,8 +105,8 @@ mod tests {
         let robot = robot_a();
         let supply = &robot.description().supply;
         for volts in [supply.min_v, supply.max_v] {
-            let mut inputs = Inputs::default();
-            let look = Look { supply_v: Some(volts), ..FINE };
+            let mut inputs = InputMonitor::default();
+            let look = InputSample { supply_v: Some(volts), ..FINE };
             assert!((0..20).all(|_| inputs.update(&look, robot.description(), true).is_none()), "{volts} V");
         }
     }
@@ -122,9 +123,9 @@ mod tests {
     #[test]
     fn what_passes_by_is_no_fault() {
         let robot = robot_a();
-        let mut inputs = Inputs::default();
+        let mut inputs = InputMonitor::default();
         for round in 0..100 {
-            let noisy = Look { supply_v: Some(9.0), driver_fault: Some(true), filament_present: Some(false) };
+            let noisy = InputSample { supply_v: Some(9.0), driver_fault: Some(true), filament_present: Some(false) };
             let look = if round % 2 == 0 { noisy } else { FINE };
             assert_eq!(inputs.update(&look, robot.description(), true), None);
         }
@@ -133,9 +134,9 @@ mod tests {
     #[test]
     fn filament_is_missed_only_where_it_is_needed() {
         let robot = robot_a();
-        let mut inputs = Inputs::default();
+        let mut inputs = InputMonitor::default();
         for _ in 0..100 {
-            let look = Look { filament_present: Some(false), ..FINE };
+            let look = InputSample { filament_present: Some(false), ..FINE };
             assert_eq!(inputs.update(&look, robot.description(), false), None);
         }
     }
@@ -144,9 +145,9 @@ mod tests {
     fn a_robot_without_sensors_has_no_faults_of_them() {
         let mut description = robot_a().description().clone();
         description.sensors = growbot_core::robot::Sensors::default();
-        let mut inputs = Inputs::default();
+        let mut inputs = InputMonitor::default();
         for _ in 0..100 {
-            assert_eq!(inputs.update(&Look::default(), &description, true), None);
+            assert_eq!(inputs.update(&InputSample::default(), &description, true), None);
         }
     }
 }

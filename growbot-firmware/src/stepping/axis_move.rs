@@ -3,7 +3,7 @@
 use embedded_hal::digital::OutputPin;
 
 use super::moves::{AxisMove, EngineFault};
-use super::stepper::Driver;
+use super::stepper::Stepper;
 
 /// Progress of a move of one axis.
 pub(super) struct AxisMoveRun {
@@ -35,7 +35,7 @@ impl AxisMoveRun {
     /// Runs one tick. Returns whether the move is over.
     pub fn tick<S: OutputPin, D: OutputPin, E: OutputPin>(
         &mut self,
-        feed: &mut Driver<S, D, E>,
+        feed: &mut Stepper<S, D, E>,
     ) -> Result<bool, EngineFault> {
         self.ticks_to_step = self.ticks_to_step.saturating_sub(1);
         if self.ticks_to_step > 0 {

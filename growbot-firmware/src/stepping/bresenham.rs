@@ -6,13 +6,13 @@
 
 /// Even distribution of steps over ticks.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Spread {
+pub(super) struct Bresenham {
     steps: u32,
     ticks: u32,
     accumulator: u32,
 }
 
-impl Spread {
+impl Bresenham {
     pub const NONE: Self = Self { steps: 0, ticks: 1, accumulator: 0 };
 
     pub fn new(steps: u32, ticks: u32) -> Self {
@@ -52,7 +52,7 @@ mod tests {
                 // The two sectors are equal and follow each other.
                 let mut due = Vec::new();
                 for sector in 0..2 {
-                    let mut spread = Spread::new(steps, ticks);
+                    let mut spread = Bresenham::new(steps, ticks);
                     for tick in 0..ticks {
                         if spread.tick() {
                             due.push(sector * ticks + tick);

@@ -14,13 +14,13 @@ use growbot_core::layer::SECTORS;
 use growbot_core::robot::Robot;
 
 use super::axis_move::AxisMoveRun;
-use super::bresenham::Spread;
+use super::bresenham::Bresenham;
 use super::homing::HomingRun;
-use super::index_monitor::{IndexMonitor, Mark, read_index_sensor};
+use super::index_monitor::{IndexMonitor, IndexWindow, read_index_sensor};
 use super::mailbox::{Mailbox, PendingMove, PendingReport, Slot, TurnHeader};
 use super::moves::EngineFault;
-use super::ramp::Clock;
-use super::stepper::{Axis, Driver};
+use super::ramp::VirtualClock;
+use super::stepper::{Stepper, StepperPins};
 use super::turn::Sector;
 use crate::hal::Outputs;
 
@@ -37,7 +37,7 @@ pub struct EngineInputs<I, M, S> {
 /// The part of a robot's description that the engine needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EngineConfig {
-    mark: Mark,
+    mark: IndexWindow,
     emergency_stop: bool,
     /// Number of feed steps without a pulse of the encoder beyond which the filament counts as jammed. `u32::MAX`
     /// without an encoder.
@@ -51,7 +51,7 @@ impl EngineConfig {
         let description = robot.description();
         let sensors = &description.sensors;
         Self {
-            mark: Mark::of(robot),
+            mark: IndexWindow::of(robot),
             emergency_stop: sensors.emergency_stop.is_some(),
             jam_steps: sensors
                 .filament_motion
@@ -89,8 +89,8 @@ struct Progress {
     /// Remaining virtual ticks of the sector and of the turn.
     sector_left: u32,
     turn_left: u32,
-    head: Spread,
-    feed: Spread,
+    head: Bresenham,
+    feed: Bresenham,
     /// Steps made. For the feed, those in this sector.
     head_made: u32,
     feed_made: u32,
@@ -102,8 +102,8 @@ impl Progress {
         sectors_left: 0,
         sector_left: 0,
         turn_left: 0,
-        head: Spread::NONE,
-        feed: Spread::NONE,
+        head: Bresenham::NONE,
+        feed: Bresenham::NONE,
         head_made: 0,
         feed_made: 0,
     };
@@ -111,8 +111,8 @@ impl Progress {
 
 /// The step engine that drives head and feed. A robot has one, and the step interrupt calls it in each tick.
 pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S, O> {
-    head: Driver<HS, HD, HE>,
-    feed: Driver<FS, FD, FE>,
+    head: Stepper<HS, HD, HE>,
+    feed: Stepper<FS, FD, FE>,
     inputs: EngineInputs<I, M, S>,
     outputs: O,
     settings: EngineConfig,
@@ -121,7 +121,7 @@ pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S, O> {
     progress: Progress,
     /// Slot in which the steps made are counted.
     made: Slot,
-    clock: Clock,
+    clock: VirtualClock,
     watch: IndexMonitor,
     ticks: u32,
     filament_pulses: u32,
@@ -145,15 +145,15 @@ where
 {
     /// Creates an idle engine, with both drivers off. An emergency stop and an alarm switch `outputs` off.
     pub fn new(
-        head: Axis<HS, HD, HE>,
-        feed: Axis<FS, FD, FE>,
+        head: StepperPins<HS, HD, HE>,
+        feed: StepperPins<FS, FD, FE>,
         inputs: EngineInputs<I, M, S>,
         outputs: O,
         settings: EngineConfig,
     ) -> Self {
         let mut engine = Self {
-            head: Driver::new(head),
-            feed: Driver::new(feed),
+            head: Stepper::new(head),
+            feed: Stepper::new(feed),
             inputs,
             outputs,
             settings,
@@ -161,7 +161,7 @@ where
             turn: TurnHeader::NONE,
             progress: Progress::NONE,
             made: Slot::A,
-            clock: Clock::AT_REST,
+            clock: VirtualClock::AT_REST,
             watch: IndexMonitor::LOST,
             ticks: 0,
             filament_pulses: 0,
@@ -180,25 +180,25 @@ where
         if let Err(alarm) = self.watch_and_advance(handover) {
             self.release(handover);
             self.outputs.make_safe();
-            handover.report(PendingReport::Alarm(alarm));
+            handover.post_report(PendingReport::Alarm(alarm));
         }
     }
 
     /// Returns the number of ticks until something happens, including that tick. `u32::MAX` if nothing happens without
     /// a new move.
     pub fn ticks_to_event(&self, handover: &Mailbox) -> u32 {
-        if self.head.raised || self.feed.raised || handover.halt_waits() || handover.call_waits() {
+        if self.head.raised || self.feed.raised || handover.is_halt_requested() || handover.is_link_stop_pending() {
             return 1;
         }
         match &self.mode {
-            Mode::Idle if handover.order_waits() => 1,
-            Mode::Finished(_) if !handover.report_waits() => 1,
+            Mode::Idle if handover.has_move() => 1,
+            Mode::Finished(_) if !handover.has_report() => 1,
             Mode::Idle | Mode::Finished(_) => u32::MAX,
             Mode::Homing(run) => run.ticks_to_step.max(1),
             Mode::Feeding(run) | Mode::Rotating(run) => run.ticks_to_step.max(1),
             Mode::Laying => {
                 let progress = &self.progress;
-                let steady = self.clock.steady_ticks(&self.turn.pace, progress.turn_left, handover.passing());
+                let steady = self.clock.steady_ticks(&self.turn.pace, progress.turn_left, handover.next_entry_rate());
                 let steps = progress.head.ticks_to_step().min(progress.feed.ticks_to_step());
                 progress.sector_left.min(steps).min(steady).max(1)
             }
@@ -209,7 +209,7 @@ where
     pub fn skip(&mut self, ticks: u32) {
         self.ticks = self.ticks.wrapping_add(ticks);
         match &mut self.mode {
-            Mode::Idle if ticks > 0 => self.clock = Clock::AT_REST,
+            Mode::Idle if ticks > 0 => self.clock = VirtualClock::AT_REST,
             Mode::Idle | Mode::Finished(_) => {}
             Mode::Homing(run) => run.ticks_to_step -= ticks,
             Mode::Feeding(run) | Mode::Rotating(run) => run.ticks_to_step -= ticks,
@@ -225,7 +225,7 @@ where
     fn release(&mut self, handover: &Mailbox) {
         self.mode = Mode::Idle;
         handover.set_sector(&Sector::default());
-        self.clock = Clock::AT_REST;
+        self.clock = VirtualClock::AT_REST;
         self.watch = IndexMonitor::LOST;
         self.feed_steps_without_pulse = 0;
         self.head.disable();
@@ -233,7 +233,7 @@ where
     }
 
     fn watch_and_advance(&mut self, handover: &Mailbox) -> Result<(), EngineFault> {
-        let halted = handover.acknowledge_halt();
+        let halted = handover.take_halt_request();
         self.count_filament(handover)?;
         let stopped = self.check_emergency_stop(halted, handover)?;
         if stopped || halted {
@@ -258,7 +258,7 @@ where
             return Ok(());
         }
         // The position at which the line rises forwards is that at which it falls in reverse.
-        self.filament_pulses = match (before, high, self.feed.backwards == Some(true)) {
+        self.filament_pulses = match (before, high, self.feed.reverse == Some(true)) {
             (false, true, false) => self.filament_pulses.wrapping_add(1),
             (true, false, true) => self.filament_pulses.wrapping_sub(1),
             _ => return Ok(()),
@@ -272,11 +272,11 @@ where
     fn check_emergency_stop(&mut self, halted: bool, handover: &Mailbox) -> Result<bool, EngineFault> {
         let pressed =
             self.settings.emergency_stop && self.inputs.emergency_stop.is_high().map_err(|_| EngineFault::Hardware)?;
-        let stopped = handover.acknowledge_call() || pressed;
+        let stopped = handover.take_link_stop() || pressed;
         if stopped {
             handover.set_emergency_stop(true);
-            if handover.order_waits() {
-                handover.refuse_order();
+            if handover.has_move() {
+                handover.discard_move();
             }
         } else if halted {
             handover.set_emergency_stop(false);
@@ -288,15 +288,15 @@ where
         self.head.lower()?;
         self.feed.lower()?;
         if matches!(self.mode, Mode::Idle) {
-            if !handover.order_waits() {
-                self.clock = Clock::AT_REST;
+            if !handover.has_move() {
+                self.clock = VirtualClock::AT_REST;
                 return read_index_sensor(&mut self.inputs.index, handover).map(|_| ());
             }
             if handover.is_emergency_stopped() {
                 // The stop is released, but the controller has not handled it yet.
-                handover.refuse_order();
+                handover.discard_move();
             }
-            let Some(task) = handover.accept_order() else { return Ok(()) };
+            let Some(task) = handover.take_move() else { return Ok(()) };
             if !self.begin(task, handover)? {
                 return Ok(());
             }
@@ -334,7 +334,7 @@ where
             Mode::Laying => self.lay(handover),
             Mode::Finished(finished) => {
                 let finished = *finished;
-                self.clock = Clock::AT_REST;
+                self.clock = VirtualClock::AT_REST;
                 self.finish(finished, handover);
                 Ok(())
             }
@@ -384,13 +384,13 @@ where
 
     /// Reports the end of a task, or waits until the controller has removed the report before.
     fn finish(&mut self, finished: Finished, handover: &Mailbox) {
-        if handover.report_waits() {
+        if handover.has_report() {
             self.mode = Mode::Finished(finished);
             return;
         }
         self.mode = Mode::Idle;
         handover.set_sector(&Sector::default());
-        handover.report(match finished {
+        handover.post_report(match finished {
             Finished::Homed => PendingReport::Homed,
             Finished::Laid => {
                 let slot = self.made;
@@ -408,14 +408,14 @@ where
         let Sector { ticks, head_steps: head, feed_steps: feed } = sector;
         self.progress.sector = index;
         self.progress.sector_left = ticks;
-        self.progress.head = Spread::new(head, ticks);
-        self.progress.feed = Spread::new(feed, ticks);
+        self.progress.head = Bresenham::new(head, ticks);
+        self.progress.feed = Bresenham::new(feed, ticks);
         self.progress.feed_made = 0;
     }
 
     fn lay(&mut self, handover: &Mailbox) -> Result<(), EngineFault> {
         let progress = &mut self.progress;
-        if !self.clock.tick(&self.turn.pace, progress.turn_left, handover.passing()) {
+        if !self.clock.tick(&self.turn.pace, progress.turn_left, handover.next_entry_rate()) {
             return Ok(());
         }
         if progress.head.tick() {
@@ -435,7 +435,7 @@ where
         progress.turn_left -= 1;
         progress.sector_left -= 1;
         if progress.sector_left == 0 {
-            handover.count(self.made, progress.sector, progress.feed_made);
+            handover.store_feed_steps(self.made, progress.sector, progress.feed_made);
             progress.sectors_left -= 1;
             handover.set_progress(SECTORS - progress.sectors_left);
             if progress.sectors_left > 0 {

@@ -2,10 +2,10 @@
 
 use embedded_hal::digital::{InputPin, OutputPin};
 
-use super::index_monitor::{Mark, read_index_sensor};
+use super::index_monitor::{IndexWindow, read_index_sensor};
 use super::mailbox::Mailbox;
 use super::moves::{EngineFault, HomingMove};
-use super::stepper::Driver;
+use super::stepper::Stepper;
 
 /// Progress of a homing.
 pub(super) struct HomingRun {
@@ -35,9 +35,9 @@ impl HomingRun {
     /// Runs one tick. Returns whether the homing is over.
     pub fn tick<S: OutputPin, D: OutputPin, E: OutputPin>(
         &mut self,
-        head: &mut Driver<S, D, E>,
+        head: &mut Stepper<S, D, E>,
         index: &mut impl InputPin,
-        mark: &Mark,
+        mark: &IndexWindow,
         handover: &Mailbox,
     ) -> Result<bool, EngineFault> {
         self.ticks_to_step = self.ticks_to_step.saturating_sub(1);

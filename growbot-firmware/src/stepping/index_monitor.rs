@@ -29,11 +29,11 @@ use super::mailbox::Mailbox;
 use super::moves::EngineFault;
 
 /// Number of consecutive samples that must contradict.
-const CONTRADICTIONS: u32 = 2;
+const MIN_CONTRADICTING_SAMPLES: u32 = 2;
 
 /// Position of the mark, in head steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Mark {
+pub(super) struct IndexWindow {
     steps_per_turn: u32,
     /// The tip's x axis, counted from the beginning of the tolerance before the mark.
     zero: u32,
@@ -49,7 +49,7 @@ pub(super) struct Mark {
     stuck: u32,
 }
 
-impl Mark {
+impl IndexWindow {
     pub fn of(robot: &Robot) -> Self {
         let head = &robot.description().head;
         let steps_per_turn = head.steps_per_turn.max(1);
@@ -103,7 +103,7 @@ impl IndexMonitor {
     };
 
     /// Records that the head stands at the tip's x axis.
-    pub fn homed(&mut self, mark: &Mark) {
+    pub fn homed(&mut self, mark: &IndexWindow) {
         *self = Self { place: Some(mark.zero), ..Self::LOST };
     }
 
@@ -115,7 +115,7 @@ impl IndexMonitor {
 
     /// Checks the sensor's reading as the head makes a step.
     #[inline]
-    pub fn step(&mut self, on: bool, mark: &Mark) -> Result<(), EngineFault> {
+    pub fn step(&mut self, on: bool, mark: &IndexWindow) -> Result<(), EngineFault> {
         let Some(place) = self.place else { return Ok(()) };
         self.place = Some(match (self.backwards, place) {
             (false, place) if place + 1 == mark.steps_per_turn => 0,
@@ -123,16 +123,16 @@ impl IndexMonitor {
             (true, 0) => mark.steps_per_turn - 1,
             (true, place) => place - 1,
         });
-        if on { self.sees_it(place, mark) } else { self.sees_nothing(place, mark) }
+        if on { self.on_mark_seen(place, mark) } else { self.on_mark_absent(place, mark) }
     }
 
-    fn sees_it(&mut self, place: u32, mark: &Mark) -> Result<(), EngineFault> {
+    fn on_mark_seen(&mut self, place: u32, mark: &IndexWindow) -> Result<(), EngineFault> {
         self.seen_for += 1;
         self.absent_for = 0;
         // A late mark is also stray, though still within its tolerance.
         if place >= mark.reach || self.absent {
             self.stray_for += 1;
-            self.stray |= self.stray_for >= CONTRADICTIONS;
+            self.stray |= self.stray_for >= MIN_CONTRADICTING_SAMPLES;
         } else {
             self.stray_for = 0;
             self.seen = true;
@@ -140,7 +140,7 @@ impl IndexMonitor {
         if self.stray && self.seen_for > mark.stuck { Err(EngineFault::IndexStuck) } else { Ok(()) }
     }
 
-    fn sees_nothing(&mut self, place: u32, mark: &Mark) -> Result<(), EngineFault> {
+    fn on_mark_absent(&mut self, place: u32, mark: &IndexWindow) -> Result<(), EngineFault> {
         self.seen_for = 0;
         self.stray_for = 0;
         if self.stray {
@@ -148,7 +148,7 @@ impl IndexMonitor {
         }
         if (mark.certain_from..mark.certain_to).contains(&place) {
             self.absent_for += 1;
-            if self.absent_for >= CONTRADICTIONS {
+            if self.absent_for >= MIN_CONTRADICTING_SAMPLES {
                 self.absent = true;
                 if self.seen {
                     return Err(EngineFault::HeadStepsLost);

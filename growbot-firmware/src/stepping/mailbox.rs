@@ -176,7 +176,7 @@ impl Mailbox {
     /// Submits the next move (controller side). A pending move is replaced. That is safe only after [`Handover::halt`],
     /// because the engine may already be braking for the pending move.
     pub fn submit(&self, order: Move) {
-        self.refuse_order();
+        self.discard_move();
         let (task, entry) = match order {
             Move::Home(homing) => (PendingMove::Home(homing), 0),
             Move::Feed(feed) => (PendingMove::Feed(feed), 0),
@@ -187,7 +187,7 @@ impl Mailbox {
                     self.sectors.set(slot, index, sector);
                 }
                 let Turn { reverse: backwards, ticks, pace, .. } = turn;
-                (PendingMove::Lay(TurnHeader { slot, backwards, ticks, pace }), pace.entry)
+                (PendingMove::Lay(TurnHeader { slot, backwards, ticks, pace }), pace.entry_rate)
             }
         };
         critical_section::with(|cs| {
@@ -249,24 +249,24 @@ impl Mailbox {
         self.emergency_stop.store(true, Ordering::Release);
         self.called.store(true, Ordering::Release);
         // Only one interrupt writes this count.
-        self.calls.store(self.calls().wrapping_add(1), Ordering::Release);
+        self.calls.store(self.link_emergency_stops().wrapping_add(1), Ordering::Release);
     }
 
     /// Returns the number of emergency stops received over the link, wrapping.
     #[must_use]
-    pub fn calls(&self) -> u32 {
+    pub fn link_emergency_stops(&self) -> u32 {
         self.calls.load(Ordering::Acquire)
     }
 
     /// Returns the number of finished sectors of the latest turn.
     #[must_use]
-    pub fn progress(&self) -> u32 {
+    pub fn sectors_done(&self) -> u32 {
         self.progress.load(Ordering::Acquire)
     }
 
     /// Returns the present feed rate of the current layer, steps a tick; 0 if no layer is laid.
     #[must_use]
-    pub fn feed_rate(&self) -> f64 {
+    pub fn feed_steps_per_tick(&self) -> f64 {
         // Both values must belong to one sector, so the step interrupt must not run between the reads.
         let (steps, ticks) = critical_section::with(|_| {
             (self.sector_feed.load(Ordering::Acquire), self.sector_ticks.load(Ordering::Acquire))
@@ -296,38 +296,38 @@ impl Mailbox {
     /// Returns whether a report is pending for the controller.
     #[must_use]
     #[inline]
-    pub fn report_waits(&self) -> bool {
+    pub fn has_report(&self) -> bool {
         self.report_waits.load(Ordering::Acquire)
     }
 
     /// Returns whether the controller requests a halt (engine side).
     #[inline]
-    pub(super) fn halt_waits(&self) -> bool {
+    pub(super) fn is_halt_requested(&self) -> bool {
         self.halt.load(Ordering::Acquire)
     }
 
     /// Returns whether to halt now, and clears the request (engine side).
     #[inline]
-    pub(super) fn acknowledge_halt(&self) -> bool {
+    pub(super) fn take_halt_request(&self) -> bool {
         // The load comes first, because a swap in each tick would cost more than the rest of an idle tick.
-        self.halt_waits() && self.halt.swap(false, Ordering::AcqRel)
+        self.is_halt_requested() && self.halt.swap(false, Ordering::AcqRel)
     }
 
     /// Returns whether a move is pending (engine side).
     #[inline]
-    pub(super) fn order_waits(&self) -> bool {
+    pub(super) fn has_move(&self) -> bool {
         self.order_waits.load(Ordering::Acquire)
     }
 
     /// Returns the rate at which the next turn can follow this one (engine side). It is 0 if the engine must stop,
     /// because no turn is pending or the report of this turn would have to wait.
     #[inline]
-    pub(super) fn passing(&self) -> u32 {
-        if self.report_waits() { 0 } else { self.entry.load(Ordering::Acquire) }
+    pub(super) fn next_entry_rate(&self) -> u32 {
+        if self.has_report() { 0 } else { self.entry.load(Ordering::Acquire) }
     }
 
     /// Accepts the pending move (engine side).
-    pub(super) fn accept_order(&self) -> Option<PendingMove> {
+    pub(super) fn take_move(&self) -> Option<PendingMove> {
         critical_section::with(|cs| {
             let task = self.task.borrow(cs).get();
             self.forget(cs);
@@ -344,7 +344,7 @@ impl Mailbox {
     }
 
     /// Drops the pending move.
-    pub(super) fn refuse_order(&self) {
+    pub(super) fn discard_move(&self) {
         critical_section::with(|cs| self.forget(cs));
     }
 
@@ -355,12 +355,12 @@ impl Mailbox {
     }
 
     /// Writes the feed steps of a sector (engine side).
-    pub(super) fn count(&self, slot: Slot, sector: usize, steps: u32) {
+    pub(super) fn store_feed_steps(&self, slot: Slot, sector: usize, steps: u32) {
         self.made.set(slot, sector, steps);
     }
 
     /// Writes a report (engine side).
-    pub(super) fn report(&self, done: PendingReport) {
+    pub(super) fn post_report(&self, done: PendingReport) {
         critical_section::with(|cs| {
             self.done.borrow(cs).set(Some(done));
             self.report_waits.store(true, Ordering::Release);
@@ -368,14 +368,14 @@ impl Mailbox {
     }
 
     #[inline]
-    pub(super) fn call_waits(&self) -> bool {
+    pub(super) fn is_link_stop_pending(&self) -> bool {
         self.called.load(Ordering::Acquire)
     }
 
     /// Returns whether an emergency stop was received over the link, and clears it (engine side).
     #[inline]
-    pub(super) fn acknowledge_call(&self) -> bool {
-        self.call_waits() && self.called.swap(false, Ordering::AcqRel)
+    pub(super) fn take_link_stop(&self) -> bool {
+        self.is_link_stop_pending() && self.called.swap(false, Ordering::AcqRel)
     }
 
     pub(super) fn set_progress(&self, sectors: usize) {

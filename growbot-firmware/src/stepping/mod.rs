@@ -28,6 +28,6 @@ pub use engine::{Engine, EngineConfig, EngineInputs};
 pub use mailbox::Mailbox;
 pub use moves::{AxisMove, HomingMove, Move, Report, TurnReport};
 pub use ramp::RampLimits;
-pub use stepper::Axis;
+pub use stepper::StepperPins;
 pub use turn::{Sector, StepRateError, Turn, as_built};
-pub use turn_planner::Material;
+pub use turn_planner::TurnPlanner;

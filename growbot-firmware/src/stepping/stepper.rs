@@ -6,7 +6,7 @@ use super::moves::EngineFault;
 
 /// A stepper driver: step, direction and enable pins. Levels are logical. A board with inverted wiring wraps its pins
 /// in [`crate::polarity::Polarized`].
-pub struct Axis<S, D, E> {
+pub struct StepperPins<S, D, E> {
     /// Step pin. A rising edge is a step.
     pub step: S,
     /// Direction pin. High: the head turns counter-clockwise, the feed pushes filament out.
@@ -16,26 +16,26 @@ pub struct Axis<S, D, E> {
 }
 
 /// An axis with the states of its pins.
-pub(super) struct Driver<S, D, E> {
-    pins: Axis<S, D, E>,
+pub(super) struct Stepper<S, D, E> {
+    pins: StepperPins<S, D, E>,
     pub raised: bool,
     /// Level of the direction pin. `None` before it is first set.
-    pub backwards: Option<bool>,
+    pub reverse: Option<bool>,
 }
 
-impl<S: OutputPin, D: OutputPin, E: OutputPin> Driver<S, D, E> {
-    pub fn new(pins: Axis<S, D, E>) -> Self {
-        Self { pins, raised: false, backwards: None }
+impl<S: OutputPin, D: OutputPin, E: OutputPin> Stepper<S, D, E> {
+    pub fn new(pins: StepperPins<S, D, E>) -> Self {
+        Self { pins, raised: false, reverse: None }
     }
 
     /// Energises the motor and sets its direction. Returns whether the direction has changed, so that a tick must pass
     /// before the next step.
     pub fn enable(&mut self, backwards: bool) -> Result<bool, EngineFault> {
-        let other = self.backwards != Some(backwards);
+        let other = self.reverse != Some(backwards);
         if other {
             let set = if backwards { self.pins.direction.set_low() } else { self.pins.direction.set_high() };
             set.map_err(|_| EngineFault::Hardware)?;
-            self.backwards = Some(backwards);
+            self.reverse = Some(backwards);
         }
         self.pins.enable.set_high().map_err(|_| EngineFault::Hardware)?;
         Ok(other)

@@ -19,7 +19,7 @@ use growbot_core::layer::{Layer, SECTORS};
 use growbot_core::robot::{FeedStrategy, LayerMotion, Robot};
 use growbot_core::trigonometry;
 
-use super::ramp::{EndSpeeds, ONE, RampLimits};
+use super::ramp::{EndSpeeds, FULL_RATE, RampLimits};
 
 /// Steps and ticks of one sector. Neither axis makes more than one step in two ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -120,7 +120,7 @@ impl Turn {
     /// Returns whether the turn is laid at full speed from its first tick to its last, because it needs no ramps.
     #[must_use]
     pub fn needs_no_ramp(&self) -> bool {
-        self.pace.start == ONE
+        self.pace.start_rate == FULL_RATE
     }
 
     /// Returns the max number of ticks that the turn can take, from rest to rest and with a next move that arrives

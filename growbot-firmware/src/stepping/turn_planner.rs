@@ -14,7 +14,7 @@ use growbot_core::robot::Robot;
 use growbot_core::trigonometry;
 use nalgebra::Vector2;
 
-use crate::journal::Carry;
+use crate::journal::RoundingCarry;
 
 use super::ramp::EndSpeeds;
 use super::turn::{StepRateError, Turn};
@@ -22,22 +22,22 @@ use super::turn::{StepRateError, Turn};
 /// Max lean that rounding can leave owing, in the height of a step spread over the whole ring. With every edge of a
 /// sector off by half a step, the first harmonic is off by `2 pi` at most. A larger lean arises if a layer is too thin
 /// to correct it, and the excess is dropped.
-const MAX_OWED_STEPS: f64 = core::f64::consts::TAU;
+const MAX_RESIDUAL_LEAN_STEPS: f64 = core::f64::consts::TAU;
 
 /// Parts of a step in which owed lean is stored, so that it can be recorded exactly.
 const LEAN_UNITS: f64 = 4096.0;
 
 /// The material that a job has laid so far.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Material {
-    carry: Carry,
+pub struct TurnPlanner {
+    carry: RoundingCarry,
     /// The end of the turn before.
     before: Option<EndSpeeds>,
 }
 
-impl From<Carry> for Material {
+impl From<RoundingCarry> for TurnPlanner {
     /// Continues from this carry, with the head at rest.
-    fn from(carry: Carry) -> Self {
+    fn from(carry: RoundingCarry) -> Self {
         Self { carry, before: None }
     }
 }
@@ -48,10 +48,10 @@ fn lean(layer: &Layer, robot: &Robot) -> Vector2<f64> {
     Vector2::new(cos, sin) * (robot.tip_radius() * layer.tilt)
 }
 
-impl Material {
+impl TurnPlanner {
     /// Returns the carry from the layers so far to the next ones.
     #[must_use]
-    pub fn carry(&self) -> Carry {
+    pub fn carry(&self) -> RoundingCarry {
         self.carry
     }
 
@@ -71,7 +71,7 @@ impl Material {
         let below = self.carry.height_units as f64;
         // Length of a unit of lean, mm.
         let unit = 1.0 / (LEAN_UNITS * robot.feed_steps_per_length());
-        let [x, y] = self.carry.lean_owed;
+        let [x, y] = self.carry.residual_lean;
         let feed_steps = |share: f64| {
             (below + f64::from(fields.height) * share) / HEIGHT_UNITS_PER_MM * robot.feed_steps_per_length()
         };
@@ -86,13 +86,13 @@ impl Material {
         let (turn, ends) = lay(&paying).or_else(|StepRateError| lay(&layer))?;
         self.before = Some(ends);
         let mut owed = (asked - lean(&turn.layer(robot), robot)) / unit;
-        let max = MAX_OWED_STEPS * LEAN_UNITS;
+        let max = MAX_RESIDUAL_LEAN_STEPS * LEAN_UNITS;
         if owed.norm() > max {
             owed *= max / owed.norm();
         }
-        self.carry = Carry {
+        self.carry = RoundingCarry {
             height_units: self.carry.height_units + u64::from(fields.height),
-            lean_owed: [libm::rint(owed.x) as i16, libm::rint(owed.y) as i16],
+            residual_lean: [libm::rint(owed.x) as i16, libm::rint(owed.y) as i16],
         };
         Ok(turn)
     }
@@ -118,12 +118,17 @@ mod tests {
                 Layer { alpha: 2.5, height: 0.7733, tilt: 0.0077 },
                 Layer { alpha: 4.0, height: 0.4, tilt: 0.001 },
             ] {
-                let (mut material, mut owed) = (Material::default(), Vector2::zeros());
+                let (mut material, mut owed) = (TurnPlanner::default(), Vector2::zeros());
                 for _ in 0..2000 {
                     let bytes = bytes(&layer);
                     let turn = material.next_turn(&bytes, &robot, false).unwrap();
                     owed += lean(&decode(&bytes), &robot) - lean(&turn.layer(&robot), &robot);
-                    assert!(owed.norm() <= MAX_OWED_STEPS * step, "{} owes {} steps", robot.name(), owed.norm() / step);
+                    assert!(
+                        owed.norm() <= MAX_RESIDUAL_LEAN_STEPS * step,
+                        "{} owes {} steps",
+                        robot.name(),
+                        owed.norm() / step
+                    );
                 }
             }
         }
@@ -137,7 +142,7 @@ mod tests {
         let by_speed = Robot::new(by_speed).unwrap();
         // The layer has nearly no height on the inner side, or nearly more than one head step in two ticks there.
         for (robot, height, leans) in [(robot_a(), 0.17, 0.999..1.0), (by_speed, 0.5, 0.2888..0.2889)] {
-            let (mut material, mut laid) = (Material::default(), 0);
+            let (mut material, mut laid) = (TurnPlanner::default(), 0);
             for i in 0..4000 {
                 let lean = leans.start + (leans.end - leans.start) * f64::from(i) / 4000.0;
                 let alpha = wrap_positive(f64::from(i) * 0.37);
@@ -159,7 +164,7 @@ mod tests {
         let robot = robot_a();
         let layer = Layer { alpha: 1.0, height: 0.7731, tilt: 0.0077 };
         let (mut encoder, mut material, mut steps, mut height) =
-            (LayerEncoder::default(), Material::default(), 0_u64, 0.0);
+            (LayerEncoder::default(), TurnPlanner::default(), 0_u64, 0.0);
         for _ in 0..5000 {
             let bytes = encoder.encode(&layer);
             let turn = material.next_turn(&bytes, &robot, false).unwrap();
@@ -172,10 +177,10 @@ mod tests {
     #[test]
     fn what_the_step_interrupt_cannot_carry_is_refused() {
         let robot = robot_a();
-        assert_eq!(Material::default().next_turn(&[0; 12], &robot, false), Err(StepRateError));
+        assert_eq!(TurnPlanner::default().next_turn(&[0; 12], &robot, false), Err(StepRateError));
         let absurd = Layer { alpha: 0.0, height: 200.0, tilt: 0.1 };
-        assert_eq!(Material::default().next_turn(&bytes(&absurd), &robot, false), Err(StepRateError));
+        assert_eq!(TurnPlanner::default().next_turn(&bytes(&absurd), &robot, false), Err(StepRateError));
         let more_lean_than_height = Layer { alpha: 0.0, height: 0.1, tilt: 0.1 };
-        assert_eq!(Material::default().next_turn(&bytes(&more_lean_than_height), &robot, false), Err(StepRateError));
+        assert_eq!(TurnPlanner::default().next_turn(&bytes(&more_lean_than_height), &robot, false), Err(StepRateError));
     }
 }

@@ -20,7 +20,7 @@ const ACC_NORMAL: u8 = 0x11;
 
 /// Defect of a chip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Trouble {
+pub enum BusFault {
     /// No defect.
     #[default]
     None,
@@ -40,12 +40,12 @@ pub struct FakeChip(Rc<RefCell<Chip>>);
 
 struct Chip {
     registers: [u8; 256],
-    trouble: Trouble,
+    trouble: BusFault,
 }
 
 impl Default for FakeChip {
     fn default() -> Self {
-        let chip = Self(Rc::new(RefCell::new(Chip { registers: [0; 256], trouble: Trouble::None })));
+        let chip = Self(Rc::new(RefCell::new(Chip { registers: [0; 256], trouble: BusFault::None })));
         chip.power_up();
         chip
     }
@@ -61,7 +61,7 @@ impl FakeChip {
     }
 
     /// Gives the chip this defect from now on.
-    pub fn trouble(&self, trouble: Trouble) {
+    pub fn trouble(&self, trouble: BusFault) {
         self.0.borrow_mut().trouble = trouble;
     }
 
@@ -84,7 +84,7 @@ impl FakeChip {
         }
     }
 
-    fn has(&self, trouble: Trouble) -> bool {
+    fn has(&self, trouble: BusFault) -> bool {
         self.0.borrow().trouble == trouble
     }
 }
@@ -135,11 +135,11 @@ struct Bus {
 
 impl Bus {
     fn clock_level(&self) -> bool {
-        self.board_clock && self.now >= self.clock_held_until && !self.chip.has(Trouble::HoldsClock)
+        self.board_clock && self.now >= self.clock_held_until && !self.chip.has(BusFault::HoldsClock)
     }
 
     fn data_level(&self) -> bool {
-        self.board_data && !self.chip_data_low && !self.chip.has(Trouble::HoldsData)
+        self.board_data && !self.chip_data_low && !self.chip.has(BusFault::HoldsData)
     }
 
     /// Updates the chip after a change of a line.
@@ -149,7 +149,7 @@ impl Bus {
         (self.clock, self.data) = (clock, data);
         if clock && clock_before && data != data_before {
             self.chip_data_low = false;
-            let starts = !data && !self.chip.has(Trouble::Absent);
+            let starts = !data && !self.chip.has(BusFault::Absent);
             self.phase = if starts { Phase::Takes { what: What::Address, byte: 0, bits: 0 } } else { Phase::Idle };
         } else if clock && !clock_before {
             self.rise(data);
@@ -197,7 +197,7 @@ impl Bus {
             What::Register => (true, false, What::Data),
             What::Data => (true, false, What::Data),
         };
-        if !acknowledged || what != What::Address && self.chip.has(Trouble::RefusesData) {
+        if !acknowledged || what != What::Address && self.chip.has(BusFault::RefusesData) {
             return Phase::Idle;
         }
         match what {

@@ -14,7 +14,7 @@ const STALL_LOOKS: u8 = 3;
 
 /// The registers read in one sample.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Look {
+pub(super) struct HealthSample {
     /// GSTAT.
     pub global: GSTAT,
     /// DRV_STATUS.
@@ -39,7 +39,7 @@ fn count(counter: &mut u8, is_so: bool) -> u8 {
 
 impl HealthMonitor {
     /// Returns the driver's problem. A stall is checked only if there is a threshold.
-    pub(super) fn look(&mut self, look: &Look, threshold: Option<u8>) -> Option<DriverProblem> {
+    pub(super) fn look(&mut self, look: &HealthSample, threshold: Option<u8>) -> Option<DriverProblem> {
         let status = look.status;
         let moves = !status.stst();
         let open = count(&mut self.open, moves && (status.ola() || status.olb())) >= OPEN_LOOKS;

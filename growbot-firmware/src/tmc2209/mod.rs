@@ -31,7 +31,7 @@ pub use self::bus::{BAUD, SingleWireUart};
 pub use self::settings::DriverConfig;
 
 use self::bus::{Bus, TransactionResult};
-use self::health::{HealthMonitor, Look};
+use self::health::{HealthMonitor, HealthSample};
 use self::settings::REGISTERS;
 use crate::hal::StepperDrivers;
 
@@ -65,7 +65,7 @@ impl DriverState {
     }
 
     /// Records the end of a sample.
-    fn note_look(&mut self, look: &Look, in_use: bool) {
+    fn note_look(&mut self, look: &HealthSample, in_use: bool) {
         self.problem = self.watch.look(look, self.settings.watched_threshold());
         if self.problem == Some(DriverProblem::ShutDown) && !in_use {
             // The driver is configured again, which clears the flags of the past problem.
@@ -86,7 +86,7 @@ enum PollState {
     /// The count is read again.
     CountAfter { before: u8 },
     /// A sample is being taken, and this register is read.
-    Look(Address, Look),
+    Look(Address, HealthSample),
 }
 
 /// Two drivers, and the line to them.
@@ -131,7 +131,7 @@ impl<W: SingleWireUart> Tmc2209<W> {
             self.begun = now;
         }
         let first = if self.node().configured {
-            self.step = PollState::Look(Address::GSTAT, Look::default());
+            self.step = PollState::Look(Address::GSTAT, HealthSample::default());
             Address::GSTAT
         } else {
             self.step = PollState::CountBefore;
@@ -183,7 +183,7 @@ impl<W: SingleWireUart> Tmc2209<W> {
     }
 
     /// Stores a register of a sample, and reads the next one.
-    fn look(&mut self, register: Address, mut look: Look, value: u32, now: u64, in_use: bool) {
+    fn look(&mut self, register: Address, mut look: HealthSample, value: u32, now: u64, in_use: bool) {
         let next = match register {
             Address::GSTAT => {
                 look.global = GSTAT::from(value);

@@ -19,7 +19,7 @@ use growbot_firmware::hal::{Board, BoardResources, NoDebugPort, Outputs, Retaine
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::safety::retained::{COPY_BYTES, RETAINED_BYTES};
-use growbot_firmware::stepping::{Axis, Engine, EngineConfig, EngineInputs, Mailbox};
+use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
 
 use crate::tip::flash::Flash;
 use crate::tip::pins::{
@@ -231,8 +231,8 @@ impl Sim {
         let stored = DescriptionStore::open(self.descriptions.clone()).newest();
         let configured = match stored {
             StoredDescription::Robot(_) => true,
-            StoredDescription::Nothing => self.built_in,
-            StoredDescription::Unreadable => false,
+            StoredDescription::Empty => self.built_in,
+            StoredDescription::Undecodable => false,
         };
         if let Some(robot) = stored.robot().filter(|robot| robot.hash() != self.robot.hash()) {
             self.become_another(robot);
@@ -283,7 +283,7 @@ impl Sim {
             self.run_engine(until);
         }
         self.fed.now.set(self.tick);
-        if self.tick >= self.next_poll || self.handover.report_waits() {
+        if self.tick >= self.next_poll || self.handover.has_report() {
             self.poll();
         }
         if self.tick >= self.watchdog_bites() {
@@ -310,7 +310,7 @@ impl Sim {
             self.tip.borrow_mut().advance(self.tick);
             self.engine.skip(ticks - 1);
             self.engine.tick(&self.handover);
-            if self.tick >= until || self.handover.report_waits() {
+            if self.tick >= until || self.handover.has_report() {
                 return;
             }
         }
@@ -326,7 +326,7 @@ impl Sim {
 }
 
 fn engine(robot: &Robot, tip: &SharedTip) -> SimEngine {
-    let axis = |motor| Axis {
+    let axis = |motor| StepperPins {
         step: StepPin(motor, Rc::clone(tip)),
         direction: DirectionPin(motor, Rc::clone(tip)),
         enable: EnablePin(motor, Rc::clone(tip)),

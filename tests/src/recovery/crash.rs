@@ -14,7 +14,7 @@ use super::{Board, CuttablePort, ReferenceGrowth};
 
 /// Kind of interruption.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Crash {
+pub enum Interruption {
     /// The host's program is killed and restarts at once.
     Host,
     /// The cable is pulled and put back after a minute. The board has paused long before.
@@ -29,7 +29,7 @@ pub enum Crash {
     PowerInLayer,
 }
 
-impl Crash {
+impl Interruption {
     /// All kinds of interruption.
     pub const ALL: [Self; 6] =
         [Self::Host, Self::Cable, Self::Board, Self::Power, Self::BoardInLayer, Self::PowerInLayer];
@@ -50,14 +50,19 @@ pub struct Recovery {
 ///
 /// # Errors
 /// Returns a message that describes the failure.
-pub fn crash_at(job: &Job, undisturbed: &ReferenceGrowth, crash: Crash, event: usize) -> Result<Recovery, String> {
+pub fn crash_at(
+    job: &Job,
+    undisturbed: &ReferenceGrowth,
+    crash: Interruption,
+    event: usize,
+) -> Result<Recovery, String> {
     let board: Board = Rc::new(RefCell::new(Sim::new(job.robot.clone())));
     let mut known = Vec::new();
     let broken = grow_until(job, &board, crash, event, &mut known);
     if let Ok(Grown { outcome: Outcome::Done, .. }) = &broken {
         return Err("it was done before anything went".to_string());
     }
-    if crash == Crash::Cable {
+    if crash == Interruption::Cable {
         board.borrow_mut().pass(Duration::from_secs(60));
     }
     let (found, grown) = reconnect_and_resume(job, &board, known).map_err(|error| error.to_string())?;
@@ -73,7 +78,7 @@ pub fn crash_at(job: &Job, undisturbed: &ReferenceGrowth, crash: Crash, event: u
 fn grow_until(
     job: &Job,
     board: &Board,
-    crash: Crash,
+    crash: Interruption,
     event: usize,
     known: &mut Vec<Option<LayerBytes>>,
 ) -> Result<Grown, GrowthError> {
@@ -93,14 +98,14 @@ fn grow_until(
             let in_layer = Duration::from_secs_f64(0.4 * job.robot.description().layer.period_s);
             let mut sim = board.borrow_mut();
             match crash {
-                Crash::Host | Crash::Cable => {}
-                Crash::Board => sim.reset(ResetCause::Watchdog),
-                Crash::Power => sim.reset(ResetCause::PowerOn),
-                Crash::BoardInLayer => {
+                Interruption::Host | Interruption::Cable => {}
+                Interruption::Board => sim.reset(ResetCause::Watchdog),
+                Interruption::Power => sim.reset(ResetCause::PowerOn),
+                Interruption::BoardInLayer => {
                     sim.pass(in_layer);
                     sim.reset(ResetCause::Watchdog);
                 }
-                Crash::PowerInLayer => {
+                Interruption::PowerInLayer => {
                     sim.pass(in_layer);
                     sim.reset(ResetCause::PowerOn);
                 }
@@ -141,7 +146,12 @@ fn reconnect_and_resume(
 ///
 /// # Errors
 /// Returns a message that describes the first difference.
-pub fn check(job: &Job, undisturbed: &ReferenceGrowth, crash: Crash, recovered: &Recovery) -> Result<(), String> {
+pub fn check(
+    job: &Job,
+    undisturbed: &ReferenceGrowth,
+    crash: Interruption,
+    recovered: &Recovery,
+) -> Result<(), String> {
     if recovered.as_built != undisturbed.as_built {
         let other = recovered.as_built.iter().zip(&undisturbed.as_built).position(|(one, other)| one != other);
         return Err(format!("layer {other:?} of {} is another one", recovered.as_built.len()));
@@ -154,8 +164,8 @@ pub fn check(job: &Job, undisturbed: &ReferenceGrowth, crash: Crash, recovered: 
         Some(cut) => {
             let share = more / layer;
             let (min, max) = (f64::from(cut.min) / 64.0, f64::from(cut.max) / 64.0);
-            let in_layer = matches!(crash, Crash::BoardInLayer | Crash::PowerInLayer);
-            if in_layer && crash == Crash::BoardInLayer && max - min > 0.3 {
+            let in_layer = matches!(crash, Interruption::BoardInLayer | Interruption::PowerInLayer);
+            if in_layer && crash == Interruption::BoardInLayer && max - min > 0.3 {
                 return Err(format!("all that is known is {min} to {max}"));
             }
             // No layer is thinner than half of its mean height.

@@ -26,7 +26,7 @@ use crate::hal::{Board, BoardResources};
 use crate::journal::Journal;
 use crate::layer_store::LayerStore;
 use crate::safety::transitions::may_heat;
-use crate::stepping::{Axis, Engine, EngineConfig, EngineInputs, Mailbox};
+use crate::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
 use crate::testing::flash::Flash;
 use crate::testing::{FakePin, FakePins, FakePower};
 
@@ -115,7 +115,8 @@ impl Bench {
     pub fn boot(robot: Robot, world: Rc<World>, reset_cause: ResetCause) -> Self {
         let (pins, power, fed) = (FakePins::default(), FakePower::default(), FakeWatchdog::default());
         let fan = FakePower::default();
-        let axis = |at: usize| Axis { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
+        let axis =
+            |at: usize| StepperPins { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
         let inputs = EngineInputs {
             index: pins.pin(INDEX),
             filament_motion: pins.pin(FILAMENT_MOTION),
@@ -219,7 +220,7 @@ impl Bench {
             self.engine.skip(ticks - 1);
         }
         self.tick_once(u64::from(ticks));
-        if self.main_loop_runs && (self.tick >= self.next_poll || self.handover.report_waits()) {
+        if self.main_loop_runs && (self.tick >= self.next_poll || self.handover.has_report()) {
             self.poll();
         }
     }

@@ -45,7 +45,7 @@ fn many_jobs(max_layers: u64) -> (u32, Vec<u32>) {
         // A start that writes skips a slot that may have been written to.
         records += layers + 2 + 1;
         let known = known(&mut Journal::open(flash.clone())).unwrap();
-        assert_eq!((known.state.plan_id, known.state.laid, known.state.ended), (plan_id, layers, true));
+        assert_eq!((known.state.plan_id, known.state.layers_laid, known.state.ended), (plan_id, layers, true));
         assert!((0..).zip(&known.laid).all(|(index, laid)| laid.as_built == layer(plan_id, index).as_built));
     }
     (records, flash.erasures())
@@ -85,7 +85,7 @@ fn a_job_of_the_robots_flash_may_have_six_thousand_layers_and_two_thousand_pause
     }
     journal.record_ended().unwrap();
     let mut journal = Journal::open(flash);
-    assert_eq!(known(&mut journal).unwrap().state.laid, layers);
+    assert_eq!(known(&mut journal).unwrap().state.layers_laid, layers);
     for index in [6142, 0, 3000, 2999, 3001] {
         assert_eq!(journal.layer(index).unwrap().as_built, layer(2, index).as_built, "{index}");
     }

@@ -17,7 +17,7 @@ fn a_place_that_does_not_take_its_record_is_passed_over_and_of_broken_flash_noth
     spoil(2..4);
     journal.record_laid(0, &layer(1, 0), true).unwrap();
     assert_eq!(known(&mut Journal::open(flash.clone())), known(&mut journal));
-    assert_eq!(journal.job().unwrap().laid, 1);
+    assert_eq!(journal.job().unwrap().layers_laid, 1);
     // Such a slot never reads as a record again.
     assert!(flash.bytes()[2 * 32..4 * 32].iter().all(|byte| *byte == 0));
     spoil(5..8);

@@ -199,7 +199,7 @@ impl Rig {
             pressed: Cell::new(false),
         });
         let pin = |motor: usize, kind: Kind| Pin { world: Rc::clone(&world), motor, kind };
-        let axis = |motor: usize| Axis {
+        let axis = |motor: usize| StepperPins {
             step: pin(motor, Kind::Step),
             direction: pin(motor, Kind::Direction),
             enable: pin(motor, Kind::Enable),
@@ -347,7 +347,7 @@ fn layers(robot: &Robot, count: usize, thinnest: f64) -> Vec<LayerBytes> {
 
 fn turns(robot: &Robot, layers: &[LayerBytes]) -> Vec<Turn> {
     let alternate = robot.description().motion.turning == HeadRotation::Alternate;
-    let mut material = Material::default();
+    let mut material = TurnPlanner::default();
     let lay = |(i, bytes): (usize, &LayerBytes)| material.next_turn(bytes, robot, alternate && i % 2 == 1).unwrap();
     layers.iter().enumerate().map(lay).collect()
 }

@@ -65,14 +65,14 @@ fn nothing_is_fed_once_the_engine_has_released() {
     ];
     for (number, end) in ends.into_iter().enumerate() {
         let mut rig = Rig::homed(robot.clone());
-        assert_eq!(rig.handover.feed_rate(), 0.0);
+        assert_eq!(rig.handover.feed_steps_per_tick(), 0.0);
         rig.handover.submit(Move::Lay(turn));
         rig.run(1000);
-        assert!(rig.handover.feed_rate() > 0.0);
+        assert!(rig.handover.feed_steps_per_tick() > 0.0);
         end(&mut rig);
         rig.run(1_000_000);
         assert!(!rig.energised());
-        assert_eq!(rig.handover.feed_rate(), 0.0, "end {number}");
+        assert_eq!(rig.handover.feed_steps_per_tick(), 0.0, "end {number}");
     }
 }
 
@@ -82,7 +82,8 @@ fn a_pin_that_fails_switches_everything_off() {
     let turn = turns(&robot, &layers(&robot, 1, 0.5))[0];
     for broken in [0, 1, 2, 3, 4, 5, 6, 7, 8] {
         let (pins, handover) = (FakePins::default(), Mailbox::new());
-        let axis = |at: usize| Axis { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
+        let axis =
+            |at: usize| StepperPins { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
         let inputs = EngineInputs { index: pins.pin(6), filament_motion: pins.pin(7), emergency_stop: pins.pin(8) };
         let outputs = FakeOutputs::default();
         let mut engine = Engine::new(axis(0), axis(3), inputs, outputs.clone(), EngineConfig::for_robot(&robot));
