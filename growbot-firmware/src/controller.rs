@@ -32,9 +32,10 @@ use growbot_core::link::message::{
 use growbot_core::robot::Robot;
 
 use crate::hal::{Adc, Board, BoardResources, StepperDrivers};
-use crate::heater::{self, Heater, Oversampler};
+use crate::heater::{self, Heater};
 use crate::layer_store::LayerStore;
 use crate::link::{self, Link};
+use crate::oversampler::Oversampler;
 use crate::safety::input_monitor::InputMonitor;
 use crate::safety::liveness::LivenessCheck;
 use crate::safety::retained::{ActiveWork, RetainedState, RetainedStore};

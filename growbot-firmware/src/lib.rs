@@ -35,6 +35,7 @@ pub mod journal;
 pub mod layer_store;
 pub mod link;
 pub mod link_mux;
+pub mod oversampler;
 pub mod safety;
 pub mod soft_i2c;
 pub mod stepping;

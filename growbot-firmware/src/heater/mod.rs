@@ -12,7 +12,6 @@
 mod autotune;
 mod model;
 mod proof_test;
-mod sampler;
 mod supervision;
 mod temperature_control;
 #[cfg(test)]
@@ -24,7 +23,6 @@ use growbot_core::robot::RobotDescription;
 use self::autotune::RelayTuner;
 use self::model::NozzleModel;
 use self::proof_test::{ProofTest, UnheatedTrend};
-pub use self::sampler::Oversampler;
 use self::supervision::{ControlState, Supervision, SupervisionInput};
 use self::temperature_control::TemperatureControl;
 use crate::thermistor::{ThermistorError, celsius_from_raw};

@@ -15,8 +15,10 @@ use serde::{Deserialize, Serialize};
 pub use self::requests::*;
 pub use self::responses::*;
 pub use super::driver_report::{DriverProblem, DriverReport, Motor};
+pub use super::fault::Fault;
 use super::frame::MAX_BODY_LEN;
-pub use super::state::{Fault, ResetCause, State};
+pub use super::reset_cause::ResetCause;
+pub use super::state::State;
 use crate::layer_bytes::LayerBytes;
 
 /// Max number of layers in one `Layers`, `Amend` or `StoredLayers`.

@@ -3,7 +3,8 @@
 
 use growbot_core::robot::RobotDescription;
 
-use crate::heater::{Demand, Heater, HeaterOutput, Oversampler, PERIOD_US};
+use crate::heater::{Demand, Heater, HeaterOutput, PERIOD_US};
+use crate::oversampler::Oversampler;
 use crate::testing::robot_a;
 use crate::thermistor::{FULL_SCALE, raw_from_celsius};
 use growbot_core::link::message::Fault;

@@ -3,7 +3,7 @@
 //! direction.
 //!
 //! ```sh
-//! cargo run --release -p growbot-scene --example problems -- [--seconds S] [--start-free MM] DIRECTORY...
+//! cargo run --release -p growbot-scene --example med_rad -- [--seconds S] [--start-free MM] DIRECTORY...
 //! ```
 //!
 //! `--start-free` leaves out the points whose centres lie this near to the start. The published planners of that data

@@ -1,7 +1,7 @@
 // The other end of growbot's port `rp2040` (growbot-sim/src/port/rp2040.rs). It runs a Pico step by step, on requests
 // over standard input and output.
 //
-//   node bench.js IMAGE [LINE]
+//   node emulator-server.js IMAGE [LINE]
 //
 // LINE is the line of the link, `uart` or `usb`, by default `uart`.
 //

@@ -2,7 +2,7 @@
 //! distance from every obstacle computed one by one.
 //!
 //! ```sh
-//! cargo run --release -p growbot-scene --example families -- [SCENES OF EACH FAMILY [SECONDS [DIRECTORY [best]]]]
+//! cargo run --release -p growbot-scene --example random_scenes -- [SCENES OF EACH FAMILY [SECONDS [DIRECTORY [best]]]]
 //! ```
 //!
 //! With a directory, each scene and its result are written there as JSON, for `tests/scenes/check.py`, which does not
