@@ -124,12 +124,13 @@ impl<B: BoardUnderTest> Bench<B> {
     /// Begins a growth and starts it.
     fn begin(&mut self, nozzle_c: f64) -> Result<(), ClientError> {
         let begin = BeginJob { plan_id: PLAN, layers: LAYERS, robot_hash: robot().hash() };
-        self.client.request("to begin", &Message::Begin(begin))?;
+        self.client.request("to begin", &Message::BeginJob(begin))?;
         // The nozzle is warmed only now, because the board erases its journal only with a cold nozzle.
         self.board.borrow_mut().tip().set_nozzle_c(nozzle_c);
         let mut encoder = LayerEncoder::default();
         let layers = (0..LAYERS).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
-        self.client.request("to store layers", &Message::Layers(AppendLayers { plan_id: PLAN, first: 0, layers }))?;
+        self.client
+            .request("to store layers", &Message::AppendLayers(AppendLayers { plan_id: PLAN, first: 0, layers }))?;
         self.client.request(
             "to start",
             &Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }),

@@ -61,7 +61,7 @@ fn the_robots_board_says_hello_and_answers_requests() {
 
     // The board refuses to begin, start or clear anything in this state.
     let begin = BeginJob { plan_id: 7, layers: 1, robot_hash: robot.hash() };
-    let refused = client.request("to begin", &Message::Begin(begin)).unwrap_err();
+    let refused = client.request("to begin", &Message::BeginJob(begin)).unwrap_err();
     let state = State::Fault;
     assert!(
         matches!(refused, ClientError::Refused { refusal: Refusal::WrongState { state: said }, .. } if said == state),

@@ -42,7 +42,7 @@ pub enum HostEvent {
 impl HostEvent {
     fn message(self) -> Message {
         match self {
-            Self::Laid(laid) => Message::Laid(laid),
+            Self::Laid(laid) => Message::LayerLaid(laid),
             Self::State(change) => Message::StateChanged(change),
             Self::Tuned(tuned) => Message::Tuned(tuned),
         }
@@ -51,14 +51,14 @@ impl HostEvent {
 
 /// Retransmission of events that are not acknowledged.
 #[derive(Debug, Clone, Copy)]
-struct Resend {
+struct Retransmit {
     /// Time of the next repetition, us.
     due: u64,
     /// Time between two repetitions, us.
     pause: u64,
 }
 
-impl Resend {
+impl Retransmit {
     fn after(pause: u64, now: u64) -> Self {
         Self { due: now.saturating_add(pause), pause }
     }
@@ -79,7 +79,7 @@ struct Session {
     first_event: u16,
     /// Number of pending events that have been sent since the latest repetition.
     sent: usize,
-    resend: Resend,
+    resend: Retransmit,
 }
 
 /// The handling of a received frame.
@@ -126,7 +126,7 @@ impl Link {
             answer: None,
             first_event: 1,
             sent: 0,
-            resend: Resend { due: now, pause: RESEND_US },
+            resend: Retransmit { due: now, pause: RESEND_US },
         });
     }
 
@@ -175,7 +175,7 @@ impl Link {
             self.events.pop_front();
             session.first_event = next_seq(session.first_event);
             session.sent -= 1;
-            session.resend = Resend::after(RESEND_US, now);
+            session.resend = Retransmit::after(RESEND_US, now);
         }
         if header.kind == ACK || header.seq == 0 {
             return FrameAction::Ignore;
@@ -227,17 +227,17 @@ impl Link {
     /// Sends the events that are due, as far as the transmit queue has room.
     pub fn send_events(&mut self, now: u64) {
         let Some(session) = &mut self.session else { return };
-        let Resend { due, pause } = session.resend;
+        let Retransmit { due, pause } = session.resend;
         if session.sent > 0 && now >= due {
             session.sent = 0;
-            session.resend = Resend::after((2 * pause).min(MAX_RESEND_US), now);
+            session.resend = Retransmit::after((2 * pause).min(MAX_RESEND_US), now);
         }
         while let Some(session) = &mut self.session
             && self.outbox.len() + MAX_FRAME_LEN + RESERVED_FOR_ANSWERS <= OUTBOX
             && let Some(event) = self.events.iter().nth(session.sent)
         {
             if session.sent == 0 && now >= session.resend.due {
-                session.resend = Resend::after(session.resend.pause, now);
+                session.resend = Retransmit::after(session.resend.pause, now);
             }
             let seq = (0..session.sent).fold(session.first_event, |seq, _| next_seq(seq));
             let (id, message) = (session.id, event.clone().message());

@@ -33,7 +33,7 @@ fn the_board_restarts_as_every_robot_that_a_board_can_drive() {
         assert_eq!((hello.robot_hash, hello.robot_name.as_str(), hello.status.state), (next.hash(), name, State::Idle));
         assert_eq!(DescriptionStore::open(flash.clone()).newest().robot(), Some(next.clone()));
         let begin = BeginJob { plan_id: 1, layers: 1, robot_hash: next.hash() };
-        client.request("to begin", &Message::Begin(begin)).unwrap();
+        client.request("to begin", &Message::BeginJob(begin)).unwrap();
         let refused = client.configure(&next).unwrap_err();
         assert!(
             matches!(refused, ClientError::Refused { refusal: Refusal::JobNotDone { plan_id: 1 }, .. }),

@@ -33,7 +33,7 @@ impl<'a> Growth<'a> {
             layers: self.job.layers.len() as u32,
             robot_hash: self.job.robot.hash(),
         };
-        self.ask("to begin a job", &Message::Begin(begin))?;
+        self.ask("to begin a job", &Message::BeginJob(begin))?;
         self.hand_over(on_event)
     }
 

@@ -46,7 +46,7 @@ impl ConfigUpload {
     /// Adds a part of the description. Returns `true` if the description is now complete.
     fn add(&mut self, part: &Configure) -> Result<bool, Refusal> {
         if usize::from(part.length) > MAX_VERSIONED_LEN {
-            return Err(Refusal::InvalidDescription { why: DescriptionError::TooLong });
+            return Err(Refusal::InvalidDescription { error: DescriptionError::TooLong });
         }
         if (part.robot, part.length) != (self.robot, self.length) || part.offset == 0 {
             *self = Self { robot: part.robot, length: part.length, ..Self::default() };
@@ -104,7 +104,7 @@ impl<B: Board> Controller<B> {
             self.configuring.bytes.clear();
             let robot = robot
                 .and_then(|robot| check_board_kind(B::KINDS, robot))
-                .map_err(|why| Refusal::InvalidDescription { why })?;
+                .map_err(|error| Refusal::InvalidDescription { error })?;
             self.parts.watchdog.feed();
             let stored = self.parts.descriptions.store(&robot);
             self.parts.watchdog.feed();

@@ -80,9 +80,9 @@ impl<B: Board> Controller<B> {
             _ => {}
         }
         match request {
-            Message::Begin(begin) => self.begin(&begin),
+            Message::BeginJob(begin) => self.begin(&begin),
             Message::Resume(resume) => self.resume(&resume),
-            Message::Layers(layers) => self.store_layers(&layers),
+            Message::AppendLayers(layers) => self.store_layers(&layers),
             Message::Amend(amend) => self.amend(&amend),
             Message::Start(start) => self.start(&start),
             Message::Pause(_) => self.pause(),
@@ -116,7 +116,7 @@ impl<B: Board> Controller<B> {
 
     fn board_hello(&self) -> Message {
         let configured = self.identity.configured;
-        Message::BoardHello(BoardInfo {
+        Message::BoardInfo(BoardInfo {
             schema_hash: SCHEMA_HASH,
             boot_id: self.identity.boot_id,
             reset_cause: self.identity.reset_cause,

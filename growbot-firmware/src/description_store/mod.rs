@@ -135,7 +135,7 @@ impl<F: MultiwriteNorFlash> DescriptionStore<F> {
     /// nothing else. Heater and steppers must therefore be off and the nozzle cold.
     ///
     /// # Errors
-    /// Returns [`NotStored`] if the description could not be written or reads back differently.
+    /// Returns [`StoreError`] if the description could not be written or reads back differently.
     #[inline(never)]
     pub fn store(&mut self, robot: &Robot) -> Result<(), StoreError> {
         let mut bytes: Padded = [0xff; LONGEST];

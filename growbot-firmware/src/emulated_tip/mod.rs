@@ -36,7 +36,7 @@
 //! | `0x118` | [`INDEX_WIDTH`] | host | width of the mark in head steps |
 //! | `0x11C` | [`INDEX_FAULT`] | host | `INDEX_FAULT_*` |
 //! | `0x120` | [`ENTROPY`] | host | a number that differs in each run, for boot ids |
-//! | `0x124` | [`MACHINE_LENGTH`] | host | bytes of [`MACHINE`] that are valid, at most [`MACHINE_CAPACITY`] |
+//! | `0x124` | [`ROBOT_LENGTH`] | host | bytes of [`ROBOT`] that are valid, at most [`ROBOT_CAPACITY`] |
 //! | `0x128` | [`SUPPLY_RAW`] | host | 0 to 4095, as the board's ADC would read |
 //! | `0x12C` | [`SUPPLY_LIVE`] | host | as [`THERMISTOR_LIVE`] |
 //! | `0x130` | [`FILAMENT_PRESENT`] | host | 1: there is filament |
@@ -53,8 +53,8 @@
 //! | `0x164` | [`ENCODER_SLIP`] | host | `i32`; filament moved beyond a step's worth by each step, in 1/65536 |
 //! | `0x168` | [`CRASH`] | host | `CRASH_*`: how the board is to crash, as a test |
 //! | `0x16C` | [`HANG`] | host | 1: the main loop is to hang while the watchdog is fed, as a test |
-//! | `0x1000` | [`MACHINE`] | host | the robot description, bytes |
-//! | `0x2_0000` | [`JOURNAL`] | board | its flash, [`JOURNAL_CAPACITY`] bytes: survives a reset of the board |
+//! | `0x1000` | [`ROBOT`] | host | the robot description, bytes |
+//! | `0x2_0000` | [`JOURNAL_FLASH`] | board | its flash, [`FLASH_AREA_BYTES`] bytes: survives a reset of the board |
 //! | `0x8_0000` | [`DESCRIPTION`] | board | the flash of the robot's description, as that of the journal |
 //! | `0xC_0000` | [`ALARMS`] | board | the latest tick of each remainder by [`ALARM_WORDS`] |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
@@ -71,8 +71,8 @@
 //!   [`STEP_OVERRUN`]. The positions [`HEAD_STEPS`] and [`FEED_STEPS`] still count such steps.
 //! - The host writes [`THERMISTOR_RAW`], then 1 to [`THERMISTOR_LIVE`]. From then on the board reads the latest value
 //!   at any rate, like that of its own ADC, so that a slow host does not look like a broken sensor.
-//! - The board writes to [`JOURNAL`] and [`DESCRIPTION`] as to flash: it programs words by clearing bits, and erases
-//!   sectors of [`JOURNAL_SECTOR`] bytes by setting all bits. The zeros of the new memory do not count as erased.
+//! - The board writes to [`JOURNAL_FLASH`] and [`DESCRIPTION`] as to flash: it programs words by clearing bits, and erases
+//!   sectors of [`FLASH_SECTOR_BYTES`] bytes by setting all bits. The zeros of the new memory do not count as erased.
 //! - Pairs (`_LO`, `_HI`) are read high, low, high, until both highs agree. Each pair lies in eight aligned bytes.
 //!
 //! # Meaning of the pins

@@ -214,7 +214,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Records the beginning of a layer: the first one, or the first one after a pause.
     ///
     /// # Errors
-    /// Returns the same errors as [`Journal::committed`].
+    /// Returns the same errors as [`Journal::record_laid`].
     pub fn record_begun(&mut self, index: u32) -> Result<(), JournalError> {
         self.append_to_job(RecordKind::Begun, index, [0; 5])
     }
@@ -232,7 +232,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Records an interrupted layer that counts as laid, as far as it was made.
     ///
     /// # Errors
-    /// Returns the same errors as [`Journal::committed`].
+    /// Returns the same errors as [`Journal::record_laid`].
     pub fn record_skipped(&mut self, index: u32, laid: &LayerRecord) -> Result<(), JournalError> {
         self.append_to_job(RecordKind::Interrupted, index, laid.to_content())
     }
@@ -240,7 +240,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Records a new plan from a layer on.
     ///
     /// # Errors
-    /// Returns the same errors as [`Journal::committed`], and [`JournalError::OutOfOrder`] also if that layer is laid
+    /// Returns the same errors as [`Journal::record_laid`], and [`JournalError::OutOfOrder`] also if that layer is laid
     /// already or beyond the job.
     pub fn record_amended(&mut self, from: u32, plan_id: u64, layers: u32) -> Result<(), JournalError> {
         let [a, b] = split(plan_id);
@@ -250,7 +250,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Records that the job is done or cancelled.
     ///
     /// # Errors
-    /// Returns the same errors as [`Journal::committed`].
+    /// Returns the same errors as [`Journal::record_laid`].
     pub fn record_ended(&mut self) -> Result<(), JournalError> {
         self.append_to_job(RecordKind::Ended, 0, [0; 5])
     }

@@ -10,7 +10,7 @@
 //! - At a start the board loads the newer of the copies that are whole. If this firmware cannot decode that copy,
 //!   another version has written it. The memory has kept its power then, and the copy may contain current work or a
 //!   latched fault. The start is therefore a fault, whatever the cause of the reset.
-//! - If no copy is whole, the cause of the reset decides: see [`survives`].
+//! - If no copy is whole, the cause of the reset decides: see [`keeps_ram`].
 
 use growbot_core::link::frame;
 use growbot_core::link::message::{Fault, FaultRecord, ResetCause, State};

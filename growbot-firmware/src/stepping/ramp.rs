@@ -1,12 +1,12 @@
 //! Ramps: acceleration and deceleration of a turn.
 //!
-//! The sectors of a turn are laid out in *virtual ticks*. A real tick advances virtual time by the *rate*, [`ONE`] at
+//! The sectors of a turn are laid out in *virtual ticks*. A real tick advances virtual time by the *rate*, [`FULL_RATE`] at
 //! most: an accumulator adds it up, and each time it overflows a virtual tick is due. Both axes therefore slow down
 //! together and lay the same plastic at any rate, to the step.
 //!
 //! From rest the rate begins at the speed that the motors can reach at an instant, and rises evenly. Before the end of
 //! a turn it falls in time, to a rate that allows a stop, or to the entry rate of the next turn. Slopes and rates come
-//! with each turn ([`Pace`]), so that the interrupt only multiplies and compares, without division.
+//! with each turn ([`RampLimits`]), so that the interrupt only multiplies and compares, without division.
 //!
 //! If a move arrives while a turn brakes, the turn speeds up again. A layer in which no speed exceeds the jumps has no
 //! ramp, and every tick counts. Homing and moves of the filament run evenly, at speeds within the jump.
@@ -146,7 +146,7 @@ impl VirtualClock {
 
     /// Returns whether this tick can run at a rate. Each tick after it reduces the rate by a slope, until the goal is
     /// reached. From `r` to `g` by `s`, that takes `(r + g)(r - g + s) / 2 s` of virtual time. The computation does not
-    /// overflow, because `left` is within [`Pace::braking`].
+    /// overflow, because `left` is within [`RampLimits::braking_ticks`].
     fn can_brake(&self, pace: &RampLimits, left: u32, goal: u32, rate: u32) -> bool {
         let Some(over) = rate.checked_sub(goal) else { return true };
         let room = (u64::from(left) << FRACTION) - u64::from(self.accumulator);

@@ -1,6 +1,6 @@
 //! One layer as one turn of the head: the steps of head and feed, and the ticks, in each sector.
 //!
-//! The material between angle 0 and `psi` has a closed form ([`Layer::share_of_material`]). At the edges of the sectors
+//! The material between angle 0 and `psi` has a closed form ([`Layer::material_fraction`]). At the edges of the sectors
 //! both axes stand at the positions of this form, to the step. Within a sector both run evenly. This flattens the first
 //! harmonic of the profile, which *is* the tilt, by `sinc^2` of half the sector's angle (0.08 % for 64 sectors). The
 //! turn is computed with a tilt that is larger by this factor, so that the layer as laid has the planned tilt.
@@ -9,7 +9,7 @@
 //! `speed` gives every sector time in proportion to its material, so that the feed is steady and the head is slower
 //! where more material is needed.
 //!
-//! Turns come from [`Material::lay`](super::Material::lay), which carries the lean that the layers before have left
+//! Turns come from [`Material::next_turn`](super::Material::lay), which carries the lean that the layers before have left
 //! owing.
 
 use core::f64::consts::{PI, TAU};

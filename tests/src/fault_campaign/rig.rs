@@ -53,7 +53,7 @@ impl Rig {
     pub fn begin(&mut self, layers: u32) -> Result<(), ClientError> {
         (self.encoder, self.handed_over) = (LayerEncoder::default(), 0);
         let begin = BeginJob { plan_id: PLAN, layers, robot_hash: self.robot.hash() };
-        self.client.request("to begin", &Message::Begin(begin)).map(|_| ())
+        self.client.request("to begin", &Message::BeginJob(begin)).map(|_| ())
     }
 
     /// Sends this many more layers of a bend.
@@ -81,7 +81,7 @@ impl Rig {
         for batch in layers.chunks(MAX_LAYERS_PER_MESSAGE) {
             let layers =
                 AppendLayers { plan_id: PLAN, first: self.handed_over, layers: batch.iter().copied().collect() };
-            self.client.request("to store layers", &Message::Layers(layers))?;
+            self.client.request("to store layers", &Message::AppendLayers(layers))?;
             self.handed_over += batch.len() as u32;
         }
         Ok(())

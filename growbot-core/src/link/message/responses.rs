@@ -122,7 +122,7 @@ pub enum Refusal {
     /// The robot description is not valid. The board keeps its present description.
     InvalidDescription {
         /// The defect of the description.
-        why: DescriptionError,
+        error: DescriptionError,
     },
     /// The robot description could not be written to flash. The board keeps its present description.
     DescriptionNotStored,

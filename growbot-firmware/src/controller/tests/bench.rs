@@ -371,7 +371,7 @@ impl Bench {
         self.session += 1;
         self.latest_event = 0;
         let answer = self.ask(&hello(SCHEMA_HASH));
-        assert!(matches!(answer, Message::BoardHello(_)), "{answer:?}");
+        assert!(matches!(answer, Message::BoardInfo(_)), "{answer:?}");
     }
 
     pub fn status(&mut self) -> Status {
@@ -405,7 +405,7 @@ impl Bench {
 
     /// Returns the layers that were reported as laid.
     pub fn laid(&self) -> Vec<LayerLaid> {
-        let laid = |event: &Message| if let Message::Laid(laid) = event { Some(laid.clone()) } else { None };
+        let laid = |event: &Message| if let Message::LayerLaid(laid) = event { Some(laid.clone()) } else { None };
         self.events.iter().filter_map(laid).collect()
     }
 

@@ -60,7 +60,7 @@ fn stored(bench: &Bench) -> Option<Robot> {
 
 fn hello(bench: &mut Bench) -> BoardInfo {
     match bench.ask(&Message::GetBoardInfo(Empty {})) {
-        Message::BoardHello(hello) => hello,
+        Message::BoardInfo(hello) => hello,
         other => panic!("{other:?}"),
     }
 }
@@ -170,7 +170,7 @@ fn parts_beyond_the_end_are_refused() {
     let part = |length, offset, bytes: &[u8]| {
         Message::Configure(Configure { robot: 1, length, offset, bytes: bytes.iter().copied().collect() })
     };
-    let too_long = Refusal::InvalidDescription { why: DescriptionError::TooLong };
+    let too_long = Refusal::InvalidDescription { error: DescriptionError::TooLong };
     assert_eq!(bench.refused(&part(MAX_VERSIONED_LEN as u16 + 1, 0, &[1])), too_long);
     assert_eq!(bench.refused(&part(u16::MAX, u16::MAX, &[1; MAX_DESCRIPTION_PART])), too_long);
     for (length, offset, bytes) in [(0, 0, &[][..]), (4, 0, &[]), (4, 0, &[1; 5]), (1, 0, &[1; MAX_DESCRIPTION_PART])] {
@@ -209,7 +209,7 @@ fn a_description_that_is_not_valid_is_refused_with_the_reason() {
         (parts(new.hash(), &nameless), DescriptionError::Name),
         (parts(new.hash(), &negative), DescriptionError::Number),
     ] {
-        assert_eq!(configure(&mut bench, &bad), Err(Refusal::InvalidDescription { why }));
+        assert_eq!(configure(&mut bench, &bad), Err(Refusal::InvalidDescription { error: why }));
         assert_eq!((stored(&bench), bench.controller.needs_reset()), (None, false), "{why:?}");
     }
     assert_eq!(configure(&mut bench, &parts_of(&new)).map(|done| done.stored), Ok(true), "and then a good one");
@@ -248,7 +248,7 @@ fn pins_and_drivers_that_do_not_suit_are_refused_and_the_old_description_stays()
     ];
     for (change, why) in changes {
         let (hash, bytes) = unchecked(change);
-        assert_eq!(configure(&mut bench, &parts(hash, &bytes)), Err(Refusal::InvalidDescription { why }));
+        assert_eq!(configure(&mut bench, &parts(hash, &bytes)), Err(Refusal::InvalidDescription { error: why }));
         assert_eq!((stored(&bench), bench.controller.needs_reset()), (Some(robot_a()), false), "{why:?}");
     }
     let good = on_skr_pico();
