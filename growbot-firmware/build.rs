@@ -62,9 +62,9 @@ fn main() {
         stop(&format!("cannot copy {}: {error}", map.display()));
     }
 
-    let machine = describe(&here, kinds);
-    if let Err(error) = fs::write(out.join("machine.rs"), machine) {
-        stop(&format!("cannot write machine.rs: {error}"));
+    let source = describe(&here, kinds);
+    if let Err(error) = fs::write(out.join("board_robot.rs"), source) {
+        stop(&format!("cannot write board_robot.rs: {error}"));
     }
 
     // The linker finds the workspace's `memory.x` in cargo's working directory, and the `board.x` that it includes
@@ -121,11 +121,11 @@ fn as_source(robot: &Robot, is_built_in: bool) -> String {
     let description = description
         .replace(&name, &format!("name: String::try_from({:?}).unwrap_or_default()", robot.name()))
         .replace("strategy: ", "strategy: FeedStrategy::")
-        .replace("turning: ", "turning: Turning::")
+        .replace("turning: ", "turning: HeadRotation::")
         .replace("kind: ", "kind: BoardKind::")
-        .replace("mode: ", "mode: DriverMode::");
-    let robot = format!("Robot::checked_before({description}, {})", robot.hash());
-    format!("Machine {{ robot: {robot}, configured: {is_built_in} }}\n")
+        .replace("mode: ", "mode: ChopperMode::");
+    let robot = format!("Robot::from_checked({description}, {})", robot.hash());
+    format!("BoardRobot {{ robot: {robot}, configured: {is_built_in} }}\n")
 }
 
 fn feature(name: &str) -> bool {

@@ -56,7 +56,7 @@ fn the_image_checks_and_keeps_a_description_and_restarts_with_it() {
             DescriptionError::HashMismatch { found: old.hash() },
         ),
     ] {
-        assert_eq!(refusal(hand_over(&mut client, &new, bad)), Refusal::InvalidDescription { why });
+        assert_eq!(refusal(hand_over(&mut client, &new, bad)), Refusal::InvalidDescription { error: why });
     }
     assert_eq!(client.identify().unwrap().robot_hash, old.hash());
 

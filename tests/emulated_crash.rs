@@ -12,21 +12,21 @@ use growbot_host::crash::{CrashReport, FirmwareImage};
 use growbot_sim::image_seal::{SealError, is_sealed, seal, seal_in_place};
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
-use growbot_tests::tip_words::Words;
+use growbot_tests::tip_memory::TipMemoryView;
 use object::{Object, ObjectSection, ObjectSymbol};
 
 /// Returns a client of a board that runs this image, and the words of its tip.
-fn board(image: &Path) -> (Client, Words) {
+fn board(image: &Path) -> (Client, TipMemoryView) {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let mut emulator = Emulator::start(&robot, Some(image)).unwrap();
-    let words = Words::of(&mut emulator);
+    let words = TipMemoryView::of(&mut emulator);
     let mut client = Client::new(Box::new(emulator), "the emulated board");
     client.open_session_for(&robot).unwrap();
     (client, words)
 }
 
 /// Makes a board crash in this way, and waits until it has restarted.
-fn crash(words: &Words, how: u32) {
+fn crash(words: &TipMemoryView, how: u32) {
     let boots = words.read(table::BOOTS);
     words.write(table::CRASH, how);
     words.wait("another boot", |words| words.read(table::BOOTS) != boots);
@@ -61,11 +61,11 @@ fn a_crash_is_told_after_the_reset_by_function_and_line() {
 
         let json = serde_json::to_value(crash.to_json()).unwrap();
         let named = json["at"].as_array().unwrap().iter().find(|place| {
-            place["function"].as_str().is_some_and(|name| name.ends_with(&format!("high_water::{function}")))
+            place["function"].as_str().is_some_and(|name| name.ends_with(&format!("stack_monitor::{function}")))
         });
         let named = named.unwrap_or_else(|| panic!("{function} is not named: {json}"));
-        assert!(named["file"].as_str().unwrap().ends_with("an386/high_water.rs"), "{named}");
-        let source = include_str!("../growbot-firmware/boards/an386/high_water.rs");
+        assert!(named["file"].as_str().unwrap().ends_with("an386/stack_monitor.rs"), "{named}");
+        let source = include_str!("../growbot-firmware/boards/an386/stack_monitor.rs");
         let lines: Vec<&str> = source.lines().collect();
         let line = named["line"].as_u64().unwrap() as usize;
         let begins = lines.iter().position(|line| line.contains(&format!("fn {function}("))).unwrap() + 1;
@@ -89,7 +89,7 @@ fn a_crash_is_told_after_the_reset_by_function_and_line() {
     let crash = CrashReport::new(&told, Some(&image));
     println!("{}", crash.text());
     assert_eq!(crash.record.cause, ResetCause::StackOverflow);
-    assert!(crash.text().contains("high_water::overflow"), "{}", crash.text());
+    assert!(crash.text().contains("stack_monitor::overflow"), "{}", crash.text());
     // Another image is not mistaken for the one that crashed.
     let other = FirmwareImage::open(&firmware("stm32f405")).unwrap();
     let unknown = CrashReport::new(&told, Some(&other));
@@ -128,7 +128,7 @@ fn an_image_that_is_damaged_is_told_and_never_heats() {
 
     let plan_id = 1;
     let requests = [
-        Message::Begin(BeginJob { plan_id, layers: 8, robot_hash: hello.robot_hash }),
+        Message::BeginJob(BeginJob { plan_id, layers: 8, robot_hash: hello.robot_hash }),
         Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }),
         Message::Tune(Tune { target_centi_c: 20_000 }),
         Message::ClearFault(Empty {}),

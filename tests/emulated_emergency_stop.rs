@@ -20,7 +20,7 @@ use growbot_firmware::emulated_tip as table;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
-use growbot_tests::tip_words::{BoardLimit, Words, all_off_at_the_tip};
+use growbot_tests::tip_memory::{BoardLimit, TipMemoryView, wait_until_outputs_off};
 
 const PLAN: u64 = 1;
 /// Bytes of noise: three times the size of the board's queue.
@@ -49,7 +49,7 @@ fn noise() -> Vec<u8> {
     bytes
 }
 
-fn start(client: &mut Client, words: &Words) {
+fn start(client: &mut Client, words: &TipMemoryView) {
     client
         .request("to start", &Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }))
         .unwrap();
@@ -69,20 +69,22 @@ fn start(client: &mut Client, words: &Words) {
 const OUTPUTS: [usize; 3] = [table::HEATER_ENABLE, table::HEAD_ENABLE, table::FEED_ENABLE];
 
 /// Returns a board with a job of 8 layers and a warm nozzle.
-fn with_a_job() -> (Rc<RefCell<Emulator>>, Words, Client) {
+fn with_a_job() -> (Rc<RefCell<Emulator>>, TipMemoryView, Client) {
     let robot = robot();
     let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
-    let words = Words::of(&mut emulator.borrow_mut());
+    let words = TipMemoryView::of(&mut emulator.borrow_mut());
     let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
     client.open_session_for(&robot).unwrap();
     client
-        .request("to begin", &Message::Begin(BeginJob { plan_id: PLAN, layers: 8, robot_hash: robot.hash() }))
+        .request("to begin", &Message::BeginJob(BeginJob { plan_id: PLAN, layers: 8, robot_hash: robot.hash() }))
         .unwrap();
     // The nozzle is warmed only now, because the board erases its journal only with a cold nozzle.
     emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(197.0));
     let mut encoder = LayerEncoder::default();
     let layers = (0..8).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
-    client.request("to store layers", &Message::Layers(AppendLayers { plan_id: PLAN, first: 0, layers })).unwrap();
+    client
+        .request("to store layers", &Message::AppendLayers(AppendLayers { plan_id: PLAN, first: 0, layers }))
+        .unwrap();
     (emulator, words, client)
 }
 
@@ -139,7 +141,7 @@ fn behind_noise_and_half_a_frame_the_stop_switches_everything_off() {
             assert_eq!(words.read(output), 0, "the word at {output:#x}");
         }
         assert_eq!(words.read(table::HEATER_DUTY), 0);
-        all_off_at_the_tip(&mut emulator.borrow_mut(), "after the stop");
+        wait_until_outputs_off(&mut emulator.borrow_mut(), "after the stop");
         let status = client.status().unwrap();
         assert_eq!((status.state, status.fault), (State::EmergencyStop, None));
         let lost = words.read(table::LINK_BYTES_LOST) - lost;

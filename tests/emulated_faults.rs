@@ -13,7 +13,7 @@ use growbot_core::robot::Robot;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
-use growbot_tests::tip_words::{BoardLimit, Words, all_off_at_the_tip};
+use growbot_tests::tip_memory::{BoardLimit, TipMemoryView, wait_until_outputs_off};
 
 /// Returns robot A with faster homing and growth, so that the test does not take long.
 fn robot() -> Robot {
@@ -32,16 +32,16 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     let what = format!("{} while {}", broken.name(), during.name());
     let robot = robot();
     let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
-    let words = Words::of(&mut emulator.borrow_mut());
+    let words = TipMemoryView::of(&mut emulator.borrow_mut());
     let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
     client.open_session_for(&robot).unwrap();
     let plan_id = 1;
-    client.request("to begin", &Message::Begin(BeginJob { plan_id, layers: 8, robot_hash: robot.hash() })).unwrap();
+    client.request("to begin", &Message::BeginJob(BeginJob { plan_id, layers: 8, robot_hash: robot.hash() })).unwrap();
     // The nozzle is warmed only now, because the board erases its journal only with a cold nozzle.
     emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(if during == State::Heating { 60.0 } else { 197.0 }));
     let mut encoder = LayerEncoder::default();
     let layers = (0..8).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
-    client.request("to store layers", &Message::Layers(AppendLayers { plan_id, first: 0, layers })).unwrap();
+    client.request("to store layers", &Message::AppendLayers(AppendLayers { plan_id, first: 0, layers })).unwrap();
     client
         .request("to start", &Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }))
         .unwrap();
@@ -70,7 +70,7 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     assert!(after <= within, "{what}: noticed after {after} s, more than {within} s");
     assert_eq!(status.state, if expected.is_some() { State::Fault } else { State::EmergencyStop }, "{what}");
     // The tip switches off the next time it polls its board.
-    all_off_at_the_tip(&mut emulator.borrow_mut(), &what);
+    wait_until_outputs_off(&mut emulator.borrow_mut(), &what);
 }
 
 #[test]

@@ -19,7 +19,7 @@ use growbot_core::robot::{DigitalInput, Robot};
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;
-use growbot_tests::tip_words::{BoardLimit, Words};
+use growbot_tests::tip_memory::{BoardLimit, TipMemoryView};
 
 /// Time limit for the board to accept a task that it refuses because it is cold or moving, s of its clock.
 const LIMIT_S: u32 = 180;
@@ -54,7 +54,7 @@ fn refusal(done: Result<(), ClientError>) -> Refusal {
 
 /// Repeats a task until the board no longer refuses it because it is cold or moving.
 fn once_possible(board: &Board, client: &mut Client, task: MaintenanceTask) {
-    let mut limit = BoardLimit::new(&Words::of(&mut board.borrow_mut()), LIMIT_S);
+    let mut limit = BoardLimit::new(&TipMemoryView::of(&mut board.borrow_mut()), LIMIT_S);
     loop {
         match client.maintain(task) {
             Err(ClientError::Refused { refusal: Refusal::NozzleTooCold { .. } | Refusal::StillMoving, .. }) => {}

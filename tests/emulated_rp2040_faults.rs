@@ -23,7 +23,7 @@ use growbot_core::robot::Robot;
 use growbot_sim::port::rp2040::Rp2040Emulator;
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::{Tip, TipFault};
-use growbot_tests::fault_campaign::cases::{Case, Onset, Right};
+use growbot_tests::fault_campaign::cases::{Case, Expected, Onset};
 use growbot_tests::pico_firmware;
 
 /// Cases that run without `GROWBOT_FAULTS`.
@@ -69,17 +69,17 @@ fn robot() -> Robot {
 }
 
 /// A board under test.
-trait Tested: Port + 'static {
+trait BoardUnderTest: Port + 'static {
     fn tip(&mut self) -> RefMut<'_, Tip>;
 }
 
-impl Tested for Sim {
+impl BoardUnderTest for Sim {
     fn tip(&mut self) -> RefMut<'_, Tip> {
         self.simulated_tip()
     }
 }
 
-impl Tested for Rp2040Emulator {
+impl BoardUnderTest for Rp2040Emulator {
     fn tip(&mut self) -> RefMut<'_, Tip> {
         self.simulated_tip()
     }
@@ -87,24 +87,24 @@ impl Tested for Rp2040Emulator {
 
 /// Result of a fault.
 #[derive(Debug, PartialEq)]
-struct Met {
+struct CaseResult {
     state: State,
     fault: Option<Fault>,
     /// Time until the board noticed the fault, s.
     after: f64,
 }
 
-impl Met {
+impl CaseResult {
     fn is_right(&self, case: &Case) -> bool {
         let is_one_of =
             |codes: &[Fault]| self.state == State::Fault && self.fault.is_some_and(|fault| codes.contains(&fault));
-        match case.right() {
-            Right::Codes(codes) | Right::AtNextStart(codes) => is_one_of(codes),
-            Right::CodesOrPause(codes) => self.state == State::Paused || is_one_of(codes),
-            Right::EmergencyStop => self.state == State::EmergencyStop,
-            Right::Continues => self.state == State::Done,
-            Right::Refused => self.state == State::Idle,
-            Right::StaysPaused => self.state == State::Paused,
+        match case.expected() {
+            Expected::Codes(codes) | Expected::AtNextStart(codes) => is_one_of(codes),
+            Expected::CodesOrPause(codes) => self.state == State::Paused || is_one_of(codes),
+            Expected::EmergencyStop => self.state == State::EmergencyStop,
+            Expected::Continues => self.state == State::Done,
+            Expected::Refused => self.state == State::Idle,
+            Expected::StaysPaused => self.state == State::Paused,
         }
     }
 
@@ -120,16 +120,17 @@ struct Bench<B> {
     what: String,
 }
 
-impl<B: Tested> Bench<B> {
+impl<B: BoardUnderTest> Bench<B> {
     /// Begins a growth and starts it.
     fn begin(&mut self, nozzle_c: f64) -> Result<(), ClientError> {
         let begin = BeginJob { plan_id: PLAN, layers: LAYERS, robot_hash: robot().hash() };
-        self.client.request("to begin", &Message::Begin(begin))?;
+        self.client.request("to begin", &Message::BeginJob(begin))?;
         // The nozzle is warmed only now, because the board erases its journal only with a cold nozzle.
         self.board.borrow_mut().tip().set_nozzle_c(nozzle_c);
         let mut encoder = LayerEncoder::default();
         let layers = (0..LAYERS).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
-        self.client.request("to store layers", &Message::Layers(AppendLayers { plan_id: PLAN, first: 0, layers }))?;
+        self.client
+            .request("to store layers", &Message::AppendLayers(AppendLayers { plan_id: PLAN, first: 0, layers }))?;
         self.client.request(
             "to start",
             &Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }),
@@ -155,7 +156,7 @@ impl<B: Tested> Bench<B> {
     }
 
     /// Returns the result of a growth in which a fault began at `broken_ms`.
-    fn end(&mut self, broken_ms: u64) -> Met {
+    fn end(&mut self, broken_ms: u64) -> CaseResult {
         let status = self.wait_for(&[State::Fault, State::EmergencyStop, State::Done, State::Paused]);
         let noticed_ms = match status.state {
             State::Fault | State::EmergencyStop => {
@@ -172,12 +173,12 @@ impl<B: Tested> Bench<B> {
         }
         // The board may notice the fault before its time is requested.
         let after = noticed_ms.saturating_sub(broken_ms) as f64 / 1000.0;
-        Met { state: status.state, fault: status.fault, after }
+        CaseResult { state: status.state, fault: status.fault, after }
     }
 }
 
 /// Grows until the onset, injects the fault, and waits for the board's reaction.
-fn meet(board: impl Tested, case: Case) -> Met {
+fn run_case(board: impl BoardUnderTest, case: Case) -> CaseResult {
     let what = format!("{}, {}", case.fault.name(), case.onset.name());
     let board = Rc::new(RefCell::new(board));
     let client = Client::new(Box::new(Rc::clone(&board)), "the board under test");
@@ -189,10 +190,10 @@ fn meet(board: impl Tested, case: Case) -> Met {
     // The tests at the board's start take a while.
     bench.client.wait(Duration::from_secs(3)).unwrap();
     let begun = bench.begin(if case.onset == Onset::Heating { HEATING_C } else { WARM_C });
-    if case.right() == Right::Refused {
+    if case.expected() == Expected::Refused {
         assert!(matches!(begun, Err(ClientError::Refused { .. })), "{}: {begun:?}", bench.what);
         let Status { state, fault, .. } = bench.client.status().unwrap();
-        return Met { state, fault, after: 0.0 };
+        return CaseResult { state, fault, after: 0.0 };
     }
     begun.unwrap();
     if case.onset == Onset::Boot {
@@ -204,7 +205,7 @@ fn meet(board: impl Tested, case: Case) -> Met {
     assert_eq!((status.state, status.fault), (during, None), "{}: too early", bench.what);
     let broken_ms = bench.inject(case.fault);
     let met = bench.end(broken_ms);
-    if !(matches!(case.right(), Right::AtNextStart(_)) && met.state == State::Done) {
+    if !(matches!(case.expected(), Expected::AtNextStart(_)) && met.state == State::Done) {
         return met;
     }
     bench.begin(WARM_C).unwrap();
@@ -214,14 +215,14 @@ fn meet(board: impl Tested, case: Case) -> Met {
 
 /// Runs a fault on both boards. Returns a line of the table, or an error message.
 fn check(case: Case) -> Result<String, String> {
-    let simulated = meet(Sim::new(robot()), case);
-    let pico = meet(Rp2040Emulator::start(&robot(), Some(&pico_firmware("growbot-a"))).unwrap(), case);
+    let simulated = run_case(Sim::new(robot()), case);
+    let pico = run_case(Rp2040Emulator::start(&robot(), Some(&pico_firmware("growbot-a"))).unwrap(), case);
     let (fault, onset, met) = (case.fault.name(), case.onset.name(), [&pico, &simulated]);
-    let [name, other] = met.map(Met::name);
+    let [name, other] = met.map(CaseResult::name);
     let [after, others] = met.map(|met| met.after);
     let line = format!("| {fault} | {onset} | {name} | {after:.1} | {other} | {others:.1} |");
     if !met.iter().all(|met| met.is_right(&case)) {
-        return Err(format!("{line}: right is {:?}", case.right()));
+        return Err(format!("{line}: right is {:?}", case.expected()));
     }
     if name == other && after > (1.0 + LATER) * others + LATER_S {
         return Err(format!("{line}: too late"));

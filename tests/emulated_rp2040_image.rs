@@ -137,7 +137,7 @@ fn a_damaged_image_is_told_and_never_heats() {
 
     let plan_id = 1;
     for request in [
-        Message::Begin(BeginJob { plan_id, layers: 8, robot_hash: hello.robot_hash }),
+        Message::BeginJob(BeginJob { plan_id, layers: 8, robot_hash: hello.robot_hash }),
         Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }),
         Message::Tune(Tune { target_centi_c: 20_000 }),
         Message::ClearFault(Empty {}),

@@ -19,8 +19,8 @@ use growbot_core::link::message::{HostSilencePolicy, State, Status};
 use growbot_core::robot::Robot;
 use growbot_sim::port::rp2040::Rp2040Emulator;
 use growbot_tests::pico_firmware;
-use growbot_tests::survival::crash::{self, Crash, Recovered};
-use growbot_tests::survival::{Body, Undisturbed};
+use growbot_tests::recovery::crash::{self, Interruption, Recovery};
+use growbot_tests::recovery::{Body, ReferenceGrowth};
 
 /// Number of emulators that run at a time.
 const BOARDS: usize = 3;
@@ -169,7 +169,7 @@ fn power_lost_while_a_layer_is_noted_costs_the_open_layer_at_most() {
     let robot = Robot::new(description).unwrap();
     let body = Body::of(LENGTH);
     let job = body.job(&robot);
-    let undisturbed = Undisturbed::grow(&job);
+    let undisturbed = ReferenceGrowth::grow(&job);
     // Losses before, within and after the record.
     let cuts = places(PAGE - RECORD..=PAGE, 1);
     each(
@@ -196,8 +196,8 @@ fn power_lost_while_a_layer_is_noted_costs_the_open_layer_at_most() {
                 "{bytes} bytes: {told} layers told, {laid} found, cut {:?}, {more_feed_steps} feed steps more",
                 found.interrupted
             );
-            let recovered = Recovered { found, as_built: grown.as_built, more_feed_steps };
-            crash::check(&job, &undisturbed, Crash::Power, &recovered)
+            let recovered = Recovery { found, as_built: grown.as_built, more_feed_steps };
+            crash::check(&job, &undisturbed, Interruption::Power, &recovered)
                 .unwrap_or_else(|wrong| panic!("{bytes}: {wrong}"));
         },
     );

@@ -29,9 +29,9 @@ use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
-use growbot_tests::survival::crash::{self, Crash, Recovered};
-use growbot_tests::survival::{Body, Cuttable, Undisturbed};
-use growbot_tests::tip_words::Words;
+use growbot_tests::recovery::crash::{self, Interruption, Recovery};
+use growbot_tests::recovery::{Body, CuttablePort, ReferenceGrowth};
+use growbot_tests::tip_memory::TipMemoryView;
 
 /// Layers of each job.
 const LAYERS: usize = 20;
@@ -108,7 +108,7 @@ fn over_a_bad_line_the_image_lays_each_layer_once() {
     let (robot, body) = (robot(), Body::of(LENGTH));
     let job = body.job(&robot);
     assert_eq!(job.layers.len(), LAYERS);
-    let undisturbed = Undisturbed::grow(&job);
+    let undisturbed = ReferenceGrowth::grow(&job);
     each(number("GROWBOT_EMULATED_JOBS", 10), || {
         // Successive jobs run on one board, because its journal has room for them.
         let mut running = None;
@@ -122,7 +122,7 @@ fn over_a_bad_line_the_image_lays_each_layer_once() {
     });
 }
 
-fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &Undisturbed, seed: u64) -> Result<String, String> {
+fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &ReferenceGrowth, seed: u64) -> Result<String, String> {
     let mut random = Rng::new(&[1, seed]);
     let (drop, flip) = (random.uniform_between(0.0, 0.1), random.uniform_between(0.0, 1e-3));
     let few = drop / 10.0;
@@ -150,7 +150,7 @@ fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &Undisturbed, seed: u6
 fn whatever_interrupts_the_image_it_resumes_and_lays_each_layer_once() {
     let (robot, body) = (robot(), Body::of(LENGTH));
     let job = body.job(&robot);
-    let undisturbed = Undisturbed::grow(&job);
+    let undisturbed = ReferenceGrowth::grow(&job);
     let count = number("GROWBOT_EMULATED_POINTS", 5);
     each(count, || |point| Point::of(point, count).interrupt(&job, &undisturbed));
 }
@@ -158,9 +158,9 @@ fn whatever_interrupts_the_image_it_resumes_and_lays_each_layer_once() {
 /// Moment and kind of an interruption.
 #[derive(Debug)]
 struct Point {
-    crash: Crash,
+    crash: Interruption,
     /// Number of states and layers that have been reported before it: three states, then layers.
-    told: u64,
+    events_seen: u64,
     /// Delay after that.
     later: Duration,
 }
@@ -169,30 +169,30 @@ impl Point {
     /// Returns one of `count` points, spread over the first three quarters of the growth.
     fn of(point: u64, count: u64) -> Self {
         let mut random = Rng::new(&[2, point]);
-        let crash = [Crash::Power, Crash::Board, Crash::Host][(point % 3) as usize];
+        let crash = [Interruption::Power, Interruption::Board, Interruption::Host][(point % 3) as usize];
         let share = (point as f64 + random.uniform()) / count as f64;
         Self {
             crash,
-            told: 1 + (share * 0.75 * (3 + LAYERS) as f64) as u64,
+            events_seen: 1 + (share * 0.75 * (3 + LAYERS) as f64) as u64,
             later: Duration::from_secs_f64(random.uniform_between(0.0, PERIOD_S)),
         }
     }
 
     /// Grows up to this point, interrupts the growth, reconnects, and resumes to the end.
-    fn interrupt(&self, job: &Job, undisturbed: &Undisturbed) -> Result<String, String> {
-        let (Self { crash, told, later }, first) = (self, board(job.robot, &[])?);
+    fn interrupt(&self, job: &Job, undisturbed: &ReferenceGrowth) -> Result<String, String> {
+        let (Self { crash, events_seen: told, later }, first) = (self, board(job.robot, &[])?);
         let what = format!("{crash:?} {:.2} s after event {told}", later.as_secs_f64());
         let mut known = Vec::new();
         let (broken, flash) = self.grow(job, &first, &mut known);
         match (crash, broken.map(|grown| grown.outcome)) {
             // The first report is either that the board has restarted, or the fault for which it did.
-            (Crash::Board, Ok(Outcome::Interrupted | Outcome::Fault(Fault::StackOverflow))) => {}
-            (Crash::Host | Crash::Power, Err(_)) => {}
+            (Interruption::Board, Ok(Outcome::Interrupted | Outcome::Fault(Fault::StackOverflow))) => {}
+            (Interruption::Host | Interruption::Power, Err(_)) => {}
             (_, other) => return Err(format!("{what}: then {other:?}")),
         }
         let second = flash.map(|flash| board(job.robot, &flash)).transpose()?;
         let laid = known.len();
-        let (found, grown) = come_back(second.as_ref().unwrap_or(&first), job, known, *crash)
+        let (found, grown) = reconnect_and_resume(second.as_ref().unwrap_or(&first), job, known, *crash)
             .map_err(|error| format!("{what}: {error}"))?;
         if grown.outcome != Outcome::Done {
             return Err(format!("{what}: resumed, it ended by {:?}", grown.outcome));
@@ -200,7 +200,7 @@ impl Point {
         let feed_steps: u64 = [Some(&first), second.as_ref()].into_iter().flatten().map(feed_steps).sum();
         let more_feed_steps = feed_steps as i64 - undisturbed.feed_steps as i64;
         let told = format!("{what}: {laid} layers known, {} laid, cut {:?}", found.layers_laid, found.interrupted);
-        let recovered = Recovered { found, as_built: grown.as_built, more_feed_steps };
+        let recovered = Recovery { found, as_built: grown.as_built, more_feed_steps };
         crash::check(job, undisturbed, *crash, &recovered).map_err(|wrong| format!("{told}: {wrong}"))?;
         Ok(format!("{told}: resumed, {} layers, {more_feed_steps} feed steps laid again", recovered.as_built.len()))
     }
@@ -213,7 +213,7 @@ impl Point {
         known: &mut Vec<Option<LayerBytes>>,
     ) -> (Result<GrowthReport, GrowthError>, Option<Vec<u8>>) {
         let gone = Rc::new(Cell::new(false));
-        let line = Cuttable { port: Rc::clone(board), cut: Rc::clone(&gone) };
+        let line = CuttablePort { port: Rc::clone(board), cut: Rc::clone(&gone) };
         let mut client = Client::new(Box::new(line), "the emulated board");
         let (mut told, mut flash) = (0, None);
         let mut crashed = None;
@@ -225,25 +225,25 @@ impl Point {
                 _ => return,
             }
             told += 1;
-            if told == self.told {
+            if told == self.events_seen {
                 board.borrow().clock().pass(self.later).unwrap();
                 match self.crash {
-                    Crash::Power => flash = Some(board.borrow_mut().cut_power().unwrap()),
-                    Crash::Board => reset(board),
+                    Interruption::Power => flash = Some(board.borrow_mut().cut_power().unwrap()),
+                    Interruption::Board => reset(board),
                     _ => gone.set(true),
                 }
             }
         });
         client.drop_without_goodbye();
         // A board whose firmware crashed reports this after its restart.
-        assert_eq!(crashed, (self.crash == Crash::Board).then_some(ResetCause::StackOverflow));
+        assert_eq!(crashed, (self.crash == Interruption::Board).then_some(ResetCause::StackOverflow));
         (grown, flash)
     }
 }
 
 /// Resets a working board by an overflow of its stack.
 fn reset(board: &Board) {
-    let words = Words::of(&mut board.borrow_mut());
+    let words = TipMemoryView::of(&mut board.borrow_mut());
     let boots = words.read(table::BOOTS);
     words.write(table::OVERFLOW_STACK, 1);
     words.wait("another boot", |words| words.read(table::BOOTS) != boots);
@@ -255,15 +255,15 @@ fn feed_steps(board: &Board) -> u64 {
 }
 
 /// Connects another host, which clears a fault and resumes. Returns the status that it found, and the growth.
-fn come_back(
+fn reconnect_and_resume(
     board: &Board,
     job: &Job,
     known: Vec<Option<LayerBytes>>,
-    crash: Crash,
+    crash: Interruption,
 ) -> Result<(Status, GrowthReport), GrowthError> {
     let mut client = Client::new(Box::new(Rc::clone(board)), "the emulated board");
     let hello = client.open_session().map_err(GrowthError::NotStarted)?;
-    let cause = if crash == Crash::Board { ResetCause::StackOverflow } else { ResetCause::PowerOn };
+    let cause = if crash == Interruption::Board { ResetCause::StackOverflow } else { ResetCause::PowerOn };
     assert_eq!(hello.reset_cause, cause, "{crash:?}");
     if hello.status.state == State::Fault {
         client.request("to clear the fault", &Message::ClearFault(Empty {})).map_err(GrowthError::NotStarted)?;

@@ -4,7 +4,7 @@
 
 use growbot_tests::fault_campaign::cases::Case;
 use growbot_tests::fault_campaign::growth::Plant;
-use growbot_tests::fault_campaign::{run, table, wrong};
+use growbot_tests::fault_campaign::{mismatches, run, table};
 
 /// Seeds of the robot's variations for each case and plant.
 const SEEDS: std::ops::Range<u64> = 0..2;
@@ -13,6 +13,6 @@ const SEEDS: std::ops::Range<u64> = 0..2;
 fn every_fault_is_noticed_in_time_with_the_right_code() {
     let [lump, cartridge] = Plant::ALL.map(|plant| run(plant, &Case::all(), SEEDS));
     println!("{}", table::markdown(&lump, &cartridge));
-    let wrong = [wrong(Plant::Lump, &lump), wrong(Plant::Cartridge, &cartridge)].concat();
+    let wrong = [mismatches(Plant::Lump, &lump), mismatches(Plant::Cartridge, &cartridge)].concat();
     assert!(wrong.is_empty(), "{} growths went wrong:\n{}", wrong.len(), wrong.join("\n"));
 }

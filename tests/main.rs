@@ -1,7 +1,7 @@
 //! Tests that cross crates: simulated growths, images of the boards, and boards in emulators.
 
+mod bit_identical_plans;
 mod closed_loop;
-mod crash_anywhere;
 mod emulated_configuring;
 mod emulated_crash;
 mod emulated_emergency_stop;
@@ -17,17 +17,17 @@ mod emulated_rp2040_planning;
 mod emulated_rp2040_power;
 mod emulated_survival;
 mod fault_campaign;
-mod faulty_wire;
 mod feedback_cost;
-mod images;
-mod images_stack;
+mod firmware_images;
+mod lossy_link;
 mod memory_maps;
-mod normal_growth;
+mod no_false_alarms;
 mod pico_image;
 mod plan_cost;
-mod robot_board_boots;
-mod robot_board_registers;
-mod same_bits;
-mod shortest_is_shortest;
+mod resume_after_interruption;
+mod shortest_paths;
+mod stack_usage;
 mod step_cost;
+mod stm32f405_boot;
+mod stm32f405_registers;
 mod wiring;

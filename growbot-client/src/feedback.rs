@@ -8,8 +8,8 @@
 //!
 //! | from | to | where | how |
 //! |---|---|---|---|
-//! | layer laid | `Measured` | the board's controller | encoder and gravity, read when the layer is committed |
-//! | `Measured` | `Laid` | the board's controller | of the 16 layers laid last; not in the journal |
+//! | layer laid | `LayerReadings` | the board's controller | encoder and gravity, read when the layer is committed |
+//! | `LayerReadings` | `Laid` | the board's controller | of the 16 layers laid last; not in the journal |
 //! | `Laid` | growth and direction | here | pulses to mm of body; gravity to a direction |
 //! | growth, direction | estimate, rest of the path | [`growbot_core::tracking`] | filter and reference trajectory |
 //! | rest of the path | layers in bytes, a plan id | here | as for a new job |

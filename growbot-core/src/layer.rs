@@ -8,7 +8,7 @@ use crate::pose::Frame;
 use crate::trigonometry;
 
 /// Number of sectors into which a turn of the head is divided. At the edges of each sector, head and feed are exactly,
-/// to the step, where the closed form of [`Layer::share_of_material`] puts them. Within a sector, both move at constant
+/// to the step, where the closed form of [`Layer::material_fraction`] puts them. Within a sector, both move at constant
 /// speed.
 pub const SECTORS: usize = 64;
 

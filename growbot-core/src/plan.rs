@@ -42,7 +42,7 @@ pub enum PlanError {
         /// The robot's min radius, mm.
         limit: f64,
     },
-    /// The radius is not finite or above [`MAX_RADIUS`].
+    /// The radius is not finite or above [`MAX_RADIUS_MM`].
     #[error("radius is {} mm: give a number up to {limit} mm", CompactNumber(.radius))]
     RadiusTooLarge {
         /// Requested radius, mm.
@@ -111,7 +111,7 @@ pub fn goal_error(base_from_tip: &Frame, goal: &Pose) -> GoalError {
 /// Plans a path of this radius (mm) and checks, by chaining Eq 4, that it ends at the goal.
 ///
 /// # Errors
-/// Returns an error if the radius is below R_min or above [`MAX_RADIUS`], or if the path does not end at the goal. The
+/// Returns an error if the radius is below R_min or above [`MAX_RADIUS_MM`], or if the path does not end at the goal. The
 /// latter has never been observed.
 pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<PlannedPath, PlanError> {
     plan_with_keep_alive(robot, start, goal, radius, planner, &mut || ())
@@ -166,7 +166,7 @@ fn search(
     }
 }
 
-/// Returns an error if the radius (mm) is below R_min or above [`MAX_RADIUS`].
+/// Returns an error if the radius (mm) is below R_min or above [`MAX_RADIUS_MM`].
 pub(crate) fn check_radius(robot: &Robot, radius: f64) -> Result<(), PlanError> {
     let limit = robot.min_radius();
     if radius < limit {

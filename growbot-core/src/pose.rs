@@ -32,7 +32,7 @@ impl Position {
     /// Creates a position, mm.
     ///
     /// # Errors
-    /// Returns an error if a coordinate is not finite or beyond [`Pose::MAX_COORDINATE`].
+    /// Returns an error if a coordinate is not finite or beyond [`Pose::MAX_COORDINATE_MM`].
     pub fn new(position: Vector3<f64>) -> Result<Self, PoseError> {
         Pose::new(position, 0.0, 0.0).map(|pose| Self(pose.position))
     }
@@ -55,7 +55,7 @@ pub enum PoseError {
         /// Value of the field.
         value: f64,
     },
-    /// A coordinate is beyond [`Pose::MAX_COORDINATE`].
+    /// A coordinate is beyond [`Pose::MAX_COORDINATE_MM`].
     #[error("{field} is {} mm: keep coordinates within {limit} mm of the origin", CompactNumber(.value))]
     TooFar {
         /// Name of the coordinate.
@@ -84,7 +84,7 @@ impl Pose {
     /// Creates a pose from mm and radians. The heading is wrapped to `(-pi, pi]`.
     ///
     /// # Errors
-    /// Returns an error if a number is not finite, a coordinate is beyond [`Self::MAX_COORDINATE`], or the pitch is
+    /// Returns an error if a number is not finite, a coordinate is beyond [`Self::MAX_COORDINATE_MM`], or the pitch is
     /// beyond `+-pi/2`.
     pub fn new(position: Vector3<f64>, heading: f64, pitch: f64) -> Result<Self, PoseError> {
         let named = [("x", position.x), ("y", position.y), ("z", position.z), ("heading", heading), ("pitch", pitch)];
@@ -164,7 +164,7 @@ impl Pose {
         self.pitch
     }
 
-    /// Reports whether the pose points straight up or down, to [`Self::VERTICAL`]. Then its direction does not depend
+    /// Reports whether the pose points straight up or down, to [`Self::VERTICAL_TOLERANCE_RAD`]. Then its direction does not depend
     /// on its heading.
     #[must_use]
     pub fn is_vertical(&self) -> bool {

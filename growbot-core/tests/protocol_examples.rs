@@ -248,14 +248,14 @@ fn conversation() -> Vec<ExampleFrame> {
     let other = |name, seq, ack, message| ExampleFrame { name, session: OTHER_SESSION, seq, ack, message };
     vec![
         request("Hello", 1, 0, hello(b"grow 4711 on bench")),
-        answer("BoardHello", 1, Message::BoardHello(board_hello)),
-        request("Begin", 2, 0, Message::Begin(BeginJob { plan_id: job_id, layers: 2, robot_hash: robot.hash() })),
+        answer("BoardInfo", 1, Message::BoardInfo(board_hello)),
+        request("BeginJob", 2, 0, Message::BeginJob(BeginJob { plan_id: job_id, layers: 2, robot_hash: robot.hash() })),
         answer("Accepted", 2, Message::Accepted(Accepted { plan_id: job_id, next: 0, free_layers: 4096 })),
-        request("Layers", 3, 0, Message::Layers(AppendLayers { plan_id: job_id, first: 0, layers })),
+        request("AppendLayers", 3, 0, Message::AppendLayers(AppendLayers { plan_id: job_id, first: 0, layers })),
         request("Start", 4, 0, Message::Start(Start { plan_id: job_id, on_host_silence: HostSilencePolicy::Pause })),
         event("StateChanged", 1, Message::StateChanged(StateChanged { state: State::Heating, fault: None })),
         request("Ack", 0, 1, Message::Ack(Empty {})),
-        event("Laid", 4, Message::Laid(laid)),
+        event("LayerLaid", 4, Message::LayerLaid(laid)),
         request("GetStatus", 5, 4, Message::GetStatus(Empty {})),
         answer("Status", 5, Message::Status(growing)),
         request("Plan", 6, 4, Message::Plan(plan_request)),
@@ -386,7 +386,7 @@ fn layers_fill_the_line_as_the_text_says() {
         (1..).zip(layers.chunks(MAX_LAYERS_PER_MESSAGE).zip((0..).step_by(MAX_LAYERS_PER_MESSAGE)))
     {
         let layers = batch.iter().copied().collect();
-        there += wire_bytes(seq, 0, &Message::Layers(AppendLayers { plan_id, first, layers }));
+        there += wire_bytes(seq, 0, &Message::AppendLayers(AppendLayers { plan_id, first, layers }));
         let next = first + batch.len() as u32;
         back += wire_bytes(0, seq, &Message::Accepted(Accepted { plan_id, next, free_layers: LAYERS - next }));
     }

@@ -26,7 +26,7 @@ impl<const N: usize> ByteQueue<N> {
     }
 
     /// Returns whether the queue has room for another byte.
-    pub fn ready(&self) -> bool {
+    pub fn has_room(&self) -> bool {
         self.added.load(Ordering::Relaxed).wrapping_sub(self.removed.load(Ordering::Acquire)) < N
     }
 
@@ -40,7 +40,7 @@ impl<const N: usize> ByteQueue<N> {
     /// # Errors
     /// Returns the byte if the queue is full.
     pub fn enqueue(&self, byte: u8) -> Result<(), u8> {
-        if !self.ready() {
+        if !self.has_room() {
             return Err(byte);
         }
         let added = self.added.load(Ordering::Relaxed);
@@ -79,7 +79,7 @@ mod tests {
             for offset in 0..8 {
                 assert_eq!(queue.enqueue(round.wrapping_mul(8).wrapping_add(offset)), Ok(()));
             }
-            assert!(!queue.ready());
+            assert!(!queue.has_room());
             assert_eq!(queue.enqueue(1), Err(1));
             for _ in 0..8 {
                 assert_eq!(queue.dequeue(), Some(next));

@@ -14,12 +14,12 @@
 //!
 //! The controller never blocks. Call [`Controller::poll`] at least every 20 ms, with a clock in us.
 
-mod configuring;
-mod growing;
+mod configuration;
+mod growth;
 mod job;
-mod maintaining;
+mod maintenance;
 mod requests;
-mod supervising;
+mod supervision;
 #[cfg(test)]
 mod tests;
 
@@ -31,19 +31,20 @@ use growbot_core::link::message::{
 };
 use growbot_core::robot::Robot;
 
-use crate::hal::{Adc, Board, Drivers, Parts};
-use crate::heater::{self, Heater, Sampler};
+use crate::hal::{Adc, Board, BoardResources, StepperDrivers};
+use crate::heater::{self, Heater};
 use crate::layer_store::LayerStore;
 use crate::link::{self, Link};
-use crate::safety::inputs::Inputs;
-use crate::safety::proof_of_life::ProofOfLife;
-use crate::safety::retained::{Copies, Retained, UnderWay};
-use crate::safety::transitions::{Event, after, may_heat};
-use crate::stepping::Handover;
+use crate::oversampler::Oversampler;
+use crate::safety::input_monitor::InputMonitor;
+use crate::safety::liveness::LivenessCheck;
+use crate::safety::retained::{ActiveWork, RetainedState, RetainedStore};
+use crate::safety::transitions::{Event, may_heat, next_state};
+use crate::stepping::Mailbox;
 
 /// Facts about the start of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Identity {
+pub struct BootInfo {
     /// Identifier that differs at each start.
     pub boot_id: u32,
     /// The cause of the start.
@@ -53,12 +54,12 @@ pub struct Identity {
     /// Latest crash of the firmware. `None` without a valid record.
     pub crash: Option<CrashWords>,
     /// The crystal did not start, and the board runs on an oscillator that is too inexact to heat by.
-    pub without_crystal: bool,
+    pub crystal_failed: bool,
     /// The board has the description of its robot. Without one the board only communicates.
     pub configured: bool,
 }
 
-impl Identity {
+impl BootInfo {
     /// Returns whether the image is known to differ from the sealed one.
     pub(crate) fn is_corrupt(&self) -> bool {
         matches!(self.image, ImageCheck::Corrupt { .. })
@@ -67,7 +68,7 @@ impl Identity {
 
 /// Monitor of the step interrupt.
 #[derive(Debug, Clone, Copy, Default)]
-struct TickWatch {
+struct StepTickMonitor {
     /// Number of step interrupts at the latest check.
     ticks: u32,
     /// Number of consecutive checks at which that number had not changed.
@@ -77,25 +78,25 @@ struct TickWatch {
 /// The controller of one robot.
 pub struct Controller<B: Board> {
     robot: Robot,
-    identity: Identity,
-    parts: Parts<B>,
+    identity: BootInfo,
+    parts: BoardResources<B>,
     link: Link,
     state: State,
     fault: Option<Fault>,
-    retained: Retained,
-    copies: Copies,
-    configuring: configuring::Configuring,
+    retained: RetainedState,
+    copies: RetainedStore,
+    configuring: configuration::ConfigUpload,
     job: job::Job,
-    motion: growing::Motion,
+    motion: growth::MoveTracker,
     heater: Heater,
     /// Duty of the fan, 0 to 1.
     fan: f64,
-    thermistor: Sampler,
-    supply: Sampler,
-    inputs: Inputs,
+    thermistor: Oversampler,
+    supply: Oversampler,
+    inputs: InputMonitor,
     readings: SensorReadings,
-    proof: ProofOfLife,
-    ticks: TickWatch,
+    proof: LivenessCheck,
+    ticks: StepTickMonitor,
     /// The step interrupt stopped while motors may have been energised.
     motors_energised: bool,
     /// Number of emergency stops received over the link that have been carried out.
@@ -103,16 +104,16 @@ pub struct Controller<B: Board> {
     /// Number of finished sectors of the current layer, as last stored in the retained state.
     sectors: u8,
     /// Time at which the state was entered, us.
-    since: u64,
-    next_update: u64,
-    now: u64,
+    state_entered_us: u64,
+    next_supervision_us: u64,
+    now_us: u64,
 }
 
 impl<B: Board> Controller<B> {
     /// Creates a controller with everything off. It starts in the self-test, or with the fault of the boot before. A
     /// board that is not configured stays unconfigured, whatever `robot` is.
-    pub fn new(robot: Robot, identity: Identity, mut parts: Parts<B>, handover: &Handover) -> Self {
-        let (copies, retained) = Copies::find(&mut parts.retained);
+    pub fn new(robot: Robot, identity: BootInfo, mut parts: BoardResources<B>, handover: &Mailbox) -> Self {
+        let (copies, retained) = RetainedStore::find(&mut parts.retained);
         let unknown = retained.err();
         let mut controller = Self {
             robot,
@@ -123,23 +124,23 @@ impl<B: Board> Controller<B> {
             fault: None,
             retained: retained.unwrap_or_default(),
             copies,
-            configuring: configuring::Configuring::default(),
+            configuring: configuration::ConfigUpload::default(),
             job: job::Job::default(),
-            motion: growing::Motion::default(),
+            motion: growth::MoveTracker::default(),
             heater: Heater::default(),
             fan: 0.0,
-            thermistor: Sampler::default(),
-            supply: Sampler::default(),
-            inputs: Inputs::default(),
+            thermistor: Oversampler::default(),
+            supply: Oversampler::default(),
+            inputs: InputMonitor::default(),
             readings: SensorReadings::default(),
-            proof: ProofOfLife::default(),
-            ticks: TickWatch::default(),
+            proof: LivenessCheck::default(),
+            ticks: StepTickMonitor::default(),
             motors_energised: false,
-            calls: handover.calls(),
+            calls: handover.link_emergency_stops(),
             sectors: 0,
-            since: 0,
-            next_update: 0,
-            now: 0,
+            state_entered_us: 0,
+            next_supervision_us: 0,
+            now_us: 0,
         };
         controller.switch_off(handover);
         if identity.configured {
@@ -150,15 +151,15 @@ impl<B: Board> Controller<B> {
     }
 
     /// Processes a byte from the host. An emergency stop is recognised earlier, where the byte arrives.
-    pub fn receive(&mut self, byte: u8, handover: &Handover) {
+    pub fn receive(&mut self, byte: u8, handover: &Mailbox) {
         if let Some(Ok(frame)) = self.link.receive(byte) {
-            self.serve(&frame, handover);
+            self.handle_frame(&frame, handover);
         }
     }
 
     /// Removes and returns the next byte for the host.
-    pub fn transmit(&mut self) -> Option<u8> {
-        self.link.transmit()
+    pub fn next_tx_byte(&mut self) -> Option<u8> {
+        self.link.next_tx_byte()
     }
 
     /// Returns the state of the robot.
@@ -175,8 +176,8 @@ impl<B: Board> Controller<B> {
 
     /// Returns the number of layers of the job that are laid.
     #[must_use]
-    pub fn laid(&self) -> u32 {
-        self.job.laid
+    pub fn layers_laid(&self) -> u32 {
+        self.job.layers_laid
     }
 
     /// Returns the target of the nozzle's temperature, degrees Celsius. `None` if the heater is off.
@@ -186,8 +187,8 @@ impl<B: Board> Controller<B> {
     }
 
     /// Does everything that is due at time `now`, us since the start.
-    pub fn poll(&mut self, now: u64, handover: &Handover) {
-        self.now = now;
+    pub fn poll(&mut self, now: u64, handover: &Mailbox) {
+        self.now_us = now;
         if let Some(raw) = self.parts.thermistor.sample() {
             self.thermistor.add(raw);
         }
@@ -196,26 +197,26 @@ impl<B: Board> Controller<B> {
         }
         self.proof.sampler = true;
         self.parts.drivers.poll(now, may_heat(self.state));
-        self.obey_emergency_stop(handover);
-        if self.heater.is_blind(now) {
-            self.fail(Fault::ThermistorSilent, handover);
+        self.handle_emergency_stop(handover);
+        if self.heater.is_powered_without_reading(now) {
+            self.latch_fault(Fault::ThermistorSilent, handover);
         }
-        if now >= self.next_update {
-            self.next_update = now.saturating_add(heater::PERIOD_US);
+        if now >= self.next_supervision_us {
+            self.next_supervision_us = now.saturating_add(heater::PERIOD_US);
             self.supervise(handover);
         }
         if let Some(report) = handover.pop_report() {
             self.handle_report(report, handover);
         }
-        self.proceed(handover);
+        self.advance_growth(handover);
         self.report_layers();
         self.link.send_events(now);
     }
 
     /// Switches everything off after an emergency stop. Each poll checks this first.
-    fn obey_emergency_stop(&mut self, handover: &Handover) {
-        let calls = handover.calls();
-        if handover.emergency_stop() || calls != self.calls {
+    fn handle_emergency_stop(&mut self, handover: &Mailbox) {
+        let calls = handover.link_emergency_stops();
+        if handover.is_emergency_stopped() || calls != self.calls {
             self.latch_emergency_stop(handover);
         }
         if calls != self.calls {
@@ -225,26 +226,32 @@ impl<B: Board> Controller<B> {
     }
 
     /// Applies an event to the state machine. Returns `false` if the current state ignores the event.
-    fn happens(&mut self, event: Event) -> bool {
-        let Some(state) = after(self.state, event) else { return false };
+    fn apply_event(&mut self, event: Event) -> bool {
+        let Some(state) = next_state(self.state, event) else { return false };
         if self.state != state {
             self.state = state;
-            self.since = self.now;
+            self.state_entered_us = self.now_us;
             self.retain();
-            self.link.push_event(link::Event::State(StateChanged { state, fault: self.fault }));
+            self.link.push_event(link::HostEvent::State(StateChanged { state, fault: self.fault }));
         }
         true
     }
 
     /// Returns the time since the state was entered, us.
     fn in_state_us(&self) -> u64 {
-        self.now.saturating_sub(self.since)
+        self.now_us.saturating_sub(self.state_entered_us)
     }
 
     /// Writes the state that the next start needs into the memory that survives a reset.
     fn retain(&mut self) {
-        let job::Job { plan_id, laid, given, .. } = self.job;
-        let under_way = UnderWay { state: self.state, plan_id, laid, begun: given, sectors: self.sectors };
+        let job::Job { plan_id, layers_laid: laid, layers_begun: given, .. } = self.job;
+        let under_way = ActiveWork {
+            state: self.state,
+            plan_id,
+            layers_laid: laid,
+            layers_begun: given,
+            sectors_done: self.sectors,
+        };
         self.retained.under_way = (may_heat(self.state) || self.state == State::Parked).then_some(under_way);
         self.copies.write(&mut self.parts.retained, &self.retained);
     }
@@ -254,17 +261,17 @@ impl<B: Board> Controller<B> {
         Status {
             state: self.state,
             fault: self.fault,
-            temperature_centi_c: self.heater.temperature(self.now).map(centi),
+            temperature_centi_c: self.heater.temperature(self.now_us).map(centi),
             target_centi_c: self.heater.target().map(centi),
             duty: self.duty(),
             plan_id: self.job.plan_id,
-            layer_count: self.job.layers,
+            layer_count: self.job.layer_count,
             next_layer: self.store().next_index(),
-            layers_laid: self.job.laid,
+            layers_laid: self.job.layers_laid,
             interrupted: self.job.interrupted,
             pause_cause: self.pause_cause(),
-            is_resumable: !self.job.unwritten,
-            uptime_ms: self.now / 1000,
+            is_resumable: !self.job.journal_failed,
+            uptime_ms: self.now_us / 1000,
         }
     }
 

@@ -11,7 +11,7 @@ use embedded_storage::nor_flash::MultiwriteNorFlash;
 use growbot_core::link::message::DriverReport;
 use growbot_core::robot::BoardKind;
 
-use crate::descriptions::Descriptions;
+use crate::description_store::DescriptionStore;
 use crate::journal::Journal;
 use crate::layer_store::LayerStore;
 use crate::safety::retained::{COPY_BYTES, RETAINED_BYTES};
@@ -23,7 +23,7 @@ pub trait Adc {
 }
 
 /// The tip's orientation sensor.
-pub trait Orientation {
+pub trait GravitySensor {
     /// Returns gravity in the tip's frame, thousandths of the earth's, upwards as a resting accelerometer shows it.
     /// `None` if the sensor does not respond. Takes a millisecond at most.
     fn gravity(&mut self) -> Option<[i16; 3]>;
@@ -53,33 +53,33 @@ impl DebugPort for NoDebugPort {
 }
 
 /// The stepper drivers, as far as they are controlled over a serial line.
-pub trait Drivers {
+pub trait StepperDrivers {
     /// Does everything that is due at time `now`, us since the board started. Never waits. The motors are `in_use`
     /// while they are energised or may soon be.
     fn poll(&mut self, now: u64, in_use: bool);
     /// Returns whether all drivers are configured. Until then no motor may be energised.
     fn are_configured(&self) -> bool;
     /// Returns a driver's problem. `None` if all drivers are healthy.
-    fn trouble(&self) -> Option<DriverReport>;
+    fn problem(&self) -> Option<DriverReport>;
 }
 
 /// Drivers without a serial line. Their current and microsteps are set in hardware.
-pub struct NoDrivers;
+pub struct UnmanagedDrivers;
 
-impl Drivers for NoDrivers {
+impl StepperDrivers for UnmanagedDrivers {
     fn poll(&mut self, _now: u64, _in_use: bool) {}
 
     fn are_configured(&self) -> bool {
         true
     }
 
-    fn trouble(&self) -> Option<DriverReport> {
+    fn problem(&self) -> Option<DriverReport> {
         None
     }
 }
 
 /// A board that has the serial line, for a robot that may not use it.
-impl<D: Drivers> Drivers for Option<D> {
+impl<D: StepperDrivers> StepperDrivers for Option<D> {
     fn poll(&mut self, now: u64, in_use: bool) {
         if let Some(drivers) = self {
             drivers.poll(now, in_use);
@@ -87,11 +87,11 @@ impl<D: Drivers> Drivers for Option<D> {
     }
 
     fn are_configured(&self) -> bool {
-        self.as_ref().is_none_or(Drivers::are_configured)
+        self.as_ref().is_none_or(StepperDrivers::are_configured)
     }
 
-    fn trouble(&self) -> Option<DriverReport> {
-        self.as_ref()?.trouble()
+    fn problem(&self) -> Option<DriverReport> {
+        self.as_ref()?.problem()
     }
 }
 
@@ -130,9 +130,9 @@ pub trait Board {
     /// Input that is high while a stepper driver reports a fault.
     type DriverFault: InputPin;
     /// Serial line of the stepper drivers.
-    type Drivers: Drivers;
+    type Drivers: StepperDrivers;
     /// Orientation sensor of the tip.
-    type Orientation: Orientation;
+    type Orientation: GravitySensor;
     /// Watchdog.
     type Watchdog: Watchdog;
     /// Debug port of the processor.
@@ -147,7 +147,7 @@ pub trait Board {
 }
 
 /// The parts of a board, as values.
-pub struct Parts<B: Board> {
+pub struct BoardResources<B: Board> {
     /// Power stage of the heater.
     pub heater_power: B::HeaterPower,
     /// Second switch in series with the power stage.
@@ -175,7 +175,7 @@ pub struct Parts<B: Board> {
     /// The journal, opened.
     pub journal: Journal<B::Flash>,
     /// The stored descriptions of the robot, opened.
-    pub descriptions: Descriptions<B::Flash>,
+    pub descriptions: DescriptionStore<B::Flash>,
     /// Store of layers.
     pub store: B::Store,
 }

@@ -19,25 +19,26 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod bmi160_sensor;
+#[cfg(any(feature = "an386", feature = "pico", feature = "stm32f405"))]
+pub mod board_robot;
 pub mod byte_queue;
 pub mod controller;
-pub mod descriptions;
+pub mod description_store;
 pub mod emulated_tip;
+pub mod guarded_flash;
 pub mod hal;
 pub mod heater;
 pub mod image_seal;
+pub mod invertible_pin;
 pub mod journal;
 pub mod layer_store;
-pub mod lines;
 pub mod link;
-#[cfg(any(feature = "an386", feature = "pico", feature = "stm32f405"))]
-pub mod machine;
-pub mod orientation;
-pub mod polarity;
+pub mod link_mux;
+pub mod oversampler;
 pub mod safety;
 pub mod soft_i2c;
 pub mod stepping;
-pub mod supplied;
 #[cfg(test)]
 mod testing;
 pub mod thermistor;

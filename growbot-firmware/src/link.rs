@@ -22,7 +22,7 @@ const MAX_LAID: usize = EVENTS - 4;
 /// Number of closed sessions that are stored, so that their delayed frames do not open them again.
 const CLOSED: usize = 4;
 /// Time without a received frame after which a host counts as silent, us.
-pub const SILENCE_US: u64 = 10_000_000;
+pub const HOST_TIMEOUT_US: u64 = 10_000_000;
 /// Time without an acknowledgement after which events are repeated, us. The time doubles with each repetition.
 const RESEND_US: u64 = 400_000;
 /// Max time between two repetitions, us.
@@ -30,7 +30,7 @@ const MAX_RESEND_US: u64 = 3_200_000;
 
 /// An event that a host must receive.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Event {
+pub enum HostEvent {
     /// A layer is laid.
     Laid(LayerLaid),
     /// The state has changed.
@@ -39,10 +39,10 @@ pub enum Event {
     Tuned(Tuned),
 }
 
-impl Event {
+impl HostEvent {
     fn message(self) -> Message {
         match self {
-            Self::Laid(laid) => Message::Laid(laid),
+            Self::Laid(laid) => Message::LayerLaid(laid),
             Self::State(change) => Message::StateChanged(change),
             Self::Tuned(tuned) => Message::Tuned(tuned),
         }
@@ -51,14 +51,14 @@ impl Event {
 
 /// Retransmission of events that are not acknowledged.
 #[derive(Debug, Clone, Copy)]
-struct Resend {
+struct Retransmit {
     /// Time of the next repetition, us.
     due: u64,
     /// Time between two repetitions, us.
     pause: u64,
 }
 
-impl Resend {
+impl Retransmit {
     fn after(pause: u64, now: u64) -> Self {
         Self { due: now.saturating_add(pause), pause }
     }
@@ -79,18 +79,18 @@ struct Session {
     first_event: u16,
     /// Number of pending events that have been sent since the latest repetition.
     sent: usize,
-    resend: Resend,
+    resend: Retransmit,
 }
 
 /// The handling of a received frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Arrival {
+pub enum FrameAction {
     /// A request of the open session, received for the first time.
-    New,
+    Handle,
     /// A request outside of the open session.
-    Outside,
+    NoSession,
     /// A frame that needs no further handling: its response was sent again, or it is too old to matter.
-    Settled,
+    Ignore,
 }
 
 /// The board's end of the link.
@@ -100,7 +100,7 @@ pub struct Link {
     outbox: Deque<u8, OUTBOX>,
     session: Option<Session>,
     closed: Deque<u32, CLOSED>,
-    events: Deque<Event, EVENTS>,
+    events: Deque<HostEvent, EVENTS>,
 }
 
 impl Link {
@@ -111,7 +111,7 @@ impl Link {
     }
 
     /// Removes and returns the next byte to send.
-    pub fn transmit(&mut self) -> Option<u8> {
+    pub fn next_tx_byte(&mut self) -> Option<u8> {
         self.outbox.pop_front()
     }
 
@@ -126,7 +126,7 @@ impl Link {
             answer: None,
             first_event: 1,
             sent: 0,
-            resend: Resend { due: now, pause: RESEND_US },
+            resend: Retransmit { due: now, pause: RESEND_US },
         });
     }
 
@@ -161,49 +161,49 @@ impl Link {
     pub fn owner(&self, now: u64) -> Option<(&HostName, u64)> {
         let session = self.session.as_ref()?;
         let silent = now.saturating_sub(session.received);
-        (silent < SILENCE_US).then_some((&session.host, silent))
+        (silent < HOST_TIMEOUT_US).then_some((&session.host, silent))
     }
 
     /// Processes the header of a frame: it shows that its host is alive, and acknowledges events. Returns how the frame
     /// is to be handled.
-    pub fn ingest(&mut self, header: &Header, now: u64) -> Arrival {
+    pub fn process_header(&mut self, header: &Header, now: u64) -> FrameAction {
         let Some(session) = self.session.as_mut().filter(|session| session.id == header.session) else {
-            return Arrival::Outside;
+            return FrameAction::NoSession;
         };
         session.received = now;
         while session.sent > 0 && header.ack != 0 && !is_seq_after(session.first_event, header.ack) {
             self.events.pop_front();
             session.first_event = next_seq(session.first_event);
             session.sent -= 1;
-            session.resend = Resend::after(RESEND_US, now);
+            session.resend = Retransmit::after(RESEND_US, now);
         }
         if header.kind == ACK || header.seq == 0 {
-            return Arrival::Settled;
+            return FrameAction::Ignore;
         }
         if is_seq_after(header.seq, session.request) {
             session.request = header.seq;
             session.answer = None;
-            return Arrival::New;
+            return FrameAction::Handle;
         }
         if header.seq == session.request
             && let Some(answer) = session.answer.take()
         {
             self.send(header.session, 0, header.seq, &answer);
-            self.remember(answer);
+            self.cache_response(answer);
         }
-        Arrival::Settled
+        FrameAction::Ignore
     }
 
     /// Sends the response and caches it for retransmission. If the transmit queue is full the response is not sent,
     /// because the host repeats the request.
-    pub fn answer(&mut self, request: &Header, message: Message) {
+    pub fn respond(&mut self, request: &Header, message: Message) {
         self.send(request.session, 0, request.seq, &message);
         if self.is_open(request.session) {
-            self.remember(message);
+            self.cache_response(message);
         }
     }
 
-    fn remember(&mut self, answer: Message) {
+    fn cache_response(&mut self, answer: Message) {
         if let Some(session) = &mut self.session {
             session.answer = Some(answer);
         }
@@ -212,13 +212,13 @@ impl Link {
     /// Returns whether a session is open and its events have room for another layer.
     #[must_use]
     pub fn has_room_for_layer(&self) -> bool {
-        let waiting = self.events.iter().filter(|event| matches!(event, Event::Laid(_))).count();
+        let waiting = self.events.iter().filter(|event| matches!(event, HostEvent::Laid(_))).count();
         self.session.is_some() && waiting < MAX_LAID && !self.events.is_full()
     }
 
     /// Queues an event for the host. If a host has left a whole queue unacknowledged, its session is closed. When the
     /// host returns, the status reports the effects of the events.
-    pub fn push_event(&mut self, event: Event) {
+    pub fn push_event(&mut self, event: HostEvent) {
         if self.session.is_some() && self.events.push_back(event).is_err() {
             self.close();
         }
@@ -227,17 +227,17 @@ impl Link {
     /// Sends the events that are due, as far as the transmit queue has room.
     pub fn send_events(&mut self, now: u64) {
         let Some(session) = &mut self.session else { return };
-        let Resend { due, pause } = session.resend;
+        let Retransmit { due, pause } = session.resend;
         if session.sent > 0 && now >= due {
             session.sent = 0;
-            session.resend = Resend::after((2 * pause).min(MAX_RESEND_US), now);
+            session.resend = Retransmit::after((2 * pause).min(MAX_RESEND_US), now);
         }
         while let Some(session) = &mut self.session
             && self.outbox.len() + MAX_FRAME_LEN + RESERVED_FOR_ANSWERS <= OUTBOX
             && let Some(event) = self.events.iter().nth(session.sent)
         {
             if session.sent == 0 && now >= session.resend.due {
-                session.resend = Resend::after(session.resend.pause, now);
+                session.resend = Retransmit::after(session.resend.pause, now);
             }
             let seq = (0..session.sent).fold(session.first_event, |seq, _| next_seq(seq));
             let (id, message) = (session.id, event.clone().message());

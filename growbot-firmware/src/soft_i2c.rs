@@ -15,7 +15,7 @@ use embedded_hal::i2c::{Error, ErrorKind, ErrorType, I2c, NoAcknowledgeSource, O
 /// high for at least 0.6 us.
 const HALF_NS: u32 = 1500;
 /// Time for which all chips together may hold the clock low in one transaction, us.
-const PATIENCE_US: u16 = 100;
+const MAX_CLOCK_STRETCH_US: u16 = 100;
 /// Number of clocks after which a chip that was interrupted while it sent a byte releases the data line: the rest of
 /// the byte, and its acknowledgement (UM10204, 3.1.16).
 const CLOCKS_TO_FREE: u8 = 9;
@@ -26,9 +26,9 @@ pub enum SoftI2cError {
     /// No chip acknowledged the address, or the chip did not acknowledge a byte.
     NotAcknowledged(NoAcknowledgeSource),
     /// A chip holds the clock low.
-    ClockHeld,
+    ClockStretchTimeout,
     /// A chip holds the data line low, and did not release it when it was clocked.
-    DataHeld,
+    BusStuck,
     /// A pin cannot be set or read.
     Pin,
 }
@@ -37,7 +37,7 @@ impl Error for SoftI2cError {
     fn kind(&self) -> ErrorKind {
         match self {
             Self::NotAcknowledged(source) => ErrorKind::NoAcknowledge(*source),
-            Self::ClockHeld | Self::DataHeld => ErrorKind::Bus,
+            Self::ClockStretchTimeout | Self::BusStuck => ErrorKind::Bus,
             Self::Pin => ErrorKind::Other,
         }
     }
@@ -55,7 +55,7 @@ pub struct SoftI2c<C, D, T> {
 impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D, T> {
     /// Creates a bus on two pins that are both released.
     pub fn new(clock: C, data: D, timer: T) -> Self {
-        Self { clock, data, timer, patience_us: PATIENCE_US }
+        Self { clock, data, timer, patience_us: MAX_CLOCK_STRETCH_US }
     }
 
     #[inline(never)] // Transactions call it and `clock_high` often: one copy of each saves 0.4 kB of flash.
@@ -80,7 +80,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
     fn clock_high(&mut self) -> Result<(), SoftI2cError> {
         self.clock.set_high().map_err(|_| SoftI2cError::Pin)?;
         while self.clock.is_low().map_err(|_| SoftI2cError::Pin)? {
-            self.patience_us = self.patience_us.checked_sub(1).ok_or(SoftI2cError::ClockHeld)?;
+            self.patience_us = self.patience_us.checked_sub(1).ok_or(SoftI2cError::ClockStretchTimeout)?;
             self.timer.delay_us(1);
         }
         Ok(())
@@ -98,7 +98,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
     }
 
     /// Frees the bus, so that both lines are high.
-    fn free(&mut self) -> Result<(), SoftI2cError> {
+    fn recover_bus(&mut self) -> Result<(), SoftI2cError> {
         self.set_data(true)?;
         self.clock_high()?;
         for _ in 0..CLOCKS_TO_FREE {
@@ -110,7 +110,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
             self.clock_high()?;
             self.half();
         }
-        if self.data()? { Ok(()) } else { Err(SoftI2cError::DataHeld) }
+        if self.data()? { Ok(()) } else { Err(SoftI2cError::BusStuck) }
     }
 
     /// Makes a start condition, or a repeated one: the data line falls while the clock is high. The clock is low
@@ -194,8 +194,8 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> I2c for SoftI
         if operations.is_empty() {
             return Ok(());
         }
-        self.patience_us = PATIENCE_US;
-        self.free()?;
+        self.patience_us = MAX_CLOCK_STRETCH_US;
+        self.recover_bus()?;
         let done = self.operate(address, operations);
         let stopped = self.stop();
         done.and(stopped)
@@ -205,7 +205,7 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> I2c for SoftI
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::wires::{ADDRESS, FakeChip, FakeWires, Trouble};
+    use crate::testing::fake_i2c_bus::{ADDRESS, BusFault, FakeChip, FakeWires};
 
     fn bus(chip: &FakeChip) -> (FakeWires, impl I2c<Error = SoftI2cError> + use<>) {
         let wires = FakeWires::new(chip.clone());
@@ -245,12 +245,12 @@ mod tests {
         let nobody = SoftI2cError::NotAcknowledged(NoAcknowledgeSource::Address);
         assert_eq!(bus.write(ADDRESS ^ 2, &[0]), Err(nobody));
         assert_eq!(nobody.kind(), ErrorKind::NoAcknowledge(NoAcknowledgeSource::Address));
-        chip.trouble(Trouble::RefusesData);
+        chip.trouble(BusFault::RefusesData);
         assert_eq!(bus.write(ADDRESS, &[0x30, 1]), Err(SoftI2cError::NotAcknowledged(NoAcknowledgeSource::Data)));
-        chip.trouble(Trouble::Absent);
+        chip.trouble(BusFault::Absent);
         assert_eq!(bus.read(ADDRESS, &mut [0]), Err(nobody));
         assert!(wires.is_free());
-        chip.trouble(Trouble::None);
+        chip.trouble(BusFault::None);
         bus.write(ADDRESS, &[0x30, 7]).unwrap();
         assert_eq!(chip.get(0x30), 7);
     }
@@ -259,14 +259,14 @@ mod tests {
     fn a_chip_that_holds_a_line_down_costs_less_than_a_millisecond() {
         let chip = FakeChip::default();
         for (trouble, error) in
-            [(Trouble::HoldsClock, SoftI2cError::ClockHeld), (Trouble::HoldsData, SoftI2cError::DataHeld)]
+            [(BusFault::HoldsClock, SoftI2cError::ClockStretchTimeout), (BusFault::HoldsData, SoftI2cError::BusStuck)]
         {
             let (wires, mut bus) = bus(&chip);
             chip.trouble(trouble);
             let before = wires.elapsed_us();
             assert_eq!(bus.write_read(ADDRESS, &[0x20], &mut [0; 6]), Err(error));
             assert!(wires.elapsed_us() - before < 200, "{} us", wires.elapsed_us() - before);
-            chip.trouble(Trouble::None);
+            chip.trouble(BusFault::None);
             bus.write_read(ADDRESS, &[0x20], &mut [0; 6]).unwrap();
         }
     }
@@ -281,7 +281,7 @@ mod tests {
         bus.write_read(ADDRESS, &[0x20], &mut bytes).unwrap();
         assert_eq!(bytes, [0x3C]);
         wires.stretch_next(130);
-        assert_eq!(bus.write_read(ADDRESS, &[0x20], &mut bytes), Err(SoftI2cError::ClockHeld));
+        assert_eq!(bus.write_read(ADDRESS, &[0x20], &mut bytes), Err(SoftI2cError::ClockStretchTimeout));
         wires.stretch_next(0);
         bus.write_read(ADDRESS, &[0x20], &mut bytes).unwrap();
     }

@@ -1,9 +1,9 @@
 //! Robots and pins for this crate's tests.
 
+pub mod fake_i2c_bus;
 /// The fake flash of the simulated board.
 #[path = "../../growbot-sim/src/tip/flash.rs"]
 pub mod flash;
-pub mod wires;
 
 use core::convert::Infallible;
 use std::cell::RefCell;

@@ -11,18 +11,18 @@ pub const FULL_SCALE: u16 = 4095;
 /// Min reading that means an open wire. Robot A's thermistor has this reading at -33 degrees Celsius, by its Beta
 /// equation. The derivation of this value is not recorded. `both_ends_of_the_scale_are_a_broken_sensor` and `cargo
 /// fault-campaign` (open wire) bound it.
-const OPEN_FROM: f64 = FULL_SCALE as f64 - 8.0;
+const OPEN_MIN_RAW: f64 = FULL_SCALE as f64 - 8.0;
 /// Max reading that means touching wires. Robot A's thermistor has this reading at 436 degrees Celsius, by its Beta
 /// equation, far above any nozzle.
-const SHORT_UP_TO: f64 = 40.0;
+const SHORT_MAX_RAW: f64 = 40.0;
 /// 0 degrees Celsius, K.
 const ZERO_C: f64 = 273.15;
 /// 25 degrees Celsius, K.
-const ROOM: f64 = 298.15;
+const T25_K: f64 = 298.15;
 
 /// The reason why a reading is not a temperature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Broken {
+pub enum ThermistorError {
     /// An open wire.
     Open,
     /// Wires that touch.
@@ -33,7 +33,7 @@ pub enum Broken {
 fn coefficients(thermistor: &Thermistor) -> [f64; 3] {
     match (thermistor.steinhart_hart, thermistor.r25_ohm, thermistor.beta_k) {
         (Some(coefficients), _, _) => coefficients,
-        (None, Some(r25_ohm), Some(beta_k)) => [1.0 / ROOM - libm::log(r25_ohm) / beta_k, 1.0 / beta_k, 0.0],
+        (None, Some(r25_ohm), Some(beta_k)) => [1.0 / T25_K - libm::log(r25_ohm) / beta_k, 1.0 / beta_k, 0.0],
         // No checked description reaches this branch. With these coefficients any reading counts as a broken sensor.
         _ => [0.0; 3],
     }
@@ -41,20 +41,20 @@ fn coefficients(thermistor: &Thermistor) -> [f64; 3] {
 
 /// Returns whether a conversion is at either end of the scale, which only a broken sensor reaches.
 #[must_use]
-pub fn is_broken(raw: u16) -> bool {
-    f64::from(raw) >= OPEN_FROM || f64::from(raw) <= SHORT_UP_TO
+pub fn is_out_of_range(raw: u16) -> bool {
+    f64::from(raw) >= OPEN_MIN_RAW || f64::from(raw) <= SHORT_MAX_RAW
 }
 
 /// Converts a reading (0 to 4095; a mean of several may lie between two) to degrees Celsius.
 ///
 /// # Errors
 /// Returns the defect if the reading is at either end of the scale, which only a broken sensor reaches.
-pub fn temperature(raw: f64, thermistor: &Thermistor) -> Result<f64, Broken> {
-    if raw >= OPEN_FROM {
-        return Err(Broken::Open);
+pub fn celsius_from_raw(raw: f64, thermistor: &Thermistor) -> Result<f64, ThermistorError> {
+    if raw >= OPEN_MIN_RAW {
+        return Err(ThermistorError::Open);
     }
-    if raw <= SHORT_UP_TO {
-        return Err(Broken::Short);
+    if raw <= SHORT_MAX_RAW {
+        return Err(ThermistorError::Short);
     }
     let log = libm::log(raw / (f64::from(FULL_SCALE) - raw) * thermistor.pull_up_ohm);
     let [a, b, c] = coefficients(thermistor);
@@ -62,7 +62,7 @@ pub fn temperature(raw: f64, thermistor: &Thermistor) -> Result<f64, Broken> {
     // The value is outside the range of the equation. It would be a temperature below absolute zero, and make the
     // heater heat.
     if inverse <= 0.0 {
-        return Err(Broken::Short);
+        return Err(ThermistorError::Short);
     }
     Ok(1.0 / inverse - ZERO_C)
 }
@@ -86,7 +86,7 @@ fn log_resistance(inverse: f64, [a, b, c]: [f64; 3]) -> f64 {
 
 /// Converts degrees Celsius to the ADC value of this thermistor, 0 to 4095, not rounded. The simulated tip uses it.
 #[must_use]
-pub fn reading(temperature_c: f64, thermistor: &Thermistor) -> f64 {
+pub fn raw_from_celsius(temperature_c: f64, thermistor: &Thermistor) -> f64 {
     let inverse = 1.0 / (temperature_c + ZERO_C).max(1.0);
     // No thermistor has less than 1e-9 ohm or more than 1e17.
     let resistance = libm::exp(log_resistance(inverse, coefficients(thermistor)).clamp(-20.0, 40.0));
@@ -102,7 +102,7 @@ mod tests {
     fn a_temperature_reads_back() {
         let thermistor = robot_a().description().thermistor;
         for celsius in [-20.0, 0.0, 25.0, 100.0, 180.0, 200.0, 240.0, 300.0] {
-            let again = temperature(reading(celsius, &thermistor), &thermistor).unwrap();
+            let again = celsius_from_raw(raw_from_celsius(celsius, &thermistor), &thermistor).unwrap();
             assert!((again - celsius).abs() < 1e-6, "{celsius} came back as {again}");
         }
     }
@@ -114,7 +114,10 @@ mod tests {
                 let thermistor =
                     Thermistor { r25_ohm: Some(100_000.0), beta_k: Some(beta_k), steinhart_hart: None, pull_up_ohm };
                 for raw in (0..=FULL_SCALE).map(f64::from) {
-                    assert!(temperature(raw, &thermistor).is_err() || temperature(raw, &thermistor).unwrap() > -ZERO_C);
+                    assert!(
+                        celsius_from_raw(raw, &thermistor).is_err()
+                            || celsius_from_raw(raw, &thermistor).unwrap() > -ZERO_C
+                    );
                 }
             }
         }
@@ -123,8 +126,8 @@ mod tests {
     #[test]
     fn both_ends_of_the_scale_are_a_broken_sensor() {
         let thermistor = robot_a().description().thermistor;
-        assert_eq!(temperature(f64::from(FULL_SCALE), &thermistor), Err(Broken::Open));
-        assert_eq!(temperature(0.0, &thermistor), Err(Broken::Short));
+        assert_eq!(celsius_from_raw(f64::from(FULL_SCALE), &thermistor), Err(ThermistorError::Open));
+        assert_eq!(celsius_from_raw(0.0, &thermistor), Err(ThermistorError::Short));
     }
 
     #[test]
@@ -133,7 +136,7 @@ mod tests {
         let [a, b, _] = coefficients(&beta);
         let same = Thermistor { r25_ohm: None, beta_k: None, steinhart_hart: Some([a, b, 0.0]), ..beta };
         for raw in (41..4087).map(f64::from) {
-            assert_eq!(temperature(raw, &same), temperature(raw, &beta));
+            assert_eq!(celsius_from_raw(raw, &same), celsius_from_raw(raw, &beta));
         }
     }
 
@@ -146,8 +149,8 @@ mod tests {
             let raw = ohm / (ohm + 4700.0) * f64::from(FULL_SCALE);
             let log = libm::log(ohm);
             let celsius = 1.0 / (a + b * log + c * log * log * log) - ZERO_C;
-            assert!((temperature(raw, &thermistor).unwrap() - celsius).abs() < 1e-9);
-            assert!((reading(celsius, &thermistor) - raw).abs() < 1e-6);
+            assert!((celsius_from_raw(raw, &thermistor).unwrap() - celsius).abs() < 1e-9);
+            assert!((raw_from_celsius(celsius, &thermistor) - raw).abs() < 1e-6);
         }
     }
 }

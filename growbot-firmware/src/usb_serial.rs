@@ -4,11 +4,11 @@
 //! flash cannot be read.
 
 /// Max bytes of a packet, on every endpoint.
-pub const PACKET: usize = 64;
+pub const MAX_PACKET_BYTES: usize = 64;
 /// Endpoint of notifications, of which none is ever sent.
-pub const NOTIFICATIONS: u8 = 1;
+pub const NOTIFICATION_ENDPOINT: u8 = 1;
 /// Endpoint of the data bytes, in each direction.
-pub const BYTES: u8 = 2;
+pub const DATA_ENDPOINT: u8 = 2;
 
 const DEVICE: [u8; 18] = [
     18,
@@ -18,7 +18,7 @@ const DEVICE: [u8; 18] = [
     0x02,
     0,
     0,
-    PACKET as u8, // a communication device
+    MAX_PACKET_BYTES as u8, // a communication device
     0x8A,
     0x2E,
     0x0A,
@@ -70,7 +70,7 @@ const CONFIGURATION: [u8; 67] = [
     1, // both interfaces are one port
     7,
     5,
-    0x80 | NOTIFICATIONS,
+    0x80 | NOTIFICATION_ENDPOINT,
     3,
     8,
     0,
@@ -86,16 +86,16 @@ const CONFIGURATION: [u8; 67] = [
     0, // data
     7,
     5,
-    BYTES,
+    DATA_ENDPOINT,
     2,
-    PACKET as u8,
+    MAX_PACKET_BYTES as u8,
     0,
     0, // bulk, from the host
     7,
     5,
-    0x80 | BYTES,
+    0x80 | DATA_ENDPOINT,
     2,
-    PACKET as u8,
+    MAX_PACKET_BYTES as u8,
     0,
     0, // bulk, to the host
 ];
@@ -132,7 +132,7 @@ impl Setup {
 
 /// Response to a request.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Reply {
+pub enum ControlResponse {
     /// Sends this content, up to this number of bytes.
     Send(Content, usize),
     /// The request is done.
@@ -230,29 +230,29 @@ impl UsbSerial {
     }
 
     /// Handles a request and returns the response.
-    pub fn answer(&mut self, setup: Setup) -> Reply {
+    pub fn answer(&mut self, setup: Setup) -> ControlResponse {
         let Setup { kind, request, value, index, length } = setup;
-        let send = |content| Reply::Send(content, usize::from(length));
+        let send = |content| ControlResponse::Send(content, usize::from(length));
         if kind & 0x60 == 0x20 {
             return answer_class(request, kind & 0x80 != 0, usize::from(length));
         }
         if kind & 0x60 != 0 {
-            return Reply::Refuse;
+            return ControlResponse::Refuse;
         }
         match (kind & 0x80 != 0, request) {
-            (true, 6) => self.describe(value).map_or(Reply::Refuse, send),
+            (true, 6) => self.describe(value).map_or(ControlResponse::Refuse, send),
             (true, 0) => send(Content::Status),
             (true, 8) => send(Content::Configured),
             // Each interface has only one alternate setting.
-            (true, 10) => Reply::Send(Content::Status, usize::from(length.min(1))),
-            (false, 11) if value == 0 => Reply::Done,
-            (false, 5) => Reply::Address(value as u8 & 0x7F),
+            (true, 10) => ControlResponse::Send(Content::Status, usize::from(length.min(1))),
+            (false, 11) if value == 0 => ControlResponse::Done,
+            (false, 5) => ControlResponse::Address(value as u8 & 0x7F),
             (false, 9) if value <= 1 => {
                 self.configured = [value as u8];
-                Reply::Configure(value == 1)
+                ControlResponse::Configure(value == 1)
             }
-            (false, 1) if kind == 2 && value == 0 => Reply::ClearEndpoint(index as u8),
-            _ => Reply::Refuse,
+            (false, 1) if kind == 2 && value == 0 => ControlResponse::ClearEndpoint(index as u8),
+            _ => ControlResponse::Refuse,
         }
     }
 
@@ -275,12 +275,12 @@ impl Default for UsbSerial {
 }
 
 /// Handles a request of the class: SET_LINE_CODING, GET_LINE_CODING, SET_CONTROL_LINE_STATE.
-fn answer_class(request: u8, to_host: bool, length: usize) -> Reply {
+fn answer_class(request: u8, to_host: bool, length: usize) -> ControlResponse {
     match (to_host, request) {
-        (false, 0x20) if length == CODING.len() => Reply::TakeCoding,
-        (true, 0x21) => Reply::Send(Content::Coding, length),
-        (false, 0x22) => Reply::Opened,
-        _ => Reply::Refuse,
+        (false, 0x20) if length == CODING.len() => ControlResponse::TakeCoding,
+        (true, 0x21) => ControlResponse::Send(Content::Coding, length),
+        (false, 0x22) => ControlResponse::Opened,
+        _ => ControlResponse::Refuse,
     }
 }
 
@@ -317,19 +317,19 @@ mod tests {
     fn a_host_gets_what_it_needs_to_use_the_port() {
         let mut serial = UsbSerial::new();
         let mut answer = |kind, request, value, length| serial.answer(setup(kind, request, value, 0, length));
-        assert_eq!(answer(0x80, 6, 0x100, 64), Reply::Send(Content::Device, 64));
-        assert_eq!(answer(0x00, 5, 7, 0), Reply::Address(7));
-        assert_eq!(answer(0x80, 6, 0x200, 9), Reply::Send(Content::Configuration, 9));
-        assert_eq!(answer(0x80, 6, 0x301, 255), Reply::Send(Content::Name, 255));
+        assert_eq!(answer(0x80, 6, 0x100, 64), ControlResponse::Send(Content::Device, 64));
+        assert_eq!(answer(0x00, 5, 7, 0), ControlResponse::Address(7));
+        assert_eq!(answer(0x80, 6, 0x200, 9), ControlResponse::Send(Content::Configuration, 9));
+        assert_eq!(answer(0x80, 6, 0x301, 255), ControlResponse::Send(Content::Name, 255));
         // The device has no qualifier, because it supports only one speed, and no second string.
-        assert_eq!(answer(0x80, 6, 0x600, 10), Reply::Refuse);
-        assert_eq!(answer(0x80, 6, 0x302, 255), Reply::Refuse);
-        assert_eq!(answer(0x00, 9, 2, 0), Reply::Refuse);
-        assert_eq!(answer(0x00, 9, 1, 0), Reply::Configure(true));
-        assert_eq!(answer(0x21, 0x20, 0, 7), Reply::TakeCoding);
-        assert_eq!(answer(0x21, 0x22, 3, 0), Reply::Opened);
-        assert_eq!(answer(0x02, 1, 0, 0), Reply::ClearEndpoint(0));
-        assert_eq!(answer(0x40, 5, 0, 0), Reply::Refuse);
+        assert_eq!(answer(0x80, 6, 0x600, 10), ControlResponse::Refuse);
+        assert_eq!(answer(0x80, 6, 0x302, 255), ControlResponse::Refuse);
+        assert_eq!(answer(0x00, 9, 2, 0), ControlResponse::Refuse);
+        assert_eq!(answer(0x00, 9, 1, 0), ControlResponse::Configure(true));
+        assert_eq!(answer(0x21, 0x20, 0, 7), ControlResponse::TakeCoding);
+        assert_eq!(answer(0x21, 0x22, 3, 0), ControlResponse::Opened);
+        assert_eq!(answer(0x02, 1, 0, 0), ControlResponse::ClearEndpoint(0));
+        assert_eq!(answer(0x40, 5, 0, 0), ControlResponse::Refuse);
         assert!(serial.is_configured());
         serial.take_coding([0x80, 0x25, 0, 0, 0, 0, 8].into_iter());
         assert_eq!(serial.content(Content::Coding), [0x80, 0x25, 0, 0, 0, 0, 8]);

@@ -86,7 +86,7 @@ pub fn min_clearance(scene: &Scene, stretches: &[impl Curve], tolerance: f64) ->
     min_clearance_until(scene, stretches, tolerance, None).unwrap_or(unproven)
 }
 
-/// Number of distance queries of [`least_until`] between two checks of the clock.
+/// Number of distance queries of [`min_clearance_until`] between two checks of the clock.
 const QUERIES_PER_CLOCK_CHECK: u32 = 512;
 
 /// Like [`least`], but returns `None` if it is not found before `deadline`. A long body beside a wall needs a distance

@@ -127,7 +127,7 @@ impl Scene {
     }
 
     /// Returns the distance from a point to the nearest obstacle surface, at most `within`, mm. It is not negative
-    /// inside a mesh; use [`Scene::holds`] for that. A path that begins outside a mesh and stays clear of its surface
+    /// inside a mesh; use [`Scene::contains`] for that. A path that begins outside a mesh and stays clear of its surface
     /// stays outside.
     #[must_use]
     #[inline]

@@ -6,7 +6,7 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::robot_file;
 use growbot_core::link::message::{BeginJob, Cancel, Message, Refusal, ResetCause, State};
 use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
-use growbot_firmware::descriptions::Descriptions;
+use growbot_firmware::description_store::DescriptionStore;
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::flash::SECTOR_BYTES;
 
@@ -31,9 +31,9 @@ fn the_board_restarts_as_every_robot_that_a_board_can_drive() {
         let hello = client.configure(&next).unwrap();
         configured += 1;
         assert_eq!((hello.robot_hash, hello.robot_name.as_str(), hello.status.state), (next.hash(), name, State::Idle));
-        assert_eq!(Descriptions::open(flash.clone()).newest().robot(), Some(next.clone()));
+        assert_eq!(DescriptionStore::open(flash.clone()).newest().robot(), Some(next.clone()));
         let begin = BeginJob { plan_id: 1, layers: 1, robot_hash: next.hash() };
-        client.request("to begin", &Message::Begin(begin)).unwrap();
+        client.request("to begin", &Message::BeginJob(begin)).unwrap();
         let refused = client.configure(&next).unwrap_err();
         assert!(
             matches!(refused, ClientError::Refused { refusal: Refusal::JobNotDone { plan_id: 1 }, .. }),
@@ -71,11 +71,11 @@ fn a_power_cut_anywhere_leaves_the_old_robot_or_the_new_one() {
         let flash = sim.descriptions();
         // Both slots are in use.
         for robot in [&first, &old] {
-            Descriptions::open(flash.clone()).store(robot).unwrap();
+            DescriptionStore::open(flash.clone()).store(robot).unwrap();
         }
         sim.reset(ResetCause::PowerOn);
         assert_eq!(sim.robot(), &old);
-        let mut descriptions = Descriptions::open(flash.clone());
+        let mut descriptions = DescriptionStore::open(flash.clone());
         flash.lose_power_after(cut, cut as u64);
         let stored = descriptions.store(&new);
         sim.reset(ResetCause::PowerOn);

@@ -44,7 +44,7 @@ fn on_a_clean_line_most_of_what_is_sent_is_layers() {
         .collect();
     let plan_id = u64::MAX;
     let begin = BeginJob { plan_id, layers: 4096, robot_hash: robot.hash() };
-    let Message::Accepted(accepted) = client.request("to begin", &Message::Begin(begin)).unwrap() else { panic!() };
+    let Message::Accepted(accepted) = client.request("to begin", &Message::BeginJob(begin)).unwrap() else { panic!() };
     let before = sent.get();
     let accepted = client.upload_layers(plan_id, &layers, accepted).unwrap();
     assert_eq!((accepted.next, accepted.free_layers), (4096, 0));

@@ -12,8 +12,8 @@
 use std::time::Instant;
 
 use growbot_core::random::Rng;
-use growbot_tests::slow_shortest::table::{COLUMNS, Row, Stratum};
-use growbot_tests::slow_shortest::{Best, Effort, helicoid, shortest};
+use growbot_tests::reference_search::table::{COLUMNS, Row, Stratum};
+use growbot_tests::reference_search::{Best, Effort, helicoid, shortest};
 
 const USAGE: &str = "DATE, then whole numbers: SEED PASSES COUNT...";
 /// Min difference by which a pass must shorten a case to count as an improvement, radii.

@@ -7,13 +7,13 @@
 
 use growbot_tests::fault_campaign::cases::Case;
 use growbot_tests::fault_campaign::growth::Plant;
-use growbot_tests::fault_campaign::{run, table, wrong};
+use growbot_tests::fault_campaign::{mismatches, run, table};
 
 fn main() {
     let copies = std::env::args().nth(1).map_or(50, |text| text.parse().expect("COPIES is a whole number"));
     let [lump, cartridge] = Plant::ALL.map(|plant| run(plant, &Case::all(), 0..copies));
     println!("{}", table::markdown(&lump, &cartridge));
-    let wrong = [wrong(Plant::Lump, &lump), wrong(Plant::Cartridge, &cartridge)].concat();
+    let wrong = [mismatches(Plant::Lump, &lump), mismatches(Plant::Cartridge, &cartridge)].concat();
     for why in &wrong {
         eprintln!("{why}");
     }

@@ -4,13 +4,13 @@ use std::process::ExitCode;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use growbot_tests::survival::crash::{Crash, check, crash_at};
-use growbot_tests::survival::{Body, Undisturbed, robot, wire};
+use growbot_tests::recovery::crash::{Interruption, check, crash_at};
+use growbot_tests::recovery::{Body, ReferenceGrowth, robot, wire};
 
 fn main() -> ExitCode {
     let jobs = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(10_000);
     let (robot, body) = (robot(), Body::of(300));
-    let undisturbed = Undisturbed::grow(&body.job(&robot));
+    let undisturbed = ReferenceGrowth::grow(&body.job(&robot));
     let events = undisturbed.events - 2;
     let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     std::thread::scope(|scope| {
@@ -19,7 +19,8 @@ fn main() -> ExitCode {
                 let job = body.job(&robot);
                 loop {
                     let at = next.fetch_add(1, Ordering::Relaxed);
-                    let (event, crash) = (1 + at / Crash::ALL.len(), Crash::ALL[at % Crash::ALL.len()]);
+                    let (event, crash) =
+                        (1 + at / Interruption::ALL.len(), Interruption::ALL[at % Interruption::ALL.len()]);
                     if event > events {
                         return;
                     }
@@ -33,7 +34,11 @@ fn main() -> ExitCode {
         }
     });
     let wrong = wrong.into_inner().expect("nobody panics");
-    println!("{} interruptions of a growth of 300 layers, {} of them wrong", events * Crash::ALL.len(), wrong.len());
+    println!(
+        "{} interruptions of a growth of 300 layers, {} of them wrong",
+        events * Interruption::ALL.len(),
+        wrong.len()
+    );
     for one in &wrong {
         println!("{one}");
     }

@@ -4,10 +4,10 @@
 pub mod fault_campaign;
 pub mod netduinoplus2;
 pub mod normal_growth;
-pub mod slow_shortest;
+pub mod recovery;
+pub mod reference_search;
 pub mod stack_depth;
-pub mod survival;
-pub mod tip_words;
+pub mod tip_memory;
 pub mod wiring;
 
 use std::env;

@@ -7,7 +7,7 @@ use std::thread;
 
 use growbot_core::link::message::{Fault, State};
 
-use crate::fault_campaign::growth::{Plant, copy, robot};
+use crate::fault_campaign::growth::{Plant, robot, sample_variation};
 use crate::fault_campaign::rig::Rig;
 use growbot_core::random::Rng;
 
@@ -18,7 +18,7 @@ const LAYERS: u32 = 180;
 
 /// Observations of one or several growths.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Seen {
+pub struct GrowthStats {
     /// Simulated time, s.
     pub seconds: f64,
     /// Layers laid.
@@ -51,7 +51,7 @@ impl Furthest {
     }
 }
 
-impl Seen {
+impl GrowthStats {
     fn add(&mut self, other: Self) {
         self.seconds += other.seconds;
         self.layers += other.layers;
@@ -66,8 +66,8 @@ impl Seen {
 /// # Panics
 /// Panics if a growth cannot be run.
 #[must_use]
-pub fn run(plant: Plant, hours: f64) -> Seen {
-    let (next, sum) = (AtomicU64::new(0), Mutex::new(Seen::default()));
+pub fn run(plant: Plant, hours: f64) -> GrowthStats {
+    let (next, sum) = (AtomicU64::new(0), Mutex::new(GrowthStats::default()));
     thread::scope(|scope| {
         for _ in 0..thread::available_parallelism().map_or(1, usize::from) {
             scope.spawn(|| {
@@ -83,14 +83,14 @@ pub fn run(plant: Plant, hours: f64) -> Seen {
 
 /// Runs one growth. Its layers have many heights and are sent in portions, so it pauses between them: hot, at standby,
 /// or parked.
-fn grow(plant: Plant, seed: u64) -> Seen {
+fn grow(plant: Plant, seed: u64) -> GrowthStats {
     let mut random = Rng::new(&[seed, 2]);
-    let variation = copy(plant, &mut random, seed);
+    let variation = sample_variation(plant, &mut random, seed);
     let mut rig = Rig::new(&robot(plant), variation);
-    let mut seen = Seen::default();
+    let mut seen = GrowthStats::default();
     let alarm = |rig: &Rig| matches!(rig.state(), State::Fault | State::EmergencyStop);
     let mut all = || -> Result<(), growbot_client::client::ClientError> {
-        rig.greet()?;
+        rig.connect()?;
         rig.begin(LAYERS)?;
         let mut left = LAYERS;
         while left > 0 {
@@ -126,7 +126,7 @@ fn grow(plant: Plant, seed: u64) -> Seen {
 }
 
 /// Lets time pass and samples the nozzle.
-fn watch(rig: &mut Rig, seed: u64, seconds: f64, seen: &mut Seen, until: impl Fn(&Rig) -> bool) {
+fn watch(rig: &mut Rig, seed: u64, seconds: f64, seen: &mut GrowthStats, until: impl Fn(&Rig) -> bool) {
     let end = rig.seconds() + seconds;
     let mut cooling = false;
     let target_c = rig.robot().description().heater.target_c;
@@ -135,7 +135,7 @@ fn watch(rig: &mut Rig, seed: u64, seconds: f64, seen: &mut Seen, until: impl Fn
         let mut sim = rig.sim.borrow_mut();
         let Some(target) = sim.controller().target_c() else { continue };
         let above = sim.simulated_tip().nozzle_c() - target;
-        let layer = sim.controller().laid();
+        let layer = sim.controller().layers_laid();
         drop(sim);
         if rig.state() == State::Growing {
             seen.furthest = seen.furthest.or(Furthest { above_c: above, seed, at_s: rig.seconds(), layer });

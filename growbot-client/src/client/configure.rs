@@ -83,7 +83,7 @@ mod tests {
     impl TakenAt {
         fn answer(&self, frame: &Frame) -> Message {
             match Message::decode(frame.header.kind, &frame.body).unwrap() {
-                Message::GetBoardInfo(_) => Message::BoardHello(board()),
+                Message::GetBoardInfo(_) => Message::BoardInfo(board()),
                 Message::Configure(part)
                     if usize::from(part.offset) < usize::from(self.part) * MAX_DESCRIPTION_PART =>
                 {

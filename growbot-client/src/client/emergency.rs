@@ -85,7 +85,7 @@ fn says_stopped(frame: &Frame) -> bool {
         Ok(Message::EmergencyStopAck(_)) => return true,
         Ok(Message::StateChanged(change)) => change.state,
         Ok(Message::Status(status)) => status.state,
-        Ok(Message::BoardHello(hello)) => hello.status.state,
+        Ok(Message::BoardInfo(hello)) => hello.status.state,
         _ => return false,
     };
     state == State::EmergencyStop

@@ -227,7 +227,9 @@ fn explain(request: &str, refusal: &Refusal) -> String {
             "it has a body that is not done (plan {plan_id:016x}), which would be lost: grow it to its end, or give \
              it up with `growbot cancel`"
         ),
-        Refusal::InvalidDescription { why } => format!("{}; it keeps the one that it has", explain_description(why)),
+        Refusal::InvalidDescription { error: why } => {
+            format!("{}; it keeps the one that it has", explain_description(why))
+        }
         Refusal::DescriptionNotStored => {
             "its flash does not take the description; it keeps the one that it has: try again, and if it fails again \
              replace the board"

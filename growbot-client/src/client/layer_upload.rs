@@ -33,7 +33,7 @@ impl Client {
             while let Some(layers) = handover.next_message() {
                 self.seq = next_seq(self.seq);
                 handover.in_flight.push_back(self.seq);
-                self.post(self.seq, &Message::Layers(layers))?;
+                self.post(self.seq, &Message::AppendLayers(layers))?;
             }
             if handover.in_flight.is_empty() {
                 return Ok(handover.accepted);

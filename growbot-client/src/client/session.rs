@@ -61,7 +61,7 @@ impl Client {
         }
         let request = Message::Hello(Hello { schema: SCHEMA_HASH, host: host_name(), take_over });
         match self.request("hello", &request) {
-            Ok(Message::BoardHello(hello)) => {
+            Ok(Message::BoardInfo(hello)) => {
                 self.open = true;
                 self.wait_for_self_test(same_schema(hello)?)
             }
@@ -93,7 +93,7 @@ impl Client {
     pub fn identify(&mut self) -> Result<BoardInfo, ClientError> {
         let what = "the question who it is";
         match self.request(what, &Message::GetBoardInfo(Empty {})) {
-            Ok(Message::BoardHello(hello)) => self.wait_for_self_test(same_schema(hello)?),
+            Ok(Message::BoardInfo(hello)) => self.wait_for_self_test(same_schema(hello)?),
             Ok(other) => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
             Err(ClientError::Refused { refusal: Refusal::SchemaMismatch { board }, .. }) => {
                 Err(ClientError::Schema { board, host: SCHEMA_HASH })

@@ -159,7 +159,7 @@ impl JobRunner<'_> {
             questions.count_look(event.is_some());
             match event {
                 // A layer beyond the job is invalid.
-                Some(Message::Laid(laid))
+                Some(Message::LayerLaid(laid))
                     if self.sent.is_named(laid.plan_id) && (laid.index as usize) < self.max_layers() =>
                 {
                     self.layer_laid(&laid, on_event)?;

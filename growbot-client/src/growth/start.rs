@@ -33,7 +33,7 @@ impl<'a> JobRunner<'a> {
             layers: self.job.layers.len() as u32,
             robot_hash: self.job.robot.hash(),
         };
-        self.request_accepted("to begin a job", &Message::Begin(begin))?;
+        self.request_accepted("to begin a job", &Message::BeginJob(begin))?;
         self.hand_over(on_event)
     }
 

@@ -18,7 +18,7 @@
 //! Words beyond the end of the stack are 0. Possible return addresses come from the stack, from its lowest word on. The
 //! names are those of the ARMv7-M Architecture Reference Manual.
 
-use super::state::ResetCause;
+use super::reset_cause::ResetCause;
 
 /// Number of words of a crash record.
 pub const CRASH_WORDS: usize = 32;

@@ -3,6 +3,8 @@
 pub mod crash;
 mod driver_report;
 pub mod emergency_stop;
+mod fault;
 pub mod frame;
 pub mod message;
+mod reset_cause;
 mod state;

@@ -15,7 +15,7 @@ impl Robot {
     /// robot.
     ///
     /// # Errors
-    /// Returns [`RobotError::OtherVersion`] or [`RobotError::Unreadable`] if the bytes are not a description of this
+    /// Returns [`RobotError::VersionMismatch`] or [`RobotError::Unreadable`] if the bytes are not a description of this
     /// version. Otherwise returns the errors of [`Robot::new`] and [`Robot::check_for_board`].
     pub fn decode_for_board(bytes: &[u8]) -> Result<Self, RobotError> {
         match bytes.split_first() {

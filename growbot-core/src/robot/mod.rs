@@ -87,7 +87,7 @@ impl Robot {
     /// Encodes the description in postcard form. A board stores these bytes, and [`Robot::hash`] is their hash.
     ///
     /// # Errors
-    /// Returns [`RobotError::TooLong`] if `buffer` is too short. Up to [`LONGEST_ENCODED`] bytes are needed.
+    /// Returns [`RobotError::TooLong`] if `buffer` is too short. Up to [`MAX_ENCODED_LEN`] bytes are needed.
     pub fn encode<'a>(&self, buffer: &'a mut [u8]) -> Result<&'a [u8], RobotError> {
         postcard::to_slice(&self.description, buffer).map(|bytes| &*bytes).map_err(|_| RobotError::TooLong)
     }

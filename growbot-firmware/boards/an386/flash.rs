@@ -3,11 +3,11 @@
 use embedded_storage::nor_flash::NorFlashErrorKind;
 use growbot_firmware::emulated_tip as table;
 
-use crate::image::word_flash::{ByWords, Word, WordFlash};
+use crate::runtime::word_flash::{Word, WordFlash, WordNorFlash};
 use crate::tip::word;
 
 /// A part of the flash.
-pub type PartOfFlash = ByWords<SharedWords>;
+pub type FlashPartition = WordNorFlash<SharedWords>;
 
 /// Words of the shared memory.
 pub struct SharedWords {
@@ -16,16 +16,16 @@ pub struct SharedWords {
 
 impl SharedWords {
     /// Returns the flash of the robot's description, and the journal's. Call it once.
-    pub fn parts() -> [PartOfFlash; 2] {
-        [table::DESCRIPTION, table::JOURNAL].map(|start| ByWords(Self { start }))
+    pub fn parts() -> [FlashPartition; 2] {
+        [table::DESCRIPTION_FLASH, table::JOURNAL_FLASH].map(|start| WordNorFlash(Self { start }))
     }
 }
 
 impl WordFlash for SharedWords {
-    const SECTOR_BYTES: usize = table::JOURNAL_SECTOR;
+    const SECTOR_BYTES: usize = table::FLASH_SECTOR_BYTES;
 
     fn capacity(&self) -> usize {
-        table::JOURNAL_CAPACITY
+        table::FLASH_AREA_BYTES
     }
 
     fn read(&self, offset: usize) -> u32 {

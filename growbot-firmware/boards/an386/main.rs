@@ -8,13 +8,14 @@
 #![no_main]
 
 mod flash;
-mod high_water;
-#[path = "../image/mod.rs"]
-mod image;
-mod interrupt_owned;
+#[path = "../runtime/interrupt_cell.rs"]
+mod interrupt_cell;
 mod interrupts;
 mod registers;
 mod reset;
+#[path = "../runtime/mod.rs"]
+mod runtime;
+mod stack_monitor;
 mod step_timer;
 mod tip;
 mod uart;
@@ -23,19 +24,19 @@ mod watchdog;
 
 use cortex_m_rt::entry;
 use growbot_core::robot::{Robot, RobotError};
-use growbot_firmware::controller::{Controller, Identity};
-use growbot_firmware::descriptions::{Descriptions, Stored};
-use growbot_firmware::hal::{Board, NoDebugPort, NoDrivers, Parts};
+use growbot_firmware::board_robot::BoardRobot;
+use growbot_firmware::controller::{BootInfo, Controller};
+use growbot_firmware::description_store::{DescriptionStore, StoredDescription};
+use growbot_firmware::hal::{Board, BoardResources, NoDebugPort, UnmanagedDrivers};
+use growbot_firmware::invertible_pin::InvertiblePin;
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
-use growbot_firmware::machine::Machine;
-use growbot_firmware::polarity::Polarized;
-use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
+use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
 
-use crate::flash::{PartOfFlash, SharedWords};
-use crate::high_water::HighWater;
-use crate::image::retained::RetainedRam;
-use crate::image::{crash, seal};
+use crate::flash::{FlashPartition, SharedWords};
+use crate::runtime::retained::RetainedRam;
+use crate::runtime::{crash, seal};
+use crate::stack_monitor::StackMonitor;
 use crate::tip::Tip;
 use crate::uart::Uart;
 
@@ -45,7 +46,7 @@ const CLOCK_HZ: u32 = 25_000_000;
 defmt::timestamp!("{=u64:us}", step_timer::now_us());
 
 /// Handover between the controller and the step interrupt.
-static HANDOVER: Handover = Handover::new();
+static MAILBOX: Mailbox = Mailbox::new();
 
 /// The parts of this board.
 struct An386;
@@ -58,12 +59,12 @@ impl Board for An386 {
     type Supply = tip::TipAdc;
     type FilamentPresence = tip::Flag;
     type DriverFault = tip::Flag;
-    type Drivers = NoDrivers;
+    type Drivers = UnmanagedDrivers;
     type Orientation = tip::OrientationSensor;
     type Watchdog = watchdog::BoardWatchdog;
     type DebugPort = NoDebugPort;
     type Retained = RetainedRam;
-    type Flash = PartOfFlash;
+    type Flash = FlashPartition;
     type Store = &'static mut LayerStore;
 }
 
@@ -77,20 +78,20 @@ fn main() -> ! {
 #[inline(never)] // Its stack frame must not exist during the start-up.
 fn run(uart: &Uart, controller: &mut Controller<An386>) -> ! {
     let mut logged = controller.state();
-    let mut high_water = HighWater::default();
+    let mut high_water = StackMonitor::default();
     loop {
         high_water.look();
         watchdog::hang();
         while let Some(byte) = uart.received.dequeue() {
-            controller.receive(byte, &HANDOVER);
+            controller.receive(byte, &MAILBOX);
         }
-        controller.poll(step_timer::now_us(), &HANDOVER);
-        while uart.to_send.ready() {
-            let Some(byte) = controller.transmit() else { break };
+        controller.poll(step_timer::now_us(), &MAILBOX);
+        while uart.to_send.has_room() {
+            let Some(byte) = controller.next_tx_byte() else { break };
             let _ = uart.to_send.enqueue(byte);
         }
         uart.send_queued();
-        if controller.is_to_restart() {
+        if controller.needs_reset() {
             cortex_m::peripheral::SCB::sys_reset();
         }
         if controller.state() != logged {
@@ -110,9 +111,9 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
     let watchdog = watchdog::start(CLOCK_HZ);
     let store = cortex_m::singleton!(: LayerStore = LayerStore::new());
     let [descriptions, journal] = SharedWords::parts();
-    let mut descriptions = Descriptions::open(descriptions);
-    let (Some(mut core), Some(store), Some(retained), Ok(Machine { robot, configured })) =
-        (cortex_m::Peripherals::take(), store, RetainedRam::take(), find_machine(&mut descriptions))
+    let mut descriptions = DescriptionStore::open(descriptions);
+    let (Some(mut core), Some(store), Some(retained), Ok(BoardRobot { robot, configured })) =
+        (cortex_m::Peripherals::take(), store, RetainedRam::take(), load_robot(&mut descriptions))
     else {
         // This is unreachable: `main` runs once, and the built-in robot was checked by the build.
         cortex_m::peripheral::SCB::sys_reset()
@@ -120,20 +121,20 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
 
     let uart = Uart::start(CLOCK_HZ);
     let engine = Engine::new(
-        Axis { step: tip.head_step, direction: tip.head_direction, enable: tip.head_enable },
-        Axis { step: tip.feed_step, direction: tip.feed_direction, enable: tip.feed_enable },
-        Inputs {
+        StepperPins { step: tip.head_step, direction: tip.head_direction, enable: tip.head_enable },
+        StepperPins { step: tip.feed_step, direction: tip.feed_direction, enable: tip.feed_enable },
+        EngineInputs {
             // The emulated sensor pulls its line low on the mark.
-            index: Polarized::new(tip.index, true),
+            index: InvertiblePin::new(tip.index, true),
             filament_motion: tip.filament_motion,
             emergency_stop: tip.emergency_stop,
         },
         tip::TipOutputs,
-        EngineSettings::of(&robot),
+        EngineConfig::for_robot(&robot),
     );
     step_timer::start(engine, robot.description().motion.tick_hz, CLOCK_HZ);
     interrupts::start(&mut core.NVIC);
-    let identity = Identity { configured, ..identity() };
+    let identity = BootInfo { configured, ..boot_info() };
     defmt::info!(
         "an386 for {=str}, boot id {=u32:08x}, started by {=str}",
         robot.name(),
@@ -141,7 +142,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
         identity.reset_cause.name()
     );
 
-    let parts = Parts {
+    let parts = BoardResources {
         heater_power: tip.heater,
         heater_enable: tip.heater_enable,
         fan: tip.fan,
@@ -149,7 +150,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
         supply: tip.supply,
         filament_presence: tip.filament_presence,
         driver_fault: tip.driver_fault,
-        drivers: NoDrivers,
+        drivers: UnmanagedDrivers,
         orientation: tip.orientation,
         watchdog,
         debug_port: NoDebugPort,
@@ -160,7 +161,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
     };
     // The controller is not on the stack, because planning needs the stack.
     let Some(controller) =
-        cortex_m::singleton!(: Controller<An386> = Controller::new(robot, identity, parts, &HANDOVER))
+        cortex_m::singleton!(: Controller<An386> = Controller::new(robot, identity, parts, &MAILBOX))
     else {
         cortex_m::peripheral::SCB::sys_reset()
     };
@@ -168,14 +169,14 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
 }
 
 /// Returns the facts about this start.
-fn identity() -> Identity {
-    Identity {
+fn boot_info() -> BootInfo {
+    BootInfo {
         boot_id: tip::boot_id(),
         reset_cause: reset::named(tip::reset_cause()),
         image: seal::check(),
         crash: crash::latest(),
         configured: false,
-        without_crystal: false,
+        crystal_failed: false,
     }
 }
 
@@ -188,13 +189,13 @@ fn decode_for_board(bytes: &[u8]) -> Result<Robot, RobotError> {
 /// Returns the robot in the board's flash. Without one it returns the robot whose description the desktop has put into
 /// the tip's memory, and otherwise the robot that the firmware was built for.
 #[inline(never)] // Its stack frame is needed only during the start-up.
-fn find_machine(descriptions: &mut Descriptions<PartOfFlash>) -> Result<Machine, RobotError> {
+fn load_robot(descriptions: &mut DescriptionStore<FlashPartition>) -> Result<BoardRobot, RobotError> {
     let mut bytes = [0; growbot_core::robot::MAX_ENCODED_LEN];
-    let length = tip::copy_machine_description(&mut bytes);
+    let length = tip::copy_robot_description(&mut bytes);
     match (bytes.get(..length), descriptions.newest()) {
-        (Some(given), Stored::Nothing) if !given.is_empty() => {
-            Ok(Machine { robot: decode_for_board(given)?, configured: true })
+        (Some(given), StoredDescription::Empty) if !given.is_empty() => {
+            Ok(BoardRobot { robot: decode_for_board(given)?, configured: true })
         }
-        (_, found) => Ok(Machine::or_built_in(found)),
+        (_, found) => Ok(BoardRobot::from_stored(found)),
     }
 }

@@ -7,8 +7,8 @@ use cortex_m::peripheral::SCB;
 use growbot_core::link::message::ResetCause;
 use growbot_firmware::emulated_tip;
 
-use crate::image::crash::{self, Moment};
 use crate::registers::Register;
+use crate::runtime::crash::{self, ExceptionContext};
 use crate::tip;
 
 /// Note that survives a reset: no code loads or clears this section.
@@ -55,7 +55,7 @@ pub fn named(cause: u32) -> ResetCause {
 }
 
 /// Ends the program after a stack overflow or another fault of the processor.
-pub fn on_crash(cause: ResetCause, moment: &Moment) -> ! {
+pub fn reset_on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
     tip::make_safe();
     // The step that is most certain to succeed comes first.
@@ -76,7 +76,7 @@ extern "C" fn non_maskable() -> ! {
 extern "C" fn on_expiry(stack_pointer: usize, exc_return: u32) -> ! {
     tip::make_safe();
     note().write(NOTE_MARK | emulated_tip::RESET_WATCHDOG);
-    crash::retain(ResetCause::Watchdog, tip::boot_id(), &Moment { stack_pointer, exc_return });
+    crash::retain(ResetCause::Watchdog, tip::boot_id(), &ExceptionContext { stack_pointer, exc_return });
     loop {
         cortex_m::asm::nop();
     }

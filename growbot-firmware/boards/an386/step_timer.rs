@@ -2,13 +2,13 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use growbot_firmware::polarity::Polarized;
+use growbot_firmware::invertible_pin::InvertiblePin;
 use growbot_firmware::stepping::Engine;
 
-use crate::HANDOVER;
-use crate::interrupt_owned::InterruptOwned;
+use crate::MAILBOX;
+use crate::interrupt_cell::InterruptCell;
 use crate::registers::Register;
-use crate::tip::{self, Encoder, Flag, IndexSensor, Step, Switch, TipOutputs, Wire};
+use crate::tip::{self, DirectionPin, FilamentEncoder, Flag, IndexSensor, Step, Switch, TipOutputs};
 
 const BASE: usize = 0x4000_0000;
 // SAFETY: the registers of TIMER0, which only this file uses.
@@ -24,9 +24,20 @@ const CONTROL_ENABLE: u32 = 1 << 0;
 const CONTROL_INTERRUPT: u32 = 1 << 3;
 
 /// The engine that runs in the step interrupt.
-pub type StepEngine = Engine<Step, Wire, Switch, Step, Wire, Switch, Polarized<IndexSensor>, Encoder, Flag, TipOutputs>;
+pub type StepEngine = Engine<
+    Step,
+    DirectionPin,
+    Switch,
+    Step,
+    DirectionPin,
+    Switch,
+    InvertiblePin<IndexSensor>,
+    FilamentEncoder,
+    Flag,
+    TipOutputs,
+>;
 
-static ENGINE: InterruptOwned<StepEngine> = InterruptOwned::empty();
+static ENGINE: InterruptCell<StepEngine> = InterruptCell::empty();
 
 static TICKS_LO: AtomicU32 = AtomicU32::new(0);
 static TICKS_HI: AtomicU32 = AtomicU32::new(0);
@@ -36,7 +47,7 @@ static TICK_HZ: AtomicU32 = AtomicU32::new(1);
 /// Starts the ticks, which begin once the interrupts are enabled. [`growbot_core::robot::Robot::check_for_board`] has
 /// checked the rate.
 pub fn start(engine: StepEngine, tick_hz: u32, clock_hz: u32) {
-    ENGINE.give(engine);
+    ENGINE.init(engine);
     TICK_HZ.store(tick_hz, Ordering::Relaxed);
     tip::set_tick_hz(tick_hz);
     let reload = (clock_hz / tick_hz.max(1)).saturating_sub(1);
@@ -55,7 +66,7 @@ pub fn on_tick() {
     TICKS_LO.store(low, Ordering::Release);
     tip::publish_tick(low, high);
     // SAFETY: only the step interrupt calls this.
-    unsafe { ENGINE.with(|engine| engine.tick(&HANDOVER)) };
+    unsafe { ENGINE.with(|engine| engine.tick(&MAILBOX)) };
 }
 
 /// Returns the ticks since the board started.

@@ -5,8 +5,8 @@ use core::sync::atomic::{Ordering, fence};
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use growbot_firmware::emulated_tip::{self as table, Axis, EncoderMapping, StepRecord};
-use growbot_firmware::hal::{Adc, Orientation, Outputs};
+use growbot_firmware::emulated_tip::{self as table, EncoderMapping, Motor, StepRecord};
+use growbot_firmware::hal::{Adc, GravitySensor, Outputs};
 
 use crate::registers::Register;
 
@@ -26,13 +26,13 @@ pub struct Tip {
     /// STEP of the head.
     pub head_step: Step,
     /// DIR of the head.
-    pub head_direction: Wire,
+    pub head_direction: DirectionPin,
     /// Enable of the head's driver. High energises it.
     pub head_enable: Switch,
     /// STEP of the feed.
     pub feed_step: Step,
     /// DIR of the feed.
-    pub feed_direction: Wire,
+    pub feed_direction: DirectionPin,
     /// Enable of the feed's driver. High energises it.
     pub feed_enable: Switch,
     /// Power of the heater.
@@ -50,7 +50,7 @@ pub struct Tip {
     /// Presence of filament. High if it is present.
     pub filament_presence: Flag,
     /// Encoder of the filament. It rises once for each pulse's length of filament.
-    pub filament_motion: Encoder,
+    pub filament_motion: FilamentEncoder,
     /// Fault signal. High if a stepper driver reports a fault.
     pub driver_fault: Flag,
     /// Emergency stop. High if it is pressed.
@@ -92,11 +92,11 @@ impl Tip {
         count(table::BOOTS);
 
         Tip {
-            head_step: Step { axis: Axis::Head, high: false },
-            head_direction: Wire { axis: Axis::Head },
+            head_step: Step { axis: Motor::Head, high: false },
+            head_direction: DirectionPin { axis: Motor::Head },
             head_enable: Switch { offset: table::HEAD_ENABLE },
-            feed_step: Step { axis: Axis::Feed, high: false },
-            feed_direction: Wire { axis: Axis::Feed },
+            feed_step: Step { axis: Motor::Feed, high: false },
+            feed_direction: DirectionPin { axis: Motor::Feed },
             feed_enable: Switch { offset: table::FEED_ENABLE },
             heater: Power { offset: table::HEATER_DUTY },
             heater_enable: Switch { offset: table::HEATER_ENABLE },
@@ -105,7 +105,7 @@ impl Tip {
             fan: Power { offset: table::FAN_DUTY },
             supply: TipAdc { raw: table::SUPPLY_RAW, live: table::SUPPLY_LIVE },
             filament_presence: Flag { offset: table::FILAMENT_PRESENT },
-            filament_motion: Encoder { mapping: EncoderMapping::default() },
+            filament_motion: FilamentEncoder { mapping: EncoderMapping::default() },
             driver_fault: Flag { offset: table::DRIVER_FAULT },
             emergency_stop: Flag { offset: table::EMERGENCY_STOP },
             orientation: OrientationSensor(()),
@@ -140,15 +140,15 @@ pub fn boot_id() -> u32 {
     word(table::ENTROPY).read() ^ word(table::BOOTS).read().wrapping_mul(0x9E37_79B1)
 }
 
-/// Copies the machine description that the host has written, and returns its length. It is 0 without a description, and
+/// Copies the robot description that the host has written, and returns its length. It is 0 without a description, and
 /// for one that does not fit.
-pub fn copy_machine_description(into: &mut [u8]) -> usize {
-    let length = word(table::MACHINE_LENGTH).read() as usize;
-    if length > table::MACHINE_CAPACITY || length > into.len() {
+pub fn copy_robot_description(into: &mut [u8]) -> usize {
+    let length = word(table::ROBOT_LENGTH).read() as usize;
+    if length > table::ROBOT_CAPACITY || length > into.len() {
         return 0;
     }
     for (index, bytes) in into[..length].chunks_mut(4).enumerate() {
-        let word = word(table::MACHINE + 4 * index).read().to_le_bytes();
+        let word = word(table::ROBOT + 4 * index).read().to_le_bytes();
         for (byte, from) in bytes.iter_mut().zip(word) {
             *byte = from;
         }
@@ -209,41 +209,41 @@ pub fn wanted_crash() -> u32 {
     word(table::CRASH).read()
 }
 
-const fn enable_of(axis: Axis) -> usize {
+const fn enable_of(axis: Motor) -> usize {
     match axis {
-        Axis::Head => table::HEAD_ENABLE,
-        Axis::Feed => table::FEED_ENABLE,
+        Motor::Head => table::HEAD_ENABLE,
+        Motor::Feed => table::FEED_ENABLE,
     }
 }
 
-const fn steps_of(axis: Axis) -> usize {
+const fn steps_of(axis: Motor) -> usize {
     match axis {
-        Axis::Head => table::HEAD_STEPS,
-        Axis::Feed => table::FEED_STEPS,
+        Motor::Head => table::HEAD_STEPS,
+        Motor::Feed => table::FEED_STEPS,
     }
 }
 
 /// Levels of the DIR pins. They are not in the shared memory, because the host reads the direction from each step.
 static FORWARD: [core::sync::atomic::AtomicBool; 2] = [const { core::sync::atomic::AtomicBool::new(false) }; 2];
 
-const fn wire_of(axis: Axis) -> &'static core::sync::atomic::AtomicBool {
+const fn wire_of(axis: Motor) -> &'static core::sync::atomic::AtomicBool {
     let [head, feed] = &FORWARD;
     match axis {
-        Axis::Head => head,
-        Axis::Feed => feed,
+        Motor::Head => head,
+        Motor::Feed => feed,
     }
 }
 
 /// A DIR pin.
-pub struct Wire {
-    axis: Axis,
+pub struct DirectionPin {
+    axis: Motor,
 }
 
-impl ErrorType for Wire {
+impl ErrorType for DirectionPin {
     type Error = Infallible;
 }
 
-impl OutputPin for Wire {
+impl OutputPin for DirectionPin {
     fn set_low(&mut self) -> Result<(), Infallible> {
         wire_of(self.axis).store(false, Ordering::Relaxed);
         Ok(())
@@ -257,7 +257,7 @@ impl OutputPin for Wire {
 
 /// A STEP pin. Only the step interrupt drives the two STEP pins, because they share the write index of the ring.
 pub struct Step {
-    axis: Axis,
+    axis: Motor,
     high: bool,
 }
 
@@ -280,7 +280,7 @@ impl OutputPin for Step {
     }
 }
 
-fn rising_edge(axis: Axis) {
+fn rising_edge(axis: Motor) {
     let forward = wire_of(axis).load(Ordering::Relaxed);
     let enabled = word(enable_of(axis)).read() == 1;
     if enabled {
@@ -378,11 +378,11 @@ impl InputPin for Flag {
 }
 
 /// The encoder that the filament turns.
-pub struct Encoder {
+pub struct FilamentEncoder {
     mapping: EncoderMapping,
 }
 
-impl Encoder {
+impl FilamentEncoder {
     /// Reads the encoder's mapping. While the host is changing it, returns the mapping of the latest read.
     fn look(&mut self) -> EncoderMapping {
         let sequence = word(table::ENCODER_SEQUENCE).read();
@@ -398,11 +398,11 @@ impl Encoder {
     }
 }
 
-impl ErrorType for Encoder {
+impl ErrorType for FilamentEncoder {
     type Error = Infallible;
 }
 
-impl InputPin for Encoder {
+impl InputPin for FilamentEncoder {
     fn is_high(&mut self) -> Result<bool, Infallible> {
         Ok(table::encoder_level(
             word(table::FEED_STEPS).read().cast_signed(),
@@ -420,7 +420,7 @@ impl InputPin for Encoder {
 /// The orientation sensor.
 pub struct OrientationSensor(());
 
-impl Orientation for OrientationSensor {
+impl GravitySensor for OrientationSensor {
     fn gravity(&mut self) -> Option<[i16; 3]> {
         if word(table::GRAVITY_LIVE).read() != 1 {
             return None;

@@ -5,8 +5,8 @@
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_firmware::byte_queue::ByteQueue;
 
-use crate::HANDOVER;
-use crate::interrupt_owned::InterruptOwned;
+use crate::MAILBOX;
+use crate::interrupt_cell::InterruptCell;
 use crate::interrupts::{self, Interrupt};
 use crate::registers::Register;
 use crate::tip;
@@ -49,7 +49,7 @@ impl Uart {
     pub fn start(clock_hz: u32) -> Self {
         // The emulator ignores the rate, but requires a divider of at least 16.
         BAUD_DIVIDER.write((clock_hz / 115_200).max(16));
-        WATCH.give(EmergencyStopDetector::new());
+        ESTOP_DETECTOR.init(EmergencyStopDetector::new());
         CONTROL.write(CONTROL_ALL);
         Uart { received: &RECEIVED, to_send: &TO_SEND }
     }
@@ -61,7 +61,7 @@ impl Uart {
 }
 
 /// Recogniser of an emergency stop in the received bytes.
-static WATCH: InterruptOwned<EmergencyStopDetector> = InterruptOwned::empty();
+static ESTOP_DETECTOR: InterruptCell<EmergencyStopDetector> = InterruptCell::empty();
 
 /// Processes the received bytes. An emergency stop is carried out here, ahead of all queued bytes.
 pub fn on_receive() {
@@ -71,7 +71,7 @@ pub fn on_receive() {
     while STATE.read() & STATE_RECEIVE_FULL != 0 {
         let byte = (DATA.read() & 0xFF) as u8;
         // SAFETY: only the receive interrupt calls this.
-        unsafe { WATCH.with(|watch| obey(watch.push(byte))) };
+        unsafe { ESTOP_DETECTOR.with(|watch| handle_emergency_stop(watch.push(byte))) };
         if RECEIVED.enqueue(byte).is_err() {
             tip::count_lost_byte();
         }
@@ -79,10 +79,10 @@ pub fn on_receive() {
 }
 
 /// Switches everything off before anything else runs, if an emergency stop has arrived.
-fn obey(emergency_stop: bool) {
+fn handle_emergency_stop(emergency_stop: bool) {
     if emergency_stop {
         // This comes first, so that no step in between energises a motor again.
-        HANDOVER.call_emergency_stop();
+        MAILBOX.request_emergency_stop();
         tip::make_safe();
     }
 }

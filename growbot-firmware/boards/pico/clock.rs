@@ -72,14 +72,14 @@ pub fn start(device: &pac::Peripherals) {
 /// Detector of a crystal that stops. The timer and the watchdog count by the crystal and stop with it. Supervision
 /// would then see no time pass, and feed a watchdog that never expires. The processor's PLL may run on without the
 /// crystal, and the step interrupt with it.
-pub struct CrystalWatch {
+pub struct CrystalMonitor {
     /// Lower half of the timer at the latest check.
     latest: u32,
     /// Number of consecutive checks with this value.
     same: u32,
 }
 
-impl CrystalWatch {
+impl CrystalMonitor {
     /// Creates the detector.
     pub const fn new() -> Self {
         Self { latest: 0, same: 0 }

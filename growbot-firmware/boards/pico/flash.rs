@@ -9,7 +9,7 @@
 
 use embedded_storage::nor_flash::NorFlashErrorKind;
 
-use crate::image::word_flash::{ByWords, Word, WordFlash};
+use crate::runtime::word_flash::{Word, WordFlash, WordNorFlash};
 
 /// Bytes of a sector, and of a block that is erased at once, and its command.
 const SECTOR_BYTES: usize = 128 * 1024;
@@ -33,7 +33,7 @@ unsafe extern "C" {
 }
 
 /// A part of the flash.
-pub type PartOfFlash = ByWords<BoardFlash>;
+pub type FlashPartition = WordNorFlash<BoardFlash>;
 
 type Plain = unsafe extern "C" fn();
 type Erase = unsafe extern "C" fn(offset: u32, bytes: usize, block: u32, command: u32);
@@ -116,13 +116,13 @@ unsafe fn change(rom: &Rom, loader: *const u32, offset: u32, page: *const u32) {
 
 impl BoardFlash {
     /// Returns the flash of the robot's description.
-    pub fn of_description() -> PartOfFlash {
-        ByWords(Self::between(&raw const _description_start, &raw const _description_end))
+    pub fn of_description() -> FlashPartition {
+        WordNorFlash(Self::between(&raw const _description_start, &raw const _description_end))
     }
 
     /// Returns the journal's flash.
-    pub fn of_journal() -> PartOfFlash {
-        ByWords(Self::between(&raw const _journal_start, &raw const _journal_end))
+    pub fn of_journal() -> FlashPartition {
+        WordNorFlash(Self::between(&raw const _journal_start, &raw const _journal_end))
     }
 
     fn between(start: *const u32, end: *const u32) -> Self {

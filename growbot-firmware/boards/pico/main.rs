@@ -20,13 +20,13 @@
 mod adc;
 mod clock;
 mod flash;
-#[path = "../image/mod.rs"]
-mod image;
-#[path = "../an386/interrupt_owned.rs"]
-mod interrupt_owned;
+#[path = "../runtime/interrupt_cell.rs"]
+mod interrupt_cell;
 mod pins;
-mod power;
+mod pwm;
 mod reset;
+#[path = "../runtime/mod.rs"]
+mod runtime;
 mod step_timer;
 mod tmc_uart;
 mod uart;
@@ -38,35 +38,35 @@ use cortex_m::peripheral::NVIC;
 use cortex_m_rt::entry;
 use embedded_hal::delay::DelayNs;
 use growbot_core::robot::BoardKind;
-use growbot_firmware::controller::{Controller, Identity};
-use growbot_firmware::descriptions::Descriptions;
-use growbot_firmware::hal::{Board, NoDebugPort, Parts};
+use growbot_firmware::bmi160_sensor::Bmi160Sensor;
+use growbot_firmware::board_robot::BoardRobot;
+use growbot_firmware::controller::{BootInfo, Controller};
+use growbot_firmware::description_store::DescriptionStore;
+use growbot_firmware::hal::{Board, BoardResources, NoDebugPort};
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
-use growbot_firmware::lines::Lines;
-use growbot_firmware::machine::Machine;
-use growbot_firmware::orientation::TipOrientation;
+use growbot_firmware::link_mux::LinkMux;
 use growbot_firmware::soft_i2c::SoftI2c;
-use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
-use growbot_firmware::tmc2209::{Settings, Tmc2209};
+use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
+use growbot_firmware::tmc2209::{DriverConfig, Tmc2209};
 use rp2040_pac as pac;
 
-use crate::flash::{BoardFlash, PartOfFlash};
-use crate::image::retained::RetainedRam;
-use crate::image::{crash, seal};
+use crate::flash::{BoardFlash, FlashPartition};
 use crate::pins::Pins;
-use crate::power::Power;
-use crate::tmc_uart::DriverLine;
+use crate::pwm::PwmOutput;
+use crate::runtime::retained::RetainedRam;
+use crate::runtime::{crash, seal};
+use crate::tmc_uart::TmcUart;
 
 /// The second stage of the boot ROM's loader, for the flash chip of the board.
 #[unsafe(link_section = ".boot2")]
 #[used]
-static LOADER: [u8; 256] = rp2040_boot2::BOOT_LOADER_W25Q080;
+static BOOT2: [u8; 256] = rp2040_boot2::BOOT_LOADER_W25Q080;
 
 defmt::timestamp!("{=u64:us}", clock::now_us());
 
 /// Handover between the controller and the step interrupt.
-static HANDOVER: Handover = Handover::new();
+static MAILBOX: Mailbox = Mailbox::new();
 
 /// Interrupts and their priorities, of which the upper two bits count.
 const INTERRUPTS: [(pac::Interrupt, u8); 3] =
@@ -77,19 +77,19 @@ struct Pico;
 
 impl Board for Pico {
     const KINDS: &'static [BoardKind] = &[BoardKind::Pico, BoardKind::SkrPico];
-    type HeaterPower = Power;
+    type HeaterPower = PwmOutput;
     type HeaterEnable = pins::Output;
-    type Fan = Power;
+    type Fan = PwmOutput;
     type Thermistor = adc::Thermistor;
     type Supply = adc::Supply;
     type FilamentPresence = pins::Sensor;
     type DriverFault = pins::Sensor;
-    type Drivers = Option<Tmc2209<DriverLine>>;
-    type Orientation = TipOrientation<SoftI2c<pins::OpenDrain, pins::OpenDrain, Cycles>>;
+    type Drivers = Option<Tmc2209<TmcUart>>;
+    type Orientation = Bmi160Sensor<SoftI2c<pins::OpenDrain, pins::OpenDrain, Cycles>>;
     type Watchdog = watchdog::BoardWatchdog;
     type DebugPort = NoDebugPort;
     type Retained = RetainedRam;
-    type Flash = PartOfFlash;
+    type Flash = FlashPartition;
     type Store = &'static mut LayerStore;
 }
 
@@ -110,21 +110,21 @@ fn main() -> ! {
 /// Runs the main loop, which never ends.
 #[inline(never)] // Its stack frame must not exist during the start-up.
 fn run(controller: &mut Controller<Pico>) -> ! {
-    let mut lines = Lines::new(&uart::RECEIVED, &usb::RECEIVED);
+    let mut lines = LinkMux::new(&uart::RECEIVED, &usb::RECEIVED);
     let mut logged = controller.state();
     loop {
-        while let Some(byte) = lines.take() {
-            controller.receive(byte, &HANDOVER);
+        while let Some(byte) = lines.next_byte() {
+            controller.receive(byte, &MAILBOX);
         }
-        controller.poll(clock::now_us(), &HANDOVER);
-        let to_send = if lines.are_on_second() { &usb::TO_SEND } else { &uart::TO_SEND };
-        while to_send.ready() {
-            let Some(byte) = controller.transmit() else { break };
+        controller.poll(clock::now_us(), &MAILBOX);
+        let to_send = if lines.is_second_active() { &usb::TO_SEND } else { &uart::TO_SEND };
+        while to_send.has_room() {
+            let Some(byte) = controller.next_tx_byte() else { break };
             let _ = to_send.enqueue(byte);
         }
         uart::send_queued();
         usb::send_queued();
-        if controller.is_to_restart() {
+        if controller.needs_reset() {
             reset::restart();
         }
         if controller.state() != logged {
@@ -151,31 +151,31 @@ fn set_up() -> &'static mut Controller<Pico> {
     let watchdog = watchdog::start(&device);
     // The fast clocks come first, because without them the check of the image takes ten times as long.
     clock::start(&device);
-    let mut descriptions = Descriptions::open(BoardFlash::of_description());
-    let Machine { robot, configured } = Machine::find(&mut descriptions);
-    let identity = Identity { configured, ..identify(&device) };
+    let mut descriptions = DescriptionStore::open(BoardFlash::of_description());
+    let BoardRobot { robot, configured } = BoardRobot::load(&mut descriptions);
+    let identity = BootInfo { configured, ..boot_info(&device) };
     let pins = Pins::new(robot.description(), configured, device.IO_BANK0, device.PADS_BANK0);
     uart::start(&device.UART0);
     usb::start(&device.RESETS);
     let engine = Engine::new(
-        Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
-        Axis { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
-        Inputs { index: pins.index, filament_motion: pins.filament_motion, emergency_stop: pins.emergency_stop },
+        StepperPins { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
+        StepperPins { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
+        EngineInputs { index: pins.index, filament_motion: pins.filament_motion, emergency_stop: pins.emergency_stop },
         pins::TipOutputs,
-        EngineSettings::of(&robot),
+        EngineConfig::for_robot(&robot),
     );
     let (thermistor, supply) = adc::new(device.ADC, pins.thermistor, pins.supply);
-    let parts = Parts {
-        heater_power: Power::start(pins.heater),
+    let parts = BoardResources {
+        heater_power: PwmOutput::start(pins.heater),
         heater_enable: pins.heater_enable,
-        fan: Power::start(pins.fan),
+        fan: PwmOutput::start(pins.fan),
         thermistor,
         supply,
         filament_presence: pins.filament_presence,
         driver_fault: pins.driver_fault,
-        drivers: Settings::of(robot.description())
-            .map(|settings| Tmc2209::new(DriverLine::start(device.UART1), settings)),
-        orientation: TipOrientation::new(SoftI2c::new(pins.orientation_clock, pins.orientation_data, Cycles)),
+        drivers: DriverConfig::of(robot.description())
+            .map(|settings| Tmc2209::new(TmcUart::start(device.UART1), settings)),
+        orientation: Bmi160Sensor::new(SoftI2c::new(pins.orientation_clock, pins.orientation_data, Cycles)),
         watchdog,
         debug_port: NoDebugPort,
         retained,
@@ -189,11 +189,11 @@ fn set_up() -> &'static mut Controller<Pico> {
         identity.boot_id,
         identity.reset_cause.name()
     );
-    vectors::move_to_memory();
+    vectors::relocate_to_ram();
     step_timer::start(engine, &device.PWM, robot.description().motion.tick_hz);
     start_interrupts(&mut core.NVIC);
     // The controller is not on the stack, because planning needs the stack.
-    let controller = cortex_m::singleton!(: Controller<Pico> = Controller::new(robot, identity, parts, &HANDOVER));
+    let controller = cortex_m::singleton!(: Controller<Pico> = Controller::new(robot, identity, parts, &MAILBOX));
     let Some(controller) = controller else { reset::restart() };
     controller
 }
@@ -209,13 +209,13 @@ fn start_interrupts(nvic: &mut NVIC) {
 }
 
 /// Returns the facts about this start.
-fn identify(device: &pac::Peripherals) -> Identity {
-    Identity {
+fn boot_info(device: &pac::Peripherals) -> BootInfo {
+    BootInfo {
         reset_cause: reset::read_and_clear_cause(device),
         boot_id: reset::next_boot_id(),
         image: seal::check(),
         crash: crash::latest(),
         configured: false,
-        without_crystal: false,
+        crystal_failed: false,
     }
 }

@@ -9,7 +9,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use growbot_core::robot::{Board, BoardKind, DigitalInput, PinOverrides, RobotDescription, Signal};
 use growbot_firmware::hal::Outputs;
-use growbot_firmware::polarity::Polarized;
+use growbot_firmware::invertible_pin::InvertiblePin;
 use rp2040_pac as pac;
 
 /// Functions of a pin (data sheet of the RP2040, table 2.19.2).
@@ -25,11 +25,11 @@ const PULL_DOWN: u32 = 1 << 2;
 const PAD_ANALOG: u32 = 1 << 7;
 
 /// DIR of a driver, with its logical level.
-pub type Direction = Polarized<Output>;
+pub type Direction = InvertiblePin<Output>;
 /// EN of a driver. High is energised.
-pub type Enable = Polarized<Output>;
+pub type Enable = InvertiblePin<Output>;
 /// A sensor's input, with its logical level.
-pub type Sensor = Polarized<Level>;
+pub type Sensor = InvertiblePin<Level>;
 
 /// Pins of the link: UART0, to the host and from it.
 const LINK_TX: u8 = 0;
@@ -147,12 +147,12 @@ impl InputPin for OpenDrain {
 }
 
 /// The peripherals that configure the pins.
-struct Roles {
+struct PinMux {
     io: pac::IO_BANK0,
     pads: pac::PADS_BANK0,
 }
 
-impl Roles {
+impl PinMux {
     /// Sets a pin's pad and function. A pin that the processor does not have is ignored.
     fn give(&self, pin: Option<u8>, pad: u32, function: u32) {
         if let Some(pin) = pin.map(usize::from).filter(|pin| *pin < 30) {
@@ -231,7 +231,7 @@ impl Pins {
     /// Configures each pin for the robot's board. Without a robot all pins except the link's stay in their state after
     /// the reset.
     pub fn new(robot: &RobotDescription, configured: bool, io: pac::IO_BANK0, pads: pac::PADS_BANK0) -> Self {
-        let roles = Roles { io, pads };
+        let roles = PinMux { io, pads };
         roles.give(Some(LINK_TX), PAD, FUNCTION_UART);
         // Without an adapter the line idles, instead of picking up bytes.
         roles.give(Some(LINK_RX), PAD | PULL_UP, FUNCTION_UART);
@@ -261,24 +261,30 @@ impl Pins {
         let input = |signal| roles.input(pin(signal));
         Pins {
             head_step: output(Signal::HeadStep, false),
-            head_direction: Polarized::new(
+            head_direction: InvertiblePin::new(
                 output(Signal::HeadDirection, false),
                 !robot.head.direction_high_is_positive,
             ),
-            head_enable: Polarized::new(output(Signal::HeadEnable, enable_low), enable_low),
+            head_enable: InvertiblePin::new(output(Signal::HeadEnable, enable_low), enable_low),
             feed_step: output(Signal::FeedStep, false),
-            feed_direction: Polarized::new(output(Signal::FeedDirection, false), !robot.feed.direction_high_is_forward),
-            feed_enable: Polarized::new(output(Signal::FeedEnable, enable_low), enable_low),
+            feed_direction: InvertiblePin::new(
+                output(Signal::FeedDirection, false),
+                !robot.feed.direction_high_is_forward,
+            ),
+            feed_enable: InvertiblePin::new(output(Signal::FeedEnable, enable_low), enable_low),
             heater: pin(Signal::Heater),
             heater_enable: output(Signal::HeaterEnable, false),
             fan: pin(Signal::Fan),
-            filament_presence: Polarized::new(input(Signal::FilamentPresence), active_low(sensors.filament_presence)),
-            driver_fault: Polarized::new(input(Signal::DriverFault), active_low(sensors.driver_fault)),
+            filament_presence: InvertiblePin::new(
+                input(Signal::FilamentPresence),
+                active_low(sensors.filament_presence),
+            ),
+            driver_fault: InvertiblePin::new(input(Signal::DriverFault), active_low(sensors.driver_fault)),
             orientation_clock: roles.open_drain(pin(Signal::OrientationClock)),
             orientation_data: roles.open_drain(pin(Signal::OrientationData)),
-            index: Polarized::new(input(Signal::Index), robot.head.index_low_on_mark),
+            index: InvertiblePin::new(input(Signal::Index), robot.head.index_low_on_mark),
             filament_motion: input(Signal::FilamentMotion),
-            emergency_stop: Polarized::new(input(Signal::EmergencyStop), active_low(sensors.emergency_stop)),
+            emergency_stop: InvertiblePin::new(input(Signal::EmergencyStop), active_low(sensors.emergency_stop)),
             thermistor: pin(Signal::Thermistor),
             supply: pin(Signal::Supply),
         }
@@ -298,5 +304,5 @@ impl Outputs for TipOutputs {
 pub fn make_safe() {
     set(SAFE_LOW.load(Ordering::Relaxed), false);
     set(SAFE_HIGH.load(Ordering::Relaxed), true);
-    crate::power::off();
+    crate::pwm::off();
 }

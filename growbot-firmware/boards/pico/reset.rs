@@ -7,7 +7,7 @@ use core::mem::MaybeUninit;
 use growbot_core::link::message::ResetCause;
 use rp2040_pac as pac;
 
-use crate::image::crash::{self, Moment};
+use crate::runtime::crash::{self, ExceptionContext};
 
 /// Three words that survive a reset: no code loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_notes")]
@@ -96,7 +96,7 @@ pub fn restart() -> ! {
 /// Switches everything off and resets after the crystal has stopped. The start then waits for the crystal. The function
 /// does not use the flash, which may be busy (`memory/pico.x`).
 #[inline(never)] // It is not inlined into the step interrupt, which seldom needs it.
-pub fn end_by_clock_failure() -> ! {
+pub fn reset_on_clock_failure() -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();
     NOTES.write(END, CLOCK_FAILED);
@@ -111,7 +111,7 @@ extern "C" fn default_handler() -> ! {
 }
 
 /// Ends the program after a stack overflow or another fault of the processor.
-pub fn on_crash(cause: ResetCause, moment: &Moment) -> ! {
+pub fn reset_on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();
     // The step that is most certain to succeed comes first.

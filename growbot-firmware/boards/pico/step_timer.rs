@@ -6,9 +6,9 @@ use growbot_firmware::stepping::Engine;
 use rp2040_pac as pac;
 use rp2040_pac::interrupt;
 
-use crate::HANDOVER;
-use crate::clock::{CrystalWatch, PROCESSOR_HZ};
-use crate::interrupt_owned::InterruptOwned;
+use crate::MAILBOX;
+use crate::clock::{CrystalMonitor, PROCESSOR_HZ};
+use crate::interrupt_cell::InterruptCell;
 use crate::{pins, reset};
 
 /// The slice.
@@ -34,15 +34,15 @@ pub type StepEngine = Engine<
 /// Data of the step interrupt.
 struct Ticking {
     engine: StepEngine,
-    crystal: CrystalWatch,
+    crystal: CrystalMonitor,
 }
 
-static TICKING: InterruptOwned<Ticking> = InterruptOwned::empty();
+static TICKING: InterruptCell<Ticking> = InterruptCell::empty();
 
 /// Starts the ticks, which begin once the interrupts are enabled. [`growbot_core::robot::Robot::check_for_board`] has
 /// checked the rate.
 pub fn start(engine: StepEngine, pwm: &pac::PWM, tick_hz: u32) {
-    TICKING.give(Ticking { engine, crystal: CrystalWatch::new() });
+    TICKING.init(Ticking { engine, crystal: CrystalMonitor::new() });
     let clocks = PROCESSOR_HZ / tick_hz.max(1);
     // The smallest whole divider, up to 255, with which a period fits.
     let divider = clocks.div_ceil(MAX_COUNTS).clamp(1, 255);
@@ -65,9 +65,9 @@ fn PWM_IRQ_WRAP() {
     unsafe {
         TICKING.with(|ticking| {
             if ticking.crystal.has_stopped() {
-                reset::end_by_clock_failure();
+                reset::reset_on_clock_failure();
             }
-            ticking.engine.tick(&HANDOVER);
+            ticking.engine.tick(&MAILBOX);
         });
     }
 }

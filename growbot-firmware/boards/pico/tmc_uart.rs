@@ -4,7 +4,7 @@
 //! therefore also waits there while the flash is written to.
 //! also waits there while the flash is written to.
 
-use growbot_firmware::tmc2209::{BAUD, Wire};
+use growbot_firmware::tmc2209::{BAUD, SingleWireUart};
 use rp2040_pac as pac;
 
 use crate::clock::PROCESSOR_HZ;
@@ -17,9 +17,9 @@ const RECEIVE_EMPTY: u32 = 1 << 4;
 const TRANSMIT_EMPTY: u32 = 1 << 7;
 
 /// The line.
-pub struct DriverLine(pac::UART1);
+pub struct TmcUart(pac::UART1);
 
-impl DriverLine {
+impl TmcUart {
     /// Initialises the UART. Its pins have their functions.
     pub fn start(uart: pac::UART1) -> Self {
         // With sixteenfold oversampling, the divider in 64ths is 4 times clock over rate, rounded.
@@ -39,7 +39,7 @@ impl DriverLine {
     }
 }
 
-impl Wire for DriverLine {
+impl SingleWireUart for TmcUart {
     fn send(&mut self, bytes: &[u8]) -> bool {
         let has_room = self.has(TRANSMIT_EMPTY);
         if has_room {

@@ -5,9 +5,9 @@ use growbot_firmware::byte_queue::ByteQueue;
 use rp2040_pac as pac;
 use rp2040_pac::interrupt;
 
-use crate::HANDOVER;
+use crate::MAILBOX;
 use crate::clock::PROCESSOR_HZ;
-use crate::interrupt_owned::InterruptOwned;
+use crate::interrupt_cell::InterruptCell;
 use crate::pins;
 
 /// Queue of one direction.
@@ -29,11 +29,11 @@ const RECEIVE_INTERRUPT: u32 = 1 << 4;
 const TRANSMIT_INTERRUPT: u32 = 1 << 5;
 
 /// Recogniser of an emergency stop in the received bytes.
-static WATCH: InterruptOwned<EmergencyStopDetector> = InterruptOwned::empty();
+static ESTOP_DETECTOR: InterruptCell<EmergencyStopDetector> = InterruptCell::empty();
 
 /// Initialises the UART. Bytes are transferred once the interrupts are enabled.
 pub fn start(uart: &pac::UART0) {
-    WATCH.give(EmergencyStopDetector::new());
+    ESTOP_DETECTOR.init(EmergencyStopDetector::new());
     // With sixteenfold oversampling, the divider in 64ths is 4 times clock over rate, rounded.
     let divider = (4 * PROCESSOR_HZ + BAUD / 2) / BAUD;
     // SAFETY: values within the registers' ranges.
@@ -52,10 +52,10 @@ pub fn send_queued() {
 }
 
 /// Switches everything off before anything else runs, if an emergency stop has arrived.
-pub fn obey(emergency_stop: bool) {
+pub fn handle_emergency_stop(emergency_stop: bool) {
     if emergency_stop {
         // This comes first, so that no step in between energises a motor again.
-        HANDOVER.call_emergency_stop();
+        MAILBOX.request_emergency_stop();
         pins::make_safe();
     }
 }
@@ -84,7 +84,7 @@ fn UART0_IRQ() {
     while uart.uartfr().read().bits() & RECEIVE_EMPTY == 0 {
         let byte = (uart.uartdr().read().bits() & 0xFF) as u8;
         // SAFETY: only this interrupt calls this.
-        unsafe { WATCH.with(|watch| obey(watch.push(byte))) };
+        unsafe { ESTOP_DETECTOR.with(|watch| handle_emergency_stop(watch.push(byte))) };
         // A byte is lost if the queue is full, which the CRC of its frame shows.
         let _ = RECEIVED.enqueue(byte);
     }

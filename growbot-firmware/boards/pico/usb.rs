@@ -4,11 +4,13 @@
 //! to. Its priority is that of the UART's interrupt, because either may receive a stop.
 
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
-use growbot_firmware::usb_serial::{BYTES, Content, NOTIFICATIONS, PACKET, Reply, Setup, UsbSerial};
+use growbot_firmware::usb_serial::{
+    Content, ControlResponse, DATA_ENDPOINT, MAX_PACKET_BYTES, NOTIFICATION_ENDPOINT, Setup, UsbSerial,
+};
 use rp2040_pac as pac;
 use rp2040_pac::interrupt;
 
-use crate::interrupt_owned::InterruptOwned;
+use crate::interrupt_cell::InterruptCell;
 use crate::uart::{self, Queue};
 
 /// Received bytes, oldest first.
@@ -48,17 +50,17 @@ const SETUP_RECEIVED: u32 = 1 << 17;
 const PULL_UP: u32 = 1 << 16;
 const CONTROL_INTERRUPT: u32 = 1 << 29;
 
-static DEVICE: InterruptOwned<Device> = InterruptOwned::empty();
+static DEVICE: InterruptCell<Device> = InterruptCell::empty();
 
 /// State of endpoint 0.
 #[derive(Clone, Copy)]
 enum Control {
     Idle,
     /// Sends the remaining part of a content, from one index to another.
-    Sends(Content, usize, usize),
-    TakesCoding,
+    SendingData(Content, usize, usize),
+    ReceivingLineCoding,
     /// Sets this address when the host has received the reply.
-    GetsAddress(u8),
+    SettingAddress(u8),
 }
 
 /// Buffer of an endpoint in one direction.
@@ -68,7 +70,7 @@ struct Buffer {
     control: usize,
     at: usize,
     /// The next packet is an odd one.
-    odd: bool,
+    data1: bool,
 }
 
 struct Device {
@@ -106,13 +108,13 @@ fn read(offset: usize) -> u32 {
 impl Buffer {
     const fn new(endpoint: u8, from_host: bool, at: usize) -> Self {
         let control = BUFFERS + 8 * endpoint as usize + 4 * from_host as usize;
-        Self { control, at, odd: false }
+        Self { control, at, data1: false }
     }
 
     /// Hands the buffer to the controller.
     fn hand_over(&mut self, flags: u32) {
-        let odd = if self.odd { ODD } else { 0 };
-        self.odd = !self.odd;
+        let odd = if self.data1 { ODD } else { 0 };
+        self.data1 = !self.data1;
         write(self.control, flags | odd);
         // The controller, with its clock of 48 MHz, must see the other bits before this one.
         // SAFETY: the instructions only take time.
@@ -123,7 +125,7 @@ impl Buffer {
     /// Sends a packet.
     fn send(&mut self, bytes: impl Iterator<Item = u8>) {
         let (mut count, mut word) = (0, 0);
-        for byte in bytes.take(PACKET) {
+        for byte in bytes.take(MAX_PACKET_BYTES) {
             word |= u32::from(byte) << (8 * (count % 4));
             count += 1;
             if count % 4 == 0 {
@@ -140,7 +142,7 @@ impl Buffer {
     /// Returns the bytes of the received packet.
     fn received(self) -> impl Iterator<Item = u8> {
         let count = (read(self.control) & LENGTH) as usize;
-        (0..count.min(PACKET)).map(move |at| (read(self.at + at / 4 * 4) >> (8 * (at % 4))) as u8)
+        (0..count.min(MAX_PACKET_BYTES)).map(move |at| (read(self.at + at / 4 * 4) >> (8 * (at % 4))) as u8)
     }
 }
 
@@ -152,8 +154,8 @@ impl Device {
             control: Control::Idle,
             reply: Buffer::new(0, false, CONTROL_BUFFER),
             request: Buffer::new(0, true, CONTROL_BUFFER),
-            receive: Buffer::new(BYTES, true, RECEIVE_BUFFER),
-            send: Buffer::new(BYTES, false, SEND_BUFFER),
+            receive: Buffer::new(DATA_ENDPOINT, true, RECEIVE_BUFFER),
+            send: Buffer::new(DATA_ENDPOINT, false, SEND_BUFFER),
             sends: false,
         }
     }
@@ -173,16 +175,16 @@ impl Device {
     fn configure(&mut self, on: bool) {
         for buffer in [&mut self.receive, &mut self.send] {
             write(buffer.control, 0);
-            buffer.odd = false;
+            buffer.data1 = false;
         }
         self.sends = false;
         drop_queued();
         let on_if = |kind: u32, at: usize| if on { ENDPOINT_ON | kind | at as u32 } else { 0 };
-        write(ENDPOINTS + 8 * (usize::from(NOTIFICATIONS) - 1), on_if(INTERRUPT, NOTIFICATION_BUFFER));
-        write(ENDPOINTS + 8 * (usize::from(BYTES) - 1), on_if(BULK, SEND_BUFFER));
-        write(ENDPOINTS + 8 * (usize::from(BYTES) - 1) + 4, on_if(BULK, RECEIVE_BUFFER));
+        write(ENDPOINTS + 8 * (usize::from(NOTIFICATION_ENDPOINT) - 1), on_if(INTERRUPT, NOTIFICATION_BUFFER));
+        write(ENDPOINTS + 8 * (usize::from(DATA_ENDPOINT) - 1), on_if(BULK, SEND_BUFFER));
+        write(ENDPOINTS + 8 * (usize::from(DATA_ENDPOINT) - 1) + 4, on_if(BULK, RECEIVE_BUFFER));
         if on {
-            self.receive.hand_over(PACKET as u32);
+            self.receive.hand_over(MAX_PACKET_BYTES as u32);
         }
     }
 
@@ -192,31 +194,31 @@ impl Device {
         write(self.reply.control, 0);
         write(self.request.control, 0);
         // The first packet after a request is an odd one.
-        (self.reply.odd, self.request.odd, self.control) = (true, true, Control::Idle);
+        (self.reply.data1, self.request.data1, self.control) = (true, true, Control::Idle);
         match self.serial.answer(Setup::new(read(0), read(4))) {
-            Reply::Send(content, most) => {
+            ControlResponse::Send(content, most) => {
                 let length = self.serial.content(content).len();
-                self.control = Control::Sends(content, 0, length.min(most));
+                self.control = Control::SendingData(content, 0, length.min(most));
                 self.send_reply();
                 return;
             }
-            Reply::TakeCoding => {
-                self.control = Control::TakesCoding;
-                self.request.hand_over(PACKET as u32);
+            ControlResponse::TakeCoding => {
+                self.control = Control::ReceivingLineCoding;
+                self.request.hand_over(MAX_PACKET_BYTES as u32);
                 return;
             }
-            Reply::Refuse => {
+            ControlResponse::Refuse => {
                 // SAFETY: both directions of endpoint 0.
                 unsafe { registers().ep_stall_arm().write(|w| w.bits(0b11)) };
                 write(self.reply.control, STALL);
                 write(self.request.control, STALL);
                 return;
             }
-            Reply::Address(address) => self.control = Control::GetsAddress(address),
-            Reply::Configure(on) => self.configure(on),
-            Reply::ClearEndpoint(endpoint) => self.clear(endpoint),
-            Reply::Opened => drop_queued(),
-            Reply::Done => {}
+            ControlResponse::Address(address) => self.control = Control::SettingAddress(address),
+            ControlResponse::Configure(on) => self.configure(on),
+            ControlResponse::ClearEndpoint(endpoint) => self.clear(endpoint),
+            ControlResponse::Opened => drop_queued(),
+            ControlResponse::Done => {}
         }
         self.reply.send(core::iter::empty());
     }
@@ -224,43 +226,43 @@ impl Device {
     /// Restarts the packets of an endpoint.
     fn clear(&mut self, endpoint: u8) {
         if !self.serial.is_configured() {
-        } else if endpoint == BYTES {
-            self.receive.odd = false;
-            self.receive.hand_over(PACKET as u32);
-        } else if endpoint == 0x80 | BYTES {
+        } else if endpoint == DATA_ENDPOINT {
+            self.receive.data1 = false;
+            self.receive.hand_over(MAX_PACKET_BYTES as u32);
+        } else if endpoint == 0x80 | DATA_ENDPOINT {
             write(self.send.control, 0);
-            (self.send.odd, self.sends) = (false, false);
+            (self.send.data1, self.sends) = (false, false);
         }
     }
 
     /// Sends the next packet of a reply. If none is left, an empty packet from the host ends the reply.
     fn send_reply(&mut self) {
-        let Control::Sends(content, from, until) = self.control else { return };
-        let to = until.min(from + PACKET);
-        self.control = Control::Sends(content, to, until);
+        let Control::SendingData(content, from, until) = self.control else { return };
+        let to = until.min(from + MAX_PACKET_BYTES);
+        self.control = Control::SendingData(content, to, until);
         let bytes = self.serial.content(content).iter().copied();
         self.reply.send(bytes.skip(from).take(to - from));
     }
 
     fn on_reply_sent(&mut self) {
         match self.control {
-            Control::Sends(_, from, until) if from < until => self.send_reply(),
-            Control::Sends(..) => {
+            Control::SendingData(_, from, until) if from < until => self.send_reply(),
+            Control::SendingData(..) => {
                 self.control = Control::Idle;
-                self.request.odd = true;
+                self.request.data1 = true;
                 self.request.hand_over(0);
             }
-            Control::GetsAddress(address) => {
+            Control::SettingAddress(address) => {
                 self.control = Control::Idle;
                 // SAFETY: an address of 7 bits.
                 unsafe { registers().addr_endp().write(|w| w.bits(u32::from(address))) };
             }
-            Control::Idle | Control::TakesCoding => {}
+            Control::Idle | Control::ReceivingLineCoding => {}
         }
     }
 
     fn on_request(&mut self) {
-        if let Control::TakesCoding = self.control {
+        if let Control::ReceivingLineCoding = self.control {
             self.control = Control::Idle;
             self.serial.take_coding(self.request.received());
             self.reply.send(core::iter::empty());
@@ -269,12 +271,12 @@ impl Device {
 
     fn on_received(&mut self) {
         for byte in self.receive.received() {
-            uart::obey(self.watch.push(byte));
+            uart::handle_emergency_stop(self.watch.push(byte));
             // A byte is lost if the queue is full, which the CRC of its frame shows.
             let _ = RECEIVED.enqueue(byte);
         }
         if self.serial.is_configured() {
-            self.receive.hand_over(PACKET as u32);
+            self.receive.hand_over(MAX_PACKET_BYTES as u32);
         }
     }
 
@@ -284,7 +286,7 @@ impl Device {
             return;
         }
         self.sends = true;
-        self.send.send(core::iter::from_fn(|| TO_SEND.dequeue()).take(PACKET - 1));
+        self.send.send(core::iter::from_fn(|| TO_SEND.dequeue()).take(MAX_PACKET_BYTES - 1));
     }
 
     fn on_buffers(&mut self) {
@@ -298,10 +300,10 @@ impl Device {
         if is_done(0, true) {
             self.on_request();
         }
-        if is_done(BYTES, true) {
+        if is_done(DATA_ENDPOINT, true) {
             self.on_received();
         }
-        if is_done(BYTES, false) {
+        if is_done(DATA_ENDPOINT, false) {
             self.sends = false;
         }
     }
@@ -328,7 +330,7 @@ pub fn start(resets: &pac::RESETS) {
         while resets.reset_done().read().bits() & RESET == 0 {}
     }
     (0..CONTROL_BUFFER).step_by(4).for_each(|offset| write(offset, 0));
-    DEVICE.give(Device::new());
+    DEVICE.init(Device::new());
     // SAFETY: values of the data sheet. The bus counts as supplied, because not every board has a pin that detects it.
     unsafe {
         usb.usb_muxing().write(|w| w.bits(1 | 1 << 3));

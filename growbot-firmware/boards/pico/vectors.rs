@@ -18,7 +18,7 @@ unsafe impl Sync for Table {}
 static TABLE: Table = Table(UnsafeCell::new([0; VECTORS]));
 
 /// Copies the table of the image and makes the processor use the copy. Call it once, before the interrupts are enabled.
-pub fn move_to_memory() {
+pub fn relocate_to_ram() {
     // SAFETY: the processor's own peripheral, which points to the table of the image.
     unsafe {
         let block = &*pac::PPB::ptr();

@@ -5,7 +5,7 @@
 //! occurs only at a fall below the threshold. A board whose supply is still rising, or always that low, therefore
 //! starts nevertheless, and writes a warning to its log.
 
-use growbot_firmware::supplied::SupplyDetector;
+use growbot_firmware::guarded_flash::SupplyMonitor;
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc};
 
@@ -25,9 +25,9 @@ pub fn start_detector(pwr: &pac::PWR, rcc: &mut Rcc) {
 
 /// The detector after its start. Its level is above the voltage at which flash can be programmed by words (2.7 V, data
 /// sheet DS8626).
-pub struct Detector;
+pub struct PvdMonitor;
 
-impl SupplyDetector for Detector {
+impl SupplyMonitor for PvdMonitor {
     fn is_enough(&self) -> bool {
         // SAFETY: a read of this register has no effect.
         unsafe { &*pac::PWR::ptr() }.csr().read().pvdo().bit_is_clear()

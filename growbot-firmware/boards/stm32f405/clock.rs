@@ -10,9 +10,9 @@ use stm32f4xx_hal::pac;
 /// The processor's clock.
 pub const PROCESSOR_HZ: u32 = 168_000_000;
 /// The clock of the peripherals on the first bus (APB1).
-pub const PERIPHERALS_1_HZ: u32 = PROCESSOR_HZ / 4;
+pub const APB1_HZ: u32 = PROCESSOR_HZ / 4;
 /// The clock of the timers on that bus, which is twice as fast.
-pub const TIMERS_1_HZ: u32 = PROCESSOR_HZ / 2;
+pub const APB1_TIMER_HZ: u32 = PROCESSOR_HZ / 2;
 
 /// SysTicks a second.
 const TICK_HZ: u32 = 1_000;
@@ -33,7 +33,7 @@ const MAX_LOOKS: u32 = INTERNAL_HZ / 1000 * CRYSTAL_WAIT_MS / LOOK_CLOCKS;
 
 /// Source of the clocks.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Oscillator {
+pub enum ClockSource {
     /// The crystal, monitored by the clock security system.
     Crystal,
     /// The oscillator in the processor, because the crystal did not start. It is exact to 1 % at 25 C, and to 8 % over
@@ -47,7 +47,7 @@ pub enum Oscillator {
 ///
 /// The watchdog must have been started: if a part never gets ready, the watchdog resets the board, with every pin
 /// floating.
-pub fn speed_up(rcc: &pac::RCC, flash: &pac::FLASH) -> Oscillator {
+pub fn speed_up(rcc: &pac::RCC, flash: &pac::FLASH) -> ClockSource {
     rcc.cr().modify(|_, w| w.hseon().set_bit());
     let starts = (0..MAX_LOOKS).any(|_| rcc.cr().read().hserdy().bit_is_set());
     if starts {
@@ -73,14 +73,14 @@ pub fn speed_up(rcc: &pac::RCC, flash: &pac::FLASH) -> Oscillator {
     cortex_m::asm::delay(16);
     rcc.cfgr().modify(|_, w| w.sw().pll());
     while !rcc.cfgr().read().sws().is_pll() {}
-    if starts { Oscillator::Crystal } else { Oscillator::Internal }
+    if starts { ClockSource::Crystal } else { ClockSource::Internal }
 }
 
 /// Interrupt of the clock security system, which cannot be masked: the crystal has stopped. The processor runs by the
 /// internal oscillator, ten times slower, so that no task would be in time any more.
 #[exception]
 unsafe fn NonMaskableInt() {
-    crate::reset::end_by_clock_failure();
+    crate::reset::reset_on_clock_failure();
 }
 
 /// Starts SysTick on the processor's clock.

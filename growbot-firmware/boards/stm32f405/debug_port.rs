@@ -27,9 +27,9 @@ const VECTOR_CATCHES: u32 = 0x7F1;
 const C_DEBUGEN: u32 = 1;
 
 /// The timers and watchdogs that stop or continue in a halt.
-pub struct Halts(pac::DBGMCU);
+pub struct DebugFreeze(pac::DBGMCU);
 
-impl Halts {
+impl DebugFreeze {
     /// Applies the settings, and clears all vector catches.
     pub fn set_up(registers: pac::DBGMCU, debug: &mut DCB) -> Self {
         // SAFETY: clears bits that make the processor halt. The other bits are kept.

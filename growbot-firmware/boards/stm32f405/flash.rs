@@ -12,11 +12,11 @@
 use core::ops::RangeInclusive;
 
 use embedded_storage::nor_flash::NorFlashErrorKind;
-use growbot_firmware::supplied::Supplied;
+use growbot_firmware::guarded_flash::GuardedFlash;
 use stm32f4xx_hal::pac;
 
-use crate::brown_out::Detector;
-use crate::image::word_flash::{ByWords, Word, WordFlash};
+use crate::brown_out::PvdMonitor;
+use crate::runtime::word_flash::{Word, WordFlash, WordNorFlash};
 
 /// Sectors that may be erased. The firmware is in the sectors before them.
 const ERASABLE_SECTORS: RangeInclusive<usize> = 8..=11;
@@ -49,7 +49,7 @@ unsafe extern "C" {
 }
 
 /// Flash that is changed only while the processor's supply is high enough.
-pub type SuppliedFlash = Supplied<ByWords<BoardFlash>, Detector>;
+pub type SuppliedFlash = GuardedFlash<WordNorFlash<BoardFlash>, PvdMonitor>;
 
 /// A part of the flash.
 pub struct BoardFlash {
@@ -74,7 +74,7 @@ impl BoardFlash {
 
     fn between(registers: pac::FLASH, start: *const u32, end: *const u32) -> SuppliedFlash {
         let bytes = (end as usize).wrapping_sub(start as usize);
-        SuppliedFlash::new(ByWords(Self { registers, start: start.cast_mut(), bytes }), Detector)
+        SuppliedFlash::new(WordNorFlash(Self { registers, start: start.cast_mut(), bytes }), PvdMonitor)
     }
 
     /// Returns the address of a byte of this flash.

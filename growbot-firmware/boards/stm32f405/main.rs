@@ -19,12 +19,12 @@ mod debug_port;
 mod fan;
 mod flash;
 mod heater;
-#[path = "../image/mod.rs"]
-mod image;
+mod orientation_bus;
 mod pins;
 mod reset;
+#[path = "../runtime/mod.rs"]
+mod runtime;
 mod step_timer;
-mod tip_bus;
 mod uart;
 mod watchdog;
 
@@ -34,33 +34,33 @@ defmt::timestamp!("{=u64:ms}", clock::milliseconds());
 mod app {
     use growbot_core::link::message::State;
     use growbot_core::robot::BoardKind;
-    use growbot_firmware::controller::{Controller, Identity};
-    use growbot_firmware::descriptions::Descriptions;
-    use growbot_firmware::hal::{Board, NoDrivers, Parts};
+    use growbot_firmware::board_robot::BoardRobot;
+    use growbot_firmware::controller::{BootInfo, Controller};
+    use growbot_firmware::description_store::DescriptionStore;
+    use growbot_firmware::hal::{Board, BoardResources, UnmanagedDrivers};
     use growbot_firmware::journal::Journal;
     use growbot_firmware::layer_store::LayerStore;
-    use growbot_firmware::machine::Machine;
-    use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
+    use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
     use stm32f4xx_hal::pac;
     use stm32f4xx_hal::prelude::*;
 
     use crate::adc::{self, Supply, Thermistor};
-    use crate::clock::Oscillator;
-    use crate::debug_port::{BoardDebugPort, Halts};
+    use crate::clock::ClockSource;
+    use crate::debug_port::{BoardDebugPort, DebugFreeze};
     use crate::fan::Fan;
     use crate::flash::{BoardFlash, SuppliedFlash};
     use crate::heater::Heater;
-    use crate::image::retained::RetainedRam;
-    use crate::image::{crash, seal};
+    use crate::orientation_bus::{self, BoardOrientation};
     use crate::pins::{self, Pins};
+    use crate::runtime::retained::RetainedRam;
+    use crate::runtime::{crash, seal};
     use crate::step_timer::StepTimer;
-    use crate::tip_bus::{self, BoardOrientation};
     use crate::uart::{self, Uart};
     use crate::watchdog::BoardWatchdog;
     use crate::{brown_out, clock, reset, watchdog};
 
     /// Handover between the controller and the step interrupt.
-    static HANDOVER: Handover = Handover::new();
+    static MAILBOX: Mailbox = Mailbox::new();
 
     type StepEngine = Engine<
         pins::HeadStep,
@@ -87,7 +87,7 @@ mod app {
         type Supply = Supply;
         type FilamentPresence = pins::FilamentPresence;
         type DriverFault = pins::DriverFault;
-        type Drivers = NoDrivers;
+        type Drivers = UnmanagedDrivers;
         type Orientation = BoardOrientation;
         type Watchdog = BoardWatchdog;
         type DebugPort = BoardDebugPort;
@@ -112,19 +112,19 @@ mod app {
     fn init(cx: init::Context) -> (Shared, Local) {
         let device = cx.device;
         let mut core = cx.core;
-        let watchdog = watchdog::start(device.IWDG, Halts::set_up(device.DBGMCU, &mut core.DCB));
+        let watchdog = watchdog::start(device.IWDG, DebugFreeze::set_up(device.DBGMCU, &mut core.DCB));
         let Some(retained) = RetainedRam::take() else {
             // This is unreachable, because no code has taken the memory before.
             cortex_m::peripheral::SCB::sys_reset()
         };
 
         brown_out::check_reset_level(&device.FLASH);
-        let mut identity = identify(&device.RCC, &device.FLASH);
+        let mut identity = boot_info(&device.RCC, &device.FLASH);
         let mut rcc = device.RCC.constrain();
         brown_out::start_detector(&device.PWR, &mut rcc);
         let [descriptions, journal] = BoardFlash::parts(device.FLASH);
-        let mut descriptions = Descriptions::open(descriptions);
-        let Machine { robot, configured } = Machine::find(&mut descriptions);
+        let mut descriptions = DescriptionStore::open(descriptions);
+        let BoardRobot { robot, configured } = BoardRobot::load(&mut descriptions);
         identity.configured = configured;
         let pins = Pins::new(robot.description(), device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
         clock::start(&mut core.SYST);
@@ -132,14 +132,18 @@ mod app {
         let uart = Uart::start(device.USART2, (pins.link_tx, pins.link_rx), &mut rcc);
 
         let engine = Engine::new(
-            Axis { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
-            Axis { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
-            Inputs { index: pins.index, filament_motion: pins.filament_motion, emergency_stop: pins.emergency_stop },
+            StepperPins { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
+            StepperPins { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
+            EngineInputs {
+                index: pins.index,
+                filament_motion: pins.filament_motion,
+                emergency_stop: pins.emergency_stop,
+            },
             pins::TipOutputs,
-            EngineSettings::of(&robot),
+            EngineConfig::for_robot(&robot),
         );
         let (thermistor, supply) = adc::new(device.ADC1, device.ADC_COMMON, pins.thermistor, pins.supply, &mut rcc);
-        let parts = Parts {
+        let parts = BoardResources {
             heater_power: Heater::new(device.TIM1, pins.heater, &mut rcc),
             heater_enable: pins.heater_enable,
             fan: Fan::new(device.TIM12, pins.fan, &mut rcc),
@@ -147,8 +151,12 @@ mod app {
             supply,
             filament_presence: pins.filament_presence,
             driver_fault: pins.driver_fault,
-            drivers: NoDrivers,
-            orientation: tip_bus::orientation(pins.orientation_clock, pins.orientation_data, clock::PROCESSOR_HZ),
+            drivers: UnmanagedDrivers,
+            orientation: orientation_bus::orientation(
+                pins.orientation_clock,
+                pins.orientation_data,
+                clock::PROCESSOR_HZ,
+            ),
             watchdog,
             debug_port: BoardDebugPort,
             retained,
@@ -163,7 +171,7 @@ mod app {
             identity.boot_id,
             identity.reset_cause.name()
         );
-        let controller = Controller::new(robot, identity, parts, &HANDOVER);
+        let controller = Controller::new(robot, identity, parts, &MAILBOX);
         let logged = controller.state();
         brown_out::arm(&device.PWR, &device.EXTI);
         (Shared {}, Local { engine, step_timer, uart, controller, logged })
@@ -171,11 +179,11 @@ mod app {
 
     /// Returns the facts about this start. It makes the clocks fast before it checks the image, long before the
     /// watchdog must be fed.
-    fn identify(rcc: &pac::RCC, flash: &pac::FLASH) -> Identity {
-        Identity {
+    fn boot_info(rcc: &pac::RCC, flash: &pac::FLASH) -> BootInfo {
+        BootInfo {
             reset_cause: reset::read_and_clear_cause(rcc),
             boot_id: reset::next_boot_id(),
-            without_crystal: clock::speed_up(rcc, flash) == Oscillator::Internal,
+            crystal_failed: clock::speed_up(rcc, flash) == ClockSource::Internal,
             image: seal::check(),
             crash: crash::latest(),
             configured: false,
@@ -188,14 +196,14 @@ mod app {
         let (received, to_send) = (&uart::RECEIVED, &uart::TO_SEND);
         loop {
             while let Some(byte) = received.dequeue() {
-                controller.receive(byte, &HANDOVER);
+                controller.receive(byte, &MAILBOX);
             }
-            controller.poll(clock::now_us(), &HANDOVER);
-            while to_send.ready() {
-                let Some(byte) = controller.transmit() else { break };
+            controller.poll(clock::now_us(), &MAILBOX);
+            while to_send.has_room() {
+                let Some(byte) = controller.next_tx_byte() else { break };
                 let _ = to_send.enqueue(byte);
             }
-            if controller.is_to_restart() {
+            if controller.needs_reset() {
                 cortex_m::peripheral::SCB::sys_reset();
             }
             if controller.state() != *logged {
@@ -211,18 +219,18 @@ mod app {
 
     #[task(binds = PVD, priority = 5)]
     fn supply_sags(_cx: supply_sags::Context) {
-        reset::end_by_brown_out();
+        reset::reset_on_brown_out();
     }
 
     #[task(binds = TIM2, priority = 4, local = [engine, step_timer])]
     fn step(cx: step::Context) {
         cx.local.step_timer.acknowledge();
-        cx.local.engine.tick(&HANDOVER);
+        cx.local.engine.tick(&MAILBOX);
     }
 
     #[task(binds = USART2, priority = 3, local = [uart])]
     fn link(cx: link::Context) {
-        cx.local.uart.on_interrupt(&HANDOVER);
+        cx.local.uart.on_interrupt(&MAILBOX);
     }
 
     #[task(binds = SysTick, priority = 2)]

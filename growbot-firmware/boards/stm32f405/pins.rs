@@ -11,7 +11,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 
 use growbot_core::robot::RobotDescription;
 use growbot_firmware::hal::Outputs;
-use growbot_firmware::polarity::Polarized;
+use growbot_firmware::invertible_pin::InvertiblePin;
 use stm32f4xx_hal::gpio::{Alternate, Analog, GpioExt, Input, OpenDrain, Output, PinState, Pull};
 use stm32f4xx_hal::gpio::{
     PA2, PA3, PA7, PA8, PB5, PB6, PB7, PB8, PB10, PB11, PB12, PB13, PB14, PB15, PC0, PC1, PC6, PC7, PC8, PC9,
@@ -22,17 +22,17 @@ use stm32f4xx_hal::rcc::Rcc;
 /// Signal `head STEP`.
 pub type HeadStep = PC6<Output>;
 /// Signal `head DIR`.
-pub type HeadDirection = Polarized<PC7<Output>>;
+pub type HeadDirection = InvertiblePin<PC7<Output>>;
 /// Signal `head EN`; high is energised.
-pub type HeadEnable = Polarized<PC8<Output>>;
+pub type HeadEnable = InvertiblePin<PC8<Output>>;
 /// Signal `feed STEP`.
 pub type FeedStep = PB12<Output>;
 /// Signal `feed DIR`.
-pub type FeedDirection = Polarized<PB13<Output>>;
+pub type FeedDirection = InvertiblePin<PB13<Output>>;
 /// Signal `feed EN`; high is energised.
-pub type FeedEnable = Polarized<PB14<Output>>;
+pub type FeedEnable = InvertiblePin<PB14<Output>>;
 /// Signal `drivers' fault outputs, joined`; high is a fault.
-pub type DriverFault = Polarized<PC9<Input>>;
+pub type DriverFault = InvertiblePin<PC9<Input>>;
 /// Signal `heater power`.
 pub type HeaterPower = PA8<Alternate<1>>;
 /// Signal `heater second switch`.
@@ -44,13 +44,13 @@ pub type ThermistorInput = PC0<Analog>;
 /// Signal `supply voltage`.
 pub type SupplyInput = PC1<Analog>;
 /// Signal `index sensor`; high is on the mark.
-pub type Index = Polarized<PB6<Input>>;
+pub type Index = InvertiblePin<PB6<Input>>;
 /// Signal `filament presence`; high is filament.
-pub type FilamentPresence = Polarized<PB5<Input>>;
+pub type FilamentPresence = InvertiblePin<PB5<Input>>;
 /// Signal `filament encoder`.
 pub type FilamentMotion = PB7<Input>;
 /// Signal `emergency stop`; high is pressed.
-pub type EmergencyStop = Polarized<PB8<Input>>;
+pub type EmergencyStop = InvertiblePin<PB8<Input>>;
 /// Signal `orientation sensor SCL`.
 pub type OrientationClock = PB10<Output<OpenDrain>>;
 /// Signal `orientation sensor SDA`.
@@ -121,11 +121,11 @@ impl Pins {
         let (a, b, c) = (a.split(rcc), b.split(rcc), c.split(rcc));
         Pins {
             head_step: c.pc6.into_push_pull_output_in_state(PinState::Low),
-            head_direction: Polarized::new(c.pc7.into_push_pull_output_in_state(PinState::Low), head_backwards),
-            head_enable: Polarized::new(c.pc8.into_push_pull_output_in_state(off), enable_low),
+            head_direction: InvertiblePin::new(c.pc7.into_push_pull_output_in_state(PinState::Low), head_backwards),
+            head_enable: InvertiblePin::new(c.pc8.into_push_pull_output_in_state(off), enable_low),
             feed_step: b.pb12.into_push_pull_output_in_state(PinState::Low),
-            feed_direction: Polarized::new(b.pb13.into_push_pull_output_in_state(PinState::Low), feed_backwards),
-            feed_enable: Polarized::new(b.pb14.into_push_pull_output_in_state(off), enable_low),
+            feed_direction: InvertiblePin::new(b.pb13.into_push_pull_output_in_state(PinState::Low), feed_backwards),
+            feed_enable: InvertiblePin::new(b.pb14.into_push_pull_output_in_state(off), enable_low),
             // The processor's own pull-downs supplement those at the gate drivers, because the timers' outputs may be
             // off and a wire may break.
             heater: a.pa8.into_alternate().internal_resistor(Pull::Down),
@@ -133,13 +133,13 @@ impl Pins {
             fan: b.pb15.into_alternate().internal_resistor(Pull::Down),
             thermistor: c.pc0.into_analog(),
             supply: c.pc1.into_analog(),
-            filament_presence: Polarized::new(b.pb5.into_pull_up_input(), active_low(sensors.filament_presence)),
-            driver_fault: Polarized::new(c.pc9.into_pull_up_input(), active_low(sensors.driver_fault)),
+            filament_presence: InvertiblePin::new(b.pb5.into_pull_up_input(), active_low(sensors.filament_presence)),
+            driver_fault: InvertiblePin::new(c.pc9.into_pull_up_input(), active_low(sensors.driver_fault)),
             orientation_clock: b.pb10.into_open_drain_output_in_state(PinState::High).internal_resistor(Pull::Up),
             orientation_data: b.pb11.into_open_drain_output_in_state(PinState::High).internal_resistor(Pull::Up),
-            index: Polarized::new(b.pb6.into_pull_up_input(), robot.head.index_low_on_mark),
+            index: InvertiblePin::new(b.pb6.into_pull_up_input(), robot.head.index_low_on_mark),
             filament_motion: b.pb7.into_pull_up_input(),
-            emergency_stop: Polarized::new(b.pb8.into_pull_up_input(), active_low(sensors.emergency_stop)),
+            emergency_stop: InvertiblePin::new(b.pb8.into_pull_up_input(), active_low(sensors.emergency_stop)),
             link_tx: a.pa2.into_alternate(),
             // Without an adapter the line idles, instead of picking up bytes.
             link_rx: a.pa3.into_alternate().internal_resistor(Pull::Up),

@@ -8,7 +8,7 @@ use cortex_m::peripheral::SCB;
 use growbot_core::link::message::ResetCause;
 use stm32f4xx_hal::pac;
 
-use crate::image::crash::{self, Moment};
+use crate::runtime::crash::{self, ExceptionContext};
 
 /// Three words that survive a reset: no code loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_notes")]
@@ -91,7 +91,7 @@ fn end(note: u32) -> ! {
 }
 
 /// Switches everything off and resets, because the processor's supply sags.
-pub fn end_by_brown_out() -> ! {
+pub fn reset_on_brown_out() -> ! {
     end(SAGGED)
 }
 
@@ -103,12 +103,12 @@ extern "C" fn default_handler() -> ! {
 }
 
 /// Switches everything off and resets, because the crystal has stopped.
-pub fn end_by_clock_failure() -> ! {
+pub fn reset_on_clock_failure() -> ! {
     end(CLOCK_FAILED)
 }
 
 /// Ends the program after a stack overflow or another fault of the processor.
-pub fn on_crash(cause: ResetCause, moment: &Moment) -> ! {
+pub fn reset_on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();
     // The step that is most certain to succeed comes first.

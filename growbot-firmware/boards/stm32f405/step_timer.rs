@@ -13,7 +13,7 @@ impl StepTimer {
     pub fn start(timer: pac::TIM2, tick_hz: u32, rcc: &mut Rcc) -> Self {
         pac::TIM2::enable(rcc);
         pac::TIM2::reset(rcc);
-        let period = clock::TIMERS_1_HZ / tick_hz.max(1);
+        let period = clock::APB1_TIMER_HZ / tick_hz.max(1);
         timer.psc().write(|w| w.psc().set(0));
         timer.arr().write(|w| w.arr().set(period.saturating_sub(1)));
         timer.cnt().write(|w| w.cnt().set(0));

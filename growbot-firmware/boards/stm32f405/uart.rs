@@ -2,7 +2,7 @@
 
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_firmware::byte_queue::ByteQueue;
-use growbot_firmware::stepping::Handover;
+use growbot_firmware::stepping::Mailbox;
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
@@ -34,7 +34,7 @@ impl Uart {
         pac::USART2::enable(rcc);
         pac::USART2::reset(rcc);
         // With sixteenfold oversampling, the register has the divider in sixteenths, which is clock over rate, rounded.
-        let divider = (clock::PERIPHERALS_1_HZ + BAUD / 2) / BAUD;
+        let divider = (clock::APB1_HZ + BAUD / 2) / BAUD;
         // SAFETY: any 16-bit divider is valid. At 42 MHz it is 365, 0.1 % off the rate.
         usart.brr().write(|w| unsafe { w.bits((divider & 0xFFFF) as u16) });
         usart.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit().rxneie().set_bit());
@@ -43,7 +43,7 @@ impl Uart {
 
     /// Handles the USART's interrupt, which the main loop also pends once it has queued bytes. An emergency stop is
     /// carried out here, ahead of all queued bytes.
-    pub fn on_interrupt(&mut self, handover: &Handover) {
+    pub fn on_interrupt(&mut self, handover: &Mailbox) {
         loop {
             let status = self.usart.sr().read();
             if !status.rxne().bit_is_set() && !status.ore().bit_is_set() {
@@ -56,7 +56,7 @@ impl Uart {
             }
             if status.rxne().bit_is_set() && self.watch.push(byte) {
                 // This comes first, so that no step in between energises a motor again.
-                handover.call_emergency_stop();
+                handover.request_emergency_stop();
                 pins::make_safe();
             }
             if status.rxne().bit_is_set() && RECEIVED.enqueue(byte).is_err() {

@@ -6,16 +6,16 @@ use stm32f4xx_hal::pac;
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::watchdog::IndependentWatchdog;
 
-use crate::debug_port::Halts;
+use crate::debug_port::DebugFreeze;
 
 /// The running watchdog. It cannot be stopped.
 pub struct BoardWatchdog {
     watchdog: IndependentWatchdog,
-    halts: Halts,
+    halts: DebugFreeze,
 }
 
 /// Starts the watchdog. It keeps counting while a debug probe halts the processor, as `halts` configures.
-pub fn start(iwdg: pac::IWDG, halts: Halts) -> BoardWatchdog {
+pub fn start(iwdg: pac::IWDG, halts: DebugFreeze) -> BoardWatchdog {
     let mut watchdog = IndependentWatchdog::new(iwdg);
     watchdog.start(1.secs());
     BoardWatchdog { watchdog, halts }

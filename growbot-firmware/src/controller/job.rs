@@ -16,15 +16,15 @@ use super::{Controller, centi};
 use crate::hal::{Board, Watchdog};
 use crate::journal::{self, JobState, JournalError};
 use crate::link;
-use crate::safety::retained::UnderWay;
+use crate::safety::retained::ActiveWork;
 use crate::safety::transitions::Event;
-use crate::stepping::{Handover, Material, Report};
+use crate::stepping::{Mailbox, Report, TurnPlanner};
 
 /// Temperature below which the nozzle must be to erase a sector of the journal, degrees Celsius. Erasing stops the
 /// processor for up to two seconds.
 pub(super) const COLD_C: f64 = 50.0;
 /// Max number of layers handed to the engine and not yet laid.
-const MAX_GIVEN: usize = 3;
+const MAX_LAYERS_IN_FLIGHT: usize = 3;
 /// Number of the latest layers whose measurements are stored.
 const MAX_MEASURED: usize = 16;
 /// Max age of the retained progress of the current layer, s.
@@ -36,25 +36,25 @@ pub(super) struct Job {
     /// Identifier of the plan; 0 without a job.
     pub plan_id: u64,
     /// Number of layers of the plan.
-    pub layers: u32,
+    pub layer_count: u32,
     /// Number of layers laid.
-    pub laid: u32,
+    pub layers_laid: u32,
     /// Number of layers handed to the engine.
-    pub given: u32,
+    pub layers_begun: u32,
     /// Number of layers reported to the host.
-    pub reported: u32,
+    pub layers_reported: u32,
     /// Progress of the interrupted layer. `None` if no layer was interrupted.
     pub interrupted: Option<InterruptedLayer>,
     /// Reaction to a silent host.
     pub silence: HostSilencePolicy,
     /// The journal has failed, so that the job cannot be resumed.
-    pub unwritten: bool,
+    pub journal_failed: bool,
     /// Carry from the layers that are laid to the next layers.
-    pub carry: journal::Carry,
+    pub carry: journal::RoundingCarry,
     /// Material of the layers handed to the engine.
-    pub material: Material,
+    pub material: TurnPlanner,
     /// Carry from each layer that is handed to the engine and not yet laid to the next layer.
-    pub carries: Deque<journal::Laid, MAX_GIVEN>,
+    pub carries: Deque<journal::LayerRecord, MAX_LAYERS_IN_FLIGHT>,
     /// Measurements after the latest layers.
     measured: Deque<MeasuredLayer, MAX_MEASURED>,
 }
@@ -70,9 +70,9 @@ impl Job {
     /// Forgets the layers that were handed to the engine and not laid, so that the next layer follows those that were
     /// laid.
     pub fn forget_given(&mut self) {
-        self.given = self.laid;
+        self.layers_begun = self.layers_laid;
         self.carries.clear();
-        self.material = Material::from(self.carry);
+        self.material = TurnPlanner::from(self.carry);
     }
 
     /// Stores the measurements after a layer.
@@ -99,11 +99,11 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::UnknownRequest);
         }
         self.check_event(Event::Begin)?;
-        let repeated = (begin.plan_id, begin.layers) == (self.job.plan_id, self.job.layers);
+        let repeated = (begin.plan_id, begin.layers) == (self.job.plan_id, self.job.layer_count);
         match self.state {
             // At rest the request starts another growth, of the same plan or of a new one.
             State::Done | State::Stopped => {}
-            State::Idle if repeated && self.job.laid == 0 && self.job.interrupted.is_none() => {
+            State::Idle if repeated && self.job.layers_laid == 0 && self.job.interrupted.is_none() => {
                 return Ok(self.accepted());
             }
             State::Idle => {}
@@ -112,7 +112,7 @@ impl<B: Board> Controller<B> {
             state => return Err(Refusal::WrongState { state }),
         }
         self.new_job(begin.plan_id, begin.layers)?;
-        self.happens(Event::Begin);
+        self.apply_event(Event::Begin);
         Ok(self.accepted())
     }
 
@@ -122,18 +122,18 @@ impl<B: Board> Controller<B> {
         if layers > capacity {
             return Err(Refusal::PlanTooLong { layers, capacity });
         }
-        self.make_room(layers)?;
-        self.parts.journal.begin(plan_id, self.robot.hash(), layers).map_err(|_| Refusal::JournalNotWritable)?;
+        self.erase_journal_for(layers)?;
+        self.parts.journal.begin_job(plan_id, self.robot.hash(), layers).map_err(|_| Refusal::JournalNotWritable)?;
         self.store_mut().restart(0);
-        self.job = Job { plan_id, layers, ..Job::default() };
+        self.job = Job { plan_id, layer_count: layers, ..Job::default() };
         Ok(())
     }
 
     /// Erases as much of the journal as a job needs. Everything is off. The nozzle must be cold too, because nothing is
     /// monitored while the flash is erased.
-    fn make_room(&mut self, layers: u32) -> Result<(), Refusal> {
+    fn erase_journal_for(&mut self, layers: u32) -> Result<(), Refusal> {
         while self.parts.journal.needs_erasing(layers) {
-            if self.heater.temperature(self.now).is_none_or(|temperature| temperature >= COLD_C) {
+            if self.heater.temperature(self.now_us).is_none_or(|temperature| temperature >= COLD_C) {
                 return Err(Refusal::NozzleTooHot { below: centi(COLD_C) });
             }
             self.parts.watchdog.feed();
@@ -145,7 +145,7 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    pub(super) fn this_plan(&self, plan_id: u64) -> Result<(), Refusal> {
+    pub(super) fn check_plan_id(&self, plan_id: u64) -> Result<(), Refusal> {
         if plan_id == 0 || plan_id != self.job.plan_id {
             return Err(Refusal::PlanMismatch { board: self.job.plan_id });
         }
@@ -154,8 +154,8 @@ impl<B: Board> Controller<B> {
 
     pub(super) fn resume(&mut self, resume: &Resume) -> Result<Message, Refusal> {
         self.check_event(Event::Resume)?;
-        self.this_plan(resume.plan_id)?;
-        let laid = self.job.laid;
+        self.check_plan_id(resume.plan_id)?;
+        let laid = self.job.layers_laid;
         if matches!(self.state, State::Idle | State::Stopped) {
             if resume.start_layer == laid.saturating_add(1) && self.job.interrupted.is_some() {
                 self.skip_interrupted()?;
@@ -166,38 +166,41 @@ impl<B: Board> Controller<B> {
             // The layer is laid again, on top of its finished part.
             self.job.interrupted = None;
         }
-        self.job.reported = resume.reported_layers.min(self.job.laid);
-        self.happens(Event::Resume);
+        self.job.layers_reported = resume.reported_layers.min(self.job.layers_laid);
+        self.apply_event(Event::Resume);
         Ok(self.accepted())
     }
 
     /// Refuses a request that the journal could not record, and records that the job cannot be resumed.
-    fn in_journal(&mut self, written: Result<(), JournalError>) -> Result<(), Refusal> {
+    fn journal_result(&mut self, written: Result<(), JournalError>) -> Result<(), Refusal> {
         written.map_err(|_| {
-            self.job.unwritten = true;
+            self.job.journal_failed = true;
             Refusal::JournalNotWritable
         })
     }
 
     /// Counts the interrupted layer as laid, as far as it was made.
     fn skip_interrupted(&mut self) -> Result<(), Refusal> {
-        let index = self.job.laid;
-        let unknown =
-            journal::Laid { as_built: LayerBytes::default(), height_units: 0, lean_owed: self.job.carry.lean_owed };
-        let written = self.parts.journal.skipped(index, &unknown);
-        self.in_journal(written)?;
+        let index = self.job.layers_laid;
+        let unknown = journal::LayerRecord {
+            as_built: LayerBytes::default(),
+            height_units: 0,
+            residual_lean: self.job.carry.residual_lean,
+        };
+        let written = self.parts.journal.record_skipped(index, &unknown);
+        self.journal_result(written)?;
         if self.store().get(index).is_some() {
             self.store_mut().drop_first();
         } else {
             self.store_mut().restart(index + 1);
         }
-        self.job.laid += 1;
+        self.job.layers_laid += 1;
         self.job.interrupted = None;
         Ok(())
     }
 
     pub(super) fn store_layers(&mut self, batch: &AppendLayers) -> Result<Message, Refusal> {
-        self.this_plan(batch.plan_id)?;
+        self.check_plan_id(batch.plan_id)?;
         self.check_event(Event::Layers)?;
         let expected = self.store().next_index();
         if batch.first > expected {
@@ -205,7 +208,7 @@ impl<B: Board> Controller<B> {
         }
         let already_stored = (expected - batch.first) as usize;
         let new = batch.layers.get(already_stored..).unwrap_or_default();
-        self.check_layers(expected, new, self.job.layers)?;
+        self.check_layers(expected, new, self.job.layer_count)?;
         if new.len() > self.store().room() as usize {
             return Err(Refusal::LayerStoreFull);
         }
@@ -246,9 +249,9 @@ impl<B: Board> Controller<B> {
         if amend.new_plan_id == self.job.plan_id {
             return Ok(self.accepted());
         }
-        self.this_plan(amend.plan_id)?;
-        if amend.first_replaced < self.job.given {
-            return Err(Refusal::LayerAlreadyBegun { first: self.job.given });
+        self.check_plan_id(amend.plan_id)?;
+        if amend.first_replaced < self.job.layers_begun {
+            return Err(Refusal::LayerAlreadyBegun { first: self.job.layers_begun });
         }
         let expected = self.store().next_index();
         if amend.first_replaced > expected {
@@ -259,7 +262,7 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::PlanTooLong { layers: amend.layers, capacity });
         }
         // At least one layer must remain, because otherwise nothing would end the job.
-        if amend.layers <= self.job.laid || amend.layers < amend.first_replaced {
+        if amend.layers <= self.job.layers_laid || amend.layers < amend.first_replaced {
             return Err(Refusal::LayerOutOfLimits { index: amend.layers });
         }
         self.check_layers(amend.first_replaced, &amend.first_layers, amend.layers)?;
@@ -267,22 +270,22 @@ impl<B: Board> Controller<B> {
         if amend.first_layers.len() > room as usize {
             return Err(Refusal::LayerStoreFull);
         }
-        let written = self.parts.journal.amended(amend.first_replaced, amend.new_plan_id, amend.layers);
-        self.in_journal(written)?;
+        let written = self.parts.journal.record_amended(amend.first_replaced, amend.new_plan_id, amend.layers);
+        self.journal_result(written)?;
         self.store_mut().truncate(amend.first_replaced);
         for bytes in &amend.first_layers {
             self.store_layer(*bytes)?;
         }
-        (self.job.plan_id, self.job.layers) = (amend.new_plan_id, amend.layers);
+        (self.job.plan_id, self.job.layer_count) = (amend.new_plan_id, amend.layers);
         Ok(self.accepted())
     }
 
     pub(super) fn start(&mut self, start: &Start) -> Result<Message, Refusal> {
-        self.this_plan(start.plan_id)?;
+        self.check_plan_id(start.plan_id)?;
         self.check_event(Event::Start)?;
         if self.state == State::Idle && self.job.interrupted.is_some() {
             // A host must decide with `Resume` how the interrupted layer is handled.
-            return Err(Refusal::OutOfOrder { expected: self.job.laid });
+            return Err(Refusal::OutOfOrder { expected: self.job.layers_laid });
         }
         if self.may_be_halted() {
             return Err(Refusal::DebugProbe);
@@ -292,19 +295,19 @@ impl<B: Board> Controller<B> {
         if is_at_rest && (!self.has_filament() || is_unloaded) {
             return Err(Refusal::NoFilament);
         }
-        if self.motion.maintains_something() {
+        if self.motion.is_maintenance_active() {
             return Err(Refusal::StillMoving);
         }
         self.set_pause(None);
         self.job.silence = start.on_host_silence;
         match self.state {
-            State::Idle if self.job.laid == self.job.layers => {
+            State::Idle if self.job.layers_laid == self.job.layer_count => {
                 self.end_job();
-                self.happens(Event::Finished);
+                self.apply_event(Event::Finished);
             }
             State::Idle | State::Parked => {
-                self.heater.switch_on(self.robot.description().heater.target_c, self.now);
-                self.happens(Event::Start);
+                self.heater.switch_on(self.robot.description().heater.target_c, self.now_us);
+                self.apply_event(Event::Start);
             }
             // The request is a repetition, or ends a pause.
             _ => {}
@@ -313,38 +316,38 @@ impl<B: Board> Controller<B> {
     }
 
     /// Cancels the job. A repeated request changes nothing.
-    pub(super) fn cancel(&mut self, cancel: &Cancel, handover: &Handover) -> Result<Message, Refusal> {
+    pub(super) fn cancel(&mut self, cancel: &Cancel, handover: &Mailbox) -> Result<Message, Refusal> {
         self.check_event(Event::Cancel)?;
         if self.job.plan_id != 0 {
-            self.this_plan(cancel.plan_id)?;
+            self.check_plan_id(cancel.plan_id)?;
         }
-        self.interrupt(handover);
+        self.abort_layer(handover);
         self.end_job();
         self.store_mut().restart(0);
         self.job = Job::default();
-        self.happens(Event::Cancel);
+        self.apply_event(Event::Cancel);
         Ok(self.accepted())
     }
 
     /// Ends the job in the journal.
     pub(super) fn end_job(&mut self) {
         if self.parts.journal.job().is_some_and(|job| !job.ended) {
-            self.job.unwritten |= self.parts.journal.ended().is_err();
+            self.job.journal_failed |= self.parts.journal.record_ended().is_err();
         }
     }
 
     /// Switches everything off. If a layer was in progress it becomes the interrupted layer, and its progress is
     /// recorded.
-    pub(super) fn interrupt(&mut self, handover: &Handover) {
+    pub(super) fn abort_layer(&mut self, handover: &Mailbox) {
         // A layer whose report is pending is already laid.
-        if self.job.given > self.job.laid
+        if self.job.layers_begun > self.job.layers_laid
             && let Some(Report::Laid(turn)) = handover.pop_report()
         {
-            self.count(&turn, handover);
+            self.record_turn(&turn, handover);
         }
-        let sectors = handover.progress();
+        let sectors = handover.sectors_done();
         self.switch_off(handover);
-        if self.job.given > self.job.laid {
+        if self.job.layers_begun > self.job.layers_laid {
             let min = sectors.min(SECTORS as u32 - 1) as u8;
             self.job.interrupted = Some(InterruptedLayer { min, max: min + 1 });
             self.job.forget_given();
@@ -355,13 +358,13 @@ impl<B: Board> Controller<B> {
     pub(super) fn restore_job(&mut self) {
         let robot = self.robot.hash();
         // A finished job is restored too, because the host may not have acknowledged its last layers.
-        let is_known = |job: &&JobState| job.robot == robot && (!job.ended || job.laid == job.layers);
+        let is_known = |job: &&JobState| job.robot == robot && (!job.ended || job.layers_laid == job.layer_count);
         let Some(known) = self.parts.journal.job().filter(is_known).copied() else { return };
-        let interrupted = (known.begun > known.laid).then(|| match self.retained.under_way {
+        let interrupted = (known.layers_begun > known.layers_laid).then(|| match self.retained.under_way {
             // The retained progress counts only for the layer that was current then. In a later state, for example in
             // maintenance, no layer was current.
-            Some(UnderWay { plan_id, laid, begun, sectors, .. })
-                if (plan_id, laid) == (known.plan_id, known.laid) && begun > laid =>
+            Some(ActiveWork { plan_id, layers_laid: laid, layers_begun: begun, sectors_done: sectors, .. })
+                if (plan_id, laid) == (known.plan_id, known.layers_laid) && begun > laid =>
             {
                 let since = RETAINED_AGE_S / self.robot.description().layer.period_s * SECTORS as f64;
                 let max = (f64::from(sectors) + 1.0 + since).min(SECTORS as f64) as u8;
@@ -369,52 +372,58 @@ impl<B: Board> Controller<B> {
             }
             _ => InterruptedLayer { min: 0, max: SECTORS as u8 },
         });
-        self.job =
-            Job { plan_id: known.plan_id, layers: known.layers, laid: known.laid, interrupted, ..Job::default() };
-        self.store_mut().restart(known.laid);
+        self.job = Job {
+            plan_id: known.plan_id,
+            layer_count: known.layer_count,
+            layers_laid: known.layers_laid,
+            interrupted,
+            ..Job::default()
+        };
+        self.store_mut().restart(known.layers_laid);
         self.job.carry = self.parts.journal.carry();
         self.job.forget_given();
         // Between two layers the robot was paused, with filament pulled back.
-        let between_layers = (1..self.job.layers).contains(&self.job.laid) && self.job.interrupted.is_none();
-        self.motion.assume_behind(if between_layers { self.retract_steps() } else { 0 });
+        let between_layers =
+            (1..self.job.layer_count).contains(&self.job.layers_laid) && self.job.interrupted.is_none();
+        self.motion.set_retracted_steps(if between_layers { self.retract_steps() } else { 0 });
     }
 
     /// Records in the journal that a layer is begun, before it is handed to the engine. If a layer follows another
     /// without a pause, the record of the layer before includes this.
     pub(super) fn note_begun(&mut self) {
-        if self.job.given == self.job.laid {
-            self.job.unwritten |= self.parts.journal.begun(self.job.given).is_err();
+        if self.job.layers_begun == self.job.layers_laid {
+            self.job.journal_failed |= self.parts.journal.record_begun(self.job.layers_begun).is_err();
         }
         self.job.interrupted = None;
     }
 
     /// Records that a layer is laid, in the journal first.
     pub(super) fn commit(&mut self, as_built: LayerBytes, measured: LayerReadings) {
-        let index = self.job.laid;
-        self.job.laid += 1;
+        let index = self.job.layers_laid;
+        self.job.layers_laid += 1;
         self.job.store_measured(index, measured);
         self.parts.store.drop_first();
         let Some(left) = self.job.carries.pop_front() else { return };
-        let layer = journal::Laid { as_built, ..left };
+        let layer = journal::LayerRecord { as_built, ..left };
         self.job.carry.height_units += u64::from(layer.height_units);
-        self.job.carry.lean_owed = layer.lean_owed;
-        let next_begun = self.job.given > self.job.laid;
-        self.job.unwritten |= self.parts.journal.committed(index, &layer, next_begun).is_err();
+        self.job.carry.residual_lean = layer.residual_lean;
+        let next_begun = self.job.layers_begun > self.job.layers_laid;
+        self.job.journal_failed |= self.parts.journal.record_laid(index, &layer, next_begun).is_err();
     }
 
     /// Reports layers from the journal that the host has not received yet.
     pub(super) fn report_layers(&mut self) {
-        while self.job.reported < self.job.laid && self.link.has_room_for_layer() {
-            let index = self.job.reported;
-            let as_built = self.parts.journal.laid(index).filter(|laid| !laid.interrupted).map(|laid| laid.as_built);
+        while self.job.layers_reported < self.job.layers_laid && self.link.has_room_for_layer() {
+            let index = self.job.layers_reported;
+            let as_built = self.parts.journal.layer(index).filter(|laid| !laid.interrupted).map(|laid| laid.as_built);
             let measured = self.job.measured(index);
-            self.link.push_event(link::Event::Laid(LayerLaid {
+            self.link.push_event(link::HostEvent::Laid(LayerLaid {
                 plan_id: self.job.plan_id,
                 index,
                 as_built,
                 readings: measured,
             }));
-            self.job.reported += 1;
+            self.job.layers_reported += 1;
         }
     }
 }

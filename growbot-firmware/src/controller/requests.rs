@@ -13,12 +13,12 @@ use growbot_core::plan::plan_with_keep_alive;
 use growbot_core::pose::Pose;
 use heapless::String;
 
-use super::{Controller, Identity, centi};
+use super::{BootInfo, Controller, centi};
 use crate::hal::{Board, Watchdog};
 use crate::layer_store::CAPACITY;
-use crate::link::Arrival;
-use crate::safety::transitions::{Event, after};
-use crate::stepping::Handover;
+use crate::link::FrameAction;
+use crate::safety::transitions::{Event, next_state};
+use crate::stepping::Mailbox;
 
 /// Kind of a stop request, which is carried out whatever its body contains.
 const STOP: u8 = 0x06;
@@ -30,29 +30,29 @@ const TUNING_MARGIN_C: f64 = 20.0;
 
 impl<B: Board> Controller<B> {
     /// Carries out a request and sends the response.
-    pub(super) fn serve(&mut self, frame: &Frame, handover: &Handover) {
+    pub(super) fn handle_frame(&mut self, frame: &Frame, handover: &Mailbox) {
         let header = frame.header;
-        let arrival = self.link.ingest(&header, self.now);
-        if arrival == Arrival::Settled {
+        let arrival = self.link.process_header(&header, self.now_us);
+        if arrival == FrameAction::Ignore {
             return;
         }
         let answer = match Message::decode_request(header.kind, &frame.body) {
             _ if header.kind == STOP => Ok(self.stop(handover)),
             Ok(Message::Ack(_)) => return,
-            Ok(Message::Goodbye(_)) if arrival == Arrival::New => return self.link.close(),
-            Ok(message) => self.carry_out(message, &header, arrival, handover),
+            Ok(Message::Goodbye(_)) if arrival == FrameAction::Handle => return self.link.close(),
+            Ok(message) => self.dispatch(message, &header, arrival, handover),
             Err(_) => Err(Refusal::UnknownRequest),
         };
         let answer = answer.unwrap_or_else(|refusal| Message::Refused(Refused { kind: header.kind, refusal }));
-        self.link.answer(&header, answer);
+        self.link.respond(&header, answer);
     }
 
-    fn carry_out(
+    fn dispatch(
         &mut self,
         request: Message,
         header: &Header,
-        arrival: Arrival,
-        handover: &Handover,
+        arrival: FrameAction,
+        handover: &Mailbox,
     ) -> Result<Message, Refusal> {
         // These requests need no session.
         match request {
@@ -63,26 +63,26 @@ impl<B: Board> Controller<B> {
                 return Ok(Message::LatestFault(LatestFault { record: self.retained.record }));
             }
             Message::GetBootReport(_) => {
-                let Identity { image, crash, .. } = self.identity;
+                let BootInfo { image, crash, .. } = self.identity;
                 return Ok(Message::BootReport(BootReport { image, crash }));
             }
             Message::GetSensorReadings(_) => return Ok(Message::SensorReadings(self.readings)),
             _ => {}
         }
-        if arrival != Arrival::New {
+        if arrival != FrameAction::Handle {
             return Err(Refusal::NoSession);
         }
         match request {
             Message::Configure(part) => return self.configure(&part),
             // The session ends with the restart.
-            _ if self.configuring.restarts() => return Err(Refusal::NoSession),
+            _ if self.configuring.is_restart_pending() => return Err(Refusal::NoSession),
             _ if !self.identity.configured => return Err(Refusal::NotConfigured),
             _ => {}
         }
         match request {
-            Message::Begin(begin) => self.begin(&begin),
+            Message::BeginJob(begin) => self.begin(&begin),
             Message::Resume(resume) => self.resume(&resume),
-            Message::Layers(layers) => self.store_layers(&layers),
+            Message::AppendLayers(layers) => self.store_layers(&layers),
             Message::Amend(amend) => self.amend(&amend),
             Message::Start(start) => self.start(&start),
             Message::Pause(_) => self.pause(),
@@ -90,7 +90,7 @@ impl<B: Board> Controller<B> {
             Message::Tune(tune) => self.tune(&tune),
             Message::Maintain(maintain) => self.maintain(maintain.task, handover),
             Message::ClearFault(_) => self.clear_fault(handover),
-            Message::Plan(request) => self.plan_by_itself(&request),
+            Message::Plan(request) => self.plan_on_board(&request),
             Message::ReadLayers(read) => Ok(self.read_layers(read.first)),
             _ => Err(Refusal::UnknownRequest),
         }
@@ -105,18 +105,18 @@ impl<B: Board> Controller<B> {
             return Err(Refusal::NoSession);
         }
         if !self.link.is_open(header.session) {
-            if let Some((_, silent)) = self.link.owner(self.now).filter(|_| !hello.take_over) {
+            if let Some((_, silent)) = self.link.owner(self.now_us).filter(|_| !hello.take_over) {
                 return Err(Refusal::OwnedByOtherHost { silent_ms: (silent / 1000) as u32 });
             }
-            self.link.open(header, hello.host, self.now);
-            self.job.reported = self.job.laid;
+            self.link.open(header, hello.host, self.now_us);
+            self.job.layers_reported = self.job.layers_laid;
         }
         Ok(self.board_hello())
     }
 
     fn board_hello(&self) -> Message {
         let configured = self.identity.configured;
-        Message::BoardHello(BoardInfo {
+        Message::BoardInfo(BoardInfo {
             schema_hash: SCHEMA_HASH,
             boot_id: self.identity.boot_id,
             reset_cause: self.identity.reset_cause,
@@ -125,7 +125,7 @@ impl<B: Board> Controller<B> {
             robot_hash: if configured { self.robot.hash() } else { 0 },
             layer_capacity: CAPACITY as u32,
             status: self.status(),
-            owner: self.link.owner(self.now).map(|(host, _)| host.clone()),
+            owner: self.link.owner(self.now_us).map(|(host, _)| host.clone()),
         })
     }
 
@@ -134,15 +134,15 @@ impl<B: Board> Controller<B> {
         Message::Accepted(Accepted { plan_id: self.job.plan_id, next: store.next_index(), free_layers: store.room() })
     }
 
-    fn stop(&mut self, handover: &Handover) -> Message {
-        self.interrupt(handover);
-        self.happens(Event::Stop);
+    fn stop(&mut self, handover: &Mailbox) -> Message {
+        self.abort_layer(handover);
+        self.apply_event(Event::Stop);
         self.accepted()
     }
 
     /// Refuses an event that is not possible in this state.
     pub(super) fn check_event(&self, event: Event) -> Result<(), Refusal> {
-        match after(self.state, event) {
+        match next_state(self.state, event) {
             Some(_) => Ok(()),
             None => Err(Refusal::WrongState { state: self.state }),
         }
@@ -166,36 +166,36 @@ impl<B: Board> Controller<B> {
         if self.may_be_halted() {
             return Err(Refusal::DebugProbe);
         }
-        self.heater.tune(target, self.now);
-        self.happens(Event::Tune);
+        self.heater.tune(target, self.now_us);
+        self.apply_event(Event::Tune);
         Ok(self.accepted())
     }
 
     /// Leaves `Fault` or `EmergencyStop` if no remaining cause is detectable at rest. A cause that is not detectable at
     /// rest will be found again during operation.
-    fn clear_fault(&mut self, handover: &Handover) -> Result<Message, Refusal> {
+    fn clear_fault(&mut self, handover: &Mailbox) -> Result<Message, Refusal> {
         self.check_event(Event::Clear)?;
         match self.state {
-            State::EmergencyStop if handover.emergency_stop() => return Err(Refusal::EmergencyStop),
+            State::EmergencyStop if handover.is_emergency_stopped() => return Err(Refusal::EmergencyStop),
             State::Fault | State::EmergencyStop => {}
             // The robot has no fault to clear.
             _ => return Ok(self.accepted()),
         }
-        if let Some(fault) = self.fault.filter(|fault| self.remains(*fault)) {
+        if let Some(fault) = self.fault.filter(|fault| self.is_cause_present(*fault)) {
             return Err(Refusal::FaultRemains { fault });
         }
         self.fault = None;
         if let Some(record) = &mut self.retained.record {
             record.cleared = true;
         }
-        self.happens(Event::Clear);
+        self.apply_event(Event::Clear);
         Ok(self.accepted())
     }
 
     /// Returns whether the cause of a fault is known to remain.
-    fn remains(&self, fault: Fault) -> bool {
+    fn is_cause_present(&self, fault: Fault) -> bool {
         let description = self.robot.description();
-        let temperature = self.heater.temperature(self.now);
+        let temperature = self.heater.temperature(self.now_us);
         // If a newer description has no such sensor, the cause cannot be checked.
         let measured = description.sensors.supply;
         let volts = self.readings.supply_mv.map(|millivolts| f64::from(millivolts) / 1000.0);
@@ -207,14 +207,14 @@ impl<B: Board> Controller<B> {
             Fault::SupplyLow => measured && volts.is_none_or(|volts| volts < description.supply.min_v),
             Fault::SupplyHigh => measured && volts.is_none_or(|volts| volts > description.supply.max_v),
             Fault::ImageCorrupt => self.identity.is_corrupt(),
-            Fault::ClockFailed => self.identity.without_crystal,
+            Fault::ClockFailed => self.identity.crystal_failed,
             Fault::DebugProbe => self.may_be_halted(),
             _ => false,
         }
     }
 
     /// Plans on the board with the same code as the host, so that the layers are the same, bit for bit.
-    fn plan_by_itself(&mut self, request: &PlanRequest) -> Result<Message, Refusal> {
+    fn plan_on_board(&mut self, request: &PlanRequest) -> Result<Message, Refusal> {
         self.check_event(Event::Plan)?;
         let start = Pose::try_from(request.start).map_err(|_| Refusal::PlanningFailed)?;
         let goal = Pose::try_from(request.goal).map_err(|_| Refusal::PlanningFailed)?;
@@ -239,7 +239,7 @@ impl<B: Board> Controller<B> {
             self.check_layer(index, &bytes)?;
         }
         self.new_job(summary.plan_id, summary.layers)?;
-        self.happens(Event::Plan);
+        self.apply_event(Event::Plan);
         for bytes in layers {
             self.parts.watchdog.feed();
             self.store_layer(bytes)?;

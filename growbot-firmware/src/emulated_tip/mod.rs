@@ -36,7 +36,7 @@
 //! | `0x118` | [`INDEX_WIDTH`] | host | width of the mark in head steps |
 //! | `0x11C` | [`INDEX_FAULT`] | host | `INDEX_FAULT_*` |
 //! | `0x120` | [`ENTROPY`] | host | a number that differs in each run, for boot ids |
-//! | `0x124` | [`MACHINE_LENGTH`] | host | bytes of [`MACHINE`] that are valid, at most [`MACHINE_CAPACITY`] |
+//! | `0x124` | [`ROBOT_LENGTH`] | host | bytes of [`ROBOT`] that are valid, at most [`ROBOT_CAPACITY`] |
 //! | `0x128` | [`SUPPLY_RAW`] | host | 0 to 4095, as the board's ADC would read |
 //! | `0x12C` | [`SUPPLY_LIVE`] | host | as [`THERMISTOR_LIVE`] |
 //! | `0x130` | [`FILAMENT_PRESENT`] | host | 1: there is filament |
@@ -53,8 +53,8 @@
 //! | `0x164` | [`ENCODER_SLIP`] | host | `i32`; filament moved beyond a step's worth by each step, in 1/65536 |
 //! | `0x168` | [`CRASH`] | host | `CRASH_*`: how the board is to crash, as a test |
 //! | `0x16C` | [`HANG`] | host | 1: the main loop is to hang while the watchdog is fed, as a test |
-//! | `0x1000` | [`MACHINE`] | host | the machine description, bytes |
-//! | `0x2_0000` | [`JOURNAL`] | board | its flash, [`JOURNAL_CAPACITY`] bytes: survives a reset of the board |
+//! | `0x1000` | [`ROBOT`] | host | the robot description, bytes |
+//! | `0x2_0000` | [`JOURNAL_FLASH`] | board | its flash, [`FLASH_AREA_BYTES`] bytes: survives a reset of the board |
 //! | `0x8_0000` | [`DESCRIPTION`] | board | the flash of the robot's description, as that of the journal |
 //! | `0xC_0000` | [`ALARMS`] | board | the latest tick of each remainder by [`ALARM_WORDS`] |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
@@ -71,8 +71,8 @@
 //!   [`STEP_OVERRUN`]. The positions [`HEAD_STEPS`] and [`FEED_STEPS`] still count such steps.
 //! - The host writes [`THERMISTOR_RAW`], then 1 to [`THERMISTOR_LIVE`]. From then on the board reads the latest value
 //!   at any rate, like that of its own ADC, so that a slow host does not look like a broken sensor.
-//! - The board writes to [`JOURNAL`] and [`DESCRIPTION`] as to flash: it programs words by clearing bits, and erases
-//!   sectors of [`JOURNAL_SECTOR`] bytes by setting all bits. The zeros of the new memory do not count as erased.
+//! - The board writes to [`JOURNAL_FLASH`] and [`DESCRIPTION`] as to flash: it programs words by clearing bits, and erases
+//!   sectors of [`FLASH_SECTOR_BYTES`] bytes by setting all bits. The zeros of the new memory do not count as erased.
 //! - Pairs (`_LO`, `_HI`) are read high, low, high, until both highs agree. Each pair lies in eight aligned bytes.
 //!
 //! # Meaning of the pins
@@ -93,7 +93,7 @@ mod sensors;
 mod step_record;
 
 pub use sensors::{EncoderMapping, encoder_level, index_level};
-pub use step_record::{Axis, StepRecord, step_record_offset};
+pub use step_record::{Motor, StepRecord, step_record_offset};
 
 /// Address of the memory on the board: the expansion RAM of the mps2 boards.
 pub const ADDRESS: usize = 0x2100_0000;
@@ -167,8 +167,8 @@ pub const INDEX_WIDTH: usize = 0x118;
 pub const INDEX_FAULT: usize = 0x11C;
 /// Offset, host to board: a number that differs from run to run.
 pub const ENTROPY: usize = 0x120;
-/// Offset, host to board: length of the machine description in bytes; 0 for none.
-pub const MACHINE_LENGTH: usize = 0x124;
+/// Offset, host to board: length of the robot description in bytes; 0 for none.
+pub const ROBOT_LENGTH: usize = 0x124;
 /// Offset, host to board: reading of the supply's voltage, 0 to 4095.
 pub const SUPPLY_RAW: usize = 0x128;
 /// Offset, host to board: 1 while the supply's ADC delivers readings.
@@ -207,19 +207,19 @@ pub const ENCODER_SLIP: usize = 0x164;
 pub const CRASH: usize = 0x168;
 /// Offset, host to board: 1 to make the board's main loop hang while its watchdog is fed.
 pub const HANG: usize = 0x16C;
-/// Offset, host to board: the machine description.
-pub const MACHINE: usize = 0x1000;
-/// Max length of the machine description, bytes.
-pub const MACHINE_CAPACITY: usize = 0x1000;
+/// Offset, host to board: the robot description.
+pub const ROBOT: usize = 0x1000;
+/// Max length of the robot description, bytes.
+pub const ROBOT_CAPACITY: usize = 0x1000;
 
 /// Offset, board to host: the flash of the board's journal.
-pub const JOURNAL: usize = 0x2_0000;
+pub const JOURNAL_FLASH: usize = 0x2_0000;
 /// Bytes of a sector of that flash, which is erased as a unit. It is the same as on the robot's board.
-pub const JOURNAL_SECTOR: usize = 0x2_0000;
+pub const FLASH_SECTOR_BYTES: usize = 0x2_0000;
 /// Bytes of that flash.
-pub const JOURNAL_CAPACITY: usize = 2 * JOURNAL_SECTOR;
+pub const FLASH_AREA_BYTES: usize = 2 * FLASH_SECTOR_BYTES;
 /// Offset, board to host: the flash of the robot's description, with the same number of sectors and bytes.
-pub const DESCRIPTION: usize = 0x8_0000;
+pub const DESCRIPTION_FLASH: usize = 0x8_0000;
 
 /// Offset, board to host: at each tick, after [`TICKS_LO`] and [`TICKS_HI`], the board writes the tick's low half into
 /// the word of its remainder by [`ALARM_WORDS`]. A debugger that watches one word stops the board at one tick.
@@ -260,11 +260,11 @@ pub const INDEX_FAULT_STUCK_LOW: u32 = 1;
 pub const INDEX_FAULT_STUCK_HIGH: u32 = 2;
 
 /// [`ENCODER_STATE`]: filament follows the feed.
-pub const ENCODER_TURNS: u32 = 0;
+pub const ENCODER_OK: u32 = 0;
 /// [`ENCODER_STATE`]: filament stands, with the encoder's line low.
-pub const ENCODER_STANDS_LOW: u32 = 1;
+pub const ENCODER_STUCK_LOW: u32 = 1;
 /// [`ENCODER_STATE`]: filament stands, with the encoder's line high.
-pub const ENCODER_STANDS_HIGH: u32 = 2;
+pub const ENCODER_STUCK_HIGH: u32 = 2;
 
 /// Offset of the word of [`ALARMS`] that is written at a tick.
 #[must_use]
@@ -309,7 +309,7 @@ mod tests {
             INDEX_WIDTH,
             INDEX_FAULT,
             ENTROPY,
-            MACHINE_LENGTH,
+            ROBOT_LENGTH,
             SUPPLY_RAW,
             SUPPLY_LIVE,
             FILAMENT_PRESENT,
@@ -328,14 +328,14 @@ mod tests {
             ENCODER_SLIP,
             CRASH,
             HANG,
-            MACHINE,
-            JOURNAL,
-            DESCRIPTION,
+            ROBOT,
+            JOURNAL_FLASH,
+            DESCRIPTION_FLASH,
         ];
         assert!(words.windows(2).all(|pair| pair[0] + 4 <= pair[1]));
         assert!(words.iter().all(|offset| offset % 4 == 0));
-        const { assert!(MACHINE + MACHINE_CAPACITY <= JOURNAL && JOURNAL + JOURNAL_CAPACITY <= DESCRIPTION) };
-        const { assert!(DESCRIPTION + JOURNAL_CAPACITY <= ALARMS) };
+        const { assert!(ROBOT + ROBOT_CAPACITY <= JOURNAL_FLASH && JOURNAL_FLASH + FLASH_AREA_BYTES <= DESCRIPTION_FLASH) };
+        const { assert!(DESCRIPTION_FLASH + FLASH_AREA_BYTES <= ALARMS) };
         const { assert!(ALARMS + 4 * ALARM_WORDS as usize <= STEP_RING) };
     }
 }

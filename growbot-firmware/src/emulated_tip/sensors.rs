@@ -1,6 +1,6 @@
 //! Levels of the sensors that follow from the board's own steps.
 
-use super::{ENCODER_STANDS_HIGH, ENCODER_STANDS_LOW, INDEX_FAULT_STUCK_HIGH, INDEX_FAULT_STUCK_LOW};
+use super::{ENCODER_STUCK_HIGH, ENCODER_STUCK_LOW, INDEX_FAULT_STUCK_HIGH, INDEX_FAULT_STUCK_LOW};
 
 /// Returns the level of the index line (`true` is high) for a head at `head_steps`, as the sensor's words describe it.
 ///
@@ -47,8 +47,8 @@ pub struct EncoderMapping {
 /// ```
 pub const fn encoder_level(feed_steps: i32, pitch: u32, state: u32, mapping: EncoderMapping) -> bool {
     match state {
-        ENCODER_STANDS_LOW => false,
-        ENCODER_STANDS_HIGH => true,
+        ENCODER_STUCK_LOW => false,
+        ENCODER_STUCK_HIGH => true,
         _ if pitch == 0 => false,
         _ => {
             let steps = feed_steps as i64 - mapping.origin as i64;
@@ -61,7 +61,7 @@ pub const fn encoder_level(feed_steps: i32, pitch: u32, state: u32, mapping: Enc
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::emulated_tip::{ENCODER_TURNS, INDEX_FAULT_NONE};
+    use crate::emulated_tip::{ENCODER_OK, INDEX_FAULT_NONE};
 
     #[test]
     fn the_index_line_is_low_on_the_mark_only() {
@@ -78,15 +78,15 @@ mod tests {
     #[test]
     fn the_encoder_stands_where_the_filament_does() {
         let mapping = EncoderMapping::default();
-        assert!(!encoder_level(0, 0, ENCODER_TURNS, mapping));
-        assert!(!encoder_level(0, 100 * 256, ENCODER_STANDS_LOW, mapping));
-        assert!(encoder_level(70, 100 * 256, ENCODER_STANDS_HIGH, mapping));
+        assert!(!encoder_level(0, 0, ENCODER_OK, mapping));
+        assert!(!encoder_level(0, 100 * 256, ENCODER_STUCK_LOW, mapping));
+        assert!(encoder_level(70, 100 * 256, ENCODER_STUCK_HIGH, mapping));
         assert_eq!(rises(mapping), 888);
     }
 
     /// Counts the rising edges of the encoder in 100,000 steps, at 112.5 steps a pulse.
     fn rises(mapping: EncoderMapping) -> usize {
-        let level = |step| encoder_level(step, 225 * 128, ENCODER_TURNS, mapping);
+        let level = |step| encoder_level(step, 225 * 128, ENCODER_OK, mapping);
         (1..=100_000).filter(|step| level(*step) && !level(step - 1)).count()
     }
 
@@ -98,7 +98,7 @@ mod tests {
         let (pitch, before) = (225 * 128, EncoderMapping { origin: 0, phase: 0, slip: 6554 });
         let phase = ((70_i64 * 256 + ((70 * 6554) >> 8)) % i64::from(pitch)) as u32;
         let after = EncoderMapping { origin: 70, phase, slip: -6554 };
-        let level = |mapping| encoder_level(70, pitch, ENCODER_TURNS, mapping);
+        let level = |mapping| encoder_level(70, pitch, ENCODER_OK, mapping);
         assert_eq!(level(before), level(after));
     }
 }

@@ -1,6 +1,6 @@
 //! The heater: regulation of the nozzle's temperature, and the conditions under which it is switched off.
 //!
-//! Call [`Heater::update`] ten times a second with the mean of the period's conversions ([`Sampler`]) and the load of
+//! Call [`Heater::update`] ten times a second with the mean of the period's conversions ([`Oversampler`]) and the load of
 //! the nozzle ([`Demand`]). It returns the duty. `regulation` computes it while the nozzle approaches a target and
 //! holds it. `tuning` computes it while the gains are measured. `supervision` compares the reading with the behaviour
 //! that the `model` predicts for the nozzle.
@@ -9,25 +9,23 @@
 //! than half a second. Too high a temperature is a fault whether the heater is on or off. All other checks apply only
 //! while it is on.
 
+mod autotune;
 mod model;
 mod proof_test;
-mod regulation;
-mod sampler;
 mod supervision;
+mod temperature_control;
 #[cfg(test)]
 mod tests;
-mod tuning;
 
 use growbot_core::link::message::{Fault, Tuned};
 use growbot_core::robot::RobotDescription;
 
-use self::model::Nozzle;
-use self::proof_test::{ProofTest, Rest};
-use self::regulation::Regulation;
-pub use self::sampler::Sampler;
-use self::supervision::{Look, Regulated, Supervision};
-use self::tuning::Relay;
-use crate::thermistor::{Broken, temperature};
+use self::autotune::RelayTuner;
+use self::model::NozzleModel;
+use self::proof_test::{ProofTest, UnheatedTrend};
+use self::supervision::{ControlState, Supervision, SupervisionInput};
+use self::temperature_control::TemperatureControl;
+use crate::thermistor::{ThermistorError, celsius_from_raw};
 
 /// Time between two updates of the regulation, us (docs/decisions/0022-heater-regulation.md).
 pub const PERIOD_US: u64 = 100_000;
@@ -69,18 +67,18 @@ pub struct Demand {
 
 /// States of the heater's two switches.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Output {
+pub struct HeaterOutput {
     /// Duty of the power stage, 0 to 1.
     pub duty: f64,
     /// The second switch is closed.
-    pub closed: bool,
+    pub enable: bool,
 }
 
-impl Output {
+impl HeaterOutput {
     /// Output with both switches open.
-    pub const OFF: Self = Self { duty: 0.0, closed: false };
-    const SECOND_SWITCH_ALONE: Self = Self { duty: 0.0, closed: true };
-    const POWER_STAGE_ALONE: Self = Self { duty: 1.0, closed: false };
+    pub const OFF: Self = Self { duty: 0.0, enable: false };
+    const SECOND_SWITCH_ALONE: Self = Self { duty: 0.0, enable: true };
+    const POWER_STAGE_ALONE: Self = Self { duty: 1.0, enable: false };
 }
 
 /// Reading of the thermistor.
@@ -98,7 +96,7 @@ pub struct Heater {
     target: Option<f64>,
     reading: Option<Reading>,
     /// Reason why the latest conversions gave no reading.
-    broken: Option<Broken>,
+    broken: Option<ThermistorError>,
     /// Latest duty of the power stage, 0 to 1.
     duty: f64,
     /// Time of the latest update, us.
@@ -110,12 +108,12 @@ pub struct Heater {
     /// Time since which the temperature has been near enough to the target for a layer, us.
     steady_since: Option<u64>,
     /// Readings while the heater is off.
-    rest: Rest,
+    rest: UnheatedTrend,
     /// Proof test of the switches. `None` unless it is running.
     proof: Option<ProofTest>,
-    regulation: Regulation,
+    regulation: TemperatureControl,
     supervision: Supervision,
-    tuning: Option<Relay>,
+    tuning: Option<RelayTuner>,
     tuned: Option<Tuned>,
 }
 
@@ -148,11 +146,11 @@ impl Heater {
     /// are found.
     pub fn tune(&mut self, target_c: f64, now: u64) {
         self.switch_on(target_c, now);
-        (self.tuning, self.tuned) = (Some(Relay::default()), None);
+        (self.tuning, self.tuned) = (Some(RelayTuner::default()), None);
     }
 
     /// Returns the gains that were found since the last call.
-    pub fn pop_tuned(&mut self) -> Option<Tuned> {
+    pub fn take_tuning_result(&mut self) -> Option<Tuned> {
         self.tuned.take()
     }
 
@@ -173,8 +171,8 @@ impl Heater {
     #[must_use]
     pub fn sensor_fault(&self) -> Fault {
         match self.broken {
-            Some(Broken::Open) => Fault::ThermistorOpen,
-            Some(Broken::Short) => Fault::ThermistorShort,
+            Some(ThermistorError::Open) => Fault::ThermistorOpen,
+            Some(ThermistorError::Short) => Fault::ThermistorShort,
             None => Fault::ThermistorSilent,
         }
     }
@@ -201,7 +199,7 @@ impl Heater {
 
     /// Returns whether power flows although the reading has grown too old since the latest update.
     #[must_use]
-    pub fn is_blind(&self, now: u64) -> bool {
+    pub fn is_powered_without_reading(&self, now: u64) -> bool {
         self.duty > 0.0 && self.temperature(now).is_none()
     }
 
@@ -217,7 +215,7 @@ impl Heater {
         demand: &Demand,
         robot: &RobotDescription,
         now: u64,
-    ) -> Result<Output, Fault> {
+    ) -> Result<HeaterOutput, Fault> {
         // A fault leaves the duty unchanged, so that the fault's record contains it.
         let output = self.next(raw, demand, robot, now)?;
         self.duty = output.duty;
@@ -225,7 +223,13 @@ impl Heater {
     }
 
     /// Computes the states of the switches until the next update.
-    fn next(&mut self, raw: Option<f64>, demand: &Demand, robot: &RobotDescription, now: u64) -> Result<Output, Fault> {
+    fn next(
+        &mut self,
+        raw: Option<f64>,
+        demand: &Demand,
+        robot: &RobotDescription,
+        now: u64,
+    ) -> Result<HeaterOutput, Fault> {
         let before = self.updated.replace(now).unwrap_or(now);
         let seconds = now.saturating_sub(before).min(OLDEST_READING_US) as f32 * 1e-6;
         if let Some(raw) = raw {
@@ -234,21 +238,21 @@ impl Heater {
         let Some(target_c) = self.target else {
             match self.temperature(now) {
                 Some(reading_c) => _ = self.rest.add(reading_c as f32, seconds),
-                None => self.rest = Rest::default(),
+                None => self.rest = UnheatedTrend::default(),
             }
-            return Ok(Output::OFF);
+            return Ok(HeaterOutput::OFF);
         };
         match self.broken {
-            Some(Broken::Open) => return Err(Fault::ThermistorOpen),
-            Some(Broken::Short) => return Err(Fault::ThermistorShort),
+            Some(ThermistorError::Open) => return Err(Fault::ThermistorOpen),
+            Some(ThermistorError::Short) => return Err(Fault::ThermistorShort),
             None => {}
         }
         let Some(reading_c) = self.temperature(now) else {
             // The first reading after switching on may still be pending.
             let waiting = now.saturating_sub(self.on_since) <= OLDEST_READING_US;
-            return if waiting { Ok(Output::OFF) } else { Err(Fault::ThermistorSilent) };
+            return if waiting { Ok(HeaterOutput::OFF) } else { Err(Fault::ThermistorSilent) };
         };
-        let nozzle = Nozzle::new(demand, robot);
+        let nozzle = NozzleModel::new(demand, robot);
         let (target_c, reading_c) = (target_c as f32, reading_c as f32);
         let mut given = self.duty as f32;
         if let Some(proof) = &mut self.proof {
@@ -256,32 +260,42 @@ impl Heater {
             if let Some(output) = proof.look(&mut self.rest, reading_c, seconds, timeout_s, &nozzle)? {
                 return Ok(output);
             }
-            (self.proof, self.rest, self.on_since) = (None, Rest::default(), now);
+            (self.proof, self.rest, self.on_since) = (None, UnheatedTrend::default(), now);
             // The second switch was open.
             given = 0.0;
         }
         self.watch_band(target_c - reading_c, nozzle.band_c, seconds_us(robot.heater.heating_timeout_s), now)?;
         let dithers = (target_c - reading_c).abs() < DITHERED_BANDS * nozzle.band_c;
-        let regulated = self.tuning.is_none().then(|| Regulated {
+        let regulated = self.tuning.is_none().then(|| ControlState {
             trim: self.regulation.trim(),
             saturated: self.regulation.saturated(),
             dither: dithers.then(|| self.regulation.dither()),
         });
         let (hot, nozzle) = (self.is_hot(now), &nozzle);
-        self.supervision.look(&Look { reading_c, target_c, duty: given, seconds, hot, regulated, nozzle })?;
+        self.supervision.look(&SupervisionInput {
+            reading_c,
+            target_c,
+            duty: given,
+            seconds,
+            hot,
+            regulated,
+            nozzle,
+        })?;
         if self.tuning.and_then(|relay| relay.swing_s()).is_some_and(|swing| swing > MAX_SWING_S) {
             return Err(Fault::ThermistorFrozen);
         }
         let duty = match &mut self.tuning {
             None => self.regulation.duty(target_c, reading_c, dithers, seconds, nozzle),
-            Some(relay) => relay.duty(target_c, reading_c, seconds, nozzle).unwrap_or_else(|tuned| self.finish(tuned)),
+            Some(relay) => {
+                relay.update(target_c, reading_c, seconds, nozzle).unwrap_or_else(|tuned| self.finish(tuned))
+            }
         };
-        Ok(Output { duty: f64::from(duty), closed: self.target.is_some() })
+        Ok(HeaterOutput { duty: f64::from(duty), enable: self.target.is_some() })
     }
 
     /// Converts the mean conversion of a period.
     fn read(&mut self, raw: f64, robot: &RobotDescription, now: u64) -> Result<(), Fault> {
-        match temperature(raw, &robot.thermistor) {
+        match celsius_from_raw(raw, &robot.thermistor) {
             Ok(celsius) => {
                 (self.reading, self.broken) = (Some(Reading { celsius, taken: now }), None);
                 if celsius > robot.heater.max_c {

@@ -16,10 +16,10 @@ const MAX_SUPPLY: f64 = 1.5;
 
 /// The nozzle under a load. The model is in single precision, which the microcontroller's hardware computes. Readings
 /// are accurate to five digits.
-pub struct Nozzle<'a> {
+pub struct NozzleModel<'a> {
     thermistor: &'a Thermistor,
     /// Power needed for each degree above the surroundings, W/K: loss, fan and filament.
-    pub need_w_per_k: f32,
+    pub loss_w_per_k: f32,
     /// Power at full duty, W. It is proportional to the square of the supply's voltage.
     pub available_w: f32,
     /// Power at full duty and the nominal voltage, W.
@@ -34,7 +34,7 @@ pub struct Nozzle<'a> {
     pub kd: f32,
 }
 
-impl<'a> Nozzle<'a> {
+impl<'a> NozzleModel<'a> {
     pub fn new(demand: &Demand, robot: &'a RobotDescription) -> Self {
         let heater = &robot.heater;
         let fan = robot.fan.loss_w_per_k * demand.fan.clamp(0.0, 1.0);
@@ -42,7 +42,7 @@ impl<'a> Nozzle<'a> {
         let share = demand.supply_v.map_or(1.0, |volts| volts / robot.supply.nominal_v).clamp(MIN_SUPPLY, MAX_SUPPLY);
         Self {
             thermistor: &robot.thermistor,
-            need_w_per_k: (heater.loss_w_per_k + fan + flow) as f32,
+            loss_w_per_k: (heater.loss_w_per_k + fan + flow) as f32,
             available_w: (heater.power_w * share * share) as f32,
             power_w: heater.power_w as f32,
             measured: demand.supply_v.is_some(),
@@ -57,14 +57,16 @@ impl<'a> Nozzle<'a> {
 
     /// Returns the power that holds a temperature, W.
     pub fn needed_w(&self, celsius: f32) -> f32 {
-        self.need_w_per_k * (celsius - SURROUNDINGS_C)
+        self.loss_w_per_k * (celsius - SURROUNDINGS_C)
     }
 
     /// Returns the degrees that one count of the ADC spans at a temperature.
     pub fn count_c(&self, celsius: f32) -> f32 {
-        let raw = thermistor::reading(f64::from(celsius), self.thermistor);
-        match (thermistor::temperature(raw - 0.5, self.thermistor), thermistor::temperature(raw + 0.5, self.thermistor))
-        {
+        let raw = thermistor::raw_from_celsius(f64::from(celsius), self.thermistor);
+        match (
+            thermistor::celsius_from_raw(raw - 0.5, self.thermistor),
+            thermistor::celsius_from_raw(raw + 0.5, self.thermistor),
+        ) {
             (Ok(above), Ok(below)) => (above - below) as f32,
             _ => 0.0,
         }
@@ -79,18 +81,18 @@ mod tests {
     #[test]
     fn need_and_supply_are_those_of_the_description() {
         let robot = robot_a();
-        let still = Nozzle::new(&Demand::default(), robot.description());
+        let still = NozzleModel::new(&Demand::default(), robot.description());
         assert!((still.needed_w(200.0) - 0.12 * 175.0).abs() < 1e-4);
         assert!((still.available_w - 50.0).abs() < 1e-4 && !still.measured);
         let growing = Demand { flow_mm3_per_s: 10.0, fan: 1.0, supply_v: Some(13.2) };
-        let growing = Nozzle::new(&growing, robot.description());
+        let growing = NozzleModel::new(&growing, robot.description());
         assert!((growing.needed_w(200.0) - (0.12 + 0.02 + 0.022) * 175.0).abs() < 1e-4);
         assert!((growing.available_w - 50.0 * 1.21).abs() < 1e-4 && growing.measured);
     }
 
     #[test]
     fn a_count_is_an_eighth_of_a_degree_where_robot_a_prints() {
-        let count = Nozzle::new(&Demand::default(), robot_a().description()).count_c(200.0);
+        let count = NozzleModel::new(&Demand::default(), robot_a().description()).count_c(200.0);
         assert!((0.1..0.15).contains(&count), "{count}");
     }
 }

@@ -27,8 +27,8 @@ mod tests;
 use growbot_core::link::message::Fault;
 use heapless::Deque;
 
-use super::Output;
-use super::model::Nozzle;
+use super::HeaterOutput;
+use super::model::NozzleModel;
 
 /// Time over which readings are averaged, s (decision 0021).
 const MEAN_S: f32 = 1.0;
@@ -66,7 +66,7 @@ const HEADROOM_C: f32 = 35.0;
 
 /// One-second means of the reading while the heater is off.
 #[derive(Debug, Clone, Default)]
-pub struct Rest {
+pub struct UnheatedTrend {
     means: Deque<f32, MEANS>,
     /// Sum of the readings of the current mean.
     sum: f32,
@@ -76,14 +76,14 @@ pub struct Rest {
 
 /// The line that the reading would follow without heat.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Reference {
+struct Baseline {
     /// Latest mean, degrees Celsius.
     at_c: f32,
     /// Slope, degrees a second. It is never positive, because nothing heats.
     slope_c_per_s: f32,
 }
 
-impl Rest {
+impl UnheatedTrend {
     /// Adds a reading. Returns the mean that it completes.
     pub fn add(&mut self, reading_c: f32, seconds: f32) -> Option<f32> {
         self.sum += reading_c * seconds;
@@ -102,10 +102,10 @@ impl Rest {
     }
 
     /// Returns the line through the latter half of the means. `None` while there are too few.
-    fn latter_half(&self) -> Option<Reference> {
+    fn latter_half(&self) -> Option<Baseline> {
         let at = |index: usize| self.means.iter().nth(index).copied();
         let (middle, last) = (at(MEANS / 2)?, at(MEANS - 1)?);
-        Some(Reference { at_c: last, slope_c_per_s: (last - middle) / HALF_S })
+        Some(Baseline { at_c: last, slope_c_per_s: (last - middle) / HALF_S })
     }
 
     /// Returns the largest distance of a mean from the line through the first and the latest one, degrees.
@@ -121,11 +121,11 @@ impl Rest {
     }
 
     /// Returns the reference from the means. `None` while they are not straight or too steep.
-    fn reference(&self, nozzle: &Nozzle) -> Option<Reference> {
-        let Reference { at_c, slope_c_per_s: slope } = self.latter_half()?;
+    fn reference(&self, nozzle: &NozzleModel) -> Option<Baseline> {
+        let Baseline { at_c, slope_c_per_s: slope } = self.latter_half()?;
         let fall = FALL_TIMES * nozzle.needed_w(at_c).max(0.0) / nozzle.heat_capacity_j_per_k;
         let straight = self.bend_c() <= BEND_C && (-fall - FALLING_C_PER_S..=RISING_C_PER_S).contains(&slope);
-        straight.then_some(Reference { at_c, slope_c_per_s: slope.min(0.0) })
+        straight.then_some(Baseline { at_c, slope_c_per_s: slope.min(0.0) })
     }
 
     /// Returns whether the latest two means are equal. The means of a working sensor differ while the nozzle leaves its
@@ -154,7 +154,7 @@ enum Stage {
     #[default]
     AtRest,
     /// One switch has been closed for this time, s.
-    Closed { seconds: f32, reference: Reference },
+    Closed { seconds: f32, reference: Baseline },
 }
 
 impl ProofTest {
@@ -165,12 +165,12 @@ impl ProofTest {
     /// Returns the fault of the switch that conducts.
     pub fn look(
         &mut self,
-        rest: &mut Rest,
+        rest: &mut UnheatedTrend,
         reading_c: f32,
         seconds: f32,
         timeout_s: f32,
-        nozzle: &Nozzle,
-    ) -> Result<Option<Output>, Fault> {
+        nozzle: &NozzleModel,
+    ) -> Result<Option<HeaterOutput>, Fault> {
         let mean = rest.add(reading_c, seconds);
         match &mut self.stage {
             Stage::AtRest => self.waited_s += seconds,
@@ -203,22 +203,22 @@ impl ProofTest {
             }
         }
         Ok(Some(match (self.stage, self.second_switch_is_proven) {
-            (Stage::AtRest, _) => Output::OFF,
-            (Stage::Closed { .. }, false) => Output::SECOND_SWITCH_ALONE,
-            (Stage::Closed { .. }, true) => Output::POWER_STAGE_ALONE,
+            (Stage::AtRest, _) => HeaterOutput::OFF,
+            (Stage::Closed { .. }, false) => HeaterOutput::SECOND_SWITCH_ALONE,
+            (Stage::Closed { .. }, true) => HeaterOutput::POWER_STAGE_ALONE,
         }))
     }
 }
 
 /// Returns the time for which one switch stays closed alone, s.
-fn stage_s(nozzle: &Nozzle) -> f32 {
+fn stage_s(nozzle: &NozzleModel) -> f32 {
     DELAY_S + RISE_C * nozzle.heat_capacity_j_per_k / nozzle.available_w
 }
 
-impl Reference {
+impl Baseline {
     /// Returns the temperature after a time, degrees Celsius. A fall levels off as the nozzle nears its surroundings.
-    fn after(&self, seconds: f32, nozzle: &Nozzle) -> f32 {
-        let levels_off = 0.5 * seconds * nozzle.need_w_per_k / nozzle.heat_capacity_j_per_k;
+    fn after(&self, seconds: f32, nozzle: &NozzleModel) -> f32 {
+        let levels_off = 0.5 * seconds * nozzle.loss_w_per_k / nozzle.heat_capacity_j_per_k;
         self.at_c + self.slope_c_per_s * seconds * (1.0 - levels_off.min(0.5))
     }
 }

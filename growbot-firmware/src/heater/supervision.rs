@@ -46,9 +46,11 @@ use core::ops::RangeInclusive;
 use growbot_core::link::message::Fault;
 use heapless::Deque;
 
-use self::models::{Bounds, Change, Factors, LAG_S, LOWER, MARK_S, MARKS, Mark, UNMEASURED_MAX, UNMEASURED_MIN, UPPER};
-use super::model::Nozzle;
-use super::regulation::{DITHER_PERIOD_S, Dither, dither_at};
+use self::models::{
+    Bounds, Change, Checkpoint, Factors, LAG_S, LOWER, MARK_S, MARKS, UNMEASURED_MAX, UNMEASURED_MIN, UPPER,
+};
+use super::model::NozzleModel;
+use super::temperature_control::{DITHER_PERIOD_S, Dither, dither_at};
 
 /// Rise of the lower model, degrees, from which on the reading must follow. Decision 0023. Sound bounds it from below,
 /// faults (a heater's open wire) from above.
@@ -126,7 +128,7 @@ const AHEAD_C_PER_S: f32 = 0.5;
 const AHEAD_WINDOW_S: RangeInclusive<f32> = 2.5..=3.5;
 
 /// Data that is compared after each period.
-pub struct Look<'a> {
+pub struct SupervisionInput<'a> {
     pub reading_c: f32,
     pub target_c: f32,
     /// Duty in the period.
@@ -136,13 +138,13 @@ pub struct Look<'a> {
     /// The target has been reached.
     pub hot: bool,
     /// State of the regulation. `None` while the gains are tuned.
-    pub regulated: Option<Regulated>,
-    pub nozzle: &'a Nozzle<'a>,
+    pub regulated: Option<ControlState>,
+    pub nozzle: &'a NozzleModel<'a>,
 }
 
 /// The part of the regulation's state that supervision needs.
 #[derive(Debug, Clone, Copy)]
-pub struct Regulated {
+pub struct ControlState {
     pub trim: f32,
     pub saturated: bool,
     /// `None` without dither.
@@ -152,7 +154,7 @@ pub struct Regulated {
 /// The supervision of a heater that is on.
 #[derive(Debug, Clone, Default)]
 pub struct Supervision {
-    marks: Deque<Mark, MARKS>,
+    marks: Deque<Checkpoint, MARKS>,
     since_mark_s: f32,
     lower: Change,
     nominal: Change,
@@ -165,7 +167,7 @@ pub struct Supervision {
     /// The reading has left its first value since then.
     moved: bool,
     /// Time in which the reading has not changed at all.
-    still: Option<Still>,
+    still: Option<FrozenReading>,
     /// Time without power, s.
     unpowered_s: f32,
     /// Time for which a hot nozzle has been far below the target, s.
@@ -179,7 +181,7 @@ pub struct Supervision {
 
 /// A reading that stands still.
 #[derive(Debug, Clone, Copy)]
-struct Still {
+struct FrozenReading {
     reading_c: f32,
     /// Time for which it has stood still, s.
     seconds: f32,
@@ -222,12 +224,13 @@ impl Supervision {
     /// # Errors
     /// Returns the fault that the reading shows.
     #[inline(never)]
-    pub fn look(&mut self, look: &Look) -> Result<(), Fault> {
+    pub fn look(&mut self, look: &SupervisionInput) -> Result<(), Fault> {
         self.advance_models(look);
-        let fault =
-            self.rises_or_falls(look).or_else(|| self.stands_still(look)).or_else(|| self.does_not_follow(look));
-        let fault =
-            fault.or_else(|| self.drops(look)).or_else(|| self.takes_energy(look)).or_else(|| self.misses_dither(look));
+        let fault = self.check_rate(look).or_else(|| self.check_frozen(look)).or_else(|| self.check_response(look));
+        let fault = fault
+            .or_else(|| self.check_drop(look))
+            .or_else(|| self.check_energy(look))
+            .or_else(|| self.check_dither(look));
         if self.since_mark_s >= MARK_S {
             self.mark(look.reading_c);
         }
@@ -241,7 +244,7 @@ impl Supervision {
         }
         let Self { lower, nominal, upper, fall_c, .. } = *self;
         // The queue is not full: its oldest element was removed above.
-        let _ = self.marks.push_back(Mark { age_s: 0.0, reading_c, lower, nominal, upper, fall_c });
+        let _ = self.marks.push_back(Checkpoint { age_s: 0.0, reading_c, lower, nominal, upper, fall_c });
         // All changes count from this mark on.
         for mark in &mut self.marks {
             mark.lower.rebase(&lower);
@@ -259,7 +262,7 @@ impl Supervision {
     }
 
     /// Advances the three models, and the means, by a period.
-    fn advance_models(&mut self, look: &Look) {
+    fn advance_models(&mut self, look: &SupervisionInput) {
         let (seconds, capacity) = (look.seconds, look.nozzle.heat_capacity_j_per_k);
         let (min, max) = if look.nozzle.measured { (1.0, 1.0) } else { (UNMEASURED_MIN, UNMEASURED_MAX) };
         let need = look.nozzle.needed_w(look.reading_c);
@@ -291,7 +294,7 @@ impl Supervision {
 
     /// Checks for a reading that rises faster than the given power can heat, is about to be too hot, or falls faster
     /// than a nozzle without power.
-    fn rises_or_falls(&self, look: &Look) -> Option<Fault> {
+    fn check_rate(&self, look: &SupervisionInput) -> Option<Fault> {
         for mark in &self.marks {
             let (age, change) = (mark.age_s, look.reading_c - mark.reading_c);
             if FALL_WINDOW_S.contains(&age) && -change > self.fall_c - mark.fall_c + FALL_C {
@@ -313,10 +316,10 @@ impl Supervision {
     }
 
     /// Checks for a reading that does not change at all although it must.
-    fn stands_still(&mut self, look: &Look) -> Option<Fault> {
+    fn check_frozen(&mut self, look: &SupervisionInput) -> Option<Fault> {
         let first = *self.first_c.get_or_insert(look.reading_c);
         self.moved |= (look.reading_c - first).abs() > MOVED_C;
-        let fresh = Still { reading_c: look.reading_c, seconds: 0.0, dithered_s: 0.0, nominal: self.nominal };
+        let fresh = FrozenReading { reading_c: look.reading_c, seconds: 0.0, dithered_s: 0.0, nominal: self.nominal };
         let still = self.still.get_or_insert(fresh);
         // If the mean of whole counts does not change, it is equal to the last bit.
         if (still.reading_c - look.reading_c).abs() > 1e-6 {
@@ -339,7 +342,7 @@ impl Supervision {
     }
 
     /// Checks for a reading that does not follow the power.
-    fn does_not_follow(&self, look: &Look) -> Option<Fault> {
+    fn check_response(&self, look: &SupervisionInput) -> Option<Fault> {
         for mark in &self.marks {
             let change = look.reading_c - mark.reading_c;
             let lower = self.lower.since(&mark.lower).min;
@@ -362,7 +365,7 @@ impl Supervision {
     }
 
     /// Checks for a nozzle that was hot and is too cold.
-    fn drops(&mut self, look: &Look) -> Option<Fault> {
+    fn check_drop(&mut self, look: &SupervisionInput) -> Option<Fault> {
         let below = if look.hot && look.regulated.is_some() { look.target_c - look.reading_c } else { 0.0 };
         self.low_s = if below > DROP_C { self.low_s + look.seconds } else { 0.0 };
         self.out_s = if below > look.nozzle.band_c { self.out_s + look.seconds } else { 0.0 };
@@ -370,13 +373,13 @@ impl Supervision {
     }
 
     /// Checks for a nozzle that takes more power than it can need.
-    fn takes_energy(&self, look: &Look) -> Option<Fault> {
+    fn check_energy(&self, look: &SupervisionInput) -> Option<Fault> {
         let MeanHeat { power_w, need_w } = self.mean;
         (look.hot && power_w > ENERGY_TIMES * need_w).then_some(Fault::HeaterEnergy)
     }
 
     /// Checks for a dither that is missing in the reading, or that saturated power does not allow.
-    fn misses_dither(&mut self, look: &Look) -> Option<Fault> {
+    fn check_dither(&mut self, look: &SupervisionInput) -> Option<Fault> {
         let Some(Dither { phase, amplitude_c }) = look.regulated.and_then(|regulated| regulated.dither) else {
             self.dither = DitherPeriod::default();
             return None;
@@ -407,12 +410,12 @@ impl Supervision {
 
 /// Returns whether the heater gets full power. If the reading stands still then, it may be that of a nozzle that warms
 /// no further, as in a draught.
-fn has_all_the_power(look: &Look) -> bool {
+fn has_all_the_power(look: &SupervisionInput) -> bool {
     look.duty >= 1.0
 }
 
 /// Returns the fault of a nozzle that does not get as warm as its power makes it, depending on the reading.
-fn lacks(look: &Look) -> Fault {
+fn lacks(look: &SupervisionInput) -> Fault {
     if !look.hot {
         Fault::HeatingTooSlow
     } else if look.reading_c < look.target_c - look.nozzle.band_c {

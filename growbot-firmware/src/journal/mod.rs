@@ -24,7 +24,7 @@
 //! - If a record cannot be written, the first record of the present job is struck out. A growth that cannot be resumed
 //!   is better than one that is resumed at the wrong layer.
 
-mod present;
+mod current_job;
 mod record;
 #[cfg(test)]
 mod tests;
@@ -32,16 +32,16 @@ mod tests;
 use embedded_storage::nor_flash::MultiwriteNorFlash;
 use growbot_core::layer_bytes::LayerBytes;
 
-pub use present::{Carry, JobState};
-use present::{Found, Present};
-pub use record::Laid;
-use record::{BLANK, Kind, RECORD_BYTES, Record, RecordBytes, STRUCK, split};
+use current_job::{CurrentJob, LookupHint};
+pub use current_job::{JobState, RoundingCarry};
+pub use record::LayerRecord;
+use record::{BLANK, RECORD_BYTES, Record, RecordBytes, RecordKind, STRUCK, split};
 
 /// Number of slots in which a record is tried before the flash counts as broken.
-const ATTEMPTS: u32 = 3;
+const MAX_WRITE_ATTEMPTS: u32 = 3;
 /// One part in this number of the area is reserved for records that are not layers: those of pauses and of amended
 /// plans.
-const SPARE_PART: u32 = 4;
+const SPARE_DIVISOR: u32 = 4;
 
 /// The reason why a record is not in the journal, or why a sector was not erased.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,7 +60,7 @@ pub enum JournalError {
 
 /// A layer of the present job that is laid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct LaidRecord {
+pub struct StoredLayer {
     /// The layer as built.
     pub as_built: LayerBytes,
     /// The layer was interrupted and counts as laid.
@@ -73,28 +73,28 @@ pub struct LaidRecord {
 pub struct Journal<F> {
     flash: F,
     /// Slot of the next record.
-    next: u32,
+    next_slot: u32,
     /// Number of blank slots from there on, around the ring.
-    free: u32,
+    free_slots: u32,
     /// Largest number of erasures in any sector's record.
-    erasures: u32,
+    erase_count: u32,
     /// Largest number of any job.
-    jobs: u32,
+    last_job: u32,
     /// Slot that reads as blank, and may have been written to when power was lost.
-    doubtful: Option<u32>,
-    present: Option<Present>,
+    suspect_slot: Option<u32>,
+    present: Option<CurrentJob>,
 }
 
 /// The last slot that is not blank, as far as the journal has been read.
 #[derive(Clone, Copy)]
-struct Tail {
+struct LastRecord {
     place: u32,
     bytes: RecordBytes,
 }
 
 impl<F: MultiwriteNorFlash> Journal<F> {
     /// Slots in a sector.
-    const PLACES: u32 = {
+    const SLOTS_PER_SECTOR: u32 = {
         assert!(F::ERASE_SIZE >= 2 * RECORD_BYTES && F::ERASE_SIZE.is_multiple_of(RECORD_BYTES));
         assert!(RECORD_BYTES.is_multiple_of(F::WRITE_SIZE) && RECORD_BYTES.is_multiple_of(F::READ_SIZE));
         (F::ERASE_SIZE / RECORD_BYTES - 1) as u32
@@ -103,14 +103,15 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Reads the area, and fixes the content that a loss of power has left uncertain. Flash without a journal counts as
     /// flash to be erased, and nothing is written there.
     pub fn open(flash: F) -> Self {
-        let mut journal = Self { flash, next: 0, free: 0, erasures: 0, jobs: 0, doubtful: None, present: None };
+        let mut journal =
+            Self { flash, next_slot: 0, free_slots: 0, erase_count: 0, last_job: 0, suspect_slot: None, present: None };
         let sectors = journal.sectors();
         let mut newest = sectors.saturating_sub(1);
         for sector in 0..sectors {
             if let Some(Record { content: [erasures, ..], .. }) = journal.sector_record(sector)
-                && erasures >= journal.erasures
+                && erasures >= journal.erase_count
             {
-                (newest, journal.erasures) = (sector, erasures);
+                (newest, journal.erase_count) = (sector, erasures);
             }
         }
         // The sector after the one erased last was written longest ago.
@@ -118,7 +119,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         for sector in (0..sectors).cycle().skip(newest as usize + 1).take(sectors as usize) {
             journal.read_sector(sector, &mut tail);
         }
-        journal.settle(tail);
+        journal.repair_tail(tail);
         journal
     }
 
@@ -129,12 +130,12 @@ impl<F: MultiwriteNorFlash> Journal<F> {
 
     /// Returns the max number of layers of a job. A quarter of the slots is left for other records.
     pub fn capacity(&self) -> u32 {
-        self.places() - self.places() / SPARE_PART
+        self.places() - self.places() / SPARE_DIVISOR
     }
 
     /// Returns whether a sector must be erased before a job of this number of layers can begin.
     pub fn needs_erasing(&self, layers: u32) -> bool {
-        self.free < layers.saturating_add(self.places() / SPARE_PART)
+        self.free_slots < layers.saturating_add(self.places() / SPARE_DIVISOR)
     }
 
     /// Erases one sector for a job of this number of layers, if it needs that. Returns `true` while more sectors must
@@ -147,35 +148,40 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         if !self.can_erase(layers) {
             return Ok(false);
         }
-        let sector = self.around(self.next + self.free) / Self::PLACES;
+        let sector = self.wrap(self.next_slot + self.free_slots) / Self::SLOTS_PER_SECTOR;
         if let Some(present) = &self.present
-            && present.at / Self::PLACES == sector
+            && present.at / Self::SLOTS_PER_SECTOR == sector
         {
             if !present.state.ended {
                 return Err(JournalError::JobNotEnded);
             }
             self.present = None;
         }
-        let into = self.next % Self::PLACES;
-        if sector == self.next / Self::PLACES && into > 0 {
+        let into = self.next_slot % Self::SLOTS_PER_SECTOR;
+        if sector == self.next_slot / Self::SLOTS_PER_SECTOR && into > 0 {
             // All other slots are blank. The next record goes to the sector that was erased first.
-            self.free -= (Self::PLACES - into).min(self.free);
-            self.next = self.around((sector + 1) * Self::PLACES);
+            self.free_slots -= (Self::SLOTS_PER_SECTOR - into).min(self.free_slots);
+            self.next_slot = self.wrap((sector + 1) * Self::SLOTS_PER_SECTOR);
         }
-        if self.doubtful.is_some_and(|place| place / Self::PLACES == sector) {
-            self.doubtful = None;
+        if self.suspect_slot.is_some_and(|place| place / Self::SLOTS_PER_SECTOR == sector) {
+            self.suspect_slot = None;
         }
         let from = sector * F::ERASE_SIZE as u32;
         let flash = |_| JournalError::Flash;
         self.flash.write(from, &STRUCK).map_err(flash)?;
         self.flash.erase(from, from + F::ERASE_SIZE as u32).map_err(flash)?;
-        self.erasures = self.erasures.saturating_add(1);
-        let record =
-            Record { kind: Kind::Sector, count: 0, index: 0, job: self.jobs, content: [self.erasures, 0, 0, 0, 0] };
+        self.erase_count = self.erase_count.saturating_add(1);
+        let record = Record {
+            kind: RecordKind::Sector,
+            count: 0,
+            index: 0,
+            job: self.last_job,
+            content: [self.erase_count, 0, 0, 0, 0],
+        };
         if !self.write(from, &record.to_bytes()) {
             return Err(JournalError::Flash);
         }
-        self.free += Self::PLACES;
+        self.free_slots += Self::SLOTS_PER_SECTOR;
         Ok(self.can_erase(layers))
     }
 
@@ -191,15 +197,15 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Returns [`JournalError::Full`] if a sector must be erased first, or if the job has more layers than
     /// [`Journal::capacity`]. Otherwise returns [`JournalError::Flash`]. After an error the journal has no unfinished
     /// job.
-    pub fn begin(&mut self, plan_id: u64, robot: u64, layers: u32) -> Result<(), JournalError> {
+    pub fn begin_job(&mut self, plan_id: u64, robot: u64, layers: u32) -> Result<(), JournalError> {
         let ([a, b], [c, d]) = (split(plan_id), split(robot));
-        let job = self.jobs.saturating_add(1);
-        let record = Record { kind: Kind::Job, count: 0, index: 0, job, content: [a, b, c, d, layers] };
+        let job = self.last_job.saturating_add(1);
+        let record = Record { kind: RecordKind::Job, count: 0, index: 0, job, content: [a, b, c, d, layers] };
         let place = if self.needs_erasing(layers) { Err(JournalError::Full) } else { self.append(&record) };
         match place {
             // The previous job is replaced by this record, because its number is lower.
             Ok(place) => self.apply(&record, place),
-            Err(_) if self.present.as_ref().is_some_and(|present| !present.state.ended) => self.strike(),
+            Err(_) if self.present.as_ref().is_some_and(|present| !present.state.ended) => self.invalidate_job(),
             Err(_) => {}
         }
         place.map(|_| ())
@@ -208,9 +214,9 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Records the beginning of a layer: the first one, or the first one after a pause.
     ///
     /// # Errors
-    /// Returns the same errors as [`Journal::committed`].
-    pub fn begun(&mut self, index: u32) -> Result<(), JournalError> {
-        self.put(Kind::Begun, index, [0; 5])
+    /// Returns the same errors as [`Journal::record_laid`].
+    pub fn record_begun(&mut self, index: u32) -> Result<(), JournalError> {
+        self.append_to_job(RecordKind::Begun, index, [0; 5])
     }
 
     /// Records that a layer is laid, and whether the next one has begun at once.
@@ -218,67 +224,67 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// # Errors
     /// Returns [`JournalError::NoJob`], [`JournalError::OutOfOrder`] if it is not the next layer of the job,
     /// [`JournalError::Full`] or [`JournalError::Flash`]. After an error the job can no longer be resumed.
-    pub fn committed(&mut self, index: u32, laid: &Laid, next_begun: bool) -> Result<(), JournalError> {
-        let kind = if next_begun { Kind::LaidNextBegun } else { Kind::Laid };
-        self.put(kind, index, laid.to_content())
+    pub fn record_laid(&mut self, index: u32, laid: &LayerRecord, next_begun: bool) -> Result<(), JournalError> {
+        let kind = if next_begun { RecordKind::LaidNextBegun } else { RecordKind::Laid };
+        self.append_to_job(kind, index, laid.to_content())
     }
 
     /// Records an interrupted layer that counts as laid, as far as it was made.
     ///
     /// # Errors
-    /// Returns the same errors as [`Journal::committed`].
-    pub fn skipped(&mut self, index: u32, laid: &Laid) -> Result<(), JournalError> {
-        self.put(Kind::Interrupted, index, laid.to_content())
+    /// Returns the same errors as [`Journal::record_laid`].
+    pub fn record_skipped(&mut self, index: u32, laid: &LayerRecord) -> Result<(), JournalError> {
+        self.append_to_job(RecordKind::Interrupted, index, laid.to_content())
     }
 
     /// Records a new plan from a layer on.
     ///
     /// # Errors
-    /// Returns the same errors as [`Journal::committed`], and [`JournalError::OutOfOrder`] also if that layer is laid
+    /// Returns the same errors as [`Journal::record_laid`], and [`JournalError::OutOfOrder`] also if that layer is laid
     /// already or beyond the job.
-    pub fn amended(&mut self, from: u32, plan_id: u64, layers: u32) -> Result<(), JournalError> {
+    pub fn record_amended(&mut self, from: u32, plan_id: u64, layers: u32) -> Result<(), JournalError> {
         let [a, b] = split(plan_id);
-        self.put(Kind::Amended, from, [a, b, layers, 0, 0])
+        self.append_to_job(RecordKind::Amended, from, [a, b, layers, 0, 0])
     }
 
     /// Records that the job is done or cancelled.
     ///
     /// # Errors
-    /// Returns the same errors as [`Journal::committed`].
-    pub fn ended(&mut self) -> Result<(), JournalError> {
-        self.put(Kind::Ended, 0, [0; 5])
+    /// Returns the same errors as [`Journal::record_laid`].
+    pub fn record_ended(&mut self) -> Result<(), JournalError> {
+        self.append_to_job(RecordKind::Ended, 0, [0; 5])
     }
 
     /// Returns a layer of the present job. The search is fast, and fastest in the order of the layers.
-    pub fn laid(&mut self, index: u32) -> Option<LaidRecord> {
-        let present = self.present.as_ref().filter(|present| index < present.state.laid)?;
-        let (at, Found { layer: near, offset }) = (present.at, present.found);
+    pub fn layer(&mut self, index: u32) -> Option<StoredLayer> {
+        let present = self.present.as_ref().filter(|present| index < present.state.layers_laid)?;
+        let (at, LookupHint { layer: near, offset }) = (present.at, present.found);
         // There is at least one slot for each layer in between.
         let first = index.checked_sub(near).map_or(index + 1, |layers| offset + layers);
         for offset in first..=self.places() {
-            let place = self.around(at + offset);
-            if place == self.next {
+            let place = self.wrap(at + offset);
+            if place == self.next_slot {
                 break;
             }
             let Some(record) = self.record(place) else { continue };
             let interrupted = match record.kind {
-                Kind::Laid | Kind::LaidNextBegun => false,
-                Kind::Interrupted => true,
+                RecordKind::Laid | RecordKind::LaidNextBegun => false,
+                RecordKind::Interrupted => true,
                 _ => continue,
             };
-            if record.job == self.jobs && record.index == index {
+            if record.job == self.last_job && record.index == index {
                 if let Some(present) = &mut self.present {
-                    present.found = Found { layer: index, offset };
+                    present.found = LookupHint { layer: index, offset };
                 }
-                return Some(LaidRecord { as_built: Laid::from_content(record.content).as_built, interrupted });
+                return Some(StoredLayer { as_built: LayerRecord::from_content(record.content).as_built, interrupted });
             }
         }
         None
     }
 
     /// Returns the carry from the laid layers to the next ones.
-    pub fn carry(&self) -> Carry {
-        self.present.as_ref().map_or_else(Carry::default, |present| present.carry)
+    pub fn carry(&self) -> RoundingCarry {
+        self.present.as_ref().map_or_else(RoundingCarry::default, |present| present.carry)
     }
 
     fn sectors(&self) -> u32 {
@@ -287,21 +293,21 @@ impl<F: MultiwriteNorFlash> Journal<F> {
 
     /// Returns the number of slots in the area.
     fn places(&self) -> u32 {
-        self.sectors() * Self::PLACES
+        self.sectors() * Self::SLOTS_PER_SECTOR
     }
 
     /// Returns a slot, wrapped once around the ring.
-    fn around(&self, place: u32) -> u32 {
+    fn wrap(&self, place: u32) -> u32 {
         place.checked_sub(self.places()).unwrap_or(place)
     }
 
     fn can_erase(&self, layers: u32) -> bool {
-        self.needs_erasing(layers) && self.free < self.places()
+        self.needs_erasing(layers) && self.free_slots < self.places()
     }
 
     /// Returns the byte offset of a slot.
     fn offset(place: u32) -> u32 {
-        (place + place / Self::PLACES + 1) * RECORD_BYTES as u32
+        (place + place / Self::SLOTS_PER_SECTOR + 1) * RECORD_BYTES as u32
     }
 
     fn read(&mut self, offset: u32) -> RecordBytes {
@@ -317,27 +323,27 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Returns the first record of a sector. `None` if the sector has no journal.
     fn sector_record(&mut self, sector: u32) -> Option<Record> {
         let bytes = self.read(sector * F::ERASE_SIZE as u32);
-        Record::from_bytes(&bytes).filter(|record| record.kind == Kind::Sector)
+        Record::from_bytes(&bytes).filter(|record| record.kind == RecordKind::Sector)
     }
 
     /// Reads a sector's records except for the last one, which becomes the tail, and finds the blank part of the ring.
-    fn read_sector(&mut self, sector: u32, tail: &mut Option<Tail>) {
-        let first = sector * Self::PLACES;
+    fn read_sector(&mut self, sector: u32, tail: &mut Option<LastRecord>) {
+        let first = sector * Self::SLOTS_PER_SECTOR;
         let Some(own) = self.sector_record(sector) else {
-            (self.next, self.free) = (self.around(first + Self::PLACES), 0);
+            (self.next_slot, self.free_slots) = (self.wrap(first + Self::SLOTS_PER_SECTOR), 0);
             return;
         };
         self.apply(&own, first);
         let mut blank = true;
-        for place in first..first + Self::PLACES {
+        for place in first..first + Self::SLOTS_PER_SECTOR {
             let bytes = self.read(Self::offset(place));
             if bytes == BLANK {
-                self.free += 1;
+                self.free_slots += 1;
                 continue;
             }
-            (self.next, self.free) = (self.around(place + 1), 0);
+            (self.next_slot, self.free_slots) = (self.wrap(place + 1), 0);
             blank = false;
-            if let Some(Tail { place, bytes }) = tail.replace(Tail { place, bytes })
+            if let Some(LastRecord { place, bytes }) = tail.replace(LastRecord { place, bytes })
                 && let Some(record) = Record::from_bytes(&bytes)
             {
                 self.apply(&record, place);
@@ -350,16 +356,16 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     }
 
     /// Decides whether the last record is valid, and in which slot the next one goes.
-    fn settle(&mut self, tail: Option<Tail>) {
-        if self.free > 0 {
-            self.doubtful = Some(self.next);
-            (self.next, self.free) = (self.around(self.next + 1), self.free - 1);
+    fn repair_tail(&mut self, tail: Option<LastRecord>) {
+        if self.free_slots > 0 {
+            self.suspect_slot = Some(self.next_slot);
+            (self.next_slot, self.free_slots) = (self.wrap(self.next_slot + 1), self.free_slots - 1);
         }
-        let Some(Tail { place, mut bytes }) = tail else { return };
+        let Some(LastRecord { place, mut bytes }) = tail else { return };
         let mut looks = 1;
         let record = loop {
             match Record::from_bytes(&bytes) {
-                None if looks < ATTEMPTS => (looks, bytes) = (looks + 1, self.read(Self::offset(place))),
+                None if looks < MAX_WRITE_ATTEMPTS => (looks, bytes) = (looks + 1, self.read(Self::offset(place))),
                 found => break found,
             }
         };
@@ -367,23 +373,23 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             Some(record) => {
                 self.apply(&record, place);
                 if !self.write(Self::offset(place), &bytes)
-                    && record.job == self.jobs
+                    && record.job == self.last_job
                     && let Ok(copy) = self.append(&record)
                 {
                     // The cells of this slot are weak. The record is now in another slot.
-                    self.strike_out(place);
+                    self.invalidate_slot(place);
                     if let Some(present) = self.present.as_mut().filter(|present| present.at == place) {
                         present.at = copy;
                     }
                 }
             }
-            None => self.strike_out(place),
+            None => self.invalidate_slot(place),
         }
     }
 
     /// Strikes a slot out, so that it never reads as a record again.
     #[inline(never)]
-    fn strike_out(&mut self, place: u32) {
+    fn invalidate_slot(&mut self, place: u32) {
         // If the flash refuses even this, there is nothing else to try.
         let _ = self.flash.write(Self::offset(place), &STRUCK);
     }
@@ -395,14 +401,14 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     }
 
     /// Writes a record of the present job.
-    fn put(&mut self, kind: Kind, index: u32, content: [u32; 5]) -> Result<(), JournalError> {
+    fn append_to_job(&mut self, kind: RecordKind, index: u32, content: [u32; 5]) -> Result<(), JournalError> {
         let Some(present) = self.present.as_mut().filter(|present| !present.state.ended) else {
             return Err(JournalError::NoJob);
         };
-        let record = Record { kind, count: present.count, index, job: self.jobs, content };
+        let record = Record { kind, count: present.count, index, job: self.last_job, content };
         let written = if present.apply(&record) { self.append(&record) } else { Err(JournalError::OutOfOrder) };
         if written.is_err() {
-            self.strike();
+            self.invalidate_job();
         }
         written.map(|_| ())
     }
@@ -410,43 +416,45 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Writes a record to the next slot, or to one of those after it, and returns the slot.
     fn append(&mut self, record: &Record) -> Result<u32, JournalError> {
         let bytes = record.to_bytes();
-        for _ in 0..ATTEMPTS {
-            let place = self.next;
-            self.free = self.free.checked_sub(1).ok_or(JournalError::Full)?;
-            self.next = self.around(place + 1);
-            if let Some(place) = self.doubtful.take() {
-                self.strike_out(place);
+        for _ in 0..MAX_WRITE_ATTEMPTS {
+            let place = self.next_slot;
+            self.free_slots = self.free_slots.checked_sub(1).ok_or(JournalError::Full)?;
+            self.next_slot = self.wrap(place + 1);
+            if let Some(place) = self.suspect_slot.take() {
+                self.invalidate_slot(place);
             }
             if self.write(Self::offset(place), &bytes) {
                 return Ok(place);
             }
             // The slot may later read as a valid record, beside the copy that counts.
-            self.strike_out(place);
+            self.invalidate_slot(place);
         }
         Err(JournalError::Flash)
     }
 
     /// Strikes out the first record of the present job.
-    fn strike(&mut self) {
+    fn invalidate_job(&mut self) {
         if let Some(present) = self.present.take() {
-            self.strike_out(present.at);
+            self.invalidate_slot(present.at);
         }
     }
 
     /// Applies a record. The caller passes the records in the order in which they were written.
     fn apply(&mut self, record: &Record, at: u32) {
-        if record.job > self.jobs {
-            (self.jobs, self.present) = (record.job, None);
+        if record.job > self.last_job {
+            (self.last_job, self.present) = (record.job, None);
         }
-        if record.job < self.jobs {
+        if record.job < self.last_job {
             return;
         }
         if self.present.as_ref().is_some_and(|present| present.latest == *record) {
             return;
         }
-        if let (Kind::Job, [a, b, c, d, layers]) = (record.kind, record.content) {
-            self.present = Some(Present::new(record, at, [a, b, c, d, layers]));
-        } else if record.kind != Kind::Sector && self.present.as_mut().is_some_and(|present| !present.apply(record)) {
+        if let (RecordKind::Job, [a, b, c, d, layers]) = (record.kind, record.content) {
+            self.present = Some(CurrentJob::new(record, at, [a, b, c, d, layers]));
+        } else if record.kind != RecordKind::Sector
+            && self.present.as_mut().is_some_and(|present| !present.apply(record))
+        {
             self.present = None;
         }
     }

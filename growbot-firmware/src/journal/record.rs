@@ -33,7 +33,7 @@ pub(super) const STRUCK: RecordBytes = [0; RECORD_BYTES];
 /// The kind of a record, in the low bits of its first byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
-pub(super) enum Kind {
+pub(super) enum RecordKind {
     /// The first record of a sector. It has the number of erasures in the area up to and including this one. Its job
     /// number is that of the last job begun before the erasure.
     Sector,
@@ -53,7 +53,7 @@ pub(super) enum Kind {
     Ended,
 }
 
-impl Kind {
+impl RecordKind {
     /// All kinds by their numbers.
     const ALL: [Self; 8] = [
         Self::Sector,
@@ -69,19 +69,19 @@ impl Kind {
 
 /// A laid layer, as the journal records it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Laid {
+pub struct LayerRecord {
     /// The layer as built.
     pub as_built: LayerBytes,
     /// The height that was planned, units of [`growbot_core::layer_bytes`].
     pub height_units: u32,
     /// The lean that is owed to the next layers, in the caller's units.
-    pub lean_owed: [i16; 2],
+    pub residual_lean: [i16; 2],
 }
 
 /// A record, decoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Record {
-    pub kind: Kind,
+    pub kind: RecordKind,
     /// Number of the job's records before this one: 0 to [`LAST_COUNT`], then from 0 again.
     pub count: u32,
     /// Index of a layer, 24 bits.
@@ -115,14 +115,14 @@ impl Record {
             *word = u32::from_le_bytes(*from);
         }
         let [first, job, a, b, c, d, e, _] = words;
-        let kind = *Kind::ALL.get((first & 15) as usize)?;
+        let kind = *RecordKind::ALL.get((first & 15) as usize)?;
         Some(Self { kind, count: first >> 4 & LAST_COUNT, index: first >> 8, job, content: [a, b, c, d, e] })
     }
 }
 
-impl Laid {
+impl LayerRecord {
     pub(super) fn to_content(self) -> [u32; 5] {
-        let [x, y] = self.lean_owed;
+        let [x, y] = self.residual_lean;
         let [a, b, c, d, e, f, g, h, i, j, k, l] = self.as_built;
         [
             u32::from_le_bytes([a, b, c, d]),
@@ -138,7 +138,7 @@ impl Laid {
         for (into, word) in as_built.as_chunks_mut::<4>().0.iter_mut().zip([a, b, c]) {
             *into = word.to_le_bytes();
         }
-        Self { as_built, height_units, lean_owed: lean_owed(lean) }
+        Self { as_built, height_units, residual_lean: lean_owed(lean) }
     }
 }
 
@@ -163,8 +163,9 @@ mod tests {
     use proptest::prelude::*;
 
     fn record() -> impl Strategy<Value = Record> {
-        (0..Kind::ALL.len(), 0..=LAST_COUNT, 0..=LAST_INDEX, any::<u32>(), any::<[u32; 5]>())
-            .prop_map(|(kind, count, index, job, content)| Record { kind: Kind::ALL[kind], count, index, job, content })
+        (0..RecordKind::ALL.len(), 0..=LAST_COUNT, 0..=LAST_INDEX, any::<u32>(), any::<[u32; 5]>()).prop_map(
+            |(kind, count, index, job, content)| Record { kind: RecordKind::ALL[kind], count, index, job, content },
+        )
     }
 
     proptest! {
@@ -191,8 +192,8 @@ mod tests {
             height_units in any::<u32>(),
             lean_owed in any::<[i16; 2]>(),
         ) {
-            let laid = Laid { as_built, height_units, lean_owed };
-            prop_assert_eq!(Laid::from_content(laid.to_content()), laid);
+            let laid = LayerRecord { as_built, height_units, residual_lean: lean_owed };
+            prop_assert_eq!(LayerRecord::from_content(laid.to_content()), laid);
         }
     }
 

@@ -17,14 +17,14 @@ const MARK: u32 = 0x6372_6173;
 
 /// Address ranges of stack and program.
 #[derive(Debug, Clone)]
-pub struct Places {
+pub struct MemoryLayout {
     /// The stack, from its lowest address.
     pub stack: Range<u32>,
     /// The program.
     pub code: Range<u32>,
 }
 
-impl Places {
+impl MemoryLayout {
     /// Returns whether a word of the stack may be a return address: an address of code, in Thumb state.
     fn may_return_to(&self, word: u32) -> bool {
         word & 1 == 1 && self.code.contains(&word)
@@ -36,7 +36,7 @@ impl Places {
 /// After an overflow the stack pointer is below the stack. The record then contains the words that may be return
 /// addresses, starting at the stack's lowest address. They show which calls have filled the stack, however large their
 /// frames are.
-pub fn words(head: &[u32; HEAD_WORDS], places: &Places, stack: impl Fn(u32) -> u32) -> [u32; RETAINED_WORDS] {
+pub fn encode(head: &[u32; HEAD_WORDS], places: &MemoryLayout, stack: impl Fn(u32) -> u32) -> [u32; RETAINED_WORDS] {
     let [_, _, _, sp, exc_return, ..] = *head;
     let overflowed = sp < places.stack.start;
     let mut words = [MARK; RETAINED_WORDS];
@@ -68,7 +68,7 @@ pub fn words(head: &[u32; HEAD_WORDS], places: &Places, stack: impl Fn(u32) -> u
 
 /// Decodes the crash from the retained words. `None` if they are not a valid record of [`words`].
 #[must_use]
-pub fn from_words(words: &[u32; RETAINED_WORDS]) -> Option<CrashWords> {
+pub fn decode(words: &[u32; RETAINED_WORDS]) -> Option<CrashWords> {
     let [mark, crash @ .., sum] = *words;
     (mark == MARK && crash.iter().fold(MARK, |sum, word| added(sum, *word)) == sum).then_some(crash)
 }
@@ -86,7 +86,7 @@ mod tests {
 
     /// Range of the stack. Each of its words contains its own address.
     const STACK: Range<u32> = 0x1000_0000..0x1000_1000;
-    const PLACES: Places = Places { stack: STACK, code: 0x0000_0400..0x0000_8000 };
+    const PLACES: MemoryLayout = MemoryLayout { stack: STACK, code: 0x0000_0400..0x0000_8000 };
 
     fn word(address: u32) -> u32 {
         if STACK.contains(&address) && address.is_multiple_of(4) { address ^ 0xA000_0000 } else { 0 }
@@ -97,7 +97,7 @@ mod tests {
     }
 
     fn crash(sp: u32, exc_return: u32) -> CrashWords {
-        from_words(&words(&head(sp, exc_return), &PLACES, word)).unwrap()
+        decode(&encode(&head(sp, exc_return), &PLACES, word)).unwrap()
     }
 
     #[test]
@@ -131,27 +131,27 @@ mod tests {
             (true, _) => address,
         };
         let head = head(0x0FFF_FE00, 0xFFFF_FFF9);
-        let crash = from_words(&words(&head, &PLACES, filled)).unwrap();
+        let crash = decode(&encode(&head, &PLACES, filled)).unwrap();
         assert!(crash[HEAD_WORDS..HEAD_WORDS + FRAME_WORDS].iter().all(|word| *word == 0));
         let kept = &crash[HEAD_WORDS + FRAME_WORDS..];
         let there: Vec<u32> = STACK.step_by(4).map(filled).filter(|word| PLACES.may_return_to(*word)).collect();
         assert!(there.len() > kept.len(), "{}", there.len());
         assert_eq!(kept, &there[..kept.len()]);
         // The stack contains no return addresses.
-        let crash = from_words(&words(&head, &PLACES, word)).unwrap();
+        let crash = decode(&encode(&head, &PLACES, word)).unwrap();
         assert!(crash[HEAD_WORDS..].iter().all(|word| *word == 0));
     }
 
     #[test]
     fn any_other_words_are_no_crash() {
-        let words = words(&head(0x1000_0800, 0xFFFF_FFF9), &PLACES, word);
+        let words = encode(&head(0x1000_0800, 0xFFFF_FFF9), &PLACES, word);
         for bit in 0..32 * RETAINED_WORDS {
             let mut flipped = words;
             flipped[bit / 32] ^= 1 << (bit % 32);
-            assert_eq!(from_words(&flipped), None, "bit {bit}");
+            assert_eq!(decode(&flipped), None, "bit {bit}");
         }
         for word in [0, u32::MAX, MARK] {
-            assert_eq!(from_words(&[word; RETAINED_WORDS]), None);
+            assert_eq!(decode(&[word; RETAINED_WORDS]), None);
         }
     }
 }

@@ -10,7 +10,7 @@
 //! controller switches everything off at once and latches the first one.
 
 pub mod crash;
-pub mod inputs;
-pub mod proof_of_life;
+pub mod input_monitor;
+pub mod liveness;
 pub mod retained;
 pub mod transitions;

@@ -10,7 +10,7 @@
 //! - At a start the board loads the newer of the copies that are whole. If this firmware cannot decode that copy,
 //!   another version has written it. The memory has kept its power then, and the copy may contain current work or a
 //!   latched fault. The start is therefore a fault, whatever the cause of the reset.
-//! - If no copy is whole, the cause of the reset decides: see [`survives`].
+//! - If no copy is whole, the cause of the reset decides: see [`keeps_ram`].
 
 use growbot_core::link::frame;
 use growbot_core::link::message::{Fault, FaultRecord, ResetCause, State};
@@ -29,29 +29,29 @@ const NUMBER_BYTES: usize = 4;
 
 /// The activity before a reset.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct UnderWay {
+pub struct ActiveWork {
     /// State of the board.
     pub state: State,
     /// Plan of the job.
     pub plan_id: u64,
     /// Number of layers laid.
-    pub laid: u32,
+    pub layers_laid: u32,
     /// Number of layers begun.
-    pub begun: u32,
+    pub layers_begun: u32,
     /// Number of finished sectors of the current layer, up to some tenths of a second ago.
-    pub sectors: u8,
+    pub sectors_done: u8,
 }
 
 /// The state that a board retains through a reset.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Retained {
+pub struct RetainedState {
     /// The latest fault.
     pub record: Option<FaultRecord>,
     /// Current activity. `None` while the robot is at rest.
-    pub under_way: Option<UnderWay>,
+    pub under_way: Option<ActiveWork>,
 }
 
-impl Retained {
+impl RetainedState {
     /// Encodes a copy.
     #[must_use]
     pub fn to_bytes(&self, generation: u32) -> [u8; COPY_BYTES] {
@@ -76,8 +76,8 @@ impl Retained {
     }
 
     /// Returns the part that decides what the next start does.
-    fn meaning(&self) -> Meaning {
-        Meaning {
+    fn meaning(&self) -> StartupAction {
+        StartupAction {
             under_way: self.under_way.is_some(),
             latched: self.record.filter(|record| !record.cleared).map(|record| record.fault),
         }
@@ -93,20 +93,20 @@ fn generation_of(bytes: &[u8; COPY_BYTES]) -> Option<u32> {
 
 /// The reason why the retained state could not be loaded at start-up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Unknown {
+pub enum RetainedError {
     /// No copy is whole: the memory was without power, or was destroyed.
     NotWhole,
     /// The newer copy is whole, but this firmware cannot decode it, because another version has written it.
     NotDecodable,
 }
 
-impl Unknown {
+impl RetainedError {
     /// Returns whether the lost state may have contained current work or a fault, so that a start after a reset of this
     /// cause is a fault.
     #[must_use]
     pub const fn is_fault(self, cause: ResetCause) -> bool {
         match self {
-            Self::NotWhole => survives(cause),
+            Self::NotWhole => keeps_ram(cause),
             Self::NotDecodable => true,
         }
     }
@@ -114,7 +114,7 @@ impl Unknown {
 
 /// The part of the retained state that decides what the next start does.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Meaning {
+struct StartupAction {
     /// Work was in progress, so that its interruption is a fault.
     under_way: bool,
     /// Latched fault, `Some(None)` for the emergency stop. `None` if nothing is latched.
@@ -123,18 +123,18 @@ struct Meaning {
 
 /// The two copies in the memory.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Copies {
+pub struct RetainedStore {
     /// Index of the newer copy.
     newer: usize,
     /// Generation number of the newer copy.
     generation: u32,
     /// Meaning of both copies. `None` before the first write after a start.
-    meaning: Option<Meaning>,
+    meaning: Option<StartupAction>,
 }
 
-impl Copies {
+impl RetainedStore {
     /// Finds the newer of the copies that are whole, and decodes it.
-    pub fn find(memory: &mut impl RetainedMemory) -> (Self, Result<Retained, Unknown>) {
+    pub fn find(memory: &mut impl RetainedMemory) -> (Self, Result<RetainedState, RetainedError>) {
         let bytes = memory.read();
         let mut found = Self::default();
         let mut newest = None;
@@ -146,12 +146,12 @@ impl Copies {
                 newest = Some(bytes);
             }
         }
-        let bytes = newest.ok_or(Unknown::NotWhole);
-        (found, bytes.and_then(|bytes| Retained::from_bytes(bytes).ok_or(Unknown::NotDecodable)))
+        let bytes = newest.ok_or(RetainedError::NotWhole);
+        (found, bytes.and_then(|bytes| RetainedState::from_bytes(bytes).ok_or(RetainedError::NotDecodable)))
     }
 
     /// Writes to the older copy, or to both copies if the change affects what the next start does.
-    pub fn write(&mut self, memory: &mut impl RetainedMemory, retained: &Retained) {
+    pub fn write(&mut self, memory: &mut impl RetainedMemory, retained: &RetainedState) {
         let meaning = Some(retained.meaning());
         if self.meaning != meaning {
             self.write_older(memory, retained);
@@ -160,7 +160,7 @@ impl Copies {
         self.meaning = meaning;
     }
 
-    fn write_older(&mut self, memory: &mut impl RetainedMemory, retained: &Retained) {
+    fn write_older(&mut self, memory: &mut impl RetainedMemory, retained: &RetainedState) {
         self.newer = (self.newer + 1) % COPIES;
         self.generation = self.generation.wrapping_add(1);
         memory.write(self.newer, &retained.to_bytes(self.generation));
@@ -169,7 +169,7 @@ impl Copies {
 
 /// Returns the fault that is latched after a reset during work.
 #[must_use]
-pub const fn fault_of(cause: ResetCause) -> Fault {
+pub const fn fault_for_reset(cause: ResetCause) -> Fault {
     match cause {
         ResetCause::BrownOut => Fault::BrownOut,
         ResetCause::Watchdog => Fault::WatchdogReset,
@@ -184,7 +184,7 @@ pub const fn fault_of(cause: ResetCause) -> Fault {
 /// there. A copy that is not whole after such a reset was destroyed. [`ResetCause::External`] is excluded, because a
 /// debug probe flashes a board by code in RAM.
 #[must_use]
-pub const fn survives(cause: ResetCause) -> bool {
+pub const fn keeps_ram(cause: ResetCause) -> bool {
     matches!(
         cause,
         ResetCause::Watchdog | ResetCause::ProcessorFault | ResetCause::StackOverflow | ResetCause::ClockFailed
@@ -196,7 +196,7 @@ pub(crate) mod tests {
     use super::*;
     use growbot_core::link::message::{DriverProblem, DriverReport, Motor, SensorReadings};
 
-    fn longest() -> Retained {
+    fn longest() -> RetainedState {
         let sensors = SensorReadings {
             supply_mv: Some(u32::MAX),
             on_index: true,
@@ -220,9 +220,14 @@ pub(crate) mod tests {
             laid: u32::MAX,
             layers_begun: u32::MAX,
         };
-        let under_way =
-            UnderWay { state: State::EmergencyStop, plan_id: u64::MAX, laid: u32::MAX, begun: u32::MAX, sectors: 64 };
-        Retained { record: Some(record), under_way: Some(under_way) }
+        let under_way = ActiveWork {
+            state: State::EmergencyStop,
+            plan_id: u64::MAX,
+            layers_laid: u32::MAX,
+            layers_begun: u32::MAX,
+            sectors_done: 64,
+        };
+        RetainedState { record: Some(record), under_way: Some(under_way) }
     }
 
     /// The memory, for tests.
@@ -240,8 +245,8 @@ pub(crate) mod tests {
     }
 
     /// Returns the state that a start finds.
-    fn found(memory: &Memory) -> Option<Retained> {
-        Copies::find(&mut memory.clone()).1.ok()
+    fn found(memory: &Memory) -> Option<RetainedState> {
+        RetainedStore::find(&mut memory.clone()).1.ok()
     }
 
     /// Returns a copy that is whole, and that this firmware cannot decode.
@@ -257,27 +262,30 @@ pub(crate) mod tests {
     fn what_another_firmware_has_left_is_not_decodable_and_hides_what_is_older() {
         let (own, other) = (|generation| longest().to_bytes(generation), of_another_firmware);
         for (copies, expected) in [
-            ([other(7), other(8)], Err(Unknown::NotDecodable)),
-            ([own(7), other(8)], Err(Unknown::NotDecodable)),
-            ([other(8), own(7)], Err(Unknown::NotDecodable)),
+            ([other(7), other(8)], Err(RetainedError::NotDecodable)),
+            ([own(7), other(8)], Err(RetainedError::NotDecodable)),
+            ([other(8), own(7)], Err(RetainedError::NotDecodable)),
             // The first write of this firmware is complete.
             ([other(7), own(8)], Ok(longest())),
-            ([other(7), [0; COPY_BYTES]], Err(Unknown::NotDecodable)),
+            ([other(7), [0; COPY_BYTES]], Err(RetainedError::NotDecodable)),
             ([own(7), [0; COPY_BYTES]], Ok(longest())),
-            ([[0; COPY_BYTES]; 2], Err(Unknown::NotWhole)),
+            ([[0; COPY_BYTES]; 2], Err(RetainedError::NotWhole)),
         ] {
             let mut memory = Memory([0; RETAINED_BYTES]);
             memory.0.as_chunks_mut::<COPY_BYTES>().0.copy_from_slice(&copies);
-            assert_eq!(Copies::find(&mut memory).1, expected);
+            assert_eq!(RetainedStore::find(&mut memory).1, expected);
         }
     }
 
     #[test]
     fn it_survives_and_the_longest_fits() {
-        for retained in [Retained::default(), longest()] {
+        for retained in [RetainedState::default(), longest()] {
             for generation in [0, 1, u32::MAX] {
                 let bytes = retained.to_bytes(generation);
-                assert_eq!((Retained::from_bytes(&bytes), generation_of(&bytes)), (Some(retained), Some(generation)));
+                assert_eq!(
+                    (RetainedState::from_bytes(&bytes), generation_of(&bytes)),
+                    (Some(retained), Some(generation))
+                );
             }
         }
         let mut buffer = [0; COPY_BYTES - 2 * NUMBER_BYTES];
@@ -293,13 +301,13 @@ pub(crate) mod tests {
         for bit in 0..8 * COPY_BYTES {
             let mut flipped = bytes;
             flipped[bit / 8] ^= 1 << (bit % 8);
-            assert_eq!(Retained::from_bytes(&flipped), None, "bit {bit}");
+            assert_eq!(RetainedState::from_bytes(&flipped), None, "bit {bit}");
         }
     }
 
     #[test]
     fn both_copies_say_what_a_start_must_do_and_the_rest_takes_one_write() {
-        let (mut memory, mut copies) = (Memory([0xA5; RETAINED_BYTES]), Copies::default());
+        let (mut memory, mut copies) = (Memory([0xA5; RETAINED_BYTES]), RetainedStore::default());
         // For each state of the sequence: whether a start would act differently than with the state before.
         let otherwise = [true, true, true, false, true, false, false, false, true, true, true, false, true, true];
         for (retained, otherwise) in story().iter().zip(otherwise) {
@@ -321,32 +329,34 @@ pub(crate) mod tests {
             (ResetCause::StackOverflow, true, Fault::StackOverflow),
             (ResetCause::ClockFailed, true, Fault::ClockFailed),
         ] {
-            assert_eq!((survives(cause), fault_of(cause)), (expected, fault));
+            assert_eq!((keeps_ram(cause), fault_for_reset(cause)), (expected, fault));
         }
     }
 
     /// Returns states that a board retains one after the other: at rest, a fault of the self-test, at rest, at work, a
     /// fault, the fault cleared, at work again, an emergency stop.
-    fn story() -> std::vec::Vec<Retained> {
+    fn story() -> std::vec::Vec<RetainedState> {
         let record = |fault, cleared| longest().record.map(|record| FaultRecord { fault, cleared, ..record });
-        let at = |state, sectors| longest().under_way.map(|under_way| UnderWay { state, sectors, ..under_way });
+        let at = |state, sectors| {
+            longest().under_way.map(|under_way| ActiveWork { state, sectors_done: sectors, ..under_way })
+        };
         let fault = Some(Fault::ThermistorOpen);
         std::vec![
-            Retained::default(),
+            RetainedState::default(),
             // The self-test raised a fault before any work began.
-            Retained { record: record(Some(Fault::SupplyLow), false), under_way: None },
-            Retained { record: record(Some(Fault::SupplyLow), true), under_way: None },
-            Retained::default(),
-            Retained { record: None, under_way: at(State::Heating, 0) },
-            Retained { record: None, under_way: at(State::Growing, 0) },
-            Retained { record: None, under_way: at(State::Growing, 7) },
-            Retained { record: None, under_way: at(State::Growing, 14) },
-            Retained { record: record(fault, false), under_way: None },
-            Retained { record: record(fault, true), under_way: None },
-            Retained { record: record(fault, true), under_way: at(State::Heating, 0) },
-            Retained { record: record(fault, true), under_way: at(State::Growing, 1) },
-            Retained { record: record(None, false), under_way: None },
-            Retained { record: record(None, true), under_way: None },
+            RetainedState { record: record(Some(Fault::SupplyLow), false), under_way: None },
+            RetainedState { record: record(Some(Fault::SupplyLow), true), under_way: None },
+            RetainedState::default(),
+            RetainedState { record: None, under_way: at(State::Heating, 0) },
+            RetainedState { record: None, under_way: at(State::Growing, 0) },
+            RetainedState { record: None, under_way: at(State::Growing, 7) },
+            RetainedState { record: None, under_way: at(State::Growing, 14) },
+            RetainedState { record: record(fault, false), under_way: None },
+            RetainedState { record: record(fault, true), under_way: None },
+            RetainedState { record: record(fault, true), under_way: at(State::Heating, 0) },
+            RetainedState { record: record(fault, true), under_way: at(State::Growing, 1) },
+            RetainedState { record: record(None, false), under_way: None },
+            RetainedState { record: record(None, true), under_way: None },
         ]
     }
 
@@ -374,7 +384,7 @@ pub(crate) mod tests {
         // The generation numbers wrap at each of the writes, and the initial memory may have any content.
         for first in (u32::MAX - 24..=u32::MAX).chain([0, 1 << 31, (1 << 31) - 3]) {
             let mut memory = Memory([0xA5; RETAINED_BYTES]);
-            let mut copies = Copies { generation: first, ..Copies::default() };
+            let mut copies = RetainedStore { generation: first, ..RetainedStore::default() };
             let mut before = None;
             for retained in story() {
                 let mut recording = Recording(memory.clone(), std::vec![]);
@@ -402,7 +412,7 @@ pub(crate) mod tests {
     #[test]
     fn one_copy_that_is_destroyed_hides_neither_work_nor_a_fault() {
         let mut memory = Memory([0; RETAINED_BYTES]);
-        let mut copies = Copies::default();
+        let mut copies = RetainedStore::default();
         for retained in story() {
             copies.write(&mut memory, &retained);
             for byte in 0..RETAINED_BYTES {

@@ -36,9 +36,9 @@ pub enum Event {
     /// A host clears a fault or an emergency stop whose cause is gone.
     Clear,
     /// Every sensor gives the reading of a healthy robot at rest.
-    Tested,
+    SelfTestPassed,
     /// The nozzle has settled at its target.
-    Hot,
+    TemperatureReached,
     /// The head stands at the tip's x axis.
     Homed,
     /// A layer is laid, and no further layer can follow now.
@@ -48,11 +48,11 @@ pub enum Event {
     /// The last layer is laid.
     Finished,
     /// The pause has lasted for the max time in which the heater may be on without growth.
-    PausedTooLong,
+    PauseTimeout,
     /// The gains are found.
     Tuned,
     /// No request for maintenance has arrived for a long time.
-    Unattended,
+    MaintenanceTimeout,
     /// The emergency stop is pressed.
     EmergencyStop,
     /// A fault was found.
@@ -77,15 +77,15 @@ impl Event {
         Self::Stop,
         Self::Cancel,
         Self::Clear,
-        Self::Tested,
-        Self::Hot,
+        Self::SelfTestPassed,
+        Self::TemperatureReached,
         Self::Homed,
         Self::LayersExhausted,
         Self::LayersAvailable,
         Self::Finished,
-        Self::PausedTooLong,
+        Self::PauseTimeout,
         Self::Tuned,
-        Self::Unattended,
+        Self::MaintenanceTimeout,
         Self::EmergencyStop,
         Self::Fault,
     ];
@@ -109,15 +109,15 @@ impl Event {
             Self::Stop => "stop",
             Self::Cancel => "cancel",
             Self::Clear => "clear",
-            Self::Tested => "tested",
-            Self::Hot => "hot",
+            Self::SelfTestPassed => "tested",
+            Self::TemperatureReached => "hot",
             Self::Homed => "homed",
             Self::LayersExhausted => "layers exhausted",
             Self::LayersAvailable => "layers available",
             Self::Finished => "finished",
-            Self::PausedTooLong => "paused too long",
+            Self::PauseTimeout => "paused too long",
             Self::Tuned => "tuned",
-            Self::Unattended => "unattended",
+            Self::MaintenanceTimeout => "unattended",
             Self::EmergencyStop => "emergency stop",
             Self::Fault => "fault",
         }
@@ -127,7 +127,7 @@ impl Event {
 /// Returns the state that an event leads to. It is the same state if the event is accepted and changes nothing. `None`
 /// if the state refuses the request, or ignores an event that is not a request.
 #[must_use]
-pub const fn after(state: State, event: Event) -> Option<State> {
+pub const fn next_state(state: State, event: Event) -> Option<State> {
     use State as S;
     match (state, event) {
         // A fault is latched, and the first one is kept.
@@ -137,7 +137,7 @@ pub const fn after(state: State, event: Event) -> Option<State> {
         (_, Event::Fault) => Some(S::Fault),
         (_, Event::EmergencyStop) => Some(S::EmergencyStop),
 
-        (S::SelfTest, Event::Tested) => Some(S::Idle),
+        (S::SelfTest, Event::SelfTestPassed) => Some(S::Idle),
         // There is nothing to stop yet.
         (S::SelfTest, Event::Stop | Event::Clear) => Some(S::SelfTest),
         (S::SelfTest, _) => None,
@@ -152,7 +152,7 @@ pub const fn after(state: State, event: Event) -> Option<State> {
         (S::Idle | S::Done | S::Stopped, Event::Preheat) => Some(S::Maintenance),
         (S::Maintenance | S::Paused, Event::Preheat | Event::MoveFilament) => Some(state),
         (S::Maintenance, Event::MoveHead) => Some(state),
-        (S::Maintenance, Event::CoolDown | Event::Unattended) => Some(S::Idle),
+        (S::Maintenance, Event::CoolDown | Event::MaintenanceTimeout) => Some(S::Idle),
         (S::Idle | S::Done | S::Stopped | S::Parked, Event::CoolDown) => Some(state),
         // The request for the same job is repeated while the job is in progress.
         (S::Heating | S::Homing | S::Growing | S::Paused | S::Parked, Event::Begin) => Some(state),
@@ -171,12 +171,12 @@ pub const fn after(state: State, event: Event) -> Option<State> {
 
         (S::Heating | S::Homing | S::Growing | S::Paused | S::Parked, Event::Pause) => Some(state),
 
-        (S::Heating, Event::Hot) => Some(S::Homing),
+        (S::Heating, Event::TemperatureReached) => Some(S::Homing),
         (S::Homing, Event::Homed) => Some(S::Growing),
         (S::Growing, Event::LayersExhausted) => Some(S::Paused),
         (S::Growing, Event::Finished) => Some(S::Done),
         (S::Paused, Event::LayersAvailable) => Some(S::Growing),
-        (S::Paused, Event::PausedTooLong) => Some(S::Parked),
+        (S::Paused, Event::PauseTimeout) => Some(S::Parked),
         (S::Tuning, Event::Tuned) => Some(S::Idle),
         _ => None,
     }
@@ -212,7 +212,7 @@ mod tests {
     fn all_states_can_be_stopped_and_faults_lead_to_rest() {
         for state in State::ALL {
             for event in [Event::Stop, Event::Fault, Event::EmergencyStop] {
-                let to = after(state, event).expect("taken in every state");
+                let to = next_state(state, event).expect("taken in every state");
                 assert!(!may_heat(to) && !may_move(to), "{state:?} and {event:?} lead to {to:?}");
             }
         }
@@ -222,7 +222,7 @@ mod tests {
     fn only_a_start_heats_and_only_heat_leads_to_motion() {
         for state in State::ALL {
             for event in Event::ALL {
-                let Some(to) = after(state, event) else { continue };
+                let Some(to) = next_state(state, event) else { continue };
                 if !may_heat(state) && may_heat(to) {
                     assert!(
                         matches!(event, Event::Start | Event::Tune | Event::Preheat),
@@ -232,7 +232,7 @@ mod tests {
                 if !may_move(state) && may_move(to) {
                     // In maintenance the controller refuses to move with a cold nozzle.
                     assert!(
-                        matches!((state, event), (State::Heating, Event::Hot) | (_, Event::Preheat)),
+                        matches!((state, event), (State::Heating, Event::TemperatureReached) | (_, Event::Preheat)),
                         "{state:?} and {event:?} move"
                     );
                 }
@@ -244,7 +244,7 @@ mod tests {
     fn latched_states_are_left_by_clearing_only() {
         for state in [State::Fault, State::EmergencyStop] {
             for event in Event::ALL {
-                let leaves = after(state, event).is_some_and(|to| to != state);
+                let leaves = next_state(state, event).is_some_and(|to| to != state);
                 assert_eq!(leaves, event == Event::Clear, "{state:?} and {event:?}");
             }
         }
@@ -286,7 +286,7 @@ mod tests {
         let mut next = 0;
         while let Some(state) = reached.get(next).copied() {
             next += 1;
-            for to in Event::ALL.iter().filter_map(|event| after(state, *event)) {
+            for to in Event::ALL.iter().filter_map(|event| next_state(state, *event)) {
                 if !reached.contains(&to) {
                     reached.push(to);
                 }

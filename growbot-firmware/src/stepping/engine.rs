@@ -13,19 +13,19 @@ use embedded_hal::digital::{InputPin, OutputPin};
 use growbot_core::layer::SECTORS;
 use growbot_core::robot::Robot;
 
-use super::axis::{Axis, Driver};
-use super::feed_move::FeedRun;
-use super::handover::{Done, Handover, Outline, Slot, Task};
+use super::axis_move::AxisMoveRun;
+use super::bresenham::Bresenham;
 use super::homing::HomingRun;
-use super::index::{IndexWatch, Mark, see_index};
-use super::orders::Alarm;
-use super::pace::Clock;
-use super::spread::Spread;
+use super::index_monitor::{IndexMonitor, IndexWindow, read_index_sensor};
+use super::mailbox::{Mailbox, PendingMove, PendingReport, Slot, TurnHeader};
+use super::moves::EngineFault;
+use super::ramp::VirtualClock;
+use super::stepper::{Stepper, StepperPins};
 use super::turn::Sector;
 use crate::hal::Outputs;
 
 /// The inputs of the engine. Levels are logical.
-pub struct Inputs<I, M, S> {
+pub struct EngineInputs<I, M, S> {
     /// Input that is high while the index sensor detects its mark.
     pub index: I,
     /// The filament's encoder. Without an encoder it is a pin that never changes.
@@ -36,22 +36,22 @@ pub struct Inputs<I, M, S> {
 
 /// The part of a robot's description that the engine needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct EngineSettings {
-    mark: Mark,
+pub struct EngineConfig {
+    mark: IndexWindow,
     emergency_stop: bool,
     /// Number of feed steps without a pulse of the encoder beyond which the filament counts as jammed. `u32::MAX`
     /// without an encoder.
     jam_steps: u32,
 }
 
-impl EngineSettings {
+impl EngineConfig {
     /// Returns the settings of a robot.
     #[must_use]
-    pub fn of(robot: &Robot) -> Self {
+    pub fn for_robot(robot: &Robot) -> Self {
         let description = robot.description();
         let sensors = &description.sensors;
         Self {
-            mark: Mark::of(robot),
+            mark: IndexWindow::of(robot),
             emergency_stop: sensors.emergency_stop.is_some(),
             jam_steps: sensors
                 .filament_motion
@@ -64,8 +64,8 @@ impl EngineSettings {
 enum Mode {
     Idle,
     Homing(HomingRun),
-    Feeding(FeedRun),
-    Rotating(FeedRun),
+    Feeding(AxisMoveRun),
+    Rotating(AxisMoveRun),
     /// Laying of a turn. The turn's outline is in [`Engine::turn`], its progress in [`Engine::progress`].
     Laying,
     /// The end of a task whose report waits until the controller has removed the one before.
@@ -89,8 +89,8 @@ struct Progress {
     /// Remaining virtual ticks of the sector and of the turn.
     sector_left: u32,
     turn_left: u32,
-    head: Spread,
-    feed: Spread,
+    head: Bresenham,
+    feed: Bresenham,
     /// Steps made. For the feed, those in this sector.
     head_made: u32,
     feed_made: u32,
@@ -102,8 +102,8 @@ impl Progress {
         sectors_left: 0,
         sector_left: 0,
         turn_left: 0,
-        head: Spread::NONE,
-        feed: Spread::NONE,
+        head: Bresenham::NONE,
+        feed: Bresenham::NONE,
         head_made: 0,
         feed_made: 0,
     };
@@ -111,23 +111,23 @@ impl Progress {
 
 /// The step engine that drives head and feed. A robot has one, and the step interrupt calls it in each tick.
 pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S, O> {
-    head: Driver<HS, HD, HE>,
-    feed: Driver<FS, FD, FE>,
-    inputs: Inputs<I, M, S>,
+    head: Stepper<HS, HD, HE>,
+    feed: Stepper<FS, FD, FE>,
+    inputs: EngineInputs<I, M, S>,
     outputs: O,
-    settings: EngineSettings,
+    settings: EngineConfig,
     mode: Mode,
-    turn: Outline,
+    turn: TurnHeader,
     progress: Progress,
     /// Slot in which the steps made are counted.
     made: Slot,
-    clock: Clock,
-    watch: IndexWatch,
+    clock: VirtualClock,
+    watch: IndexMonitor,
     ticks: u32,
     filament_pulses: u32,
     filament_high: bool,
     /// Feed steps of layers since the encoder's latest pulse.
-    fed_blindly: u32,
+    feed_steps_without_pulse: u32,
 }
 
 impl<HS, HD, HE, FS, FD, FE, I, M, S, O> Engine<HS, HD, HE, FS, FD, FE, I, M, S, O>
@@ -145,28 +145,28 @@ where
 {
     /// Creates an idle engine, with both drivers off. An emergency stop and an alarm switch `outputs` off.
     pub fn new(
-        head: Axis<HS, HD, HE>,
-        feed: Axis<FS, FD, FE>,
-        inputs: Inputs<I, M, S>,
+        head: StepperPins<HS, HD, HE>,
+        feed: StepperPins<FS, FD, FE>,
+        inputs: EngineInputs<I, M, S>,
         outputs: O,
-        settings: EngineSettings,
+        settings: EngineConfig,
     ) -> Self {
         let mut engine = Self {
-            head: Driver::new(head),
-            feed: Driver::new(feed),
+            head: Stepper::new(head),
+            feed: Stepper::new(feed),
             inputs,
             outputs,
             settings,
             mode: Mode::Idle,
-            turn: Outline::NONE,
+            turn: TurnHeader::NONE,
             progress: Progress::NONE,
             made: Slot::A,
-            clock: Clock::AT_REST,
-            watch: IndexWatch::LOST,
+            clock: VirtualClock::AT_REST,
+            watch: IndexMonitor::LOST,
             ticks: 0,
             filament_pulses: 0,
             filament_high: true,
-            fed_blindly: 0,
+            feed_steps_without_pulse: 0,
         };
         engine.head.disable();
         engine.feed.disable();
@@ -174,31 +174,31 @@ where
     }
 
     /// Runs one tick of the step interrupt.
-    pub fn tick(&mut self, handover: &Handover) {
+    pub fn tick(&mut self, handover: &Mailbox) {
         self.ticks = self.ticks.wrapping_add(1);
         handover.set_ticks(self.ticks);
         if let Err(alarm) = self.watch_and_advance(handover) {
             self.release(handover);
             self.outputs.make_safe();
-            handover.report(Done::Alarm(alarm));
+            handover.post_report(PendingReport::Alarm(alarm));
         }
     }
 
     /// Returns the number of ticks until something happens, including that tick. `u32::MAX` if nothing happens without
     /// a new move.
-    pub fn ticks_to_event(&self, handover: &Handover) -> u32 {
-        if self.head.raised || self.feed.raised || handover.halt_waits() || handover.call_waits() {
+    pub fn ticks_to_event(&self, handover: &Mailbox) -> u32 {
+        if self.head.raised || self.feed.raised || handover.is_halt_requested() || handover.is_link_stop_pending() {
             return 1;
         }
         match &self.mode {
-            Mode::Idle if handover.order_waits() => 1,
-            Mode::Finished(_) if !handover.report_waits() => 1,
+            Mode::Idle if handover.has_move() => 1,
+            Mode::Finished(_) if !handover.has_report() => 1,
             Mode::Idle | Mode::Finished(_) => u32::MAX,
             Mode::Homing(run) => run.ticks_to_step.max(1),
             Mode::Feeding(run) | Mode::Rotating(run) => run.ticks_to_step.max(1),
             Mode::Laying => {
                 let progress = &self.progress;
-                let steady = self.clock.steady_ticks(&self.turn.pace, progress.turn_left, handover.passing());
+                let steady = self.clock.steady_ticks(&self.turn.pace, progress.turn_left, handover.next_entry_rate());
                 let steps = progress.head.ticks_to_step().min(progress.feed.ticks_to_step());
                 progress.sector_left.min(steps).min(steady).max(1)
             }
@@ -209,7 +209,7 @@ where
     pub fn skip(&mut self, ticks: u32) {
         self.ticks = self.ticks.wrapping_add(ticks);
         match &mut self.mode {
-            Mode::Idle if ticks > 0 => self.clock = Clock::AT_REST,
+            Mode::Idle if ticks > 0 => self.clock = VirtualClock::AT_REST,
             Mode::Idle | Mode::Finished(_) => {}
             Mode::Homing(run) => run.ticks_to_step -= ticks,
             Mode::Feeding(run) | Mode::Rotating(run) => run.ticks_to_step -= ticks,
@@ -222,20 +222,20 @@ where
         }
     }
 
-    fn release(&mut self, handover: &Handover) {
+    fn release(&mut self, handover: &Mailbox) {
         self.mode = Mode::Idle;
         handover.set_sector(&Sector::default());
-        self.clock = Clock::AT_REST;
-        self.watch = IndexWatch::LOST;
-        self.fed_blindly = 0;
+        self.clock = VirtualClock::AT_REST;
+        self.watch = IndexMonitor::LOST;
+        self.feed_steps_without_pulse = 0;
         self.head.disable();
         self.feed.disable();
     }
 
-    fn watch_and_advance(&mut self, handover: &Handover) -> Result<(), Alarm> {
-        let halted = handover.acknowledge_halt();
+    fn watch_and_advance(&mut self, handover: &Mailbox) -> Result<(), EngineFault> {
+        let halted = handover.take_halt_request();
         self.count_filament(handover)?;
-        let stopped = self.emergency_stop(halted, handover)?;
+        let stopped = self.check_emergency_stop(halted, handover)?;
         if stopped || halted {
             self.release(handover);
             if stopped {
@@ -247,18 +247,18 @@ where
         self.advance(handover)
     }
 
-    fn count_filament(&mut self, handover: &Handover) -> Result<(), Alarm> {
-        let high = self.inputs.filament_motion.is_high().map_err(|_| Alarm::Hardware)?;
+    fn count_filament(&mut self, handover: &Mailbox) -> Result<(), EngineFault> {
+        let high = self.inputs.filament_motion.is_high().map_err(|_| EngineFault::Hardware)?;
         let before = core::mem::replace(&mut self.filament_high, high);
         if high && !before {
-            self.fed_blindly = 0;
+            self.feed_steps_without_pulse = 0;
         }
         // Filament that is changed does not count as growth.
         if matches!(&self.mode, Mode::Feeding(run) if run.changes_filament) {
             return Ok(());
         }
         // The position at which the line rises forwards is that at which it falls in reverse.
-        self.filament_pulses = match (before, high, self.feed.backwards == Some(true)) {
+        self.filament_pulses = match (before, high, self.feed.reverse == Some(true)) {
             (false, true, false) => self.filament_pulses.wrapping_add(1),
             (true, false, true) => self.filament_pulses.wrapping_sub(1),
             _ => return Ok(()),
@@ -269,14 +269,14 @@ where
 
     /// Returns whether the emergency stop is pressed, or was received over the link. It is latched for the controller,
     /// however short it was.
-    fn emergency_stop(&mut self, halted: bool, handover: &Handover) -> Result<bool, Alarm> {
+    fn check_emergency_stop(&mut self, halted: bool, handover: &Mailbox) -> Result<bool, EngineFault> {
         let pressed =
-            self.settings.emergency_stop && self.inputs.emergency_stop.is_high().map_err(|_| Alarm::Hardware)?;
-        let stopped = handover.acknowledge_call() || pressed;
+            self.settings.emergency_stop && self.inputs.emergency_stop.is_high().map_err(|_| EngineFault::Hardware)?;
+        let stopped = handover.take_link_stop() || pressed;
         if stopped {
             handover.set_emergency_stop(true);
-            if handover.order_waits() {
-                handover.refuse_order();
+            if handover.has_move() {
+                handover.discard_move();
             }
         } else if halted {
             handover.set_emergency_stop(false);
@@ -284,19 +284,19 @@ where
         Ok(stopped)
     }
 
-    fn advance(&mut self, handover: &Handover) -> Result<(), Alarm> {
+    fn advance(&mut self, handover: &Mailbox) -> Result<(), EngineFault> {
         self.head.lower()?;
         self.feed.lower()?;
         if matches!(self.mode, Mode::Idle) {
-            if !handover.order_waits() {
-                self.clock = Clock::AT_REST;
-                return see_index(&mut self.inputs.index, handover).map(|_| ());
+            if !handover.has_move() {
+                self.clock = VirtualClock::AT_REST;
+                return read_index_sensor(&mut self.inputs.index, handover).map(|_| ());
             }
-            if handover.emergency_stop() {
+            if handover.is_emergency_stopped() {
                 // The stop is released, but the controller has not handled it yet.
-                handover.refuse_order();
+                handover.discard_move();
             }
-            let Some(task) = handover.accept_order() else { return Ok(()) };
+            let Some(task) = handover.take_move() else { return Ok(()) };
             if !self.begin(task, handover)? {
                 return Ok(());
             }
@@ -312,9 +312,9 @@ where
             }
             Mode::Feeding(run) => {
                 if run.is_watched_step() {
-                    self.fed_blindly = self.fed_blindly.saturating_add(1);
-                    if self.fed_blindly > self.settings.jam_steps {
-                        return Err(Alarm::FilamentJam);
+                    self.feed_steps_without_pulse = self.feed_steps_without_pulse.saturating_add(1);
+                    if self.feed_steps_without_pulse > self.settings.jam_steps {
+                        return Err(EngineFault::FilamentJam);
                     }
                 }
                 if run.tick(&mut self.feed)? {
@@ -325,7 +325,7 @@ where
             Mode::Rotating(run) => {
                 // The move reads the sensor, but it does not check for a missing mark. The homing before the next layer
                 // does.
-                see_index(&mut self.inputs.index, handover)?;
+                read_index_sensor(&mut self.inputs.index, handover)?;
                 if run.tick(&mut self.head)? {
                     self.finish(Finished::Rotated, handover);
                 }
@@ -334,7 +334,7 @@ where
             Mode::Laying => self.lay(handover),
             Mode::Finished(finished) => {
                 let finished = *finished;
-                self.clock = Clock::AT_REST;
+                self.clock = VirtualClock::AT_REST;
                 self.finish(finished, handover);
                 Ok(())
             }
@@ -343,29 +343,29 @@ where
 
     /// Begins a move. Returns whether the move continues in the same tick, as a turn does that follows another one in
     /// the same direction.
-    fn begin(&mut self, task: Task, handover: &Handover) -> Result<bool, Alarm> {
+    fn begin(&mut self, task: PendingMove, handover: &Mailbox) -> Result<bool, EngineFault> {
         match task {
-            Task::Home(homing) => {
+            PendingMove::Home(homing) => {
                 self.head.enable(false)?;
-                self.watch = IndexWatch::LOST;
+                self.watch = IndexMonitor::LOST;
                 self.mode = Mode::Homing(HomingRun::new(homing));
                 Ok(false)
             }
-            Task::Feed(order) => {
+            PendingMove::Feed(order) => {
                 self.feed.enable(order.backwards)?;
                 if order.changes_filament {
-                    self.fed_blindly = 0;
+                    self.feed_steps_without_pulse = 0;
                 }
-                self.mode = Mode::Feeding(FeedRun::new(order));
+                self.mode = Mode::Feeding(AxisMoveRun::new(order));
                 Ok(false)
             }
-            Task::Rotate(order) => {
+            PendingMove::Rotate(order) => {
                 self.head.enable(order.backwards)?;
-                self.watch = IndexWatch::LOST;
-                self.mode = Mode::Rotating(FeedRun::new(order));
+                self.watch = IndexMonitor::LOST;
+                self.mode = Mode::Rotating(AxisMoveRun::new(order));
                 Ok(false)
             }
-            Task::Lay(turn) => {
+            PendingMove::Lay(turn) => {
                 let (head, feed) = (self.head.enable(turn.backwards)?, self.feed.enable(false)?);
                 let follows = !(self.clock.is_at_rest() || head || feed);
                 self.turn = turn;
@@ -383,59 +383,59 @@ where
     }
 
     /// Reports the end of a task, or waits until the controller has removed the report before.
-    fn finish(&mut self, finished: Finished, handover: &Handover) {
-        if handover.report_waits() {
+    fn finish(&mut self, finished: Finished, handover: &Mailbox) {
+        if handover.has_report() {
             self.mode = Mode::Finished(finished);
             return;
         }
         self.mode = Mode::Idle;
         handover.set_sector(&Sector::default());
-        handover.report(match finished {
-            Finished::Homed => Done::Homed,
+        handover.post_report(match finished {
+            Finished::Homed => PendingReport::Homed,
             Finished::Laid => {
                 let slot = self.made;
                 self.made = slot.other();
-                Done::Laid { slot, head: self.progress.head_made }
+                PendingReport::Laid { slot, head: self.progress.head_made }
             }
-            Finished::Fed => Done::Fed,
-            Finished::Rotated => Done::Rotated,
+            Finished::Fed => PendingReport::Fed,
+            Finished::Rotated => PendingReport::Rotated,
         });
     }
 
-    fn start_sector(&mut self, index: usize, handover: &Handover) {
+    fn start_sector(&mut self, index: usize, handover: &Mailbox) {
         let Some(sector) = handover.sector(&self.turn, index) else { return };
         handover.set_sector(&sector);
-        let Sector { ticks, head, feed } = sector;
+        let Sector { ticks, head_steps: head, feed_steps: feed } = sector;
         self.progress.sector = index;
         self.progress.sector_left = ticks;
-        self.progress.head = Spread::new(head, ticks);
-        self.progress.feed = Spread::new(feed, ticks);
+        self.progress.head = Bresenham::new(head, ticks);
+        self.progress.feed = Bresenham::new(feed, ticks);
         self.progress.feed_made = 0;
     }
 
-    fn lay(&mut self, handover: &Handover) -> Result<(), Alarm> {
+    fn lay(&mut self, handover: &Mailbox) -> Result<(), EngineFault> {
         let progress = &mut self.progress;
-        if !self.clock.tick(&self.turn.pace, progress.turn_left, handover.passing()) {
+        if !self.clock.tick(&self.turn.pace, progress.turn_left, handover.next_entry_rate()) {
             return Ok(());
         }
         if progress.head.tick() {
             progress.head_made += 1;
-            let on = see_index(&mut self.inputs.index, handover)?;
+            let on = read_index_sensor(&mut self.inputs.index, handover)?;
             self.watch.step(on, &self.settings.mark)?;
             self.head.raise()?;
         }
         if progress.feed.tick() {
             progress.feed_made += 1;
             self.feed.raise()?;
-            self.fed_blindly = self.fed_blindly.saturating_add(1);
-            if self.fed_blindly > self.settings.jam_steps {
-                return Err(Alarm::FilamentJam);
+            self.feed_steps_without_pulse = self.feed_steps_without_pulse.saturating_add(1);
+            if self.feed_steps_without_pulse > self.settings.jam_steps {
+                return Err(EngineFault::FilamentJam);
             }
         }
         progress.turn_left -= 1;
         progress.sector_left -= 1;
         if progress.sector_left == 0 {
-            handover.count(self.made, progress.sector, progress.feed_made);
+            handover.store_feed_steps(self.made, progress.sector, progress.feed_made);
             progress.sectors_left -= 1;
             handover.set_progress(SECTORS - progress.sectors_left);
             if progress.sectors_left > 0 {

@@ -2,14 +2,14 @@
 
 use embedded_hal::digital::{InputPin, OutputPin};
 
-use super::axis::Driver;
-use super::handover::Handover;
-use super::index::{Mark, see_index};
-use super::orders::{Alarm, Homing};
+use super::index_monitor::{IndexWindow, read_index_sensor};
+use super::mailbox::Mailbox;
+use super::moves::{EngineFault, HomingMove};
+use super::stepper::Stepper;
 
 /// Progress of a homing.
 pub(super) struct HomingRun {
-    homing: Homing,
+    homing: HomingMove,
     pub ticks_to_step: u32,
     steps_made: u32,
     /// Number of consecutive steps at which the mark was detected.
@@ -21,7 +21,7 @@ pub(super) struct HomingRun {
 }
 
 impl HomingRun {
-    pub fn new(homing: Homing) -> Self {
+    pub fn new(homing: HomingMove) -> Self {
         Self {
             homing,
             ticks_to_step: homing.ticks_per_step,
@@ -35,19 +35,19 @@ impl HomingRun {
     /// Runs one tick. Returns whether the homing is over.
     pub fn tick<S: OutputPin, D: OutputPin, E: OutputPin>(
         &mut self,
-        head: &mut Driver<S, D, E>,
+        head: &mut Stepper<S, D, E>,
         index: &mut impl InputPin,
-        mark: &Mark,
-        handover: &Handover,
-    ) -> Result<bool, Alarm> {
+        mark: &IndexWindow,
+        handover: &Mailbox,
+    ) -> Result<bool, EngineFault> {
         self.ticks_to_step = self.ticks_to_step.saturating_sub(1);
         if self.ticks_to_step > 0 {
             return Ok(false);
         }
-        let on_mark = see_index(index, handover)?;
+        let on_mark = read_index_sensor(index, handover)?;
         self.on_mark_for = if on_mark { self.on_mark_for + 1 } else { 0 };
         if self.on_mark_for > mark.longest {
-            return Err(Alarm::IndexStuck);
+            return Err(EngineFault::IndexStuck);
         }
         if self.steps_to_zero.is_none() {
             if on_mark && self.left_mark {
@@ -58,7 +58,7 @@ impl HomingRun {
         match &mut self.steps_to_zero {
             Some(0) => return Ok(true),
             Some(left) => *left -= 1,
-            None if self.steps_made == self.homing.max_steps => return Err(Alarm::IndexNotFound),
+            None if self.steps_made == self.homing.max_steps => return Err(EngineFault::IndexNotFound),
             None => self.steps_made += 1,
         }
         self.ticks_to_step = self.homing.ticks_per_step;

@@ -1,6 +1,6 @@
 //! One layer as one turn of the head: the steps of head and feed, and the ticks, in each sector.
 //!
-//! The material between angle 0 and `psi` has a closed form ([`Layer::share_of_material`]). At the edges of the sectors
+//! The material between angle 0 and `psi` has a closed form ([`Layer::material_fraction`]). At the edges of the sectors
 //! both axes stand at the positions of this form, to the step. Within a sector both run evenly. This flattens the first
 //! harmonic of the profile, which *is* the tilt, by `sinc^2` of half the sector's angle (0.08 % for 64 sectors). The
 //! turn is computed with a tilt that is larger by this factor, so that the layer as laid has the planned tilt.
@@ -9,7 +9,7 @@
 //! `speed` gives every sector time in proportion to its material, so that the feed is steady and the head is slower
 //! where more material is needed.
 //!
-//! Turns come from [`Material::lay`](super::Material::lay), which carries the lean that the layers before have left
+//! Turns come from [`Material::next_turn`](super::Material::lay), which carries the lean that the layers before have left
 //! owing.
 
 use core::f64::consts::{PI, TAU};
@@ -19,7 +19,7 @@ use growbot_core::layer::{Layer, SECTORS};
 use growbot_core::robot::{FeedStrategy, LayerMotion, Robot};
 use growbot_core::trigonometry;
 
-use super::pace::{Ends, ONE, Pace};
+use super::ramp::{EndSpeeds, FULL_RATE, RampLimits};
 
 /// Steps and ticks of one sector. Neither axis makes more than one step in two ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -27,9 +27,9 @@ pub struct Sector {
     /// Duration, ticks of the step interrupt.
     pub ticks: u32,
     /// Steps of the head.
-    pub head: u32,
+    pub head_steps: u32,
     /// Steps of the feed.
-    pub feed: u32,
+    pub feed_steps: u32,
 }
 
 /// One layer as one turn of the head.
@@ -38,16 +38,16 @@ pub struct Turn {
     /// The sectors by angle, from the tip's x axis on.
     pub sectors: [Sector; SECTORS],
     /// The head turns clockwise: from the last sector to the first.
-    pub backwards: bool,
+    pub reverse: bool,
     /// Ticks of all sectors.
     pub ticks: u32,
     /// Limits of the speed at the beginning and the end of the turn.
-    pub pace: Pace,
+    pub pace: RampLimits,
 }
 
 /// Error: a layer needs steps faster than one in two ticks, or more acceleration than the motors have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct StepRate;
+pub struct StepRateError;
 
 /// Returns the factor by which running evenly within a sector flattens the first harmonic of a profile.
 fn flattening() -> f64 {
@@ -69,25 +69,25 @@ impl Turn {
         feed_steps: impl Fn(f64) -> f64,
         robot: &Robot,
         backwards: bool,
-        before: Option<&Ends>,
-    ) -> Result<(Self, Ends), StepRate> {
+        before: Option<&EndSpeeds>,
+    ) -> Result<(Self, EndSpeeds), StepRateError> {
         let steeper = Layer { tilt: profile.tilt / flattening(), ..*profile };
         // The check of a layer does not include the steeper profile. A layer close to its limits is therefore laid
         // without the factor.
         let (sectors, motion) = Self::of_profile(&steeper, &feed_steps, robot)
-            .or_else(|StepRate| Self::of_profile(profile, &feed_steps, robot))?;
+            .or_else(|StepRateError| Self::of_profile(profile, &feed_steps, robot))?;
         let ticks = sectors.iter().map(|sector| sector.ticks).sum();
-        let ends = Ends::of(&motion, backwards);
-        let pace = Pace::of(&motion, &ends, before, robot.description().motion.tick_hz, ticks);
-        Ok((Self { sectors, backwards, ticks, pace }, ends))
+        let ends = EndSpeeds::of(&motion, backwards);
+        let pace = RampLimits::of(&motion, &ends, before, robot.description().motion.tick_hz, ticks);
+        Ok((Self { sectors, reverse: backwards, ticks, pace }, ends))
     }
 
     fn of_profile(
         profile: &Layer,
         feed_steps: &impl Fn(f64) -> f64,
         robot: &Robot,
-    ) -> Result<([Sector; SECTORS], LayerMotion), StepRate> {
-        robot.check_motion(profile).map_err(|_| StepRate)?;
+    ) -> Result<([Sector; SECTORS], LayerMotion), StepRateError> {
+        robot.check_motion(profile).map_err(|_| StepRateError)?;
         let description = robot.description();
         let ticks = description.layer.period_s * f64::from(description.motion.tick_hz);
         let head_steps = f64::from(description.head.steps_per_turn);
@@ -109,9 +109,9 @@ impl Turn {
             let [ticks, head, feed] = [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
             // A lean of more than the whole height would take feed back. No checked layer has one.
             if ticks < 1.0 || head < 0.0 || feed < 0.0 || 2.0 * head.max(feed) > ticks {
-                return Err(StepRate);
+                return Err(StepRateError);
             }
-            *sector = Sector { ticks: ticks as u32, head: head as u32, feed: feed as u32 };
+            *sector = Sector { ticks: ticks as u32, head_steps: head as u32, feed_steps: feed as u32 };
             from = to;
         }
         Ok((sectors, robot.layer_motion(profile)))
@@ -120,7 +120,7 @@ impl Turn {
     /// Returns whether the turn is laid at full speed from its first tick to its last, because it needs no ramps.
     #[must_use]
     pub fn needs_no_ramp(&self) -> bool {
-        self.pace.start == ONE
+        self.pace.start_rate == FULL_RATE
     }
 
     /// Returns the max number of ticks that the turn can take, from rest to rest and with a next move that arrives
@@ -133,7 +133,7 @@ impl Turn {
     /// Returns the layer that this turn lays.
     #[must_use]
     pub fn layer(&self, robot: &Robot) -> Layer {
-        as_built(&self.sectors.map(|sector| sector.feed), robot)
+        as_built(&self.sectors.map(|sector| sector.feed_steps), robot)
     }
 }
 
@@ -176,7 +176,7 @@ mod tests {
         })
     }
 
-    fn lay(layer: &Layer, robot: &Robot) -> Result<Turn, StepRate> {
+    fn lay(layer: &Layer, robot: &Robot) -> Result<Turn, StepRateError> {
         let feed_steps = |share| share * layer.height * robot.feed_steps_per_length();
         Turn::new(layer, feed_steps, robot, false, None).map(|(turn, _)| turn)
     }
@@ -191,7 +191,7 @@ mod tests {
                 let angle = |edge: usize| TAU * edge as f64 / SECTORS as f64;
                 let share = |edge: usize| layer.material_fraction(angle(edge), robot.tip_radius());
                 let closed_form = steps * (share(index + 1) - share(index));
-                let feed = f64::from(sector.feed);
+                let feed = f64::from(sector.feed_steps);
                 prop_assert!((feed - closed_form).abs() <= 1.1, "{index}: {feed} for {closed_form}");
             }
         }
@@ -201,7 +201,7 @@ mod tests {
             let (by_feed, by_speed) = (robot_a_by(FeedStrategy::Feed), robot_a_by(FeedStrategy::Speed));
             let [feed, speed] = [&by_feed, &by_speed].map(|robot| lay(&layer, robot).unwrap());
             for (a, b) in feed.sectors.iter().zip(&speed.sectors) {
-                prop_assert_eq!((a.head, a.feed), (b.head, b.feed));
+                prop_assert_eq!((a.head_steps, a.feed_steps), (b.head_steps, b.feed_steps));
             }
             let total = |turn: &Turn| turn.sectors.iter().map(|sector| sector.ticks).sum::<u32>();
             prop_assert_eq!((total(&feed), total(&speed)), (72_000, 72_000));
@@ -244,7 +244,7 @@ mod tests {
         let robot = robot_a_by(FeedStrategy::Speed);
         let layer = Layer { alpha: 0.3, height: 0.77, tilt: 0.0077 };
         let turn = lay(&layer, &robot).unwrap();
-        let rate = |sector: &Sector| f64::from(sector.feed) / f64::from(sector.ticks);
+        let rate = |sector: &Sector| f64::from(sector.feed_steps) / f64::from(sector.ticks);
         let mean = turn.sectors.iter().map(rate).sum::<f64>() / SECTORS as f64;
         assert!(turn.sectors.iter().all(|sector| (rate(sector) / mean - 1.0).abs() < 0.02));
     }

@@ -8,7 +8,7 @@ use tmc2209::reg::{Address, State};
 use tmc2209::{MASTER_ADDR, ReadRequest, SYNC_AND_RESERVED, WriteRequest, crc};
 
 /// Serial line with one wire for both directions. Its functions never wait.
-pub trait Wire {
+pub trait SingleWireUart {
     /// Sends some bytes, at most 8. Returns `false` if the transmit buffer has too little room for all of them. Then
     /// none is sent.
     fn send(&mut self, bytes: &[u8]) -> bool;
@@ -31,7 +31,7 @@ const TAKEN_AT_ONCE: usize = 32;
 
 /// Result of an exchange.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Outcome {
+pub(super) enum TransactionResult {
     /// A register was written. Only the driver's counter shows whether the driver accepted it.
     Written,
     /// A register was read.
@@ -41,26 +41,26 @@ pub(super) enum Outcome {
 }
 
 #[derive(Debug, Clone, Copy)]
-enum Exchange {
+enum Transaction {
     None,
     /// The bytes wait for room in the transmit buffer until this time.
     Sending {
         node: u8,
-        what: What,
+        what: RegisterAccess,
         attempts: u8,
         until: u64,
     },
     /// The bytes have been sent. A response or the end of the write is due by this time.
     Sent {
         node: u8,
-        what: What,
+        what: RegisterAccess,
         attempts: u8,
         until: u64,
     },
 }
 
 #[derive(Debug, Clone, Copy)]
-enum What {
+enum RegisterAccess {
     Read(Address),
     Write(State),
 }
@@ -68,74 +68,76 @@ enum What {
 /// The line, and the current exchange.
 pub(super) struct Bus<W> {
     wire: W,
-    exchange: Exchange,
+    exchange: Transaction,
     /// The latest received bytes.
     latest: [u8; ANSWER_BYTES],
 }
 
-impl<W: Wire> Bus<W> {
+impl<W: SingleWireUart> Bus<W> {
     pub(super) fn new(wire: W) -> Self {
-        Self { wire, exchange: Exchange::None, latest: [0; ANSWER_BYTES] }
+        Self { wire, exchange: Transaction::None, latest: [0; ANSWER_BYTES] }
     }
 
     /// Begins to read a register of a driver.
     pub(super) fn read(&mut self, node: u8, register: Address, now: u64) {
-        self.begin(node, What::Read(register), ATTEMPTS, now);
+        self.begin(node, RegisterAccess::Read(register), ATTEMPTS, now);
     }
 
     /// Begins to write a register of a driver.
     pub(super) fn write(&mut self, node: u8, state: State, now: u64) {
-        self.begin(node, What::Write(state), 1, now);
+        self.begin(node, RegisterAccess::Write(state), 1, now);
     }
 
-    fn begin(&mut self, node: u8, what: What, attempts: u8, now: u64) {
-        self.exchange = Exchange::Sending { node, what, attempts, until: now.saturating_add(ANSWER_US) };
+    fn begin(&mut self, node: u8, what: RegisterAccess, attempts: u8, now: u64) {
+        self.exchange = Transaction::Sending { node, what, attempts, until: now.saturating_add(ANSWER_US) };
         self.send(now);
     }
 
     /// Sends the pending bytes if there is room.
     fn send(&mut self, now: u64) {
-        let Exchange::Sending { node, what, attempts, .. } = self.exchange else { return };
+        let Transaction::Sending { node, what, attempts, .. } = self.exchange else { return };
         // Bytes received until now are not a response to this request.
         self.take();
         self.latest = [0; ANSWER_BYTES];
         let (sent, time) = match what {
-            What::Read(register) => (self.wire.send(ReadRequest::from_addr(node, register).bytes()), ANSWER_US),
-            What::Write(state) => {
+            RegisterAccess::Read(register) => {
+                (self.wire.send(ReadRequest::from_addr(node, register).bytes()), ANSWER_US)
+            }
+            RegisterAccess::Write(state) => {
                 let request = WriteRequest::from_raw_data(node, state.addr(), state);
                 (self.wire.send(request.bytes()), WRITTEN_US)
             }
         };
         if sent {
-            self.exchange = Exchange::Sent { node, what, attempts, until: now.saturating_add(time) };
+            self.exchange = Transaction::Sent { node, what, attempts, until: now.saturating_add(time) };
         }
     }
 
     /// Returns the result of the exchange. `None` while it is in progress, and if there is none.
-    pub(super) fn poll(&mut self, now: u64) -> Option<Outcome> {
+    pub(super) fn poll(&mut self, now: u64) -> Option<TransactionResult> {
         // Received bytes are processed first, so that a response that arrived in time counts even if it is read late.
         let answer = self.take();
         match self.exchange {
-            Exchange::None => None,
-            Exchange::Sending { until, .. } => {
+            Transaction::None => None,
+            Transaction::Sending { until, .. } => {
                 self.send(now);
-                (now > until).then(|| self.end(Outcome::Silent))
+                (now > until).then(|| self.end(TransactionResult::Silent))
             }
-            Exchange::Sent { node, what, attempts, until } => match (what, answer) {
-                (What::Read(_), Some(value)) => Some(self.end(Outcome::Read(value))),
+            Transaction::Sent { node, what, attempts, until } => match (what, answer) {
+                (RegisterAccess::Read(_), Some(value)) => Some(self.end(TransactionResult::Read(value))),
                 _ if now <= until => None,
-                (What::Write(_), _) => Some(self.end(Outcome::Written)),
-                (What::Read(_), None) if attempts > 1 => {
+                (RegisterAccess::Write(_), _) => Some(self.end(TransactionResult::Written)),
+                (RegisterAccess::Read(_), None) if attempts > 1 => {
                     self.begin(node, what, attempts - 1, now);
                     None
                 }
-                (What::Read(_), None) => Some(self.end(Outcome::Silent)),
+                (RegisterAccess::Read(_), None) => Some(self.end(TransactionResult::Silent)),
             },
         }
     }
 
-    fn end(&mut self, outcome: Outcome) -> Outcome {
-        self.exchange = Exchange::None;
+    fn end(&mut self, outcome: TransactionResult) -> TransactionResult {
+        self.exchange = Transaction::None;
         outcome
     }
 
@@ -146,7 +148,7 @@ impl<W: Wire> Bus<W> {
             let [_, rest @ ..] = self.latest;
             let [b1, b2, b3, b4, b5, b6, b7] = rest;
             self.latest = [b1, b2, b3, b4, b5, b6, b7, byte];
-            if let Exchange::Sent { what: What::Read(register), .. } = self.exchange
+            if let Transaction::Sent { what: RegisterAccess::Read(register), .. } = self.exchange
                 && let Some(value) = answer(&self.latest, register)
             {
                 return Some(value);

@@ -18,22 +18,22 @@
 
 mod bus;
 #[cfg(test)]
-mod model;
+mod fake_bus;
+mod health;
 mod settings;
 #[cfg(test)]
 mod tests;
-mod watch;
 
 use growbot_core::link::message::{DriverProblem, DriverReport, Motor};
 use tmc2209::reg::{Address, DRV_STATUS, GSTAT, SG_RESULT, TSTEP};
 
-pub use self::bus::{BAUD, Wire};
-pub use self::settings::Settings;
+pub use self::bus::{BAUD, SingleWireUart};
+pub use self::settings::DriverConfig;
 
-use self::bus::{Bus, Outcome};
+use self::bus::{Bus, TransactionResult};
+use self::health::{HealthMonitor, HealthSample};
 use self::settings::REGISTERS;
-use self::watch::{Look, Watch};
-use crate::hal::Drivers;
+use crate::hal::StepperDrivers;
 
 /// Time between two polls of both drivers, us.
 const PERIOD_US: u64 = 30_000;
@@ -41,31 +41,31 @@ const PERIOD_US: u64 = 30_000;
 const MAX_UNCOUNTED: u8 = 3;
 
 /// One driver.
-struct Node {
+struct DriverState {
     motor: Motor,
-    settings: Settings,
+    settings: DriverConfig,
     configured: bool,
     /// Number of consecutive configurations in which the driver did not count all writes.
     uncounted: u8,
-    watch: Watch,
+    watch: HealthMonitor,
     problem: Option<DriverProblem>,
 }
 
-impl Node {
-    fn new(motor: Motor, settings: Settings) -> Self {
-        Self { motor, settings, configured: false, uncounted: 0, watch: Watch::default(), problem: None }
+impl DriverState {
+    fn new(motor: Motor, settings: DriverConfig) -> Self {
+        Self { motor, settings, configured: false, uncounted: 0, watch: HealthMonitor::default(), problem: None }
     }
 
     /// Records the end of a configuration, with the number of writes that the driver has counted.
     fn note_counted(&mut self, counted: u8) {
         self.configured = usize::from(counted) == REGISTERS;
         self.uncounted = if self.configured { 0 } else { self.uncounted.saturating_add(1) };
-        self.watch = Watch::default();
+        self.watch = HealthMonitor::default();
         self.problem = (self.uncounted >= MAX_UNCOUNTED).then_some(DriverProblem::NotConfigured);
     }
 
     /// Records the end of a sample.
-    fn note_look(&mut self, look: &Look, in_use: bool) {
+    fn note_look(&mut self, look: &HealthSample, in_use: bool) {
         self.problem = self.watch.look(look, self.settings.watched_threshold());
         if self.problem == Some(DriverProblem::ShutDown) && !in_use {
             // The driver is configured again, which clears the flags of the past problem.
@@ -76,7 +76,7 @@ impl Node {
 
 /// Progress with the current driver.
 #[derive(Debug, Clone, Copy)]
-enum Step {
+enum PollState {
     /// Nothing is done until this time.
     Rest(u64),
     /// The driver's count of writes is read, before it is configured.
@@ -86,35 +86,35 @@ enum Step {
     /// The count is read again.
     CountAfter { before: u8 },
     /// A sample is being taken, and this register is read.
-    Look(Address, Look),
+    Look(Address, HealthSample),
 }
 
 /// Two drivers, and the line to them.
 pub struct Tmc2209<W> {
     bus: Bus<W>,
-    nodes: [Node; 2],
+    nodes: [DriverState; 2],
     /// The current driver.
-    turn: Motor,
-    step: Step,
+    active_motor: Motor,
+    step: PollState,
     /// Time at which the first driver's turn began, us.
     begun: u64,
 }
 
-impl<W: Wire> Tmc2209<W> {
+impl<W: SingleWireUart> Tmc2209<W> {
     /// Creates the drivers of head and feed, not configured yet.
-    pub fn new(wire: W, [head, feed]: [Settings; 2]) -> Self {
+    pub fn new(wire: W, [head, feed]: [DriverConfig; 2]) -> Self {
         Self {
             bus: Bus::new(wire),
-            nodes: [Node::new(Motor::Head, head), Node::new(Motor::Feed, feed)],
-            turn: Motor::Head,
-            step: Step::Rest(0),
+            nodes: [DriverState::new(Motor::Head, head), DriverState::new(Motor::Feed, feed)],
+            active_motor: Motor::Head,
+            step: PollState::Rest(0),
             begun: 0,
         }
     }
 
-    fn node(&mut self) -> &mut Node {
+    fn node(&mut self) -> &mut DriverState {
         let [head, feed] = &mut self.nodes;
-        match self.turn {
+        match self.active_motor {
             Motor::Head => head,
             Motor::Feed => feed,
         }
@@ -127,14 +127,14 @@ impl<W: Wire> Tmc2209<W> {
 
     /// Begins the turn of a driver.
     fn begin(&mut self, now: u64) {
-        if self.turn == Motor::Head {
+        if self.active_motor == Motor::Head {
             self.begun = now;
         }
         let first = if self.node().configured {
-            self.step = Step::Look(Address::GSTAT, Look::default());
+            self.step = PollState::Look(Address::GSTAT, HealthSample::default());
             Address::GSTAT
         } else {
-            self.step = Step::CountBefore;
+            self.step = PollState::CountBefore;
             Address::IFCNT
         };
         self.read(first, now);
@@ -142,12 +142,12 @@ impl<W: Wire> Tmc2209<W> {
 
     /// Ends the turn of a driver.
     fn end(&mut self, now: u64) {
-        if self.turn == Motor::Head {
-            self.turn = Motor::Feed;
+        if self.active_motor == Motor::Head {
+            self.active_motor = Motor::Feed;
             self.begin(now);
         } else {
-            self.turn = Motor::Head;
-            self.step = Step::Rest(self.begun.saturating_add(PERIOD_US));
+            self.active_motor = Motor::Head;
+            self.step = PollState::Rest(self.begun.saturating_add(PERIOD_US));
         }
     }
 
@@ -155,24 +155,26 @@ impl<W: Wire> Tmc2209<W> {
     fn write(&mut self, index: usize, before: u8, now: u64) {
         let settings = self.node().settings;
         if let Some(register) = settings.registers().get(index) {
-            self.step = Step::Write { index, before };
+            self.step = PollState::Write { index, before };
             self.bus.write(settings.address, *register, now);
         } else {
-            self.step = Step::CountAfter { before };
+            self.step = PollState::CountAfter { before };
             self.read(Address::IFCNT, now);
         }
     }
 
     /// Takes the next step after an exchange.
-    fn proceed(&mut self, outcome: Outcome, now: u64, in_use: bool) {
+    fn proceed(&mut self, outcome: TransactionResult, now: u64, in_use: bool) {
         match (self.step, outcome) {
-            (Step::CountBefore, Outcome::Read(count)) => self.write(0, count as u8, now),
-            (Step::Write { index, before }, Outcome::Written) => self.write(index + 1, before, now),
-            (Step::CountAfter { before }, Outcome::Read(count)) => {
+            (PollState::CountBefore, TransactionResult::Read(count)) => self.write(0, count as u8, now),
+            (PollState::Write { index, before }, TransactionResult::Written) => self.write(index + 1, before, now),
+            (PollState::CountAfter { before }, TransactionResult::Read(count)) => {
                 self.node().note_counted((count as u8).wrapping_sub(before));
                 self.end(now);
             }
-            (Step::Look(register, look), Outcome::Read(value)) => self.look(register, look, value, now, in_use),
+            (PollState::Look(register, look), TransactionResult::Read(value)) => {
+                self.look(register, look, value, now, in_use)
+            }
             _ => {
                 self.node().problem = Some(DriverProblem::Silent);
                 self.end(now);
@@ -181,7 +183,7 @@ impl<W: Wire> Tmc2209<W> {
     }
 
     /// Stores a register of a sample, and reads the next one.
-    fn look(&mut self, register: Address, mut look: Look, value: u32, now: u64, in_use: bool) {
+    fn look(&mut self, register: Address, mut look: HealthSample, value: u32, now: u64, in_use: bool) {
         let next = match register {
             Address::GSTAT => {
                 look.global = GSTAT::from(value);
@@ -208,7 +210,7 @@ impl<W: Wire> Tmc2209<W> {
             }
         };
         if let Some(next) = next {
-            self.step = Step::Look(next, look);
+            self.step = PollState::Look(next, look);
             self.read(next, now);
         } else {
             self.node().note_look(&look, in_use);
@@ -217,11 +219,11 @@ impl<W: Wire> Tmc2209<W> {
     }
 }
 
-impl<W: Wire> Drivers for Tmc2209<W> {
+impl<W: SingleWireUart> StepperDrivers for Tmc2209<W> {
     fn poll(&mut self, now: u64, in_use: bool) {
         let outcome = self.bus.poll(now);
         match (self.step, outcome) {
-            (Step::Rest(until), _) if now >= until => self.begin(now),
+            (PollState::Rest(until), _) if now >= until => self.begin(now),
             (_, Some(outcome)) => self.proceed(outcome, now, in_use),
             _ => {}
         }
@@ -231,7 +233,7 @@ impl<W: Wire> Drivers for Tmc2209<W> {
         self.nodes.iter().all(|node| node.configured)
     }
 
-    fn trouble(&self) -> Option<DriverReport> {
+    fn problem(&self) -> Option<DriverReport> {
         self.nodes.iter().find_map(|node| Some(DriverReport { motor: node.motor, problem: node.problem? }))
     }
 }

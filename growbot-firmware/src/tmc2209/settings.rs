@@ -25,7 +25,7 @@ pub(super) const STALL_MAX_STEP_TIME: u32 = 12_000_000 / (200 * 256);
 
 /// The settings of one driver.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settings {
+pub struct DriverConfig {
     /// Address on the line, 0 to 3, set by the driver's pins MS1 and MS2.
     pub address: u8,
     /// Resistance of the sense resistors, ohm.
@@ -40,7 +40,7 @@ pub struct Settings {
     pub stall_threshold: Option<u8>,
 }
 
-impl Settings {
+impl DriverConfig {
     /// Returns the settings of a robot's drivers. `None` if its board does not configure drivers.
     #[must_use]
     pub fn of(robot: &RobotDescription) -> Option<[Self; 2]> {
@@ -139,7 +139,7 @@ mod tests {
     use crate::testing::robot_a;
     use std::vec::Vec;
 
-    const PLAIN: Settings = Settings {
+    const PLAIN: DriverConfig = DriverConfig {
         address: 0,
         sense_ohm: 0.11,
         current_a: 0.8,
@@ -148,7 +148,7 @@ mod tests {
         stall_threshold: None,
     };
 
-    fn value(settings: &Settings, address: u8) -> u32 {
+    fn value(settings: &DriverConfig, address: u8) -> u32 {
         let registers = settings.registers();
         let found: Vec<_> = registers.iter().filter(|state| u8::from(state.addr()) == address).collect();
         assert_eq!(found.len(), 1, "register {address:#x}");
@@ -158,29 +158,29 @@ mod tests {
     #[test]
     fn a_robots_drivers_get_what_its_file_says() {
         let mut robot = robot_a().description().clone();
-        assert_eq!(Settings::of(&robot), None);
+        assert_eq!(DriverConfig::of(&robot), None);
         robot.head.driver = Some(DriverSettings { stall_threshold: Some(60), ..DriverSettings::with_current(0.8) });
         robot.feed.driver = Some(DriverSettings {
             mode: ChopperMode::SpreadCycle,
             microsteps: 32,
             ..DriverSettings::with_current(0.5)
         });
-        let head = Settings { stall_threshold: Some(60), ..PLAIN };
-        let feed = Settings { address: 3, current_a: 0.5, microsteps: 32, spread_cycle: true, ..PLAIN };
-        assert_eq!(Settings::of(&robot), Some([head, feed]));
+        let head = DriverConfig { stall_threshold: Some(60), ..PLAIN };
+        let feed = DriverConfig { address: 3, current_a: 0.5, microsteps: 32, spread_cycle: true, ..PLAIN };
+        assert_eq!(DriverConfig::of(&robot), Some([head, feed]));
     }
 
     #[test]
     fn registers_are_those_of_the_data_sheet() {
         // GCONF: pdn_disable, mstep_reg_select, multistep_filt.
         assert_eq!(value(&PLAIN, 0x00), 0x1C0);
-        assert_eq!(value(&Settings { spread_cycle: true, ..PLAIN }, 0x00), 0x1C4);
+        assert_eq!(value(&DriverConfig { spread_cycle: true, ..PLAIN }, 0x00), 0x1C4);
         // CHOPCONF: TOFF 3, HSTRT 5, TBL 1, vsense, MRES 4 for 16 microsteps, intpol.
         assert_eq!(value(&PLAIN, 0x6C), 0x1402_8053);
         // IHOLD_IRUN: 26 of 32 parts of 0.98 A, and 1 for IHOLDDELAY.
         assert_eq!(value(&PLAIN, 0x10), 0x0001_1919);
         for (microsteps, resolution) in [(1, 8), (2, 7), (32, 3), (256, 0)] {
-            assert_eq!(value(&Settings { microsteps, ..PLAIN }, 0x6C) >> 24 & 0xF, resolution);
+            assert_eq!(value(&DriverConfig { microsteps, ..PLAIN }, 0x6C) >> 24 & 0xF, resolution);
         }
     }
 
@@ -188,7 +188,7 @@ mod tests {
     #[test]
     fn the_current_is_the_greatest_that_is_not_above_the_one_asked_for() {
         for hundredths in 5..=170 {
-            let settings = Settings { current_a: f64::from(hundredths) / 100.0, ..PLAIN };
+            let settings = DriverConfig { current_a: f64::from(hundredths) / 100.0, ..PLAIN };
             let scale = value(&settings, 0x10) >> 8 & 0x1F;
             assert_eq!(value(&settings, 0x10) & 0x1F, scale, "at rest as in motion");
             let full_scale_v = if value(&settings, 0x6C) & 1 << 17 == 0 { 0.325 } else { 0.180 };
@@ -200,9 +200,9 @@ mod tests {
 
     #[test]
     fn stall_is_looked_for_in_stealth_chop_only() {
-        let watched = Settings { stall_threshold: Some(60), ..PLAIN };
+        let watched = DriverConfig { stall_threshold: Some(60), ..PLAIN };
         assert_eq!((value(&watched, 0x40), value(&watched, 0x14)), (60, 234));
-        for settings in [PLAIN, Settings { spread_cycle: true, ..watched }] {
+        for settings in [PLAIN, DriverConfig { spread_cycle: true, ..watched }] {
             assert_eq!((value(&settings, 0x40), value(&settings, 0x14)), (0, 0));
         }
     }
@@ -211,7 +211,7 @@ mod tests {
     fn settings_that_no_driver_has_give_registers_all_the_same() {
         for current_a in [-1.0, 0.0, 1e9, f64::NAN, f64::INFINITY] {
             for (sense_ohm, microsteps) in [(0.0, 0), (-1.0, 3), (f64::NAN, u16::MAX)] {
-                let _ = Settings { current_a, sense_ohm, microsteps, ..PLAIN }.registers();
+                let _ = DriverConfig { current_a, sense_ohm, microsteps, ..PLAIN }.registers();
             }
         }
     }

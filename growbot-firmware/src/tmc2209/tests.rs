@@ -1,9 +1,9 @@
 use growbot_core::link::message::{DriverProblem, DriverReport, Motor};
 use proptest::prelude::*;
 
-use super::model::{DRV_STATUS, FakeWire, GSTAT, IFCNT, SG_RESULT, STANDING, TSTEP, TURNING};
-use super::{Settings, Tmc2209, Wire};
-use crate::hal::Drivers;
+use super::fake_bus::{DRV_STATUS, FakeWire, GSTAT, IFCNT, SG_RESULT, STANDING, TSTEP, TURNING};
+use super::{DriverConfig, SingleWireUart, Tmc2209};
+use crate::hal::StepperDrivers;
 
 /// Addresses of the head's and the feed's driver.
 const HEAD: usize = 0;
@@ -23,7 +23,7 @@ impl Bench {
     /// Creates a board whose power has just been switched on.
     fn new() -> Self {
         let wire = FakeWire::new();
-        let head = Settings {
+        let head = DriverConfig {
             address: HEAD as u8,
             sense_ohm: 0.11,
             current_a: 0.8,
@@ -31,7 +31,7 @@ impl Bench {
             spread_cycle: false,
             stall_threshold: Some(50),
         };
-        let feed = Settings { address: FEED as u8, spread_cycle: true, ..head };
+        let feed = DriverConfig { address: FEED as u8, spread_cycle: true, ..head };
         let drivers = Tmc2209::new(wire.clone(), [head, feed]);
         Self { wire, drivers, now: 0, period: 1000, in_use: false }
     }
@@ -60,7 +60,7 @@ impl Bench {
     }
 
     fn found(&self) -> Option<(Motor, DriverProblem)> {
-        self.drivers.trouble().map(|DriverReport { motor, problem }| (motor, problem))
+        self.drivers.problem().map(|DriverReport { motor, problem }| (motor, problem))
     }
 
     /// Asserts that this problem is found within a time. That time excludes the controller's own samples.
@@ -221,7 +221,7 @@ fn a_stall_is_found_in_stealth_chop_at_speed() {
 #[test]
 fn a_driver_that_started_anew_is_a_problem_in_use_and_is_configured_again_at_rest() {
     let mut bench = Bench::configured(true);
-    bench.wire.chip(HEAD, super::model::Chip::start_anew);
+    bench.wire.chip(HEAD, super::fake_bus::Chip::start_anew);
     bench.finds(Motor::Head, DriverProblem::Reset, 60);
     bench.run(1000);
     assert_eq!(bench.found(), Some((Motor::Head, DriverProblem::Reset)), "for as long as the motor is in use");
@@ -264,7 +264,7 @@ struct Noise<'a> {
     rooms: std::iter::Cycle<std::slice::Iter<'a, bool>>,
 }
 
-impl Wire for Noise<'_> {
+impl SingleWireUart for Noise<'_> {
     fn send(&mut self, bytes: &[u8]) -> bool {
         assert!((1..=8).contains(&bytes.len()));
         *self.rooms.next().unwrap()
@@ -283,7 +283,7 @@ proptest! {
         uses in prop::collection::vec(any::<bool>(), 1..20),
         step_us in 1_u64..100_000,
     ) {
-        let settings = Settings {
+        let settings = DriverConfig {
             address: 0,
             sense_ohm: 0.11,
             current_a: 0.8,

@@ -114,7 +114,7 @@ impl FakeBoard {
                 if pauses { Duration::from_millis(1) } else { Duration::from_secs(1) }
             };
             let count = |frame: &Frame| {
-                if let Ok(Message::Laid(laid)) = Message::decode(frame.header.kind, &frame.body) {
+                if let Ok(Message::LayerLaid(laid)) = Message::decode(frame.header.kind, &frame.body) {
                     told.fetch_max(laid.index + 1, Ordering::Relaxed);
                 }
                 true

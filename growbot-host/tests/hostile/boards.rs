@@ -140,19 +140,19 @@ fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Rng) -> Vec<u8> {
     let name = HOSTILE[random.below(HOSTILE.len() as u64) as usize];
     let Ok(message) = Message::decode(frame.header.kind, &frame.body) else { return bytes };
     let told = match message {
-        Message::Laid(laid) => {
+        Message::LayerLaid(laid) => {
             let measured = laid.readings;
             let as_built: Option<LayerBytes> =
                 (random.below(2) == 0).then(|| std::array::from_fn(|_| random.next_u64() as u8));
-            Message::Laid(LayerLaid { index: extreme(random), as_built, readings: measured, ..laid })
+            Message::LayerLaid(LayerLaid { index: extreme(random), as_built, readings: measured, ..laid })
         }
-        Message::BoardHello(mut hello) => {
+        Message::BoardInfo(mut hello) => {
             match random.below(4) {
                 0 => hello.robot_name = name.try_into().unwrap(),
                 1 => hello.layer_capacity = extreme(random),
                 _ => status(&mut hello.status, random),
             }
-            Message::BoardHello(BoardInfo { boot_id: extreme(random), ..hello })
+            Message::BoardInfo(BoardInfo { boot_id: extreme(random), ..hello })
         }
         Message::Status(mut told) => {
             status(&mut told, random);

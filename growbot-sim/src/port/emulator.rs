@@ -88,8 +88,8 @@ impl Emulator {
         let firmware = firmware.map_or_else(latest_firmware, Path::to_path_buf);
         let memory = SharedMemoryFile::create(table::SIZE as u64)?;
         prepare(&memory, robot)?;
-        let flash = flash.get(..table::JOURNAL_CAPACITY).unwrap_or(flash);
-        memory.file().write_all_at(flash, table::JOURNAL as u64).map_err(doing("write the journal's flash"))?;
+        let flash = flash.get(..table::FLASH_AREA_BYTES).unwrap_or(flash);
+        memory.file().write_all_at(flash, table::JOURNAL_FLASH as u64).map_err(doing("write the journal's flash"))?;
         let words = TipRegisters(memory.file().try_clone().map_err(doing("share the tip's memory"))?);
         // The image of the board is sealed in the same way as by `growbot flash`.
         let sealed = with_seal(&firmware)?;
@@ -139,8 +139,8 @@ impl Emulator {
     /// The flash cannot be read.
     pub fn cut_power(&mut self) -> Result<Vec<u8>, PortError> {
         self.board.qemu().kill();
-        let mut flash = vec![0; table::JOURNAL_CAPACITY];
-        let read = self.board.tip().file().read_exact_at(&mut flash, table::JOURNAL as u64);
+        let mut flash = vec![0; table::FLASH_AREA_BYTES];
+        let read = self.board.tip().file().read_exact_at(&mut flash, table::JOURNAL_FLASH as u64);
         read.map_err(doing("read the journal's flash"))?;
         Ok(flash)
     }
@@ -357,8 +357,8 @@ fn prepare(memory: &SharedMemoryFile, robot: &Robot) -> Result<(), QemuError> {
     write(table::INDEX_POSITION, mark.position)?;
     write(table::INDEX_WIDTH, mark.width)?;
     write(table::ENTROPY, entropy())?;
-    write(table::MACHINE_LENGTH, machine.len() as u32)?;
-    words.0.write_all_at(machine, table::MACHINE as u64).map_err(doing("write the tip's memory"))?;
+    write(table::ROBOT_LENGTH, machine.len() as u32)?;
+    words.0.write_all_at(machine, table::ROBOT as u64).map_err(doing("write the tip's memory"))?;
     write(table::ENCODER_PITCH, encoder_pitch(robot))?;
     words.show(&mut tip_of(robot)).map_err(doing("write the tip's memory"))
 }
@@ -420,9 +420,9 @@ impl TipRegisters {
         self.write(table::EMERGENCY_STOP, tip.is_emergency_stop_pressed().into())?;
         self.show_index(tip)?;
         let encoder = match (tip.filament_moves_with_feed(), tip.encoder()) {
-            (true, _) => table::ENCODER_TURNS,
-            (false, false) => table::ENCODER_STANDS_LOW,
-            (false, true) => table::ENCODER_STANDS_HIGH,
+            (true, _) => table::ENCODER_OK,
+            (false, false) => table::ENCODER_STUCK_LOW,
+            (false, true) => table::ENCODER_STUCK_HIGH,
         };
         self.write(table::ENCODER_STATE, encoder)?;
         self.show_encoder_mapping(tip)?;
@@ -566,8 +566,8 @@ impl TipFollower {
             for record in records {
                 let record = table::StepRecord::from_word(u32::from_le_bytes(*record));
                 let motor = match record.axis {
-                    table::Axis::Head => Motor::Head,
-                    table::Axis::Feed => Motor::Feed,
+                    table::Motor::Head => Motor::Head,
+                    table::Motor::Feed => Motor::Feed,
                 };
                 self.tip.set_enabled(motor, record.enabled);
                 self.tip.set_direction(motor, record.forward);

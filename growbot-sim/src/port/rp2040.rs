@@ -1,6 +1,6 @@
 //! The firmware of a Pico in the emulator `rp2040js`, connected to the simulated tip at the pins.
 //!
-//! Node runs the image (`tests/rp2040/bench.js`, which describes the messages). The tip receives the edges of the steps
+//! Node runs the image (`tests/rp2040/emulator-server.js`, which describes the messages). The tip receives the edges of the steps
 //! and of the enable signals, and the shares of each millisecond in which heater and fan were on. The board receives
 //! the readings of the tip's sensors, as levels of pins and as voltages at its converter.
 //!

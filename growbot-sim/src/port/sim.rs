@@ -13,13 +13,13 @@ use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_core::link::message::{Fault, ImageCheck, ResetCause, State};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_firmware::controller::{Controller, Identity};
-use growbot_firmware::descriptions::{Descriptions, Stored};
-use growbot_firmware::hal::{Board, NoDebugPort, NoDrivers, Outputs, Parts, RetainedMemory, Watchdog};
+use growbot_firmware::controller::{BootInfo, Controller};
+use growbot_firmware::description_store::{DescriptionStore, StoredDescription};
+use growbot_firmware::hal::{Board, BoardResources, NoDebugPort, Outputs, RetainedMemory, UnmanagedDrivers, Watchdog};
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::safety::retained::{COPY_BYTES, RETAINED_BYTES};
-use growbot_firmware::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
+use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
 
 use crate::ground_truth::SimulatedTip;
 use crate::tip::flash::Flash;
@@ -47,7 +47,7 @@ pub struct Sim {
     robot: Robot,
     tip: SharedTip,
     engine: SimEngine,
-    handover: Handover,
+    handover: Mailbox,
     controller: Controller<SimBoard>,
     tick_hz: u64,
     /// Ticks since power-on.
@@ -84,7 +84,7 @@ impl Sim {
         let fed = Rc::new(WatchdogClock::default());
         let retained = Retained::of_noise(&tip.borrow(), 0);
         let [flash, descriptions] = [Flash::new(FLASH_SECTORS), Flash::new(FLASH_SECTORS)];
-        let handover = Handover::new();
+        let handover = Mailbox::new();
         let tick_hz = u64::from(robot.description().motion.tick_hz);
         let kept = BoardMemory { retained: &retained, flash: &flash, descriptions: &descriptions };
         let mut sim = Self {
@@ -227,19 +227,19 @@ impl Sim {
         self.boots = self.boots.wrapping_add(1);
         self.boot_tick = self.tick;
         self.fed.feed();
-        self.handover = Handover::new();
-        let stored = Descriptions::open(self.descriptions.clone()).newest();
+        self.handover = Mailbox::new();
+        let stored = DescriptionStore::open(self.descriptions.clone()).newest();
         let configured = match stored {
-            Stored::Robot(_) => true,
-            Stored::Nothing => self.built_in,
-            Stored::Unreadable => false,
+            StoredDescription::Robot(_) => true,
+            StoredDescription::Empty => self.built_in,
+            StoredDescription::Undecodable => false,
         };
         if let Some(robot) = stored.robot().filter(|robot| robot.hash() != self.robot.hash()) {
             self.replace_robot(robot);
         }
         // An engine releases both motors when it starts.
         self.engine = engine(&self.robot, &self.tip);
-        let identity = Identity { configured, ..identity_of(self.boots, cause) };
+        let identity = BootInfo { configured, ..identity_of(self.boots, cause) };
         let kept = BoardMemory { retained: &self.retained, flash: &self.flash, descriptions: &self.descriptions };
         self.controller = controller(&self.robot, &self.tip, &self.fed, &kept, identity, &self.handover);
         self.poll();
@@ -283,7 +283,7 @@ impl Sim {
             self.run_engine(until);
         }
         self.fed.now.set(self.tick);
-        if self.tick >= self.next_poll || self.handover.report_waits() {
+        if self.tick >= self.next_poll || self.handover.has_report() {
             self.poll();
         }
         if self.tick >= self.watchdog_deadline() {
@@ -291,7 +291,7 @@ impl Sim {
         }
         if self.flash.has_lost_power() || self.descriptions.has_lost_power() {
             self.reset(ResetCause::PowerOn);
-        } else if self.controller.is_to_restart() {
+        } else if self.controller.needs_reset() {
             self.reset(ResetCause::External);
         }
     }
@@ -310,7 +310,7 @@ impl Sim {
             self.tip.borrow_mut().advance(self.tick);
             self.engine.skip(ticks - 1);
             self.engine.tick(&self.handover);
-            if self.tick >= until || self.handover.report_waits() {
+            if self.tick >= until || self.handover.has_report() {
                 return;
             }
         }
@@ -319,25 +319,25 @@ impl Sim {
     fn poll(&mut self) {
         self.controller.poll((self.tick - self.boot_tick) * 1_000_000 / self.tick_hz, &self.handover);
         self.next_poll = self.tick + (POLL_US * self.tick_hz / 1_000_000).max(1);
-        while let Some(byte) = self.controller.transmit() {
+        while let Some(byte) = self.controller.next_tx_byte() {
             self.from_board.push_back(byte);
         }
     }
 }
 
 fn engine(robot: &Robot, tip: &SharedTip) -> SimEngine {
-    let axis = |motor| Axis {
+    let axis = |motor| StepperPins {
         step: StepPin(motor, Rc::clone(tip)),
         direction: DirectionPin(motor, Rc::clone(tip)),
         enable: EnablePin(motor, Rc::clone(tip)),
     };
-    let inputs = Inputs {
+    let inputs = EngineInputs {
         index: Input::index(tip),
         filament_motion: Input::filament_motion(tip),
         emergency_stop: Input::emergency_stop(tip),
     };
     let outputs = TipOutputs(Rc::clone(tip));
-    Engine::new(axis(Motor::Head), axis(Motor::Feed), inputs, outputs, EngineSettings::of(robot))
+    Engine::new(axis(Motor::Head), axis(Motor::Feed), inputs, outputs, EngineConfig::for_robot(robot))
 }
 
 /// Memory of a board that survives a reset.
@@ -352,10 +352,10 @@ fn controller(
     tip: &SharedTip,
     fed: &Rc<WatchdogClock>,
     kept: &BoardMemory,
-    identity: Identity,
-    handover: &Handover,
+    identity: BootInfo,
+    handover: &Mailbox,
 ) -> Controller<SimBoard> {
-    let parts = Parts {
+    let parts = BoardResources {
         heater_power: HeaterPower(Rc::clone(tip)),
         heater_enable: HeaterEnable(Rc::clone(tip)),
         fan: Fan(Rc::clone(tip)),
@@ -363,13 +363,13 @@ fn controller(
         supply: Adc::supply(tip),
         filament_presence: Input::filament_presence(tip),
         driver_fault: Input::driver_fault(tip),
-        drivers: NoDrivers,
+        drivers: UnmanagedDrivers,
         orientation: Orientation(Rc::clone(tip)),
         watchdog: SimWatchdog(Rc::clone(fed)),
         debug_port: NoDebugPort,
         retained: kept.retained.clone(),
         journal: Journal::open(kept.flash.clone()),
-        descriptions: Descriptions::open(kept.descriptions.clone()),
+        descriptions: DescriptionStore::open(kept.descriptions.clone()),
         store: Box::new(LayerStore::new()),
     };
     Controller::new(robot.clone(), identity, parts, handover)
@@ -380,7 +380,7 @@ impl Port for Sim {
         for byte in bytes {
             if self.watch.push(*byte) {
                 self.outputs_off();
-                self.handover.call_emergency_stop();
+                self.handover.request_emergency_stop();
             }
             self.controller.receive(*byte, &self.handover);
         }
@@ -416,7 +416,7 @@ impl Board for SimBoard {
     type Supply = Adc;
     type FilamentPresence = Input;
     type DriverFault = Input;
-    type Drivers = NoDrivers;
+    type Drivers = UnmanagedDrivers;
     type Orientation = Orientation;
     type Watchdog = SimWatchdog;
     type DebugPort = NoDebugPort;
@@ -426,9 +426,9 @@ impl Board for SimBoard {
 }
 
 /// Returns the identity of a boot of a simulated board. It has no image to check, and it does not crash.
-fn identity_of(boot_id: u32, reset_cause: ResetCause) -> Identity {
+fn identity_of(boot_id: u32, reset_cause: ResetCause) -> BootInfo {
     let image = ImageCheck::Unsealed;
-    Identity { boot_id, reset_cause, image, crash: None, without_crystal: false, configured: true }
+    BootInfo { boot_id, reset_cause, image, crash: None, crystal_failed: false, configured: true }
 }
 
 /// Memory of the board that survives a reset.

@@ -114,7 +114,7 @@ impl hal::Adc for Adc {
     }
 }
 
-impl hal::Orientation for Orientation {
+impl hal::GravitySensor for Orientation {
     fn gravity(&mut self) -> Option<[i16; 3]> {
         self.0.borrow_mut().gravity()
     }

@@ -276,7 +276,7 @@ impl Plastic {
         settled.came_out
     }
 
-    /// Returns the layers of [`Self::layers`] that can no longer change.
+    /// Returns the layers of [`Self::layer_count`] that can no longer change.
     pub fn settled(&mut self, robot: &Robot, imperfection: &ErrorModel) -> &[Layer] {
         // Only the last two rings still change. An edge at the very end may belong to the layer before it.
         let settled = &mut self.settled;

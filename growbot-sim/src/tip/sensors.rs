@@ -54,7 +54,7 @@ impl Tip {
         } else {
             let thermistor = &self.robot.description().thermistor;
             match self.variation.parts {
-                None => thermistor::reading(self.nozzle.sensor(), thermistor),
+                None => thermistor::raw_from_celsius(self.nozzle.sensor(), thermistor),
                 Some(_) => {
                     let ohm = resistance_104gt_2(self.nozzle.sensor());
                     ohm / (ohm + thermistor.pull_up_ohm) * f64::from(FULL_SCALE)

@@ -46,7 +46,7 @@ impl Onset {
 
 /// Expected reaction to a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Right {
+pub enum Expected {
     /// A fault with any of these codes.
     Codes(&'static [Fault]),
     /// The state emergency stop.
@@ -85,11 +85,11 @@ impl Case {
 
     /// Returns the expected reaction.
     #[must_use]
-    pub fn right(&self) -> Right {
+    pub fn expected(&self) -> Expected {
         use Fault as F;
         use TipFault as T;
         let cold = !self.onset.is_homed();
-        Right::Codes(match self.fault {
+        Expected::Codes(match self.fault {
             T::ThermistorOpen => &[F::ThermistorOpen],
             T::ThermistorShort => &[F::ThermistorShort],
             T::ThermistorSilent => &[F::ThermistorSilent],
@@ -119,7 +119,7 @@ impl Case {
             T::IndexDead => &[F::IndexMissing],
             T::IndexStuck => &[F::IndexStuck],
             // Homing finds the zero nevertheless.
-            T::HeadLosesSteps { .. } | T::HeadGainsSteps { .. } if cold => return Right::Continues,
+            T::HeadLosesSteps { .. } | T::HeadGainsSteps { .. } if cold => return Expected::Continues,
             T::HeadLosesSteps { .. } => &[F::HeadStepsLost],
             // The head may skip the whole mark.
             T::HeadGainsSteps { .. } => &[F::HeadStepsLost, F::IndexMissing],
@@ -128,22 +128,22 @@ impl Case {
             T::HeadBlocked => &[F::IndexMissing, F::IndexStuck, F::HeadStepsLost],
             // A growth without filament is not begun. Before the first layer, missing filament is a fault. Later a
             // robot finishes its layer and waits for a spool, but here the filament stops at once.
-            T::FilamentOut if self.onset == Onset::Boot => return Right::Refused,
+            T::FilamentOut if self.onset == Onset::Boot => return Expected::Refused,
             T::FilamentOut if cold => &[F::FilamentOut],
             // Filament is changed in pauses.
-            T::FilamentOut if matches!(self.onset, Onset::Pause | Onset::Cooling) => return Right::StaysPaused,
-            T::FilamentOut => return Right::CodesOrPause(&[F::FilamentOut, F::FilamentJam]),
+            T::FilamentOut if matches!(self.onset, Onset::Pause | Onset::Cooling) => return Expected::StaysPaused,
+            T::FilamentOut => return Expected::CodesOrPause(&[F::FilamentOut, F::FilamentJam]),
             T::FilamentJam => &[F::FilamentJam],
             T::DriverFault => &[F::DriverFault],
             T::SupplyLow { .. } | T::SupplyDip { .. } => &[F::SupplyLow],
             T::SupplyHigh { .. } => &[F::SupplyHigh],
             T::StepInterruptStopped => &[F::StepsStalled],
-            T::EmergencyStop => return Right::EmergencyStop,
+            T::EmergencyStop => return Expected::EmergencyStop,
             // The second switch matters only once the power stage has failed as well.
             T::SecondSwitchClosed if self.onset == Onset::Boot => &[F::HeaterSwitchWelded],
-            T::SecondSwitchClosed => return Right::AtNextStart(&[F::HeaterSwitchWelded]),
+            T::SecondSwitchClosed => return Expected::AtNextStart(&[F::HeaterSwitchWelded]),
             // The orientation is not used for safety.
-            T::OrientationSilent => return Right::Continues,
+            T::OrientationSilent => return Expected::Continues,
         })
     }
 }

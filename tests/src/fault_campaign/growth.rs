@@ -6,7 +6,7 @@ use growbot_core::link::message::{Fault, State};
 use growbot_core::robot::Robot;
 use growbot_sim::tip::{CartridgeParameters, Motor, STEINHART_HART_104GT_2, Variation};
 
-use super::cases::{Case, Onset, Right};
+use super::cases::{Case, Expected, Onset};
 use super::rig::Rig;
 use growbot_core::random::Rng;
 
@@ -21,7 +21,7 @@ pub const ALLOWED_ABOVE_MAX: f64 = 5.0;
 
 /// Result of a growth with a fault.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Seen {
+pub struct Observation {
     /// Time from the fault until everything was switched off, s. `None` if the growth continued to its end.
     pub after_s: Option<f64>,
     /// Latched fault.
@@ -34,26 +34,26 @@ pub struct Seen {
     pub off: bool,
 }
 
-impl Seen {
+impl Observation {
     /// Returns the reason why this result is wrong for a case. `None` if it is right.
     #[must_use]
-    pub fn wrong(&self, case: &Case, robot: &Robot) -> Option<String> {
+    pub fn mismatch(&self, case: &Case, robot: &Robot) -> Option<String> {
         let limit = robot.description().heater.max_c + ALLOWED_ABOVE_MAX;
-        let as_it_should = match case.right() {
-            Right::Codes(codes) | Right::AtNextStart(codes) => {
+        let as_it_should = match case.expected() {
+            Expected::Codes(codes) | Expected::AtNextStart(codes) => {
                 self.state == State::Fault && self.fault.is_some_and(|code| codes.contains(&code))
             }
-            Right::CodesOrPause(codes) => {
+            Expected::CodesOrPause(codes) => {
                 self.state == State::Paused
                     || self.state == State::Fault && self.fault.is_some_and(|fault| codes.contains(&fault))
             }
-            Right::EmergencyStop => self.state == State::EmergencyStop,
-            Right::Continues => self.state == State::Done,
-            Right::Refused => self.state == State::Idle && self.fault.is_none(),
-            Right::StaysPaused => self.state == State::Paused,
+            Expected::EmergencyStop => self.state == State::EmergencyStop,
+            Expected::Continues => self.state == State::Done,
+            Expected::Refused => self.state == State::Idle && self.fault.is_none(),
+            Expected::StaysPaused => self.state == State::Paused,
         };
         if !as_it_should {
-            return Some(format!("ended {:?} with {:?}, right is {:?}", self.state, self.fault, case.right()));
+            return Some(format!("ended {:?} with {:?}, right is {:?}", self.state, self.fault, case.expected()));
         }
         if !self.off && self.state != State::Paused {
             return Some("something was still on".to_string());
@@ -98,7 +98,7 @@ pub fn robot(plant: Plant) -> Robot {
 /// sensor vary too. A cartridge has 10 to 30 % of the heat capacity and conducts 1 to 4 W/K. Radiation is 10 to 30 % of
 /// the loss.
 #[must_use]
-pub fn copy(plant: Plant, random: &mut Rng, seed: u64) -> Variation {
+pub fn sample_variation(plant: Plant, random: &mut Rng, seed: u64) -> Variation {
     let mut within = |min: f64, max: f64| random.uniform_between(min, max);
     let lump = Variation {
         power: within(0.9, 1.1),
@@ -124,10 +124,10 @@ pub fn copy(plant: Plant, random: &mut Rng, seed: u64) -> Variation {
 /// # Panics
 /// Panics if the growth does not reach the moment of the fault.
 #[must_use]
-pub fn meet(plant: Plant, case: &Case, seed: u64) -> Seen {
+pub fn run_case(plant: Plant, case: &Case, seed: u64) -> Observation {
     let mut random = Rng::new(&[seed]);
     let robot = robot(plant);
-    let mut rig = Rig::new(&robot, copy(plant, &mut random, seed));
+    let mut rig = Rig::new(&robot, sample_variation(plant, &mut random, seed));
     let at = random.uniform_between(0.0, 1.0);
     if case.onset != Onset::Boot {
         bring_to(&mut rig, &robot, case.onset, at).unwrap_or_else(|error| panic!("{case:?}, seed {seed}: {error}"));
@@ -137,7 +137,7 @@ pub fn meet(plant: Plant, case: &Case, seed: u64) -> Seen {
     // An error here means that the growth has ended, so it is ignored.
     let _ = grow_on(&mut rig, case.onset);
     let mut ended = rig.pass(PATIENCE, has_ended);
-    if rig.state() == State::Done && matches!(case.right(), Right::AtNextStart(_)) {
+    if rig.state() == State::Done && matches!(case.expected(), Expected::AtNextStart(_)) {
         let again = begin_anew(&mut rig);
         ended = again.is_ok() && rig.pass(PATIENCE, has_ended);
     }
@@ -148,7 +148,7 @@ pub fn meet(plant: Plant, case: &Case, seed: u64) -> Seen {
     let fault = sim.fault();
     let mut tip = sim.simulated_tip();
     let off = !tip.heater_is_on() && !tip.is_enabled(Motor::Head) && !tip.is_enabled(Motor::Feed);
-    Seen { after_s, fault, state, peak_c: tip.nozzle_peak_c(), off }
+    Observation { after_s, fault, state, peak_c: tip.nozzle_peak_c(), off }
 }
 
 fn has_ended(rig: &Rig) -> bool {
@@ -157,9 +157,9 @@ fn has_ended(rig: &Rig) -> bool {
 
 /// Brings a growth to the moment of a fault. `at` (0 to 1) is the position within the phase.
 fn bring_to(rig: &mut Rig, robot: &Robot, onset: Onset, at: f64) -> Result<(), ClientError> {
-    rig.greet()?;
+    rig.connect()?;
     rig.begin(LAYERS)?;
-    rig.hand_over(LAYERS / 2)?;
+    rig.send_layers(LAYERS / 2)?;
     rig.start()?;
     let period = robot.description().layer.period_s;
     match onset {
@@ -187,7 +187,7 @@ fn bring_to(rig: &mut Rig, robot: &Robot, onset: Onset, at: f64) -> Result<(), C
 /// Begins and starts another growth.
 fn begin_anew(rig: &mut Rig) -> Result<(), ClientError> {
     rig.begin(LAYERS)?;
-    rig.hand_over(LAYERS)?;
+    rig.send_layers(LAYERS)?;
     rig.start()
 }
 
@@ -196,16 +196,16 @@ fn grow_on(rig: &mut Rig, onset: Onset) -> Result<(), ClientError> {
     match onset {
         Onset::Boot => {
             rig.pass(3.0, has_ended);
-            rig.greet()?;
+            rig.connect()?;
             begin_anew(rig)
         }
         Onset::Pause | Onset::Cooling => {
             rig.pass(HELD_ON, has_ended);
-            rig.hand_over(LAYERS / 2)
+            rig.send_layers(LAYERS / 2)
         }
         _ => {
             rig.pass(0.0, has_ended);
-            rig.hand_over(LAYERS / 2)
+            rig.send_layers(LAYERS / 2)
         }
     }
 }

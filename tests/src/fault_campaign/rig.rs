@@ -42,7 +42,7 @@ impl Rig {
     ///
     /// # Errors
     /// Returns an error if the board does not respond.
-    pub fn greet(&mut self) -> Result<(), ClientError> {
+    pub fn connect(&mut self) -> Result<(), ClientError> {
         self.client.open_session_for(&self.robot).map(|_| ())
     }
 
@@ -53,14 +53,14 @@ impl Rig {
     pub fn begin(&mut self, layers: u32) -> Result<(), ClientError> {
         (self.encoder, self.handed_over) = (LayerEncoder::default(), 0);
         let begin = BeginJob { plan_id: PLAN, layers, robot_hash: self.robot.hash() };
-        self.client.request("to begin", &Message::Begin(begin)).map(|_| ())
+        self.client.request("to begin", &Message::BeginJob(begin)).map(|_| ())
     }
 
     /// Sends this many more layers of a bend.
     ///
     /// # Errors
     /// Returns an error if the board refuses.
-    pub fn hand_over(&mut self, count: u32) -> Result<(), ClientError> {
+    pub fn send_layers(&mut self, count: u32) -> Result<(), ClientError> {
         self.hand_over_shares((0..count).map(|_| 1.0))
     }
 
@@ -81,7 +81,7 @@ impl Rig {
         for batch in layers.chunks(MAX_LAYERS_PER_MESSAGE) {
             let layers =
                 AppendLayers { plan_id: PLAN, first: self.handed_over, layers: batch.iter().copied().collect() };
-            self.client.request("to store layers", &Message::Layers(layers))?;
+            self.client.request("to store layers", &Message::AppendLayers(layers))?;
             self.handed_over += batch.len() as u32;
         }
         Ok(())
@@ -134,7 +134,7 @@ impl Rig {
     /// Returns true if every layer that was sent has been laid.
     #[must_use]
     pub fn has_laid_all(&self) -> bool {
-        self.sim.borrow().controller().laid() == self.handed_over
+        self.sim.borrow().controller().layers_laid() == self.handed_over
     }
 
     /// Lets at most `seconds` pass, until `until` returns true. Returns true if it did.

@@ -4,13 +4,13 @@ use std::fmt::Write;
 
 use growbot_core::link::message::Fault;
 
-use super::cases::{Case, Onset, Right};
-use super::growth::Seen;
+use super::cases::{Case, Expected, Onset};
+use super::growth::Observation;
 
 /// Returns a Markdown table of the seconds to detection and the peak temperature for each fault and onset, first for
 /// the lump, then for the cartridge.
 #[must_use]
-pub fn markdown(lump: &[(Case, Vec<Seen>)], cartridge: &[(Case, Vec<Seen>)]) -> String {
+pub fn markdown(lump: &[(Case, Vec<Observation>)], cartridge: &[(Case, Vec<Observation>)]) -> String {
     let mut text = String::from(
         "| fault | onset | growths | noticed | as | lump: after, s: median | longest | peak, C | cartridge: after, s: median | longest | peak, C |\n\
          |---|---|---|---|---|---|---|---|---|---|---|\n",
@@ -20,18 +20,18 @@ pub fn markdown(lump: &[(Case, Vec<Seen>)], cartridge: &[(Case, Vec<Seen>)]) -> 
         let mut codes: Vec<&str> = seen().filter_map(|one| one.fault).map(Fault::code).collect();
         codes.sort_unstable();
         codes.dedup();
-        let told = match case.right() {
-            Right::Codes(_) => codes.join(", "),
-            Right::CodesOrPause(_) => format!("{}, or a pause", codes.join(", ")),
-            Right::AtNextStart(_) => format!("{}, at the next start: no harm before", codes.join(", ")),
-            Right::EmergencyStop => "state emergency-stop".to_string(),
-            Right::Continues => "no harm: the growth continues".to_string(),
-            Right::Refused => "the growth is refused".to_string(),
-            Right::StaysPaused => "stays paused".to_string(),
+        let told = match case.expected() {
+            Expected::Codes(_) => codes.join(", "),
+            Expected::CodesOrPause(_) => format!("{}, or a pause", codes.join(", ")),
+            Expected::AtNextStart(_) => format!("{}, at the next start: no harm before", codes.join(", ")),
+            Expected::EmergencyStop => "state emergency-stop".to_string(),
+            Expected::Continues => "no harm: the growth continues".to_string(),
+            Expected::Refused => "the growth is refused".to_string(),
+            Expected::StaysPaused => "stays paused".to_string(),
         };
         let growths = seen().count();
-        let noticed = match case.right() {
-            Right::Continues | Right::Refused | Right::StaysPaused => "-".to_string(),
+        let noticed = match case.expected() {
+            Expected::Continues | Expected::Refused | Expected::StaysPaused => "-".to_string(),
             _ => {
                 format!("{:.0} %", 100.0 * seen().filter_map(|one| one.after_s).count() as f64 / growths.max(1) as f64)
             }
@@ -50,7 +50,7 @@ pub fn markdown(lump: &[(Case, Vec<Seen>)], cartridge: &[(Case, Vec<Seen>)]) -> 
 }
 
 /// Formats median and longest time to detection, s, and the peak, degrees Celsius.
-fn figures(seen: &[Seen]) -> String {
+fn figures(seen: &[Observation]) -> String {
     let mut after: Vec<f64> = seen.iter().filter_map(|one| one.after_s).collect();
     after.sort_by(f64::total_cmp);
     let peak = seen.iter().map(|one| one.peak_c).fold(f64::NEG_INFINITY, f64::max);

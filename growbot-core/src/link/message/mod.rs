@@ -15,8 +15,10 @@ use serde::{Deserialize, Serialize};
 pub use self::requests::*;
 pub use self::responses::*;
 pub use super::driver_report::{DriverProblem, DriverReport, Motor};
+pub use super::fault::Fault;
 use super::frame::MAX_BODY_LEN;
-pub use super::state::{Fault, ResetCause, State};
+pub use super::reset_cause::ResetCause;
+pub use super::state::State;
 use crate::layer_bytes::LayerBytes;
 
 /// Max number of layers in one `Layers`, `Amend` or `StoredLayers`.
@@ -154,9 +156,9 @@ messages! {
     /// Requests the board's status. The response is `Status`, in any session.
     0x02 GetStatus(Empty),
     /// Begins a job. The response is `Accepted` or `Refused`.
-    0x03 Begin(BeginJob),
+    0x03 BeginJob(BeginJob),
     /// Sends layers of the job. The response is `Accepted` or `Refused`.
-    0x04 Layers(AppendLayers),
+    0x04 AppendLayers(AppendLayers),
     /// Starts or continues the job. The response is `Accepted` or `Refused`.
     0x05 Start(Start),
     /// Stops immediately, in any state. The response is `Accepted`.
@@ -196,7 +198,7 @@ messages! {
 
     // Board to host.
     /// Responds to `Hello` and `GetBoardInfo`.
-    0x41 BoardHello(BoardInfo),
+    0x41 BoardInfo(BoardInfo),
     /// Responds to `GetStatus`.
     0x42 Status(Status),
     /// Responds to a request that was carried out.
@@ -216,7 +218,7 @@ messages! {
     /// Responds to `Configure`.
     0x4A Configured(Configured),
     /// Event: a layer is laid.
-    0x50 Laid(LayerLaid),
+    0x50 LayerLaid(LayerLaid),
     /// Event: the state changed.
     0x51 StateChanged(StateChanged),
     /// Event: the heater's gains are found.
@@ -249,9 +251,9 @@ mod tests {
             uptime_ms: u64::MAX,
         };
         let longest = [
-            Message::Layers(AppendLayers { plan_id: u64::MAX, first: u32::MAX, layers: layers.clone() }),
+            Message::AppendLayers(AppendLayers { plan_id: u64::MAX, first: u32::MAX, layers: layers.clone() }),
             Message::StoredLayers(StoredLayers { first: u32::MAX, layers: layers.clone() }),
-            Message::BoardHello(BoardInfo {
+            Message::BoardInfo(BoardInfo {
                 schema_hash: u64::MAX,
                 boot_id: u32::MAX,
                 reset_cause: ResetCause::External,

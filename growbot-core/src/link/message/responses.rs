@@ -9,7 +9,9 @@ use super::requests::HostName;
 use crate::layer_bytes::LayerBytes;
 use crate::link::crash::CrashWords;
 use crate::link::driver_report::DriverReport;
-use crate::link::state::{Fault, ResetCause, State};
+use crate::link::fault::Fault;
+use crate::link::reset_cause::ResetCause;
+use crate::link::state::State;
 use crate::robot::{BoardKind, ENCODING_VERSION, RobotError};
 
 /// Reason why the board refused a request. A refused request changes nothing.
@@ -120,7 +122,7 @@ pub enum Refusal {
     /// The robot description is not valid. The board keeps its present description.
     InvalidDescription {
         /// The defect of the description.
-        why: DescriptionError,
+        error: DescriptionError,
     },
     /// The robot description could not be written to flash. The board keeps its present description.
     DescriptionNotStored,

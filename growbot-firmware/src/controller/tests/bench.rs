@@ -20,13 +20,13 @@ use super::tip::{
     FakeOrientation, FakeRetained, FakeSupply, FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX,
     Motors, TipOutputs, Wire, World,
 };
-use crate::controller::{Controller, Identity};
-use crate::descriptions::Descriptions;
-use crate::hal::{Board, Parts};
+use crate::controller::{BootInfo, Controller};
+use crate::description_store::DescriptionStore;
+use crate::hal::{Board, BoardResources};
 use crate::journal::Journal;
 use crate::layer_store::LayerStore;
 use crate::safety::transitions::may_heat;
-use crate::stepping::{Axis, Engine, EngineSettings, Handover, Inputs};
+use crate::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
 use crate::testing::flash::Flash;
 use crate::testing::{FakePin, FakePins, FakePower};
 
@@ -57,7 +57,7 @@ pub struct Bench {
     /// The main loop runs. Otherwise it hangs, and the controller is not polled.
     pub main_loop_runs: bool,
     engine: TestEngine,
-    handover: Handover,
+    handover: Mailbox,
     tick: u64,
     next_poll: u64,
     /// Tick at which the host next shows that it is alive.
@@ -115,16 +115,17 @@ impl Bench {
     pub fn boot(robot: Robot, world: Rc<World>, reset_cause: ResetCause) -> Self {
         let (pins, power, fed) = (FakePins::default(), FakePower::default(), FakeWatchdog::default());
         let fan = FakePower::default();
-        let axis = |at: usize| Axis { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
-        let inputs = Inputs {
+        let axis =
+            |at: usize| StepperPins { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
+        let inputs = EngineInputs {
             index: pins.pin(INDEX),
             filament_motion: pins.pin(FILAMENT_MOTION),
             emergency_stop: pins.pin(EMERGENCY_STOP),
         };
         let outputs = TipOutputs { power: power.clone(), fan: fan.clone(), pins: pins.clone() };
-        let engine = Engine::new(axis(HEAD), axis(FEED), inputs, outputs, EngineSettings::of(&robot));
-        let handover = Handover::new();
-        let parts = Parts {
+        let engine = Engine::new(axis(HEAD), axis(FEED), inputs, outputs, EngineConfig::for_robot(&robot));
+        let handover = Mailbox::new();
+        let parts = BoardResources {
             heater_power: power.clone(),
             heater_enable: pins.pin(HEATER_ENABLE),
             fan: fan.clone(),
@@ -138,16 +139,16 @@ impl Bench {
             debug_port: FakeDebugPort(Rc::clone(&world)),
             retained: FakeRetained(Rc::clone(&world)),
             journal: Journal::open(world.flash.clone()),
-            descriptions: Descriptions::open(world.descriptions.clone()),
+            descriptions: DescriptionStore::open(world.descriptions.clone()),
             store: Box::new(LayerStore::new()),
         };
         pins.set(FILAMENT_PRESENCE, true);
-        let identity = Identity {
+        let identity = BootInfo {
             boot_id: 5,
             reset_cause,
             image: world.image.get(),
             crash: None,
-            without_crystal: world.without_crystal.get(),
+            crystal_failed: world.without_crystal.get(),
             configured: world.configured.get(),
         };
         Self {
@@ -219,7 +220,7 @@ impl Bench {
             self.engine.skip(ticks - 1);
         }
         self.tick_once(u64::from(ticks));
-        if self.main_loop_runs && (self.tick >= self.next_poll || self.handover.report_waits()) {
+        if self.main_loop_runs && (self.tick >= self.next_poll || self.handover.has_report()) {
             self.poll();
         }
     }
@@ -291,7 +292,7 @@ impl Bench {
     /// request.
     pub fn read(&mut self, ack: Option<u16>) -> (Vec<Message>, Vec<Message>) {
         let (mut events, mut answers) = (Vec::new(), Vec::new());
-        while let Some(byte) = self.controller.transmit() {
+        while let Some(byte) = self.controller.next_tx_byte() {
             let Some(frame) = self.receiver.push(byte) else { continue };
             let frame = frame.expect("the board sends whole frames");
             let message = Message::decode(frame.header.kind, &frame.body).expect("the board sends messages");
@@ -370,7 +371,7 @@ impl Bench {
         self.session += 1;
         self.latest_event = 0;
         let answer = self.ask(&hello(SCHEMA_HASH));
-        assert!(matches!(answer, Message::BoardHello(_)), "{answer:?}");
+        assert!(matches!(answer, Message::BoardInfo(_)), "{answer:?}");
     }
 
     pub fn status(&mut self) -> Status {
@@ -404,7 +405,7 @@ impl Bench {
 
     /// Returns the layers that were reported as laid.
     pub fn laid(&self) -> Vec<LayerLaid> {
-        let laid = |event: &Message| if let Message::Laid(laid) = event { Some(laid.clone()) } else { None };
+        let laid = |event: &Message| if let Message::LayerLaid(laid) = event { Some(laid.clone()) } else { None };
         self.events.iter().filter_map(laid).collect()
     }
 
@@ -485,7 +486,7 @@ impl Bench {
 
     /// Simulates the UART's interrupt when it recognises an emergency stop.
     pub fn call_emergency_stop(&self) {
-        self.handover.call_emergency_stop();
+        self.handover.request_emergency_stop();
     }
 
     /// Returns and clears the number of emergency stops that the board has acknowledged.
@@ -495,7 +496,7 @@ impl Bench {
 
     /// Raises a fault in the controller.
     pub fn fail(&mut self, fault: Fault) {
-        self.controller.fail(fault, &self.handover);
+        self.controller.latch_fault(fault, &self.handover);
     }
 
     pub fn press_emergency_stop(&self, pressed: bool) {

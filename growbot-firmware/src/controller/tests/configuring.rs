@@ -14,7 +14,7 @@ use growbot_core::robot::{
 
 use super::bench::{Bench, WARM};
 use super::requests::{PLAN, begin, clear, start, stop};
-use crate::descriptions::Descriptions;
+use crate::description_store::DescriptionStore;
 use crate::testing::{fast_robot, number_from_environment, on_skr_pico, robot_a};
 
 /// Temperature of a nozzle that counts as cold.
@@ -55,12 +55,12 @@ fn configure(bench: &mut Bench, parts: &[Message]) -> Result<Configured, Refusal
 }
 
 fn stored(bench: &Bench) -> Option<Robot> {
-    Descriptions::open(bench.world.descriptions.clone()).newest().robot()
+    DescriptionStore::open(bench.world.descriptions.clone()).newest().robot()
 }
 
 fn hello(bench: &mut Bench) -> BoardInfo {
     match bench.ask(&Message::GetBoardInfo(Empty {})) {
-        Message::BoardHello(hello) => hello,
+        Message::BoardInfo(hello) => hello,
         other => panic!("{other:?}"),
     }
 }
@@ -68,7 +68,7 @@ fn hello(bench: &mut Bench) -> BoardInfo {
 /// Creates a board whose description is in its flash.
 fn described() -> Bench {
     let bench = Bench::new(robot_a(), COLD);
-    Descriptions::open(bench.world.descriptions.clone()).store(&robot_a()).unwrap();
+    DescriptionStore::open(bench.world.descriptions.clone()).store(&robot_a()).unwrap();
     bench.reset(ResetCause::PowerOn)
 }
 
@@ -88,13 +88,13 @@ fn a_description_is_kept_and_the_board_restarts_with_it() {
     let length = encoded(&new).len() as u16;
     assert_eq!(configured, Ok(Configured { robot: new.hash(), received: length, stored: true }));
     assert_eq!(stored(&bench), Some(new.clone()));
-    assert!(!bench.controller.is_to_restart(), "the answer is on its way");
+    assert!(!bench.controller.needs_reset(), "the answer is on its way");
     assert_eq!(hello(&mut bench).robot_hash, robot_a().hash(), "not yet");
     assert_eq!(bench.ask(parts_of(&new).last().unwrap()), Message::Configured(configured.unwrap()), "a lost answer");
     assert_eq!(bench.refused(&begin(&new, PLAN, 2)), Refusal::NoSession);
     assert_eq!(bench.refused(&parts_of(&robot_a())[0]), Refusal::NoSession);
     bench.run(0.6);
-    assert!(bench.controller.is_to_restart());
+    assert!(bench.controller.needs_reset());
     let mut bench = Bench::boot(new.clone(), bench.world, ResetCause::External);
     bench.run(0.7);
     bench.hello();
@@ -170,7 +170,7 @@ fn parts_beyond_the_end_are_refused() {
     let part = |length, offset, bytes: &[u8]| {
         Message::Configure(Configure { robot: 1, length, offset, bytes: bytes.iter().copied().collect() })
     };
-    let too_long = Refusal::InvalidDescription { why: DescriptionError::TooLong };
+    let too_long = Refusal::InvalidDescription { error: DescriptionError::TooLong };
     assert_eq!(bench.refused(&part(MAX_VERSIONED_LEN as u16 + 1, 0, &[1])), too_long);
     assert_eq!(bench.refused(&part(u16::MAX, u16::MAX, &[1; MAX_DESCRIPTION_PART])), too_long);
     for (length, offset, bytes) in [(0, 0, &[][..]), (4, 0, &[]), (4, 0, &[1; 5]), (1, 0, &[1; MAX_DESCRIPTION_PART])] {
@@ -209,8 +209,8 @@ fn a_description_that_is_not_valid_is_refused_with_the_reason() {
         (parts(new.hash(), &nameless), DescriptionError::Name),
         (parts(new.hash(), &negative), DescriptionError::Number),
     ] {
-        assert_eq!(configure(&mut bench, &bad), Err(Refusal::InvalidDescription { why }));
-        assert_eq!((stored(&bench), bench.controller.is_to_restart()), (None, false), "{why:?}");
+        assert_eq!(configure(&mut bench, &bad), Err(Refusal::InvalidDescription { error: why }));
+        assert_eq!((stored(&bench), bench.controller.needs_reset()), (None, false), "{why:?}");
     }
     assert_eq!(configure(&mut bench, &parts_of(&new)).map(|done| done.stored), Ok(true), "and then a good one");
 }
@@ -248,8 +248,8 @@ fn pins_and_drivers_that_do_not_suit_are_refused_and_the_old_description_stays()
     ];
     for (change, why) in changes {
         let (hash, bytes) = unchecked(change);
-        assert_eq!(configure(&mut bench, &parts(hash, &bytes)), Err(Refusal::InvalidDescription { why }));
-        assert_eq!((stored(&bench), bench.controller.is_to_restart()), (Some(robot_a()), false), "{why:?}");
+        assert_eq!(configure(&mut bench, &parts(hash, &bytes)), Err(Refusal::InvalidDescription { error: why }));
+        assert_eq!((stored(&bench), bench.controller.needs_reset()), (Some(robot_a()), false), "{why:?}");
     }
     let good = on_skr_pico();
     assert_eq!(configure(&mut bench, &parts_of(&good)).map(|done| done.stored), Ok(true), "and then a good one");
@@ -265,7 +265,7 @@ fn descriptions_of_another_kind_of_board_are_refused() {
         description.board = Some(growbot_core::robot::Board { kind, pins: PinOverrides::default() });
         Robot::new(description).unwrap()
     };
-    let suits = |robot| super::super::configuring::suits_kinds(&[BoardKind::Pico], robot);
+    let suits = |robot| super::super::configuration::check_board_kind(&[BoardKind::Pico], robot);
     let (asked, board) = (BoardKind::Stm32f405, BoardKind::Pico);
     assert_eq!(suits(of(asked)), Err(DescriptionError::BoardMismatch { asked, board }));
     assert_eq!(suits(of(BoardKind::Pico)), Ok(of(BoardKind::Pico)));
@@ -303,7 +303,7 @@ fn changed_descriptions_are_refused_and_the_old_one_stays() {
         }
         let refused = configure(&mut bench, &parts(new.hash(), &bytes)).unwrap_err();
         assert!(matches!(refused, Refusal::InvalidDescription { .. }), "seed {seed}: {refused:?}");
-        assert!(!bench.controller.is_to_restart(), "seed {seed}");
+        assert!(!bench.controller.needs_reset(), "seed {seed}");
     }
     assert_eq!((stored(&bench), bench.world.descriptions.writes()), (Some(old), writes));
 }
@@ -356,7 +356,7 @@ fn a_board_without_a_description_stays_on_and_can_be_stopped_and_configured() {
     let new = fast_robot();
     assert_eq!(configure(&mut bench, &parts_of(&new)).map(|done| done.stored), Ok(true));
     bench.run(0.6);
-    assert!(bench.controller.is_to_restart());
+    assert!(bench.controller.needs_reset());
     bench.world.configured.set(true);
     let mut bench = Bench::boot(stored(&bench).unwrap(), bench.world, ResetCause::External);
     bench.run(0.7);

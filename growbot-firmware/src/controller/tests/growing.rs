@@ -16,7 +16,7 @@ use nalgebra::Vector2;
 use super::bench::{Bench, WARM};
 use super::requests::{PLAN, batch_of, begin, bends, start, stop};
 use crate::layer_store::CAPACITY;
-use crate::safety::transitions::{Event, after};
+use crate::safety::transitions::{Event, next_state};
 use crate::testing::{fast_robot, robot_a, robot_a_by};
 
 /// Returns the feed steps of these layers.
@@ -166,7 +166,7 @@ fn a_stop_switches_everything_off_in_every_state() {
         bench.accepted(&stop());
         // The heater is off before anything else, and the motors with the next tick (the bench checks after each).
         assert!(bench.heater.off(), "{state:?}");
-        let expected = after(state, Event::Stop).unwrap();
+        let expected = next_state(state, Event::Stop).unwrap();
         assert_eq!(bench.controller.state(), expected);
         bench.run(1.0 / 4000.0);
         assert!(!bench.motors.enabled(), "{state:?}");

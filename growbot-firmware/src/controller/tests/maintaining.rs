@@ -5,7 +5,7 @@ use growbot_core::link::message::{Fault, MaintenanceTask, Refusal, State};
 use super::bench::{Bench, WARM};
 use super::requests::{feed, maintain, pause, preheat, start, stop};
 use super::tip::{FILAMENT_PRESENCE, Wire};
-use crate::controller::maintaining::UNATTENDED_US;
+use crate::controller::maintenance::UNATTENDED_US;
 use crate::testing::fast_robot;
 
 fn hot() -> Bench {

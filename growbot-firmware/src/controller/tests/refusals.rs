@@ -20,7 +20,7 @@ fn idle() -> Bench {
 }
 
 fn layers_of(plan_id: u64, first: u32, layers: &[LayerBytes]) -> Message {
-    Message::Layers(AppendLayers { plan_id, first, layers: layers.iter().copied().collect() })
+    Message::AppendLayers(AppendLayers { plan_id, first, layers: layers.iter().copied().collect() })
 }
 
 #[test]
@@ -90,12 +90,12 @@ fn a_job_for_another_robot_or_without_a_name_is_refused() {
     assert_eq!(bench.refused(&begin(&robot_a(), PLAN, 40)), Refusal::RobotMismatch { board });
     for state in State::ALL {
         let mut bench = Bench::in_state(state);
-        let nameless = Message::Begin(BeginJob { plan_id: 0, layers: 1, robot_hash: board });
+        let nameless = Message::BeginJob(BeginJob { plan_id: 0, layers: 1, robot_hash: board });
         assert_eq!(bench.refused(&nameless), Refusal::UnknownRequest, "{state:?}");
     }
     let mut fresh = Bench::greeted(fast_robot(), 25.0);
     assert_eq!(
-        fresh.refused(&Message::Begin(BeginJob { plan_id: 0, layers: 1, robot_hash: board })),
+        fresh.refused(&Message::BeginJob(BeginJob { plan_id: 0, layers: 1, robot_hash: board })),
         Refusal::UnknownRequest
     );
 }
@@ -203,7 +203,7 @@ fn the_greatest_numbers_do_no_harm() {
     for first in [30, 4096, u32::MAX - 1, u32::MAX] {
         assert_eq!(bench.ask(&read(first)), Message::StoredLayers(StoredLayers { first, layers: LayerBatch::new() }));
     }
-    let begin = |layers| Message::Begin(BeginJob { plan_id: u64::MAX, layers, robot_hash: robot.hash() });
+    let begin = |layers| Message::BeginJob(BeginJob { plan_id: u64::MAX, layers, robot_hash: robot.hash() });
     let too_long = bench.refused(&begin(u32::MAX));
     assert!(matches!(too_long, Refusal::PlanTooLong { layers: u32::MAX, capacity: 6000.. }), "{too_long:?}");
     bench.accepted(&begin(6000));

@@ -13,7 +13,7 @@ use growbot_core::robot::Robot;
 pub const PLAN: u64 = 0x1234;
 
 pub fn begin(robot: &Robot, plan_id: u64, layers: u32) -> Message {
-    Message::Begin(BeginJob { plan_id, layers, robot_hash: robot.hash() })
+    Message::BeginJob(BeginJob { plan_id, layers, robot_hash: robot.hash() })
 }
 
 /// Takes the board over from any other host.
@@ -23,7 +23,7 @@ pub fn hello(schema: u64) -> Message {
 
 pub fn batch_of(first: usize, layers: &[LayerBytes]) -> Message {
     let layers = layers.iter().copied().collect();
-    Message::Layers(AppendLayers { plan_id: PLAN, first: first as u32, layers })
+    Message::AppendLayers(AppendLayers { plan_id: PLAN, first: first as u32, layers })
 }
 
 pub fn start() -> Message {

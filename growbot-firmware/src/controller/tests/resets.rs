@@ -12,7 +12,7 @@ use super::bench::{Bench, WARM, at_rest};
 use super::requests::{PLAN, bends, clear, pause, preheat, start, tune};
 use super::tip::Wire;
 use crate::safety::retained::tests::of_another_firmware;
-use crate::safety::retained::{COPY_BYTES, Copies, RETAINED_BYTES, Retained};
+use crate::safety::retained::{COPY_BYTES, RETAINED_BYTES, RetainedState, RetainedStore};
 
 fn record(bench: &mut Bench) -> Option<FaultRecord> {
     match bench.ask(&Message::GetLatestFault(Empty {})) {
@@ -204,8 +204,8 @@ fn what_another_firmware_has_retained_is_a_fault_whatever_it_was() {
 fn found_after_tears(
     mut memory: [u8; RETAINED_BYTES],
     writes: &[(usize, [u8; COPY_BYTES])],
-) -> Vec<([u8; RETAINED_BYTES], Retained)> {
-    let mut found: Vec<([u8; RETAINED_BYTES], Retained)> = Vec::new();
+) -> Vec<([u8; RETAINED_BYTES], RetainedState)> {
+    let mut found: Vec<([u8; RETAINED_BYTES], RetainedState)> = Vec::new();
     for (copy, bytes) in writes {
         let before = memory;
         memory.as_chunks_mut::<COPY_BYTES>().0[*copy] = *bytes;
@@ -219,7 +219,7 @@ fn found_after_tears(
             })
         });
         for torn in [before, memory].into_iter().chain(torn) {
-            let retained = Copies::find(&mut Fixed(torn)).1.expect("one of the copies is whole");
+            let retained = RetainedStore::find(&mut Fixed(torn)).1.expect("one of the copies is whole");
             if found.iter().all(|(_, other)| *other != retained) {
                 found.push((torn, retained));
             }

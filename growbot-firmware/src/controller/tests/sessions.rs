@@ -31,13 +31,13 @@ fn a_board_that_is_held_is_not_given_to_another_host_until_that_one_is_silent() 
         "{answer:?}"
     );
     // The board still responds to this request, and names its owner.
-    let Message::BoardHello(BoardInfo { owner, .. }) = bench.ask_in(99, &Message::GetBoardInfo(Empty {})) else {
+    let Message::BoardInfo(BoardInfo { owner, .. }) = bench.ask_in(99, &Message::GetBoardInfo(Empty {})) else {
         panic!()
     };
     assert_eq!(owner, Some(HostName::new()));
     bench.reads = false;
     bench.run(10.5);
-    assert!(matches!(knock(&mut bench, 99), Message::BoardHello(_)));
+    assert!(matches!(knock(&mut bench, 99), Message::BoardInfo(_)));
 }
 
 #[test]
@@ -45,7 +45,7 @@ fn goodbye_leaves_the_board_to_the_next_one() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     let goodbye = bytes_of(&Message::Goodbye(Empty {}), bench.session, 500);
     bench.send(&goodbye);
-    assert!(matches!(knock(&mut bench, 99), Message::BoardHello(_)));
+    assert!(matches!(knock(&mut bench, 99), Message::BoardInfo(_)));
 }
 
 #[test]

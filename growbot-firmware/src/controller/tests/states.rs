@@ -10,7 +10,7 @@ use super::bench::Bench;
 use super::requests::{
     PLAN, amend, batch_of, begin, bends, clear, feed, maintain, pause, preheat, resume, start, stop, tune,
 };
-use crate::safety::transitions::{Event, after};
+use crate::safety::transitions::{Event, next_state};
 
 /// Returns the request of an event, if it is a request.
 fn request(event: Event, bench: &mut Bench) -> Option<Message> {
@@ -44,11 +44,11 @@ fn every_event_in_every_state_does_what_the_table_says() {
     for state in State::ALL {
         for event in Event::ALL {
             let mut bench = Bench::in_state(state);
-            let expected = after(state, event);
+            let expected = next_state(state, event);
             let status = bench.status();
             let Some(request) = request(event, &mut bench) else {
                 // This event occurs on the robot itself.
-                assert_eq!(bench.controller.happens(event), expected.is_some(), "{state:?}, {event:?}");
+                assert_eq!(bench.controller.apply_event(event), expected.is_some(), "{state:?}, {event:?}");
                 assert_eq!(bench.controller.state(), expected.unwrap_or(state), "{state:?}, {event:?}");
                 continue;
             };
@@ -75,7 +75,7 @@ fn table() -> String {
     for event in Event::ALL {
         let mut rows: std::vec::Vec<(Option<State>, std::vec::Vec<&str>)> = std::vec::Vec::new();
         for state in State::ALL {
-            let Some(to) = after(state, event) else { continue };
+            let Some(to) = next_state(state, event) else { continue };
             let to = (to != state).then_some(to);
             match rows.iter_mut().find(|(other, _)| *other == to) {
                 Some((_, states)) => states.push(state.name()),

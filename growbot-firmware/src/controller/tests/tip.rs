@@ -12,7 +12,7 @@ use crate::journal::Journal;
 use crate::safety::retained::{COPY_BYTES, RETAINED_BYTES};
 use crate::testing::flash::Flash;
 use crate::testing::{FakePins, FakePower};
-use crate::thermistor::{FULL_SCALE, reading};
+use crate::thermistor::{FULL_SCALE, raw_from_celsius};
 
 /// Pins by number: step, direction, enable of the head, then of the feed; index sensor; the heater's second switch;
 /// inputs.
@@ -121,7 +121,7 @@ impl hal::Adc for FakeThermistor {
     fn sample(&mut self) -> Option<u16> {
         let thermistor = &self.0.robot.description().thermistor;
         let raw = match self.0.wire.get() {
-            Wire::Whole => reading(self.0.nozzle_c.get(), thermistor).round() as u16,
+            Wire::Whole => raw_from_celsius(self.0.nozzle_c.get(), thermistor).round() as u16,
             Wire::Open => FULL_SCALE,
             Wire::Shorted => 0,
             Wire::Silent => return None,
@@ -144,7 +144,7 @@ impl hal::Adc for FakeSupply {
 /// A tip that points upwards.
 pub struct FakeOrientation;
 
-impl hal::Orientation for FakeOrientation {
+impl hal::GravitySensor for FakeOrientation {
     fn gravity(&mut self) -> Option<[i16; 3]> {
         Some([0, 0, 1000])
     }
@@ -178,7 +178,7 @@ impl hal::DebugPort for FakeDebugPort {
 /// The drivers' serial line.
 pub struct FakeDrivers(pub Rc<World>);
 
-impl hal::Drivers for FakeDrivers {
+impl hal::StepperDrivers for FakeDrivers {
     fn poll(&mut self, _now: u64, in_use: bool) {
         self.0.motors_in_use.set(in_use);
     }
@@ -187,7 +187,7 @@ impl hal::Drivers for FakeDrivers {
         !self.0.drivers_unconfigured.get()
     }
 
-    fn trouble(&self) -> Option<DriverReport> {
+    fn problem(&self) -> Option<DriverReport> {
         self.0.driver_trouble.get()
     }
 }

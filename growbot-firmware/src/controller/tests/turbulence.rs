@@ -93,7 +93,7 @@ impl Random {
             2..6 => Message::ClearFault(Empty {}),
             6..11 => {
                 let robot = self.one_of(&[bench.robot.hash(), bench.robot.hash(), bench.robot.hash(), 0]);
-                Message::Begin(BeginJob {
+                Message::BeginJob(BeginJob {
                     plan_id,
                     layers: self.one_of(&[30, 30, 30, 30, 0, 1, u32::MAX]),
                     robot_hash: robot,
@@ -117,7 +117,7 @@ impl Random {
                 if self.below(10) == 0 && !layers.is_empty() {
                     layers[0] = core::array::from_fn(|_| self.next() as u8);
                 }
-                Message::Layers(AppendLayers { plan_id, first, layers: layers.into_iter().collect() })
+                Message::AppendLayers(AppendLayers { plan_id, first, layers: layers.into_iter().collect() })
             }
         }
     }

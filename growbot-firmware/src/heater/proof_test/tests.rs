@@ -10,14 +10,14 @@ const DT: f32 = 0.25;
 const TIMEOUT_S: f32 = 299.5;
 
 /// Robot A's nozzle: 50 W, 12 J/K, 0.12 W/K, 240 C at most.
-fn nozzle(robot: &Robot) -> Nozzle<'_> {
+fn nozzle(robot: &Robot) -> NozzleModel<'_> {
     let supply_v = Some(robot.description().supply.nominal_v);
-    Nozzle::new(&Demand { supply_v, ..Demand::default() }, robot.description())
+    NozzleModel::new(&Demand { supply_v, ..Demand::default() }, robot.description())
 }
 
 /// Returns the readings at rest that give these means.
-fn of(means: impl IntoIterator<Item = f32>) -> Rest {
-    let mut rest = Rest::default();
+fn of(means: impl IntoIterator<Item = f32>) -> UnheatedTrend {
+    let mut rest = UnheatedTrend::default();
     for mean in means {
         assert_eq!(rest.add(mean, 1.0), Some(mean));
     }
@@ -30,7 +30,7 @@ fn line(from: f32, slope: f32) -> [f32; 7] {
 
 #[test]
 fn a_mean_is_of_a_second() {
-    let mut rest = Rest::default();
+    let mut rest = UnheatedTrend::default();
     for _ in 0..3 {
         let found = [10.0, 20.0, 20.0, 40.0].map(|reading| rest.add(reading, DT));
         assert_eq!(found, [None, None, None, Some(22.5)]);
@@ -58,8 +58,8 @@ fn a_reference_is_of_the_latest_seven_means() {
     }
     // Earlier means no longer count.
     let rest = of([500.0, 300.0].into_iter().chain(line(100.0, -0.5)));
-    assert_eq!(rest.reference(&nozzle), Some(Reference { at_c: 97.0, slope_c_per_s: -0.5 }));
-    assert_eq!(rest.latter_half(), Some(Reference { at_c: 97.0, slope_c_per_s: -0.5 }));
+    assert_eq!(rest.reference(&nozzle), Some(Baseline { at_c: 97.0, slope_c_per_s: -0.5 }));
+    assert_eq!(rest.latter_half(), Some(Baseline { at_c: 97.0, slope_c_per_s: -0.5 }));
     assert_eq!(rest.bend_c(), 0.0);
 }
 
@@ -74,9 +74,9 @@ fn a_reference_is_straight_and_as_steep_as_a_nozzle_without_power() {
     assert!(!of(line(100.0, 0.29)).rises() && of(line(100.0, 0.31)).rises());
     // A slope that is allowed for a reference does not count as a rise, to the last bit.
     let steepest = of([0.0, 0.0, 0.0, 0.0, 0.3, 0.6, 0.900_000_04]);
-    assert_eq!(steepest.latter_half(), Some(Reference { at_c: 0.900_000_04, slope_c_per_s: RISING_C_PER_S }));
+    assert_eq!(steepest.latter_half(), Some(Baseline { at_c: 0.900_000_04, slope_c_per_s: RISING_C_PER_S }));
     assert!(!steepest.rises());
-    assert!(!of(line(100.0, -0.5)).rises() && !Rest::default().rises());
+    assert!(!of(line(100.0, -0.5)).rises() && !UnheatedTrend::default().rises());
     // 125 C need 12 W: 1.6 C/s, and 0.3 C/s more.
     let down = |slope: f32| line(125.0 - 6.0 * slope, slope);
     assert!(is_reference(down(-1.89)) && !is_reference(down(-1.91)));
@@ -102,14 +102,14 @@ fn a_reading_stands_still_where_two_means_are_the_same() {
     for apart in [90.002, 89.998] {
         assert!(!of([90.0, 90.0, apart]).stands_still());
     }
-    assert!(!of([90.0]).stands_still() && !Rest::default().stands_still());
+    assert!(!of([90.0]).stands_still() && !UnheatedTrend::default().stands_still());
 }
 
 #[test]
 fn a_fall_levels_off() {
     let robot = robot_a();
     let nozzle = nozzle(&robot);
-    let reference = Reference { at_c: 100.0, slope_c_per_s: -1.0 };
+    let reference = Baseline { at_c: 100.0, slope_c_per_s: -1.0 };
     assert!((reference.after(0.0, &nozzle) - 100.0).abs() < 1e-4);
     // The fall is reduced by a share of 0.5 * 10 s * 0.12 W/K / 12 J/K = 0.05, and by half at most.
     assert!((reference.after(10.0, &nozzle) - (100.0 - 10.0 * 0.95)).abs() < 1e-3);
@@ -124,11 +124,11 @@ fn a_stage_lasts_until_the_whole_power_would_show() {
 
 /// Runs a proof test whose reading is a function of time and switches. Returns the duration of each output, s, and the
 /// result of the test.
-fn prove(mut reading: impl FnMut(f32, Output) -> f32) -> ([f32; 3], Result<(), Fault>) {
+fn prove(mut reading: impl FnMut(f32, HeaterOutput) -> f32) -> ([f32; 3], Result<(), Fault>) {
     let robot = robot_a();
     let nozzle = nozzle(&robot);
-    let (mut proof, mut rest) = (ProofTest::default(), Rest::default());
-    let (mut times, mut output) = ([0.0; 3], Output::OFF);
+    let (mut proof, mut rest) = (ProofTest::default(), UnheatedTrend::default());
+    let (mut times, mut output) = ([0.0; 3], HeaterOutput::OFF);
     for look in 1..4000_u32 {
         let reading_c = reading(look as f32 * DT, output);
         match proof.look(&mut rest, reading_c, DT, TIMEOUT_S, &nozzle) {
@@ -136,7 +136,7 @@ fn prove(mut reading: impl FnMut(f32, Output) -> f32) -> ([f32; 3], Result<(), F
             Ok(None) => return (times, Ok(())),
             Err(fault) => return (times, Err(fault)),
         }
-        let stage = [Output::OFF, Output::SECOND_SWITCH_ALONE, Output::POWER_STAGE_ALONE];
+        let stage = [HeaterOutput::OFF, HeaterOutput::SECOND_SWITCH_ALONE, HeaterOutput::POWER_STAGE_ALONE];
         times[stage.iter().position(|stage| *stage == output).unwrap()] += DT;
     }
     panic!("it did not end: {times:?}");
@@ -157,8 +157,8 @@ fn sound_switches_are_proven_one_after_the_other() {
 fn a_switch_that_conducts_is_found_in_its_stage() {
     // The limit is 3.5 C above the reference.
     for (rise, found) in [(3.5, false), (3.6, true)] {
-        let stuck = prove(|_, output| if output == Output::SECOND_SWITCH_ALONE { 30.0 + rise } else { 30.0 });
-        let welded = prove(|_, output| if output == Output::POWER_STAGE_ALONE { 30.0 + rise } else { 30.0 });
+        let stuck = prove(|_, output| if output == HeaterOutput::SECOND_SWITCH_ALONE { 30.0 + rise } else { 30.0 });
+        let welded = prove(|_, output| if output == HeaterOutput::POWER_STAGE_ALONE { 30.0 + rise } else { 30.0 });
         if found {
             assert_eq!(stuck, ([6.75, 1.0, 0.0], Err(Fault::HeaterStuckOn)));
             assert_eq!(welded, ([6.75, 7.0, 1.0], Err(Fault::HeaterSwitchWelded)));
@@ -174,7 +174,7 @@ fn a_fall_that_stops_when_a_switch_closes_is_a_reading_that_is_frozen() {
     // The reading falls by 1 C/s during the rest.
     let mut last = 0.0;
     let (_, ended) = prove(|time, output| {
-        if output == Output::OFF {
+        if output == HeaterOutput::OFF {
             last = 150.0 - time;
         }
         last

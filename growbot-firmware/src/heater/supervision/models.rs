@@ -70,7 +70,7 @@ pub struct Bounds {
 
 /// An earlier moment, with the reading and the models' changes at that time.
 #[derive(Debug, Clone, Copy)]
-pub struct Mark {
+pub struct Checkpoint {
     pub age_s: f32,
     pub reading_c: f32,
     pub lower: Change,

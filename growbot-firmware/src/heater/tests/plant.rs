@@ -3,9 +3,10 @@
 
 use growbot_core::robot::RobotDescription;
 
-use crate::heater::{Demand, Heater, Output, PERIOD_US, Sampler};
+use crate::heater::{Demand, Heater, HeaterOutput, PERIOD_US};
+use crate::oversampler::Oversampler;
 use crate::testing::robot_a;
-use crate::thermistor::{FULL_SCALE, reading};
+use crate::thermistor::{FULL_SCALE, raw_from_celsius};
 use growbot_core::link::message::Fault;
 
 /// Generator of random numbers from a seed (xorshift).
@@ -128,7 +129,7 @@ pub struct Rig {
     pub sensor_c: f64,
     pub peak_c: f64,
     /// States of the switches.
-    pub output: Output,
+    pub output: HeaterOutput,
     latest: u16,
     conversions: u16,
 }
@@ -154,7 +155,7 @@ impl Rig {
             block_c: spread.ambient_c,
             sensor_c: spread.ambient_c,
             peak_c: spread.ambient_c,
-            output: Output::OFF,
+            output: HeaterOutput::OFF,
             latest: 0,
             conversions: 10,
         }
@@ -162,7 +163,7 @@ impl Rig {
 
     /// Advances by one period: the nozzle advances at the duty, then is read and regulated.
     pub fn step(&mut self) -> Result<(), Fault> {
-        let Output { duty, closed } = self.output;
+        let HeaterOutput { duty, enable: closed } = self.output;
         let duty = match self.wrong {
             Wrong::HeaterOpen => 0.0,
             Wrong::StuckOn(min) if closed => duty.max(min),
@@ -190,8 +191,8 @@ impl Rig {
         self.now += PERIOD_US;
         let supply_v = self.spread.measured.then_some(self.robot.supply.nominal_v * supply);
         let demand = Demand { flow_mm3_per_s: self.flow, fan: self.fan, supply_v };
-        let mut sampler = Sampler::default();
-        let exact = reading(self.sensor_c, &self.robot.thermistor);
+        let mut sampler = Oversampler::default();
+        let exact = raw_from_celsius(self.sensor_c, &self.robot.thermistor);
         for _ in 0..self.conversions {
             let noise = if self.spread.noise > 0.0 { self.spread.noise * self.random.normal() } else { 0.0 };
             let raw = libm::rint(exact + noise).clamp(0.0, f64::from(FULL_SCALE)) as u16;
@@ -207,7 +208,7 @@ impl Rig {
             }
         }
         let output = self.heater.update(sampler.pop_mean(), &demand, &self.robot, self.now);
-        self.output = output.unwrap_or(Output::OFF);
+        self.output = output.unwrap_or(HeaterOutput::OFF);
         output.map(|_| ())
     }
 
@@ -223,7 +224,7 @@ impl Rig {
 
     pub fn off(&mut self) {
         self.heater.switch_off();
-        self.output = Output::OFF;
+        self.output = HeaterOutput::OFF;
     }
 
     pub fn on(&mut self, celsius: f64) {

@@ -39,7 +39,7 @@ fn tune(rig: &mut Rig) -> Result<Tuned, Fault> {
     rig.heater.tune(200.0, rig.now);
     loop {
         rig.step()?;
-        if let Some(tuned) = rig.heater.pop_tuned() {
+        if let Some(tuned) = rig.heater.take_tuning_result() {
             assert_eq!((rig.heater.target(), rig.heater.duty()), (None, 0.0), "it is off when it is done");
             // A nozzle with lag swings like this about a hysteresis of 0.4 C or more.
             assert!((0.4..5.0).contains(&tuned.amplitude_c), "{tuned:?}");

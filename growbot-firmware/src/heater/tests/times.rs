@@ -3,10 +3,10 @@
 use growbot_core::link::message::{Fault, Gains, Tuned};
 use growbot_core::robot::RobotDescription;
 
-use crate::heater::tuning::Relay;
-use crate::heater::{Demand, Heater, Output, PERIOD_US, STEADY_BANDS};
+use crate::heater::autotune::RelayTuner;
+use crate::heater::{Demand, Heater, HeaterOutput, PERIOD_US, STEADY_BANDS};
 use crate::testing::robot_a;
-use crate::thermistor::{FULL_SCALE, reading, temperature};
+use crate::thermistor::{FULL_SCALE, celsius_from_raw, raw_from_celsius};
 
 const TUNED: Tuned = Tuned { gains: Gains { kp: 0.1, ki: 0.01, kd: 0.2 }, period_s: 10.0, amplitude_c: 1.0 };
 
@@ -17,7 +17,7 @@ fn robot() -> RobotDescription {
 /// Returns a heater with this reading at this time.
 fn having_read(celsius: f64, now: u64) -> Heater {
     let (mut heater, robot) = (Heater::default(), robot());
-    heater.update(Some(reading(celsius, &robot.thermistor)), &Demand::default(), &robot, now).unwrap();
+    heater.update(Some(raw_from_celsius(celsius, &robot.thermistor)), &Demand::default(), &robot, now).unwrap();
     heater
 }
 
@@ -32,7 +32,7 @@ fn a_reading_counts_for_400_ms_and_survives_the_heaters_being_switched_off() {
     assert_eq!(heater.sensor_fault(), Fault::ThermistorSilent);
     for (raw, fault) in [(f64::from(FULL_SCALE), Fault::ThermistorOpen), (0.0, Fault::ThermistorShort)] {
         let robot = robot();
-        assert_eq!(heater.update(Some(raw), &Demand::default(), &robot, 1_100_000), Ok(Output::OFF));
+        assert_eq!(heater.update(Some(raw), &Demand::default(), &robot, 1_100_000), Ok(HeaterOutput::OFF));
         for _ in 0..2 {
             assert_eq!((heater.sensor_fault(), heater.temperature(1_100_000)), (fault, None));
             heater.switch_off();
@@ -46,18 +46,18 @@ fn a_reading_counts_for_400_ms_and_survives_the_heaters_being_switched_off() {
 #[test]
 fn a_nozzle_that_has_rested_is_proven_in_15_s() {
     let robot = robot();
-    let (mut heater, raw) = (Heater::default(), reading(25.0, &robot.thermistor));
+    let (mut heater, raw) = (Heater::default(), raw_from_celsius(25.0, &robot.thermistor));
     let mut now = 0;
     let mut update = |heater: &mut Heater| {
         now += PERIOD_US;
         heater.update(Some(raw), &Demand { supply_v: Some(12.0), ..Demand::default() }, &robot, now).unwrap()
     };
     for _ in 0..80 {
-        assert_eq!(update(&mut heater), Output::OFF);
+        assert_eq!(update(&mut heater), HeaterOutput::OFF);
     }
     heater.switch_on(200.0, 8_000_000);
-    let outputs: std::vec::Vec<Output> = (0..160).map(|_| update(&mut heater)).collect();
-    let heats = outputs.iter().position(|output| output.closed && output.duty > 0.0).unwrap();
+    let outputs: std::vec::Vec<HeaterOutput> = (0..160).map(|_| update(&mut heater)).collect();
+    let heats = outputs.iter().position(|output| output.enable && output.duty > 0.0).unwrap();
     // Each switch is closed for 7 s, from the next whole second on.
     assert!((140..=150).contains(&heats), "{heats} periods");
 }
@@ -67,15 +67,15 @@ fn without_a_reading_it_waits_for_400_ms() {
     let robot = robot();
     let mut heater = Heater::default();
     heater.switch_on(200.0, 1_000_000);
-    assert_eq!(heater.update(None, &Demand::default(), &robot, 1_400_000), Ok(Output::OFF));
+    assert_eq!(heater.update(None, &Demand::default(), &robot, 1_400_000), Ok(HeaterOutput::OFF));
     assert_eq!(heater.update(None, &Demand::default(), &robot, 1_400_001), Err(Fault::ThermistorSilent));
 }
 
 #[test]
 fn the_max_temperature_itself_may_be_read() {
     let mut robot = robot();
-    let raw = reading(239.0, &robot.thermistor);
-    robot.heater.max_c = temperature(raw, &robot.thermistor).unwrap();
+    let raw = raw_from_celsius(239.0, &robot.thermistor);
+    robot.heater.max_c = celsius_from_raw(raw, &robot.thermistor).unwrap();
     for on in [false, true] {
         let mut heater = Heater::default();
         if on {
@@ -100,16 +100,16 @@ fn it_is_hot_after_2_s_in_its_band_and_steady_after_10_s_near_or_60_s_in_it() {
 #[test]
 fn it_is_blind_where_power_flows_on_an_old_reading() {
     let heater = Heater { duty: 0.5, ..having_read(100.0, 1_000_000) };
-    assert!(!heater.is_blind(1_400_000) && heater.is_blind(1_400_001));
+    assert!(!heater.is_powered_without_reading(1_400_000) && heater.is_powered_without_reading(1_400_001));
     assert!((heater.duty() - 0.5).abs() < 1e-12);
-    assert!(!Heater { duty: 0.0, ..heater }.is_blind(9_000_000));
+    assert!(!Heater { duty: 0.0, ..heater }.is_powered_without_reading(9_000_000));
 }
 
 #[test]
 fn the_power_is_dithered_within_two_bands_of_the_target() {
     let robot = robot();
-    let raw = reading(150.0, &robot.thermistor);
-    let reading_c = temperature(raw, &robot.thermistor).unwrap() as f32;
+    let raw = raw_from_celsius(150.0, &robot.thermistor);
+    let reading_c = celsius_from_raw(raw, &robot.thermistor).unwrap() as f32;
     // The band is 3 C.
     for (off, dithers) in [(5.9, true), (6.0, false), (6.1, false), (-5.9, true), (-6.1, false)] {
         let mut heater = Heater { target: Some(f64::from(reading_c + off)), ..Heater::default() };
@@ -153,7 +153,7 @@ fn a_heating_that_takes_too_long_is_a_fault_below_the_target() {
     // The nozzle may still be cooling to a lower target.
     assert_eq!(watch(&heater, -50.0, 1_501), Ok(()));
     assert_eq!(watch(&heater, 3.0, 1_501), Ok(()));
-    let tuning = Heater { tuning: Some(Relay::default()), ..heater };
+    let tuning = Heater { tuning: Some(RelayTuner::default()), ..heater };
     for error in [50.0, 0.0, -50.0] {
         assert_eq!(watch(&tuning, error, 2_500), Ok(()));
         assert_eq!(watch(&tuning, error, 2_501), Err(Fault::HeatingTooSlow));
@@ -185,9 +185,9 @@ fn what_tuning_found_is_given_once_and_not_lost_before() {
     let mut heater = Heater { tuned: Some(TUNED), ..Heater::default() };
     heater.switch_off();
     heater.switch_on(200.0, 0);
-    assert_eq!(heater.pop_tuned(), Some(TUNED));
-    assert_eq!(heater.pop_tuned(), None);
+    assert_eq!(heater.take_tuning_result(), Some(TUNED));
+    assert_eq!(heater.take_tuning_result(), None);
     heater.tuned = Some(TUNED);
     heater.tune(200.0, 0);
-    assert_eq!(heater.pop_tuned(), None, "a new search forgets the one before");
+    assert_eq!(heater.take_tuning_result(), None, "a new search forgets the one before");
 }

@@ -9,9 +9,9 @@ fn new_flash_and_the_emulators_zeros_have_no_journal_and_are_not_written_to() {
         flash.set_bytes(&[byte; 2048]);
         let mut journal = Journal::open(flash.clone());
         assert_eq!(journal.job(), None);
-        assert_eq!(journal.laid(0), None);
+        assert_eq!(journal.layer(0), None);
         assert!(journal.needs_erasing(1));
-        assert_eq!(journal.begin(1, ROBOT, 1), Err(JournalError::Full));
+        assert_eq!(journal.begin_job(1, ROBOT, 1), Err(JournalError::Full));
         assert_eq!((flash.bytes(), flash.erasures()), (std::vec![byte; 2048], std::vec![0, 0]));
         live(&flash, &story(), || None);
     }
@@ -37,15 +37,15 @@ fn many_jobs(max_layers: u64) -> (u32, Vec<u32>) {
         let layers = (plan_id * 7 % max_layers) as u32 + 1;
         while journal.erase_step(layers).unwrap() {}
         assert!(!journal.needs_erasing(layers));
-        journal.begin(plan_id, ROBOT, layers).unwrap();
+        journal.begin_job(plan_id, ROBOT, layers).unwrap();
         for index in 0..layers {
-            journal.committed(index, &layer(plan_id, index), true).unwrap();
+            journal.record_laid(index, &layer(plan_id, index), true).unwrap();
         }
-        journal.ended().unwrap();
+        journal.record_ended().unwrap();
         // A start that writes skips a slot that may have been written to.
         records += layers + 2 + 1;
         let known = known(&mut Journal::open(flash.clone())).unwrap();
-        assert_eq!((known.state.plan_id, known.state.laid, known.state.ended), (plan_id, layers, true));
+        assert_eq!((known.state.plan_id, known.state.layers_laid, known.state.ended), (plan_id, layers, true));
         assert!((0..).zip(&known.laid).all(|(index, laid)| laid.as_built == layer(plan_id, index).as_built));
     }
     (records, flash.erasures())
@@ -74,20 +74,20 @@ fn a_job_of_the_robots_flash_may_have_six_thousand_layers_and_two_thousand_pause
     assert_eq!(layers, 6143);
     while journal.erase_step(layers).unwrap() {}
     assert!(journal.needs_erasing(layers + 1));
-    assert_eq!(journal.begin(1, ROBOT, layers + 1), Err(JournalError::Full));
-    journal.begin(2, ROBOT, layers).unwrap();
+    assert_eq!(journal.begin_job(1, ROBOT, layers + 1), Err(JournalError::Full));
+    journal.begin_job(2, ROBOT, layers).unwrap();
     for index in 0..layers {
         let paused = index % 3 == 0 && index < 2045 * 3;
         if paused {
-            journal.begun(index).unwrap();
+            journal.record_begun(index).unwrap();
         }
-        journal.committed(index, &layer(2, index), false).unwrap();
+        journal.record_laid(index, &layer(2, index), false).unwrap();
     }
-    journal.ended().unwrap();
+    journal.record_ended().unwrap();
     let mut journal = Journal::open(flash);
-    assert_eq!(known(&mut journal).unwrap().state.laid, layers);
+    assert_eq!(known(&mut journal).unwrap().state.layers_laid, layers);
     for index in [6142, 0, 3000, 2999, 3001] {
-        assert_eq!(journal.laid(index).unwrap().as_built, layer(2, index).as_built, "{index}");
+        assert_eq!(journal.layer(index).unwrap().as_built, layer(2, index).as_built, "{index}");
     }
 }
 
@@ -96,12 +96,12 @@ fn a_job_whose_records_find_no_room_is_not_resumed() {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(47).unwrap() {}
-    journal.begin(1, ROBOT, 47).unwrap();
+    journal.begin_job(1, ROBOT, 47).unwrap();
     for _ in 0..61 {
-        journal.begun(0).unwrap();
+        journal.record_begun(0).unwrap();
     }
-    assert_eq!(journal.committed(0, &layer(1, 0), true), Err(JournalError::Full));
-    assert_eq!(journal.committed(1, &layer(1, 1), true), Err(JournalError::NoJob));
+    assert_eq!(journal.record_laid(0, &layer(1, 0), true), Err(JournalError::Full));
+    assert_eq!(journal.record_laid(1, &layer(1, 1), true), Err(JournalError::NoJob));
     assert_eq!(Journal::open(flash.clone()).job(), None);
     live(&flash, &story(), || None);
 }
@@ -113,9 +113,9 @@ fn after_any_job_all_places_can_be_used_and_none_twice() {
             let flash = Small::new(SECTORS);
             let mut journal = Journal::open(flash.clone());
             while journal.erase_step(47).unwrap() {}
-            journal.begin(1, ROBOT, 4).unwrap();
-            (0..records).for_each(|_| journal.begun(0).unwrap());
-            journal.ended().unwrap();
+            journal.begin_job(1, ROBOT, 4).unwrap();
+            (0..records).for_each(|_| journal.record_begun(0).unwrap());
+            journal.record_ended().unwrap();
             while journal.erase_step(47).unwrap() {}
             let mut places = 62;
             if restarted {
@@ -124,10 +124,10 @@ fn after_any_job_all_places_can_be_used_and_none_twice() {
                 places -= 1;
             }
             assert_eq!(room(&journal), places - 15);
-            journal.begin(2, ROBOT, 46).unwrap();
-            (1..places).for_each(|_| journal.begun(0).unwrap());
+            journal.begin_job(2, ROBOT, 46).unwrap();
+            (1..places).for_each(|_| journal.record_begun(0).unwrap());
             assert_eq!(journal.job().copied(), Journal::open(flash.clone()).job().copied());
-            assert_eq!(journal.begun(0), Err(JournalError::Full), "{records} records");
+            assert_eq!(journal.record_begun(0), Err(JournalError::Full), "{records} records");
         }
     }
 }

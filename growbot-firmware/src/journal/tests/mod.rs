@@ -33,71 +33,72 @@ enum Deed {
 #[derive(Debug, Clone, PartialEq)]
 struct Known {
     state: JobState,
-    carry: Carry,
-    laid: Vec<LaidRecord>,
+    carry: RoundingCarry,
+    laid: Vec<StoredLayer>,
 }
 
 /// Returns a layer whose content identifies it.
-fn layer(plan_id: u64, index: u32) -> Laid {
+fn layer(plan_id: u64, index: u32) -> LayerRecord {
     let mut as_built = LayerBytes::default();
     as_built[..8].copy_from_slice(&(plan_id ^ u64::from(index) << 32).to_le_bytes());
     as_built[8..].copy_from_slice(&index.to_le_bytes());
-    Laid { as_built, height_units: 1 << 24 | index, lean_owed: [index as i16, -3 - index as i16] }
+    LayerRecord { as_built, height_units: 1 << 24 | index, residual_lean: [index as i16, -3 - index as i16] }
 }
 
 fn known<const S: usize>(journal: &mut Journal<Flash<S>>) -> Option<Known> {
     let state = *journal.job()?;
-    let laid = (0..state.laid).map(|index| journal.laid(index).unwrap()).collect();
-    assert_eq!(journal.laid(state.laid), None);
+    let laid = (0..state.layers_laid).map(|index| journal.layer(index).unwrap()).collect();
+    assert_eq!(journal.layer(state.layers_laid), None);
     Some(Known { state, carry: journal.carry(), laid })
 }
 
 impl Deed {
     fn done<const S: usize>(self, journal: &mut Journal<Flash<S>>) -> Result<(), JournalError> {
         let state = journal.job().copied();
-        let next = || state.map_or((0, 0), |state| (state.plan_id, state.laid));
+        let next = || state.map_or((0, 0), |state| (state.plan_id, state.layers_laid));
         let ((plan_id, index), laid) = (next(), layer(next().0, next().1));
         match self {
             Deed::Erase(layers) => {
                 while journal.erase_step(layers)? {}
                 Ok(())
             }
-            Deed::Begin(plan_id, layers) => journal.begin(plan_id, ROBOT, layers),
-            Deed::Begun => journal.begun(index),
-            Deed::Commit(next_begun) => journal.committed(index, &laid, next_begun),
-            Deed::Skip => journal.skipped(index, &layer(!plan_id, index)),
-            Deed::Amend(from, plan_id, layers) => journal.amended(from, plan_id, layers),
-            Deed::End => journal.ended(),
+            Deed::Begin(plan_id, layers) => journal.begin_job(plan_id, ROBOT, layers),
+            Deed::Begun => journal.record_begun(index),
+            Deed::Commit(next_begun) => journal.record_laid(index, &laid, next_begun),
+            Deed::Skip => journal.record_skipped(index, &layer(!plan_id, index)),
+            Deed::Amend(from, plan_id, layers) => journal.record_amended(from, plan_id, layers),
+            Deed::End => journal.record_ended(),
         }
     }
 
     /// Returns the expected data about the job after this call.
     fn after(self, before: Option<&Known>) -> Option<Known> {
         if let Deed::Begin(plan_id, layers) = self {
-            let state = JobState { plan_id, robot: ROBOT, layers, laid: 0, begun: 0, ended: false };
-            return Some(Known { state, carry: Carry::default(), laid: Vec::new() });
+            let state =
+                JobState { plan_id, robot: ROBOT, layer_count: layers, layers_laid: 0, layers_begun: 0, ended: false };
+            return Some(Known { state, carry: RoundingCarry::default(), laid: Vec::new() });
         }
         let mut known = before?.clone();
         let Known { state, carry, laid } = &mut known;
         let mut lay = |interrupted| {
             let plan_id = if interrupted { !state.plan_id } else { state.plan_id };
-            let layer = layer(plan_id, state.laid);
-            laid.push(LaidRecord { as_built: layer.as_built, interrupted });
+            let layer = layer(plan_id, state.layers_laid);
+            laid.push(StoredLayer { as_built: layer.as_built, interrupted });
             carry.height_units += u64::from(layer.height_units);
-            carry.lean_owed = layer.lean_owed;
-            state.laid += 1;
-            state.begun = state.laid;
+            carry.residual_lean = layer.residual_lean;
+            state.layers_laid += 1;
+            state.layers_begun = state.layers_laid;
         };
         match self {
             Deed::Erase(_) | Deed::Begin(..) => {}
-            Deed::Begun => state.begun = state.laid + 1,
+            Deed::Begun => state.layers_begun = state.layers_laid + 1,
             Deed::Commit(next_begun) => {
                 lay(false);
-                state.begun += u32::from(next_begun);
+                state.layers_begun += u32::from(next_begun);
             }
             Deed::Skip => lay(true),
             Deed::Amend(_, plan_id, layers) => {
-                (state.plan_id, state.layers) = (plan_id, layers);
+                (state.plan_id, state.layer_count) = (plan_id, layers);
             }
             Deed::End => state.ended = true,
         }

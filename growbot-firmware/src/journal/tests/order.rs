@@ -7,7 +7,7 @@ fn a_place_that_does_not_take_its_record_is_passed_over_and_of_broken_flash_noth
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(4).unwrap() {}
-    journal.begin(1, ROBOT, 4).unwrap();
+    journal.begin_job(1, ROBOT, 4).unwrap();
     let spoil = |places: std::ops::Range<usize>| {
         let mut bytes = flash.bytes();
         // These bits of the layer's first byte can no longer be set.
@@ -15,13 +15,13 @@ fn a_place_that_does_not_take_its_record_is_passed_over_and_of_broken_flash_noth
         flash.set_bytes(&bytes);
     };
     spoil(2..4);
-    journal.committed(0, &layer(1, 0), true).unwrap();
+    journal.record_laid(0, &layer(1, 0), true).unwrap();
     assert_eq!(known(&mut Journal::open(flash.clone())), known(&mut journal));
-    assert_eq!(journal.job().unwrap().laid, 1);
+    assert_eq!(journal.job().unwrap().layers_laid, 1);
     // Such a slot never reads as a record again.
     assert!(flash.bytes()[2 * 32..4 * 32].iter().all(|byte| *byte == 0));
     spoil(5..8);
-    assert_eq!(journal.committed(1, &layer(1, 1), true), Err(JournalError::Flash));
+    assert_eq!(journal.record_laid(1, &layer(1, 1), true), Err(JournalError::Flash));
     assert_eq!(Journal::open(flash.clone()).job(), None);
 }
 
@@ -32,12 +32,12 @@ fn any_record_that_is_missing_is_noticed() {
         let flash = Small::new(SECTORS);
         let mut journal = Journal::open(flash.clone());
         while journal.erase_step(4).unwrap() {}
-        journal.begin(1, ROBOT, 4).unwrap();
-        journal.begun(0).unwrap();
-        journal.committed(0, &layer(1, 0), false).unwrap();
-        journal.begun(1).unwrap();
-        journal.begun(1).unwrap();
-        journal.committed(1, &layer(1, 1), false).unwrap();
+        journal.begin_job(1, ROBOT, 4).unwrap();
+        journal.record_begun(0).unwrap();
+        journal.record_laid(0, &layer(1, 0), false).unwrap();
+        journal.record_begun(1).unwrap();
+        journal.record_begun(1).unwrap();
+        journal.record_laid(1, &layer(1, 1), false).unwrap();
         let mut bytes = flash.bytes();
         bytes[32 * missing..32 * (missing + 1)].fill(0);
         flash.set_bytes(&bytes);
@@ -51,9 +51,9 @@ fn up_to_14_records_that_are_missing_in_a_row_are_noticed() {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(4).unwrap() {}
-    journal.begin(1, ROBOT, 4).unwrap();
+    journal.begin_job(1, ROBOT, 4).unwrap();
     for _ in 0..20 {
-        journal.begun(0).unwrap();
+        journal.record_begun(0).unwrap();
     }
     let whole = flash.bytes();
     for missing in 1..=14 {
@@ -71,11 +71,11 @@ fn a_record_of_a_job_before_the_present_one_counts_for_nothing_wherever_it_lies(
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(4).unwrap() {}
-    journal.begin(1, ROBOT, 4).unwrap();
+    journal.begin_job(1, ROBOT, 4).unwrap();
     let place = |number: usize| 32 * number..32 * (number + 1);
     let earlier = flash.bytes()[place(1)].to_vec();
-    journal.begin(2, ROBOT, 4).unwrap();
-    journal.committed(0, &layer(2, 0), true).unwrap();
+    journal.begin_job(2, ROBOT, 4).unwrap();
+    journal.record_laid(0, &layer(2, 0), true).unwrap();
     let before = known(&mut journal);
     let mut bytes = flash.bytes();
     bytes[place(4)].copy_from_slice(&earlier);
@@ -89,9 +89,9 @@ fn a_job_that_cannot_begin_ends_the_one_that_has_not() {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(4).unwrap() {}
-    journal.begin(1, ROBOT, 4).unwrap();
-    journal.begun(0).unwrap();
-    assert_eq!(journal.begin(2, ROBOT, 1000), Err(JournalError::Full));
+    journal.begin_job(1, ROBOT, 4).unwrap();
+    journal.record_begun(0).unwrap();
+    assert_eq!(journal.begin_job(2, ROBOT, 1000), Err(JournalError::Full));
     assert_eq!((journal.job(), Journal::open(flash).job()), (None, None));
 }
 
@@ -100,11 +100,11 @@ fn a_job_that_cannot_begin_leaves_the_one_that_has_ended() {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(4).unwrap() {}
-    journal.begin(1, ROBOT, 1).unwrap();
-    journal.committed(0, &layer(1, 0), false).unwrap();
-    journal.ended().unwrap();
+    journal.begin_job(1, ROBOT, 1).unwrap();
+    journal.record_laid(0, &layer(1, 0), false).unwrap();
+    journal.record_ended().unwrap();
     let ended = journal.job().copied();
-    assert_eq!(journal.begin(2, ROBOT, 1000), Err(JournalError::Full));
+    assert_eq!(journal.begin_job(2, ROBOT, 1000), Err(JournalError::Full));
     assert_eq!((journal.job().copied(), Journal::open(flash).job().copied()), (ended, ended));
 }
 
@@ -113,28 +113,28 @@ type Try = fn(&mut Journal<Small>) -> Result<(), JournalError>;
 #[test]
 fn what_does_not_follow_ends_what_can_be_resumed() {
     let out_of_order: [Try; 8] = [
-        |journal| journal.begun(3),
-        |journal| journal.committed(1, &layer(1, 1), false),
-        |journal| journal.skipped(3, &layer(1, 3)),
-        |journal| journal.amended(1, 2, 8),
-        |journal| journal.amended(9, 2, 8),
+        |journal| journal.record_begun(3),
+        |journal| journal.record_laid(1, &layer(1, 1), false),
+        |journal| journal.record_skipped(3, &layer(1, 3)),
+        |journal| journal.record_amended(1, 2, 8),
+        |journal| journal.record_amended(9, 2, 8),
         // An index has 24 bits.
-        |journal| journal.amended(1 << 24, 2, u32::MAX),
+        |journal| journal.record_amended(1 << 24, 2, u32::MAX),
         // The job has four layers.
-        |journal| (2..5).try_for_each(|index| journal.committed(index, &layer(1, index), false)),
+        |journal| (2..5).try_for_each(|index| journal.record_laid(index, &layer(1, index), false)),
         |journal| {
-            (2..4).try_for_each(|index| journal.committed(index, &layer(1, index), false))?;
-            journal.begun(4)
+            (2..4).try_for_each(|index| journal.record_laid(index, &layer(1, index), false))?;
+            journal.record_begun(4)
         },
     ];
     for deed in out_of_order {
         let flash = Small::new(SECTORS);
         let mut journal = Journal::open(flash.clone());
-        assert_eq!(journal.ended(), Err(JournalError::NoJob));
+        assert_eq!(journal.record_ended(), Err(JournalError::NoJob));
         while journal.erase_step(4).unwrap() {}
-        journal.begin(1, ROBOT, 4).unwrap();
-        journal.committed(0, &layer(1, 0), true).unwrap();
-        journal.committed(1, &layer(1, 1), true).unwrap();
+        journal.begin_job(1, ROBOT, 4).unwrap();
+        journal.record_laid(0, &layer(1, 0), true).unwrap();
+        journal.record_laid(1, &layer(1, 1), true).unwrap();
         assert_eq!(deed(&mut journal), Err(JournalError::OutOfOrder));
         assert_eq!((journal.job(), Journal::open(flash).job()), (None, None));
     }
@@ -145,8 +145,8 @@ fn a_job_that_has_not_ended_is_not_erased_before_it_is_forgotten() {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(20).unwrap() {}
-    journal.begin(1, ROBOT, 20).unwrap();
-    journal.begun(0).unwrap();
+    journal.begin_job(1, ROBOT, 20).unwrap();
+    journal.record_begun(0).unwrap();
     let before = known(&mut journal);
     // Sector 1 is blank or has nothing of the job, and sector 0 has it.
     let refused = loop {
@@ -161,6 +161,6 @@ fn a_job_that_has_not_ended_is_not_erased_before_it_is_forgotten() {
     assert_eq!(journal.job(), None);
     while journal.erase_step(47).unwrap() {}
     assert_eq!(Journal::open(flash.clone()).job(), None);
-    journal.begin(2, ROBOT, 47).unwrap();
+    journal.begin_job(2, ROBOT, 47).unwrap();
     assert_eq!(Journal::open(flash).job().unwrap().plan_id, 2);
 }

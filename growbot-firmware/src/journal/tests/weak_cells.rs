@@ -86,7 +86,7 @@ fn cases() -> Vec<Case> {
 /// Makes the next calls for a known state. Returns the expected data after them.
 fn carry_on(journal: &mut Journal<Small>, known: Option<Known>) -> Option<Known> {
     let deeds = match known.as_ref().map(|known| known.state) {
-        Some(state) if !state.ended && state.laid < state.layers => std::vec![Deed::Commit(true)],
+        Some(state) if !state.ended && state.layers_laid < state.layer_count => std::vec![Deed::Commit(true)],
         Some(state) if !state.ended => std::vec![Deed::End],
         _ => std::vec![Deed::Erase(3), Deed::Begin(99, 3)],
     };

@@ -52,15 +52,15 @@ fn skipping_quiet_ticks_changes_nothing() {
             let mut rig = Rig::new(robot.clone());
             rig.record();
             rig.skipping = skipping;
-            let mut reports = std::vec![rig.order(Order::Home(rig.homing()))];
-            reports.push(rig.order(Order::Feed(AxisMove {
+            let mut reports = std::vec![rig.order(Move::Home(rig.homing()))];
+            reports.push(rig.order(Move::Feed(AxisMove {
                 steps: 40,
                 backwards: true,
                 ticks_per_step: 7,
                 changes_filament: false,
             })));
             rig.run(1000);
-            reports.push(rig.order(Order::Feed(AxisMove {
+            reports.push(rig.order(Move::Feed(AxisMove {
                 steps: 40,
                 backwards: false,
                 ticks_per_step: 9,
@@ -70,9 +70,9 @@ fn skipping_quiet_ticks_changes_nothing() {
             let (laid, end) = rig.lay(turns[..3].iter().copied());
             rig.run(12_345);
             // The next two turns arrive while this one is laid: the second one late, while the engine brakes.
-            rig.handover.give(Order::Lay(turns[3]));
+            rig.handover.submit(Move::Lay(turns[3]));
             rig.run(u64::from(turns[3].ticks));
-            rig.handover.give(Order::Lay(turns[4]));
+            rig.handover.submit(Move::Lay(turns[4]));
             reports.push(rig.report());
             reports.push(rig.report());
             rig.run(100);
@@ -90,14 +90,14 @@ fn a_report_that_waits_loses_nothing() {
     let turns = turns(&robot, &layers);
     let mut rig = Rig::homed(robot.clone());
     let feed = rig.moved(FEED);
-    rig.handover.give(Order::Lay(turns[0]));
+    rig.handover.submit(Move::Lay(turns[0]));
     rig.run(100);
-    rig.handover.give(Order::Lay(turns[1]));
+    rig.handover.submit(Move::Lay(turns[1]));
     rig.run(150_000);
-    rig.handover.give(Order::Lay(turns[2]));
+    rig.handover.submit(Move::Lay(turns[2]));
     rig.run(150_000);
     // The second turn is laid, and its report waits.
-    assert!(!rig.handover.accepts_orders());
+    assert!(!rig.handover.can_accept_move());
     assert_eq!(rig.engine.ticks_to_event(&rig.handover), u32::MAX);
     for _ in 0..3 {
         assert!(matches!(rig.report(), Report::Laid(_)));
@@ -118,7 +118,7 @@ fn turning_back_keeps_the_wires_from_winding_up() {
     let backwards = |motor: usize| rises.iter().filter(|rise| rise.motor == motor && rise.backwards).count();
     assert_eq!((backwards(HEAD), backwards(FEED)), (2 * 3200, 0));
     // The last sector comes first.
-    assert!(turns[1].backwards && !turns[2].backwards);
+    assert!(turns[1].reverse && !turns[2].reverse);
 }
 
 #[test]
@@ -128,7 +128,7 @@ fn feed_moves_are_exact_both_ways() {
         let before = rig.moved(FEED);
         let began = rig.world.now.get();
         assert_eq!(
-            rig.order(Order::Feed(AxisMove { steps, backwards, ticks_per_step: 8, changes_filament: false })),
+            rig.order(Move::Feed(AxisMove { steps, backwards, ticks_per_step: 8, changes_filament: false })),
             Report::Fed
         );
         let moved = i64::from(steps) * if backwards { -1 } else { 1 };
@@ -148,7 +148,7 @@ fn the_engine_counts_the_filament_and_sees_the_index() {
     let before = rig.handover.filament_pulses();
     for steps in [180, 333, 7] {
         for backwards in [true, false] {
-            rig.order(Order::Feed(AxisMove { steps, backwards, ticks_per_step: 8, changes_filament: false }));
+            rig.order(Move::Feed(AxisMove { steps, backwards, ticks_per_step: 8, changes_filament: false }));
             let pulled = before.wrapping_sub(rig.handover.filament_pulses());
             assert!(if backwards { pulled.abs_diff(steps / 100) <= 1 } else { pulled == 0 }, "{steps}: {pulled}");
         }

@@ -14,7 +14,7 @@ fn index_fault_at(share: f64, robot: &Robot, fault: impl Fn(&World)) -> (Option<
     let mut rig = Rig::homed(robot.clone());
     let (first, none) = rig.lay(turns[..1].iter().copied());
     assert_eq!((first.len(), none), (1, None));
-    rig.handover.give(Order::Lay(turns[1]));
+    rig.handover.submit(Move::Lay(turns[1]));
     rig.run((f64::from(turns[1].ticks) * share) as u64);
     assert_eq!(rig.handover.pop_report(), None);
     fault(&rig.world);
@@ -139,12 +139,12 @@ fn homing_tells_what_is_wrong_with_the_mark() {
     {
         let mut rig = Rig::new(robot_a());
         rig.world.sensor.set(sensor);
-        assert_eq!(rig.order(Order::Home(rig.homing())), report);
+        assert_eq!(rig.order(Move::Home(rig.homing())), report);
         assert!(!rig.energised() && rig.moved(HEAD) <= max, "{} steps", rig.moved(HEAD));
     }
     // The head starts within the mark and turns round once more.
     let mut rig = Rig::new(robot_a());
     rig.world.lost.set(320 - 20);
-    assert_eq!(rig.order(Order::Home(rig.homing())), Report::Homed);
+    assert_eq!(rig.order(Move::Home(rig.homing())), Report::Homed);
     assert_eq!((rig.moved(HEAD) - 300) % 3200, 0);
 }

@@ -169,7 +169,7 @@ impl InputPin for Pin {
 struct Rig {
     robot: Robot,
     world: Rc<World>,
-    handover: Handover,
+    handover: Mailbox,
     engine: Engine<Pin, Pin, Pin, Pin, Pin, Pin, Pin, Pin, Pin, FakeOutputs>,
     outputs: FakeOutputs,
     skipping: bool,
@@ -199,34 +199,34 @@ impl Rig {
             pressed: Cell::new(false),
         });
         let pin = |motor: usize, kind: Kind| Pin { world: Rc::clone(&world), motor, kind };
-        let axis = |motor: usize| Axis {
+        let axis = |motor: usize| StepperPins {
             step: pin(motor, Kind::Step),
             direction: pin(motor, Kind::Direction),
             enable: pin(motor, Kind::Enable),
         };
-        let inputs = Inputs {
+        let inputs = EngineInputs {
             index: pin(0, Kind::Index),
             filament_motion: pin(0, Kind::Filament),
             emergency_stop: pin(0, Kind::Stop),
         };
         let outputs = FakeOutputs::default();
-        let engine = Engine::new(axis(HEAD), axis(FEED), inputs, outputs.clone(), EngineSettings::of(&robot));
-        Self { robot, world, handover: Handover::new(), engine, outputs, skipping: true }
+        let engine = Engine::new(axis(HEAD), axis(FEED), inputs, outputs.clone(), EngineConfig::for_robot(&robot));
+        Self { robot, world, handover: Mailbox::new(), engine, outputs, skipping: true }
     }
 
     /// Creates an engine whose head stands at the tip's x axis.
     fn homed(robot: Robot) -> Self {
         let mut rig = Self::new(robot);
-        let report = rig.order(Order::Home(rig.homing()));
+        let report = rig.order(Move::Home(rig.homing()));
         assert_eq!(report, Report::Homed);
         assert_eq!(rig.moved(HEAD) % rig.world.steps_per_turn, 0);
         rig
     }
 
-    fn homing(&self) -> Homing {
+    fn homing(&self) -> HomingMove {
         let turn = self.robot.description().head.steps_per_turn;
         let mark = self.world.mark.rem_euclid(i64::from(turn)) as u32;
-        Homing { ticks_per_step: 4, max_steps: turn + turn / 2, steps_to_zero: (turn - mark) % turn }
+        HomingMove { ticks_per_step: 4, max_steps: turn + turn / 2, steps_to_zero: (turn - mark) % turn }
     }
 
     fn moved(&self, motor: usize) -> i64 {
@@ -270,8 +270,8 @@ impl Rig {
         }
     }
 
-    fn order(&mut self, order: Order) -> Report {
-        self.handover.give(order);
+    fn order(&mut self, order: Move) -> Report {
+        self.handover.submit(order);
         self.report()
     }
 
@@ -279,17 +279,17 @@ impl Rig {
     fn lay(&mut self, turns: impl IntoIterator<Item = Turn>) -> (Vec<TurnReport>, Option<Report>) {
         let (mut turns, mut reports, mut given) = (turns.into_iter(), Vec::new(), 0);
         loop {
-            if self.handover.accepts_orders()
+            if self.handover.can_accept_move()
                 && let Some(turn) = turns.next()
             {
-                self.handover.give(Order::Lay(turn));
+                self.handover.submit(Move::Lay(turn));
                 given += 1;
             }
             if let Some(report) = self.handover.pop_report() {
                 let Report::Laid(report) = report else { return (reports, Some(report)) };
                 reports.push(report);
             }
-            if reports.len() == given && self.handover.accepts_orders() {
+            if reports.len() == given && self.handover.can_accept_move() {
                 return (reports, None);
             }
             self.advance(1 << 22);
@@ -347,8 +347,8 @@ fn layers(robot: &Robot, count: usize, thinnest: f64) -> Vec<LayerBytes> {
 
 fn turns(robot: &Robot, layers: &[LayerBytes]) -> Vec<Turn> {
     let alternate = robot.description().motion.turning == HeadRotation::Alternate;
-    let mut material = Material::default();
-    let lay = |(i, bytes): (usize, &LayerBytes)| material.lay(bytes, robot, alternate && i % 2 == 1).unwrap();
+    let mut material = TurnPlanner::default();
+    let lay = |(i, bytes): (usize, &LayerBytes)| material.next_turn(bytes, robot, alternate && i % 2 == 1).unwrap();
     layers.iter().enumerate().map(lay).collect()
 }
 

@@ -89,11 +89,11 @@ fn orders_that_come_late_cost_no_step_and_break_no_limit() {
             // The next turns arrive in time, then later and later while the engine brakes, then after the end.
             let wait = [50_000, 57_000, 59_000, 61_000, 63_000, 65_000, 67_000, 70_000, 90_000, 1000][given.min(9)];
             if given < 10 {
-                rig.handover.give(Order::Lay(turns[given]));
+                rig.handover.submit(Move::Lay(turns[given]));
                 given += 1;
             }
             let until = rig.world.now.get() + wait;
-            while rig.world.now.get() < until || (given < 10 && !rig.handover.accepts_orders()) {
+            while rig.world.now.get() < until || (given < 10 && !rig.handover.can_accept_move()) {
                 if rig.handover.pop_report().is_some() {
                     laid += 1;
                 }

@@ -7,21 +7,21 @@ fn an_emergency_stop_releases_at_once_and_refuses_orders_until_the_controller_kn
     let robot = robot_a();
     let turn = turns(&robot, &layers(&robot, 1, 0.5))[0];
     let mut rig = Rig::homed(robot);
-    rig.handover.give(Order::Lay(turn));
+    rig.handover.submit(Move::Lay(turn));
     rig.run(1000);
-    rig.handover.give(Order::Lay(turn));
+    rig.handover.submit(Move::Lay(turn));
     rig.world.pressed.set(true);
     rig.run(1);
-    assert!(!rig.energised() && rig.handover.emergency_stop() && !rig.handover.accepts_orders());
+    assert!(!rig.energised() && rig.handover.is_emergency_stopped() && !rig.handover.can_accept_move());
     assert_eq!(*rig.outputs.0.borrow(), 1, "the heater waits for the main loop");
     rig.world.pressed.set(false);
     let moved = [rig.moved(HEAD), rig.moved(FEED)];
-    rig.handover.give(Order::Lay(turn));
+    rig.handover.submit(Move::Lay(turn));
     rig.run(1000);
-    assert!(!rig.energised() && rig.handover.emergency_stop(), "it was pressed, however short");
+    assert!(!rig.energised() && rig.handover.is_emergency_stopped(), "it was pressed, however short");
     rig.handover.halt();
     rig.run(2);
-    assert!(!rig.handover.emergency_stop() && rig.handover.accepts_orders());
+    assert!(!rig.handover.is_emergency_stopped() && rig.handover.can_accept_move());
     rig.run(1000);
     assert_eq!([rig.moved(HEAD), rig.moved(FEED)], moved);
     // While the stop is pressed, a halt changes nothing.
@@ -29,12 +29,12 @@ fn an_emergency_stop_releases_at_once_and_refuses_orders_until_the_controller_kn
     rig.run(1);
     rig.handover.halt();
     rig.run(2);
-    assert!(rig.handover.emergency_stop());
+    assert!(rig.handover.is_emergency_stopped());
 
     let mut without = Rig::new(with(|description| description.sensors.emergency_stop = None));
     without.world.pressed.set(true);
     without.run(10);
-    assert!(!without.handover.emergency_stop());
+    assert!(!without.handover.is_emergency_stopped());
 }
 
 #[test]
@@ -43,7 +43,7 @@ fn a_halt_releases_at_the_next_tick() {
     let turn = turns(&robot, &layers(&robot, 1, 0.5))[0];
     let mut rig = Rig::new(robot);
     assert!(!rig.energised());
-    rig.handover.give(Order::Lay(turn));
+    rig.handover.submit(Move::Lay(turn));
     rig.run(1000);
     assert!(rig.energised());
     rig.handover.halt();
@@ -65,14 +65,14 @@ fn nothing_is_fed_once_the_engine_has_released() {
     ];
     for (number, end) in ends.into_iter().enumerate() {
         let mut rig = Rig::homed(robot.clone());
-        assert_eq!(rig.handover.feed_rate(), 0.0);
-        rig.handover.give(Order::Lay(turn));
+        assert_eq!(rig.handover.feed_steps_per_tick(), 0.0);
+        rig.handover.submit(Move::Lay(turn));
         rig.run(1000);
-        assert!(rig.handover.feed_rate() > 0.0);
+        assert!(rig.handover.feed_steps_per_tick() > 0.0);
         end(&mut rig);
         rig.run(1_000_000);
         assert!(!rig.energised());
-        assert_eq!(rig.handover.feed_rate(), 0.0, "end {number}");
+        assert_eq!(rig.handover.feed_steps_per_tick(), 0.0, "end {number}");
     }
 }
 
@@ -81,15 +81,16 @@ fn a_pin_that_fails_switches_everything_off() {
     let robot = robot_a();
     let turn = turns(&robot, &layers(&robot, 1, 0.5))[0];
     for broken in [0, 1, 2, 3, 4, 5, 6, 7, 8] {
-        let (pins, handover) = (FakePins::default(), Handover::new());
-        let axis = |at: usize| Axis { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
-        let inputs = Inputs { index: pins.pin(6), filament_motion: pins.pin(7), emergency_stop: pins.pin(8) };
+        let (pins, handover) = (FakePins::default(), Mailbox::new());
+        let axis =
+            |at: usize| StepperPins { step: pins.pin(at), direction: pins.pin(at + 1), enable: pins.pin(at + 2) };
+        let inputs = EngineInputs { index: pins.pin(6), filament_motion: pins.pin(7), emergency_stop: pins.pin(8) };
         let outputs = FakeOutputs::default();
-        let mut engine = Engine::new(axis(0), axis(3), inputs, outputs.clone(), EngineSettings::of(&robot));
+        let mut engine = Engine::new(axis(0), axis(3), inputs, outputs.clone(), EngineConfig::for_robot(&robot));
         engine.tick(&handover);
         assert_eq!(handover.pop_report(), None);
         pins.fail(broken);
-        handover.give(Order::Lay(turn));
+        handover.submit(Move::Lay(turn));
         for _ in 0..1000 {
             engine.tick(&handover);
         }

@@ -302,7 +302,7 @@ impl ConsoleSession {
                     let fault = change.fault.map_or(String::new(), |fault| format!(", {}", fault.code()));
                     print(&format!("{}{fault}\n", change.state.name()))?;
                 }
-                Some(Message::Laid(laid)) => {
+                Some(Message::LayerLaid(laid)) => {
                     print(&match &laid.as_built {
                         Some(bytes) => format!("layer {}: {:.4} mm\n", laid.index, decode(bytes).height),
                         None => format!("layer {}: interrupted and let be\n", laid.index),

@@ -1,4 +1,4 @@
-//! Node with the emulator, and its messages (`tests/rp2040/bench.js`).
+//! Node with the emulator, and its messages (`tests/rp2040/emulator-server.js`).
 
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use super::HostLink;
 use crate::tip::Motor;
 
 /// Path of the script in the source directory.
-const SCRIPT: &str = "tests/rp2040/bench.js";
+const SCRIPT: &str = "tests/rp2040/emulator-server.js";
 /// Path of the emulator, next to the script.
 const EMULATOR: &str = "node_modules/rp2040js";
 /// Environment variable with the path of the script's figures.

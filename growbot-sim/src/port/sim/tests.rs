@@ -5,7 +5,7 @@ use growbot_client::client::Client;
 use growbot_client::growth::{CommandQueue, GrowthReport, Job, JobEvent, grow_job};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Segment, end};
-use growbot_firmware::safety::retained::Copies;
+use growbot_firmware::safety::retained::RetainedStore;
 
 fn robot() -> Robot {
     growbot_client::robot_file::load("growbot-a".as_ref()).unwrap()
@@ -53,10 +53,10 @@ fn a_reset_switches_off_and_keeps_the_tip_and_the_memory_meant_for_it() {
     sim.simulated_tip().set_heater(1.0, true);
     sim.simulated_tip().set_enabled(Motor::Head, true);
     sim.simulated_tip().set_nozzle_c(150.0);
-    let before = Copies::find(&mut sim.retained()).1;
+    let before = RetainedStore::find(&mut sim.retained()).1;
     assert!(before.is_ok());
     sim.reset(ResetCause::External);
-    assert_eq!(Copies::find(&mut sim.retained()).1, before);
+    assert_eq!(RetainedStore::find(&mut sim.retained()).1, before);
     assert_eq!((sim.state(), sim.fault()), (State::SelfTest, None));
     let mut tip = sim.simulated_tip();
     assert!(!tip.heater_is_on() && !tip.steppers_are_on() && tip.heater_power_w() == 0.0);

@@ -32,10 +32,10 @@ fn a_thermistor_breaks_in_every_way() {
     let mut tip = hot_tip();
     assert!((temperature(&mut tip).unwrap() - 200.0).abs() < 1.0);
     tip.inject(TipFault::ThermistorOpen);
-    assert_eq!(temperature(&mut tip), Err(Broken::Open));
+    assert_eq!(temperature(&mut tip), Err(ThermistorError::Open));
     tip.clear_fault(TipFault::ThermistorOpen);
     tip.inject(TipFault::ThermistorShort);
-    assert_eq!(temperature(&mut tip), Err(Broken::Short));
+    assert_eq!(temperature(&mut tip), Err(ThermistorError::Short));
     tip.clear_fault(TipFault::ThermistorShort);
     tip.inject(TipFault::ThermistorSilent);
     assert_eq!(tip.sample_thermistor(), None);

@@ -5,8 +5,8 @@ use std::f64::consts::FRAC_PI_2;
 use growbot_core::layer::grow;
 use growbot_core::simulation::Disturbance;
 use growbot_core::tracking::SensorNoise;
-use growbot_firmware::emulated_tip::{ENCODER_TURNS, EncoderMapping, encoder_level};
-use growbot_firmware::thermistor::{self, Broken};
+use growbot_firmware::emulated_tip::{ENCODER_OK, EncoderMapping, encoder_level};
+use growbot_firmware::thermistor::{self, ThermistorError};
 
 use super::*;
 
@@ -27,8 +27,8 @@ fn hot_tip() -> Tip {
     tip
 }
 
-fn temperature(tip: &mut Tip) -> Result<f64, Broken> {
-    thermistor::temperature(f64::from(tip.sample_thermistor().unwrap()), &robot().description().thermistor)
+fn temperature(tip: &mut Tip) -> Result<f64, ThermistorError> {
+    thermistor::celsius_from_raw(f64::from(tip.sample_thermistor().unwrap()), &robot().description().thermistor)
 }
 
 fn seconds(tip: &Tip, seconds: f64) -> u64 {
@@ -294,7 +294,7 @@ fn the_emulated_board_computes_the_same_encoder() {
     let mut tip = hot_tip();
     let pitch = encoder_pitch(&robot());
     for step in 0..1000 {
-        assert_eq!(tip.encoder(), encoder_level(step, pitch, ENCODER_TURNS, EncoderMapping::default()), "{step}");
+        assert_eq!(tip.encoder(), encoder_level(step, pitch, ENCODER_OK, EncoderMapping::default()), "{step}");
         feed(&mut tip, 1);
     }
 }

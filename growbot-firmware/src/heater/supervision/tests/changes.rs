@@ -6,8 +6,8 @@ use super::*;
 fn a_fall_that_no_nozzle_can_do_is_a_thermistor_out_of_its_place() {
     let found = |age_s: f32, change: f32| {
         let mut supervision = Supervision { fall_c: 2.5, ..Supervision::default() };
-        let _ = supervision.marks.push_back(Mark { fall_c: 0.5, ..mark(age_s, 190.0) });
-        supervision.rises_or_falls(&at(190.0 + change))
+        let _ = supervision.marks.push_back(Checkpoint { fall_c: 0.5, ..mark(age_s, 190.0) });
+        supervision.check_rate(&at(190.0 + change))
     };
     // The reading may fall by 2 C, plus the margin of 4 C.
     for age_s in [1.0, 5.0] {
@@ -23,7 +23,7 @@ fn a_fall_that_no_nozzle_can_do_is_a_thermistor_out_of_its_place() {
 fn a_rise_that_no_power_can_do_is_a_heater_stuck_on() {
     let found = |age_s: f32, unpowered_s: f32, upper: Change, change: f32| {
         let supervision = Supervision { unpowered_s, upper, ..since(age_s, 100.0) };
-        supervision.rises_or_falls(&at(100.0 + change))
+        supervision.check_rate(&at(100.0 + change))
     };
     let upper = Change { prompt: 5.0, late: 3.0, late_rate: 0.0 };
     for age_s in [3.0, 6.0] {
@@ -46,7 +46,7 @@ fn a_rise_that_no_power_can_do_is_a_heater_stuck_on() {
 fn a_nozzle_that_will_be_too_hot_is_found_before() {
     let found = |age_s: f32, reading_c: f32, change: f32| {
         let supervision = Supervision { upper: by(100.0), ..since(age_s, reading_c - change) };
-        supervision.rises_or_falls(&at(reading_c))
+        supervision.check_rate(&at(reading_c))
     };
     for age_s in [2.5, 3.0, 3.5] {
         // The rate is 2 C/s, of which 1.5 C/s are extrapolated by 4 s.
@@ -66,7 +66,7 @@ fn a_nozzle_that_will_be_too_hot_is_found_before() {
 fn a_reading_must_follow_the_lower_model_by_70_percent_and_the_nominal_one_by_40() {
     let found = |lower: f32, nominal: f32, change: f32| {
         let supervision = Supervision { lower: by(lower), nominal: by(nominal), ..since(5.0, 150.0) };
-        supervision.does_not_follow(&Look { hot: false, ..at(150.0 + change) })
+        supervision.check_response(&SupervisionInput { hot: false, ..at(150.0 + change) })
     };
     assert_eq!(found(12.0, 0.0, 0.0), None);
     assert_eq!(found(20.0, 0.0, 14.0), None);
@@ -77,15 +77,15 @@ fn a_reading_must_follow_the_lower_model_by_70_percent_and_the_nominal_one_by_40
     // The smaller of both changes counts.
     let late = Change { prompt: 40.0, late: 12.0, late_rate: 0.0 };
     let supervision = Supervision { lower: late, ..since(5.0, 150.0) };
-    assert_eq!(supervision.does_not_follow(&at(150.0)), None);
+    assert_eq!(supervision.check_response(&at(150.0)), None);
 }
 
 #[test]
 fn the_state_says_what_a_missing_rise_is() {
     let found = |reading_c: f32, hot: bool, moved: bool, still_s: f32| {
-        let still = Some(Still { seconds: still_s, ..still(reading_c) });
+        let still = Some(FrozenReading { seconds: still_s, ..still(reading_c) });
         let supervision = Supervision { lower: by(20.0), moved, still, ..since(5.0, reading_c) };
-        supervision.does_not_follow(&Look { hot, ..at(reading_c) })
+        supervision.check_response(&SupervisionInput { hot, ..at(reading_c) })
     };
     assert_eq!(found(150.0, false, true, 4.25), Some(Fault::ThermistorFrozen));
     assert_eq!(found(150.0, false, true, 4.0), Some(Fault::HeatingTooSlow));
@@ -96,11 +96,12 @@ fn the_state_says_what_a_missing_rise_is() {
 
 #[test]
 fn a_reading_must_follow_a_fall_of_the_nominal_model_by_40_percent() {
-    let look = |reading_c: f32, hot: bool, measured: bool| Look { hot, nozzle: nozzle(measured), ..at(reading_c) };
+    let look =
+        |reading_c: f32, hot: bool, measured: bool| SupervisionInput { hot, nozzle: nozzle(measured), ..at(reading_c) };
     // The nozzle cools without power, from 150 C.
     let cools = |fall: f32, unpowered_s: f32, change: f32, hot: bool| {
         let supervision = Supervision { nominal: by(-fall), unpowered_s, ..since(5.0, 150.0) };
-        supervision.does_not_follow(&look(150.0 + change, hot, false))
+        supervision.check_response(&look(150.0 + change, hot, false))
     };
     assert_eq!(cools(26.0, 5.0, 0.0, true), None);
     assert_eq!(cools(30.0, 5.0, -12.0, true), None);
@@ -112,7 +113,7 @@ fn a_reading_must_follow_a_fall_of_the_nominal_model_by_40_percent() {
     // The nozzle has little power, and its reading is above the target's band.
     let above = |reading_c: f32, measured: bool| {
         let supervision = Supervision { nominal: by(-30.0), ..since(5.0, reading_c) };
-        supervision.does_not_follow(&look(reading_c, true, measured))
+        supervision.check_response(&look(reading_c, true, measured))
     };
     assert_eq!(above(203.0, true), None);
     assert_eq!(above(203.25, true), Some(Fault::HeaterStuckOn));

@@ -20,8 +20,8 @@ fn swing(
         look += 1;
         let swings = share * AMPLITUDE_C * dither_at(phase + shift).0;
         let regulated =
-            Some(Regulated { trim: 0.0, saturated, dither: Some(Dither { phase, amplitude_c: AMPLITUDE_C }) });
-        supervision.misses_dither(&Look { regulated, ..at(TARGET_C + swings) })
+            Some(ControlState { trim: 0.0, saturated, dither: Some(Dither { phase, amplitude_c: AMPLITUDE_C }) });
+        supervision.check_dither(&SupervisionInput { regulated, ..at(TARGET_C + swings) })
     })
 }
 
@@ -37,7 +37,7 @@ fn a_dither_that_does_not_show_twice_is_a_reading_that_is_not_the_nozzles() {
     let mut supervision = Supervision::default();
     let forget: [fn(&mut Supervision); 3] = [
         |supervision| assert_eq!(swing(supervision, 1.0, 0.0, 0.0, 1), (64, None)),
-        |supervision| assert_eq!(supervision.misses_dither(&at(TARGET_C)), None),
+        |supervision| assert_eq!(supervision.check_dither(&at(TARGET_C)), None),
         Supervision::retarget,
     ];
     for forget in forget.iter().cycle().take(9) {
@@ -55,11 +55,11 @@ fn a_reading_that_stands_at_its_target_shows_no_dither_where_the_looks_do_not_di
         let found = looks_without_fault(10 * looks, || {
             let phase = look as f32 * seconds / DITHER_PERIOD_S;
             look += 1;
-            let regulated = Some(Regulated {
+            let regulated = Some(ControlState {
                 dither: Some(Dither { phase: phase - libm::floorf(phase), amplitude_c: 0.5 }),
                 ..STEADY
             });
-            supervision.misses_dither(&Look { seconds, regulated, ..at(TARGET_C) })
+            supervision.check_dither(&SupervisionInput { seconds, regulated, ..at(TARGET_C) })
         });
         assert_eq!(found, (2 * looks, Some(Fault::ThermistorFrozen)));
     }

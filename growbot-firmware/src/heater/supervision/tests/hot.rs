@@ -4,9 +4,11 @@ use super::*;
 
 #[test]
 fn a_hot_nozzle_that_is_8_c_too_cold_for_3_s_or_out_of_its_band_for_30_s_drops() {
-    let low = |below: f32, hot: bool, regulated: Option<Regulated>| {
+    let low = |below: f32, hot: bool, regulated: Option<ControlState>| {
         let mut supervision = Supervision::default();
-        looks_without_fault(400, || supervision.drops(&Look { hot, regulated, ..at(TARGET_C - below) }))
+        looks_without_fault(400, || {
+            supervision.check_drop(&SupervisionInput { hot, regulated, ..at(TARGET_C - below) })
+        })
     };
     let drop = Some(Fault::TemperatureDrop);
     assert_eq!(low(8.25, true, Some(STEADY)), (12, drop));
@@ -20,10 +22,10 @@ fn a_hot_nozzle_that_is_8_c_too_cold_for_3_s_or_out_of_its_band_for_30_s_drops()
     let mut supervision = Supervision::default();
     for round in 0..40 {
         for _ in 0..11 {
-            assert_eq!(supervision.drops(&at(TARGET_C - 9.0)), None);
+            assert_eq!(supervision.check_drop(&at(TARGET_C - 9.0)), None);
         }
         if round % 2 == 0 {
-            assert_eq!(supervision.drops(&at(TARGET_C)), None);
+            assert_eq!(supervision.check_drop(&at(TARGET_C)), None);
         } else {
             supervision.retarget();
         }
@@ -34,12 +36,12 @@ fn a_hot_nozzle_that_is_8_c_too_cold_for_3_s_or_out_of_its_band_for_30_s_drops()
 fn a_hot_nozzle_that_takes_60_percent_more_than_it_needs_loses_it_elsewhere() {
     // The nozzle needs 21 W at 200 C: 0.42 of the power.
     let takes = |times: f32, hot: bool, measured: bool| {
-        let look = Look { duty: 0.42 * times, hot, nozzle: nozzle(measured), ..at(TARGET_C) };
+        let look = SupervisionInput { duty: 0.42 * times, hot, nozzle: nozzle(measured), ..at(TARGET_C) };
         let mut supervision = Supervision::default();
-        supervision.advance_models(&Look { hot: false, ..at(TARGET_C) });
+        supervision.advance_models(&SupervisionInput { hot: false, ..at(TARGET_C) });
         looks_without_fault(4000, || {
             supervision.advance_models(&look);
-            supervision.takes_energy(&look)
+            supervision.check_energy(&look)
         })
     };
     assert_eq!(takes(1.59, true, true), (4000, None));
@@ -56,12 +58,12 @@ fn a_hot_nozzle_that_takes_60_percent_more_than_it_needs_loses_it_elsewhere() {
 #[test]
 fn power_that_goes_along_with_the_need_is_no_fault() {
     let mut supervision = Supervision::default();
-    supervision.advance_models(&Look { hot: false, ..at(100.0) });
+    supervision.advance_models(&SupervisionInput { hot: false, ..at(100.0) });
     // The need rises from 9 W at 100 C to 21 W at 200 C.
     for _ in 0..4000 {
-        let look = Look { duty: 0.42, ..at(TARGET_C) };
+        let look = SupervisionInput { duty: 0.42, ..at(TARGET_C) };
         supervision.advance_models(&look);
-        assert_eq!(supervision.takes_energy(&look), None);
+        assert_eq!(supervision.check_energy(&look), None);
     }
     assert_near(supervision.mean.power_w, 21.0);
     assert_near(supervision.mean.need_w, 21.0);

@@ -18,22 +18,30 @@ const DT: f32 = 0.25;
 const TARGET_C: f32 = 200.0;
 
 /// The nozzle of robot A: 50 W, 12 J/K, 0.12 W/K, a band of 3 C, 240 C at upper.
-fn nozzle(measured: bool) -> &'static Nozzle<'static> {
-    static MEASURED_OR_NOT: LazyLock<[Nozzle; 2]> = LazyLock::new(|| {
+fn nozzle(measured: bool) -> &'static NozzleModel<'static> {
+    static MEASURED_OR_NOT: LazyLock<[NozzleModel; 2]> = LazyLock::new(|| {
         let robot = Box::leak(Box::new(robot_a()));
         let supplies = [Some(robot.description().supply.nominal_v), None];
-        supplies.map(|supply_v| Nozzle::new(&Demand { supply_v, ..Demand::default() }, robot.description()))
+        supplies.map(|supply_v| NozzleModel::new(&Demand { supply_v, ..Demand::default() }, robot.description()))
     });
     let [known, unknown] = &*MEASURED_OR_NOT;
     if measured { known } else { unknown }
 }
 
-const STEADY: Regulated = Regulated { trim: 0.0, saturated: false, dither: None };
+const STEADY: ControlState = ControlState { trim: 0.0, saturated: false, dither: None };
 
 /// Returns the data of a hot nozzle at its target, without power.
-fn at(reading_c: f32) -> Look<'static> {
+fn at(reading_c: f32) -> SupervisionInput<'static> {
     let nozzle = nozzle(true);
-    Look { reading_c, target_c: TARGET_C, duty: 0.0, seconds: DT, hot: true, regulated: Some(STEADY), nozzle }
+    SupervisionInput {
+        reading_c,
+        target_c: TARGET_C,
+        duty: 0.0,
+        seconds: DT,
+        hot: true,
+        regulated: Some(STEADY),
+        nozzle,
+    }
 }
 
 /// Returns a change of a model that does not lag.
@@ -42,8 +50,8 @@ const fn by(change: f32) -> Change {
 }
 
 /// Returns an earlier moment, from which all changes count.
-fn mark(age_s: f32, reading_c: f32) -> Mark {
-    Mark { age_s, reading_c, lower: by(0.0), nominal: by(0.0), upper: by(0.0), fall_c: 0.0 }
+fn mark(age_s: f32, reading_c: f32) -> Checkpoint {
+    Checkpoint { age_s, reading_c, lower: by(0.0), nominal: by(0.0), upper: by(0.0), fall_c: 0.0 }
 }
 
 /// Returns a supervision that compares with this moment only.
@@ -64,7 +72,7 @@ fn looks_without_fault(max: u32, mut look: impl FnMut() -> Option<Fault>) -> (u3
 }
 
 /// Advances the models for a time at this duty.
-fn run(supervision: &mut Supervision, look: &Look, seconds: f32) {
+fn run(supervision: &mut Supervision, look: &SupervisionInput, seconds: f32) {
     for _ in 0..(seconds / DT) as u32 {
         supervision.advance_models(look);
     }
@@ -74,6 +82,6 @@ fn assert_near(value: f32, expected: f32) {
     assert!((value - expected).abs() <= 2e-3 * expected.abs().max(0.1), "{value}, not {expected}");
 }
 
-fn still(reading_c: f32) -> Still {
-    Still { reading_c, seconds: 0.0, dithered_s: 0.0, nominal: by(0.0) }
+fn still(reading_c: f32) -> FrozenReading {
+    FrozenReading { reading_c, seconds: 0.0, dithered_s: 0.0, nominal: by(0.0) }
 }

@@ -8,7 +8,7 @@ use super::*;
 fn three_models_run_along() {
     // At full power and 125 C the heater gives 50 W, and the nozzle needs 12 W.
     for (measured, min, max) in [(true, 1.0, 1.0), (false, 0.81, 1.21)] {
-        let look = Look { duty: 1.0, nozzle: nozzle(measured), ..at(125.0) };
+        let look = SupervisionInput { duty: 1.0, nozzle: nozzle(measured), ..at(125.0) };
         let mut supervision = Supervision::default();
         run(&mut supervision, &look, 8.0);
         let rates = [
@@ -42,16 +42,16 @@ fn below_the_surroundings_nothing_falls() {
     run(&mut supervision, &at(15.0), 5.0);
     assert_eq!(supervision.fall_c, 0.0);
     assert_eq!(supervision.unpowered_s, 5.0);
-    supervision.advance_models(&Look { duty: 0.01, ..at(15.0) });
+    supervision.advance_models(&SupervisionInput { duty: 0.01, ..at(15.0) });
     assert_eq!(supervision.unpowered_s, 0.0);
 }
 
 #[test]
 fn the_trim_is_learned_near_the_target_while_the_power_is_free() {
     let learn = |reading_c: f32, saturated: bool, seconds: f32| {
-        let regulated = Regulated { trim: 0.25, saturated, dither: None };
+        let regulated = ControlState { trim: 0.25, saturated, dither: None };
         let mut supervision = Supervision::default();
-        run(&mut supervision, &Look { regulated: Some(regulated), ..at(reading_c) }, seconds);
+        run(&mut supervision, &SupervisionInput { regulated: Some(regulated), ..at(reading_c) }, seconds);
         supervision.learned
     };
     for reading_c in [TARGET_C, TARGET_C + 1.75, TARGET_C - 1.75] {
@@ -63,7 +63,7 @@ fn the_trim_is_learned_near_the_target_while_the_power_is_free() {
     assert_eq!(learn(TARGET_C, true, 30.0), 0.0);
     // The learned trim reduces the effect of each watt. At 1/0.8 of the power that it should need, the nozzle keeps its
     // temperature.
-    let look = Look { duty: 21.0 / 50.0 * 1.25, regulated: None, ..at(TARGET_C) };
+    let look = SupervisionInput { duty: 21.0 / 50.0 * 1.25, regulated: None, ..at(TARGET_C) };
     let mut supervision = Supervision { learned: 0.25, ..Supervision::default() };
     run(&mut supervision, &look, 10.0);
     assert!(supervision.nominal.prompt.abs() < 1e-3);
@@ -71,7 +71,7 @@ fn the_trim_is_learned_near_the_target_while_the_power_is_free() {
 
 #[test]
 fn marks_last_for_25_s_and_their_sums_stay_small() {
-    let look = Look { duty: 1.0, ..at(125.0) };
+    let look = SupervisionInput { duty: 1.0, ..at(125.0) };
     let mut supervision = Supervision { still: Some(still(125.0)), ..Supervision::default() };
     for _ in 0..200 {
         supervision.advance_models(&look);
@@ -101,7 +101,7 @@ fn a_mark_is_made_each_second() {
     let mut supervision = Supervision::default();
     for looks in 1..=12 {
         // The nozzle needs this power there.
-        supervision.look(&Look { duty: 21.0 / 50.0, ..at(TARGET_C) }).unwrap();
+        supervision.look(&SupervisionInput { duty: 21.0 / 50.0, ..at(TARGET_C) }).unwrap();
         assert_eq!(supervision.marks.len(), looks / 4);
     }
 }

@@ -13,7 +13,7 @@ fn a_reading_that_stands_through_a_change_is_frozen() {
             unpowered_s,
             ..Supervision::default()
         };
-        supervision.stands_still(&Look { hot, nozzle: nozzle(measured), ..at(150.0) })
+        supervision.check_frozen(&SupervisionInput { hot, nozzle: nozzle(measured), ..at(150.0) })
     };
     assert_eq!(found(12.0, true, false, true, 0.0), None);
     assert_eq!(found(12.25, true, false, true, 0.0), Some(Fault::ThermistorFrozen));
@@ -33,27 +33,27 @@ fn the_smaller_change_counts_for_a_reading_that_stands() {
     for (prompt, late) in [(20.0, 12.0), (12.0, 20.0), (-20.0, -12.0), (-12.0, -20.0)] {
         let nominal = Change { prompt, late, late_rate: 0.0 };
         let mut supervision = Supervision { nominal, still: Some(still(150.0)), ..Supervision::default() };
-        assert_eq!(supervision.stands_still(&at(150.0)), None);
+        assert_eq!(supervision.check_frozen(&at(150.0)), None);
     }
 }
 
 #[test]
 fn a_reading_that_stands_while_the_power_is_dithered_is_frozen_after_45_s() {
-    let dithered = Regulated { dither: Some(Dither { phase: 0.0, amplitude_c: 0.5 }), ..STEADY };
-    let stand = |regulated: Option<Regulated>| {
+    let dithered = ControlState { dither: Some(Dither { phase: 0.0, amplitude_c: 0.5 }), ..STEADY };
+    let stand = |regulated: Option<ControlState>| {
         let mut supervision = Supervision::default();
-        looks_without_fault(400, || supervision.stands_still(&Look { regulated, ..at(TARGET_C) }))
+        looks_without_fault(400, || supervision.check_frozen(&SupervisionInput { regulated, ..at(TARGET_C) }))
     };
     // The first update does not count as standing still. The next 180 make 45 s.
     assert_eq!(stand(Some(dithered)), (180, Some(Fault::ThermistorFrozen)));
-    assert_eq!(stand(Some(Regulated { saturated: true, ..dithered })), (400, None));
+    assert_eq!(stand(Some(ControlState { saturated: true, ..dithered })), (400, None));
     assert_eq!(stand(Some(STEADY)), (400, None));
     assert_eq!(stand(None), (400, None));
     // Any change is enough, however small.
     let mut supervision = Supervision::default();
     for look in 0..1000 {
         let reading_c = if look % 100 == 99 { 1.000_1 } else { 1.0 };
-        assert_eq!(supervision.stands_still(&Look { regulated: Some(dithered), ..at(reading_c) }), None);
+        assert_eq!(supervision.check_frozen(&SupervisionInput { regulated: Some(dithered), ..at(reading_c) }), None);
     }
 }
 
@@ -62,28 +62,28 @@ fn a_reading_has_moved_once_it_was_more_than_3_c_from_its_first() {
     for (change, moved) in [(3.0, false), (3.25, true), (-3.0, false), (-3.25, true)] {
         let mut supervision = Supervision::default();
         for reading_c in [150.0, 150.0 + change, 150.0] {
-            assert_eq!(supervision.stands_still(&at(reading_c)), None);
+            assert_eq!(supervision.check_frozen(&at(reading_c)), None);
         }
         assert_eq!(supervision.moved, moved, "{change}");
         assert_eq!(supervision.still.unwrap().seconds, 0.0);
-        supervision.stands_still(&at(150.0));
+        supervision.check_frozen(&at(150.0));
         assert_eq!(supervision.still.unwrap().seconds, DT);
     }
 }
 
 #[test]
 fn a_reading_that_stands_at_all_the_power_may_be_that_of_a_nozzle_that_comes_no_further() {
-    let still = Some(Still { seconds: 4.25, ..still(150.0) });
+    let still = Some(FrozenReading { seconds: 4.25, ..still(150.0) });
     for (duty, hot, fault) in [
         (0.99, false, Fault::ThermistorFrozen),
         (1.0, false, Fault::HeatingTooSlow),
         (0.99, true, Fault::ThermistorFrozen),
         (1.0, true, Fault::TemperatureDrop),
     ] {
-        let look = Look { duty, hot, ..at(150.0) };
+        let look = SupervisionInput { duty, hot, ..at(150.0) };
         let mut stands = Supervision { nominal: by(12.25), moved: true, still, ..Supervision::default() };
-        assert_eq!(stands.stands_still(&look), Some(fault), "{duty}");
+        assert_eq!(stands.check_frozen(&look), Some(fault), "{duty}");
         let follows_not = Supervision { lower: by(20.0), moved: true, still, ..since(5.0, 150.0) };
-        assert_eq!(follows_not.does_not_follow(&look), Some(fault), "{duty}");
+        assert_eq!(follows_not.check_response(&look), Some(fault), "{duty}");
     }
 }

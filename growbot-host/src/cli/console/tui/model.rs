@@ -105,7 +105,7 @@ impl Model {
                     self.say_state(change.state, change.fault);
                 }
             }
-            Message::Laid(LayerLaid { plan_id, index, as_built, .. }) => {
+            Message::LayerLaid(LayerLaid { plan_id, index, as_built, .. }) => {
                 if *plan_id != self.body.plan_id() {
                     self.body = TrackedBody::new(*plan_id, &self.start, Vec::new());
                 }

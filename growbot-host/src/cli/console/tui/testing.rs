@@ -37,5 +37,5 @@ pub fn status(state: State, uptime_s: f64) -> Status {
 pub fn laid(index: u32) -> Message {
     let layer = Layer { alpha: 0.5, height: 0.7, tilt: 0.005 };
     let as_built = LayerEncoder::default().encode(&layer);
-    Message::Laid(LayerLaid { plan_id: 7, index, as_built: Some(as_built), readings: None })
+    Message::LayerLaid(LayerLaid { plan_id: 7, index, as_built: Some(as_built), readings: None })
 }

@@ -1,0 +1,266 @@
+//! The faults of a board, with their codes and explanations.
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+/// A fault of a board. Every fault switches heater and steppers off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum Fault {
+    /// The thermistor reads as if its wire were cut.
+    ThermistorOpen,
+    /// The thermistor reads as if its wires touched.
+    ThermistorShort,
+    /// There has been no temperature reading for half a second.
+    ThermistorSilent,
+    /// The nozzle is above the robot's max temperature.
+    OverTemperature,
+    /// The nozzle cooled below the min extrusion temperature while growing.
+    UnderTemperature,
+    /// The nozzle did not reach its temperature in time.
+    HeatingTooSlow,
+    /// The head turned by more than a turn without passing its index mark.
+    IndexNotFound,
+    /// A layer needs steps at a higher rate than the step interrupt makes them.
+    StepRate,
+    /// The board's own hardware did not carry out a command.
+    Hardware,
+    /// The reading of the thermistor does not change although the power varies.
+    ThermistorFrozen,
+    /// The reading of the thermistor fell faster than the nozzle can cool.
+    ThermistorDetached,
+    /// The nozzle cools although it is heated with the expected power.
+    TemperatureDrop,
+    /// The nozzle gets hotter, or does not cool, although the heater is off.
+    HeaterStuckOn,
+    /// The heater uses more energy than the nozzle can need.
+    HeaterEnergy,
+    /// The head made a full turn without its index mark.
+    IndexMissing,
+    /// The index sensor detects its mark at every angle.
+    IndexStuck,
+    /// The index mark was detected at another angle than expected, because the head has lost or gained steps.
+    HeadStepsLost,
+    /// The filament has run out.
+    FilamentOut,
+    /// The feed runs, but the filament does not move.
+    FilamentJam,
+    /// A stepper driver reports a fault.
+    DriverFault,
+    /// The supply's voltage is below the robot's min.
+    SupplyLow,
+    /// The supply's voltage is above the robot's max.
+    SupplyHigh,
+    /// A layer, or the homing, did not end in time.
+    MotionOverdue,
+    /// The step interrupt has stopped.
+    StepsStalled,
+    /// The board restarted during its work because its supply dropped.
+    BrownOut,
+    /// The board restarted during its work because its watchdog was not fed.
+    WatchdogReset,
+    /// The board restarted during its work because its processor faulted.
+    ProcessorFault,
+    /// The board restarted during its work because its stack overflowed.
+    StackOverflow,
+    /// The board restarted during its work because of a loss of power or an external reset.
+    PowerLost,
+    /// The nozzle gets hotter although the heater's second switch is open.
+    HeaterSwitchWelded,
+    /// The firmware's image in the board's flash differs from its seal.
+    ImageCorrupt,
+    /// The crystal does not oscillate, so the board's clock is not reliable.
+    ClockFailed,
+    /// A debug probe has enabled debugging of the processor, so it could halt with the heater on.
+    DebugProbe,
+}
+
+impl Fault {
+    /// All faults.
+    pub const ALL: [Self; 33] = [
+        Self::ThermistorOpen,
+        Self::ThermistorShort,
+        Self::ThermistorSilent,
+        Self::ThermistorFrozen,
+        Self::ThermistorDetached,
+        Self::OverTemperature,
+        Self::UnderTemperature,
+        Self::HeatingTooSlow,
+        Self::TemperatureDrop,
+        Self::HeaterStuckOn,
+        Self::HeaterSwitchWelded,
+        Self::HeaterEnergy,
+        Self::IndexNotFound,
+        Self::IndexMissing,
+        Self::IndexStuck,
+        Self::HeadStepsLost,
+        Self::FilamentOut,
+        Self::FilamentJam,
+        Self::DriverFault,
+        Self::SupplyLow,
+        Self::SupplyHigh,
+        Self::MotionOverdue,
+        Self::StepsStalled,
+        Self::StepRate,
+        Self::Hardware,
+        Self::BrownOut,
+        Self::WatchdogReset,
+        Self::ProcessorFault,
+        Self::StackOverflow,
+        Self::PowerLost,
+        Self::ImageCorrupt,
+        Self::ClockFailed,
+        Self::DebugProbe,
+    ];
+
+    /// Returns the code of the fault.
+    #[must_use]
+    pub const fn code(self) -> &'static str {
+        match self {
+            Self::ThermistorOpen => "thermistor-open",
+            Self::ThermistorShort => "thermistor-short",
+            Self::ThermistorSilent => "thermistor-silent",
+            Self::OverTemperature => "over-temperature",
+            Self::UnderTemperature => "under-temperature",
+            Self::HeatingTooSlow => "heating-too-slow",
+            Self::IndexNotFound => "index-not-found",
+            Self::StepRate => "step-rate",
+            Self::Hardware => "hardware",
+            Self::ThermistorFrozen => "thermistor-frozen",
+            Self::ThermistorDetached => "thermistor-detached",
+            Self::TemperatureDrop => "temperature-drop",
+            Self::HeaterStuckOn => "heater-stuck-on",
+            Self::HeaterSwitchWelded => "heater-switch-welded",
+            Self::HeaterEnergy => "heater-energy",
+            Self::IndexMissing => "index-missing",
+            Self::IndexStuck => "index-stuck",
+            Self::HeadStepsLost => "head-steps-lost",
+            Self::FilamentOut => "filament-out",
+            Self::FilamentJam => "filament-jam",
+            Self::DriverFault => "driver-fault",
+            Self::SupplyLow => "supply-low",
+            Self::SupplyHigh => "supply-high",
+            Self::MotionOverdue => "motion-overdue",
+            Self::StepsStalled => "steps-stalled",
+            Self::BrownOut => "brown-out",
+            Self::WatchdogReset => "watchdog-reset",
+            Self::ProcessorFault => "processor-fault",
+            Self::StackOverflow => "stack-overflow",
+            Self::PowerLost => "power-lost",
+            Self::ImageCorrupt => "image-corrupt",
+            Self::ClockFailed => "clock-failed",
+            Self::DebugProbe => "debug-probe",
+        }
+    }
+
+    /// Returns a description of the fault and its remedy.
+    #[must_use]
+    pub const fn explanation(self) -> &'static str {
+        match self {
+            Self::ThermistorOpen => "the thermistor reads as if its wire were cut: check its connector",
+            Self::ThermistorShort => "the thermistor reads as if its wires touched: check its insulation",
+            Self::ThermistorSilent => "no temperature reading for half a second: check the board",
+            Self::OverTemperature => {
+                "the nozzle got hotter than heater.max_c: check the heater's switches and the thermistor's seat"
+            }
+            Self::UnderTemperature => {
+                "the nozzle cooled below heater.extrusion_min_c while growing: check heater, fan and draught"
+            }
+            Self::HeatingTooSlow => {
+                "the nozzle was not hot within heater.heating_timeout_s: check heater, supply and the thermistor's seat"
+            }
+            Self::IndexNotFound => {
+                "the head turned one and a half turns without passing its index mark: check the sensor, the motor \
+                 and its driver"
+            }
+            Self::StepRate => {
+                "a layer asks for more than one step in two ticks: raise motion.tick_hz or lower the steps"
+            }
+            Self::Hardware => "a pin or the heater's output refused a command: check the board",
+            Self::ThermistorFrozen => {
+                "the thermistor's reading stands still though the heater's power varies: check the ADC and the board"
+            }
+            Self::ThermistorDetached => {
+                "the reading fell faster than the nozzle can cool: check that the thermistor sits in its place"
+            }
+            Self::TemperatureDrop => {
+                "the nozzle cools although the heater is driven: check the heater, its wires, the thermistor's seat \
+                 and draught"
+            }
+            Self::HeaterStuckOn => {
+                "the nozzle gets hotter, or does not cool, with the power at nothing: the heater's power stage \
+                 conducts by itself, or the thermistor does not follow; replace it"
+            }
+            Self::HeaterSwitchWelded => {
+                "the nozzle gets hotter though the heater's second switch is open: it conducts by itself; replace it"
+            }
+            Self::HeaterEnergy => {
+                "the heater takes more energy than the nozzle can need: check the thermistor's seat, the fan and \
+                 draught"
+            }
+            Self::IndexMissing => {
+                "a turn of the head passed without the index mark: check the head's motor, its driver and the index \
+                 sensor"
+            }
+            Self::IndexStuck => "the index sensor sees its mark everywhere: check the sensor and its wire",
+            Self::HeadStepsLost => {
+                "the index mark came in another place, so the head has lost or gained steps: look for what blocks \
+                 it, check the motor's current and raise it, or lower the speed"
+            }
+            Self::FilamentOut => "there is no filament: load a spool",
+            Self::FilamentJam => {
+                "filament is fed and does not move: look for a knot, a clogged nozzle, or a feed that grinds"
+            }
+            Self::DriverFault => {
+                "a stepper driver reports a fault: check its temperature, its supply and the motor's wires; \
+                 `growbot status` says more of drivers with a serial line"
+            }
+            Self::SupplyLow => "the supply's voltage fell below supply.min_v: check the supply and its wires",
+            Self::SupplyHigh => "the supply's voltage rose above supply.max_v: check the supply",
+            Self::MotionOverdue => {
+                "a layer or the homing was not done in its time: the step interrupt is late or has stopped; check \
+                 the board"
+            }
+            Self::StepsStalled => "the step interrupt has stopped: check the board",
+            Self::BrownOut => "the board's supply sagged while it was working and it started anew: check the supply",
+            Self::WatchdogReset => {
+                "the firmware hung while it was working and the watchdog started it anew: please report it"
+            }
+            Self::ProcessorFault => "the processor faulted and the board started anew: please report it",
+            Self::StackOverflow => "the stack overflowed and the board started anew: please report it",
+            Self::ImageCorrupt => {
+                "the firmware in the board's flash is not what was sealed: flash the board again; if it comes back, \
+                 replace the board"
+            }
+            Self::PowerLost => {
+                "the board was reset or lost its power while it was working: the nozzle may have stood still on the \
+                 body; check the layer"
+            }
+            Self::ClockFailed => {
+                "the board's crystal has stopped or did not start, and its other oscillator is too inexact to heat \
+                 by: check the crystal, then reset the board"
+            }
+            Self::DebugProbe => {
+                "a debug probe is attached, or was: in debug mode the processor may halt with the heater on. Detach \
+                 the probe and take the board's power away for a moment; a test bench says so in its file \
+                 (test_bench = true)"
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn every_fault_has_an_explanation_of_its_own_and_a_remedy() {
+        let explanations = BTreeSet::from(Fault::ALL.map(Fault::explanation));
+        assert_eq!(explanations.len(), Fault::ALL.len());
+        for explanation in explanations {
+            let (what, remedy) = explanation.split_once(": ").unwrap_or_default();
+            assert!(what.len() > 10 && remedy.len() > 10, "{explanation}");
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! The causes of a board's start, with their names.
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+/// Cause of a board's start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum ResetCause {
+    /// The supply was switched on.
+    PowerOn,
+    /// The supply voltage dropped.
+    BrownOut,
+    /// The watchdog was not fed because the firmware had stopped.
+    Watchdog,
+    /// The processor faulted.
+    ProcessorFault,
+    /// The reset pin, a debug probe, or a reset that software requested.
+    External,
+    /// The firmware used more stack than is available.
+    StackOverflow,
+    /// The crystal stopped.
+    ClockFailed,
+}
+
+impl ResetCause {
+    /// Returns the name of the cause, as programs print it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::PowerOn => "power on",
+            Self::BrownOut => "brown-out",
+            Self::Watchdog => "watchdog",
+            Self::ProcessorFault => "processor fault",
+            Self::External => "reset from outside",
+            Self::StackOverflow => "stack overflow",
+            Self::ClockFailed => "clock failure",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reset_causes_are_named_as_status_prints_them() {
+        for (cause, name) in [
+            (ResetCause::PowerOn, "power on"),
+            (ResetCause::BrownOut, "brown-out"),
+            (ResetCause::Watchdog, "watchdog"),
+            (ResetCause::ProcessorFault, "processor fault"),
+            (ResetCause::External, "reset from outside"),
+            (ResetCause::StackOverflow, "stack overflow"),
+        ] {
+            assert_eq!(cause.name(), name);
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! Pins with the same cost as the robot's, a store or a load and their polarity, and the head and the filament behind
+//! them.
+
+use core::convert::Infallible;
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
+use growbot_core::robot::Robot;
+use growbot_firmware::hal::Outputs;
+use growbot_firmware::invertible_pin::InvertiblePin;
+use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
+
+static HEAD_STEP: AtomicBool = AtomicBool::new(false);
+static HEAD_DIRECTION: AtomicBool = AtomicBool::new(false);
+static HEAD_ENABLE: AtomicBool = AtomicBool::new(false);
+static FEED_STEP: AtomicBool = AtomicBool::new(false);
+static FEED_DIRECTION: AtomicBool = AtomicBool::new(false);
+static FEED_ENABLE: AtomicBool = AtomicBool::new(false);
+static INDEX: AtomicBool = AtomicBool::new(false);
+static FILAMENT: AtomicBool = AtomicBool::new(false);
+static STOP: AtomicBool = AtomicBool::new(false);
+
+/// A pin.
+pub struct Pin(&'static AtomicBool);
+
+impl ErrorType for Pin {
+    type Error = Infallible;
+}
+
+impl OutputPin for Pin {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.0.store(false, Ordering::Relaxed);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.0.store(true, Ordering::Relaxed);
+        Ok(())
+    }
+}
+
+impl InputPin for Pin {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(self.0.load(Ordering::Relaxed))
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|high| !high)
+    }
+}
+
+type Wired = InvertiblePin<Pin>;
+
+/// The engine with its pins wired like the robot's.
+pub type StepEngine = Engine<Pin, Wired, Wired, Pin, Wired, Wired, Wired, Pin, Wired, TipOutputs>;
+
+fn wired(pin: &'static AtomicBool) -> Wired {
+    InvertiblePin::new(Pin(pin), false)
+}
+
+/// Creates an engine with these pins.
+pub fn engine(settings: EngineConfig) -> StepEngine {
+    STOP.store(false, Ordering::Relaxed);
+    Engine::new(
+        StepperPins { step: Pin(&HEAD_STEP), direction: wired(&HEAD_DIRECTION), enable: wired(&HEAD_ENABLE) },
+        StepperPins { step: Pin(&FEED_STEP), direction: wired(&FEED_DIRECTION), enable: wired(&FEED_ENABLE) },
+        EngineInputs { index: wired(&INDEX), filament_motion: Pin(&FILAMENT), emergency_stop: wired(&STOP) },
+        TipOutputs,
+        settings,
+    )
+}
+
+/// Heater, fan and both drivers: five stores, as on the robot's board.
+pub struct TipOutputs;
+
+impl Outputs for TipOutputs {
+    fn make_safe(&mut self) {
+        crate::tip::make_safe();
+    }
+}
+
+/// Presses or releases the emergency stop.
+pub fn press_emergency_stop(pressed: bool) {
+    STOP.store(pressed, Ordering::Relaxed);
+}
+
+/// Runs the code of the step interrupt.
+#[inline(never)]
+pub fn tick(engine: &mut StepEngine, handover: &Mailbox) {
+    engine.tick(handover);
+}
+
+/// The head with its index mark, and the filament with its encoder.
+pub struct World {
+    steps_per_turn: u32,
+    mark: u32,
+    mark_width: u32,
+    /// Position of the head within a turn.
+    head: u32,
+    fed: u32,
+}
+
+impl World {
+    /// Creates the hardware of a robot, with its head a little before its mark.
+    pub fn of(robot: &Robot) -> Self {
+        let head = &robot.description().head;
+        let steps = |degrees: f64| libm::rint(degrees / 360.0 * f64::from(head.steps_per_turn)) as i32;
+        let turn = head.steps_per_turn;
+        let mark = steps(head.index_angle_deg).rem_euclid(turn.max(1) as i32) as u32;
+        Self {
+            steps_per_turn: turn,
+            mark,
+            mark_width: steps(head.index_width_deg) as u32,
+            head: mark - mark / 8,
+            fed: 0,
+        }
+    }
+
+    /// Returns the steps from the mark's leading edge to the tip's x axis.
+    pub fn steps_from_mark_to_zero(&self) -> u32 {
+        self.steps_per_turn - self.mark
+    }
+
+    /// Reads the step pins after a tick, and moves. Returns whether head and feed have stepped.
+    pub fn watch(&mut self) -> (bool, bool) {
+        let (head, feed) = (HEAD_STEP.load(Ordering::Relaxed), FEED_STEP.load(Ordering::Relaxed));
+        if head {
+            let last = self.steps_per_turn - 1;
+            self.head = match (HEAD_DIRECTION.load(Ordering::Relaxed), self.head) {
+                (true, at) if at == last => 0,
+                (true, at) => at + 1,
+                (false, 0) => last,
+                (false, at) => at - 1,
+            };
+        }
+        self.fed += u32::from(feed);
+        INDEX.store((self.mark..self.mark + self.mark_width).contains(&self.head), Ordering::Relaxed);
+        FILAMENT.store(self.fed & 32 != 0, Ordering::Relaxed);
+        (head, feed)
+    }
+}

@@ -1,0 +1,77 @@
+//! Measurement of the stack that was ever used. Start-up paints the whole stack, and words that still have the paint
+//! were never used.
+
+use core::hint::black_box;
+
+use cortex_m_rt::STACK_PAINT_VALUE;
+use growbot_firmware::emulated_tip as table;
+
+use crate::registers::Register;
+use crate::runtime::stack;
+use crate::tip;
+
+/// Number of words that are checked in one round of the main loop.
+const AT_ONCE: usize = 64;
+
+/// Searches the stack from the bottom upwards for the first used word, some words in each round.
+#[derive(Default)]
+pub struct StackMonitor {
+    /// Number of words of paint found so far.
+    painted: usize,
+}
+
+impl StackMonitor {
+    /// Continues the search, and reports the result to the host whenever the end of the paint is found. Also crashes if
+    /// the host requests it.
+    pub fn look(&mut self) {
+        if tip::wants_overflow() {
+            black_box(overflow(0));
+        }
+        match tip::wanted_crash() {
+            table::CRASH_BY_INSTRUCTION => undefined_instruction(),
+            table::CRASH_BY_ACCESS => {
+                black_box(access_in_vain());
+            }
+            table::CRASH_BY_HANGING => hang(),
+            _ => {}
+        }
+        for _ in 0..AT_ONCE {
+            // SAFETY: a word of the stack, which is only read. The paint ends below the stack pointer.
+            if unsafe { Register::at(stack::bottom() + 4 * self.painted) }.read() != STACK_PAINT_VALUE {
+                tip::publish_unused_stack(4 * self.painted as u32);
+                self.painted = 0;
+                return;
+            }
+            self.painted += 1;
+        }
+    }
+}
+
+/// Calls itself without end, each time with a new stack frame.
+#[expect(unconditional_recursion, reason = "it is to overflow the stack")]
+#[inline(never)]
+fn overflow(depth: u32) -> u32 {
+    let frame = black_box([depth; 8]);
+    overflow(black_box(depth + 1)) ^ black_box(frame)[0]
+}
+
+/// Executes an instruction that the processor does not have.
+#[inline(never)]
+fn undefined_instruction() {
+    cortex_m::asm::udf();
+}
+
+/// Reads from an address without memory.
+#[inline(never)]
+fn access_in_vain() -> u32 {
+    // SAFETY: the address has no memory, so that the processor faults, as intended.
+    unsafe { Register::at(table::NOWHERE) }.read()
+}
+
+/// Hangs until the watchdog expires.
+#[inline(never)]
+fn hang() {
+    loop {
+        cortex_m::asm::nop();
+    }
+}

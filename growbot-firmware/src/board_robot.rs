@@ -1,0 +1,52 @@
+//! The robot of a board: the one that a host has configured, otherwise the one that this firmware was built for.
+//!
+//! `build.rs` reads and checks `robots/<GROWBOT_ROBOT>.toml` and writes the robot as source. The default of
+//! GROWBOT_ROBOT is `growbot-a`, and it may also be the path to a file. With `none` no robot is built in: the board
+//! only communicates until it is configured.
+
+use embedded_storage::nor_flash::MultiwriteNorFlash;
+#[allow(unused_imports, reason = "not every robot has every sensor")]
+use growbot_core::robot::{
+    Board, BoardKind, ChopperMode, DigitalInput, DriverSettings, Fan, Feed, FeedStrategy, Filament, FilamentMotion,
+    Geometry, Head, HeadRotation, Heater, LayerDescription, Material, Motion, Pause, PinOverrides, Robot,
+    RobotDescription, Sensors, Supply, Thermistor, Tip, Wall,
+};
+use heapless::String;
+
+use crate::description_store::{DescriptionStore, StoredDescription};
+
+/// The robot of a board.
+pub struct BoardRobot {
+    /// The robot. On a board that is not configured it is any robot, for outputs that are off.
+    pub robot: Robot,
+    /// The board has a robot.
+    pub configured: bool,
+}
+
+impl BoardRobot {
+    /// Returns the robot in the board's flash, otherwise the one that the firmware was built for.
+    pub fn load<F: MultiwriteNorFlash>(descriptions: &mut DescriptionStore<F>) -> Self {
+        Self::from_stored(descriptions.newest())
+    }
+
+    /// Returns the robot of a description, or without one the robot that the firmware was built for. A board with a
+    /// description that it cannot decode is not configured, because the built-in robot may be wired differently.
+    #[must_use]
+    pub fn from_stored(stored: StoredDescription) -> Self {
+        match stored {
+            StoredDescription::Robot(robot) => Self { robot, configured: true },
+            StoredDescription::Undecodable => Self { configured: false, ..built_in() },
+            StoredDescription::Empty => built_in(),
+        }
+    }
+}
+
+/// Returns the robot that the firmware was built for.
+#[must_use]
+pub fn built_in_robot() -> Robot {
+    built_in().robot
+}
+
+fn built_in() -> BoardRobot {
+    include!(concat!(env!("OUT_DIR"), "/board_robot.rs"))
+}

@@ -1,0 +1,136 @@
+//! Configuration with a new robot description from a host. The board accepts one only at rest and cold, checks it, and
+//! stores it in flash. It takes effect after a restart of the board, so that no part of the firmware keeps using the
+//! old one.
+
+use growbot_core::link::message::{Configure, Configured, DescriptionError, Message, Refusal, State};
+use growbot_core::robot::{BoardKind, MAX_VERSIONED_LEN, Robot};
+use heapless::Vec;
+
+use super::job::COLD_C;
+use super::{Controller, centi};
+use crate::hal::{Board, Watchdog};
+use crate::safety::transitions::may_heat;
+
+/// Time at rest after which a nozzle counts as cold, whatever its thermistor reads, us. Without this limit a
+/// description of the wrong thermistor could not be replaced, because the nozzle might always read as hot. A nozzle
+/// cools below 50 C in a quarter of this time (`normal_growth.rs`).
+const COOLED_US: u64 = 20 * 60 * 1_000_000;
+/// Time from the response to the restart, us. In this time the response leaves the board, and a repeated request is
+/// answered too.
+const RESTART_US: u64 = 500_000;
+
+/// Description that is being received.
+#[derive(Default)]
+pub(super) struct ConfigUpload {
+    /// Hash of the description, as the host states it.
+    robot: u64,
+    /// Length of the description, as the host states it, bytes.
+    length: u16,
+    bytes: Vec<u8, MAX_VERSIONED_LEN>,
+    /// Time at which the board restarts with the new description, us. `None` until the description is stored.
+    restart_at: Option<u64>,
+}
+
+impl ConfigUpload {
+    fn answer(&self) -> Message {
+        let stored = self.is_restart_pending();
+        let received = if stored { self.length } else { self.bytes.len() as u16 };
+        Message::Configured(Configured { robot: self.robot, received, stored })
+    }
+
+    /// Returns whether a restart is pending. Until then the board refuses all other requests.
+    pub(super) fn is_restart_pending(&self) -> bool {
+        self.restart_at.is_some()
+    }
+
+    /// Adds a part of the description. Returns `true` if the description is now complete.
+    fn add(&mut self, part: &Configure) -> Result<bool, Refusal> {
+        if usize::from(part.length) > MAX_VERSIONED_LEN {
+            return Err(Refusal::InvalidDescription { error: DescriptionError::TooLong });
+        }
+        if (part.robot, part.length) != (self.robot, self.length) || part.offset == 0 {
+            *self = Self { robot: part.robot, length: part.length, ..Self::default() };
+        }
+        let received = self.bytes.len();
+        let (offset, end) = (usize::from(part.offset), usize::from(part.offset) + part.bytes.len());
+        if offset > received {
+            return Err(Refusal::OutOfOrder { expected: received as u32 });
+        }
+        if end > usize::from(part.length) || part.bytes.is_empty() {
+            return Err(Refusal::UnknownRequest);
+        }
+        // The bytes that are already stored came with a request whose response was lost.
+        let news = part.bytes.get(received - offset..).unwrap_or_default();
+        self.bytes.extend_from_slice(news).map_err(|_| Refusal::UnknownRequest)?;
+        Ok(self.bytes.len() == usize::from(self.length))
+    }
+
+    /// Decodes the robot from the complete description.
+    fn robot(&self) -> Result<Robot, DescriptionError> {
+        let robot = Robot::decode_for_board(&self.bytes)?;
+        if robot.hash() == self.robot { Ok(robot) } else { Err(DescriptionError::HashMismatch { found: robot.hash() }) }
+    }
+}
+
+/// Returns the robot if its description is for one of these kinds of board, or for any kind. If `kinds` is empty, every
+/// description is accepted.
+pub(super) fn check_board_kind(kinds: &[BoardKind], robot: Robot) -> Result<Robot, DescriptionError> {
+    let asked = robot.description().board.map(|board| board.kind);
+    match (asked, kinds.first()) {
+        (Some(asked), Some(&board)) if !kinds.contains(&asked) => Err(DescriptionError::BoardMismatch { asked, board }),
+        _ => Ok(robot),
+    }
+}
+
+impl<B: Board> Controller<B> {
+    /// Returns whether the board must be reset now to start with the new robot description. Everything is off then.
+    #[must_use]
+    pub fn needs_reset(&self) -> bool {
+        self.configuring.restart_at.is_some_and(|at| self.now_us >= at)
+    }
+
+    /// Accepts a part of a description, and stores the description once its last part has arrived.
+    pub(super) fn configure(&mut self, part: &Configure) -> Result<Message, Refusal> {
+        if self.configuring.is_restart_pending() {
+            return if part.robot == self.configuring.robot {
+                Ok(self.configuring.answer())
+            } else {
+                Err(Refusal::NoSession)
+            };
+        }
+        self.check_configurable()?;
+        if self.configuring.add(part)? {
+            let robot = self.configuring.robot();
+            self.configuring.bytes.clear();
+            let robot = robot
+                .and_then(|robot| check_board_kind(B::KINDS, robot))
+                .map_err(|error| Refusal::InvalidDescription { error })?;
+            self.parts.watchdog.feed();
+            let stored = self.parts.descriptions.store(&robot);
+            self.parts.watchdog.feed();
+            stored.map_err(|_| Refusal::DescriptionNotStored)?;
+            self.configuring.restart_at = Some(self.now_us.saturating_add(RESTART_US));
+        }
+        Ok(self.configuring.answer())
+    }
+
+    /// Checks that the board may accept a new description: the robot is at rest, nothing is hot, and no job is
+    /// unfinished.
+    fn check_configurable(&self) -> Result<(), Refusal> {
+        if !self.identity.configured {
+            return Ok(());
+        }
+        if may_heat(self.state) || matches!(self.state, State::SelfTest | State::Parked) {
+            return Err(Refusal::WrongState { state: self.state });
+        }
+        if self.job.plan_id != 0 && self.job.layers_laid < self.job.layer_count {
+            return Err(Refusal::JobNotDone { plan_id: self.job.plan_id });
+        }
+        let is_cold = self.heater.temperature(self.now_us).is_some_and(|temperature| temperature < COLD_C);
+        if is_cold || self.in_state_us() >= COOLED_US {
+            Ok(())
+        } else {
+            Err(Refusal::NozzleTooHot { below: centi(COLD_C) })
+        }
+    }
+}

@@ -1,0 +1,381 @@
+//! The moves for the step engine: homing, layers, and the filament that is pulled back for a pause and pushed forward
+//! again after it.
+
+use growbot_core::layer_bytes::{self, LayerBytes, LayerEncoder, RawLayer};
+use growbot_core::link::message::{Fault, PauseCause, State};
+use growbot_core::robot::HeadRotation;
+
+use super::Controller;
+use crate::hal::{Board, StepperDrivers};
+use crate::journal;
+use crate::safety::transitions::Event;
+use crate::stepping::{AxisMove, HomingMove, Mailbox, Move, Report, TurnReport, as_built};
+
+/// Allowance for the duration of a move, as a share of its expected time.
+const ALLOWANCE: f64 = 0.2;
+/// Further allowance for the duration of any move, us.
+const ALLOWANCE_US: u64 = 2_000_000;
+
+/// Time by which the heater gets the power for a first layer before its plastic flows, s, because power takes seconds
+/// from the heater to the nozzle (docs/decisions/0022-heater-regulation.md; `tests/normal_growth.rs` bounds it).
+const LEAD_S: f64 = 1.5;
+/// Limit of that time as a share of a layer's period (decision 0022).
+const MAX_LEAD_SHARE: f64 = 1.0 / 12.0;
+
+/// Min time for which a robot waits for filament before it parks, s. It is an hour, as with 3D printers.
+const WAITS_FOR_FILAMENT_S: f64 = 3600.0;
+
+/// The moves handed to the step engine, and the positions in which they left head and filament.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct MoveTracker {
+    /// Number of moves handed to the engine and not yet reported.
+    outstanding: u8,
+    /// Latest time at which the first of them must be reported, us.
+    due: Option<u64>,
+    /// Time that the latest move may take, us.
+    latest_us: u64,
+    /// Direction in which filament is moved without a layer.
+    feeding: Option<Feeding>,
+    /// Current move of maintenance.
+    maintained: Option<MaintenanceMove>,
+    /// Steps by which the filament is behind the nozzle. It was pulled back for a pause or by maintenance, and is
+    /// pushed forward again before the next layer.
+    retracted_steps: u32,
+    /// The next turn has the reverse direction, back to the start of the turn before.
+    backwards: bool,
+    /// Reason for a pause after the current layer. `None` if no pause was requested.
+    pause: Option<PauseCause>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Feeding {
+    Back,
+    Forward,
+}
+
+/// Current move of maintenance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum MaintenanceMove {
+    /// Move of the head.
+    Head,
+    /// Move of filament.
+    Filament {
+        /// Flow through the nozzle, mm^3/s; 0 in reverse.
+        flow: f64,
+        /// Steps forward.
+        forward: u32,
+        /// Steps in reverse.
+        back: u32,
+    },
+}
+
+impl MoveTracker {
+    /// Returns whether a move is in progress.
+    pub fn is_under_way(&self) -> bool {
+        self.outstanding > 0
+    }
+
+    /// Returns whether a move of maintenance is in progress.
+    pub fn is_maintenance_active(&self) -> bool {
+        self.maintained.is_some()
+    }
+
+    /// Records a move of maintenance that should take this time.
+    pub fn start_maintenance(&mut self, what: MaintenanceMove, seconds: f64, now: u64) {
+        if let MaintenanceMove::Filament { back, .. } = what {
+            // If the move is cut off, its full length counts as pulled back. Too much is then pushed forward again
+            // rather than too little.
+            self.retracted_steps = self.retracted_steps.saturating_add(back);
+        }
+        self.maintained = Some(what);
+        self.on_submitted(seconds, now);
+    }
+
+    /// Returns whether a move of maintenance moves filament.
+    pub fn feeds_for_maintenance(&self) -> bool {
+        matches!(self.maintained, Some(MaintenanceMove::Filament { .. }))
+    }
+
+    /// Records the end of a move of maintenance. Returns `false` if there was none.
+    fn finish_maintenance(&mut self, now: u64) -> bool {
+        let Some(what) = self.maintained.take() else { return false };
+        self.on_reported(now);
+        if let MaintenanceMove::Filament { forward, .. } = what {
+            self.retracted_steps = self.retracted_steps.saturating_sub(forward);
+        }
+        true
+    }
+
+    /// Forgets all moves. The position of the filament is kept.
+    pub fn halt(&mut self) {
+        *self = Self { retracted_steps: self.retracted_steps, ..Self::default() };
+    }
+
+    /// Sets the number of steps by which the filament is behind the nozzle, after a start of the board.
+    pub fn set_retracted_steps(&mut self, steps: u32) {
+        self.retracted_steps = steps;
+    }
+
+    /// Returns the number of steps by which the filament is behind the nozzle.
+    pub fn behind(&self) -> u32 {
+        self.retracted_steps
+    }
+
+    /// Returns whether maintenance pushes filament forward.
+    pub fn is_loading(&self) -> bool {
+        matches!(self.maintained, Some(MaintenanceMove::Filament { forward: 1.., .. }))
+    }
+
+    /// Returns whether the engine has failed to report a move in time.
+    pub fn is_overdue(&self, now: u64) -> bool {
+        self.due.is_some_and(|due| now > due)
+    }
+
+    /// Records a move that should take this time.
+    fn on_submitted(&mut self, seconds: f64, now: u64) {
+        self.latest_us = (seconds * (1.0 + ALLOWANCE) * 1e6) as u64 + ALLOWANCE_US;
+        if self.outstanding == 0 {
+            self.due = Some(now.saturating_add(self.latest_us));
+        }
+        self.outstanding = self.outstanding.saturating_add(1);
+    }
+
+    /// Records the report of a move.
+    fn on_reported(&mut self, now: u64) {
+        self.outstanding = self.outstanding.saturating_sub(1);
+        self.due = (self.outstanding > 0).then_some(now.saturating_add(self.latest_us));
+    }
+}
+
+impl<B: Board> Controller<B> {
+    /// Handles a report of the step engine.
+    pub(super) fn handle_report(&mut self, report: Report, handover: &Mailbox) {
+        let growing = matches!(self.state, State::Growing | State::Paused);
+        match report {
+            Report::Homed | Report::Fed | Report::Rotated if self.motion.finish_maintenance(self.now_us) => {}
+            Report::Homed if self.state == State::Homing => {
+                self.motion.on_reported(self.now_us);
+                self.motion.backwards = false;
+                self.apply_event(Event::Homed);
+            }
+            Report::Laid(turn) if growing => {
+                self.motion.on_reported(self.now_us);
+                self.record_turn(&turn, handover);
+            }
+            Report::Fed if growing => {
+                self.motion.on_reported(self.now_us);
+                let back = self.motion.feeding.take() == Some(Feeding::Back);
+                self.motion.retracted_steps = if back { self.retract_steps() } else { 0 };
+            }
+            Report::IndexNotFound => self.latch_fault(Fault::IndexNotFound, handover),
+            Report::IndexMissing => self.latch_fault(Fault::IndexMissing, handover),
+            Report::IndexStuck => self.latch_fault(Fault::IndexStuck, handover),
+            Report::HeadStepsLost => self.latch_fault(Fault::HeadStepsLost, handover),
+            Report::FilamentJam => self.latch_fault(Fault::FilamentJam, handover),
+            Report::Hardware => self.latch_fault(Fault::Hardware, handover),
+            // These are late reports of moves from before everything was switched off.
+            Report::Homed | Report::Laid(_) | Report::Fed | Report::Rotated => {}
+        }
+    }
+
+    /// Counts a layer as laid: first in the journal, then for the host.
+    pub(super) fn record_turn(&mut self, turn: &TurnReport, handover: &Mailbox) {
+        let measured = self.measure(handover);
+        self.commit(LayerEncoder::default().encode(&as_built(&turn.feed, &self.robot)), measured);
+        self.sectors = 0;
+        self.retain();
+        if self.job.layers_laid == self.job.layer_count {
+            self.switch_off(handover);
+            self.end_job();
+            self.apply_event(Event::Finished);
+        }
+    }
+
+    /// Takes the next step of the growth if its conditions are met.
+    pub(super) fn advance_growth(&mut self, handover: &Mailbox) {
+        match self.state {
+            State::Heating if self.heater.is_steady(self.now_us) && self.parts.drivers.are_configured() => {
+                self.home(handover);
+            }
+            State::Growing if handover.can_accept_move() && self.motion.feeding.is_none() => {
+                self.lay_or_pause(handover)
+            }
+            State::Paused if self.motion.feeding.is_none() && self.motion.maintained.is_none() => {
+                self.pause_or_continue(handover);
+            }
+            _ => {}
+        }
+    }
+
+    fn home(&mut self, handover: &Mailbox) {
+        let homing = self.homing();
+        let seconds = self.homing_s(&homing);
+        handover.submit(Move::Home(homing));
+        self.motion.on_submitted(seconds, self.now_us);
+        self.apply_event(Event::TemperatureReached);
+    }
+
+    /// Returns the max time of a homing, s.
+    pub(super) fn homing_s(&self, homing: &HomingMove) -> f64 {
+        let steps = f64::from(homing.max_steps) + f64::from(homing.steps_to_zero);
+        steps * f64::from(homing.ticks_per_step) / f64::from(self.robot.description().motion.tick_hz)
+    }
+
+    /// Returns the homing move of this robot.
+    pub(super) fn homing(&self) -> HomingMove {
+        let description = self.robot.description();
+        let head = &description.head;
+        let steps = f64::from(head.steps_per_turn);
+        let steps_a_second = steps * head.homing_turns_per_s;
+        let index = growbot_core::angle::wrap_positive(growbot_core::angle::radians(head.index_angle_deg));
+        let index_steps = libm::rint(index / core::f64::consts::TAU * steps) as u32;
+        HomingMove {
+            ticks_per_step: (f64::from(description.motion.tick_hz) / steps_a_second).max(2.0) as u32,
+            // A turn to pass the mark, and half a turn in case the head starts within the mark.
+            max_steps: head.steps_per_turn + head.steps_per_turn / 2,
+            steps_to_zero: if index_steps == 0 { 0 } else { head.steps_per_turn.saturating_sub(index_steps) },
+        }
+    }
+
+    /// Lays the next layer while growing, or pauses.
+    fn lay_or_pause(&mut self, handover: &Mailbox) {
+        if self.job.layers_begun == self.job.layer_count {
+            return;
+        }
+        let next = self.store().get(self.job.layers_begun).filter(|_| self.motion.pause.is_none());
+        let Some(bytes) = next else {
+            // The current layer is finished first.
+            if self.job.layers_laid == self.job.layers_begun {
+                self.apply_event(Event::LayersExhausted);
+                self.feed(Feeding::Back, handover);
+            }
+            return;
+        };
+        if self.motion.retracted_steps > 0 {
+            self.feed(Feeding::Forward, handover);
+            return;
+        }
+        if self.is_in_power_lead() {
+            return;
+        }
+        let backwards = self.robot.description().motion.turning == HeadRotation::Alternate && self.motion.backwards;
+        match self.job.material.next_turn(&bytes, &self.robot, backwards) {
+            Ok(turn) => {
+                let period_s = self.robot.description().layer.period_s;
+                self.note_begun();
+                handover.submit(Move::Lay(turn));
+                self.motion.on_submitted(period_s, self.now_us);
+                self.motion.backwards = !backwards;
+                self.job.layers_begun += 1;
+                // The queue is not full, because no more than two turns are outstanding.
+                let _ = self.job.carries.push_back(journal::LayerRecord {
+                    as_built: LayerBytes::default(),
+                    height_units: RawLayer::from_bytes(&bytes).height,
+                    residual_lean: self.job.material.carry().residual_lean,
+                });
+                self.retain();
+            }
+            Err(_) => self.latch_fault(Fault::StepRate, handover),
+        }
+    }
+
+    /// Returns the number of steps by which filament is pulled back for a pause.
+    pub(super) fn retract_steps(&self) -> u32 {
+        let feed = &self.robot.description().feed;
+        libm::rint(feed.retract_mm * feed.steps_per_mm) as u32
+    }
+
+    /// Pulls filament back for a pause, or pushes it forward to the nozzle again.
+    fn feed(&mut self, feeding: Feeding, handover: &Mailbox) {
+        let description = self.robot.description();
+        let feed = &description.feed;
+        let backwards = feeding == Feeding::Back;
+        // Filament that maintenance has pulled back already counts.
+        let steps = if backwards {
+            self.retract_steps().saturating_sub(self.motion.retracted_steps)
+        } else {
+            self.motion.retracted_steps
+        };
+        if steps == 0 {
+            return;
+        }
+        let steps_a_second = feed.retract_mm_per_s * feed.steps_per_mm;
+        let ticks_per_step = (f64::from(description.motion.tick_hz) / steps_a_second).max(2.0) as u32;
+        handover.submit(Move::Feed(AxisMove { steps, backwards, ticks_per_step, changes_filament: false }));
+        self.motion.on_submitted(f64::from(steps) / steps_a_second, self.now_us);
+        self.motion.feeding = Some(feeding);
+    }
+
+    /// Handles a pause. The growth continues as soon as a layer is stored and the nozzle is hot. Otherwise the nozzle
+    /// cools to standby and later parks, each after its time.
+    fn pause_or_continue(&mut self, handover: &Mailbox) {
+        let description = self.robot.description();
+        let (heater, pause) = (&description.heater, &description.pause);
+        let continues = self.motion.pause.is_none() && self.store().get(self.job.layers_begun).is_some();
+        let paused_s = self.in_state_us() as f64 * 1e-6;
+        let target = if continues || paused_s < pause.standby_after_s {
+            heater.target_c
+        } else {
+            pause.standby_c.min(heater.target_c)
+        };
+        let off_after_s = match self.motion.pause {
+            Some(PauseCause::FilamentOut) => pause.off_after_s.max(WAITS_FOR_FILAMENT_S),
+            _ => pause.off_after_s,
+        };
+        if !continues && paused_s >= off_after_s {
+            let cause = self.motion.pause;
+            self.switch_off(handover);
+            self.motion.pause = cause;
+            self.apply_event(Event::PauseTimeout);
+            return;
+        }
+        if self.heater.target() != Some(target) {
+            self.heater.set_target(target, self.now_us);
+        } else if continues && self.heater.is_steady(self.now_us) {
+            self.apply_event(Event::LayersAvailable);
+        }
+    }
+
+    /// Makes the pause last until the host requests that the growth continue.
+    pub(super) fn wait_for_start(&mut self) {
+        self.motion.pause.get_or_insert(PauseCause::Requested);
+    }
+
+    /// Sets or clears the reason for a pause after the current layer.
+    pub(super) fn set_pause(&mut self, pause: Option<PauseCause>) {
+        self.motion.pause = pause;
+    }
+
+    /// Returns the reason for which the robot waits, or will wait once the current layer is laid.
+    pub(super) fn pause_cause(&self) -> PauseCause {
+        self.motion.pause.unwrap_or_default()
+    }
+
+    /// Returns whether the heater already gets the power for the first layer while that layer waits, for up to 1.5 s.
+    fn is_in_power_lead(&self) -> bool {
+        let lead_s = LEAD_S.min(MAX_LEAD_SHARE * self.robot.description().layer.period_s);
+        let waits = self.state == State::Growing && self.motion.outstanding == 0;
+        waits && (self.in_state_us() as f64) < lead_s * 1e6
+    }
+
+    /// Returns the flow that the heater must melt now, mm^3/s. While the step engine feeds, this is its feed rate,
+    /// which varies in a bend and from layer to layer. Before the first layer begins, it is the mean flow of that
+    /// layer.
+    pub(super) fn plastic_flow_mm3_per_s(&self, handover: &Mailbox) -> f64 {
+        if let Some(MaintenanceMove::Filament { flow, .. }) = self.motion.maintained {
+            return flow;
+        }
+        if self.state != State::Growing {
+            return 0.0;
+        }
+        let description = self.robot.description();
+        if self.is_in_power_lead() {
+            let next = self.store().get(self.job.layers_begun);
+            let height = next.map_or(0.0, |bytes| layer_bytes::decode(&bytes).height);
+            return height * self.robot.wall_area() / description.layer.period_s;
+        }
+        let mm_per_s =
+            handover.feed_steps_per_tick() * f64::from(description.motion.tick_hz) / description.feed.steps_per_mm;
+        mm_per_s * self.robot.filament_area()
+    }
+}

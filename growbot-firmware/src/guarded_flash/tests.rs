@@ -1,0 +1,72 @@
+//! Tests of flash behind a detector, alone and below a journal.
+
+use std::cell::Cell;
+use std::rc::Rc;
+
+use growbot_core::layer_bytes::LayerBytes;
+
+use super::*;
+use crate::journal::{Journal, JournalError, LayerRecord};
+use crate::testing::flash::Flash;
+
+type Small = Flash<1024>;
+const LAYER: LayerRecord =
+    LayerRecord { as_built: [7; size_of::<LayerBytes>()], height_units: 1, residual_lean: [0; 2] };
+
+type Supply = Rc<Cell<bool>>;
+
+impl SupplyMonitor for Supply {
+    fn is_enough(&self) -> bool {
+        self.get()
+    }
+}
+
+/// Returns flash behind a detector, and the setting of that detector.
+fn below(flash: &Small, enough: bool) -> (GuardedFlash<Small, Supply>, Supply) {
+    let supply = Rc::new(Cell::new(enough));
+    (GuardedFlash::new(flash.clone(), Rc::clone(&supply)), supply)
+}
+
+#[test]
+fn without_supply_flash_can_be_read_and_stays_as_it_is() {
+    let flash = Small::new(2);
+    let (mut supplied, supply) = below(&flash, true);
+    assert_eq!(supplied.capacity(), 2048);
+    supplied.write(8, &[1, 2, 3, 4]).unwrap();
+    supply.set(false);
+    let before = flash.bytes();
+    assert_eq!(supplied.write(8, &[0; 4]), Err(NorFlashErrorKind::Other));
+    assert_eq!(supplied.erase(0, 1024), Err(NorFlashErrorKind::Other));
+    assert_eq!((flash.bytes(), flash.erasures()), (before, std::vec![0, 0]));
+    let mut bytes = [0; 4];
+    supplied.read(8, &mut bytes).unwrap();
+    assert_eq!(bytes, [1, 2, 3, 4]);
+    supply.set(true);
+    supplied.erase(0, 1024).unwrap();
+    assert_eq!((flash.bytes(), flash.erasures()), (std::vec![0xff; 2048], std::vec![1, 0]));
+}
+
+#[test]
+fn a_start_without_supply_settles_nothing_and_the_next_one_finds_the_job() {
+    let flash = Small::new(2);
+    let mut journal = Journal::open(flash.clone());
+    while journal.erase_step(4).unwrap() {}
+    journal.begin_job(1, 2, 4).unwrap();
+    journal.record_laid(0, &LAYER, true).unwrap();
+    // Power was lost while the last record was programmed. At too low a voltage the record reads as torn.
+    let whole = flash.bytes();
+    let mut torn = whole.clone();
+    torn[32 * 2 + 8] ^= 0xf0;
+    flash.set_bytes(&torn);
+    let (supplied, _) = below(&flash, false);
+    assert_eq!(Journal::open(supplied).job().map(|job| job.layers_laid), Some(0));
+    assert_eq!(flash.bytes(), torn, "it has not been struck out");
+    flash.set_bytes(&whole);
+    let (supplied, supply) = below(&flash, true);
+    let mut journal = Journal::open(supplied);
+    assert_eq!(journal.job().map(|job| job.layers_laid), Some(1));
+    // The journal returns an error for a record that it could not write.
+    supply.set(false);
+    assert_eq!(journal.record_laid(1, &LAYER, true), Err(JournalError::Flash));
+    assert_eq!(journal.job(), None);
+}

@@ -1,0 +1,93 @@
+//! The present job, as its records describe it.
+
+use super::record::{LAST_COUNT, LAST_INDEX, Record, RecordKind, join, lean_owed};
+
+/// The latest job in the journal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct JobState {
+    /// Id of the plan.
+    pub plan_id: u64,
+    /// Hash of the robot's description.
+    pub robot: u64,
+    /// Number of layers of the job.
+    pub layer_count: u32,
+    /// Number of layers laid, including the interrupted ones that count as laid.
+    pub layers_laid: u32,
+    /// Number of layers begun: as many as laid, or one more.
+    pub layers_begun: u32,
+    /// The job is done or cancelled.
+    pub ended: bool,
+}
+
+/// Carry from the laid layers to the next ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RoundingCarry {
+    /// Sum of the planned heights of the laid layers, units of [`growbot_core::layer_bytes`].
+    pub height_units: u64,
+    /// Lean that is owed to the next layers.
+    pub residual_lean: [i16; 2],
+}
+
+/// The present job, and its position in the journal.
+pub(super) struct CurrentJob {
+    pub state: JobState,
+    pub carry: RoundingCarry,
+    /// Number of its records, as a record counts them.
+    pub count: u32,
+    /// Slot of its first record.
+    pub at: u32,
+    pub found: LookupHint,
+    /// The record applied last.
+    pub latest: Record,
+}
+
+/// Position at which a layer was found last.
+#[derive(Clone, Copy)]
+pub(super) struct LookupHint {
+    pub layer: u32,
+    /// The min number of slots between the job's first record and the layer's record.
+    pub offset: u32,
+}
+
+impl CurrentJob {
+    /// Creates a job from its first record, with this content.
+    pub fn new(record: &Record, at: u32, [a, b, c, d, layers]: [u32; 5]) -> Self {
+        let state = JobState {
+            plan_id: join(a, b),
+            robot: join(c, d),
+            layer_count: layers,
+            layers_laid: 0,
+            layers_begun: 0,
+            ended: false,
+        };
+        let found = LookupHint { layer: 0, offset: 1 };
+        Self { state, carry: RoundingCarry::default(), count: 1, at, found, latest: *record }
+    }
+
+    /// Applies one more record of the job. Returns `false` if it does not follow. The state of the job is unknown then.
+    pub fn apply(&mut self, record: &Record) -> bool {
+        if record.count != self.count {
+            return false;
+        }
+        self.count = (self.count + 1) & LAST_COUNT;
+        self.latest = *record;
+        let state = &mut self.state;
+        let is_next = record.index == state.layers_laid && state.layers_laid < state.layer_count;
+        let [a, b, layers, height_units, lean] = record.content;
+        match record.kind {
+            RecordKind::Begun if is_next => state.layers_begun = state.layers_laid + 1,
+            RecordKind::Laid | RecordKind::LaidNextBegun | RecordKind::Interrupted if is_next => {
+                state.layers_laid += 1;
+                state.layers_begun = state.layers_laid + u32::from(record.kind == RecordKind::LaidNextBegun);
+                self.carry.height_units += u64::from(height_units);
+                self.carry.residual_lean = lean_owed(lean);
+            }
+            RecordKind::Amended if state.layers_laid <= record.index && record.index <= layers.min(LAST_INDEX) => {
+                (state.plan_id, state.layer_count) = (join(a, b), layers);
+            }
+            RecordKind::Ended => state.ended = true,
+            _ => return false,
+        }
+        true
+    }
+}

@@ -1,0 +1,92 @@
+//! A link over two ports, of which the host uses one at a time.
+
+use crate::byte_queue::ByteQueue;
+
+/// Merges the bytes received on two ports into one stream of frames, each from one port only.
+///
+/// The port in use is the one from which the latest byte came. The other port is read only when this one has no byte
+/// left. A frame that this change cuts off is ended by a delimiter. It is lost, like a frame that was damaged on the
+/// way.
+#[derive(Debug)]
+pub struct LinkMux<'a, const N: usize> {
+    first: &'a ByteQueue<N>,
+    second: &'a ByteQueue<N>,
+    /// The second port is in use.
+    on_second: bool,
+    /// The latest byte did not end a frame.
+    within_frame: bool,
+}
+
+/// Byte that ends a frame.
+const DELIMITER: u8 = 0;
+
+impl<'a, const N: usize> LinkMux<'a, N> {
+    /// Creates the stream. The first port is in use.
+    #[must_use]
+    pub const fn new(first: &'a ByteQueue<N>, second: &'a ByteQueue<N>) -> Self {
+        Self { first, second, on_second: false, within_frame: false }
+    }
+
+    /// Returns whether the host uses the second port.
+    #[must_use]
+    pub const fn is_second_active(&self) -> bool {
+        self.on_second
+    }
+
+    /// Returns the next byte for the link.
+    pub fn next_byte(&mut self) -> Option<u8> {
+        let (used, other) = if self.on_second { (self.second, self.first) } else { (self.first, self.second) };
+        let byte = match used.dequeue() {
+            Some(byte) => byte,
+            None if other.is_empty() => return None,
+            None => {
+                self.on_second = !self.on_second;
+                if self.within_frame { DELIMITER } else { other.dequeue()? }
+            }
+        };
+        self.within_frame = byte != DELIMITER;
+        Some(byte)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::*;
+
+    fn put(queue: &ByteQueue<64>, bytes: &[u8]) {
+        for byte in bytes {
+            queue.enqueue(*byte).unwrap();
+        }
+    }
+
+    fn taken(lines: &mut LinkMux<64>) -> Vec<u8> {
+        std::iter::from_fn(|| lines.next_byte()).collect()
+    }
+
+    #[test]
+    fn the_line_in_use_is_the_one_of_the_latest_byte() {
+        let (first, second) = (ByteQueue::new(), ByteQueue::new());
+        let mut lines = LinkMux::new(&first, &second);
+        assert!(taken(&mut lines).is_empty());
+        assert!(!lines.is_second_active());
+        put(&second, &[1, 2, 0]);
+        assert_eq!(taken(&mut lines), [1, 2, 0]);
+        assert!(lines.is_second_active());
+        put(&first, &[3, 0]);
+        assert_eq!(taken(&mut lines), [3, 0]);
+        assert!(!lines.is_second_active());
+    }
+
+    #[test]
+    fn frames_of_two_lines_do_not_mix() {
+        let (first, second) = (ByteQueue::new(), ByteQueue::new());
+        let mut lines = LinkMux::new(&first, &second);
+        put(&first, &[1, 2]);
+        put(&second, &[7, 8, 0, 9]);
+        assert_eq!(taken(&mut lines), [1, 2, 0, 7, 8, 0, 9]);
+        put(&first, &[3, 0]);
+        assert_eq!(taken(&mut lines), [0, 3, 0]);
+    }
+}

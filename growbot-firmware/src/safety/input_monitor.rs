@@ -1,0 +1,153 @@
+//! Inputs that indicate danger. A level must persist over several samples, ten a second, before it counts, because
+//! wires pick up noise.
+
+use growbot_core::link::message::Fault;
+use growbot_core::robot::{RobotDescription, Supply};
+
+/// Number of consecutive samples that raise a fault of the supply or of a driver. It is 0.2 s, so that one disturbed
+/// sample raises none (`what_passes_by_is_no_fault`). SAFETY.md and `cargo fault-campaign` have the time.
+const FAULT_SAMPLES: u8 = 2;
+/// Number of consecutive samples without filament that raise a fault. It is 0.5 s, because the switch bounces as the
+/// filament's end passes. `cargo fault-campaign` has the time.
+const NO_FILAMENT_SAMPLES: u8 = 5;
+/// Number of consecutive samples without a reading of the supply's voltage that raise a fault. It is 1 s, as in
+/// SAFETY.md. The derivation of this value is not recorded.
+const NO_VOLTAGE_SAMPLES: u8 = 10;
+
+/// The present inputs. A value is `None` if the robot has no such sensor, or if the sensor gives no reading.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct InputSample {
+    /// Voltage of the supply, V.
+    pub supply_v: Option<f64>,
+    /// Filament is present.
+    pub filament_present: Option<bool>,
+    /// A stepper driver reports a fault.
+    pub driver_fault: Option<bool>,
+}
+
+/// Time for which each input has been wrong, in samples.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct InputMonitor {
+    no_voltage: u8,
+    low: u8,
+    high: u8,
+    driver: u8,
+    no_filament: u8,
+}
+
+/// Counts consecutive samples.
+fn count(counter: &mut u8, is_so: bool) -> u8 {
+    *counter = if is_so { counter.saturating_add(1) } else { 0 };
+    *counter
+}
+
+impl InputMonitor {
+    /// Counts a sample. Returns a fault if a wrong input has persisted. Filament counts only if `needs_filament`.
+    pub fn update(&mut self, look: &InputSample, robot: &RobotDescription, needs_filament: bool) -> Option<Fault> {
+        let low = look.supply_v.is_some_and(|volts| volts < robot.supply.min_v);
+        let high = look.supply_v.is_some_and(|volts| volts > robot.supply.max_v);
+        let blind = robot.sensors.supply && look.supply_v.is_none();
+        // Every counter is updated, even if another one has found a fault.
+        let found = [
+            (count(&mut self.driver, look.driver_fault == Some(true)) >= FAULT_SAMPLES, Fault::DriverFault),
+            (count(&mut self.low, low) >= FAULT_SAMPLES, Fault::SupplyLow),
+            (count(&mut self.high, high) >= FAULT_SAMPLES, Fault::SupplyHigh),
+            // If the voltage cannot be read, it may be too low.
+            (count(&mut self.no_voltage, blind) >= NO_VOLTAGE_SAMPLES, Fault::SupplyLow),
+            (
+                count(&mut self.no_filament, needs_filament && look.filament_present == Some(false))
+                    >= NO_FILAMENT_SAMPLES,
+                Fault::FilamentOut,
+            ),
+        ];
+        found.iter().find(|(is_so, _)| *is_so).map(|(_, fault)| *fault)
+    }
+}
+
+/// Returns the voltage for a mean of readings (0 to 4095) of the supply's divider.
+#[must_use]
+pub fn volts(raw: f64, supply: &Supply) -> f64 {
+    raw / f64::from(crate::thermistor::FULL_SCALE) * supply.full_scale_v
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::robot_a;
+
+    const FINE: InputSample =
+        InputSample { supply_v: Some(12.0), filament_present: Some(true), driver_fault: Some(false) };
+
+    /// Counts the samples until this fault is found.
+    fn looks_to(fault: Fault, look: InputSample) -> u32 {
+        let robot = robot_a();
+        let mut inputs = InputMonitor::default();
+        for looks in 1..100 {
+            if let Some(found) = inputs.update(&look, robot.description(), true) {
+                assert_eq!(found, fault);
+                return looks;
+            }
+        }
+        panic!("{look:?} was never found");
+    }
+
+    #[test]
+    fn each_input_has_its_fault_and_its_patience() {
+        assert_eq!(looks_to(Fault::DriverFault, InputSample { driver_fault: Some(true), ..FINE }), 2);
+        assert_eq!(looks_to(Fault::SupplyLow, InputSample { supply_v: Some(10.1), ..FINE }), 2);
+        assert_eq!(looks_to(Fault::SupplyHigh, InputSample { supply_v: Some(14.1), ..FINE }), 2);
+        assert_eq!(looks_to(Fault::SupplyLow, InputSample { supply_v: None, ..FINE }), 10);
+        assert_eq!(looks_to(Fault::FilamentOut, InputSample { filament_present: Some(false), ..FINE }), 5);
+    }
+
+    #[test]
+    fn a_limit_itself_is_no_fault() {
+        let robot = robot_a();
+        let supply = &robot.description().supply;
+        for volts in [supply.min_v, supply.max_v] {
+            let mut inputs = InputMonitor::default();
+            let look = InputSample { supply_v: Some(volts), ..FINE };
+            assert!((0..20).all(|_| inputs.update(&look, robot.description(), true).is_none()), "{volts} V");
+        }
+    }
+
+    #[test]
+    fn the_adcs_full_scale_is_the_dividers() {
+        let robot = robot_a();
+        let supply = &robot.description().supply;
+        for (raw, share) in [(0.0, 0.0), (1023.75, 0.25), (4095.0, 1.0)] {
+            assert!((volts(raw, supply) - share * supply.full_scale_v).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn what_passes_by_is_no_fault() {
+        let robot = robot_a();
+        let mut inputs = InputMonitor::default();
+        for round in 0..100 {
+            let noisy = InputSample { supply_v: Some(9.0), driver_fault: Some(true), filament_present: Some(false) };
+            let look = if round % 2 == 0 { noisy } else { FINE };
+            assert_eq!(inputs.update(&look, robot.description(), true), None);
+        }
+    }
+
+    #[test]
+    fn filament_is_missed_only_where_it_is_needed() {
+        let robot = robot_a();
+        let mut inputs = InputMonitor::default();
+        for _ in 0..100 {
+            let look = InputSample { filament_present: Some(false), ..FINE };
+            assert_eq!(inputs.update(&look, robot.description(), false), None);
+        }
+    }
+
+    #[test]
+    fn a_robot_without_sensors_has_no_faults_of_them() {
+        let mut description = robot_a().description().clone();
+        description.sensors = growbot_core::robot::Sensors::default();
+        let mut inputs = InputMonitor::default();
+        for _ in 0..100 {
+            assert_eq!(inputs.update(&InputSample::default(), &description, true), None);
+        }
+    }
+}

@@ -1,0 +1,63 @@
+//! A stepper driver and its pins.
+
+use embedded_hal::digital::OutputPin;
+
+use super::moves::EngineFault;
+
+/// A stepper driver: step, direction and enable pins. Levels are logical. A board with inverted wiring wraps its pins
+/// in [`crate::polarity::Polarized`].
+pub struct StepperPins<S, D, E> {
+    /// Step pin. A rising edge is a step.
+    pub step: S,
+    /// Direction pin. High: the head turns counter-clockwise, the feed pushes filament out.
+    pub direction: D,
+    /// Enable pin. High: the motor is energised.
+    pub enable: E,
+}
+
+/// An axis with the states of its pins.
+pub(super) struct Stepper<S, D, E> {
+    pins: StepperPins<S, D, E>,
+    pub raised: bool,
+    /// Level of the direction pin. `None` before it is first set.
+    pub reverse: Option<bool>,
+}
+
+impl<S: OutputPin, D: OutputPin, E: OutputPin> Stepper<S, D, E> {
+    pub fn new(pins: StepperPins<S, D, E>) -> Self {
+        Self { pins, raised: false, reverse: None }
+    }
+
+    /// Energises the motor and sets its direction. Returns whether the direction has changed, so that a tick must pass
+    /// before the next step.
+    pub fn enable(&mut self, backwards: bool) -> Result<bool, EngineFault> {
+        let other = self.reverse != Some(backwards);
+        if other {
+            let set = if backwards { self.pins.direction.set_low() } else { self.pins.direction.set_high() };
+            set.map_err(|_| EngineFault::Hardware)?;
+            self.reverse = Some(backwards);
+        }
+        self.pins.enable.set_high().map_err(|_| EngineFault::Hardware)?;
+        Ok(other)
+    }
+
+    /// Switches the driver off. Each pin is set even if another one has failed.
+    pub fn disable(&mut self) {
+        self.raised = false;
+        let _ = self.pins.step.set_low();
+        let _ = self.pins.enable.set_low();
+    }
+
+    pub fn raise(&mut self) -> Result<(), EngineFault> {
+        self.raised = true;
+        self.pins.step.set_high().map_err(|_| EngineFault::Hardware)
+    }
+
+    pub fn lower(&mut self) -> Result<(), EngineFault> {
+        if !self.raised {
+            return Ok(());
+        }
+        self.raised = false;
+        self.pins.step.set_low().map_err(|_| EngineFault::Hardware)
+    }
+}
