@@ -24,6 +24,7 @@ pub use self::clock::ClockDrift;
 use self::clock::ClockWatch;
 pub use self::emergency::{EMERGENCY_LIMIT, EMERGENCY_PAUSE};
 pub use self::error::{ClientError, FEEDING};
+pub use self::exchange::has_commanded_board;
 pub use self::requests::Stopped;
 use self::session::new_session;
 use crate::port::Port;
