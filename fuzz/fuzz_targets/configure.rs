@@ -14,7 +14,7 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::link::message::{Configure, MAX_DESCRIPTION_PART, Message, Refusal};
-use growbot_core::robot::{LONGEST_VERSIONED, Robot};
+use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
 use growbot_sim::port::sim::Sim;
 use libfuzzer_sys::fuzz_target;
 
@@ -25,7 +25,7 @@ const RESTART: Duration = Duration::from_secs(3);
 
 /// Returns robot A's description with these changes.
 fn changed(changes: &[u8]) -> Vec<u8> {
-    let mut buffer = [0; LONGEST_VERSIONED];
+    let mut buffer = [0; MAX_VERSIONED_LEN];
     let mut description = ROBOT.encode_for_board(&mut buffer).expect("robot A has a board").to_vec();
     let length = description.len();
     for [low, high, value] in changes.as_chunks::<3>().0 {
@@ -53,15 +53,15 @@ fuzz_target!(|changes: &[u8]| {
     let named = Robot::decode_for_board(&description).map_or(ROBOT.hash(), |robot| robot.hash());
     let sim = Rc::new(RefCell::new(Sim::new(ROBOT.clone())));
     let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
-    client.hello().expect("a simulated board answers");
+    client.open_session().expect("a simulated board answers");
     let stored = match hand_over(&mut client, named, &description) {
         Ok(()) => true,
-        Err(ClientError::Refused { refusal: Refusal::BadDescription { .. }, .. }) => false,
+        Err(ClientError::Refused { refusal: Refusal::InvalidDescription { .. }, .. }) => false,
         Err(other) => panic!("{other}"),
     };
-    let _ = client.pass(RESTART);
-    let hello = client.hello().expect("it answers as before");
-    assert_eq!(hello.robot, if stored { named } else { ROBOT.hash() });
+    let _ = client.wait(RESTART);
+    let hello = client.open_session().expect("it answers as before");
+    assert_eq!(hello.robot_hash, if stored { named } else { ROBOT.hash() });
     assert!(stored || hello.status.uptime_ms > RESTART.as_millis() as u64, "it has started anew");
     let mut sim = sim.borrow_mut();
     assert!(sim.now() > RESTART && !sim.simulated_tip().heater_is_on());

@@ -5,7 +5,7 @@
 
 #![no_main]
 
-use growbot_core::link::frame::{self, Header, Receiver};
+use growbot_core::link::frame::{self, Header, FrameDecoder};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
@@ -20,7 +20,7 @@ fuzz_target!(|bytes: &[u8]| {
     }
     arrived.extend_from_slice(rest);
     arrived.push(0);
-    let mut receiver = Receiver::default();
+    let mut receiver = FrameDecoder::default();
     for received in arrived.iter().filter_map(|byte| receiver.push(*byte)).flatten() {
         let again = frame::encode(&received.header, &received.body).expect("what was received can be sent");
         // The rest may contain whole frames, because the fuzzer finds such inputs.

@@ -10,8 +10,8 @@ use std::time::Duration;
 
 use growbot_client::port::Port;
 use growbot_client::robot_file;
-use growbot_core::link::frame::{self, Header, LONGEST_BODY};
-use growbot_core::link::message::{HostHello, HostName, Message, SCHEMA_HASH, State};
+use growbot_core::link::frame::{self, Header, MAX_BODY_LEN};
+use growbot_core::link::message::{Hello, HostName, Message, SCHEMA_HASH, State};
 use growbot_core::robot::Robot;
 use growbot_sim::port::sim::Sim;
 use libfuzzer_sys::fuzz_target;
@@ -22,7 +22,7 @@ const SESSION: u32 = 7;
 
 fn send(sim: &mut Sim, seq: &mut u16, kind: u8, body: &[u8]) {
     // Each frame is a new request, because the board does not execute a repeated request again.
-    *seq = frame::next(*seq);
+    *seq = frame::next_seq(*seq);
     let header = Header { kind, session: SESSION, seq: *seq, ack: 0 };
     if let Ok(bytes) = frame::encode(&header, body) {
         sim.send(&bytes).expect("a simulated line does not break");
@@ -31,9 +31,9 @@ fn send(sim: &mut Sim, seq: &mut u16, kind: u8, body: &[u8]) {
 
 fuzz_target!(|bytes: &[u8]| {
     let mut sim = Sim::new(ROBOT.clone());
-    sim.pass(Duration::from_millis(800));
-    let mut buffer = [0; LONGEST_BODY];
-    let hello = Message::Hello(HostHello { schema: SCHEMA_HASH, host: HostName::new(), take_over: false });
+    sim.run_for(Duration::from_millis(800));
+    let mut buffer = [0; MAX_BODY_LEN];
+    let hello = Message::Hello(Hello { schema: SCHEMA_HASH, host: HostName::new(), take_over: false });
     let mut seq = 0;
     send(&mut sim, &mut seq, hello.kind(), hello.encode(&mut buffer).expect("a hello fits"));
     let mut rest = bytes;
@@ -43,7 +43,7 @@ fuzz_target!(|bytes: &[u8]| {
         match what {
             0..0x40 => send(&mut sim, &mut seq, *what, piece),
             0x40..0x80 => sim.send(piece).expect("a simulated line does not break"),
-            _ => sim.pass(Duration::from_millis(u64::from(*length))),
+            _ => sim.run_for(Duration::from_millis(u64::from(*length))),
         }
         let rests = !matches!(
             sim.state(),

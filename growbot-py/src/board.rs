@@ -11,16 +11,16 @@ use std::time::Duration;
 
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
-use growbot_client::growth::{GrowthError, Job, Manner, Order, Orders, WhenParked, grow_job};
-use growbot_client::keep_clear::Surroundings;
+use growbot_client::growth::{GrowthError, Job, GrowthOptions, Command, CommandQueue, OnParked, grow_job};
+use growbot_client::clearance_guard::SceneContext;
 use growbot_client::run_log::{
-    Board as WrittenBoard, BoardStatus, GrowthResult, Origin, ResultOutcome, RunEvent, RunLog, RunLogError, events_of,
+    BoardRecord as WrittenBoard, BoardStatus, GrowthResult, Origin, OutcomeKind, RunEvent, RunLog, RunLogError, to_run_events,
 };
-use growbot_core::link::message::Silence;
+use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::robot::Robot as Described;
-use growbot_core::simulation::{Disturbance, Imperfection};
-use growbot_sim::port::{Opened, PortName, TipSettings, open};
-use growbot_sim::truth::{Simulation, compare};
+use growbot_core::simulation::{Disturbance, ErrorModel};
+use growbot_sim::port::{OpenPort, PortName, TipSettings, open};
+use growbot_sim::ground_truth::{SimulatedTip, grow_with_ground_truth};
 use pyo3::prelude::*;
 
 use crate::arguments::{flag, path, word, wrong_type};
@@ -59,7 +59,7 @@ struct GrowTask {
     log: Option<PathBuf>,
     replace: bool,
     events: EventSender,
-    orders: Arc<Orders>,
+    orders: Arc<CommandQueue>,
 }
 
 /// A message from a growth.
@@ -88,7 +88,7 @@ impl EventSender {
 /// A port with a client.
 struct BoardLink {
     client: Client,
-    simulation: Option<Box<dyn Simulation>>,
+    simulation: Option<Box<dyn SimulatedTip>>,
 }
 
 /// The thread that owns the connection.
@@ -120,10 +120,10 @@ impl BoardWorker {
     fn open(&mut self, settings: &TipSettings) -> Result<&mut BoardLink, Error> {
         // Only one program at a time can use a robot's port.
         self.line = None;
-        let Opened { port, simulation } = open(&self.port, &self.robot, settings).map_err(board_error)?;
+        let OpenPort { port, tip_handle } = open(&self.port, &self.robot, settings).map_err(board_error)?;
         let name = if self.port.is_simulated() { format!("{} (simulated)", self.name) } else { self.name.clone() };
-        let client = Client::new(port, &name).taking_over(self.take_over);
-        Ok(self.line.insert(BoardLink { client, simulation }))
+        let client = Client::new(port, &name).with_take_over(self.take_over);
+        Ok(self.line.insert(BoardLink { client, tip_handle }))
     }
 
     fn line(&mut self) -> Result<&mut BoardLink, Error> {
@@ -134,20 +134,20 @@ impl BoardWorker {
     }
 
     fn hello(&mut self) -> Result<String, Error> {
-        let hello = self.line()?.client.hello().map_err(board_error)?;
+        let hello = self.line()?.client.open_session().map_err(board_error)?;
         Ok(json_of(RunEvent::Board(WrittenBoard::from(&hello))))
     }
 
     fn status(&mut self) -> Result<String, Error> {
         let client = &mut self.line()?.client;
-        let status = client.status().or_else(|_| client.hello().and_then(|_| client.status())).map_err(board_error)?;
+        let status = client.status().or_else(|_| client.open_session().and_then(|_| client.status())).map_err(board_error)?;
         Ok(json_of(RunEvent::Status(BoardStatus::from(&status))))
     }
 
     fn stop(&mut self) -> Result<String, Error> {
         let simulated = self.port.is_simulated();
         self.hello()?;
-        Ok(self.line()?.client.stop().map_err(board_error)?.in_words(simulated))
+        Ok(self.line()?.client.stop().map_err(board_error)?.message(simulated))
     }
 
     fn emergency_stop(&mut self) -> Result<String, Error> {
@@ -169,17 +169,17 @@ impl BoardWorker {
         let GrowTask { plan: Plan { inner: plan, robot }, conditions, around, seed, orders, .. } = task;
         let simulated = self.port.is_simulated();
         let noise = if simulated { conditions.sensor_noise() } else { conditions.assumed_noise() };
-        let around = around.as_ref().map(|scene| Surroundings::new(robot, &scene.loaded, plan.radius));
+        let around = around.as_ref().map(|scene| SceneContext::new(robot, &scene.loaded, plan.radius));
         let feedback = conditions.feedback().then(|| {
             let feedback = Feedback::new(robot, &plan.start, &plan.path, &plan.legs, noise);
-            around.iter().fold(feedback, Feedback::among)
+            around.iter().fold(feedback, Feedback::obstacles)
         });
-        if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::can_begin) {
+        if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
             let message = format!("{too_near}: plan with a larger margin_mm or another radius_mm, or set ignore_scene=True");
             return Err(Error::new(ErrorKind::Input, message));
         }
         let imperfection =
-            Imperfection { disturbance: conditions.disturbance(), noise: conditions.sensor_noise(), seed: *seed };
+            ErrorModel { disturbance: conditions.disturbance(), noise: conditions.sensor_noise(), seed: *seed };
         if simulated {
             self.robot = Arc::clone(robot);
             self.open(&TipSettings { start: Some(plan.start), imperfection, pace: None })?;
@@ -189,9 +189,9 @@ impl BoardWorker {
         let fed_back = conditions.feedback().then_some(noise);
         let origin = Origin { port: &port, imperfection: simulated.then_some(&imperfection), ignores_scene: task.ignores_scene };
         let begun = match &task.log {
-            None => Ok(RunLog::none()),
+            None => Ok(RunLog::disabled()),
             Some(file) if task.replace => RunLog::replace(file, plan, &job, fed_back, origin),
-            Some(file) => RunLog::begin(file, plan, &job, fed_back, origin),
+            Some(file) => RunLog::create(file, plan, &job, fed_back, origin),
         };
         let mut log = begun.map_err(|error| match error {
             error @ RunLogError::Exists { .. } => Error::new(
@@ -204,16 +204,16 @@ impl BoardWorker {
             error => Error::new(ErrorKind::File, error),
         })?;
         let mut tip = plan.start.frame();
-        let manner = Manner { silence: Silence::Pause, feedback, parked: WhenParked::Waits };
-        let grown = compare(
+        let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
+        let grown = grow_with_ground_truth(
             line.simulation.as_mut(),
             &job,
             &mut |event| {
                 // A line that cannot be written is retried later. Lines that are still missing at the end are counted.
                 let _ = log.record(event);
-                for event in events_of(event, &mut tip) {
+                for event in to_run_events(event, &mut tip) {
                     if !task.events.send(GrowthMessage::Event(json_of(event))) {
-                        orders.give(Order::Stop);
+                        orders.send_command(Move::Stop);
                     }
                 }
             },
@@ -228,18 +228,18 @@ impl BoardWorker {
             Ok(grown) => {
                 let mut result = GrowthResult::new(&grown, plan, seed, simulated);
                 let _ = log.end(&result);
-                result.log_lines_missing = Some(log.missing()).filter(|missing| *missing > 0);
+                result.log_lines_missing = Some(log.missing_lines()).filter(|missing| *missing > 0);
                 let refused = outcome_error(&result);
                 Ok((result, refused))
             }
-            Err(GrowthError::During(error)) => {
-                let result = nothing(ResultOutcome::Lost, &error);
+            Err(GrowthError::Interrupted(error)) => {
+                let result = nothing(OutcomeKind::Lost, &error);
                 let _ = log.end(&result);
-                Ok((result, Some(board_error(GrowthError::During(error)))))
+                Ok((result, Some(board_error(GrowthError::Interrupted(error)))))
             }
             Err(error) => {
                 log.discard();
-                Ok((nothing(ResultOutcome::Refused, &error), Some(board_error(error))))
+                Ok((nothing(OutcomeKind::Refused, &error), Some(board_error(error))))
             }
         }
     }
@@ -249,8 +249,8 @@ impl BoardWorker {
 fn outcome_error(result: &GrowthResult) -> Option<Error> {
     let outcome = result.outcome.name();
     let why = match (result.outcome, result.log_lines_missing) {
-        (ResultOutcome::Done | ResultOutcome::Stopped, None) => return None,
-        (ResultOutcome::Done | ResultOutcome::Stopped, Some(missing)) => {
+        (OutcomeKind::Done | OutcomeKind::Stopped, None) => return None,
+        (OutcomeKind::Done | OutcomeKind::Stopped, Some(missing)) => {
             format!("the growth is {outcome}, and {missing} lines of its log are missing: make room on the disk")
         }
         (_, _) => {
@@ -268,7 +268,7 @@ pub struct Board {
     asks: Mutex<Option<Sender<WorkerRequest>>>,
     thread: Mutex<Option<JoinHandle<()>>>,
     /// Commands for the current or the latest growth.
-    orders: Mutex<Arc<Orders>>,
+    orders: Mutex<Arc<CommandQueue>>,
     simulated: bool,
 }
 
@@ -385,7 +385,7 @@ impl Board {
             let (sender, receiver) = mpsc::channel();
             (EventSender::Now(sender), receiver)
         };
-        let orders: Arc<Orders> = Arc::default();
+        let orders: Arc<CommandQueue> = Arc::default();
         *lock(&self.orders) = Arc::clone(&orders);
         self.ask(WorkerRequest::Grow(Box::new(GrowTask {
             plan,
@@ -403,7 +403,7 @@ impl Board {
 
     /// Stops the current growth, and disconnects.
     fn close(&self, py: Python<'_>) {
-        lock(&self.orders).give(Order::Stop);
+        lock(&self.orders).send_command(Move::Stop);
         drop(lock(&self.asks).take());
         let thread = lock(&self.thread).take();
         if let Some(thread) = thread {
@@ -417,7 +417,7 @@ impl Board {
 #[pyclass(frozen, module = "growbot._growbot")]
 pub struct Growth {
     told: Mutex<Option<Receiver<GrowthMessage>>>,
-    orders: Arc<Orders>,
+    orders: Arc<CommandQueue>,
     result: Mutex<Option<String>>,
 }
 
@@ -452,7 +452,7 @@ impl Growth {
             }
             if let Err(error) = py.check_signals() {
                 // The first Ctrl-C stops the robot. A second one sends the emergency stop.
-                self.orders.give(if interrupted.is_some() { Order::EmergencyStop } else { Order::Stop });
+                self.orders.send_command(if interrupted.is_some() { Move::EmergencyStop } else { Move::Stop });
                 interrupted = Some(error);
             }
         }
@@ -472,11 +472,11 @@ impl Growth {
     #[pyo3(signature = (name))]
     fn order(&self, name: &Bound<PyAny>) -> Result<(), Error> {
         let name = word("name", name)?;
-        let order = Order::ALL.into_iter().find(|order| order.name() == name).ok_or_else(|| {
-            let known = Order::ALL.map(Order::name).join(", ");
+        let order = Move::ALL.into_iter().find(|order| order.name() == name).ok_or_else(|| {
+            let known = Move::ALL.map(Move::name).join(", ");
             Error::with(ErrorKind::Input, format!("there is no order {name:?}: give one of {known}"), name.as_str(), known)
         })?;
-        self.orders.give(order);
+        self.orders.send_command(order);
         Ok(())
     }
 }

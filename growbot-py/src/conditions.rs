@@ -1,10 +1,10 @@
 //! Errors of simulated layers and measurements, and feedback: `growbot.Conditions`, with the names and limits of the
 //! command's options.
 
-use growbot_client::feedback::ASSUMED;
+use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
 use growbot_core::angle::radians;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::{DirectionSensor, Disturbance, Sensors};
+use growbot_core::simulation::{DirectionSensor, Disturbance, SimulatedSensors};
 use growbot_core::slicing::Slicing;
 use growbot_core::tracking::SensorNoise;
 use growbot_sim::simulation::Simulation;
@@ -30,7 +30,7 @@ pub struct Conditions {
     disturbance: Disturbance,
     noise: Option<f64>,
     direction: Option<f64>,
-    sensors: Option<Sensors>,
+    sensors: Option<SimulatedSensors>,
     sag: bool,
     whole_steps: Option<Option<f64>>,
 }
@@ -70,10 +70,10 @@ impl Conditions {
                 "gravity_only and odometry_scale_percent are for closed loop: set feedback=True, or leave them out",
             ));
         }
-        let sensors = feedback.then(|| Sensors {
+        let sensors = feedback.then(|| SimulatedSensors {
             noise: SensorNoise {
-                odometry: odometry.unwrap_or(ASSUMED.odometry),
-                direction: direction.unwrap_or(ASSUMED.direction),
+                odometry: odometry.unwrap_or(DEFAULT_SENSOR_NOISE.odometry),
+                direction: direction.unwrap_or(DEFAULT_SENSOR_NOISE.direction),
             },
             odometry_scale: scale / 100.0,
             direction: if gravity_only { DirectionSensor::Gravity } else { DirectionSensor::Tip },
@@ -115,8 +115,8 @@ impl Conditions {
     /// Returns the assumed noise of a robot's sensors.
     pub fn assumed_noise(&self) -> SensorNoise {
         SensorNoise {
-            odometry: self.noise.unwrap_or(ASSUMED.odometry),
-            direction: self.direction.unwrap_or(ASSUMED.direction),
+            odometry: self.noise.unwrap_or(DEFAULT_SENSOR_NOISE.odometry),
+            direction: self.direction.unwrap_or(DEFAULT_SENSOR_NOISE.direction),
         }
     }
 
@@ -136,7 +136,7 @@ impl Conditions {
     /// Returns the simulation of a plan under these conditions.
     pub fn simulation<'a>(&self, plan: &'a Plan) -> Result<Simulation<'a>, Error> {
         let robot: &Robot = &plan.robot;
-        let layers = plan.inner.needs.layers;
+        let layers = plan.inner.requirements.layers;
         if layers > MAX_LAYERS {
             let message = format!("the plan has {layers} layers, above {MAX_LAYERS}: split it");
             return Err(Error::with(ErrorKind::Input, message, layers as f64, MAX_LAYERS as f64));

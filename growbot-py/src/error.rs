@@ -5,8 +5,8 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 
-use growbot_client::through_scene::ThroughError;
-use growbot_core::number::Short;
+use growbot_client::scene_planning::ScenePlanError;
+use growbot_core::compact_number::CompactNumber;
 use growbot_core::plan::PlanError;
 use growbot_core::pose::PoseError;
 
@@ -129,7 +129,7 @@ impl From<PlanError> for Error {
             PlanError::RadiusTooSmall { radius, limit } | PlanError::RadiusTooLarge { radius, limit } => {
                 Self::with(ErrorKind::Input, message, radius, limit)
             }
-            PlanError::Missed { distance, limit, .. } => Self::with(ErrorKind::NoPath, message, distance, limit),
+            PlanError::GoalNotReached { distance, limit, .. } => Self::with(ErrorKind::NoPath, message, distance, limit),
             PlanError::NoPath | PlanError::TooManySegments(_) => Self::new(ErrorKind::NoPath, message),
         }
     }
@@ -148,22 +148,22 @@ impl From<PoseError> for Error {
     }
 }
 
-impl From<ThroughError> for Error {
-    fn from(error: ThroughError) -> Self {
+impl From<ScenePlanError> for Error {
+    fn from(error: ScenePlanError) -> Self {
         match error {
-            ThroughError::Plan(error) => error.into(),
-            ThroughError::NoPath(error) => {
-                use growbot_client::through_scene::NoPath;
+            ScenePlanError::Plan(error) => error.into(),
+            ScenePlanError::NoPath(error) => {
+                use growbot_client::scene_planning::NoPathError;
                 let message = error.to_string();
                 match error {
-                    NoPath::Start { distance, need } | NoPath::Goal { distance, need } => {
+                    NoPathError::Start { distance, need } | NoPathError::Goal { distance, need } => {
                         Self::with(ErrorKind::NoPath, message, distance, need)
                     }
-                    NoPath::TooFar { distance, left } => Self::with(ErrorKind::NoPath, message, distance, left),
-                    NoPath::Separated { need } => Self::with(ErrorKind::NoPath, message, "none", need),
-                    NoPath::AtResolution { step, .. } => Self::with(ErrorKind::NoPath, message, error.code(), step),
-                    NoPath::NotClear => Self::with(ErrorKind::NoPath, message, "two-plane", "shortest"),
-                    NoPath::NotFound => Self::with(ErrorKind::NoPath, message, error.code(), "effort and time_limit_s"),
+                    NoPathError::TooFar { distance, left } => Self::with(ErrorKind::NoPath, message, distance, left),
+                    NoPathError::Separated { need } => Self::with(ErrorKind::NoPath, message, "none", need),
+                    NoPathError::AtResolution { step, .. } => Self::with(ErrorKind::NoPath, message, error.code(), step),
+                    NoPathError::NotClear => Self::with(ErrorKind::NoPath, message, "two-plane", "shortest"),
+                    NoPathError::NotFound => Self::with(ErrorKind::NoPath, message, error.code(), "effort and time_limit_s"),
                 }
             }
         }
@@ -174,6 +174,6 @@ impl From<ThroughError> for Error {
 pub fn outside(name: &str, value: f64, [min, max]: [f64; 2], unit: &str) -> Error {
     let limit = if value < min { min } else { max };
     let message =
-        format!("{name} is {} {unit}, and may be {} to {}: give one within", Short(&value), Short(&min), Short(&max));
+        format!("{name} is {} {unit}, and may be {} to {}: give one within", CompactNumber(&value), CompactNumber(&min), CompactNumber(&max));
     Error::with(ErrorKind::Input, message, value, limit)
 }

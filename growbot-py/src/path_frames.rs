@@ -1,6 +1,6 @@
 //! Positions along a path.
 
-use growbot_core::helicoid::Walk;
+use growbot_core::helicoid::HelicoidIntegrator;
 use growbot_core::path::Segment;
 use growbot_core::pose::Frame;
 
@@ -20,7 +20,7 @@ struct PathCursor<'a> {
     base: Frame,
     start: Frame,
     /// State of a walk along a helicoidal arc, and its length so far, radii.
-    walk: Option<(Walk, f64)>,
+    walk: Option<(HelicoidIntegrator, f64)>,
 }
 
 impl PathCursor<'_> {
@@ -51,7 +51,7 @@ impl PathCursor<'_> {
             Segment::Helicoid { curve, radius, .. } => {
                 let to = within / radius;
                 if self.walk.as_ref().is_none_or(|(_, gone)| *gone > to) {
-                    self.walk = Some((Walk::new(&curve), 0.0));
+                    self.walk = Some((HelicoidIntegrator::new(&curve), 0.0));
                 }
                 let mut frame = Frame::identity();
                 if let Some((walk, gone)) = &mut self.walk {

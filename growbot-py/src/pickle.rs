@@ -1,10 +1,10 @@
 //! A plan as plain values, exact to the bit, for pickle. (In a plan's JSON, angles are in degrees.)
 
-use growbot_client::plan::{Choice, Plan, SceneClearance};
+use growbot_client::plan::{SearchSummary, Plan, SceneClearance};
 use growbot_client::warning::warnings;
 use growbot_core::helicoid::Helicoid;
 use growbot_core::path::{Leg, Segment};
-use growbot_core::plan::{Planner, needs};
+use growbot_core::plan::{Planner, requirements};
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
 
@@ -20,8 +20,8 @@ pub type PlanState = (bool, f64, Numbers, Vec<LegState>, Vec<Vec<f64>>, Option<(
 /// Returns the values of a plan.
 pub fn of(plan: &Plan) -> PlanState {
     let legs = plan.legs.iter().zip(&plan.choices).zip(&plan.free_directions).map(|((leg, choice), free)| {
-        let choice = choice.map(|choice| (choice.candidates, choice.passed_over, choice.two_plane_length));
-        (state_of(&leg.goal), leg.segments, choice, *free)
+        let choice = choice.map(|choice| (choice.candidates, choice.rejected, choice.two_plane_length));
+        (state_of(&leg.goal), leg.segment_count, choice, *free)
     });
     let segments = plan.path.iter().map(|segment| match *segment {
         Segment::Arc { alpha, bend, length } => vec![alpha, bend, length],
@@ -39,13 +39,13 @@ pub fn of(plan: &Plan) -> PlanState {
 pub fn plan(robot: &Robot, (shortest, radius, start, legs, segments, scene): PlanState) -> Result<Plan, Error> {
     let path = segments.iter().map(|numbers| segment(numbers)).collect::<Result<Vec<_>, _>>()?;
     let start = pose_from(start)?;
-    let needs = needs(&path, robot);
+    let needs = requirements(&path, robot);
     let (mut all, mut choices, mut free_directions) = (Vec::new(), Vec::new(), Vec::new());
     for (goal, segments, choice, free) in legs {
-        all.push(Leg { goal: pose_from(goal)?, segments });
-        choices.push(choice.map(|(candidates, passed_over, two_plane_length)| Choice {
+        all.push(Leg { goal: pose_from(goal)?, segment_count });
+        choices.push(choice.map(|(candidates, passed_over, two_plane_length)| SearchSummary {
             candidates,
-            passed_over,
+            rejected,
             two_plane_length,
         }));
         free_directions.push(free);
@@ -61,7 +61,7 @@ pub fn plan(robot: &Robot, (shortest, radius, start, legs, segments, scene): Pla
         choices,
         free_directions,
         warnings: warnings(&path, &needs, robot),
-        needs,
+        requirements,
         path,
         scene: scene.map(|(file, hash, clearance)| SceneClearance { file, hash, clearance }),
     })

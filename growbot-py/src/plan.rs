@@ -5,10 +5,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use growbot_client::degrees::degrees_below_turn;
-use growbot_client::files::replace_file;
-use growbot_client::plan::{self as client, Goal, Search, planner_name};
-use growbot_client::plan_file::{self, PlanFile, WrittenSegment};
-use growbot_client::through_scene::{self, EFFORT, LENGTH_MAX, Through};
+use growbot_client::atomic_file::write_atomic;
+use growbot_client::plan::{self as client, Goal, PlanOptions, planner_name};
+use growbot_client::plan_file::{self, PlanFile, SegmentJson};
+use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
 use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
 use growbot_core::plan::Planner;
@@ -62,16 +62,16 @@ pub struct Segment {
     p: Option<[f64; 3]>,
 }
 
-impl From<&WrittenSegment> for Segment {
-    fn from(written: &WrittenSegment) -> Self {
+impl From<&SegmentJson> for Segment {
+    fn from(written: &SegmentJson) -> Self {
         let none =
             Self { kind: "straight".to_owned(), length_mm: 0.0, alpha_deg: None, beta_deg: None, m0: None, p: None };
         match *written {
-            WrittenSegment::Arc { alpha_deg, beta_deg, length_mm } => {
+            SegmentJson::Arc { alpha_deg, beta_deg, length_mm } => {
                 Self { kind: "arc".to_owned(), length_mm, alpha_deg: Some(alpha_deg), beta_deg: Some(beta_deg), ..none }
             }
-            WrittenSegment::Straight { length_mm } => Self { length_mm, ..none },
-            WrittenSegment::Helicoid { length_mm, m0, p } => {
+            SegmentJson::Straight { length_mm } => Self { length_mm, ..none },
+            SegmentJson::Helicoid { length_mm, m0, p } => {
                 Self { kind: "helicoid".to_owned(), length_mm, m0: Some(m0), p: Some(p), ..none }
             }
         }
@@ -160,8 +160,8 @@ fn search_of(
     radius_mm: Option<&Bound<PyAny>>,
     planner: Option<&Bound<PyAny>>,
     clear_of_self: Option<&Bound<PyAny>>,
-) -> Result<Search, Error> {
-    Ok(Search {
+) -> Result<PlanOptions, Error> {
+    Ok(PlanOptions {
         radius: match radius_mm {
             Some(radius) => number("radius_mm", radius)?,
             None => robot.description().planning_radius_mm,
@@ -233,10 +233,10 @@ pub fn plan(
     let room = room_of(scene, effort, time_limit_s)?;
     search.clear_of_self |= room.is_some();
     let plan = py.detach(|| match &room {
-        None => client::Plan::through(&robot, &start, &on_the_way, &goal, &search).map_err(Error::from),
+        None => client::Plan::through_waypoints(&robot, &start, &on_the_way, &goal, &search).map_err(Error::from),
         Some(SceneSearchOptions { scene, effort, deadline }) => {
             let file = scene.file.display().to_string();
-            let through = Through {
+            let through = SceneOptions {
                 file: &file,
                 loaded: &scene.loaded,
                 margin: scene.loaded.margin,
@@ -244,10 +244,10 @@ pub fn plan(
                 effort: *effort,
                 deadline: *deadline,
                 first_only: false,
-                length_max: LENGTH_MAX,
+                length_max: MAX_LENGTH_MM,
             };
             let goals: Vec<Goal> = on_the_way.iter().chain([&goal]).copied().collect();
-            Ok(through_scene::plan(&robot, &start, &goals, &search, &through)?)
+            Ok(scene_planning::plan(&robot, &start, &goals, &search, &through)?)
         }
     })?;
     Ok(Plan { inner: Arc::new(plan), robot })
@@ -292,7 +292,7 @@ pub fn plan_many<'py>(
     let tasks: Vec<(CorePose, Goal)> =
         goals.iter().enumerate().map(|(row, goal)| (starts[row.min(starts.len() - 1)], *goal)).collect();
     let planned =
-        interruptible(py, threads, &tasks, |(start, goal)| client::Plan::through(&robot, start, &[], goal, &search))?;
+        interruptible(py, threads, &tasks, |(start, goal)| client::Plan::through_waypoints(&robot, start, &[], goal, &search))?;
     let plans = planned
         .into_iter()
         .enumerate()
@@ -373,7 +373,7 @@ pub fn framed(page: &str) -> String {
 
 /// Writes a whole file, or leaves it unchanged.
 pub fn write_whole(file: &Path, contents: &[u8]) -> Result<(), Error> {
-    replace_file(file, contents).map_err(|error| Error::new(ErrorKind::File, error))
+    write_atomic(file, contents).map_err(|error| Error::new(ErrorKind::File, error))
 }
 
 #[pymethods]
@@ -416,12 +416,12 @@ impl Plan {
     }
 
     fn __hash__(&self) -> u64 {
-        self.inner.robot_hash ^ self.inner.needs.length.to_bits() ^ (self.inner.needs.layers as u64).rotate_left(32)
+        self.inner.robot_hash ^ self.inner.requirements.length.to_bits() ^ (self.inner.requirements.layers as u64).rotate_left(32)
     }
 
     fn __repr__(&self) -> String {
         let plan = &self.inner;
-        let (kind, length, layers) = (plan.path_type(), plan.needs.length, plan.needs.layers);
+        let (kind, length, layers) = (plan.path_type(), plan.requirements.length, plan.requirements.layers);
         format!("Plan({kind:?}, length_mm={length:?}, layer_count={layers}, robot={:?})", plan.robot)
     }
 
@@ -468,25 +468,25 @@ impl Plan {
     /// Length of the path, mm.
     #[getter]
     fn length_mm(&self) -> f64 {
-        self.inner.needs.length
+        self.inner.requirements.length
     }
 
     /// Number of layers.
     #[getter]
     fn layer_count(&self) -> usize {
-        self.inner.needs.layers
+        self.inner.requirements.layers
     }
 
     /// Time to lay the layers, s.
     #[getter]
     fn duration_s(&self) -> f64 {
-        self.inner.needs.duration
+        self.inner.requirements.duration
     }
 
     /// Length of filament, mm.
     #[getter]
     fn filament_mm(&self) -> f64 {
-        self.inner.needs.filament
+        self.inner.requirements.filament
     }
 
     /// Types of the segments: C for an arc, S for a straight line, H for a helicoidal arc.
@@ -528,7 +528,7 @@ impl Plan {
         n: &Bound<'py, PyAny>,
     ) -> Result<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>), Error> {
         let count = integer("n", n, 2, arguments::MAX_ROWS as u64)? as usize;
-        let length = self.inner.needs.length;
+        let length = self.inner.requirements.length;
         let last = (count - 1) as f64;
         let lengths: Vec<f64> = (0..count).map(|index| length * (index as f64 / last)).collect();
         let frames = py.detach(|| frames(&self.inner.path, &self.inner.start.frame(), &lengths));
@@ -544,7 +544,7 @@ impl Plan {
     #[pyo3(signature = (s_mm))]
     fn frames<'py>(&self, py: Python<'py>, s_mm: &Bound<'py, PyAny>) -> Result<Bound<'py, PyArray3<f64>>, Error> {
         let lengths = Rows::flat("s_mm", s_mm)?.numbers;
-        let max = self.inner.needs.length;
+        let max = self.inner.requirements.length;
         if let Some(wrong) = lengths.iter().find(|length| !(0.0..=max).contains(*length)) {
             return Err(crate::error::outside("s_mm", *wrong, [0.0, max], "mm"));
         }
@@ -557,7 +557,7 @@ impl Plan {
     /// tilt_deg.
     fn layers<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Error> {
         let all = layers(&self.inner.path, &self.robot, Slicing::Exact).map(|sliced| (sliced.segment, sliced.layer));
-        layer_array(py, self.inner.needs.layers, all)
+        layer_array(py, self.inner.requirements.layers, all)
     }
 
     /// Returns the plan as JSON, in the format of `growbot plan -o`.

@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use growbot_client::feedback::can_measure;
 use growbot_client::plan as client;
-use growbot_client::plan_file::written_hash;
-use growbot_client::through_scene::clear_in;
-use growbot_client::warning::PREVENTING;
+use growbot_client::plan_file::format_hash;
+use growbot_client::scene_planning::check_clearance;
+use growbot_client::warning::BLOCKING;
 use growbot_core::simulation::Disturbance;
-use growbot_pictures::view::{SceneFile, Subject, page};
-use growbot_scene::file::LoadedScene;
+use growbot_pictures::view::{NamedScene, Subject, page};
+use growbot_scene::scene_file::LoadedScene;
 use pyo3::prelude::*;
 
 use crate::conditions::Conditions;
@@ -22,7 +22,7 @@ use crate::scene::Scene;
 pub fn scene_for_growth(plan: &Plan, scene: Option<&Bound<PyAny>>) -> Result<Option<Scene>, Error> {
     if let Some(scene) = scene {
         let scene = Scene::given(scene)?;
-        clear_in(&plan.inner, &plan.robot, &scene.file.display().to_string(), &scene.loaded)
+        check_clearance(&plan.inner, &plan.robot, &scene.file.display().to_string(), &scene.loaded)
             .map_err(|unclear| Error::new(ErrorKind::Input, format!("{unclear}; or set ignore_scene=True")))?;
         return Ok(Some(scene));
     }
@@ -39,7 +39,7 @@ fn through(plan: &client::Plan) -> Result<Option<Scene>, Error> {
     }
     let message =
         format!("{} is not the scene that was planned through: plan again, or give that one as scene=", through.file);
-    Err(Error::with(ErrorKind::File, message, written_hash(found.loaded.hash), written_hash(through.hash)))
+    Err(Error::with(ErrorKind::File, message, format_hash(found.loaded.hash), format_hash(through.hash)))
 }
 
 /// Returns the page of a body, with the scene through which it was planned. The page has no scene if the files have
@@ -51,8 +51,8 @@ pub fn page_of(py: Python<'_>, subject: &Subject) -> Result<String, Error> {
             None => through(subject.plan).ok().flatten().map(|scene| LoadedScene::clone(&scene.loaded)),
         };
         let file = subject.plan.scene.as_ref().map_or("", |scene| &scene.file);
-        let scene = scene.as_ref().map(|loaded| SceneFile { file, scene: &loaded.scene });
-        page::of_one(&Subject { scene, ..*subject })
+        let scene = scene.as_ref().map(|loaded| NamedScene { file, scene: &loaded.scene });
+        page::render(&Subject { scene, ..*subject })
     })
     .map_err(|error| Error::new(ErrorKind::Input, error))
 }
@@ -61,7 +61,7 @@ pub fn page_of(py: Python<'_>, subject: &Subject) -> Result<String, Error> {
 pub fn check_growable(plan: &Plan, conditions: &Conditions, simulated: bool, force: bool) -> Result<(), Error> {
     let warnings = plan.inner.warnings.iter();
     let preventing: Vec<&str> =
-        warnings.map(|warning| warning.code.as_str()).filter(|code| PREVENTING.contains(code)).collect();
+        warnings.map(|warning| warning.code.as_str()).filter(|code| BLOCKING.contains(code)).collect();
     if !preventing.is_empty() && !force {
         let codes = preventing.join(", ");
         let message = format!("not grown because of {codes}: change the plan, or grow it all the same with force=True");

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-use growbot_client::plan_file::written_hash;
+use growbot_client::plan_file::format_hash;
 use growbot_client::robot_file;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyType};
@@ -125,7 +125,7 @@ impl Robot {
     /// Hash of the whole description, 16 hexadecimal digits. Equal hashes mean equal machines.
     #[getter]
     fn hash(&self) -> String {
-        written_hash(self.inner.hash())
+        format_hash(self.inner.hash())
     }
 
     /// R_min, the min radius of the centreline, mm.

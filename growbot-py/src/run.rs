@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use growbot_client::input::LONGEST_LOG;
+use growbot_client::input::MAX_LOG_BYTES;
 use growbot_client::plan as client;
-use growbot_client::run_log::{Events, RunEvent, RunLine, RunRecord};
+use growbot_client::run_log::{Events, RunEvent, RunLine, RecordedRun};
 use growbot_core::layer_bytes::decode;
 use growbot_core::robot::Robot as Described;
 use growbot_pictures::view::Subject;
@@ -21,7 +21,7 @@ use crate::error::{ErrorKind, Error};
 pub struct RunLog {
     name: String,
     bytes: Vec<u8>,
-    record: RunRecord,
+    record: RecordedRun,
     plan: Arc<client::Plan>,
     robot: Arc<Described>,
 }
@@ -36,9 +36,9 @@ impl RunLog {
     #[new]
     #[pyo3(signature = (file))]
     fn new(py: Python<'_>, file: &Bound<PyAny>) -> Result<Self, Error> {
-        let (bytes, name) = bytes_of_file(&path("file", file)?, LONGEST_LOG)?;
+        let (bytes, name) = bytes_of_file(&path("file", file)?, MAX_LOG_BYTES)?;
         py.detach(|| {
-            let record = RunRecord::read(&bytes, &name).map_err(|error| Error::new(ErrorKind::File, error))?;
+            let record = RecordedRun::read(&bytes, &name).map_err(|error| Error::new(ErrorKind::File, error))?;
             let robot = record.own_robot().map_err(|error| Error::new(ErrorKind::File, error))?;
             let plan = record.plan(&robot).map_err(|error| Error::new(ErrorKind::File, error))?;
             Ok(Self { name, bytes, record, plan: Arc::new(plan), robot: Arc::new(robot) })
@@ -78,7 +78,7 @@ impl RunLog {
     /// Description of the parts that could not be read. None for a complete log.
     #[getter]
     fn damage(&self) -> Option<String> {
-        self.record.damage.in_words(&self.name)
+        self.record.damage.message(&self.name)
     }
 
     /// Returns the layers as the board's steps have built them: a structured array of shape (n,), as in Plan.layers().

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use growbot_client::plan_file::written_hash;
-use growbot_scene::file::{LoadedScene, SceneError, load};
+use growbot_client::plan_file::format_hash;
+use growbot_scene::scene_file::{LoadedScene, SceneError, load};
 use nalgebra::Vector3;
 use numpy::PyArray1;
 use pyo3::prelude::*;
@@ -54,7 +54,7 @@ impl Scene {
     /// Hash of the scene's files, 16 hexadecimal digits.
     #[getter]
     fn hash(&self) -> String {
-        written_hash(self.loaded.hash)
+        format_hash(self.loaded.hash)
     }
 
     /// Required clearance between the outside of the tube and all obstacles, mm.

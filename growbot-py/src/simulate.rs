@@ -9,7 +9,7 @@ use growbot_core::layer::Layer;
 use growbot_core::robot::Robot as Described;
 use growbot_pictures::view::Subject;
 use growbot_sim::parallel;
-use growbot_sim::simulation::{Outcome, Simulation};
+use growbot_sim::simulation::{SimulationResult, Simulation};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyAnyMethods;
@@ -76,7 +76,7 @@ pub struct Simulated {
     robot: Arc<Described>,
     seed: u64,
     conditions: Option<Py<PyAny>>,
-    outcome: Outcome,
+    outcome: SimulationResult,
     laid: Vec<Layer>,
 }
 
@@ -189,7 +189,7 @@ impl Simulated {
     /// Standard deviation of the estimated position, mm. None without feedback.
     #[getter]
     fn position_sd_mm(&self) -> Option<f64> {
-        self.outcome.grown.estimate.as_ref().map(|estimate| estimate.position_deviation)
+        self.outcome.grown.estimate.as_ref().map(|estimate| estimate.position_sd)
     }
 
     /// Estimated systematic error of the growth, percent. None without feedback.
@@ -201,7 +201,7 @@ impl Simulated {
     /// Distance by which the tip hangs below its position without weight, mm. None without sag.
     #[getter]
     fn sag_mm(&self) -> Option<f64> {
-        self.outcome.hung.map(|hung| hung.deflection)
+        self.outcome.sag.map(|hung| hung.deflection)
     }
 
     /// Returns the layers as they were laid: a structured array of shape (n,) with the fields layer, segment (always
@@ -293,9 +293,9 @@ pub fn simulate_many<'py>(
 }
 
 /// Returns the outcomes as a structured array.
-pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[Outcome]) -> Result<Bound<'py, PyAny>, Error> {
+pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[SimulationResult]) -> Result<Bound<'py, PyAny>, Error> {
     let array = structured(py, grown.len(), &FIELDS)?;
-    let set = |name: &str, of: &dyn Fn(&Outcome) -> f64| {
+    let set = |name: &str, of: &dyn Fn(&SimulationResult) -> f64| {
         array.set_item(name, PyArray1::from_vec(py, grown.iter().map(of).collect()))
     };
     array.set_item("plan", PyArray1::from_vec(py, tasks.iter().map(|(plan, _)| *plan as i64).collect()))?;

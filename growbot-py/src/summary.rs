@@ -1,9 +1,9 @@
 //! Statistics over many growths, in constant memory. Sums are exact, so partial results can be merged in any order.
 
-use growbot_client::plan_file::written_hash;
+use growbot_client::plan_file::format_hash;
 use growbot_core::hash::Hasher;
 use growbot_sim::parallel;
-use growbot_sim::simulation::Outcome;
+use growbot_sim::simulation::SimulationResult;
 use growbot_sim::simulation::campaign::Campaign;
 use growbot_sim::simulation::statistics::Statistics;
 use pyo3::prelude::*;
@@ -93,7 +93,7 @@ impl Task {
     }
 
     /// Grows the bodies, and calls `each` with the seeds and the outcomes of each batch.
-    fn run(&self, py: Python<'_>, mut each: impl FnMut(&[u64], Vec<Outcome>)) -> Result<(), Error> {
+    fn run(&self, py: Python<'_>, mut each: impl FnMut(&[u64], Vec<SimulationResult>)) -> Result<(), Error> {
         let simulation = self.conditions.simulation(&self.plan)?;
         let mut done = 0;
         while done < self.repeat {
@@ -108,10 +108,10 @@ impl Task {
 }
 
 /// Adds outcomes on several threads. The sums do not depend on their division.
-fn add_all(whole: &mut Campaign, seeds: &[u64], outcomes: &[Outcome], threads: usize) {
-    let pairs: Vec<(&u64, &Outcome)> = seeds.iter().zip(outcomes).collect();
+fn add_all(whole: &mut Campaign, seeds: &[u64], outcomes: &[SimulationResult], threads: usize) {
+    let pairs: Vec<(&u64, &SimulationResult)> = seeds.iter().zip(outcomes).collect();
     let parts: Vec<_> = pairs.chunks(pairs.len().div_ceil(threads).max(1)).collect();
-    let part = |pairs: &&[(&u64, &Outcome)]| {
+    let part = |pairs: &&[(&u64, &SimulationResult)]| {
         let mut part = Campaign::default();
         pairs.iter().for_each(|(seed, outcome)| part.add(**seed, outcome));
         part
@@ -163,7 +163,7 @@ impl Summary {
     /// Hash of to_json(), 16 hexadecimal digits.
     #[getter]
     fn hash(&self) -> String {
-        written_hash(Hasher::of(self.to_json().as_bytes()))
+        format_hash(Hasher::from_file(self.to_json().as_bytes()))
     }
 
     fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, (String,))> {
@@ -235,7 +235,7 @@ impl Summary {
     }
 
     fn __hash__(&self) -> u64 {
-        Hasher::of(self.to_json().as_bytes())
+        Hasher::from_file(self.to_json().as_bytes())
     }
 
     fn __repr__(&self) -> String {

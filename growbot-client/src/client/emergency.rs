@@ -6,6 +6,7 @@ use std::time::Duration;
 use growbot_core::link::frame::Frame;
 use growbot_core::link::message::{Message, State};
 
+use super::exchange::record_command;
 use super::{Client, ClientError};
 use crate::port::PortError;
 
@@ -49,6 +50,7 @@ impl Client {
         let began = self.port.now();
         loop {
             // If one cannot be sent, the next may be.
+            record_command();
             let _ = self.port.send_emergency_stop();
             *sent += 1;
             let sent_at = self.port.now();

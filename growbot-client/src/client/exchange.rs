@@ -1,5 +1,6 @@
 //! Exchange of frames: requests and their responses, and the events in between.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use growbot_core::link::frame::{self, Frame, FrameError, Header, MAX_BODY_LEN, next_seq};
@@ -7,6 +8,37 @@ use growbot_core::link::message::{Empty, Message, MessageError, Refused};
 
 use super::timeouts::{FIRST_RETRY_DELAY, MAX_ATTEMPTS, MAX_RETRY_DELAY, PLAN_RETRY_DELAY, PLAN_TIMEOUT, ResponseWait};
 use super::{Client, ClientError};
+
+/// True once this process has sent a request that changes a board.
+static COMMANDED: AtomicBool = AtomicBool::new(false);
+
+/// Reports whether this process has sent a request that changes a board, whether or not a response arrived. Questions
+/// do not count.
+#[must_use]
+pub fn has_commanded_board() -> bool {
+    COMMANDED.load(Ordering::Relaxed)
+}
+
+/// Records that a board is given something to do.
+pub(super) fn record_command() {
+    COMMANDED.store(true, Ordering::Relaxed);
+}
+
+fn changes_board(message: &Message) -> bool {
+    !matches!(
+        message,
+        Message::Hello(_)
+            | Message::GetStatus(_)
+            | Message::GetLatestFault(_)
+            | Message::GetSensorReadings(_)
+            | Message::GetBoardInfo(_)
+            | Message::GetBootReport(_)
+            | Message::ReadLayers(_)
+            | Message::Plan(_)
+            | Message::Ack(_)
+            | Message::Goodbye(_)
+    )
+}
 
 /// Interval of the signs of life in long waits. A board pauses if its host sends nothing for 10 s.
 const KEEP_ALIVE_INTERVAL: Duration = Duration::from_secs(3);
@@ -45,6 +77,9 @@ impl Client {
         let header = Header { kind: message.kind(), session: self.session, seq, ack: self.received };
         let Ok(bytes) = frame::encode(&header, body) else { return Err(too_long) };
         self.acknowledged = true;
+        if changes_board(message) {
+            record_command();
+        }
         Ok(self.port.send(&bytes)?)
     }
 

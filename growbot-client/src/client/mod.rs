@@ -24,6 +24,7 @@ pub use self::clock::ClockDrift;
 use self::clock::ClockWatch;
 pub use self::emergency::{EMERGENCY_LIMIT, EMERGENCY_PAUSE};
 pub use self::error::{ClientError, MOVE_FILAMENT};
+pub use self::exchange::has_commanded_board;
 pub use self::requests::StopOutcome;
 use self::session::new_session;
 use crate::port::Port;

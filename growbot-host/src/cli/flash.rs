@@ -282,6 +282,10 @@ impl ToolRun {
         }
         match command.status() {
             Ok(status) if status.success() => Ok(()),
+            // probe-rs may have changed the board, cargo has not.
+            Ok(status) if *tool == "probe-rs" => {
+                Err(Failure::request_failed(format!("{tool} failed ({status}): {failed}")))
+            }
             Ok(status) => Err(Failure::bad_input(format!("{tool} failed ({status}): {failed}"))),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 Err(Failure::bad_input(format!("there is no {tool} on the path: {remedy}")))

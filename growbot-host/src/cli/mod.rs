@@ -60,7 +60,7 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 use growbot_client::atomic_file::FileError;
-use growbot_client::client::{Client, ClientError};
+use growbot_client::client::{Client, ClientError, has_commanded_board};
 use growbot_client::input::{InputError, display_name};
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::plan_file::PlanFileError;
@@ -243,7 +243,11 @@ impl Failure {
     }
 
     /// Prints the message, and returns the exit code.
-    fn report(self) -> ExitCode {
+    fn report(mut self) -> ExitCode {
+        // Exit status 2 means that no board was given anything to do.
+        if self.code == 2 && has_commanded_board() {
+            self.code = 1;
+        }
         self.print();
         ExitCode::from(self.code)
     }

@@ -62,13 +62,14 @@ fn put(uf2: &[u8], drive: &Path) -> Result<(), Failure> {
     // A temporary file is impossible, because the board takes the data as they are written and then disappears.
     let onto = drive.join("growbot.uf2");
     let failed = |error: io::Error| {
-        Failure::bad_input(format!(
+        Failure::request_failed(format!(
             "cannot write {}: {error}; the board may have a part of it: make it a drive again, and repeat",
             onto.display()
         ))
     };
     let (most, end) = uf2.split_at(uf2.len().saturating_sub(END));
-    let mut file = File::create(&onto).map_err(failed)?;
+    let mut file = File::create(&onto)
+        .map_err(|error| Failure::bad_input(format!("cannot write {}: {error}; is the drive full?", onto.display())))?;
     file.write_all(most).map_err(failed)?;
     match file.write_all(end).and_then(|()| file.sync_all()) {
         Err(error) if !wait_until_unmounted(drive) => Err(failed(error)),

@@ -10,7 +10,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use growbot_client::plan::Plan;
-use growbot_client::plan::{Goal, Search};
+use growbot_client::plan::{Goal, PlanOptions};
 use growbot_client::pose_text::{parse_goal, parse_pose};
 use growbot_client::robot_file;
 use growbot_core::plan::Planner;
@@ -28,14 +28,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .map(|line| Ok(parse_goal(line)?.goal))
         .collect::<Result<Vec<Goal>, Box<dyn std::error::Error>>>()?;
     let search =
-        Search { radius: robot.description().planning_radius_mm, planner: Planner::Shortest, clear_of_self: false };
+        PlanOptions { radius: robot.description().planning_radius_mm, planner: Planner::Shortest, clear_of_self: false };
     let batches: Vec<&[Goal]> = goals.chunks(batch.parse()?).collect();
     let mut fastest = vec![f64::INFINITY; batches.len()];
     for _ in 0..rounds.parse::<u32>()? {
         for (batch, fastest) in batches.iter().zip(&mut fastest) {
             let begun = Instant::now();
             let plans: Vec<Plan> =
-                batch.iter().map(|goal| Plan::through(&robot, &start, &[], goal, &search)).collect::<Result<_, _>>()?;
+                batch.iter().map(|goal| Plan::through_waypoints(&robot, &start, &[], goal, &search)).collect::<Result<_, _>>()?;
             drop(black_box(plans));
             *fastest = fastest.min(begun.elapsed().as_secs_f64());
         }
