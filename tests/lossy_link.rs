@@ -2,7 +2,7 @@
 
 use growbot_tests::recovery::wire::{run, table};
 
-/// Number of jobs. `cargo survival` runs 10,000.
+/// Number of jobs. `cargo recovery-campaign` runs 10,000.
 const JOBS: u64 = 200;
 
 #[test]

@@ -3,7 +3,7 @@
 use growbot_tests::recovery::crash::{Interruption, check, crash_at};
 use growbot_tests::recovery::{Body, ReferenceGrowth, robot};
 
-/// Interval between the moments of the growth that this test tries. `cargo survival` tries all of them.
+/// Interval between the moments of the growth that this test tries. `cargo recovery-campaign` tries all of them.
 const EVERY: usize = 50;
 
 #[test]

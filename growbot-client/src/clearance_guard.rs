@@ -306,7 +306,7 @@ impl<'a> ClearanceGuard<'a> {
         let start = Pose::from_frame(tracker.reference_start());
         let goals: Vec<Goal> = tracker.remaining_goals().map(Goal::from).collect();
         let laid_next = under_way.iter().map(|layer| segment(layer, &estimate.systematic_errors));
-        let search = PlanOptions { radius: around.radius, planner: Planner::Shortest, clear_of_self: true };
+        let search = PlanOptions { radius: around.radius, planner: Planner::Shortest, avoid_self_collision: true };
         let most = self.max_deviation();
         let grown: Vec<Segment> = self.body.iter().copied().chain(laid_next).collect();
         let mut why = String::new();
@@ -319,7 +319,7 @@ impl<'a> ClearanceGuard<'a> {
                 effort: EFFORT,
                 deadline: None,
                 first_only: false,
-                length_max: MAX_LENGTH_MM,
+                max_length: MAX_LENGTH_MM,
             };
             let plan = match scene_planning::plan(around.robot, &start, &goals, &search, &through) {
                 Ok(plan) => plan,

@@ -137,7 +137,7 @@ pub struct PlanOptions {
     /// Planner that generates the candidates.
     pub planner: Planner,
     /// True to take the shortest candidate that does not collide with the body, instead of the shortest of all.
-    pub clear_of_self: bool,
+    pub avoid_self_collision: bool,
 }
 
 /// Tolerance, in radii and radians, within which a leg is planned from the nominal start pose. A goal that lies exactly
@@ -160,7 +160,7 @@ impl Plan {
     /// # Errors
     /// Like [`growbot_core::plan::plan`], mainly a radius to which the robot cannot bend.
     pub fn new(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Self, PlanError> {
-        Self::through_waypoints(robot, start, &[], goal, &PlanOptions { radius, planner, clear_of_self: false })
+        Self::through_waypoints(robot, start, &[], goal, &PlanOptions { radius, planner, avoid_self_collision: false })
     }
 
     /// Plans from the start through these poses or positions, in order, to the goal. Each leg starts where the previous
@@ -168,7 +168,7 @@ impl Plan {
     ///
     /// Directions at positions are chosen for the shortest path, jointly if there are several ([`crate::waypoints`]).
     ///
-    /// With [`Search::clear_of_self`], each leg is the shortest candidate that collides neither with itself nor with
+    /// With [`Search::avoid_self_collision`], each leg is the shortest candidate that collides neither with itself nor with
     /// the earlier legs. If there is none, it is the shortest of all, and the plan's warnings include this.
     ///
     /// # Errors
@@ -353,7 +353,7 @@ fn plan_leg(
     body: &[Segment],
     roll: f64,
 ) -> Result<PlannedLeg, PlanError> {
-    if search.clear_of_self && search.radius <= MAX_RADIUS_MM {
+    if search.avoid_self_collision && search.radius <= MAX_RADIUS_MM {
         let before = path::length(body);
         let mut whole = body.to_vec();
         let mut passed_over = 0;

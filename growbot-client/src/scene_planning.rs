@@ -62,7 +62,7 @@ pub struct SceneOptions<'a> {
     /// True to stop at the first path, whatever its length.
     pub first_only: bool,
     /// Maximum length of the body, mm. [`LENGTH_MAX`] if it does not matter.
-    pub length_max: f64,
+    pub max_length: f64,
 }
 
 /// Reason why no plan through a scene was found.
@@ -92,7 +92,7 @@ pub enum NoPathError {
     },
     /// The goal is farther away than the maximum length of the body.
     #[error(
-        "the goal is {} mm from where the leg to it starts, and of --length-max {} mm are left there: allow a longer \
+        "the goal is {} mm from where the leg to it starts, and of --max-length {} mm are left there: allow a longer \
          body, or choose a nearer goal", CompactNumber(.distance), CompactNumber(.left)
     )]
     TooFar {
@@ -374,7 +374,7 @@ impl LegSearch<'_> {
 
     fn plan(&self, from: &Pose, goal: &Goal, body: &[Segment], roll: f64) -> Result<PlannedLeg, ScenePlanError> {
         let (scene, need) = (&self.through.loaded.scene, self.need());
-        let left = self.through.length_max - path::length(body);
+        let left = self.through.max_length - path::length(body);
         let is_clear_of_self = |path: &[Segment]| {
             let mut whole = self.grown.to_vec();
             whole.extend(body.iter().map(|segment| segment.rolled(self.from_grown)));
@@ -465,7 +465,7 @@ mod tests {
                 directory,
                 robot: robot_file::load(robot_file::DEFAULT.as_ref()).unwrap(),
                 start: parse_pose("0,0,0,0,90").unwrap(),
-                search: PlanOptions { radius: 100.0, planner: Planner::Shortest, clear_of_self: true },
+                search: PlanOptions { radius: 100.0, planner: Planner::Shortest, avoid_self_collision: true },
             }
         }
 
@@ -477,7 +477,7 @@ mod tests {
             self.plan_within(goals, MAX_LENGTH_MM)
         }
 
-        fn plan_within(&self, goals: &[Goal], length_max: f64) -> Result<Plan, ScenePlanError> {
+        fn plan_within(&self, goals: &[Goal], max_length: f64) -> Result<Plan, ScenePlanError> {
             let (file, loaded) = (self.scene(), load(self.scene().as_ref()).unwrap());
             let (margin, grown) = (loaded.margin, None);
             let through = SceneOptions {
@@ -488,7 +488,7 @@ mod tests {
                 effort: 1,
                 deadline: None,
                 first_only: false,
-                length_max,
+                max_length,
             };
             plan(&self.robot, &self.start, goals, &self.search, &through)
         }
@@ -551,14 +551,14 @@ mod tests {
         let asked = Asked::new();
         let goals = [position(200.0, 0.0, 300.0), position(0.0, 0.0, 800.0)];
         let free = asked.plan(&goals).unwrap().requirements.length;
-        for length_max in [free + 1.0, 700.0, 300.0] {
-            match asked.plan_within(&goals, length_max) {
-                Ok(plan) => assert!(plan.requirements.length <= length_max && length_max > free),
+        for max_length in [free + 1.0, 700.0, 300.0] {
+            match asked.plan_within(&goals, max_length) {
+                Ok(plan) => assert!(plan.requirements.length <= max_length && max_length > free),
                 // The second leg is 539 mm at least.
                 Err(ScenePlanError::NoPath(NoPathError::TooFar { distance, left })) => {
-                    assert!(distance > left && length_max < free);
+                    assert!(distance > left && max_length < free);
                 }
-                Err(other) => panic!("{length_max}: {other:?}"),
+                Err(other) => panic!("{max_length}: {other:?}"),
             }
         }
     }
@@ -573,7 +573,7 @@ mod tests {
         let start = parse_pose("0,0,-500,0,0").unwrap();
         let within = |seconds: f64| {
             let deadline = Some(Instant::now() + Duration::from_secs_f64(seconds));
-            let (margin, grown, length_max) = (loaded.margin, None, MAX_LENGTH_MM);
+            let (margin, grown, max_length) = (loaded.margin, None, MAX_LENGTH_MM);
             let through = SceneOptions {
                 file: &file,
                 loaded: &loaded,
@@ -582,7 +582,7 @@ mod tests {
                 effort: 1,
                 deadline,
                 first_only: false,
-                length_max,
+                max_length,
             };
             let far = [pose("100000,0,-500,0,0")];
             plan(&asked.robot, &start, &far, &asked.search, &through).unwrap().scene.unwrap().clearance

@@ -61,7 +61,7 @@ pub(crate) fn optimize_directions(plan: &Plan, robot: &Robot, goals: &[Goal], se
     let mut shorter = Plan::leg_by_leg(robot, &plan.start, &directed, search).ok()?;
     shorter.free_directions.clone_from(&plan.free_directions);
     let runs_into_itself = |plan: &Plan| plan.warnings.iter().any(|warning| warning.code == SELF_COLLISION);
-    let worse = search.clear_of_self && runs_into_itself(&shorter) && !runs_into_itself(plan);
+    let worse = search.avoid_self_collision && runs_into_itself(&shorter) && !runs_into_itself(plan);
     (!worse && shorter.requirements.length < plan.requirements.length - NO_GAIN * search.radius).then_some(shorter)
 }
 
@@ -82,7 +82,7 @@ impl WaypointChain<'_> {
             Goal::Position(_) => directed(last, &(last.position() - before)),
         };
         let goals: Vec<Goal> = on_the_way.iter().rev().map(turned_back_goal).collect();
-        let search = PlanOptions { clear_of_self: false, ..*self.search };
+        let search = PlanOptions { avoid_self_collision: false, ..*self.search };
         match Plan::leg_by_leg(robot, &turned_back(&end), &goals, &search) {
             Ok(plan) => plan.legs.iter().rev().map(|leg| turned_back(&leg.goal)).collect(),
             // This start is then left out.
@@ -241,7 +241,7 @@ mod tests {
     }
 
     fn search(planner: Planner) -> PlanOptions {
-        PlanOptions { radius: RADIUS, planner, clear_of_self: false }
+        PlanOptions { radius: RADIUS, planner, avoid_self_collision: false }
     }
 
     fn up() -> Pose {

@@ -39,7 +39,7 @@ fn a_new_robot_that_is_a_bench_or_too_fast_for_a_board_says_so() {
     ] {
         let output = folder.path().join("new.toml");
         let ran = command(PROGRAM)
-            .args(["new-robot", "--overwrite", "--from", base, "-o"])
+            .args(["new-robot", "--overwrite", "--base", base, "-o"])
             .arg(&output)
             .stdin(Stdio::null())
             .output()
@@ -215,7 +215,7 @@ fn new_robot_writes_a_file_from_answers_in_a_pipe() {
     assert_eq!((again.code, again.out.as_str()), (Some(2), ""));
     assert!(again.err.contains("--overwrite"), "{}", again.err);
     assert_eq!(fs::read_to_string(&path).unwrap(), text);
-    assert_eq!(growbot_reading(&["new-robot", "-o", file, "--overwrite", "--from", "growbot-b"], "").code, Some(0));
+    assert_eq!(growbot_reading(&["new-robot", "-o", file, "--overwrite", "--base", "growbot-b"], "").code, Some(0));
     assert!(fs::read_to_string(&path).unwrap().contains("name = \"mine\""));
     assert!(growbot(&["rmin", "--robot", file]).out.starts_with("mine: R_min is 594.11 mm"));
 }
@@ -293,7 +293,7 @@ fn bash_completes_commands_and_names_of_robots() {
     for command in ["plan", "grow", "layers", "resume", "rmin", "status"] {
         assert_eq!(completed(script, &["growbot", command, "--robot", "grow"]), names, "{command}");
     }
-    assert_eq!(completed(script, &["growbot", "new-robot", "--from", "growbot-c"]), ["growbot-c"]);
+    assert_eq!(completed(script, &["growbot", "new-robot", "--base", "growbot-c"]), ["growbot-c"]);
     // Bash itself continues with files.
     assert!(completed(script, &["growbot", "rmin", "--robot", "my"]).is_empty());
 }

@@ -321,7 +321,7 @@ fn whatever_keeps_an_emergency_stop_from_the_board_the_power_is_to_be_cut() {
     assert_power_to_be_cut(&growbot(&["estop"]), &["no port is given", "GROWBOT_PORT"]);
     assert_power_to_be_cut(&growbot(&["estop", "--bogus"]), &["--bogus"]);
     assert_power_to_be_cut(&growbot(&["estop", "--port"]), &["--port"]);
-    assert_power_to_be_cut(&growbot(&["estop", "--port", "sim", "--fault", "drop=200%"]), &["200%"]);
+    assert_power_to_be_cut(&growbot(&["estop", "--port", "sim", "--link-fault", "drop=200%"]), &["200%"]);
     assert_power_to_be_cut(&growbot(&["estop", "--port", "sim", "--robot", "/no/such.toml"]), &["/no/such.toml"]);
     assert_power_to_be_cut(&estop("simulator"), &["simulator"]);
     assert_power_to_be_cut(&estop("emulator:/no/such.elf"), &["/no/such.elf"]);
@@ -334,7 +334,7 @@ fn whatever_keeps_an_emergency_stop_from_the_board_the_power_is_to_be_cut() {
             scope.spawn(|| estop("/dev/ttyNONE7")),
             scope.spawn(|| estop("/proc/self/status")),
             scope.spawn(|| estop(&format!("tcp:127.0.0.1:{free}"))),
-            scope.spawn(|| growbot(&["estop", "--port", "sim", "--fault", "drop=100%"])),
+            scope.spawn(|| growbot(&["estop", "--port", "sim", "--link-fault", "drop=100%"])),
             // Another host is connected, so this connection waits.
             scope.spawn(|| estop(&held)),
         ];

@@ -74,7 +74,7 @@ fn noise_is_corrected_and_the_same_seed_gives_the_same_run() {
 
 #[test]
 fn a_bad_wire_changes_little() {
-    let result = grown(&["--noise", "10", "--feedback", "--fault", "drop=2%,flip=1e-4"]);
+    let result = grown(&["--noise", "10", "--feedback", "--link-fault", "drop=2%,flip=1e-4"]);
     assert_eq!(result["outcome"], "done");
     assert!(error(&result) < 0.002, "{result}");
 }
@@ -164,7 +164,7 @@ impl Try {
     fn new() -> Self {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let pose = |numbers| Pose::from_degrees(numbers).unwrap();
-        let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
+        let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, avoid_self_collision: false };
         let (start, goal) = (pose([0.0, 0.0, 0.0, 0.0, 90.0]), pose([40.0, 30.0, 120.0, 30.0, 45.0]));
         let plan = Plan::through_waypoints(&robot, &start, &[], &goal, &search).unwrap();
         let mut sim = Sim::new(robot.clone());

@@ -159,7 +159,7 @@ fn a_dash_is_standard_input_wherever_a_file_is_read_and_once() {
         let ran = growbot_reading(args, &plan);
         assert!(ran.code == Some(2) && ran.err.contains("gives one"), "{args:?}: {}", ran.err);
     }
-    let ran = growbot_reading(&["new-robot", "--from", "-"], robot);
+    let ran = growbot_reading(&["new-robot", "--base", "-"], robot);
     assert!(ran.code == Some(2) && ran.err.contains("standard input"), "{}", ran.err);
 }
 

@@ -126,13 +126,13 @@ fn in_the_source_tree_the_firmware_is_built_for_the_robot() {
         let ran = bench.flash("tree/robots", &["--robot", robot]);
         assert_eq!(ran.code, Some(0), "{}", ran.err);
         let calls = format!(
-            "robot {named}: cargo build-robot\nprobe-rs run --chip STM32F405RGTx --no-catch-reset --no-catch-hardfault {image}\n"
+            "robot {named}: cargo build-stm32f405\nprobe-rs run --chip STM32F405RGTx --no-catch-reset --no-catch-hardfault {image}\n"
         );
         assert_eq!(bench.calls(), calls);
     }
 }
 
-/// `cargo robot` flashes like `growbot flash`.
+/// `cargo run-stm32f405` flashes like `growbot flash`.
 #[test]
 fn cargos_runner_is_the_same_call() {
     let config = include_str!("../../.cargo/config.toml");
@@ -173,7 +173,7 @@ fn a_dry_run_prints_what_would_be_run() {
     let tree = bench.text("tree");
     let ran = bench.flash("tree", &["--dry-run", "--robot", "growbot-b"]);
     let commands = format!(
-        "cd {tree} && GROWBOT_ROBOT=growbot-b cargo build-robot\ngrowbot flash --seal-only --firmware {tree}/target/thumbv7em-none-eabihf/firmware/stm32f405\nprobe-rs run --chip STM32F405RGTx --no-catch-reset --no-catch-hardfault {tree}/target/thumbv7em-none-eabihf/firmware/stm32f405\n"
+        "cd {tree} && GROWBOT_ROBOT=growbot-b cargo build-stm32f405\ngrowbot flash --seal-only --firmware {tree}/target/thumbv7em-none-eabihf/firmware/stm32f405\nprobe-rs run --chip STM32F405RGTx --no-catch-reset --no-catch-hardfault {tree}/target/thumbv7em-none-eabihf/firmware/stm32f405\n"
     );
     assert_eq!((ran.code, ran.out.as_str()), (Some(0), commands.as_str()), "{}", ran.err);
     let ran = bench.flash("elsewhere", &["--dry-run", "--firmware", "an image", "--no-log"]);
@@ -218,7 +218,7 @@ fn tools_that_fail_end_it() {
     bench.tool("probe-rs", "exit 1");
     bench.tool("cargo", "exit 101");
     assert_refused(&bench.flash("tree", &[]), &["cargo failed", "101", "not built"]);
-    assert_eq!(bench.calls(), "robot growbot-a: cargo build-robot\n");
+    assert_eq!(bench.calls(), "robot growbot-a: cargo build-stm32f405\n");
     bench.tool("cargo", "");
     assert_refused(&bench.flash("tree", &[]), &["no firmware image", "cargo made none"]);
     let image = bench.text("firmware.elf");

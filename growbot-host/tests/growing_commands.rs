@@ -214,8 +214,8 @@ fn ports_that_are_not_there_are_told() {
 
 #[test]
 fn a_bad_line_is_asked_for_by_its_faults() {
-    let status = |spec: &str| growbot(&["status", "--port", "sim", "--fault", spec]);
-    assert_refused(&status("drop=200%"), &["--fault", "\"200%\"", "0% to 100%"]);
+    let status = |spec: &str| growbot(&["status", "--port", "sim", "--link-fault", spec]);
+    assert_refused(&status("drop=200%"), &["--link-fault", "\"200%\"", "0% to 100%"]);
     assert_refused(&status("dorp=1%"), &["did you mean drop?"]);
     assert_refused(&status("drop=100%"), &["does not answer"]);
     let doubled = status("dup=100%,stall=500ms@20%,seed=3");
@@ -275,7 +275,7 @@ fn reports_that_are_lost_are_sent_again() {
 fn grow_and_kill(board: &FakeBoard, log: &std::path::Path, layers: usize) {
     board.pause_after(layers as u32);
     let mut child = command(PROGRAM)
-        .args(["grow", "--to", "0,0,46.44,0,90", "--port", &board.port(), "--on-silence", "continue", "--log"])
+        .args(["grow", "--to", "0,0,46.44,0,90", "--port", &board.port(), "--on-host-silence", "continue", "--log"])
         .arg(log)
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::null())
@@ -313,7 +313,7 @@ fn a_growth_whose_program_was_killed_goes_on_from_its_log() {
     assert!(other.err.contains("growbot resume"), "{}", other.err);
     // From here on the board's time runs so fast that any host seems silent for long.
     board.pause_after(u32::MAX);
-    let ran = growbot(&["resume", log, "--port", &board.port(), "--yes", "--on-silence", "continue", "--json"]);
+    let ran = growbot(&["resume", log, "--port", &board.port(), "--yes", "--on-host-silence", "continue", "--json"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let (result, unbroken) = (json(&ran), json(&unbroken));
     assert_eq!((number(&result, "layers"), number(&result, "unknown_layers")), (60.0, 0.0));
@@ -510,7 +510,7 @@ mod serial {
         let (master, name, _open) = line();
         let _board = FakeBoard::on_serial(master, "growbot-a");
         // The board's time runs so fast that any host seems silent for long.
-        let args = ["grow", "--to", "0,0,7.74,0,90", "--on-silence", "continue", "--port", &name, "--json"];
+        let args = ["grow", "--to", "0,0,7.74,0,90", "--on-host-silence", "continue", "--port", &name, "--json"];
         let ran = growbot(&args);
         assert_eq!(ran.code, Some(0), "{}", ran.err);
         assert_eq!(number(&json(&ran), "layers"), 10.0);

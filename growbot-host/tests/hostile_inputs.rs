@@ -48,7 +48,7 @@ const OF_LOGS: &[&str] = &[
     "replay IN --layers",
     "view IN -o OUT.html",
     "view IN -o OUT.svg",
-    "view IN --plot heights,tilt,error,temperature --along time -o OUT.svg",
+    "view IN --plot heights,tilt,error,temperature --x-axis time -o OUT.svg",
     "export IN -o OUT.mcap",
     "export IN -o OUT.glb --segments 8 --every 20",
     "export IN -o OUT.csv",

@@ -187,7 +187,7 @@ fn what_speaks_against_growing_is_said_and_refused() {
 fn clear_of_self_never_takes_a_colliding_path_where_there_is_a_clear_one() {
     for to in ["0,0,-40,0,90", "30,0,-100,0,90", "0,0,150,0,-90", "400,0,300,90,0"] {
         let shortest = json(&growbot(&["plan", "--to", to, "--json"]).out);
-        let clear = json(&growbot(&["plan", "--to", to, "--clear-of-self", "--json"]).out);
+        let clear = json(&growbot(&["plan", "--to", to, "--avoid-self-collision", "--json"]).out);
         let collides = |plan: &Value| codes(plan).contains(&"self-collision");
         assert!(number(&clear, "length_mm") >= number(&shortest, "length_mm") * (1.0 - 1e-12));
         assert!(collides(&shortest) || clear == shortest, "{to}: {shortest} is clear");
@@ -195,7 +195,7 @@ fn clear_of_self_never_takes_a_colliding_path_where_there_is_a_clear_one() {
         assert!(!collides(&clear) || clear == shortest, "{to}: {clear} is neither clear nor the shortest");
         // For a batch the option applies to every query.
         let queries = format!("{HEADER}\n1,0,0,0,0,90,{to}\n");
-        let mut answer = json(&growbot_reading(&["plan", "--batch", "-", "--clear-of-self", "--json"], &queries).out);
+        let mut answer = json(&growbot_reading(&["plan", "--batch", "-", "--avoid-self-collision", "--json"], &queries).out);
         assert_eq!(answer.as_object_mut().unwrap().remove("id"), Some("1".into()));
         assert_eq!(answer, clear);
     }
@@ -513,27 +513,27 @@ fn a_workspace_is_a_table_a_line_or_a_picture() {
 #[test]
 fn no_plan_is_longer_than_it_may_be() {
     let goal = ["plan", "--to", "200,100,600,0,45"];
-    assert_eq!(growbot(&with(&goal, &["--length-max", "700"])).code, Some(0));
-    let refused = growbot(&with(&goal, &["--length-max", "640"]));
+    assert_eq!(growbot(&with(&goal, &["--max-length", "700"])).code, Some(0));
+    let refused = growbot(&with(&goal, &["--max-length", "640"]));
     assert_refused_in_a_line(
         &refused,
         1,
-        &["the shortest path found is 64", "--length-max is 640 mm", "allow a longer"],
+        &["the shortest path found is 64", "--max-length is 640 mm", "allow a longer"],
     );
-    assert_refused(&growbot(&with(&goal, &["--length-max", "0"])), 2, &["above 0"]);
+    assert_refused(&growbot(&with(&goal, &["--max-length", "0"])), 2, &["above 0"]);
     // In a batch the limit applies to each query.
     let queries = "id,to_x_mm,to_y_mm,to_z_mm\nnear,0,0,300\nfar,0,0,800\n";
-    let ran = growbot_reading(&["plan", "--batch", "-", "--json", "--length-max", "700"], queries);
+    let ran = growbot_reading(&["plan", "--batch", "-", "--json", "--max-length", "700"], queries);
     assert_eq!(ran.code, Some(1), "{}", ran.err);
     let answers: Vec<Value> = ran.out.lines().map(json).collect();
     assert_eq!((number(&answers[0], "length_mm"), answers[0].get("error")), (300.0, None));
     let error = answers[1]["error"].as_str().unwrap();
-    assert!(error.contains("800.0 mm long") && error.contains("--length-max is 700 mm"), "{error}");
+    assert!(error.contains("800.0 mm long") && error.contains("--max-length is 700 mm"), "{error}");
     let directory = tempfile::tempdir().unwrap();
     let ball = "format = \"growbot-scene/1\"\n[[ball]]\ncenter_mm = [0, 0, 300]\nradius_mm = 60\n";
     let scene = file(directory.path(), "scene.toml", ball);
     let goal = ["plan", "--to", "0,0,700", "--effort", "1", "--scene", &scene];
-    assert_eq!(growbot(&with(&goal, &["--length-max", "800"])).code, Some(0));
-    let refused = growbot(&with(&goal, &["--length-max", "600"]));
-    assert_refused_in_a_line(&refused, 1, &["the goal is 700 mm from", "--length-max 600 mm"]);
+    assert_eq!(growbot(&with(&goal, &["--max-length", "800"])).code, Some(0));
+    let refused = growbot(&with(&goal, &["--max-length", "600"]));
+    assert_refused_in_a_line(&refused, 1, &["the goal is 700 mm from", "--max-length 600 mm"]);
 }

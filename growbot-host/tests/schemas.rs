@@ -152,7 +152,7 @@ fn run_logs_and_results_are_valid_by_their_schemas_and_slips_are_not() {
     let growths = [
         &["--to", "0,0,12,0,90"][..],
         &["--to", "60,20,200,0,60", "--noise", "10", "--feedback"],
-        &["--to", "0,0,20,0,90", "--fault", "drop=2%,flip=1e-4"],
+        &["--to", "0,0,20,0,90", "--link-fault", "drop=2%,flip=1e-4"],
     ];
     let mut kinds = Vec::new();
     for (index, args) in growths.iter().enumerate() {

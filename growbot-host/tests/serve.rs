@@ -167,7 +167,7 @@ fn what_has_ended_stays_as_it_is() {
     assert_eq!(lab.ask("GET", &format!("/jobs/{id}"), "").1, done);
     let (code, said) = lab.run(&["resume"]);
     assert!(code == Some(1) && said.contains("no unfinished job"), "{said}");
-    for given in [["--interrupted-layer", "let-be"], ["--on-silence", "continue"], ["--scene", "none.toml"]] {
+    for given in [["--interrupted-layer", "keep"], ["--on-host-silence", "continue"], ["--scene", "none.toml"]] {
         let (code, said) = lab.run(&["resume", given[0], given[1]]);
         assert!(code == Some(2) && said.contains(given[0]) && said.contains("does not know"), "{said}");
     }

@@ -137,8 +137,8 @@ fn a_picture_says_what_it_shows_and_is_no_larger_than_a_paper_takes() {
         assert!(svg.contains(part), "{part}");
     }
     assert!(svg.len() < 500_000 && !svg.contains("NaN") && !svg.contains("inf"), "{}", svg.len());
-    // The extension selects the format, and `--look side` gives another picture.
-    done(&["view", text(&plan), "-o", text(&path("side.svg")), "--look", "side"]);
+    // The extension selects the format, and `--viewpoint side` gives another picture.
+    done(&["view", text(&plan), "-o", text(&path("side.svg")), "--viewpoint", "side"]);
     assert_ne!(fs::read_to_string(path("side.svg")).unwrap(), svg);
     done(&["view", text(&run), "--svg"]);
     let grown = fs::read_to_string(path("run.svg")).unwrap();
@@ -167,7 +167,7 @@ fn a_picture_says_what_it_shows_and_is_no_larger_than_a_paper_takes() {
     let many: Vec<&str> = many.iter().map(String::as_str).collect();
     done(&[&["plan", "--to", "4000,0,200,0,0", "-o", text(&level)], &many[..]].concat());
     for look in ["corner", "front", "side", "top"] {
-        done(&["view", "--compare", text(&level), text(&plan), "--look", look, "-o", text(&path("level.svg"))]);
+        done(&["view", "--compare", text(&level), text(&plan), "--viewpoint", look, "-o", text(&path("level.svg"))]);
         let svg = fs::read_to_string(path("level.svg")).unwrap();
         for word in svg.split("<text ").skip(1) {
             let (attributes, rest) = word.split_once('>').unwrap();
@@ -193,9 +193,9 @@ fn the_smallest_bodies_have_pictures_and_plots_too() {
     for to in ["0,0,0,0,90", "0,0,0.1,0,90"] {
         done(&["plan", "--to", to, "-o", text(&path("plan.json"))]);
         for look in ["corner", "front", "side", "top"] {
-            done(&["view", text(&path("plan.json")), "-o", text(&path("plan.png")), "--look", look, "--width", "100"]);
+            done(&["view", text(&path("plan.json")), "-o", text(&path("plan.png")), "--viewpoint", look, "--width", "100"]);
         }
-        done(&["view", text(&path("plan.json")), "--plot", "heights,tilt", "--along", "time"]);
+        done(&["view", text(&path("plan.json")), "--plot", "heights,tilt", "--x-axis", "time"]);
         let svg = fs::read_to_string(path("plan-plot.svg")).unwrap();
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
     }
@@ -210,7 +210,7 @@ fn plots_have_a_panel_for_each_thing_and_units_on_their_axes() {
     for part in ["Height of the layers", "Tilt of the layers", ">mm</text>", ">deg</text>", "along the body, mm"] {
         assert!(svg.contains(part), "{part}");
     }
-    done(&["view", text(&run), "--plot", "heights,tilt,error,temperature", "--along", "time"]);
+    done(&["view", text(&run), "--plot", "heights,tilt,error,temperature", "--x-axis", "time"]);
     let svg = fs::read_to_string(path("run-plot.svg")).unwrap();
     for part in ["Deviation", "Temperature of the nozzle", "\u{b0}C</text>", "time, min"] {
         assert!(svg.contains(part), "{part}");
@@ -320,8 +320,8 @@ fn what_cannot_be_drawn_is_said_and_leaves_no_file() {
         &["--plot", "heigth"][..],
         &["--svg", "--png"],
         &["--png", "--width", "7"],
-        &["--along", "time"],
-        &["--plot", "tilt", "--look", "top"],
+        &["--x-axis", "time"],
+        &["--plot", "tilt", "--viewpoint", "top"],
     ] {
         let ran = growbot(&[&["view", text(&plan)], args].concat());
         assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);
@@ -330,6 +330,6 @@ fn what_cannot_be_drawn_is_said_and_leaves_no_file() {
     assert!(refused.code == Some(2) && refused.err.contains("end it in .svg, .png or .pdf"), "{}", refused.err);
     let refused = growbot(&["view", text(&plan), "--width", "800"]);
     assert!(refused.code == Some(2) && refused.err.contains("--png"), "{}", refused.err);
-    let refused = growbot(&["view", text(&plan), "--look", "top"]);
+    let refused = growbot(&["view", text(&plan), "--viewpoint", "top"]);
     assert!(refused.code == Some(2) && refused.err.contains("--svg"), "{}", refused.err);
 }

@@ -266,7 +266,7 @@ fn the_page_of_a_growth_shows_the_scene_and_so_it_does_when_it_is_resumed() {
     for growth in [vec!["grow", &plan, "--log", &log], vec!["resume", &log, "--yes"]] {
         let mut growing = command(PROGRAM)
             .args(&growth)
-            .args(["--port", &board.port(), "--on-silence", "continue", "--watch"])
+            .args(["--port", &board.port(), "--on-host-silence", "continue", "--watch"])
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             .spawn()

@@ -58,7 +58,7 @@ fn every_goal_has_one_of_three_answers() {
     for row in with("path").iter().step_by(200) {
         let (goal, length) = (row[..3].join(","), row[5].parse::<f64>().unwrap());
         let plan =
-            growbot(&["plan", "--to", &goal, "--scene", &room, "--effort", "1", "--length-max", "600", "--json"]);
+            growbot(&["plan", "--to", &goal, "--scene", &room, "--effort", "1", "--max-length", "600", "--json"]);
         let plan: Value = serde_json::from_str(&plan.out).unwrap_or_else(|error| panic!("{error}: {}", plan.err));
         assert!(length <= 600.0 && plan["length_mm"].as_f64().unwrap() <= length + 1e-6, "{goal}");
     }

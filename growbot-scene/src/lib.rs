@@ -28,7 +28,7 @@
 //!     goal: Goal::Position { at: Vector3::new(0.0, 0.0, 800.0), tolerance: 0.0 },
 //!     radius: 100.0,
 //!     need: Need { distance: 28.0, slack: 0.03 },
-//!     length_max: 2000.0,
+//!     max_length: 2000.0,
 //!     accept: &|_| true,
 //! };
 //! let budget = Budget { work: 200_000, deadline: None, first_only: false };

@@ -22,7 +22,7 @@ pub enum SealError {
         error: io::Error,
     },
     /// The file is not an image of growbot's firmware, or it is older than the seals.
-    #[error("{file} cannot be sealed: {reason}; give the ELF image that `cargo build-robot` makes")]
+    #[error("{file} cannot be sealed: {reason}; give the ELF image that `cargo build-stm32f405` makes")]
     NoImage {
         /// The file.
         file: String,

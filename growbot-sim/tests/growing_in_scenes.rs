@@ -118,7 +118,7 @@ fn scene(robot: &Robot, index: u64) -> (String, LoadedScene, Plan) {
     let drawn = random_scenes::random_scene(family, number, &body);
     let loaded = LoadedScene { scene: drawn.scene(), margin: MARGIN, hash: 0 };
     let (start, goal) = (pose(&drawn.start), pose(&drawn.goal));
-    let search = PlanOptions { radius: RADIUS, planner: Planner::Shortest, clear_of_self: true };
+    let search = PlanOptions { radius: RADIUS, planner: Planner::Shortest, avoid_self_collision: true };
     let through = SceneOptions {
         file: "scene",
         loaded: &loaded,
@@ -127,7 +127,7 @@ fn scene(robot: &Robot, index: u64) -> (String, LoadedScene, Plan) {
         effort: EFFORT,
         deadline: None,
         first_only: false,
-        length_max: MAX_LENGTH_MM,
+        max_length: MAX_LENGTH_MM,
     };
     let name = format!("{family:?} {number}");
     let plan = scene_planning::plan(robot, &start, &[Goal::Pose(goal)], &search, &through)

@@ -25,7 +25,7 @@ pub fn build_image(alias: &str) {
     assert!(status.is_ok_and(|status| status.success()), "cargo {alias} failed");
 }
 
-/// Returns the path of a board's image (`an386` or `stm32f405`), as `cargo build-an386` and `cargo build-robot` build
+/// Returns the path of a board's image (`an386` or `stm32f405`), as `cargo build-an386` and `cargo build-stm32f405` build
 /// it.
 ///
 /// # Panics
@@ -35,7 +35,7 @@ pub fn firmware(board: &str) -> PathBuf {
     let image = target().join("thumbv7em-none-eabihf/firmware").join(board);
     assert!(
         image.is_file(),
-        "there is no image {}: run tests/run, or `cargo build-an386` and `cargo build-robot`",
+        "there is no image {}: run tests/run, or `cargo build-an386` and `cargo build-stm32f405`",
         image.display()
     );
     image

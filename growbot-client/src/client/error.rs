@@ -39,7 +39,7 @@ pub enum ClientError {
     /// The messages have another schema.
     #[error(
         "the board's messages (schema {board:016x}) differ from mine ({host:016x}): flash the firmware of this \
-         release (`cargo robot`), or use the growbot that belongs to the board's"
+         release (`cargo run-stm32f405`), or use the growbot that belongs to the board's"
     )]
     Schema {
         /// Schema hash of the board.

@@ -27,7 +27,7 @@ fn log(lines: &[Value]) -> Vec<u8> {
 fn log_from(origin: Origin, lines: &[Value]) -> Vec<u8> {
     let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
-    let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, clear_of_self: false };
+    let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, avoid_self_collision: false };
     let plan = Plan::through_waypoints(&robot, &up(0.0), &[], &up(2.1), &search).unwrap();
     let job = Job::of_plan(&robot, &plan);
     let file = tempfile::tempdir().unwrap();

@@ -95,7 +95,7 @@ pub enum QueryError {
 /// Error of a path that is longer than allowed.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error(
-    "the shortest path found is {found:.1} mm long, and --length-max is {} mm: allow a longer body, a smaller radius, \
+    "the shortest path found is {found:.1} mm long, and --max-length is {} mm: allow a longer body, a smaller radius, \
      or another goal", CompactNumber(.max)
 )]
 pub struct PathTooLong {
@@ -105,13 +105,13 @@ pub struct PathTooLong {
     max: f64,
 }
 
-/// Returns the plan if it is not longer than `length_max`, mm.
+/// Returns the plan if it is not longer than `max_length`, mm.
 ///
 /// # Errors
 /// [`TooLong`] if it is longer.
-pub fn check_length_limit(plan: Plan, length_max: Option<f64>) -> Result<Plan, PathTooLong> {
+pub fn check_length_limit(plan: Plan, max_length: Option<f64>) -> Result<Plan, PathTooLong> {
     let found = plan.requirements.length;
-    match length_max.filter(|max| found > *max) {
+    match max_length.filter(|max| found > *max) {
         Some(max) => Err(PathTooLong { found, max }),
         None => Ok(plan),
     }
@@ -186,7 +186,7 @@ pub struct Defaults {
     /// Parameters of the path search.
     pub search: PlanOptions,
     /// Maximum length of the body, mm. `None` for any length.
-    pub length_max: Option<f64>,
+    pub max_length: Option<f64>,
 }
 
 /// Header of the results as CSV.
@@ -250,7 +250,7 @@ impl<R: Read> Batch<R> {
             _ => planner,
         };
         let search = PlanOptions { radius, planner, ..self.defaults.search };
-        Ok(check_length_limit(Plan::through_waypoints(robot, &start, &[], &goal, &search)?, self.defaults.length_max)?)
+        Ok(check_length_limit(Plan::through_waypoints(robot, &start, &[], &goal, &search)?, self.defaults.max_length)?)
     }
 
     fn start(&self) -> Result<Pose, QueryError> {
@@ -320,8 +320,8 @@ mod tests {
                           to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg";
 
     fn defaults() -> Defaults {
-        let search = PlanOptions { radius: 100.0, planner: Planner::TwoPlane, clear_of_self: false };
-        Defaults { start: parse_pose("0,0,0,0,90").unwrap(), search, length_max: None }
+        let search = PlanOptions { radius: 100.0, planner: Planner::TwoPlane, avoid_self_collision: false };
+        Defaults { start: parse_pose("0,0,0,0,90").unwrap(), search, max_length: None }
     }
 
     fn answers(text: &str) -> Vec<BatchResult> {

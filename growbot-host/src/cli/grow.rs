@@ -38,7 +38,7 @@ use super::{Connection, Failure, PortArg, SelectedPort};
 /// each correction is checked before the board gets it. It must be clear of all obstacles by 3 standard deviations of
 /// the tip's position. If it is not, the body takes another path through the scene. If none is left, the robot pauses.
 ///
-/// Without a robot (--port sim, the default unless another port is set: growbot config) the same controller runs in
+/// Without a robot (--port sim, the default unless another port is set: growbot settings) the same controller runs in
 /// this program against a simulated tip, on a virtual clock. The final pose is then that of the body that was really
 /// laid.
 #[derive(Args)]
@@ -57,7 +57,7 @@ pub struct GrowArgs {
     log: Option<Option<PathBuf>>,
     /// Behaviour of the board when it loses contact with this program
     #[arg(long, value_name = "WHAT", default_value = "pause")]
-    on_silence: OnHostSilence,
+    on_host_silence: OnHostSilence,
     /// Measure each layer, and plan the rest again from the measured pose of the tip
     ///
     /// The filament's encoder measures the growth. The orientation sensor measures the tip's direction by gravity, and
@@ -208,7 +208,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         keyboard: TerminalCommands::of_terminal(&orders),
         page_controls: args.watching.can_control(),
     };
-    let manner = GrowthOptions { silence: args.on_silence.into(), feedback, parked: following.when_parked() };
+    let manner = GrowthOptions { silence: args.on_host_silence.into(), feedback, parked: following.when_parked() };
     following.follow(|on_event| {
         grow_with_ground_truth(simulation.as_mut(), &job, on_event, |on_event| {
             grow_job(&mut client, &job, manner, &orders, on_event)

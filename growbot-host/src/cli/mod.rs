@@ -100,7 +100,7 @@ Examples:
   growbot grow plan.json --port /dev/ttyACM0
 
 Commands that are given no --robot or --port take what GROWBOT_ROBOT and
-GROWBOT_PORT say, or else growbot.toml: growbot config shows them.
+GROWBOT_PORT say, or else growbot.toml: growbot settings shows them.
 
 Exit codes: 0, done; 1, the request failed; 2, something was wrong before.";
 
@@ -335,7 +335,7 @@ struct LinkArgs {
     /// this time), reset (cut for a second). The probability of flip is per byte. The same seed=N gives the same
     /// faults.
     #[arg(long, value_name = "SPEC")]
-    fault: Option<FaultSpec>,
+    link_fault: Option<FaultSpec>,
     /// Take the board over from another host that owns it
     #[arg(long)]
     take_over: bool,
@@ -383,7 +383,7 @@ impl RequiredPortArg {
 impl LinkArgs {
     fn at(self, text: String) -> Result<SelectedPort, Failure> {
         let name = text.parse()?;
-        let name = match self.fault {
+        let name = match self.link_fault {
             None => name,
             Some(spec) => PortName::Faulty(Box::new(name), spec),
         };

@@ -28,14 +28,14 @@ const LONGEST_ANSWER: u64 = 4096;
 /// early, the remaining values are those in brackets. All other values stay as they are in the base robot, with their
 /// comments.
 #[derive(Args)]
-#[command(after_help = "Examples:\n  growbot new-robot --from growbot-a -o my-robot.toml\n  printf \
+#[command(after_help = "Examples:\n  growbot new-robot --base growbot-a -o my-robot.toml\n  printf \
                   'my-robot\\n14\\n60\\n25\\n' | growbot new-robot")]
 pub struct NewRobotArgs {
     /// Write this file (- for standard output) [default: the robot's name and .toml]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// The robot to start from: a built-in name or a TOML file
-    #[arg(long = "from", value_name = ROBOT, default_value = robot_file::DEFAULT)]
+    #[arg(long, value_name = ROBOT, default_value = robot_file::DEFAULT)]
     base: PathBuf,
     /// Replace an existing file
     #[arg(long)]

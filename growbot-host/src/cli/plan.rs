@@ -47,10 +47,10 @@ pub struct PlanArgs {
     /// Take the shortest path that does not run into the body. If every path does, take the shortest of all, as without
     /// this option
     #[arg(long)]
-    clear_of_self: bool,
+    avoid_self_collision: bool,
     /// Maximum length of the body, mm. A longer plan is refused
     #[arg(long, value_name = "MM", value_parser = length)]
-    length_max: Option<f64>,
+    max_length: Option<f64>,
     #[command(flatten)]
     scene: SceneArgs,
     #[command(flatten)]
@@ -75,10 +75,10 @@ Examples:
   growbot plan --to 200,100,600,0,45 -o plan.json
   growbot plan --from 0,0,0,0,90 --to -120,0,400,180,0 --radius 120 --json
   growbot plan --via 200,0,400,0,0 --via 600,0,300,0,-45 --to 800,0,0,0,-90
-  growbot plan --to 0,0,-300,0,90 --clear-of-self
+  growbot plan --to 0,0,-300,0,90 --avoid-self-collision
   growbot plan --to 200,100,600
   growbot plan --to 200,100,600 --scene room.toml --time-limit 5
-  growbot plan --to 200,100,600 --scene room.toml --length-max 900
+  growbot plan --to 200,100,600 --scene room.toml --max-length 900
   growbot plan --via-csv stations.csv --to 0.8m,0,0,0deg,-90deg
   growbot plan --batch queries.csv -o answers.csv
   growbot plan --batch queries.csv --json > plans.jsonl
@@ -106,12 +106,12 @@ pub fn run(args: &PlanArgs) -> Result<(), Failure> {
 
 fn plan(args: &PlanArgs, robot: &Robot, goal: &TypedGoal) -> Result<Plan, Failure> {
     let Some(scene) = &args.scene.scene else {
-        let plan = args.search.plan(robot, goal, args.clear_of_self)?;
-        return check_length_limit(plan, args.length_max).map_err(Failure::request_failed);
+        let plan = args.search.plan(robot, goal, args.avoid_self_collision)?;
+        return check_length_limit(plan, args.max_length).map_err(Failure::request_failed);
     };
     let goals = args.search.start_and_goals(robot, goal)?;
     let search = args.search.search(robot, true);
-    args.scene.plan(scene, robot, &goals, &search, args.length_max, args.json)
+    args.scene.plan(scene, robot, &goals, &search, args.max_length, args.json)
 }
 
 /// Parses a length above 0, mm.
@@ -188,8 +188,8 @@ impl BatchOutput {
 }
 
 fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot) -> Result<(), Failure> {
-    let search = args.search.search(robot, args.clear_of_self);
-    let defaults = Defaults { start: args.search.start()?, search, length_max: args.length_max };
+    let search = args.search.search(robot, args.avoid_self_collision);
+    let defaults = Defaults { start: args.search.start()?, search, max_length: args.max_length };
     // A radius that is invalid for every query is an error of the command, not of each query.
     let start = defaults.start;
     Plan::through_waypoints(robot, &start, &[], &start, &defaults.search)?;

@@ -17,7 +17,7 @@ use super::{Failure, RobotArg};
 
 /// Options that make a plan, and so conflict with a plan from a file.
 const CONFLICTING: [&str; 9] =
-    ["from", "via", "via_csv", "to", "planner", "radius", "clear_of_self", "effort", "time_limit"];
+    ["from", "via", "via_csv", "to", "planner", "radius", "avoid_self_collision", "effort", "time_limit"];
 
 /// A plan or a goal, and the robot.
 #[derive(Args)]
@@ -33,7 +33,7 @@ pub struct PlanSourceArgs {
     /// Take the shortest path that does not run into the body. This is the default without --planner. With --planner
     /// alone, the path is the shortest of all
     #[arg(long)]
-    clear_of_self: bool,
+    avoid_self_collision: bool,
     #[command(flatten)]
     scene: SceneArgs,
     /// The robot: a built-in name or a TOML file [default: the plan's, or without a plan GROWBOT_ROBOT, then
@@ -100,7 +100,7 @@ impl PlanSourceArgs {
                 self.scene.plan_in((file, &loaded), &robot, &ends, &self.search.search(&robot, true), None, json)?;
             return Ok(ResolvedPlan { robot, plan, scene: Some(loaded), clearance_error: None });
         }
-        let plan = self.search.plan(&robot, goal, self.clear_of_self || self.search.planner.is_none())?;
+        let plan = self.search.plan(&robot, goal, self.avoid_self_collision || self.search.planner.is_none())?;
         Ok(ResolvedPlan { robot, plan, scene: None, clearance_error: None })
     }
 }

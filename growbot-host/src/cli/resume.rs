@@ -46,11 +46,11 @@ pub struct ResumeArgs {
     #[command(flatten)]
     port: PortArg,
     /// Treatment of an interrupted layer
-    #[arg(long, value_name = "WHAT", default_value = "again")]
+    #[arg(long, value_name = "WHAT", default_value = "redo")]
     interrupted_layer: InterruptedLayerChoice,
     /// Behaviour of the board when it loses contact with this program
     #[arg(long, value_name = "WHAT", default_value = "pause")]
-    on_silence: OnHostSilence,
+    on_host_silence: OnHostSilence,
     #[command(flatten)]
     watching: WatchArgs,
     /// Continue without confirmation. If a service owns the robot, no confirmation is needed
@@ -65,7 +65,7 @@ const AFTER_HELP: &str = "\
 Examples:
   growbot resume run.jsonl --port /dev/ttyACM0
   growbot resume --port /dev/ttyACM0      # its latest job, where a service owns it
-  growbot resume plan.json --port /dev/ttyACM0 --interrupted-layer let-be --yes
+  growbot resume plan.json --port /dev/ttyACM0 --interrupted-layer keep --yes
 
 Exit codes: 0, the body is grown; 1, nothing to resume, stopped, refused or a
 fault; 2, something was wrong before.";
@@ -167,7 +167,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         keyboard: TerminalCommands::of_terminal(&orders),
         page_controls: args.watching.can_control(),
     };
-    let manner = GrowthOptions { silence: args.on_silence.into(), feedback, parked: following.when_parked() };
+    let manner = GrowthOptions { silence: args.on_host_silence.into(), feedback, parked: following.when_parked() };
     following.follow(|on_event| resume_job(&mut client, &job, known, cut, manner, &orders, on_event))
 }
 
@@ -176,8 +176,8 @@ impl ResumeArgs {
     /// if the service is silent, and takes the scene from its original place.
     fn reject_options_unsupported_by_service(&self) -> Result<(), Failure> {
         let given = [
-            ("--interrupted-layer let-be", self.interrupted_layer == InterruptedLayerChoice::Keep),
-            ("--on-silence continue", self.on_silence == OnHostSilence::Continue),
+            ("--interrupted-layer keep", self.interrupted_layer == InterruptedLayerChoice::Keep),
+            ("--on-host-silence continue", self.on_host_silence == OnHostSilence::Continue),
             ("--scene", self.scene.is_some()),
         ];
         match given.into_iter().find(|(_, is_given)| *is_given) {

@@ -59,11 +59,11 @@ impl SceneArgs {
         robot: &Robot,
         ends: &(Pose, Vec<Goal>),
         search: &PlanOptions,
-        length_max: Option<f64>,
+        max_length: Option<f64>,
         json: bool,
     ) -> Result<Plan, Failure> {
         let loaded = scene_file::load(scene)?;
-        self.plan_in((scene, &loaded), robot, ends, search, length_max, json)
+        self.plan_in((scene, &loaded), robot, ends, search, max_length, json)
     }
 
     /// Like [`Self::plan`], but for a scene that was read before.
@@ -73,16 +73,16 @@ impl SceneArgs {
         robot: &Robot,
         (start, goals): &(Pose, Vec<Goal>),
         search: &PlanOptions,
-        length_max: Option<f64>,
+        max_length: Option<f64>,
         json: bool,
     ) -> Result<Plan, Failure> {
         let begin = Instant::now();
         let effort = self.effort.unwrap_or(if self.time_limit.is_some() { u64::MAX } else { EFFORT });
         let deadline = self.time_limit.and_then(|seconds| begin.checked_add(Duration::from_secs(seconds)));
-        let length_max = length_max.unwrap_or(MAX_LENGTH_MM);
+        let max_length = max_length.unwrap_or(MAX_LENGTH_MM);
         let (file, margin) = (scene.display().to_string(), loaded.margin);
         let through =
-            SceneOptions { file: &file, loaded, margin, grown: None, effort, deadline, first_only: false, length_max };
+            SceneOptions { file: &file, loaded, margin, grown: None, effort, deadline, first_only: false, max_length };
         scene_planning::plan(robot, start, goals, search, &through).map_err(|error| match error {
             ScenePlanError::Plan(error) => error.into(),
             ScenePlanError::NoPath(no_path) => refused(no_path, json),

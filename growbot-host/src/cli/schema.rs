@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 use growbot_host::output::print;
-use growbot_host::schema::{robot_file_schema, schema};
+use growbot_host::schema::{formats, robot_file_schema};
 
 use super::Failure;
 
@@ -31,7 +31,7 @@ enum Kind {
     /// A result, as `grow`, `resume` and `replay` print it with --json
     Result,
     /// A notice, as `growbot serve` sends it to webhooks and commands
-    Notice,
+    Notification,
     /// Settings, growbot.toml
     Settings,
 }
@@ -40,12 +40,12 @@ enum Kind {
 pub fn run(args: &SchemaArgs) -> Result<(), Failure> {
     let schema = match args.kind {
         Kind::Robot => robot_file_schema(),
-        Kind::Plan => schema::plan_schema(),
-        Kind::Scene => schema::scene_schema(),
-        Kind::Run => schema::run_event_schema(),
-        Kind::Result => schema::result_schema(),
-        Kind::Notice => schema::notice_schema(),
-        Kind::Settings => schema::settings_schema(),
+        Kind::Plan => formats::plan_schema(),
+        Kind::Scene => formats::scene_schema(),
+        Kind::Run => formats::run_event_schema(),
+        Kind::Result => formats::result_schema(),
+        Kind::Notification => formats::notice_schema(),
+        Kind::Settings => formats::settings_schema(),
     };
     Ok(print(&format!("{schema:#}\n"))?)
 }

@@ -73,10 +73,10 @@ impl PlanningOptions {
     }
 
     /// Plans from the start through the poses on the way to a goal, and warns about units that may be mistaken.
-    pub fn plan(&self, robot: &Robot, goal: &TypedGoal, clear_of_self: bool) -> Result<Plan, Failure> {
+    pub fn plan(&self, robot: &Robot, goal: &TypedGoal, avoid_self_collision: bool) -> Result<Plan, Failure> {
         let (start, mut via) = self.start_and_goals(robot, goal)?;
         let goal = via.pop().unwrap_or(goal.goal);
-        Ok(Plan::through_waypoints(robot, &start, &via, &goal, &self.search(robot, clear_of_self))?)
+        Ok(Plan::through_waypoints(robot, &start, &via, &goal, &self.search(robot, avoid_self_collision))?)
     }
 
     /// Returns the start, and all goals including the last. Warns about units that may be mistaken.
@@ -91,11 +91,11 @@ impl PlanningOptions {
     }
 
     /// Returns the search for paths of this robot.
-    pub fn search(&self, robot: &Robot, clear_of_self: bool) -> PlanOptions {
+    pub fn search(&self, robot: &Robot, avoid_self_collision: bool) -> PlanOptions {
         PlanOptions {
             radius: self.radius.unwrap_or(robot.description().planning_radius_mm),
             planner: self.planner.unwrap_or(PlannerName::Shortest).into(),
-            clear_of_self,
+            avoid_self_collision,
         }
     }
 }

@@ -1,4 +1,4 @@
-//! `growbot config`: shows the settings of all commands and their origins.
+//! `growbot settings`: shows the settings of all commands and their origins.
 
 use std::path::Path;
 
@@ -20,7 +20,7 @@ use super::Failure;
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
-  growbot config
+  growbot settings
   printf 'robot = \"growbot-b\"\\nport = \"/dev/ttyACM0\"\\n' > growbot.toml")]
 pub struct ConfigArgs {
     /// Print one line of JSON

@@ -56,7 +56,7 @@ pub struct ViewArgs {
     width: Option<u32>,
     /// Direction from which a picture shows the body [default: corner]
     #[arg(long, value_enum)]
-    look: Option<LookName>,
+    viewpoint: Option<LookName>,
     /// Draw a picture with axes: x, y and z in mm
     #[arg(long, conflicts_with = "plot")]
     axes: bool,
@@ -72,11 +72,11 @@ pub struct ViewArgs {
     #[arg(long)]
     no_title: bool,
     /// Draw plots instead of the body, as SVG unless --png or --pdf is given: a list with commas
-    #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', conflicts_with = "look")]
+    #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', conflicts_with = "viewpoint")]
     plot: Vec<QuantityName>,
     /// Horizontal axis of the plots
     #[arg(long, value_enum, default_value_t = AlongName::Path, requires = "plot")]
-    along: AlongName,
+    x_axis: AlongName,
     /// Write to this file (- for standard output) [default: a file beside the first one with its name, or A-B for
     /// several, or with -plot, ending in .html, .svg, .png or .pdf]
     ///
@@ -223,8 +223,8 @@ Examples:
   growbot view --compare two-plane.json shortest.json
   growbot view plan.json --scene room.toml
   growbot view plan.json --svg
-  growbot view plan.json --png --width 2400 --look side -o side.png
-  growbot view run.jsonl --plot heights,error,temperature --along time
+  growbot view plan.json --png --width 2400 --viewpoint side -o side.png
+  growbot view run.jsonl --plot heights,error,temperature --x-axis time
   growbot view --compare a.jsonl b.jsonl c.jsonl --plot error --pdf -o error.pdf
   growbot view plan.json --pdf --no-title --axes --palette viridis --range 0.6,1
   growbot plan --to 0,0,500,0,90 --json | growbot view - -o plan.html";
@@ -296,7 +296,7 @@ impl ViewArgs {
     fn picture(&self, subjects: &[&Subject], opened: &[Opened]) -> Result<String, Failure> {
         if !self.plot.is_empty() {
             let quantities: Vec<PlotKind> = self.plot.iter().map(|name| PlotKind::from(*name)).collect();
-            let options = plot::Options { quantities: &quantities, along: self.along.into(), title: !self.no_title };
+            let options = plot::Options { quantities: &quantities, along: self.x_axis.into(), title: !self.no_title };
             let log = |opened: &'_ Opened| opened.run.as_ref().map(|(_, log)| log.clone());
             let logs: Vec<Option<Vec<u8>>> = opened.iter().map(log).collect();
             let plotted: Vec<PlotInput> =
@@ -306,7 +306,7 @@ impl ViewArgs {
         let picture = picture::svg(
             subjects,
             &picture::Options {
-                look: self.look.unwrap_or(LookName::Corner).into(),
+                look: self.viewpoint.unwrap_or(LookName::Corner).into(),
                 palette: self.palette.map(Palette::from).unwrap_or_default(),
                 range: self.range,
                 title: !self.no_title,
@@ -335,8 +335,8 @@ impl ViewArgs {
             (self.no_title, "--no-title"),
         ];
         match self.format() {
-            Format::Html if self.look.is_some() => {
-                Err(Failure::bad_input("--look is for pictures, a page can be turned: add --svg or --png"))
+            Format::Html if self.viewpoint.is_some() => {
+                Err(Failure::bad_input("--viewpoint is for pictures, a page can be turned: add --svg or --png"))
             }
             Format::Html => match of_pictures.into_iter().find(|(given, _)| *given) {
                 Some((_, option)) => {

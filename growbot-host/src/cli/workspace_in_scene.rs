@@ -33,7 +33,7 @@ pub fn run(question: &WorkspaceQuery, room: &SceneSearch, output: Option<&Path>,
         effort: room.effort,
         deadline: None,
         first_only: true,
-        length_max: question.length,
+        max_length: question.length,
     };
     let mut progress: Option<Progress> = None;
     let answer = scene_workspace(question, &through, |done, of| {

@@ -112,7 +112,7 @@ impl Wanted {
         let search = PlanOptions {
             radius: self.radius_mm.unwrap_or(robot.description().planning_radius_mm),
             planner: Planner::Shortest,
-            clear_of_self: true,
+            avoid_self_collision: true,
         };
         let Some(file) = scene else {
             let plan = Plan::through_waypoints(robot, &start, &via, &goal, &search).map_err(Problem::bad)?;
@@ -126,7 +126,7 @@ impl Wanted {
             grown: None,
             effort: EFFORT,
             deadline: None,
-            length_max: MAX_LENGTH_MM,
+            max_length: MAX_LENGTH_MM,
             first_only: false,
         };
         let goals: Vec<Goal> = via.into_iter().chain([goal]).collect();

@@ -278,9 +278,9 @@ fn call(command: &[String], notice: &str) -> Result<(), String> {
     let read: Notice = serde_json::from_str(notice).map_err(|error| error.to_string())?;
     let mut child = Command::new(&command[0])
         .args(&command[1..])
-        .env("GROWBOT_NOTICE_EVENT", read.event.name())
-        .env("GROWBOT_NOTICE_ROBOT", &read.robot)
-        .env("GROWBOT_NOTICE_MESSAGE", &read.message)
+        .env("GROWBOT_NOTIFICATION_EVENT", read.event.name())
+        .env("GROWBOT_NOTIFICATION_ROBOT", &read.robot)
+        .env("GROWBOT_NOTIFICATION_MESSAGE", &read.message)
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .process_group(0)

@@ -307,7 +307,7 @@ impl Growing {
     /// Begins a body that takes hours, and waits until the board heats.
     pub fn begin(bench: &Bench) -> Self {
         let mut growing =
-            Self::run(&["grow", "--to", "0,0,300,0,90", "--on-silence", "continue", "--port", &bench.name], "");
+            Self::run(&["grow", "--to", "0,0,300,0,90", "--on-host-silence", "continue", "--port", &bench.name], "");
         growing.until_hot(bench);
         growing
     }

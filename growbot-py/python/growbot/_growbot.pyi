@@ -302,7 +302,7 @@ def plan(
     radius_mm: Optional[float] = None,
     planner: Optional[_Planner] = None,
     via: Optional[Iterable[_PoseLike]] = None,
-    clear_of_self: Optional[bool] = None,
+    avoid_self_collision: Optional[bool] = None,
     scene: Optional[Scene] = None,
     effort: Optional[int] = None,
     time_limit_s: Optional[float] = None,
@@ -314,7 +314,7 @@ def plan_many(
     robot: Optional[_RobotLike] = None,
     radius_mm: Optional[float] = None,
     planner: Optional[_Planner] = None,
-    clear_of_self: Optional[bool] = None,
+    avoid_self_collision: Optional[bool] = None,
     threads: Optional[int] = None,
 ) -> list[Plan]: ...
 def simulate_many(

@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .map(|line| Ok(parse_goal(line)?.goal))
         .collect::<Result<Vec<Goal>, Box<dyn std::error::Error>>>()?;
     let search =
-        PlanOptions { radius: robot.description().planning_radius_mm, planner: Planner::Shortest, clear_of_self: false };
+        PlanOptions { radius: robot.description().planning_radius_mm, planner: Planner::Shortest, avoid_self_collision: false };
     let batches: Vec<&[Goal]> = goals.chunks(batch.parse()?).collect();
     let mut fastest = vec![f64::INFINITY; batches.len()];
     for _ in 0..rounds.parse::<u32>()? {

@@ -86,7 +86,7 @@ impl fmt::Display for QemuError {
             Self::NoFirmware(path) => {
                 write!(
                     f,
-                    "there is no firmware at {}: build it with `cargo build-an386` or `cargo build-robot`",
+                    "there is no firmware at {}: build it with `cargo build-an386` or `cargo build-stm32f405`",
                     path.display()
                 )
             }

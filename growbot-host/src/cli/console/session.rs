@@ -259,7 +259,7 @@ impl ConsoleSession {
 
     fn grow(&mut self, goal: &Goal) -> Result<(), Failure> {
         let radius = self.robot.description().planning_radius_mm;
-        let search = PlanOptions { radius, planner: Planner::Shortest, clear_of_self: true };
+        let search = PlanOptions { radius, planner: Planner::Shortest, avoid_self_collision: true };
         let plan = Plan::through_waypoints(&self.robot, &self.start, &[], goal, &search)?;
         let job = Job::of_plan(&self.robot, &plan);
         let mut emergency = false;
@@ -368,7 +368,7 @@ mod tests {
         let sim = Rc::new(RefCell::new(Sim::new(robot.clone())));
         let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
         client.open_session_for(&robot).unwrap();
-        let Ok(port) = (LinkArgs { fault: None, take_over: false }).at("sim".to_owned()) else { panic!("no port") };
+        let Ok(port) = (LinkArgs { link_fault: None, take_over: false }).at("sim".to_owned()) else { panic!("no port") };
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let mut session = ConsoleSession {
             client,

@@ -250,7 +250,7 @@ impl TuiApp {
         let search = PlanOptions {
             radius: robot.description().planning_radius_mm,
             planner: Planner::Shortest,
-            clear_of_self: false,
+            avoid_self_collision: false,
         };
         let planned = Plan::through_waypoints(robot, &self.start, &[], goal, &search);
         // The board plans only to poses, so the direction is chosen here.

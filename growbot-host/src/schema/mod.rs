@@ -5,7 +5,7 @@
 //! number is set far too low and far too high, and the error contains the limit. A limit that depends on another field
 //! cannot be a number in a schema. It is in the field's description, with the advice of the error.
 
-pub mod schema;
+pub mod formats;
 
 use growbot_client::maintenance::MaterialPreset;
 use growbot_client::robot_file;
