@@ -4,8 +4,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use growbot_client::degrees::degrees_below_turn;
 use growbot_client::atomic_file::write_atomic;
+use growbot_client::degrees::degrees_below_turn;
 use growbot_client::plan::{self as client, Goal, PlanOptions, planner_name};
 use growbot_client::plan_file::{self, PlanFile, SegmentJson};
 use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
@@ -20,15 +20,15 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyType};
 
-use crate::arguments::{self, Rows, check_rows, flag, number, text, threads, integer, within, word, wrong_type};
+use crate::arguments::{self, Rows, check_rows, flag, integer, number, text, threads, within, word, wrong_type};
+use crate::error::{Error, ErrorKind};
 use crate::path_frames::frames;
-use crate::preconditions::page_of;
+use crate::pickle::{self, PlanState};
 use crate::pose::{Pose, as_goal, as_pose, goal_of, pose_of, rows_of};
-use crate::error::{ErrorKind, Error};
+use crate::preconditions::page_of;
 use crate::robot::{Robot, robot_of};
 use crate::scene::Scene;
-use crate::simulate::{Simulated, interruptible};
-use crate::pickle::{self, PlanState};
+use crate::simulate::{SimulationResult, interruptible};
 
 /// Greatest number of rows of a table of layers.
 const MAX_LAYERS: usize = 20_000_000;
@@ -159,7 +159,7 @@ fn search_of(
     robot: &Described,
     radius_mm: Option<&Bound<PyAny>>,
     planner: Option<&Bound<PyAny>>,
-    clear_of_self: Option<&Bound<PyAny>>,
+    avoid_self_collision: Option<&Bound<PyAny>>,
 ) -> Result<PlanOptions, Error> {
     Ok(PlanOptions {
         radius: match radius_mm {
@@ -167,7 +167,7 @@ fn search_of(
             None => robot.description().planning_radius_mm,
         },
         planner: planner_of(planner)?,
-        clear_of_self: clear_of_self.map_or(Ok(false), |value| flag("clear_of_self", value))?,
+        clear_of_self: avoid_self_collision.map_or(Ok(false), |value| flag("avoid_self_collision", value))?,
     })
 }
 
@@ -178,7 +178,7 @@ struct SceneSearchOptions {
     deadline: Option<Instant>,
 }
 
-fn room_of(
+fn scene_search_options(
     scene: Option<&Bound<PyAny>>,
     effort: Option<&Bound<PyAny>>,
     time_limit_s: Option<&Bound<PyAny>>,
@@ -205,13 +205,13 @@ fn room_of(
 ///
 /// start and goal are poses: growbot.Pose, or (x_mm, y_mm, z_mm, heading_deg, pitch_deg). A goal (x_mm, y_mm, z_mm) may
 /// be reached in any direction. via are poses or positions on the way, in order. radius_mm is that of the bends
-/// [default: the robot's planning_radius_mm]. planner is "shortest" or "two-plane". With clear_of_self, the path is the
+/// [default: the robot's planning_radius_mm]. planner is "shortest" or "two-plane". With avoid_self_collision, the path is the
 /// shortest that does not run into the body. Through a scene, effort limits the work of the search (about 0.1 s per
 /// unit), with the same result on every machine. time_limit_s limits its time.
 ///
 /// Raises InputError for a wrong argument (a radius below R_min, for example), and NoPathError if no path is found.
 #[pyfunction]
-#[pyo3(signature = (start, goal, *, robot = None, radius_mm = None, planner = None, via = None, clear_of_self = None, scene = None, effort = None, time_limit_s = None))]
+#[pyo3(signature = (start, goal, *, robot = None, radius_mm = None, planner = None, via = None, avoid_self_collision = None, scene = None, effort = None, time_limit_s = None))]
 #[expect(clippy::too_many_arguments, reason = "Python's keywords")]
 pub fn plan(
     py: Python<'_>,
@@ -221,18 +221,18 @@ pub fn plan(
     radius_mm: Option<&Bound<PyAny>>,
     planner: Option<&Bound<PyAny>>,
     via: Option<&Bound<PyAny>>,
-    clear_of_self: Option<&Bound<PyAny>>,
+    avoid_self_collision: Option<&Bound<PyAny>>,
     scene: Option<&Bound<PyAny>>,
     effort: Option<&Bound<PyAny>>,
     time_limit_s: Option<&Bound<PyAny>>,
 ) -> Result<Plan, Error> {
     let robot = robot_of(robot)?;
     let (start, goal) = (as_pose("start", start)?, as_goal("goal", goal)?);
-    let mut search = search_of(&robot, radius_mm, planner, clear_of_self)?;
+    let mut search = search_of(&robot, radius_mm, planner, avoid_self_collision)?;
     let on_the_way = via.map_or(Ok(Vec::new()), goals_on_the_way)?;
-    let room = room_of(scene, effort, time_limit_s)?;
-    search.clear_of_self |= room.is_some();
-    let plan = py.detach(|| match &room {
+    let scene_search = scene_search_options(scene, effort, time_limit_s)?;
+    search.clear_of_self |= scene_search.is_some();
+    let plan = py.detach(|| match &scene_search {
         None => client::Plan::through_waypoints(&robot, &start, &on_the_way, &goal, &search).map_err(Error::from),
         Some(SceneSearchOptions { scene, effort, deadline }) => {
             let file = scene.file.display().to_string();
@@ -269,7 +269,7 @@ fn goals_on_the_way(via: &Bound<PyAny>) -> Result<Vec<Goal>, Error> {
 /// (n, 5), or (n, 3) for any directions. The other arguments are those of plan. Raises the error of the first row that
 /// has no plan, with its number.
 #[pyfunction]
-#[pyo3(signature = (starts, goals, *, robot = None, radius_mm = None, planner = None, clear_of_self = None, threads = None))]
+#[pyo3(signature = (starts, goals, *, robot = None, radius_mm = None, planner = None, avoid_self_collision = None, threads = None))]
 #[expect(clippy::too_many_arguments, reason = "Python's keywords")]
 pub fn plan_many<'py>(
     py: Python<'py>,
@@ -278,11 +278,11 @@ pub fn plan_many<'py>(
     robot: Option<&Bound<'py, PyAny>>,
     radius_mm: Option<&Bound<'py, PyAny>>,
     planner: Option<&Bound<'py, PyAny>>,
-    clear_of_self: Option<&Bound<'py, PyAny>>,
+    avoid_self_collision: Option<&Bound<'py, PyAny>>,
     threads: Option<&Bound<'py, PyAny>>,
 ) -> Result<Bound<'py, PyList>, Error> {
     let robot = robot_of(robot)?;
-    let search = search_of(&robot, radius_mm, planner, clear_of_self)?;
+    let search = search_of(&robot, radius_mm, planner, avoid_self_collision)?;
     let threads = self::threads(threads)?;
     let rows = Rows::read("goals", goals, &[3, 5])?;
     let goals = (0..rows.count)
@@ -291,8 +291,9 @@ pub fn plan_many<'py>(
     let starts = starts_of(starts, goals.len())?;
     let tasks: Vec<(CorePose, Goal)> =
         goals.iter().enumerate().map(|(row, goal)| (starts[row.min(starts.len() - 1)], *goal)).collect();
-    let planned =
-        interruptible(py, threads, &tasks, |(start, goal)| client::Plan::through_waypoints(&robot, start, &[], goal, &search))?;
+    let planned = interruptible(py, threads, &tasks, |(start, goal)| {
+        client::Plan::through_waypoints(&robot, start, &[], goal, &search)
+    })?;
     let plans = planned
         .into_iter()
         .enumerate()
@@ -416,7 +417,9 @@ impl Plan {
     }
 
     fn __hash__(&self) -> u64 {
-        self.inner.robot_hash ^ self.inner.requirements.length.to_bits() ^ (self.inner.requirements.layers as u64).rotate_left(32)
+        self.inner.robot_hash
+            ^ self.inner.requirements.length.to_bits()
+            ^ (self.inner.requirements.layers as u64).rotate_left(32)
     }
 
     fn __repr__(&self) -> String {
@@ -601,7 +604,7 @@ impl Plan {
         py: Python<'_>,
         seed: Option<&Bound<PyAny>>,
         conditions: Option<&Bound<PyAny>>,
-    ) -> Result<Simulated, Error> {
-        Simulated::grow(py, self, seed, conditions)
+    ) -> Result<SimulationResult, Error> {
+        SimulationResult::grow(py, self, seed, conditions)
     }
 }

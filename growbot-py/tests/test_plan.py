@@ -90,8 +90,8 @@ def test_radius_robot_via_and_self() -> None:
     crossing = growbot.plan(START, (20, 10, 60, 0, 80))
     assert [warning.code for warning in crossing.warnings] == ["self-collision"]
     near = goals(50, seed=4) * [0.2, 0.2, 0.2, 1, 1]
-    clear = growbot.plan_many(START, near, clear_of_self=True)
-    assert clear == [growbot.plan(START, goal, clear_of_self=True) for goal in near]
+    clear = growbot.plan_many(START, near, avoid_self_collision=True)
+    assert clear == [growbot.plan(START, goal, avoid_self_collision=True) for goal in near]
     pairs = zip(clear, growbot.plan_many(START, near), strict=True)
     assert all(one.length_mm >= shortest.length_mm for one, shortest in pairs)
     assert pickle.loads(pickle.dumps(crossing.warnings)) == crossing.warnings
@@ -99,7 +99,7 @@ def test_radius_robot_via_and_self() -> None:
 
 
 def test_a_robot_survives(tmp_path: Path) -> None:
-    for name in growbot.Robot.names():
+    for name in growbot.Robot.builtin_names():
         robot = growbot.Robot(name)
         assert pickle.loads(pickle.dumps(robot)) == robot and hash(robot) == hash(growbot.Robot(name))
         assert robot.name in repr(robot) and robot.description["name"] == name
