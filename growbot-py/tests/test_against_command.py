@@ -95,7 +95,9 @@ def test_simulate_repeated(command: Path, tmp_path: Path) -> None:
     # More growths than are stored at a time.
     said = json.loads(run(command, "simulate", str(tmp_path / "plan.json"), "--json", "--repeat", "20000", "--seed", "5", *NOISY_OPTIONS))
     summary = growbot.simulate_repeated(plan, 20_000, seed=5, conditions=NOISY)
-    for name in ("layers", "position_error_mm", "normalized_position_error", "heading_error_deg", "pitch_error_deg", "direction_error_deg"):
+    assert summary.growth_count == 20_000 and summary.layer_count == said["layers"]
+    errors = ("position_error_mm", "normalized_position_error", "heading_error_deg", "pitch_error_deg", "direction_error_deg")
+    for name in errors:
         assert getattr(summary, name) == said[name]
     assert summary.worst_seed == said["worst_seed"]
     rows = growbot.simulate_many(plan, np.arange(5, 205), conditions=NOISY)
