@@ -207,7 +207,7 @@ fn every_file_that_is_named_is_there() {
     assert_nothing_wrong(&wrong);
     let missing =
         |text: &str| names_without_a_file(&Document { path: "made-up.md".into(), text: text.to_owned() }).len();
-    assert_eq!(missing("`growbot-core/src/path.rs`, `tests/run`, `growbot-run/3`, `book/target/word.html`"), 0);
+    assert_eq!(missing("`growbot-core/src/path.rs`, `tests/run`, `growbot-run/4`, `book/target/word.html`"), 0);
     assert_eq!(missing("| a | `growbot-core/src/word.rs` (`Word`) |"), 1);
     assert_eq!(missing("`growbot-py/src/word.rs`, `.cargo/word.toml`"), 2);
 }

@@ -155,7 +155,7 @@ fn what_cannot_be_exported_is_refused_in_one_line_and_leaves_nothing() {
     fs::write(&kept, "kept").unwrap();
     let header = fs::read_to_string(&log).unwrap().lines().next().unwrap().to_string() + "\n";
     fs::write(bodies.path("empty.jsonl"), &header).unwrap();
-    fs::write(bodies.path("old.jsonl"), header.replace("growbot-run/3", "growbot-run/1")).unwrap();
+    fs::write(bodies.path("old.jsonl"), header.replace("growbot-run/4", "growbot-run/1")).unwrap();
     let names = |directory: &Path| fs::read_dir(directory).unwrap().count();
     let before = names(bodies.0.path());
     for (args, said) in [

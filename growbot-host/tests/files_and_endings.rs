@@ -379,7 +379,7 @@ fn what_files_and_arguments_hold_does_not_steer_the_terminal() {
     let escaped = serde_json::to_string(hostile).unwrap();
     let outcome = log.replace("\"outcome\":\"done\"", &format!("\"outcome\":{escaped}"));
     let named = log.replace("\"robot\":\"growbot-a\"", &format!("\"robot\":{escaped}"));
-    let format = log.replace("growbot-run/3", hostile.trim_matches('\u{1b}'));
+    let format = log.replace("growbot-run/4", hostile.trim_matches('\u{1b}'));
     assert!([&outcome, &named].iter().all(|changed| **changed != log));
     for (name, text) in [("outcome", &outcome), ("named", &named), ("format", &format)] {
         let file = files.path(&format!("{name}.jsonl"));

@@ -78,7 +78,7 @@ fn a_plan_from_a_file_grows_and_leaves_a_log() {
 
     let lines: Vec<Value> =
         std::fs::read_to_string(&log).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    assert_eq!(lines[0]["format"], "growbot-run/3");
+    assert_eq!(lines[0]["format"], "growbot-run/4");
     assert_eq!(lines[0]["plan"]["robot"], "growbot-a");
     assert_eq!(lines.iter().filter(|line| line["event"] == "laid").count(), 50);
     assert_eq!(lines.last().unwrap()["result"]["outcome"], "done");

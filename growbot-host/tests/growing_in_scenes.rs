@@ -132,7 +132,7 @@ fn a_correction_that_would_be_too_near_takes_another_path_and_the_log_says_so() 
     assert_eq!(grown.code, Some(0), "{}", grown.err);
     assert_eq!(json(&grown)["outcome"], "done");
     let detours = events(&log, "detour");
-    assert!(!detours.is_empty() && events(&log, "too-near").is_empty());
+    assert!(!detours.is_empty() && events(&log, "clearance-violation").is_empty());
     let instead = &detours[0]["instead_of"];
     assert_eq!(instead["obstacle"], "the ball at 0, 0, 300");
     let number = |value: &Value| value.as_f64().unwrap();
@@ -164,7 +164,7 @@ fn where_there_is_no_other_way_nothing_is_begun_and_a_growth_under_way_pauses() 
     let paused = growbot(&[&args, &SENSORS[..], &["--tilt-noise", "0.4"]].concat());
     assert_eq!(paused.code, Some(1), "{}", paused.err);
     assert_ne!(json(&paused)["outcome"], "done");
-    let too_near = events(&log, "too-near");
+    let too_near = events(&log, "clearance-violation");
     assert_eq!(too_near.len(), 1);
     assert!(too_near[0]["obstacle"].as_str().unwrap().starts_with("the box at"), "{too_near:?}");
     assert!(too_near[0]["no_detour"].is_string());

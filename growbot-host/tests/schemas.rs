@@ -175,7 +175,7 @@ fn run_logs_and_results_are_valid_by_their_schemas_and_slips_are_not() {
     }
     kinds.sort_unstable();
     kinds.dedup();
-    let expected = ["amending", "board", "counting", "end", "header", "laid", "simulated", "state", "status"];
+    let expected = ["amendment", "board", "encoder-reference", "end", "header", "laid", "simulated", "state", "status"];
     for kind in expected {
         assert!(kinds.iter().any(|found| found == kind), "{kind}: {kinds:?}");
     }

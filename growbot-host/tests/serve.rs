@@ -253,7 +253,7 @@ fn the_list_of_jobs_is_made_anew_from_the_run_logs() {
     assert_eq!(lab.wait_for_end(&id)["state"], "done");
     // One log of another release has an unknown event, and one has a format that this release cannot read.
     let log = fs::read_to_string(lab.log(&id)).unwrap();
-    let newer = log.replacen("growbot-run/3", "growbot-run/4", 1);
+    let newer = log.replacen("growbot-run/4", "growbot-run/5", 1);
     assert_ne!(newer, log);
     fs::write(lab.log("20991123T014500123_lab"), newer).unwrap();
     fs::write(lab.log(&id), log.replacen("\n", "\n{\"time_utc\":\"x\",\"event\":\"dance\"}\n", 1)).unwrap();
@@ -273,7 +273,7 @@ fn the_list_of_jobs_is_made_anew_from_the_run_logs() {
         assert_eq!((&jobs[0]["id"], &jobs[0]["state"], &jobs[0]["laid"]), (&json!(id), &json!("done"), &json!(LAYERS)));
         let heard = lab.heard().replace("\n    ", " ");
         assert!(
-            heard.contains("its format is \"growbot-run/4\", I read \"growbot-run/3\": use growbot 0.1.0"),
+            heard.contains("its format is \"growbot-run/5\", I read \"growbot-run/4\": use growbot 0.1.0"),
             "{heard}"
         );
     }

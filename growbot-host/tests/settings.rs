@@ -46,7 +46,7 @@ impl Place {
     }
 
     fn config(&self) -> Value {
-        let ran = self.run(&["config", "--json"]);
+        let ran = self.run(&["settings", "--json"]);
         assert_eq!(ran.code, Some(0), "{}", ran.err);
         serde_json::from_str(&ran.out).unwrap()
     }
@@ -88,7 +88,7 @@ fn an_option_beats_the_environment_which_beats_the_files_the_nearest_first() {
     // An empty variable counts as not set.
     place.environment = vec![("GROWBOT_ROBOT", String::new()), ("GROWBOT_PORT", String::new())];
     is(&place, "growbot-a3", "nearest");
-    let text = place.run(&["config"]).out;
+    let text = place.run(&["settings"]).out;
     assert!(text.contains("growbot-a3") && text.contains("project/growbot.toml"), "{text}");
 }
 
@@ -128,7 +128,7 @@ fn what_is_wrong_in_a_file_is_told_and_stops_no_command_that_needs_no_file() {
         ("robot = [\n", &["line"]),
     ] {
         place.write("lab/growbot.toml", text);
-        for args in [&["config"][..], &["rmin"], &["status"], &["console"]] {
+        for args in [&["settings"][..], &["rmin"], &["status"], &["console"]] {
             let ran = place.run(args);
             assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);
             assert!(

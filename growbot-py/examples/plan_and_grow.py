@@ -12,7 +12,7 @@ with growbot.connect("sim") as board:
         match event:
             case growbot.events.StateChanged(state=state):
                 print(state)
-            case growbot.events.Laid(layer=layer) if layer % 50 == 0:
+            case growbot.events.LayerLaid(layer=layer) if layer % 50 == 0:
                 print("layer", layer)
             case _:
                 pass

@@ -8,7 +8,7 @@ use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyAnyMethods, PyDict, PyFloat, PyInt};
 
-use crate::error::{ErrorKind, Error, outside};
+use crate::error::{Error, ErrorKind, outside};
 
 /// Greatest number of rows of an array, given or returned.
 pub const MAX_ROWS: usize = 1_000_000;
@@ -50,7 +50,12 @@ pub fn integer(name: &str, value: &Bound<PyAny>, min: u64, max: u64) -> Result<u
     let wanted = "a whole number";
     let given: i128 = value.extract().map_err(|error: PyErr| {
         if error.is_instance_of::<pyo3::exceptions::PyOverflowError>(value.py()) {
-            Error::with(ErrorKind::Input, format!("{name} is beyond {max}: give {min} to {max}"), "too large", max as f64)
+            Error::with(
+                ErrorKind::Input,
+                format!("{name} is beyond {max}: give {min} to {max}"),
+                "too large",
+                max as f64,
+            )
         } else {
             wrong_type(name, value, wanted)
         }
@@ -229,7 +234,11 @@ fn numbers(name: &str, array: &Bound<PyUntypedArray>, wanted: &str) -> Result<Ve
     arguments.set_item("dtype", "float64")?;
     let array = py.import("numpy")?.call_method("ascontiguousarray", (array,), Some(&arguments))?;
     let array = array.cast_into::<PyArrayDyn<f64>>().map_err(PyErr::from)?;
-    Ok(array.readonly().as_slice().map_err(|_| Error::new(ErrorKind::Type, format!("{name} is no plain array")))?.to_vec())
+    Ok(array
+        .readonly()
+        .as_slice()
+        .map_err(|_| Error::new(ErrorKind::Type, format!("{name} is no plain array")))?
+        .to_vec())
 }
 
 /// Returns the error for an array of the wrong shape.

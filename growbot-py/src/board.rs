@@ -9,25 +9,25 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use growbot_client::clearance_guard::SceneContext;
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
-use growbot_client::growth::{GrowthError, Job, GrowthOptions, Command, CommandQueue, OnParked, grow_job};
-use growbot_client::clearance_guard::SceneContext;
+use growbot_client::growth::{Command, CommandQueue, GrowthError, GrowthOptions, Job, OnParked, grow_job};
 use growbot_client::run_log::{
-    BoardRecord as WrittenBoard, BoardStatus, GrowthResult, Origin, OutcomeKind, RunEvent, RunLog, RunLogError, to_run_events,
+    BoardRecord, BoardStatus, GrowthResult, Origin, OutcomeKind, RunEvent, RunLog, RunLogError, to_run_events,
 };
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::robot::Robot as Described;
 use growbot_core::simulation::{Disturbance, ErrorModel};
-use growbot_sim::port::{OpenPort, PortName, TipSettings, open};
 use growbot_sim::ground_truth::{SimulatedTip, grow_with_ground_truth};
+use growbot_sim::port::{OpenPort, PortName, TipSettings, open};
 use pyo3::prelude::*;
 
 use crate::arguments::{flag, path, word, wrong_type};
 use crate::conditions::Conditions;
-use crate::preconditions::{check_growable, scene_for_growth};
+use crate::error::{Error, ErrorKind};
 use crate::plan::Plan;
-use crate::error::{ErrorKind, Error};
+use crate::preconditions::{check_growable, scene_for_growth};
 use crate::robot::robot_of;
 use crate::run::json_of;
 use crate::scene::Scene;
@@ -52,14 +52,14 @@ struct GrowTask {
     plan: Plan,
     conditions: Conditions,
     /// Scene from which corrections stay clear.
-    around: Option<Scene>,
+    scene: Option<Scene>,
     /// True if the plan or the caller gives a scene and the growth ignores it.
     ignores_scene: bool,
     seed: u64,
     log: Option<PathBuf>,
     replace: bool,
     events: EventSender,
-    orders: Arc<CommandQueue>,
+    commands: Arc<CommandQueue>,
 }
 
 /// A message from a growth.
@@ -72,15 +72,15 @@ enum GrowthMessage {
 /// Sender of a growth's messages.
 enum EventSender {
     Bounded(mpsc::SyncSender<GrowthMessage>),
-    Now(Sender<GrowthMessage>),
+    Unbounded(Sender<GrowthMessage>),
 }
 
 impl EventSender {
     /// Sends a message. Returns false if the receiver is gone.
-    fn send(&self, told: GrowthMessage) -> bool {
+    fn send(&self, message: GrowthMessage) -> bool {
         match self {
-            Self::Bounded(sender) => sender.send(told).is_ok(),
-            Self::Now(sender) => sender.send(told).is_ok(),
+            Self::Bounded(sender) => sender.send(message).is_ok(),
+            Self::Unbounded(sender) => sender.send(message).is_ok(),
         }
     }
 }
@@ -88,7 +88,7 @@ impl EventSender {
 /// A port with a client.
 struct BoardLink {
     client: Client,
-    simulation: Option<Box<dyn SimulatedTip>>,
+    simulated_tip: Option<Box<dyn SimulatedTip>>,
 }
 
 /// The thread that owns the connection.
@@ -97,7 +97,7 @@ struct BoardWorker {
     port: PortName,
     name: String,
     take_over: bool,
-    line: Option<BoardLink>,
+    link: Option<BoardLink>,
 }
 
 fn board_error(error: impl ToString) -> Error {
@@ -105,13 +105,13 @@ fn board_error(error: impl ToString) -> Error {
 }
 
 impl BoardWorker {
-    fn serve(&mut self, asked: &Receiver<WorkerRequest>) {
-        while let Ok(asked) = asked.recv() {
-            match asked {
-                WorkerRequest::Hello(answer) => drop(answer.send(self.hello())),
-                WorkerRequest::Status(answer) => drop(answer.send(self.status())),
-                WorkerRequest::Stop(answer) => drop(answer.send(self.stop())),
-                WorkerRequest::EmergencyStop(answer) => drop(answer.send(self.emergency_stop())),
+    fn serve(&mut self, requests: &Receiver<WorkerRequest>) {
+        while let Ok(request) = requests.recv() {
+            match request {
+                WorkerRequest::Hello(response) => drop(response.send(self.hello())),
+                WorkerRequest::Status(response) => drop(response.send(self.status())),
+                WorkerRequest::Stop(response) => drop(response.send(self.stop())),
+                WorkerRequest::EmergencyStop(response) => drop(response.send(self.emergency_stop())),
                 WorkerRequest::Grow(task) => self.grow(*task),
             }
         }
@@ -119,63 +119,65 @@ impl BoardWorker {
 
     fn open(&mut self, settings: &TipSettings) -> Result<&mut BoardLink, Error> {
         // Only one program at a time can use a robot's port.
-        self.line = None;
-        let OpenPort { port, tip_handle } = open(&self.port, &self.robot, settings).map_err(board_error)?;
+        self.link = None;
+        let OpenPort { port, simulated_tip } = open(&self.port, &self.robot, settings).map_err(board_error)?;
         let name = if self.port.is_simulated() { format!("{} (simulated)", self.name) } else { self.name.clone() };
         let client = Client::new(port, &name).with_take_over(self.take_over);
-        Ok(self.line.insert(BoardLink { client, tip_handle }))
+        Ok(self.link.insert(BoardLink { client, simulated_tip }))
     }
 
-    fn line(&mut self) -> Result<&mut BoardLink, Error> {
-        if self.line.is_none() {
+    fn link(&mut self) -> Result<&mut BoardLink, Error> {
+        if self.link.is_none() {
             self.open(&TipSettings::default())?;
         }
-        self.line.as_mut().ok_or_else(|| board_error("the line is closed: connect again"))
+        self.link.as_mut().ok_or_else(|| board_error("the port is closed: connect again"))
     }
 
     fn hello(&mut self) -> Result<String, Error> {
-        let hello = self.line()?.client.open_session().map_err(board_error)?;
-        Ok(json_of(RunEvent::Board(WrittenBoard::from(&hello))))
+        let hello = self.link()?.client.open_session().map_err(board_error)?;
+        Ok(json_of(RunEvent::Board(BoardRecord::from(&hello))))
     }
 
     fn status(&mut self) -> Result<String, Error> {
-        let client = &mut self.line()?.client;
-        let status = client.status().or_else(|_| client.open_session().and_then(|_| client.status())).map_err(board_error)?;
+        let client = &mut self.link()?.client;
+        let status =
+            client.status().or_else(|_| client.open_session().and_then(|_| client.status())).map_err(board_error)?;
         Ok(json_of(RunEvent::Status(BoardStatus::from(&status))))
     }
 
     fn stop(&mut self) -> Result<String, Error> {
         let simulated = self.port.is_simulated();
         self.hello()?;
-        Ok(self.line()?.client.stop().map_err(board_error)?.message(simulated))
+        Ok(self.link()?.client.stop().map_err(board_error)?.message(simulated))
     }
 
     fn emergency_stop(&mut self) -> Result<String, Error> {
-        self.line()?.client.emergency_stop().map_err(board_error)?;
+        self.link()?.client.emergency_stop().map_err(board_error)?;
         Ok("emergency stop".to_owned())
     }
 
     fn grow(&mut self, task: GrowTask) {
         let events = &task.events;
-        let (result, refused) = match self.grown(&task) {
-            Ok((result, refused)) => (serde_json::to_string(&result).ok(), refused),
-            Err(refused) => (None, Some(refused)),
+        let (result, error) = match self.grow_body(&task) {
+            Ok((result, error)) => (serde_json::to_string(&result).ok(), error),
+            Err(error) => (None, Some(error)),
         };
-        events.send(GrowthMessage::End(result, refused));
+        events.send(GrowthMessage::End(result, error));
     }
 
     /// Grows a body. Returns the result, and the error unless the growth ended as requested.
-    fn grown(&mut self, task: &GrowTask) -> Result<(GrowthResult, Option<Error>), Error> {
-        let GrowTask { plan: Plan { inner: plan, robot }, conditions, around, seed, orders, .. } = task;
+    fn grow_body(&mut self, task: &GrowTask) -> Result<(GrowthResult, Option<Error>), Error> {
+        let GrowTask { plan: Plan { inner: plan, robot }, conditions, scene, seed, commands, .. } = task;
         let simulated = self.port.is_simulated();
         let noise = if simulated { conditions.sensor_noise() } else { conditions.assumed_noise() };
-        let around = around.as_ref().map(|scene| SceneContext::new(robot, &scene.loaded, plan.radius));
+        let scene = scene.as_ref().map(|scene| SceneContext::new(robot, &scene.loaded, plan.radius));
         let feedback = conditions.feedback().then(|| {
             let feedback = Feedback::new(robot, &plan.start, &plan.path, &plan.legs, noise);
-            around.iter().fold(feedback, Feedback::obstacles)
+            scene.iter().fold(feedback, Feedback::with_scene)
         });
-        if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
-            let message = format!("{too_near}: plan with a larger margin_mm or another radius_mm, or set ignore_scene=True");
+        if let Some(Err(violation)) = feedback.as_ref().map(Feedback::check_start) {
+            let message =
+                format!("{violation}: plan with a larger margin_mm or another radius_mm, or set ignore_scene=True");
             return Err(Error::new(ErrorKind::Input, message));
         }
         let imperfection =
@@ -184,10 +186,11 @@ impl BoardWorker {
             self.robot = Arc::clone(robot);
             self.open(&TipSettings { start: Some(plan.start), imperfection, pace: None })?;
         }
-        let (port, line) = (self.name.clone(), self.line()?);
+        let (port, link) = (self.name.clone(), self.link()?);
         let job = Job::of_plan(robot, plan);
         let fed_back = conditions.feedback().then_some(noise);
-        let origin = Origin { port: &port, imperfection: simulated.then_some(&imperfection), ignores_scene: task.ignores_scene };
+        let origin =
+            Origin { port: &port, imperfection: simulated.then_some(&imperfection), ignores_scene: task.ignores_scene };
         let begun = match &task.log {
             None => Ok(RunLog::disabled()),
             Some(file) if task.replace => RunLog::replace(file, plan, &job, fed_back, origin),
@@ -204,20 +207,20 @@ impl BoardWorker {
             error => Error::new(ErrorKind::File, error),
         })?;
         let mut tip = plan.start.frame();
-        let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
+        let options = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
         let grown = grow_with_ground_truth(
-            line.simulation.as_mut(),
+            link.simulated_tip.as_mut(),
             &job,
             &mut |event| {
                 // A line that cannot be written is retried later. Lines that are still missing at the end are counted.
                 let _ = log.record(event);
                 for event in to_run_events(event, &mut tip) {
                     if !task.events.send(GrowthMessage::Event(json_of(event))) {
-                        orders.send_command(Move::Stop);
+                        commands.push(Command::Stop);
                     }
                 }
             },
-            |on_event| grow_job(&mut line.client, &job, manner, orders, on_event),
+            |on_event| grow_job(&mut link.client, &job, options, commands, on_event),
         );
         let seed = (simulated && conditions.disturbance() != Disturbance::default()).then_some(*seed);
         let nothing = |outcome, error: &dyn ToString| GrowthResult {
@@ -229,8 +232,8 @@ impl BoardWorker {
                 let mut result = GrowthResult::new(&grown, plan, seed, simulated);
                 let _ = log.end(&result);
                 result.log_lines_missing = Some(log.missing_lines()).filter(|missing| *missing > 0);
-                let refused = outcome_error(&result);
-                Ok((result, refused))
+                let error = outcome_error(&result);
+                Ok((result, error))
             }
             Err(GrowthError::Interrupted(error)) => {
                 let result = nothing(OutcomeKind::Lost, &error);
@@ -265,10 +268,10 @@ fn outcome_error(result: &GrowthResult) -> Option<Error> {
 /// A robot at a port.
 #[pyclass(frozen, module = "growbot._growbot")]
 pub struct Board {
-    asks: Mutex<Option<Sender<WorkerRequest>>>,
+    requests: Mutex<Option<Sender<WorkerRequest>>>,
     thread: Mutex<Option<JoinHandle<()>>>,
     /// Commands for the current or the latest growth.
-    orders: Mutex<Arc<CommandQueue>>,
+    commands: Mutex<Arc<CommandQueue>>,
     simulated: bool,
 }
 
@@ -277,25 +280,25 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Board {
-    fn ask(&self, asked: WorkerRequest) -> Result<(), Error> {
+    fn send_request(&self, request: WorkerRequest) -> Result<(), Error> {
         let closed = || board_error("the board is disconnected: connect again");
-        lock(&self.asks).as_ref().ok_or_else(closed)?.send(asked).map_err(|_| closed())
+        lock(&self.requests).as_ref().ok_or_else(closed)?.send(request).map_err(|_| closed())
     }
 
     /// Sends a request and waits for the response. Ctrl-C ends the wait.
-    fn answer(
+    fn request(
         &self,
         py: Python<'_>,
-        asked: impl FnOnce(Sender<Result<String, Error>>) -> WorkerRequest,
+        request: impl FnOnce(Sender<Result<String, Error>>) -> WorkerRequest,
     ) -> Result<String, Error> {
         let (sender, receiver) = mpsc::channel();
-        self.ask(asked(sender))?;
+        self.send_request(request(sender))?;
         let receiver = Mutex::new(receiver);
         loop {
             match py.detach(|| lock(&receiver).recv_timeout(LOOK)) {
-                Ok(answer) => return answer,
+                Ok(response) => return response,
                 Err(RecvTimeoutError::Timeout) => py.check_signals()?,
-                Err(RecvTimeoutError::Disconnected) => return Err(board_error("the line is closed: connect again")),
+                Err(RecvTimeoutError::Disconnected) => return Err(board_error("the port is closed: connect again")),
             }
         }
     }
@@ -317,23 +320,23 @@ impl Board {
             Error::with(ErrorKind::Input, error, name.as_str(), "sim, emulator, tcp:HOST:PORT, a device")
         })?;
         let take_over = take_over.map_or(Ok(false), |value| flag("take_over", value))?;
-        let (asks, asked) = mpsc::channel();
+        let (sender, receiver) = mpsc::channel();
         let simulated = port.is_simulated();
         let begins_with_growth = simulated && port.resident().is_none();
         let thread = thread::Builder::new().name("growbot".to_owned()).spawn(move || {
-            BoardWorker { robot, port, name, take_over, line: None }.serve(&asked);
+            BoardWorker { robot, port, name, take_over, link: None }.serve(&receiver);
         });
         let thread =
-            thread.map_err(|error| board_error(format!("no thread for the line ({error}): end other programs")))?;
+            thread.map_err(|error| board_error(format!("no thread for the port ({error}): end other programs")))?;
         let board = Self {
-            asks: Mutex::new(Some(asks)),
+            requests: Mutex::new(Some(sender)),
             thread: Mutex::new(Some(thread)),
-            orders: Mutex::new(Arc::default()),
+            commands: Mutex::new(Arc::default()),
             simulated,
         };
-        if !begins_with_growth && let Err(refused) = board.answer(py, WorkerRequest::Hello) {
+        if !begins_with_growth && let Err(error) = board.request(py, WorkerRequest::Hello) {
             board.close(py);
-            return Err(refused);
+            return Err(error);
         }
         Ok(board)
     }
@@ -344,15 +347,15 @@ impl Board {
     }
 
     fn status_json(&self, py: Python<'_>) -> Result<String, Error> {
-        self.answer(py, WorkerRequest::Status)
+        self.request(py, WorkerRequest::Status)
     }
 
     fn stop(&self, py: Python<'_>) -> Result<String, Error> {
-        self.answer(py, WorkerRequest::Stop)
+        self.request(py, WorkerRequest::Stop)
     }
 
     fn emergency_stop(&self, py: Python<'_>) -> Result<String, Error> {
-        self.answer(py, WorkerRequest::EmergencyStop)
+        self.request(py, WorkerRequest::EmergencyStop)
     }
 
     #[pyo3(signature = (plan, conditions = None, seed = None, log = None, overwrite = None, force = None, ignore_scene = None, scene = None))]
@@ -376,35 +379,35 @@ impl Board {
         let force = force.map_or(Ok(false), |value| flag("force", value))?;
         check_growable(&plan, &conditions, self.simulated, force)?;
         let ignore_scene = ignore_scene.map_or(Ok(false), |value| flag("ignore_scene", value))?;
-        let around = if ignore_scene { None } else { scene_for_growth(&plan, scene)? };
         let ignores_scene = ignore_scene && (scene.is_some() || plan.inner.scene.is_some());
-        let (events, told) = if self.simulated {
+        let scene = if ignore_scene { None } else { scene_for_growth(&plan, scene)? };
+        let (events, messages) = if self.simulated {
             let (sender, receiver) = mpsc::sync_channel(AHEAD);
             (EventSender::Bounded(sender), receiver)
         } else {
             let (sender, receiver) = mpsc::channel();
-            (EventSender::Now(sender), receiver)
+            (EventSender::Unbounded(sender), receiver)
         };
-        let orders: Arc<CommandQueue> = Arc::default();
-        *lock(&self.orders) = Arc::clone(&orders);
-        self.ask(WorkerRequest::Grow(Box::new(GrowTask {
+        let commands: Arc<CommandQueue> = Arc::default();
+        *lock(&self.commands) = Arc::clone(&commands);
+        self.send_request(WorkerRequest::Grow(Box::new(GrowTask {
             plan,
             conditions,
-            around,
+            scene,
             ignores_scene,
             seed,
             log,
             replace,
             events,
-            orders: Arc::clone(&orders),
+            commands: Arc::clone(&commands),
         })))?;
-        Ok(Growth { told: Mutex::new(Some(told)), orders, result: Mutex::new(None) })
+        Ok(Growth { messages: Mutex::new(Some(messages)), commands, result: Mutex::new(None) })
     }
 
     /// Stops the current growth, and disconnects.
     fn close(&self, py: Python<'_>) {
-        lock(&self.orders).send_command(Move::Stop);
-        drop(lock(&self.asks).take());
+        lock(&self.commands).push(Command::Stop);
+        drop(lock(&self.requests).take());
         let thread = lock(&self.thread).take();
         if let Some(thread) = thread {
             // A panic of the thread has been printed already.
@@ -416,17 +419,17 @@ impl Board {
 /// A growth in progress.
 #[pyclass(frozen, module = "growbot._growbot")]
 pub struct Growth {
-    told: Mutex<Option<Receiver<GrowthMessage>>>,
-    orders: Arc<CommandQueue>,
+    messages: Mutex<Option<Receiver<GrowthMessage>>>,
+    commands: Arc<CommandQueue>,
     result: Mutex<Option<String>>,
 }
 
 impl Growth {
     /// Records the end.
-    fn end(&self, result: Option<String>, refused: Option<Error>) -> Result<(), Error> {
-        drop(lock(&self.told).take());
+    fn end(&self, result: Option<String>, error: Option<Error>) -> Result<(), Error> {
+        drop(lock(&self.messages).take());
         *lock(&self.result) = result;
-        refused.map_or(Ok(()), Err)
+        error.map_or(Ok(()), Err)
     }
 }
 
@@ -436,23 +439,23 @@ impl Growth {
     fn next_json(&self, py: Python<'_>) -> Result<Option<String>, Error> {
         let mut interrupted = None;
         loop {
-            let next = py.detach(|| lock(&self.told).as_ref().map(|told| told.recv_timeout(LOOK)));
+            let next = py.detach(|| lock(&self.messages).as_ref().map(|messages| messages.recv_timeout(LOOK)));
             match next {
                 None => return Ok(None),
                 Some(Ok(GrowthMessage::Event(_))) if interrupted.is_some() => {}
                 Some(Ok(GrowthMessage::Event(event))) => return Ok(Some(event)),
-                Some(Ok(GrowthMessage::End(result, refused))) => {
-                    let ended = self.end(result, refused);
+                Some(Ok(GrowthMessage::End(result, error))) => {
+                    let ended = self.end(result, error);
                     return interrupted.map_or_else(|| ended.map(|()| None), |error: PyErr| Err(error.into()));
                 }
                 Some(Err(RecvTimeoutError::Timeout)) => {}
                 Some(Err(RecvTimeoutError::Disconnected)) => {
-                    self.end(None, Some(board_error("the line is closed: connect again")))?;
+                    self.end(None, Some(board_error("the port is closed: connect again")))?;
                 }
             }
             if let Err(error) = py.check_signals() {
                 // The first Ctrl-C stops the robot. A second one sends the emergency stop.
-                self.orders.send_command(if interrupted.is_some() { Move::EmergencyStop } else { Move::Stop });
+                self.commands.push(if interrupted.is_some() { Command::EmergencyStop } else { Command::Stop });
                 interrupted = Some(error);
             }
         }
@@ -460,7 +463,7 @@ impl Growth {
 
     #[getter]
     fn ended(&self) -> bool {
-        lock(&self.told).is_none()
+        lock(&self.messages).is_none()
     }
 
     #[getter]
@@ -470,13 +473,18 @@ impl Growth {
 
     /// Sends a command by its name.
     #[pyo3(signature = (name))]
-    fn order(&self, name: &Bound<PyAny>) -> Result<(), Error> {
+    fn send_command(&self, name: &Bound<PyAny>) -> Result<(), Error> {
         let name = word("name", name)?;
-        let order = Move::ALL.into_iter().find(|order| order.name() == name).ok_or_else(|| {
-            let known = Move::ALL.map(Move::name).join(", ");
-            Error::with(ErrorKind::Input, format!("there is no order {name:?}: give one of {known}"), name.as_str(), known)
+        let command = Command::ALL.into_iter().find(|command| command.name() == name).ok_or_else(|| {
+            let known = Command::ALL.map(Command::name).join(", ");
+            Error::with(
+                ErrorKind::Input,
+                format!("there is no command {name:?}: give one of {known}"),
+                name.as_str(),
+                known,
+            )
         })?;
-        self.orders.send_command(order);
+        self.commands.push(command);
         Ok(())
     }
 }

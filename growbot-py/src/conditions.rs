@@ -13,8 +13,8 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 
 use crate::arguments::{flag, within, word, wrong_type};
+use crate::error::{Error, ErrorKind};
 use crate::plan::Plan;
-use crate::error::{ErrorKind, Error};
 
 /// Limits of shares, percent, and of angles, degrees, equal to the command's.
 const SIGNED: [f64; 2] = [-90.0, 90.0];

@@ -31,7 +31,7 @@ pub enum ErrorValue {
     /// A number in the unit of the message.
     Number(f64),
     /// A text.
-    Words(String),
+    Text(String),
 }
 
 impl From<f64> for ErrorValue {
@@ -41,14 +41,14 @@ impl From<f64> for ErrorValue {
 }
 
 impl From<&str> for ErrorValue {
-    fn from(words: &str) -> Self {
-        Self::Words(words.to_owned())
+    fn from(text: &str) -> Self {
+        Self::Text(text.to_owned())
     }
 }
 
 impl From<String> for ErrorValue {
-    fn from(words: String) -> Self {
-        Self::Words(words)
+    fn from(text: String) -> Self {
+        Self::Text(text)
     }
 }
 
@@ -77,7 +77,12 @@ impl Error {
     }
 
     /// Returns an error with value and limit.
-    pub fn with(kind: ErrorKind, message: impl ToString, value: impl Into<ErrorValue>, limit: impl Into<ErrorValue>) -> Self {
+    pub fn with(
+        kind: ErrorKind,
+        message: impl ToString,
+        value: impl Into<ErrorValue>,
+        limit: impl Into<ErrorValue>,
+    ) -> Self {
         Self::Growbot { kind, message: message.to_string(), value: Some(value.into()), limit: Some(limit.into()) }
     }
 
@@ -93,21 +98,27 @@ impl Error {
 }
 
 /// Returns the exception of an error.
-fn exception(py: Python<'_>, kind: ErrorKind, message: String, value: Option<ErrorValue>, limit: Option<ErrorValue>) -> PyResult<PyErr> {
+fn exception(
+    py: Python<'_>,
+    kind: ErrorKind,
+    message: String,
+    value: Option<ErrorValue>,
+    limit: Option<ErrorValue>,
+) -> PyResult<PyErr> {
     static CLASSES: [PyOnceLock<Py<PyType>>; 5] = [const { PyOnceLock::new() }; 5];
     let name = ["InputError", "InputTypeError", "FileError", "NoPathError", "BoardError"];
     let class = CLASSES[kind as usize].import(py, "growbot._errors", name[kind as usize])?;
-    let told = |told: Option<ErrorValue>| match told {
+    let python_value = |value: Option<ErrorValue>| match value {
         None => Ok(py.None()),
         Some(ErrorValue::Number(number)) => number.into_py_any(py),
-        Some(ErrorValue::Words(words)) => words.into_py_any(py),
+        Some(ErrorValue::Text(text)) => text.into_py_any(py),
     };
-    Ok(PyErr::from_value(class.call1((message, told(value)?, told(limit)?))?))
+    Ok(PyErr::from_value(class.call1((message, python_value(value)?, python_value(limit)?))?))
 }
 
 impl From<Error> for PyErr {
-    fn from(refused: Error) -> Self {
-        match refused {
+    fn from(error: Error) -> Self {
+        match error {
             Error::Python(error) => error,
             Error::Growbot { kind, message, value, limit } => {
                 Python::attach(|py| exception(py, kind, message, value, limit).unwrap_or_else(|error| error))
@@ -129,7 +140,9 @@ impl From<PlanError> for Error {
             PlanError::RadiusTooSmall { radius, limit } | PlanError::RadiusTooLarge { radius, limit } => {
                 Self::with(ErrorKind::Input, message, radius, limit)
             }
-            PlanError::GoalNotReached { distance, limit, .. } => Self::with(ErrorKind::NoPath, message, distance, limit),
+            PlanError::GoalNotReached { distance, limit, .. } => {
+                Self::with(ErrorKind::NoPath, message, distance, limit)
+            }
             PlanError::NoPath | PlanError::TooManySegments(_) => Self::new(ErrorKind::NoPath, message),
         }
     }
@@ -161,9 +174,13 @@ impl From<ScenePlanError> for Error {
                     }
                     NoPathError::TooFar { distance, left } => Self::with(ErrorKind::NoPath, message, distance, left),
                     NoPathError::Separated { need } => Self::with(ErrorKind::NoPath, message, "none", need),
-                    NoPathError::AtResolution { step, .. } => Self::with(ErrorKind::NoPath, message, error.code(), step),
+                    NoPathError::AtResolution { step, .. } => {
+                        Self::with(ErrorKind::NoPath, message, error.code(), step)
+                    }
                     NoPathError::NotClear => Self::with(ErrorKind::NoPath, message, "two-plane", "shortest"),
-                    NoPathError::NotFound => Self::with(ErrorKind::NoPath, message, error.code(), "effort and time_limit_s"),
+                    NoPathError::NotFound => {
+                        Self::with(ErrorKind::NoPath, message, error.code(), "effort and time_limit_s")
+                    }
                 }
             }
         }
@@ -173,7 +190,11 @@ impl From<ScenePlanError> for Error {
 /// Returns the error for a number outside of these limits.
 pub fn outside(name: &str, value: f64, [min, max]: [f64; 2], unit: &str) -> Error {
     let limit = if value < min { min } else { max };
-    let message =
-        format!("{name} is {} {unit}, and may be {} to {}: give one within", CompactNumber(&value), CompactNumber(&min), CompactNumber(&max));
+    let message = format!(
+        "{name} is {} {unit}, and may be {} to {}: give one within",
+        CompactNumber(&value),
+        CompactNumber(&min),
+        CompactNumber(&max)
+    );
     Error::with(ErrorKind::Input, message, value, limit)
 }

@@ -1,28 +1,29 @@
 //! The module `growbot._growbot`: growbot's crates for Python. Users import the package `growbot`, in `python/`.
 //!
 //! - `robot`, `pose`, `scene`, `plan`: the inputs and plans
-//! - `course`: positions along a path
+//! - `path_frames`: positions along a path
 //! - `conditions`, `simulate`, `summary`: growths without a board, one or many, and their statistics
 //! - `run`: logs of growths
-//! - `board`: growths on a board
+//! - `board`, `preconditions`: growths on a board
 //! - `arguments`: checked values from Python
-//! - `refused`: exceptions
+//! - `pickle`: plans for pickle
+//! - `error`: exceptions
 //!
 //! Long computations release the interpreter for other threads, and Ctrl-C ends them.
 
 mod arguments;
 mod board;
 mod conditions;
+mod error;
 mod path_frames;
-mod preconditions;
+mod pickle;
 mod plan;
 mod pose;
-mod error;
+mod preconditions;
 mod robot;
 mod run;
 mod scene;
 mod simulate;
-mod pickle;
 mod summary;
 
 use pyo3::prelude::*;
@@ -43,7 +44,7 @@ mod _growbot {
     #[pymodule_export]
     use crate::scene::Scene;
     #[pymodule_export]
-    use crate::simulate::{Simulated, simulate_many};
+    use crate::simulate::{SimulationResult, simulate_many};
     #[pymodule_export]
-    use crate::summary::{_repeat_rows, Summary, repeat};
+    use crate::summary::{_simulate_repeated_rows, SimulationSummary, simulate_repeated};
 }

@@ -7,8 +7,8 @@ use growbot_core::pose::Frame;
 /// Returns the tip's frames (base from tip, mm) at lengths along a path. The lengths are in mm and within the path.
 /// Lengths in ascending order are fastest.
 pub fn frames(path: &[Segment], start: &Frame, lengths: &[f64]) -> Vec<Frame> {
-    let mut course = PathCursor { path, index: 0, begun: 0.0, base: *start, start: *start, walk: None };
-    lengths.iter().map(|length| course.at(*length)).collect()
+    let mut cursor = PathCursor { path, index: 0, begun: 0.0, base: *start, start: *start, walk: None };
+    lengths.iter().map(|length| cursor.at(*length)).collect()
 }
 
 /// A tip that moves along a path.

@@ -1,6 +1,6 @@
 //! A plan as plain values, exact to the bit, for pickle. (In a plan's JSON, angles are in degrees.)
 
-use growbot_client::plan::{SearchSummary, Plan, SceneClearance};
+use growbot_client::plan::{Plan, SceneClearance, SearchSummary};
 use growbot_client::warning::warnings;
 use growbot_core::helicoid::Helicoid;
 use growbot_core::path::{Leg, Segment};
@@ -8,8 +8,8 @@ use growbot_core::plan::{Planner, requirements};
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
 
+use crate::error::{Error, ErrorKind};
 use crate::pose::{pose_from, state_of};
-use crate::error::{ErrorKind, Error};
 
 type Numbers = (f64, f64, f64, f64, f64);
 /// Goal of a leg, number of its segments, statistics of its search, and whether its direction was free.
@@ -39,11 +39,11 @@ pub fn of(plan: &Plan) -> PlanState {
 pub fn plan(robot: &Robot, (shortest, radius, start, legs, segments, scene): PlanState) -> Result<Plan, Error> {
     let path = segments.iter().map(|numbers| segment(numbers)).collect::<Result<Vec<_>, _>>()?;
     let start = pose_from(start)?;
-    let needs = requirements(&path, robot);
+    let requirements = requirements(&path, robot);
     let (mut all, mut choices, mut free_directions) = (Vec::new(), Vec::new(), Vec::new());
-    for (goal, segments, choice, free) in legs {
+    for (goal, segment_count, choice, free) in legs {
         all.push(Leg { goal: pose_from(goal)?, segment_count });
-        choices.push(choice.map(|(candidates, passed_over, two_plane_length)| SearchSummary {
+        choices.push(choice.map(|(candidates, rejected, two_plane_length)| SearchSummary {
             candidates,
             rejected,
             two_plane_length,
@@ -60,7 +60,7 @@ pub fn plan(robot: &Robot, (shortest, radius, start, legs, segments, scene): Pla
         legs: all,
         choices,
         free_directions,
-        warnings: warnings(&path, &needs, robot),
+        warnings: warnings(&path, &requirements, robot),
         requirements,
         path,
         scene: scene.map(|(file, hash, clearance)| SceneClearance { file, hash, clearance }),

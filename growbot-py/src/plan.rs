@@ -4,8 +4,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use growbot_client::degrees::degrees_below_turn;
 use growbot_client::atomic_file::write_atomic;
+use growbot_client::degrees::degrees_below_turn;
 use growbot_client::plan::{self as client, Goal, PlanOptions, planner_name};
 use growbot_client::plan_file::{self, PlanFile, SegmentJson};
 use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
@@ -20,15 +20,15 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyType};
 
-use crate::arguments::{self, Rows, check_rows, flag, number, text, threads, integer, within, word, wrong_type};
+use crate::arguments::{self, Rows, check_rows, flag, integer, number, text, threads, within, word, wrong_type};
+use crate::error::{Error, ErrorKind};
 use crate::path_frames::frames;
-use crate::preconditions::page_of;
+use crate::pickle::{self, PlanState};
 use crate::pose::{Pose, as_goal, as_pose, goal_of, pose_of, rows_of};
-use crate::error::{ErrorKind, Error};
+use crate::preconditions::page_of;
 use crate::robot::{Robot, robot_of};
 use crate::scene::Scene;
-use crate::simulate::{Simulated, interruptible};
-use crate::pickle::{self, PlanState};
+use crate::simulate::{SimulationResult, interruptible};
 
 /// Greatest number of rows of a table of layers.
 const MAX_LAYERS: usize = 20_000_000;
@@ -178,7 +178,7 @@ struct SceneSearchOptions {
     deadline: Option<Instant>,
 }
 
-fn room_of(
+fn scene_search_options(
     scene: Option<&Bound<PyAny>>,
     effort: Option<&Bound<PyAny>>,
     time_limit_s: Option<&Bound<PyAny>>,
@@ -230,9 +230,9 @@ pub fn plan(
     let (start, goal) = (as_pose("start", start)?, as_goal("goal", goal)?);
     let mut search = search_of(&robot, radius_mm, planner, avoid_self_collision)?;
     let on_the_way = via.map_or(Ok(Vec::new()), goals_on_the_way)?;
-    let room = room_of(scene, effort, time_limit_s)?;
-    search.avoid_self_collision |= room.is_some();
-    let plan = py.detach(|| match &room {
+    let scene_search = scene_search_options(scene, effort, time_limit_s)?;
+    search.avoid_self_collision |= scene_search.is_some();
+    let plan = py.detach(|| match &scene_search {
         None => client::Plan::through_waypoints(&robot, &start, &on_the_way, &goal, &search).map_err(Error::from),
         Some(SceneSearchOptions { scene, effort, deadline }) => {
             let file = scene.file.display().to_string();
@@ -291,8 +291,9 @@ pub fn plan_many<'py>(
     let starts = starts_of(starts, goals.len())?;
     let tasks: Vec<(CorePose, Goal)> =
         goals.iter().enumerate().map(|(row, goal)| (starts[row.min(starts.len() - 1)], *goal)).collect();
-    let planned =
-        interruptible(py, threads, &tasks, |(start, goal)| client::Plan::through_waypoints(&robot, start, &[], goal, &search))?;
+    let planned = interruptible(py, threads, &tasks, |(start, goal)| {
+        client::Plan::through_waypoints(&robot, start, &[], goal, &search)
+    })?;
     let plans = planned
         .into_iter()
         .enumerate()
@@ -416,7 +417,9 @@ impl Plan {
     }
 
     fn __hash__(&self) -> u64 {
-        self.inner.robot_hash ^ self.inner.requirements.length.to_bits() ^ (self.inner.requirements.layers as u64).rotate_left(32)
+        self.inner.robot_hash
+            ^ self.inner.requirements.length.to_bits()
+            ^ (self.inner.requirements.layers as u64).rotate_left(32)
     }
 
     fn __repr__(&self) -> String {
@@ -601,7 +604,7 @@ impl Plan {
         py: Python<'_>,
         seed: Option<&Bound<PyAny>>,
         conditions: Option<&Bound<PyAny>>,
-    ) -> Result<Simulated, Error> {
-        Simulated::grow(py, self, seed, conditions)
+    ) -> Result<SimulationResult, Error> {
+        SimulationResult::grow(py, self, seed, conditions)
     }
 }

@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PySequence, PyType};
 
 use crate::arguments::{fixed, number, real_number, wrong_shape, wrong_type};
-use crate::error::{ErrorKind, Error};
+use crate::error::{Error, ErrorKind};
 
 /// Tolerance of a rotation matrix, and smallest length of a direction.
 const ROTATION: f64 = 1e-6;

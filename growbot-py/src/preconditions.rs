@@ -13,8 +13,8 @@ use growbot_scene::scene_file::LoadedScene;
 use pyo3::prelude::*;
 
 use crate::conditions::Conditions;
+use crate::error::{Error, ErrorKind};
 use crate::plan::Plan;
-use crate::error::{ErrorKind, Error};
 use crate::scene::Scene;
 
 /// Returns the scene for the growth of a plan. If a scene is given, the plan must be clear in it. Otherwise it is the

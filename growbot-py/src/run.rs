@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use growbot_client::input::MAX_LOG_BYTES;
 use growbot_client::plan as client;
-use growbot_client::run_log::{Events, RunEvent, RunLine, RecordedRun};
+use growbot_client::run_log::{Events, RecordedRun, RunEvent, RunLine};
 use growbot_core::layer_bytes::decode;
 use growbot_core::robot::Robot as Described;
 use growbot_pictures::view::Subject;
@@ -12,9 +12,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyType;
 
 use crate::arguments::{bytes_of_file, path};
-use crate::preconditions::page_of;
+use crate::error::{Error, ErrorKind};
 use crate::plan::{Plan, framed, layer_array};
-use crate::error::{ErrorKind, Error};
+use crate::preconditions::page_of;
 
 /// The log of a growth, as written by `growbot grow --log` and Board.grow, as far as it can be read.
 #[pyclass(frozen, module = "growbot._growbot", subclass)]

@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyType;
 
 use crate::arguments::{Rows, path, wrong_type};
-use crate::error::{ErrorKind, Error};
+use crate::error::{Error, ErrorKind};
 
 /// Obstacles, from a scene file (TOML), a mesh (.stl, .obj, .ply, .glb) or a cloud of points (.ply, .pcd).
 #[pyclass(frozen, module = "growbot")]

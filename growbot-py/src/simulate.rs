@@ -9,17 +9,17 @@ use growbot_core::layer::Layer;
 use growbot_core::robot::Robot as Described;
 use growbot_pictures::view::Subject;
 use growbot_sim::parallel;
-use growbot_sim::simulation::{SimulationResult, Simulation};
+use growbot_sim::simulation::{Simulation, SimulationResult as CoreResult};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyAnyMethods;
 
-use crate::arguments::{check_rows, threads, integer, wrong_type};
+use crate::arguments::{check_rows, integer, threads, wrong_type};
 use crate::conditions::Conditions;
-use crate::preconditions::page_of;
-use crate::plan::{Plan, framed, structured, layer_array};
+use crate::error::{Error, ErrorKind};
+use crate::plan::{Plan, framed, layer_array, structured};
 use crate::pose::Pose;
-use crate::error::{ErrorKind, Error};
+use crate::preconditions::page_of;
 
 /// Interval at which Ctrl-C is polled.
 const LOOK: Duration = Duration::from_millis(50);
@@ -71,16 +71,16 @@ fn here<T, U>(items: &[T], work: impl Fn(&T) -> U, look: &mut impl FnMut()) -> V
 
 /// A growth that was simulated without a board.
 #[pyclass(frozen, module = "growbot")]
-pub struct Simulated {
+pub struct SimulationResult {
     plan: Arc<client::Plan>,
     robot: Arc<Described>,
     seed: u64,
     conditions: Option<Py<PyAny>>,
-    outcome: SimulationResult,
+    outcome: CoreResult,
     laid: Vec<Layer>,
 }
 
-impl Simulated {
+impl SimulationResult {
     /// Grows a plan once.
     pub fn grow(
         py: Python<'_>,
@@ -106,7 +106,7 @@ pub fn seed_of(value: Option<&Bound<PyAny>>) -> Result<u64, Error> {
 }
 
 #[pymethods]
-impl Simulated {
+impl SimulationResult {
     /// Grows the body again. pickle stores only plan, seed and conditions.
     #[staticmethod]
     fn _again(
@@ -244,7 +244,7 @@ impl Simulated {
     fn __repr__(&self) -> String {
         let Self { outcome, seed, .. } = self;
         let (error, layers) = (outcome.arrival.position_error_mm, outcome.grown.layers);
-        format!("Simulated(position_error_mm={error:?}, layer_count={layers}, seed={seed})")
+        format!("SimulationResult(position_error_mm={error:?}, layer_count={layers}, seed={seed})")
     }
 }
 
@@ -293,9 +293,9 @@ pub fn simulate_many<'py>(
 }
 
 /// Returns the outcomes as a structured array.
-pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[SimulationResult]) -> Result<Bound<'py, PyAny>, Error> {
+pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[CoreResult]) -> Result<Bound<'py, PyAny>, Error> {
     let array = structured(py, grown.len(), &FIELDS)?;
-    let set = |name: &str, of: &dyn Fn(&SimulationResult) -> f64| {
+    let set = |name: &str, of: &dyn Fn(&CoreResult) -> f64| {
         array.set_item(name, PyArray1::from_vec(py, grown.iter().map(of).collect()))
     };
     array.set_item("plan", PyArray1::from_vec(py, tasks.iter().map(|(plan, _)| *plan as i64).collect()))?;

@@ -9,10 +9,10 @@ use growbot_sim::simulation::statistics::Statistics;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyType};
 
-use crate::arguments::{check_rows, text, threads, integer, wrong_type};
+use crate::arguments::{check_rows, integer, text, threads, wrong_type};
 use crate::conditions::Conditions;
+use crate::error::{Error, ErrorKind};
 use crate::plan::Plan;
-use crate::error::{ErrorKind, Error};
 use crate::simulate::{interruptible, rows, seed_of};
 
 /// Number of growths whose outcomes are stored at a time. Ctrl-C is polled after each batch.
@@ -23,69 +23,69 @@ const BATCH: u64 = 16_384;
 /// Merging summaries of parts gives the same bits in any order.
 #[pyclass(frozen, module = "growbot", eq)]
 #[derive(Clone, PartialEq)]
-pub struct Summary {
+pub struct SimulationSummary {
     inner: Campaign,
 }
 
-/// Grows a plan repeat times without a board, with the seeds seed, seed + 1, ..., like `growbot simulate --repeat`.
+/// Grows a plan count times without a board, with the seeds seed, seed + 1, ..., like `growbot simulate --repeat`.
 #[pyfunction]
-#[pyo3(signature = (plan, repeat, *, seed = None, conditions = None, threads = None))]
-pub fn repeat(
+#[pyo3(signature = (plan, count, *, seed = None, conditions = None, threads = None))]
+pub fn simulate_repeated(
     py: Python<'_>,
     plan: &Bound<'_, PyAny>,
-    repeat: &Bound<'_, PyAny>,
+    count: &Bound<'_, PyAny>,
     seed: Option<&Bound<'_, PyAny>>,
     conditions: Option<&Bound<'_, PyAny>>,
     threads: Option<&Bound<'_, PyAny>>,
-) -> Result<Summary, Error> {
+) -> Result<SimulationSummary, Error> {
     let mut whole = Campaign::default();
-    let task = Task::read(plan, repeat, seed, conditions, threads)?;
+    let task = RepeatRequest::read(plan, count, seed, conditions, threads)?;
     task.run(py, |seeds, outcomes| py.detach(|| add_all(&mut whole, seeds, &outcomes, task.threads)))?;
-    Ok(Summary { inner: whole })
+    Ok(SimulationSummary { inner: whole })
 }
 
-/// Like repeat, but also returns every growth as a row of simulate_many.
+/// Like simulate_repeated, but also returns every growth as a row of simulate_many.
 #[pyfunction]
-#[pyo3(signature = (plan, repeat, *, seed = None, conditions = None, threads = None))]
-pub fn _repeat_rows<'py>(
+#[pyo3(signature = (plan, count, *, seed = None, conditions = None, threads = None))]
+pub fn _simulate_repeated_rows<'py>(
     py: Python<'py>,
     plan: &Bound<'py, PyAny>,
-    repeat: &Bound<'py, PyAny>,
+    count: &Bound<'py, PyAny>,
     seed: Option<&Bound<'py, PyAny>>,
     conditions: Option<&Bound<'py, PyAny>>,
     threads: Option<&Bound<'py, PyAny>>,
-) -> Result<(Summary, Bound<'py, PyAny>), Error> {
+) -> Result<(SimulationSummary, Bound<'py, PyAny>), Error> {
     let (mut whole, mut tasks, mut grown) = (Campaign::default(), Vec::new(), Vec::new());
-    let task = Task::read(plan, repeat, seed, conditions, threads)?;
-    check_rows("repeat", task.repeat as usize)?;
+    let task = RepeatRequest::read(plan, count, seed, conditions, threads)?;
+    check_rows("count", task.count as usize)?;
     task.run(py, |seeds, outcomes| {
         py.detach(|| add_all(&mut whole, seeds, &outcomes, task.threads));
         tasks.extend(seeds.iter().map(|seed| (0, *seed)));
         grown.extend(outcomes);
     })?;
-    Ok((Summary { inner: whole }, rows(py, &tasks, &grown)?))
+    Ok((SimulationSummary { inner: whole }, rows(py, &tasks, &grown)?))
 }
 
 /// Requested growths of one plan.
-struct Task {
+struct RepeatRequest {
     plan: Plan,
-    repeat: u64,
+    count: u64,
     seed: u64,
     conditions: Conditions,
     threads: usize,
 }
 
-impl Task {
+impl RepeatRequest {
     fn read(
         plan: &Bound<PyAny>,
-        repeat: &Bound<PyAny>,
+        count: &Bound<PyAny>,
         seed: Option<&Bound<PyAny>>,
         conditions: Option<&Bound<PyAny>>,
         threads: Option<&Bound<PyAny>>,
     ) -> Result<Self, Error> {
         Ok(Self {
             plan: plan.cast::<Plan>().map_err(|_| wrong_type("plan", plan, "a growbot.Plan"))?.get().clone(),
-            repeat: integer("repeat", repeat, 0, 1 << 53)?,
+            count: integer("count", count, 0, 1 << 53)?,
             seed: seed_of(seed)?,
             conditions: Conditions::read(conditions)?,
             threads: self::threads(threads)?,
@@ -96,8 +96,8 @@ impl Task {
     fn run(&self, py: Python<'_>, mut each: impl FnMut(&[u64], Vec<SimulationResult>)) -> Result<(), Error> {
         let simulation = self.conditions.simulation(&self.plan)?;
         let mut done = 0;
-        while done < self.repeat {
-            let runs = done..self.repeat.min(done + BATCH);
+        while done < self.count {
+            let runs = done..self.count.min(done + BATCH);
             done = runs.end;
             let seeds: Vec<u64> = runs.map(|run| self.seed.wrapping_add(run)).collect();
             let outcomes = interruptible(py, self.threads, &seeds, |seed| simulation.run(*seed))?;
@@ -137,7 +137,7 @@ fn statistics<'py>(py: Python<'py>, of: &Statistics) -> PyResult<Bound<'py, PyDi
 }
 
 #[pymethods]
-impl Summary {
+impl SimulationSummary {
     /// Returns an empty summary, into which others can be merged.
     #[new]
     fn new() -> Self {
@@ -150,7 +150,10 @@ impl Summary {
     fn from_json(_cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Error> {
         let json = text("json", json)?;
         let inner = serde_json::from_str(&json).map_err(|error| {
-            Error::new(ErrorKind::Input, format!("json is no summary ({error}): give what Summary.to_json has written"))
+            Error::new(
+                ErrorKind::Input,
+                format!("json is no summary ({error}): give what SimulationSummary.to_json has written"),
+            )
         })?;
         Ok(Self { inner })
     }
@@ -163,7 +166,7 @@ impl Summary {
     /// Hash of to_json(), 16 hexadecimal digits.
     #[getter]
     fn hash(&self) -> String {
-        format_hash(Hasher::from_file(self.to_json().as_bytes()))
+        format_hash(Hasher::hash(self.to_json().as_bytes()))
     }
 
     fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, (String,))> {
@@ -173,7 +176,7 @@ impl Summary {
     /// Returns the merged summary of this and another one.
     #[pyo3(signature = (other))]
     fn merged(&self, py: Python<'_>, other: &Bound<PyAny>) -> Result<Self, Error> {
-        let other = other.cast::<Self>().map_err(|_| wrong_type("other", other, "a growbot.Summary"))?.get();
+        let other = other.cast::<Self>().map_err(|_| wrong_type("other", other, "a growbot.SimulationSummary"))?.get();
         let mut inner = self.inner.clone();
         py.detach(|| inner.merge(&other.inner));
         Ok(Self { inner })
@@ -181,7 +184,7 @@ impl Summary {
 
     /// Number of growths.
     #[getter]
-    fn growths(&self) -> u64 {
+    fn growth_count(&self) -> u64 {
         self.inner.runs
     }
 
@@ -218,7 +221,7 @@ impl Summary {
 
     /// Statistics of the number of layers.
     #[getter]
-    fn layers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+    fn layer_count<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         statistics(py, &self.inner.layers)
     }
 
@@ -235,11 +238,11 @@ impl Summary {
     }
 
     fn __hash__(&self) -> u64 {
-        Hasher::from_file(self.to_json().as_bytes())
+        Hasher::hash(self.to_json().as_bytes())
     }
 
     fn __repr__(&self) -> String {
         let mean = self.inner.position_error_mm.mean();
-        format!("Summary(growths={}, mean position_error_mm={mean:?})", self.inner.runs)
+        format!("SimulationSummary(growth_count={}, mean position_error_mm={mean:?})", self.inner.runs)
     }
 }

@@ -1,8 +1,8 @@
 """Prints the cost of Python compared with Rust, and the gain of two threads. Run it on a machine without other work. It
 checks nothing.
 
-    cargo build --release --manifest-path growbot-py/Cargo.toml -p rust-loop
-    python growbot-py/tests/cost.py [RUST_LOOP]
+    cargo build --release --manifest-path growbot-py/Cargo.toml -p plan-bench
+    python growbot-py/tests/cost.py [PLAN_BENCH]
 
 Each batch of work takes about a millisecond. The rounds alternate, and the min of a batch's rounds counts.
 """
@@ -76,5 +76,5 @@ def begin() -> None:
 if __name__ == "__main__":
     begin()
     with tempfile.TemporaryDirectory() as directory:
-        plans(sys.argv[1] if len(sys.argv) > 1 else str(ROOT / "target/release/rust-loop"), Path(directory))
+        plans(sys.argv[1] if len(sys.argv) > 1 else str(ROOT / "target/release/plan-bench"), Path(directory))
     growths()

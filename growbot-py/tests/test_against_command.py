@@ -55,7 +55,7 @@ def test_a_thousand_goals(command: Path, tmp_path: Path) -> None:
         assert len(list(pool.map(compare, range(LAYERS)))) == LAYERS
 
 
-def assert_same_growth(grown: growbot.Simulated, said: dict[str, object]) -> None:
+def assert_same_growth(grown: growbot.SimulationResult, said: dict[str, object]) -> None:
     names = (
         "position_error_mm", "normalized_position_error", "heading_error_deg", "pitch_error_deg",
         "direction_error_deg", "length_mm", "seed",
@@ -89,13 +89,15 @@ def test_all_conditions(command: Path, tmp_path: Path) -> None:
         assert grown.estimated_pose is None or grown.estimated_pose.x_mm == said["feedback"]["estimate"]["x_mm"]
 
 
-def test_repeat(command: Path, tmp_path: Path) -> None:
+def test_simulate_repeated(command: Path, tmp_path: Path) -> None:
     growbot.plan(START, (100, 0, 300, 20, 30)).save(tmp_path / "plan.json")
     plan = growbot.Plan.load(tmp_path / "plan.json")
     # More growths than are stored at a time.
     said = json.loads(run(command, "simulate", str(tmp_path / "plan.json"), "--json", "--repeat", "20000", "--seed", "5", *NOISY_OPTIONS))
-    summary = growbot.repeat(plan, 20_000, seed=5, conditions=NOISY)
-    for name in ("layers", "position_error_mm", "normalized_position_error", "heading_error_deg", "pitch_error_deg", "direction_error_deg"):
+    summary = growbot.simulate_repeated(plan, 20_000, seed=5, conditions=NOISY)
+    assert summary.growth_count == 20_000 and summary.layer_count == said["layers"]
+    errors = ("position_error_mm", "normalized_position_error", "heading_error_deg", "pitch_error_deg", "direction_error_deg")
+    for name in errors:
         assert getattr(summary, name) == said[name]
     assert summary.worst_seed == said["worst_seed"]
     rows = growbot.simulate_many(plan, np.arange(5, 205), conditions=NOISY)

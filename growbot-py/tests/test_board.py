@@ -29,7 +29,7 @@ def test_a_growth_is_its_events(tmp_path: Path) -> None:
         result = growth.result
         assert result is not None and result["outcome"] == "done" and result["simulated"] and result["seed"] == 3
         assert board.status().state == "done"
-    laid = [event.layer for event in seen if isinstance(event, growbot.events.Laid)]
+    laid = [event.layer for event in seen if isinstance(event, growbot.events.LayerLaid)]
     assert laid == list(range(PLAN.layer_count))
     states = [event.state for event in seen if isinstance(event, growbot.events.StateChanged)]
     assert states[-4:] == ["heating", "homing", "growing", "done"]
@@ -56,7 +56,7 @@ def test_feedback_amends_the_body() -> None:
     conditions = growbot.Conditions(bias_percent=5, feedback=True)
     with growbot.connect("sim") as board:
         growth = board.grow(PLAN, conditions=conditions)
-        assert growbot.events.Amending in {type(event) for event in growth}
+        assert growbot.events.Amendment in {type(event) for event in growth}
         assert growth.result is not None and growth.result["feedback"]["amendments"] > 0
 
 
@@ -64,11 +64,11 @@ def test_orders_and_leaving_stop_it() -> None:
     with growbot.connect("sim") as board:
         growth = board.grow(PLAN)
         for event in growth:
-            if isinstance(event, growbot.events.Laid) and event.layer == 3:
-                growth.order("stop")
+            if isinstance(event, growbot.events.LayerLaid) and event.layer == 3:
+                growth.send_command("stop")
         assert growth.result is not None and growth.result["outcome"] == "stopped"
-        with pytest.raises(growbot.InputError, match="there is no order"):
-            growth.order("jump")
+        with pytest.raises(growbot.InputError, match="there is no command"):
+            growth.send_command("jump")
         for event in board.grow(PLAN):
             break
         assert board.status().state is not None
@@ -107,7 +107,7 @@ with growbot.connect("sim") as board:
     growth = board.grow(plan, log=sys.argv[1])
     try:
         for event in growth:
-            if isinstance(event, growbot.events.Laid) and event.layer == 1:
+            if isinstance(event, growbot.events.LayerLaid) and event.layer == 1:
                 print("growing", flush=True)
     finally:
         board.close()
@@ -126,7 +126,7 @@ def test_ctrl_c_stops_the_robot_first(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_ends_long_work() -> None:
-    script = "import growbot; p = growbot.plan((0,0,0,0,90),(0,0,500,0,90)); print('on', flush=True); growbot.repeat(p, 10**9)"
+    script = "import growbot; p = growbot.plan((0,0,0,0,90),(0,0,500,0,90)); print('on', flush=True); growbot.simulate_repeated(p, 10**9)"
     process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None and process.stdout.readline() == "on\n"
     time.sleep(0.5)

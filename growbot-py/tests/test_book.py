@@ -28,4 +28,4 @@ def test_the_pages_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     client = [value for value in names.values() if isinstance(value, Client)]
     assert not client and len(os.listdir("growths")) >= 1
     summary = names["summary"]
-    assert names["result"] is not None and getattr(summary, "growths") == 1000
+    assert names["result"] is not None and getattr(summary, "growth_count") == 1000

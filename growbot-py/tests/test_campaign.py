@@ -21,41 +21,41 @@ from conftest import START
 COMPLETE = os.environ.get("GROWBOT_PYTHON") == "complete"
 
 
-def spec(growths: int = 700, chunk_growths: int = 300) -> growbot.CampaignSpec:
+def spec(growths_per_cell: int = 700, growths_per_chunk: int = 300) -> growbot.CampaignSpec:
     return growbot.CampaignSpec(
         robots=[growbot.Robot(), growbot.Robot("growbot-a3")],  # type: ignore[arg-type]
         goals=[(0, 0, 150), (60, 0, 300, 0, 45)],  # type: ignore[arg-type]
         conditions=[growbot.Conditions(noise_percent=10), growbot.Conditions(bias_percent=2, sag=True)],  # type: ignore[arg-type]
-        growths=growths,
+        growths_per_cell=growths_per_cell,
         first_seed=5,
-        chunk_growths=chunk_growths,
+        growths_per_chunk=growths_per_chunk,
     )
 
 
 def test_order_chunks_and_threads_do_not_show() -> None:
-    whole = growbot.campaign(spec(), threads=1)
-    assert growbot.campaign(spec(), threads=3).to_json() == whole.to_json()
-    assert growbot.campaign(spec(chunk_growths=5600)).hash == whole.hash
-    chunks = list(range(spec().chunks))
+    whole = growbot.run_campaign(spec(), threads=1)
+    assert growbot.run_campaign(spec(), threads=3).to_json() == whole.to_json()
+    assert growbot.run_campaign(spec(growths_per_chunk=5600)).hash == whole.hash
+    chunks = list(range(spec().chunk_count))
     random.Random(1).shuffle(chunks)
-    assert growbot.merge(spec(), (growbot.run_chunk(spec(), chunk) for chunk in chunks)).to_json() == whole.to_json()
+    assert growbot.merge_chunks(spec(), (growbot.run_chunk(spec(), chunk) for chunk in chunks)).to_json() == whole.to_json()
     robot, goal, conditions = spec().cell(5)
-    alone = growbot.repeat(growbot.plan(START, goal, robot=robot), 700, seed=5, conditions=conditions)
+    alone = growbot.simulate_repeated(growbot.plan(START, goal, robot=robot), 700, seed=5, conditions=conditions)
     assert alone == whole.summaries[5]
     table = whole.table()
-    assert len(table) == 8 and table["mean_mm"][5] == alone.position_error_mm["mean"] and whole.growths == 5600
+    assert len(table) == 8 and table["mean_mm"][5] == alone.position_error_mm["mean"] and whole.growth_count == 5600
 
 
 def test_joblib() -> None:
-    partials = joblib.Parallel(n_jobs=2)(joblib.delayed(growbot.run_chunk)(spec(), chunk) for chunk in range(spec().chunks))
-    assert growbot.merge(spec(), partials).hash == growbot.campaign(spec()).hash
+    partials = joblib.Parallel(n_jobs=2)(joblib.delayed(growbot.run_chunk)(spec(), chunk) for chunk in range(spec().chunk_count))
+    assert growbot.merge_chunks(spec(), partials).hash == growbot.run_campaign(spec()).hash
 
 
 def test_samples_are_those_of_simulate_many(tmp_path: Path) -> None:
-    result = growbot.campaign(spec(), samples=tmp_path)
-    assert result.hash == growbot.campaign(spec()).hash
+    result = growbot.run_campaign(spec(), samples=tmp_path)
+    assert result.hash == growbot.run_campaign(spec()).hash
     files = sorted(tmp_path.iterdir())
-    assert len(files) == spec().chunks
+    assert len(files) == spec().chunk_count
     rows = pyarrow.parquet.read_table(tmp_path).to_pandas()
     assert len(rows) == 5600
     robot, goal, conditions = spec().cell(3)
@@ -72,9 +72,9 @@ def test_a_cell_without_a_plan_is_told() -> None:
     narrow = growbot.CampaignSpec(
         (growbot.Robot("growbot-a6"), growbot.Robot()), ((0, 0, 50),), (growbot.Conditions(),), 3, radius_mm=50
     )
-    result = growbot.campaign(narrow)
+    result = growbot.run_campaign(narrow)
     assert list(result.errors) == [1] and "below R_min" in result.errors[1]
-    assert result.growths == 3 and np.isnan(result.table()["mean_mm"][1])
+    assert result.growth_count == 3 and np.isnan(result.table()["mean_mm"][1])
 
 
 #: Program for a separate process: a cluster of two workers that are processes.
@@ -88,7 +88,7 @@ def main():
     robot = growbot.Robot()
     height = robot.description["layer"]["height_mm"]
     spec = growbot.CampaignSpec([robot], [(0, 0, layers * height - 0.1, 0, 90)], [growbot.Conditions(noise_percent=10)],
-                                growths, chunk_growths=max(1, growths // 100))
+                                growths, growths_per_chunk=max(1, growths // 100))
     plan = growbot.plan(spec.start, spec.goals[0])
     assert plan.layer_count == layers, plan.layer_count
     begun = time.time()
@@ -100,7 +100,7 @@ def main():
                     left[0] -= 1
                     pids = sorted(client.run(os.getpid, on_error="ignore").values())
                     os.kill([pid for pid in pids if isinstance(pid, int)][0], signal.SIGKILL)
-            result = growbot.campaign(spec, client, progress=progress)
+            result = growbot.run_campaign(spec, client, progress=progress)
             assert left[0] == 0, "no worker was killed"
             memory = client.run(lambda: __import__("resource").getrusage(0).ru_maxrss, on_error="ignore")
             import resource
@@ -128,7 +128,7 @@ def test_dask_and_lost_workers_change_no_byte(tmp_path: Path) -> None:
     one = growbot.CampaignSpec(
         (robot,), ((0, 0, layers * height - 0.1, 0, 90),), (growbot.Conditions(noise_percent=10),), growths
     )
-    wanted = growbot.campaign(one).hash
+    wanted = growbot.run_campaign(one).hash
     for kills in (0, 2):
         found = by_dask(tmp_path, growths, layers, kills)
         print(f"Dask, {growths} growths of {layers} layers, {kills} workers killed: memory (kB) {found[1:-1]}, {found[-1]} s")

@@ -21,7 +21,7 @@ import growbot
 plan = growbot.plan((0, 0, 0, 0, 90), (0, 0, 500, 0, 90))
 count = lambda: len(os.listdir("/proc/self/task"))
 before = count()
-threading.Thread(target=lambda: growbot.repeat(plan, 10**12, threads=2), daemon=True).start()
+threading.Thread(target=lambda: growbot.simulate_repeated(plan, 10**12, threads=2), daemon=True).start()
 while count() < before + 3:
     pass
 assert growbot.plan((0, 0, 0, 0, 90), (0, 0, 500, 0, 90)) == plan

@@ -99,7 +99,7 @@ def test_radius_robot_via_and_self() -> None:
 
 
 def test_a_robot_survives(tmp_path: Path) -> None:
-    for name in growbot.Robot.names():
+    for name in growbot.Robot.builtin_names():
         robot = growbot.Robot(name)
         assert pickle.loads(pickle.dumps(robot)) == robot and hash(robot) == hash(growbot.Robot(name))
         assert robot.name in repr(robot) and robot.description["name"] == name

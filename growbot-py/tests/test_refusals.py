@@ -18,8 +18,8 @@ import growbot
 from conftest import START
 
 PLAN = growbot.plan(START, (0, 100, 400, 0, 45))
-SPEC = growbot.CampaignSpec([growbot.Robot()], [(0, 0, 100)], [growbot.Conditions()], growths=2)
-SUMMARY = growbot.repeat(PLAN, 1)
+SPEC = growbot.CampaignSpec([growbot.Robot()], [(0, 0, 100)], [growbot.Conditions()], growths_per_cell=2)
+SUMMARY = growbot.simulate_repeated(PLAN, 1)
 
 #: All functions, with one argument each that takes any value.
 FUNCTIONS: dict[str, Callable[[Any], Any]] = {
@@ -39,9 +39,9 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "simulate_many.plans": lambda it: growbot.simulate_many(it, [1, 2]),
     "simulate_many.seeds": lambda it: growbot.simulate_many(PLAN, it),
     "simulate_many.conditions": lambda it: growbot.simulate_many(PLAN, [1], conditions=it),
-    "repeat.plan": lambda it: growbot.repeat(it, 2),
-    "repeat.repeat": lambda it: growbot.repeat(PLAN, 2 if _is_number(it) and it > 2 else it),
-    "repeat.seed": lambda it: growbot.repeat(PLAN, 2, seed=it),
+    "simulate_repeated.plan": lambda it: growbot.simulate_repeated(it, 2),
+    "simulate_repeated.count": lambda it: growbot.simulate_repeated(PLAN, 2 if _is_number(it) and it > 2 else it),
+    "simulate_repeated.seed": lambda it: growbot.simulate_repeated(PLAN, 2, seed=it),
     "Pose.x_mm": lambda it: growbot.Pose(it, 0, 0, 0, 0),
     "Pose.heading_deg": lambda it: growbot.Pose(0, 0, 0, it, 0),
     "Pose.pitch_deg": lambda it: growbot.Pose(0, 0, 0, 0, it),
@@ -64,16 +64,16 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "Conditions.feedback": lambda it: PLAN.simulate(conditions=growbot.Conditions(feedback=it)),
     "Conditions.slicing": lambda it: PLAN.simulate(conditions=growbot.Conditions(slicing=it)),
     "Conditions.step_mm": lambda it: PLAN.simulate(conditions=growbot.Conditions(slicing="whole", step_mm=it)),
-    "Summary.from_json": growbot.Summary.from_json,
-    "Summary.merged": SUMMARY.merged,
+    "SimulationSummary.from_json": growbot.SimulationSummary.from_json,
+    "SimulationSummary.merged": SUMMARY.merged,
     "RunLog": growbot.RunLog,
     "connect.port": lambda it: growbot.connect(it).close(),
     "CampaignSpec.robots": lambda it: growbot.CampaignSpec(it, [(0, 0, 1)], [growbot.Conditions()], 1),
     "CampaignSpec.goals": lambda it: growbot.CampaignSpec([growbot.Robot()], it, [growbot.Conditions()], 1),
-    "CampaignSpec.growths": lambda it: growbot.CampaignSpec([growbot.Robot()], [(0, 0, 1)], [growbot.Conditions()], it),
-    "campaign": growbot.campaign,
-    "campaign.scheduler": lambda it: growbot.campaign(SPEC, it),
-    "campaign.threads": lambda it: growbot.campaign(SPEC, threads=it),
+    "CampaignSpec.growths_per_cell": lambda it: growbot.CampaignSpec([growbot.Robot()], [(0, 0, 1)], [growbot.Conditions()], it),
+    "run_campaign": growbot.run_campaign,
+    "run_campaign.scheduler": lambda it: growbot.run_campaign(SPEC, it),
+    "run_campaign.threads": lambda it: growbot.run_campaign(SPEC, threads=it),
     "run_chunk": lambda it: growbot.run_chunk(SPEC, it),
 }
 
@@ -167,7 +167,7 @@ def test_nothing_leaks() -> None:
         lambda: growbot.plan(START, (10, 0, 60)), lambda: growbot.plan_many(START, [(0, 0, 60)], threads=1),
         lambda: short.layers(), lambda: short.sample(5), lambda: short.frames([0, 1]), lambda: short.segments,
         lambda: short.simulate(conditions=noisy), lambda: growbot.simulate_many(short, [1, 2], threads=1),
-        lambda: pickle.loads(pickle.dumps(short)), lambda: short.to_json(), lambda: growbot.repeat(short, 2, threads=1),
+        lambda: pickle.loads(pickle.dumps(short)), lambda: short.to_json(), lambda: growbot.simulate_repeated(short, 2, threads=1),
         lambda: growbot.Pose(1, 2, 3, 4, 5).matrix, lambda: SUMMARY.merged(SUMMARY), lambda: growbot.Robot("growbot-a"),
         refused,
     ]

@@ -65,7 +65,7 @@ def test_a_robot_of_the_service_is_a_board_like_others(lab: Path) -> None:
             board.grow(PLAN, conditions=growbot.Conditions(noise_percent=5))
         with pytest.raises(growbot.BoardError, match="no job under way"):
             board.attach()
-    assert [event.layer for event in seen if isinstance(event, growbot.events.Laid)] == list(range(PLAN.layer_count))
+    assert [event.layer for event in seen if isinstance(event, growbot.events.LayerLaid)] == list(range(PLAN.layer_count))
     assert growbot.RunLog(log).outcome == "done"
     with pytest.raises(growbot.BoardError, match="disconnected"):
         board.status()
@@ -75,17 +75,17 @@ def test_a_growth_can_be_left_and_met_again(lab: Path) -> None:
     long = growbot.plan(START, (0, 0, 400, 0, 90), robot=ROBOT)
     with growbot.connect("sim:lab") as board:
         growth = board.grow(long)
-        next(event for event in growth if isinstance(event, growbot.events.Laid))
-        board.leave()
+        next(event for event in growth if isinstance(event, growbot.events.LayerLaid))
+        board.detach()
     with growbot.connect("sim:lab") as board:
         growth = board.attach()
-        laid = next(event for event in growth if isinstance(event, growbot.events.Laid))
+        laid = next(event for event in growth if isinstance(event, growbot.events.LayerLaid))
         assert laid.layer == 0
-        growth.order("pause")
+        growth.pause()
         next(event for event in growth if isinstance(event, growbot.events.StateChanged) and event.state == "paused")
-        growth.order("continue")
-        with pytest.raises(growbot.InputError, match="there is no order"):
-            growth.order("jump")
+        growth.continue_()
+        with pytest.raises(growbot.InputError, match="there is no command"):
+            growth.send_command("jump")
     # The end of the block has stopped the growth.
     assert growth.ended and growth.result is not None and growth.result["outcome"] == "stopped"
 
@@ -109,7 +109,7 @@ INTERRUPTED = f"""
 import growbot
 with growbot.connect("sim:lab") as board:
     for event in board.grow(growbot.plan((0, 0, 0, 0, 90), (0, 0, 900, 0, 90), robot="{ROBOT}")):
-        if isinstance(event, growbot.events.Laid) and event.layer == 1:
+        if isinstance(event, growbot.events.LayerLaid) and event.layer == 1:
             print("growing", flush=True)
 """
 

@@ -383,7 +383,7 @@ def cpu():
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--helper", required=True, help="the program of tests/peers/src")
-    parser.add_argument("--rust-loop", required=True, help="the program of growbot-py/rust-loop")
+    parser.add_argument("--plan-bench", required=True, help="the program of growbot-py/plan-bench")
     parser.add_argument("--versions", required=True, help="versions to print above the table")
     parser.add_argument("--dubins-paths", required=True, help="version of the crate dubins_paths")
     parser.add_argument("--dubins", required=True, help="version of the C library")
@@ -444,7 +444,7 @@ def main():
 - {plane_queries} queries a family in the plane, {space_queries} in space. Times: medians of {rounds} rounds' ratios.
 - growbot's planner in the plane takes goals as the start sees them: converting them is in its time. Its planners in
   space check that the path arrives: that is in their time. OMPL is called from Python; "less the call": without what an
-  empty call from Python takes ({calls:.0f} ns here). growbot's own package for Python adds {python_call(args.rust_loop):.0f} ns
+  empty call from Python takes ({calls:.0f} ns here). growbot's own package for Python adds {python_call(args.plan_bench):.0f} ns
   to a call of its planner: poses, checks, and a plan with its layers counted.
 - Vana and Vana-Owen: pitch from -90 to 90 deg.
 - Too long: by more than {TOO_LONG:.0e} R, beside the shortest path that is known to arrive: the one by which the goal

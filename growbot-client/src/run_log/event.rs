@@ -59,22 +59,22 @@ pub enum RunEvent {
     /// A layer of a simulated tip as its plastic lies.
     Simulated(SimulatedLayer),
     /// With feedback: the filament's encoder counts from this value on.
-    Counting(EncoderReference),
-    /// With feedback: an amendment is about to be sent. It takes effect unless `not-amended` follows.
-    Amending(Amendment),
+    EncoderReference(EncoderReference),
+    /// With feedback: an amendment is about to be sent. It takes effect unless `amendment-rejected` follows.
+    Amendment(Amendment),
     /// The board has refused the latest amendment.
-    NotAmended {
+    AmendmentRejected {
         /// Reason of the refusal. Null if the amendment only came too late.
-        why: Option<String>,
+        reason: Option<String>,
     },
     /// With feedback in a scene: the rest takes another path, because the previous one would be too near to an
     /// obstacle.
     Detour(Detour),
     /// With feedback in a scene: the rest would be too near to an obstacle and no other path was found, so the robot
     /// pauses.
-    TooNear(ClearanceViolation),
+    ClearanceViolation(ClearanceViolation),
     /// With feedback: more layers of the job are sent.
-    HandingOver {
+    LayersSent {
         /// Index of the first layer.
         from: u32,
         /// The layers, 24 hexadecimal digits each.
@@ -82,20 +82,20 @@ pub enum RunEvent {
         #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^([0-9a-f]{24})*$")))]
         layers: Vec<LayerBytes>,
     },
-    /// An order was given and is executed.
-    Ordered {
-        /// The order.
-        order: Command,
+    /// A command was given and is executed.
+    Command {
+        /// The command.
+        command: Command,
     },
-    /// The board has refused the order.
-    NotObeyed {
+    /// The board has refused the command.
+    CommandFailed {
         /// Reason of the refusal.
-        why: String,
+        reason: String,
     },
     /// The board does not respond.
-    Silent,
+    NoResponse,
     /// The board responds again.
-    Back,
+    Reconnected,
     /// The growth was resumed here by another program.
     Resumed(Resumed),
     /// The growth has ended.
@@ -278,16 +278,16 @@ pub fn to_run_events(event: &JobEvent, laid_tip: &mut Frame) -> Vec<RunEvent> {
         JobEvent::Simulated { from, layers } => {
             return (*from..).zip(layers).map(|(index, layer)| simulated(index, layer, laid_tip)).collect();
         }
-        JobEvent::EncoderReference(count) => RunEvent::Counting(*count),
-        JobEvent::Amendment(amendment) => RunEvent::Amending(amendment.clone()),
-        JobEvent::AmendmentRejected(why) => RunEvent::NotAmended { why: why.clone() },
+        JobEvent::EncoderReference(count) => RunEvent::EncoderReference(*count),
+        JobEvent::Amendment(amendment) => RunEvent::Amendment(amendment.clone()),
+        JobEvent::AmendmentRejected(why) => RunEvent::AmendmentRejected { reason: why.clone() },
         JobEvent::Detour(detour) => RunEvent::Detour(detour.clone()),
-        JobEvent::ClearanceViolation(too_near) => RunEvent::TooNear(too_near.clone()),
-        JobEvent::LayersSent { from, layers } => RunEvent::HandingOver { from: *from, layers: layers.clone() },
-        JobEvent::Command(order) => RunEvent::Ordered { order: *order },
-        JobEvent::CommandFailed(why) => RunEvent::NotObeyed { why: why.clone() },
-        JobEvent::NoResponse => RunEvent::Silent,
-        JobEvent::Reconnected => RunEvent::Back,
+        JobEvent::ClearanceViolation(too_near) => RunEvent::ClearanceViolation(too_near.clone()),
+        JobEvent::LayersSent { from, layers } => RunEvent::LayersSent { from: *from, layers: layers.clone() },
+        JobEvent::Command(order) => RunEvent::Command { command: *order },
+        JobEvent::CommandFailed(why) => RunEvent::CommandFailed { reason: why.clone() },
+        JobEvent::NoResponse => RunEvent::NoResponse,
+        JobEvent::Reconnected => RunEvent::Reconnected,
     };
     vec![written]
 }

@@ -23,7 +23,7 @@ pub struct RunHeader {
     pub started_utc: String,
     /// The command line.
     #[serde(default)]
-    pub command: Vec<String>,
+    pub command_line: Vec<String>,
     /// The port, as it was given.
     #[serde(default)]
     pub port: String,
@@ -64,7 +64,7 @@ pub struct Resumed {
     /// Version of the program.
     pub growbot: String,
     /// The command line.
-    pub command: Vec<String>,
+    pub command_line: Vec<String>,
     /// The port, as it was given.
     pub port: String,
 }

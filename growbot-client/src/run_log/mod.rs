@@ -52,7 +52,7 @@ use crate::plan_file::PlanFile;
 use crate::sanitize::json_line;
 
 /// Name and version of the format, in the first line.
-pub const FORMAT: &str = "growbot-run/3";
+pub const FORMAT: &str = "growbot-run/4";
 
 /// File extensions of run logs.
 const ENDINGS: [&str; 2] = ["jsonl", "json"];
@@ -242,7 +242,7 @@ impl RunLog {
             format: FORMAT.to_owned(),
             growbot: env!("CARGO_PKG_VERSION").to_owned(),
             started_utc: utc_now(),
-            command: command_line(),
+            command_line: command_line(),
             port: port.to_owned(),
             tip,
             disturbances: imperfection.map(DisturbancesJson::from),
@@ -302,7 +302,7 @@ impl RunLog {
         }
         let begun = log.write(RunEvent::Resumed(Resumed {
             growbot: env!("CARGO_PKG_VERSION").to_owned(),
-            command: command_line(),
+            command_line: command_line(),
             port: port.to_owned(),
         }));
         match begun {

@@ -126,7 +126,7 @@ mod tests {
         let log = b"{\"event\":\"silent\"}\n{\"b\":\n\n7\n{\"event\":\"back\"}\r\n\xff\xfe\n{\"event\":\"state\",\"state\":\"idle\"}\n{\"e\":";
         let mut events = Events::of(log);
         let read: Vec<RunEvent> = events.by_ref().collect();
-        assert_eq!(read, [RunEvent::Silent, RunEvent::Back, RunEvent::State { state: "idle".to_owned() }]);
+        assert_eq!(read, [RunEvent::NoResponse, RunEvent::Reconnected, RunEvent::State { state: "idle".to_owned() }]);
         assert_eq!(events.damage, Damage { lines: 3, first: 2, cut_off: 5 });
         let words = events.damage.message("run").unwrap();
         assert!(words.contains("3 lines of run, the first is line 2") && words.contains("last 5 bytes"), "{words}");
@@ -139,7 +139,7 @@ mod tests {
     fn events_that_are_not_known_or_have_wrong_values_are_skipped_and_are_no_damage() {
         let log = b"{}\n{\"event\":\"dance\"}\n{\"event\":3}\n{\"event\":\"laid\",\"layer\":-1}\n{\"event\":\"back\",\"new\":[1]}\n";
         let mut events = Events::of(log);
-        assert_eq!(events.by_ref().collect::<Vec<_>>(), [RunEvent::Back]);
+        assert_eq!(events.by_ref().collect::<Vec<_>>(), [RunEvent::Reconnected]);
         assert_eq!(events.damage, Damage::default());
     }
 }

@@ -412,12 +412,12 @@ impl RecordedRun {
         match event {
             RunEvent::Laid(laid) => self.apply_laid(&laid),
             RunEvent::Simulated(layer) => self.place(&layer),
-            RunEvent::Counting(count) => self.counts.push(CountBefore { layer: self.as_built.len(), count }),
-            RunEvent::Amending(amendment) => self.amend(amendment),
-            RunEvent::NotAmended { .. } => self.revert_amendment(),
+            RunEvent::EncoderReference(count) => self.counts.push(CountBefore { layer: self.as_built.len(), count }),
+            RunEvent::Amendment(amendment) => self.amend(amendment),
+            RunEvent::AmendmentRejected { .. } => self.revert_amendment(),
             // The job before the latest amendment had the layers that the amendment replaced, not those that were sent
             // since.
-            RunEvent::HandingOver { from, layers } => drop(self.replace(from as usize, layers)),
+            RunEvent::LayersSent { from, layers } => drop(self.replace(from as usize, layers)),
             RunEvent::Resumed(_) => self.result = None,
             RunEvent::End { result } => self.result = Some(*result),
             _ => {}

@@ -47,15 +47,15 @@ fn done() -> GrowthResult {
 #[test]
 fn amendments_are_read_back_and_those_that_the_board_did_not_take_are_none() {
     let other = |byte: u8| [byte; 12];
-    let amending = |plan_id: u64, from: u32, layers: &[LayerBytes]| json!({ "event": "amending", "plan_id": format_hash(plan_id), "from": from, "total": 9, "layers": hex_of(layers) });
+    let amending = |plan_id: u64, from: u32, layers: &[LayerBytes]| json!({ "event": "amendment", "plan_id": format_hash(plan_id), "from": from, "total": 9, "layers": hex_of(layers) });
     let lines = [
-        json!({ "event": "counting", "boot_id": 5, "laid": 0, "filament_pulses": 3 }),
+        json!({ "event": "encoder-reference", "boot_id": 5, "laid": 0, "filament_pulses": 3 }),
         amending(7, 1, &[other(1), other(2)]),
         json!({ "event": "laid", "layer": 0, "as_built": hex(&other(9)), "filament_pulses": 60, "gravity_milli_g": [0, -3, 999] }),
         json!({ "event": "laid", "layer": 1, "as_built": null, "filament_pulses": null, "gravity_milli_g": null }),
         amending(8, 2, &[other(3)]),
-        json!({ "event": "not-amended" }),
-        json!({ "event": "handing-over", "from": 3, "layers": hex_of(&[other(4)]) }),
+        json!({ "event": "amendment-rejected" }),
+        json!({ "event": "layers-sent", "from": 3, "layers": hex_of(&[other(4)]) }),
         amending(9, 3, &[other(5)]),
     ];
     let mut record = RecordedRun::read(&log(&lines), "log").unwrap();
@@ -340,7 +340,7 @@ fn numbers_beyond_reason_do_no_harm() {
         [told(u64::MAX), told(most), told(1 << 40), lie(u64::MAX, 1.0), lie(most, 1.0), lie(0, -1.0), lie(0, 1e300)];
     let record = RecordedRun::read(&log(&lines), "run").unwrap();
     assert!(record.as_built.is_empty() && record.simulated().is_none());
-    let amending = |from: u64| json!({ "event": "amending", "plan_id": "0000000000000007", "from": from, "total": 4_000_000_000_u32, "layers": "" });
+    let amending = |from: u64| json!({ "event": "amendment", "plan_id": "0000000000000007", "from": from, "total": 4_000_000_000_u32, "layers": "" });
     let record = RecordedRun::read(&log(&[amending(most), amending(0), amending(0), told(0), told(1)]), "run").unwrap();
     assert_eq!((record.layers.len(), record.commanded().count()), (0, 2));
 }

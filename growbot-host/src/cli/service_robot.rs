@@ -322,11 +322,11 @@ impl JobProgress {
                 self.finish = status.finish_utc.and_then(|time| OffsetDateTime::parse(&time, &Rfc3339).ok());
             }
             RunEvent::Laid(laid) => self.laid = u64::from(laid.layer) + 1,
-            RunEvent::Amending(amendment) => self.layers = amendment.total,
-            RunEvent::Ordered { order } => self.progress.note(&format!("ordered: {}", order.name())),
-            RunEvent::NotObeyed { why } => self.progress.warn(&why),
-            RunEvent::Silent => self.progress.warn("the board does not answer: the service calls it again"),
-            RunEvent::Back => self.progress.note("the board answers again"),
+            RunEvent::Amendment(amendment) => self.layers = amendment.total,
+            RunEvent::Command { command } => self.progress.note(&format!("command: {}", command.name())),
+            RunEvent::CommandFailed { reason } => self.progress.warn(&reason),
+            RunEvent::NoResponse => self.progress.warn("the board does not answer: the service calls it again"),
+            RunEvent::Reconnected => self.progress.note("the board answers again"),
             RunEvent::End { result } => return Some(*result),
             _ => {}
         }

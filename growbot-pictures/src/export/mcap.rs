@@ -115,25 +115,25 @@ fn describe(event: &RunEvent) -> Option<(Level, String)> {
             format!("crash: {}{at}", crash.cause)
         }
         RunEvent::State { state } => format!("state: {state}"),
-        RunEvent::Counting(count) => match count.filament_pulses {
-            Some(pulses) => format!("counting: {} layers laid, {pulses} pulses of filament", count.laid),
-            None => format!("counting: {} layers laid", count.laid),
+        RunEvent::EncoderReference(count) => match count.filament_pulses {
+            Some(pulses) => format!("encoder-reference: {} layers laid, {pulses} pulses of filament", count.laid),
+            None => format!("encoder-reference: {} layers laid", count.laid),
         },
-        RunEvent::Amending(amendment) => {
+        RunEvent::Amendment(amendment) => {
             format!(
-                "amending: plan {:016x}, {} layers, new from {}",
+                "amendment: plan {:016x}, {} layers, new from {}",
                 amendment.plan_id, amendment.total, amendment.from
             )
         }
-        RunEvent::NotAmended { why: Some(why) } => format!("not-amended: {why}"),
-        RunEvent::NotAmended { why: None } => "not-amended".to_owned(),
+        RunEvent::AmendmentRejected { reason: Some(reason) } => format!("amendment-rejected: {reason}"),
+        RunEvent::AmendmentRejected { reason: None } => "amendment-rejected".to_owned(),
         RunEvent::Detour(Detour { from, instead_of, .. }) => format!("detour: from {from}, since {instead_of}"),
-        RunEvent::TooNear(too_near) => format!("too-near: {too_near}"),
-        RunEvent::HandingOver { from, .. } => format!("handing-over: from {from}"),
-        RunEvent::Ordered { order } => format!("ordered: {}", order.name()),
-        RunEvent::NotObeyed { why } => format!("not-obeyed: {why}"),
-        RunEvent::Silent => "silent".to_owned(),
-        RunEvent::Back => "back".to_owned(),
+        RunEvent::ClearanceViolation(too_near) => format!("clearance-violation: {too_near}"),
+        RunEvent::LayersSent { from, .. } => format!("layers-sent: from {from}"),
+        RunEvent::Command { command } => format!("command: {}", command.name()),
+        RunEvent::CommandFailed { reason } => format!("command-failed: {reason}"),
+        RunEvent::NoResponse => "no-response".to_owned(),
+        RunEvent::Reconnected => "reconnected".to_owned(),
         RunEvent::Resumed(resumed) => format!("resumed: growbot {}, port {}", resumed.growbot, resumed.port),
         // Their content is in the layers and in the status.
         RunEvent::Header(_)
@@ -143,7 +143,7 @@ fn describe(event: &RunEvent) -> Option<(Level, String)> {
         | RunEvent::End { .. } => return None,
     };
     let level = match event {
-        RunEvent::Silent | RunEvent::NotAmended { .. } | RunEvent::Detour(_) | RunEvent::TooNear(_) => Level::Warning,
+        RunEvent::NoResponse | RunEvent::AmendmentRejected { .. } | RunEvent::Detour(_) | RunEvent::ClearanceViolation(_) => Level::Warning,
         _ => Level::Info,
     };
     Some((level, words))

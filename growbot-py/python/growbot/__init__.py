@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from growbot import events
 from growbot._board import Board, Growth, connect
-from growbot._campaign import CampaignResult, CampaignSpec, Partial, campaign, merge, run_chunk
+from growbot._campaign import CampaignResult, CampaignSpec, ChunkResult, merge_chunks, run_campaign, run_chunk
 from growbot._conditions import Conditions
 from growbot._errors import BoardError, Error, FileError, InputError, InputTypeError, NoPathError
 from growbot._growbot import (
@@ -23,12 +23,12 @@ from growbot._growbot import (
     Robot,
     Scene,
     Segment,
-    Simulated,
-    Summary,
+    SimulationResult,
+    SimulationSummary,
     plan,
     plan_many,
-    repeat,
     simulate_many,
+    simulate_repeated,
 )
 from growbot._run import RunLog
 from growbot._view import view
@@ -38,6 +38,7 @@ __all__ = [
     "BoardError",
     "CampaignResult",
     "CampaignSpec",
+    "ChunkResult",
     "Conditions",
     "Error",
     "FileError",
@@ -45,7 +46,6 @@ __all__ = [
     "InputError",
     "InputTypeError",
     "NoPathError",
-    "Partial",
     "Plan",
     "PlanWarning",
     "Pose",
@@ -53,16 +53,16 @@ __all__ = [
     "RunLog",
     "Scene",
     "Segment",
-    "Simulated",
-    "Summary",
-    "campaign",
+    "SimulationResult",
+    "SimulationSummary",
     "connect",
     "events",
-    "merge",
+    "merge_chunks",
     "plan",
     "plan_many",
-    "repeat",
+    "run_campaign",
     "run_chunk",
     "simulate_many",
+    "simulate_repeated",
     "view",
 ]

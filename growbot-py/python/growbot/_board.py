@@ -13,8 +13,8 @@ from growbot import _growbot
 from growbot._conditions import Conditions
 from growbot._errors import BoardError
 from growbot._growbot import Plan, Robot, Scene
-from growbot._service import ServedBoard, ServedGrowth, Service
-from growbot.events import Event, Status, from_fields
+from growbot._service import ServiceBoard, ServiceGrowth, ServiceClient
+from growbot.events import Event, Status, event_from_dict
 
 
 def connect(port: str = "sim", *, robot: Optional[Union[Robot, str]] = None, take_over: bool = False) -> Board:
@@ -27,10 +27,10 @@ def connect(port: str = "sim", *, robot: Optional[Union[Robot, str]] = None, tak
             for event in board.grow(plan):
                 print(event)
     """
-    service = Service.find()
-    served = service.robot_at(port) if service is not None and isinstance(port, str) else None
-    if service is not None and served is not None:
-        return Board(ServedBoard(service, served))
+    service = ServiceClient.find()
+    robot_status = service.robot_at(port) if service is not None and isinstance(port, str) else None
+    if service is not None and robot_status is not None:
+        return Board(ServiceBoard(service, robot_status))
     return Board(_growbot.Board(port, robot, take_over))
 
 
@@ -41,17 +41,17 @@ class Growth(Iterator[Event]):
     If your loop ends before the growth does, the robot is stopped, unless a service owns it.
     """
 
-    def __init__(self, inner: Union[_growbot.Growth, ServedGrowth]) -> None:
+    def __init__(self, inner: Union[_growbot.Growth, ServiceGrowth]) -> None:
         self._inner = inner
 
     def __iter__(self) -> Growth:
         return self
 
     def __next__(self) -> Event:
-        told = self._inner.next_json()
-        if told is None:
+        line = self._inner.next_json()
+        if line is None:
             raise StopIteration
-        return from_fields(json.loads(told))
+        return event_from_dict(json.loads(line))
 
     def wait(self) -> dict[str, Any]:
         """Waits for the end of the growth, and returns the result."""
@@ -62,8 +62,8 @@ class Growth(Iterator[Event]):
     @property
     def result(self) -> Optional[dict[str, Any]]:
         """Result of the growth, in the format of `growbot grow --json`. None before the end."""
-        told = self._inner.result_json
-        return None if told is None else json.loads(told)
+        result = self._inner.result_json
+        return None if result is None else json.loads(result)
 
     @property
     def ended(self) -> bool:
@@ -72,22 +72,35 @@ class Growth(Iterator[Event]):
 
     def stop(self) -> None:
         """Stops the robot, and waits until it has stopped."""
-        self._inner.order("stop")
+        self._inner.send_command("stop")
         try:
             self.wait()
         except BoardError:
             # The growth ended with a fault or another outcome.
             pass
 
-    def order(self, name: str) -> None:
+    def pause(self) -> None:
+        """Pauses after the layer in progress. Returns at once; the event StateChanged reports the pause."""
+        self._inner.send_command("pause")
+
+    def continue_(self) -> None:
+        """Continues after a pause. Returns at once."""
+        self._inner.send_command("continue")
+
+    def emergency_stop(self) -> None:
+        """Switches everything off at once, and waits for the end of the growth."""
+        self._inner.send_command("emergency-stop")
+        self.stop()
+
+    def send_command(self, name: str) -> None:
         """Sends a command: "pause", "continue", "preheat", "load", "unload", "purge", "stop" or "emergency-stop"."""
-        self._inner.order(name)
+        self._inner.send_command(name)
 
 
 class Board:
     """A robot at a port. The end of the with block stops a growth in progress, and disconnects."""
 
-    def __init__(self, inner: Union[_growbot.Board, ServedBoard]) -> None:
+    def __init__(self, inner: Union[_growbot.Board, ServiceBoard]) -> None:
         self._inner = inner
         self._growth: Callable[[], Optional[Growth]] = lambda: None
 
@@ -133,23 +146,23 @@ class Board:
             warnings.warn(message, RuntimeWarning, stacklevel=2)
         growth = Growth(self._inner.grow(plan, conditions, seed, log, overwrite, force, ignore_scene, scene))
         # A growth that the program has dropped stops by itself, unless a service owns the robot.
-        self._growth = (lambda: growth) if isinstance(self._inner, ServedBoard) else weakref.ref(growth)
+        self._growth = (lambda: growth) if isinstance(self._inner, ServiceBoard) else weakref.ref(growth)
         return growth
 
     def attach(self) -> Growth:
         """Returns the current growth of a robot that a service owns, from its first event on."""
         self._must_be_idle()
-        growth = Growth(self._served("attach to").attach())
+        growth = Growth(self._service_board("attach to").attach())
         self._growth = lambda: growth
         return growth
 
-    def leave(self) -> None:
-        """Leaves the growth to the service. It continues after the end of the with block and of this program."""
-        self._served("leave it to")
+    def detach(self) -> None:
+        """Detaches from the growth, which the service owns. It continues after the end of the with block and of this program."""
+        self._service_board("leave the growth to")
         self._growth = lambda: None
 
-    def _served(self, what: str) -> ServedBoard:
-        if not isinstance(self._inner, ServedBoard):
+    def _service_board(self, what: str) -> ServiceBoard:
+        if not isinstance(self._inner, ServiceBoard):
             raise BoardError(f"there is no service to {what}: start `growbot serve` with this robot, and connect again")
         return self._inner
 
@@ -164,7 +177,7 @@ class Board:
     def status(self) -> Status:
         """Returns the status of the board."""
         self._must_be_idle()
-        status = from_fields(json.loads(self._inner.status_json()))
+        status = event_from_dict(json.loads(self._inner.status_json()))
         assert isinstance(status, Status)
         return status
 
@@ -177,8 +190,7 @@ class Board:
         """Switches everything off at once. Raises BoardError unless the board confirms it."""
         growth = self._under_way()
         if growth is not None:
-            growth.order("emergency-stop")
-            growth.stop()
+            growth.emergency_stop()
             return
         self._inner.emergency_stop()
 

@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, Any, Callable, Iterable, Iterator, Literal, Op
 from growbot import _growbot
 from growbot._conditions import Conditions
 from growbot._errors import BoardError, InputError, InputTypeError, NoPathError
-from growbot._growbot import Pose, Robot, Summary
+from growbot._growbot import Pose, Robot, SimulationSummary
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-#: Number of chunks in progress for each thread or worker. It limits the partial results that wait.
+#: Number of chunks in progress for each thread or worker. It limits the chunk results that wait.
 _AHEAD = 4
 #: Number of times a chunk is given to another worker after its worker was lost.
 _LOSSES = 20
@@ -33,10 +33,10 @@ _LOSSES = 20
 
 @dataclass(frozen=True)
 class CampaignSpec:
-    """The growths of a campaign: every robot to every goal under all conditions, growths times each.
+    """The growths of a campaign: every robot to every goal under all conditions, growths_per_cell times each.
 
-    A goal is (x_mm, y_mm, z_mm, heading_deg, pitch_deg), or (x_mm, y_mm, z_mm) for any direction. The growths of a cell,
-    which is a robot, a goal and conditions, have the seeds first_seed, first_seed + 1, ..., like those of
+    A goal is (x_mm, y_mm, z_mm, heading_deg, pitch_deg), or (x_mm, y_mm, z_mm) for any direction. A cell is a robot, a
+    goal and conditions. Its growths have the seeds first_seed, first_seed + 1, ..., like those of
     ``growbot simulate --repeat``.
     """
 
@@ -44,7 +44,7 @@ class CampaignSpec:
     goals: tuple[tuple[float, ...], ...]
     conditions: tuple[Conditions, ...]
     #: Number of growths of each cell.
-    growths: int
+    growths_per_cell: int
     #: Start of the tip.
     start: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 90.0)
     #: Seed of the first growth of each cell.
@@ -53,7 +53,7 @@ class CampaignSpec:
     radius_mm: Optional[float] = None
     planner: Literal["shortest", "two-plane"] = "shortest"
     #: Number of growths of a chunk.
-    chunk_growths: int = 4096
+    growths_per_chunk: int = 4096
 
     def __post_init__(self) -> None:
         for name, kind in (("robots", Robot), ("conditions", Conditions)):
@@ -66,38 +66,38 @@ class CampaignSpec:
         goals = tuple(_numbers(f"goals[{index}]", goal, (3, 5)) for index, goal in enumerate(_listed("goals", self.goals)))
         object.__setattr__(self, "goals", goals)
         object.__setattr__(self, "start", _numbers("start", self.start, (5,)))
-        _whole("growths", self.growths, 1, 1 << 53)
+        _whole("growths_per_cell", self.growths_per_cell, 1, 1 << 53)
         _whole("first_seed", self.first_seed, 0, 2**64 - 1)
-        _whole("chunk_growths", self.chunk_growths, 1, 1_000_000)
+        _whole("growths_per_chunk", self.growths_per_chunk, 1, 1_000_000)
 
     @property
-    def cells(self) -> int:
+    def cell_count(self) -> int:
         """Number of cells: robots x goals x conditions."""
         return len(self.robots) * len(self.goals) * len(self.conditions)
 
     @property
-    def total(self) -> int:
+    def growth_count(self) -> int:
         """Number of growths."""
-        return self.cells * self.growths
+        return self.cell_count * self.growths_per_cell
 
     @property
-    def chunks(self) -> int:
+    def chunk_count(self) -> int:
         """Number of chunks."""
-        return -(-self.total // self.chunk_growths)
+        return -(-self.growth_count // self.growths_per_chunk)
 
     def cell(self, index: int) -> tuple[Robot, tuple[float, ...], Conditions]:
         """Returns robot, goal and conditions of a cell. Conditions change fastest, robots slowest."""
-        _whole("index", index, 0, self.cells - 1)
+        _whole("index", index, 0, self.cell_count - 1)
         rest, condition = divmod(index, len(self.conditions))
         robot, goal = divmod(rest, len(self.goals))
         return self.robots[robot], self.goals[goal], self.conditions[condition]
 
 
 @dataclass(frozen=True)
-class Partial:
+class ChunkResult:
     """Result of a chunk: the summaries of its cells, and the errors of cells that have no plan."""
 
-    summaries: dict[int, Summary]
+    summaries: dict[int, SimulationSummary]
     errors: dict[int, str]
 
 
@@ -106,23 +106,23 @@ class CampaignResult:
     """Result of a campaign: a summary for each cell, in the order of CampaignSpec.cell."""
 
     spec: CampaignSpec
-    summaries: list[Summary] = field(default_factory=list)
+    summaries: list[SimulationSummary] = field(default_factory=list)
     #: Errors of cells that have no plan, by the index of the cell.
     errors: dict[int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.summaries = [Summary() for _ in range(self.spec.cells)]
+        self.summaries = [SimulationSummary() for _ in range(self.spec.cell_count)]
 
-    def add(self, partial: Partial) -> None:
+    def add(self, chunk: ChunkResult) -> None:
         """Adds a chunk. The order does not matter, but each chunk must be added only once."""
-        for cell, summary in partial.summaries.items():
+        for cell, summary in chunk.summaries.items():
             self.summaries[cell] = self.summaries[cell].merged(summary)
-        self.errors.update(partial.errors)
+        self.errors.update(chunk.errors)
 
     @property
-    def growths(self) -> int:
+    def growth_count(self) -> int:
         """Number of growths. Cells without a plan have none."""
-        return sum(summary.growths for summary in self.summaries)
+        return sum(summary.growth_count for summary in self.summaries)
 
     def to_json(self) -> str:
         """Returns all sums as JSON. Equal campaigns give equal bytes."""
@@ -135,40 +135,40 @@ class CampaignResult:
         return hashlib.sha256(self.to_json().encode()).hexdigest()
 
     def table(self) -> npt.NDArray[np.void]:
-        """Returns a structured array with a row for each cell: cell, robot, goal, conditions (indices) and growths. The
-        distance from the goal has mean_mm, sd_mm, p50_mm, p95_mm and max_mm. mean_direction_error_deg comes last."""
+        """Returns a structured array with a row for each cell: cell, robot, goal, conditions (indices) and growth_count.
+        The distance from the goal has mean_mm, sd_mm, p50_mm, p95_mm and max_mm. mean_direction_error_deg comes last."""
         import numpy as np
 
         names = ("mean", "sd", "p50", "p95", "max")
-        indices = [(name, "<i8") for name in ("cell", "robot", "goal", "conditions", "growths")]
+        indices = [(name, "<i8") for name in ("cell", "robot", "goal", "conditions", "growth_count")]
         numbers = [(f"{name}_mm", "<f8") for name in names] + [("mean_direction_error_deg", "<f8")]
         table = np.zeros(len(self.summaries), dtype=indices + numbers)
         for cell, summary in enumerate(self.summaries):
             rest, condition = divmod(cell, len(self.spec.conditions))
             robot, goal = divmod(rest, len(self.spec.goals))
             error = summary.position_error_mm
-            known = summary.growths > 0
+            known = summary.growth_count > 0
             values = [error[name] if known else np.nan for name in names]
             direction = summary.direction_error_deg["mean"] if known else np.nan
-            table[cell] = (cell, robot, goal, condition, summary.growths, *values, direction)
+            table[cell] = (cell, robot, goal, condition, summary.growth_count, *values, direction)
         return table
 
 
-def run_chunk(spec: CampaignSpec, chunk: int, samples: Optional[Union[str, os.PathLike[str]]] = None) -> Partial:
+def run_chunk(spec: CampaignSpec, chunk: int, samples: Optional[Union[str, os.PathLike[str]]] = None) -> ChunkResult:
     """Grows a chunk of a campaign, in one thread. This is a pure function of (spec, chunk).
 
     With samples, every growth of the chunk also becomes a row of chunk-000000.parquet in that directory: the columns of
     simulate_many, and cell. The file is written completely or not at all.
     """
-    _whole("chunk", chunk, 0, spec.chunks - 1)
-    first = chunk * spec.chunk_growths
-    end = min(first + spec.chunk_growths, spec.total)
-    summaries: dict[int, Summary] = {}
+    _whole("chunk", chunk, 0, spec.chunk_count - 1)
+    first = chunk * spec.growths_per_chunk
+    end = min(first + spec.growths_per_chunk, spec.growth_count)
+    summaries: dict[int, SimulationSummary] = {}
     errors: dict[int, str] = {}
     tables = []
     while first < end:
-        cell, run = divmod(first, spec.growths)
-        count = min(end - first, spec.growths - run)
+        cell, run = divmod(first, spec.growths_per_cell)
+        count = min(end - first, spec.growths_per_cell - run)
         first += count
         robot, goal, conditions = spec.cell(cell)
         try:
@@ -178,24 +178,25 @@ def run_chunk(spec: CampaignSpec, chunk: int, samples: Optional[Union[str, os.Pa
             continue
         seed = (spec.first_seed + run) % 2**64
         if samples is None:
-            summaries[cell] = _growbot.repeat(plan, count, seed=seed, conditions=conditions, threads=1)
+            summaries[cell] = _growbot.simulate_repeated(plan, count, seed=seed, conditions=conditions, threads=1)
         else:
-            summaries[cell], rows = _growbot._repeat_rows(plan, count, seed=seed, conditions=conditions, threads=1)
+            summary, rows = _growbot._simulate_repeated_rows(plan, count, seed=seed, conditions=conditions, threads=1)
+            summaries[cell] = summary
             tables.append((cell, rows))
     if samples is not None:
         _write_samples(Path(samples), chunk, tables)
-    return Partial(summaries, errors)
+    return ChunkResult(summaries, errors)
 
 
-def merge(spec: CampaignSpec, partials: Iterable[Partial]) -> CampaignResult:
-    """Merges chunks, in any order. Each of range(spec.chunks) must be there once."""
+def merge_chunks(spec: CampaignSpec, chunks: Iterable[ChunkResult]) -> CampaignResult:
+    """Merges chunks, in any order. Each of range(spec.chunk_count) must be there once."""
     result = CampaignResult(spec)
-    for partial in partials:
-        result.add(partial)
+    for chunk in chunks:
+        result.add(chunk)
     return result
 
 
-def campaign(
+def run_campaign(
     spec: CampaignSpec,
     scheduler: Optional[Any] = None,
     *,
@@ -215,27 +216,27 @@ def campaign(
         _needs_pyarrow()
         Path(samples).mkdir(parents=True, exist_ok=True)
     if scheduler is None:
-        partials = _by_threads(spec, samples, threads)
+        chunks = _by_threads(spec, samples, threads)
     elif hasattr(scheduler, "submit") and hasattr(scheduler, "nthreads"):
-        partials = _by_dask(scheduler, spec, samples)
+        chunks = _by_dask(scheduler, spec, samples)
     else:
         given = type(scheduler).__name__
         message = f"scheduler is of type {given}: give a dask.distributed.Client, or none for threads"
         raise InputTypeError(message, given, "dask.distributed.Client")
     result = CampaignResult(spec)
-    for done, partial in enumerate(partials, start=1):
-        result.add(partial)
+    for done, chunk in enumerate(chunks, start=1):
+        result.add(chunk)
         if progress is not None:
-            progress(done, spec.chunks)
+            progress(done, spec.chunk_count)
     return result
 
 
-def _by_threads(spec: CampaignSpec, samples: Optional[Any], threads: Optional[int]) -> Iterator[Partial]:
+def _by_threads(spec: CampaignSpec, samples: Optional[Any], threads: Optional[int]) -> Iterator[ChunkResult]:
     count = os.cpu_count() or 1 if threads is None else _whole("threads", threads, 1, 1024)
     pool = ThreadPoolExecutor(count)
-    chunks = iter(range(spec.chunks))
+    chunks = iter(range(spec.chunk_count))
     try:
-        running: set[Future[Partial]] = set()
+        running: set[Future[ChunkResult]] = set()
         while True:
             for chunk in islice(chunks, _AHEAD * count - len(running)):
                 running.add(pool.submit(run_chunk, spec, chunk, samples))
@@ -248,7 +249,7 @@ def _by_threads(spec: CampaignSpec, samples: Optional[Any], threads: Optional[in
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _by_dask(client: Any, spec: CampaignSpec, samples: Optional[Any]) -> Iterator[Partial]:
+def _by_dask(client: Any, spec: CampaignSpec, samples: Optional[Any]) -> Iterator[ChunkResult]:
     from distributed import KilledWorker, as_completed
 
     losses: dict[int, int] = {}
@@ -259,13 +260,13 @@ def _by_dask(client: Any, spec: CampaignSpec, samples: Optional[Any]) -> Iterato
         chunk_of[future.key] = chunk
         return future
 
-    chunks = iter(range(spec.chunks))
+    chunks = iter(range(spec.chunk_count))
     ahead = _AHEAD * max(1, sum(client.nthreads().values()))
     running = as_completed([submit(chunk) for chunk in islice(chunks, ahead)])
     for future in running:
         chunk = chunk_of.pop(future.key)
         try:
-            partial = future.result()
+            result = future.result()
         except KilledWorker as error:
             # Dask blames a task if three of its workers were lost. A chunk is not to blame.
             losses[chunk] = losses.get(chunk, 0) + 1
@@ -274,7 +275,7 @@ def _by_dask(client: Any, spec: CampaignSpec, samples: Optional[Any]) -> Iterato
                 raise BoardError(message, losses[chunk], _LOSSES) from error
             running.add(submit(chunk))
             continue
-        yield partial
+        yield result
         for chunk in islice(chunks, 1):
             running.add(submit(chunk))
 
@@ -337,7 +338,7 @@ def _whole(name: str, value: Any, least: int, most: int) -> int:
         given = type(value).__name__
         raise InputTypeError(f"{name} is of type {given}: give a whole number", given, "int") from None
     if not least <= number <= most:
-        told = number if abs(number) < 2**64 else float("inf") if number > 0 else -float("inf")
-        message = f"{name} is {told}, and may be {least} to {most}: give one within"
-        raise InputError(message, told, least if number < least else most)
+        value = number if abs(number) < 2**64 else float("inf") if number > 0 else -float("inf")
+        message = f"{name} is {value}, and may be {least} to {most}: give one within"
+        raise InputError(message, value, least if number < least else most)
     return number

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Optional, Union
 
-Told = Optional[Union[float, str]]
+ErrorValue = Optional[Union[float, str]]
 
 
 class Error(Exception):
@@ -14,11 +14,11 @@ class Error(Exception):
     are None if they do not apply. remedy states what to do. It is the end of the message.
     """
 
-    value: Told
-    limit: Told
+    value: ErrorValue
+    limit: ErrorValue
     remedy: str
 
-    def __init__(self, message: str, value: Told = None, limit: Told = None) -> None:
+    def __init__(self, message: str, value: ErrorValue = None, limit: ErrorValue = None) -> None:
         super().__init__(message)
         self.value = value
         self.limit = limit

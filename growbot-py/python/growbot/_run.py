@@ -6,7 +6,7 @@ import json
 from typing import Any, Iterator, Optional
 
 from growbot import _growbot
-from growbot.events import Event, from_fields
+from growbot.events import Event, event_from_dict
 
 
 class RunLog(_growbot.RunLog):
@@ -17,10 +17,10 @@ class RunLog(_growbot.RunLog):
 
     def events(self) -> Iterator[Event]:
         """Returns all events, the header first."""
-        return (from_fields(json.loads(told)) for told in self._events_json())
+        return (event_from_dict(json.loads(line)) for line in self._events_json())
 
     @property
     def result(self) -> Optional[dict[str, Any]]:
         """Result of the growth, in the format of `growbot grow --json`. None if the log has no end."""
-        told = self._result_json()
-        return None if told is None else json.loads(told)
+        result = self._result_json()
+        return None if result is None else json.loads(result)

@@ -16,11 +16,11 @@ from growbot._errors import BoardError, FileError, InputError
 from growbot._growbot import Plan, Scene
 
 #: Timeout of a request, s. A command to a robot may wait for its board.
-_LIMIT_S = 30.0
+_RESPONSE_TIMEOUT_S = 30.0
 #: Interval at which a service that has ended is tried again, s.
-_AGAIN_S = 0.5
+_RECONNECT_DELAY_S = 0.5
 
-_ORDERS = ("pause", "continue", "stop", "emergency-stop")
+_COMMANDS = ("pause", "continue", "stop", "emergency-stop")
 _TASKS = ("preheat", "load", "unload", "purge")
 
 
@@ -52,21 +52,21 @@ def _socket_of_user() -> Optional[Path]:
     return None if state is None else state / "growbot/serve/serve.sock"
 
 
-class Service:
-    """The service of this user."""
+class ServiceClient:
+    """Client of this user's service."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
 
     @classmethod
-    def find(cls) -> Optional[Service]:
+    def find(cls) -> Optional[ServiceClient]:
         """Returns the running service. None if no service listens."""
         path = _socket_of_user()
         if path is None or not path.exists():
             return None
         service = cls(path)
         try:
-            service._connected(_LIMIT_S).close()
+            service._connected(_RESPONSE_TIMEOUT_S).close()
         except OSError:
             return None
         return service
@@ -84,17 +84,17 @@ class Service:
         connection.request(method, f"/api/v1{path}", body=text, headers=headers)
         response = connection.getresponse()
         if response.status >= 400:
-            told = response.read()
+            content = response.read()
             try:
-                detail = str(json.loads(told)["detail"])
+                detail = str(json.loads(content)["detail"])
             except (ValueError, KeyError, TypeError):
-                detail = told.decode(errors="replace")[:500]
+                detail = content.decode(errors="replace")[:500]
             kind = InputError if response.status in (404, 422) else BoardError
             raise kind(detail)
         return response
 
     def _bytes(self, path: str, body: Any = None) -> bytes:
-        connection = self._connected(_LIMIT_S)
+        connection = self._connected(_RESPONSE_TIMEOUT_S)
         try:
             return self._send(connection, path, body).read()
         finally:
@@ -105,7 +105,7 @@ class Service:
         try:
             return self._bytes(path, body)
         except (OSError, http.client.HTTPException) as error:
-            raise BoardError(f"the service does not answer ({error}): is `growbot serve` running?") from error
+            raise BoardError(f"the service does not respond ({error}): is `growbot serve` running?") from error
 
     def json(self, path: str, body: Any = None) -> Any:
         """Like bytes, but parses the response as JSON."""
@@ -137,10 +137,10 @@ class Service:
                 # The events of a job end with it, but the connection may have ended for another reason.
                 if json.loads(self._bytes(f"/jobs/{job}"))["state"] != "active":
                     return
-                time.sleep(_AGAIN_S)
+                time.sleep(_RECONNECT_DELAY_S)
             except (OSError, http.client.HTTPException):
                 yield None
-                time.sleep(_AGAIN_S)
+                time.sleep(_RECONNECT_DELAY_S)
 
 
 def _events(response: http.client.HTTPResponse) -> Iterator[tuple[Optional[int], Optional[str]]]:
@@ -157,10 +157,10 @@ def _events(response: http.client.HTTPResponse) -> Iterator[tuple[Optional[int],
             data = line[5:].lstrip()
 
 
-class ServedGrowth:
+class ServiceGrowth:
     """A job of the service, with the interface of a growth on a board of this program."""
 
-    def __init__(self, service: Service, robot: str, job: str, log: Optional[Path]) -> None:
+    def __init__(self, service: ServiceClient, robot: str, job: str, log: Optional[Path]) -> None:
         self._service, self._robot, self._job, self._log = service, robot, job, log
         self._lines = service.lines(job)
         self._result: Optional[dict[str, Any]] = None
@@ -180,16 +180,16 @@ class ServedGrowth:
                     break
                 if line is None or interrupted is not None and '"event":"end"' not in line:
                     continue
-                told = json.loads(line)
-                if told.get("event") != "end":
+                event = json.loads(line)
+                if event.get("event") != "end":
                     return line
-                self._result = told["result"]
+                self._result = event["result"]
             except KeyboardInterrupt as interrupt:
                 # The first Ctrl-C stops the robot. A second one sends the emergency stop, even while the first waits.
                 try:
-                    self._give("stop" if interrupted is None else "emergency-stop")
+                    self._send_command("stop" if interrupted is None else "emergency-stop")
                 except KeyboardInterrupt:
-                    self._give("emergency-stop")
+                    self._send_command("emergency-stop")
                 interrupted = interrupt
                 self._lines = self._service.lines(self._job)
         if interrupted is not None:
@@ -213,17 +213,17 @@ class ServedGrowth:
                 "done",
             )
 
-    def _give(self, order: str) -> None:
-        self._service.json(f"/robots/{self._robot}/orders", {"order": order})
+    def _send_command(self, command: str) -> None:
+        self._service.json(f"/robots/{self._robot}/orders", {"order": command})
 
-    def order(self, name: str) -> None:
-        if name in _ORDERS:
-            self._give(name)
+    def send_command(self, name: str) -> None:
+        if name in _COMMANDS:
+            self._send_command(name)
         elif name in _TASKS:
             self._service.bytes(f"/jobs/{self._job}/live/orders/{name}", {})
         else:
-            known = ", ".join(_ORDERS + _TASKS)
-            raise InputError(f"there is no order {name!r}: give one of {known}", name, known)
+            known = ", ".join(_COMMANDS + _TASKS)
+            raise InputError(f"there is no command {name!r}: give one of {known}", name, known)
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -236,21 +236,21 @@ def _write(path: Path, content: bytes) -> None:
         raise FileError(f"{path} cannot be written ({error.strerror}): name another file") from error
 
 
-class ServedBoard:
+class ServiceBoard:
     """A robot that the service owns, with the interface of a board of this program."""
 
-    def __init__(self, service: Service, robot: dict[str, Any]) -> None:
-        self._service: Optional[Service] = service
+    def __init__(self, service: ServiceClient, robot: dict[str, Any]) -> None:
+        self._service: Optional[ServiceClient] = service
         self._robot = str(robot["name"])
         self.simulated = bool(robot["simulated"])
 
-    def _asked(self) -> Service:
+    def _require_service(self) -> ServiceClient:
         if self._service is None:
             raise BoardError("the board is disconnected: connect again")
         return self._service
 
-    def _order(self, order: str) -> None:
-        self._asked().json(f"/robots/{self._robot}/orders", {"order": order})
+    def _send_command(self, command: str) -> None:
+        self._require_service().json(f"/robots/{self._robot}/orders", {"order": command})
 
     def grow(
         self,
@@ -262,7 +262,7 @@ class ServedBoard:
         force: Optional[bool] = None,
         ignore_scene: Optional[bool] = None,
         scene: Optional[Scene] = None,
-    ) -> ServedGrowth:
+    ) -> ServiceGrowth:
         feedback = conditions is not None and conditions.feedback
         if conditions not in (None, Conditions(), Conditions(feedback=True)) or seed not in (None, 1):
             raise InputError(
@@ -273,37 +273,37 @@ class ServedBoard:
         if path is not None and path.exists() and not overwrite:
             raise FileError(f"{path} is there already: name another file, or set overwrite=True")
         written = json.loads(plan.to_json())
-        wanted = {
+        request = {
             "plan": written,
             "feedback": feedback,
             "force": bool(force),
             "ignore_scene": bool(ignore_scene),
             "name": "from Python",
         }
-        within = scene.file if scene is not None else (written.get("scene") or {}).get("file")
-        if within is not None:
+        scene_file = scene.file if scene is not None else (written.get("scene") or {}).get("file")
+        if scene_file is not None:
             # The service runs in another directory.
-            wanted["scene"] = os.path.abspath(within)
-        job = self._asked().json(f"/robots/{self._robot}/jobs", wanted)
-        return ServedGrowth(self._asked(), self._robot, job["id"], path)
+            request["scene"] = os.path.abspath(scene_file)
+        job = self._require_service().json(f"/robots/{self._robot}/jobs", request)
+        return ServiceGrowth(self._require_service(), self._robot, job["id"], path)
 
-    def attach(self) -> ServedGrowth:
-        robot = self._asked().json(f"/robots/{self._robot}")
+    def attach(self) -> ServiceGrowth:
+        robot = self._require_service().json(f"/robots/{self._robot}")
         if robot["job"] is None:
             raise BoardError(f"robot {self._robot} has no job under way: grow one", "none", "a job")
-        return ServedGrowth(self._asked(), self._robot, robot["job"], None)
+        return ServiceGrowth(self._require_service(), self._robot, robot["job"], None)
 
     def status_json(self) -> str:
-        robot = self._asked().json(f"/robots/{self._robot}")
-        told = {key: robot[key] for key in ("laid", "temperature_c", "target_c", "fault")}
-        return json.dumps({"event": "status", "state": robot["board"], **told})
+        robot = self._require_service().json(f"/robots/{self._robot}")
+        values = {key: robot[key] for key in ("laid", "temperature_c", "target_c", "fault")}
+        return json.dumps({"event": "status", "state": robot["board"], **values})
 
     def stop(self) -> str:
-        self._order("stop")
+        self._send_command("stop")
         return f"stopped: heater and steppers of the {'simulated ' if self.simulated else ''}robot are off"
 
     def emergency_stop(self) -> None:
-        self._order("emergency-stop")
+        self._send_command("emergency-stop")
 
     def close(self) -> None:
         self._service = None

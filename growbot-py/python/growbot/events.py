@@ -2,7 +2,7 @@
 
     for event in board.grow(plan):
         match event:
-            case growbot.events.Laid(layer=layer):
+            case growbot.events.LayerLaid(layer=layer):
                 print(layer)
 """
 
@@ -14,9 +14,9 @@ from typing import Any, Optional
 
 @dataclass(frozen=True)
 class Event:
-    """An event. fields has all its values, with the names of a run log."""
+    """An event. raw is the line of the run log as a dict."""
 
-    fields: dict[str, Any] = field(repr=False, compare=False, kw_only=True, default_factory=dict)
+    raw: dict[str, Any] = field(repr=False, compare=False, kw_only=True, default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Status(Event):
 
 
 @dataclass(frozen=True)
-class Laid(Event):
+class LayerLaid(Event):
     """A layer was laid: its index from 0, and its values according to the board's steps. Unknown values are None."""
 
     layer: int
@@ -66,7 +66,7 @@ class SimulatedLayer(Event):
 
 
 @dataclass(frozen=True)
-class Amending(Event):
+class Amendment(Event):
     """Feedback replaces the layers from first_layer on. The body has total layers from now on."""
 
     first_layer: int
@@ -74,19 +74,19 @@ class Amending(Event):
 
 
 @dataclass(frozen=True)
-class NotAmended(Event):
-    """The board has not accepted the latest amendment. why is the reason, or None if the amendment came too late."""
+class AmendmentRejected(Event):
+    """The board has not accepted the latest amendment. reason is None if the amendment came too late."""
 
-    why: Optional[str]
+    reason: Optional[str]
 
 
 @dataclass(frozen=True)
-class Silent(Event):
+class NoResponse(Event):
     """The board does not respond, and the host tries again."""
 
 
 @dataclass(frozen=True)
-class Back(Event):
+class Reconnected(Event):
     """The board responds again."""
 
 
@@ -99,37 +99,35 @@ class Ended(Event):
 
 @dataclass(frozen=True)
 class Other(Event):
-    """Any other event of a run log: "header", "counting", "handing-over", "ordered", "crash", ..."""
+    """Any other event of a run log: "header", "encoder-reference", "layers-sent", "command", "crash", ..."""
 
     name: str
 
 
-def from_fields(told: dict[str, Any]) -> Event:
+def event_from_dict(raw: dict[str, Any]) -> Event:
     """Returns the event of a line of a run log."""
-    name = str(told.get("event", ""))
+    name = str(raw.get("event", ""))
     if name == "laid":
-        return Laid(
-            told["layer"], told.get("alpha_deg"), told.get("height_mm"), told.get("tilt_deg"), fields=told
-        )
+        return LayerLaid(raw["layer"], raw.get("alpha_deg"), raw.get("height_mm"), raw.get("tilt_deg"), raw=raw)
     if name == "simulated":
-        return SimulatedLayer(told["layer"], told["alpha_deg"], told["height_mm"], told["tilt_deg"], fields=told)
+        return SimulatedLayer(raw["layer"], raw["alpha_deg"], raw["height_mm"], raw["tilt_deg"], raw=raw)
     if name == "status":
         return Status(
-            told.get("state"), told.get("laid"), told.get("temperature_c"), told.get("target_c"), told.get("fault"),
-            fields=told,
+            raw.get("state"), raw.get("laid"), raw.get("temperature_c"), raw.get("target_c"), raw.get("fault"),
+            raw=raw,
         )
     if name == "state":
-        return StateChanged(told["state"], fields=told)
+        return StateChanged(raw["state"], raw=raw)
     if name == "board":
-        return BoardFound(told["state"], told["laid"], fields=told)
-    if name == "amending":
-        return Amending(told["from"], told["total"], fields=told)
-    if name == "not-amended":
-        return NotAmended(told.get("why"), fields=told)
-    if name == "silent":
-        return Silent(fields=told)
-    if name == "back":
-        return Back(fields=told)
+        return BoardFound(raw["state"], raw["laid"], raw=raw)
+    if name == "amendment":
+        return Amendment(raw["from"], raw["total"], raw=raw)
+    if name == "amendment-rejected":
+        return AmendmentRejected(raw.get("reason", raw.get("why")), raw=raw)
+    if name == "no-response":
+        return NoResponse(raw=raw)
+    if name == "reconnected":
+        return Reconnected(raw=raw)
     if name == "end":
-        return Ended(told["result"]["outcome"], fields=told)
-    return Other(name, fields=told)
+        return Ended(raw["result"]["outcome"], raw=raw)
+    return Other(name, raw=raw)

@@ -1,7 +1,7 @@
 //! Plans to the goals of a file with lines `x,y,z,heading,pitch`, as a program in Rust would. For each batch of goals,
 //! it prints a line with the min time of several rounds, in s.
 //!
-//!     rust-loop GOALS.csv BATCH ROUNDS
+//!     plan-bench GOALS.csv BATCH ROUNDS
 //!
 //! A batch takes about a millisecond. On a machine with other work, so short a batch runs uninterrupted in some of the
 //! rounds.
@@ -27,15 +27,20 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .lines()
         .map(|line| Ok(parse_goal(line)?.goal))
         .collect::<Result<Vec<Goal>, Box<dyn std::error::Error>>>()?;
-    let search =
-        PlanOptions { radius: robot.description().planning_radius_mm, planner: Planner::Shortest, avoid_self_collision: false };
+    let search = PlanOptions {
+        radius: robot.description().planning_radius_mm,
+        planner: Planner::Shortest,
+        avoid_self_collision: false,
+    };
     let batches: Vec<&[Goal]> = goals.chunks(batch.parse()?).collect();
     let mut fastest = vec![f64::INFINITY; batches.len()];
     for _ in 0..rounds.parse::<u32>()? {
         for (batch, fastest) in batches.iter().zip(&mut fastest) {
             let begun = Instant::now();
-            let plans: Vec<Plan> =
-                batch.iter().map(|goal| Plan::through_waypoints(&robot, &start, &[], goal, &search)).collect::<Result<_, _>>()?;
+            let plans: Vec<Plan> = batch
+                .iter()
+                .map(|goal| Plan::through_waypoints(&robot, &start, &[], goal, &search))
+                .collect::<Result<_, _>>()?;
             drop(black_box(plans));
             *fastest = fastest.min(begun.elapsed().as_secs_f64());
         }
