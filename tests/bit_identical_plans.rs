@@ -67,7 +67,7 @@ struct Compared {
 }
 
 #[test]
-fn the_board_plans_the_desktops_layers_bit_for_bit() {
+fn board_and_desktop_plan_identical_layers() {
     let random = std::env::var("GROWBOT_GOALS").map_or(RANDOM_GOALS, |goals| goals.parse().unwrap());
     let goals: Vec<_> = goals(random).collect();
     let compared: Vec<Compared> = std::thread::scope(|scope| {

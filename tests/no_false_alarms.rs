@@ -23,11 +23,11 @@ fn grow(plant: Plant) {
 }
 
 #[test]
-fn hours_of_growth_raise_no_alarm_and_keep_their_temperature() {
+fn hours_of_growth_with_a_lumped_nozzle_raise_no_alarm() {
     grow(Plant::Lump);
 }
 
 #[test]
-fn so_do_hours_with_a_cartridge() {
+fn hours_of_growth_with_a_cartridge_raise_no_alarm() {
     grow(Plant::Cartridge);
 }

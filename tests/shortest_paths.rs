@@ -149,7 +149,7 @@ fn planned_paths_are_as_short_as_the_best_known() {
 }
 
 #[test]
-fn planned_paths_are_as_short_as_those_searched_now() {
+fn planned_paths_are_as_short_as_a_fresh_search() {
     /// Seed of cases and searches that are not in the table.
     const SEED: u64 = 2026;
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();

@@ -297,7 +297,7 @@ fn try_regime(regime: &Regime, number: u64, count: u32) -> Tally {
 }
 
 #[test]
-fn laid_paths_are_found() {
+fn constructed_paths_are_found() {
     let count = std::env::var("GROWBOT_LAID").map_or(20_000, |count| count.parse().expect("GROWBOT_LAID is a number"));
     let tallies: Vec<Tally> = std::thread::scope(|scope| {
         let running: Vec<_> = REGIMES

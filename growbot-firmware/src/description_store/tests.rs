@@ -21,7 +21,7 @@ fn named(name: &str) -> Robot {
 }
 
 #[test]
-fn the_newest_description_is_found_again() {
+fn the_newest_description_is_loaded() {
     let flash = Small::new(2);
     assert_eq!(stored(&flash), None);
     let mut descriptions = DescriptionStore::open(flash.clone());
@@ -36,7 +36,7 @@ fn the_newest_description_is_found_again() {
 /// After an update of the firmware the encoding may differ. The stored description must not be replaced without a
 /// request.
 #[test]
-fn a_whole_description_that_cannot_be_read_is_told_from_none() {
+fn an_unreadable_description_is_distinguished_from_none() {
     let flash = Small::new(2);
     assert_eq!(DescriptionStore::open(flash.clone()).newest(), StoredDescription::Empty);
     let mut descriptions = DescriptionStore::open(flash.clone());
@@ -51,7 +51,7 @@ fn a_whole_description_that_cannot_be_read_is_told_from_none() {
 }
 
 #[test]
-fn what_flash_holds_at_first_is_no_description() {
+fn blank_flash_holds_no_description() {
     for byte in [0x00, 0xff, 0x47] {
         let flash = Small::new(2);
         flash.set_bytes(&[byte; 2 * SECTOR]);
@@ -62,7 +62,7 @@ fn what_flash_holds_at_first_is_no_description() {
 }
 
 #[test]
-fn a_flipped_bit_is_seen() {
+fn a_flipped_bit_is_detected() {
     let flash = Small::new(2);
     let (old, new) = (robot_a(), fast_robot());
     DescriptionStore::open(flash.clone()).store(&old).unwrap();
