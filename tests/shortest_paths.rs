@@ -4,7 +4,7 @@
 //! `GROWBOT_NEAR` is the number of these that lie within 3 radii, by default 16:
 //!
 //! ```sh
-//! GROWBOT_NEAR=10000 cargo test --release -p growbot-tests --test it shortest_is_shortest:: -- --nocapture searched_now
+//! GROWBOT_NEAR=10000 cargo test --release -p growbot-tests --test it shortest_paths:: -- --nocapture fresh_search
 //! ```
 
 use std::time::Instant;

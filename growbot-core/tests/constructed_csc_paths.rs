@@ -6,7 +6,7 @@
 //! each regime, 20,000 by default.
 //!
 //! ```sh
-//! GROWBOT_LAID=1000000 cargo test --release -p growbot-core --test it laid_paths:: -- --nocapture
+//! GROWBOT_LAID=1000000 cargo test --release -p growbot-core --test it constructed_csc_paths:: -- --nocapture
 //! ```
 
 use core::f64::consts::{PI, TAU};

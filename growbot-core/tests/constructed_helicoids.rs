@@ -8,7 +8,7 @@
 //! integrates it from its start. `GROWBOT_LAID` is the number of arcs constructed in each regime, 2,000 by default.
 //!
 //! ```sh
-//! GROWBOT_LAID=100000 cargo test --release -p growbot-core --test it laid_helicoids:: -- --nocapture
+//! GROWBOT_LAID=100000 cargo test --release -p growbot-core --test it constructed_helicoids:: -- --nocapture
 //! ```
 
 use growbot_core::helicoid::Helicoid;

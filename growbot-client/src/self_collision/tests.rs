@@ -87,7 +87,7 @@ proptest! {
     }
 
     #[test]
-    fn only_the_path_after_the_given_length_is_checked(path in prop::collection::vec(segment(), 2..6), before in 1_usize..3) {
+    fn only_the_later_part_is_checked(path in prop::collection::vec(segment(), 2..6), before in 1_usize..3) {
         let before = path::length(&path[..before.min(path.len())]);
         assert_agrees(&path, before);
     }

@@ -322,7 +322,7 @@ mod tests {
         }
 
         #[test]
-        fn paths_of_one_arc_and_one_line_are_found(alpha in 0.0..TAU, bend in 0.0..TAU, line in 4.0..40.0, arc_first in any::<bool>()) {
+        fn arc_and_line_are_found(alpha in 0.0..TAU, bend in 0.0..TAU, line in 4.0..40.0, arc_first in any::<bool>()) {
             let laid = if arc_first { [arc(alpha, bend), Segment::Straight { length: line }] } else { [Segment::Straight { length: line }, arc(alpha, bend)] };
             prop_assert!(shortest_to_end_of(&laid) <= length(&laid) + 1e-9);
         }
@@ -369,7 +369,7 @@ mod tests {
     }
 
     /// Three arcs in any planes are not a shortest path, but there is mostly a helicoidal arc near them. The search
-    /// does not find some of these arcs, as `tests/shortest_is_shortest.rs` reports in more detail.
+    /// does not find some of these arcs, as `tests/shortest_paths.rs` reports in more detail.
     #[test]
     fn most_near_goals_are_no_longer_than_three_arcs() {
         const GOALS: u32 = 400;

@@ -371,7 +371,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn running_sums_match_the_section_by_section_sum(seed in 0_u64..1000, pitch in -90.0..90.0, count in 1_usize..80) {
+        fn running_sums_match_section_by_section_sum(seed in 0_u64..1000, pitch in -90.0..90.0, count in 1_usize..80) {
             let robot = robot(|_| ());
             let layer = Layer { alpha: 1.0, height: 0.7, tilt: 0.02 };
             let wild = super::super::Disturbance {
