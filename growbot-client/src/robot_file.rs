@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn robot_a_bends_to_98_20_mm_by_eq_7() {
+    fn min_radius_of_robot_a_by_eq_7_is_98_20_mm() {
         let robot = load(DEFAULT.as_ref()).unwrap();
         assert_eq!(format!("{:.2}", robot.min_radius_by_packaging()), "98.20");
         assert_eq!(robot.min_radius(), robot.min_radius_by_packaging());

@@ -48,7 +48,7 @@ mod tests {
     use crate::angle::radians;
 
     #[test]
-    fn robot_a_bends_to_98_2_mm() {
+    fn min_radius_of_robot_a_is_98_2_mm() {
         assert!((min_radius_by_packaging(22.0, 12.0, 48.0) - 98.2).abs() < 1e-12);
     }
 

@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn no_bend_is_a_translation_along_z() {
+    fn zero_bend_is_a_translation_along_z() {
         let straight = step(1.0, 0.0, 3.0);
         assert_eq!(straight.translation.vector, Vector3::new(0.0, 0.0, 3.0));
         assert_eq!(straight.rotation.matrix(), &Matrix3::identity());

@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn start_is_goal() {
+    fn start_equal_to_goal_gives_zero_length() {
         let pose = Pose::from_degrees([1.0, 2.0, 3.0, 4.0, 5.0]).unwrap();
         assert!(assert_plans(&pose, &pose, 100.0).is_empty());
     }

@@ -155,7 +155,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn sine_and_cosine_are_exact_to_their_last_digits(angle in -MAX_ANGLE..MAX_ANGLE, turns in -3.0..3.0_f64) {
+        fn sine_and_cosine_are_exact_to_the_last_digits(angle in -MAX_ANGLE..MAX_ANGLE, turns in -3.0..3.0_f64) {
             for angle in [angle, turns * TAU, 1e-9 * turns] {
                 let (sin, cos) = sin_cos(angle);
                 prop_assert!((sin - libm::sin(angle)).abs() <= f64::EPSILON * libm::sin(angle).abs().max(1e-9), "sin {angle}: {sin}");

@@ -152,7 +152,7 @@ fn an_invalid_utf8_line_ends_a_script() {
 }
 
 #[test]
-fn the_whole_screen_needs_a_terminal() {
+fn the_full_screen_console_needs_a_terminal() {
     assert_refused(&growbot(&["console", "--tui"]), &["--tui needs a terminal", "standard input", "line by line"]);
 }
 

@@ -65,7 +65,7 @@ fn a_plan_is_exported_from_pipe_to_pipe() {
 }
 
 #[test]
-fn an_incomplete_log_is_exported_as_built() {
+fn a_log_is_exported_as_built_even_if_truncated() {
     let bodies = Bodies::new();
     let whole = String::from_utf8(bodies.export("run.jsonl", "whole.csv", &[])).unwrap();
     assert!(whole.lines().skip(2).all(|row| row.contains(",laid-simulated,")), "{whole}");

@@ -113,7 +113,7 @@ fn without_a_log_the_firmware_is_still_started() {
 }
 
 #[test]
-fn in_the_source_tree_the_firmware_is_built_for_the_robot() {
+fn firmware_is_built_for_the_robot_in_the_source_tree() {
     let bench = Bench::new();
     bench.cargo();
     bench.tool("probe-rs", "");
@@ -166,7 +166,7 @@ fn an_image_is_not_built_for_an_undrivable_robot() {
 }
 
 #[test]
-fn a_dry_run_prints_what_would_be_run() {
+fn a_dry_run_prints_the_commands() {
     let bench = Bench::new();
     bench.cargo();
     bench.tool("probe-rs", "");

@@ -280,7 +280,7 @@ fn the_job_list_is_rebuilt_from_the_run_logs() {
 }
 
 #[test]
-fn a_direct_command_borrows_the_link_from_the_service() {
+fn a_direct_command_leases_the_link_of_the_service() {
     let lab = Lab::new(100.0);
     lab.wait_until_ready();
     let mut console = lab.command(&["console"]);

@@ -93,7 +93,7 @@ fn options_override_the_environment_and_then_the_nearest_file() {
 }
 
 #[test]
-fn a_port_from_a_file_is_used_by_all_commands() {
+fn a_port_from_a_file_is_used_also_by_safety_commands() {
     let place = Place::new();
     let refused = place.run(&["status"]);
     assert!(refused.code == Some(2) && refused.err.contains("growbot.toml"), "{}", refused.err);
@@ -119,7 +119,7 @@ fn paths_are_relative_to_their_file() {
 }
 
 #[test]
-fn settings_errors_do_not_affect_commands_without_settings() {
+fn settings_errors_are_reported_and_affect_only_commands_with_settings() {
     let place = Place::new();
     for (text, parts) in [
         ("robbot = \"growbot-a\"\n", &["line 1", "unknown field", "did you mean robot?"][..]),

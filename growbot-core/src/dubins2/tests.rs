@@ -251,7 +251,7 @@ proptest! {
 }
 
 #[test]
-fn start_is_goal() {
+fn start_equal_to_goal_gives_zero_length() {
     for heading in [0.0, TAU, -TAU, -1e-17] {
         assert_eq!(shortest(&PlanarPose { x: 0.0, y: 0.0, heading }).length(), 0.0);
     }

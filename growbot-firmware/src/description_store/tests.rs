@@ -78,7 +78,7 @@ fn a_flipped_bit_is_detected() {
 }
 
 #[test]
-fn a_power_cut_at_every_byte_leaves_the_old_description_or_the_new_one() {
+fn a_power_loss_at_any_byte_leaves_the_old_or_the_new_description() {
     let (old, new) = (robot_a(), fast_robot());
     let (mut olds, mut news) = (0, 0);
     for before in [None, Some(old)] {
@@ -118,7 +118,7 @@ fn a_power_cut_at_every_byte_leaves_the_old_description_or_the_new_one() {
 
 /// Cells that were being programmed may read differently at each start, but never as another description.
 #[test]
-fn weak_cells_read_as_the_old_description_or_the_new_one() {
+fn weak_cells_read_as_the_old_or_the_new_description() {
     let (old, new) = (robot_a(), fast_robot());
     for at in 0..HEADER_BYTES + LONGEST {
         let flash = Small::new(2);
@@ -134,7 +134,7 @@ fn weak_cells_read_as_the_old_description_or_the_new_one() {
 }
 
 #[test]
-fn flash_that_refuses_keeps_the_old_description() {
+fn a_flash_write_error_keeps_the_old_description() {
     let flash = Small::new(2);
     DescriptionStore::open(flash.clone()).store(&robot_a()).unwrap();
     let mut descriptions = DescriptionStore::open(flash.clone());

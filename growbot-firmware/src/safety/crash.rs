@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn registers_and_the_stack_beyond_them_are_retained() {
+    fn registers_and_stack_are_retained() {
         for (exc_return, beyond) in [(0xFFFF_FFF9, 0x1000_0820), (0xFFFF_FFE9, 0x1000_0868)] {
             let crash = crash(0x1000_0800, exc_return);
             assert_eq!(crash[..HEAD_WORDS], head(0x1000_0800, exc_return));

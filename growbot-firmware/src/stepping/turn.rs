@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn the_constant_feed_strategy_has_a_constant_rate() {
+    fn the_speed_strategy_has_a_constant_feed_rate() {
         let robot = robot_a_by(FeedStrategy::Speed);
         let layer = Layer { alpha: 0.3, height: 0.77, tilt: 0.0077 };
         let turn = lay(&layer, &robot).unwrap();

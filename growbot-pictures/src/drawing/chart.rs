@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_are_round() {
+    fn tick_steps_are_round() {
         for (whole, max, step) in [(1000.0, 12.0, 100.0), (3589.0, 12.0, 500.0), (2.0, 10.0, 0.2), (7.0, 10.0, 1.0)] {
             assert!((round_step(whole, max) - step).abs() < 1e-12 * step, "{whole}");
         }

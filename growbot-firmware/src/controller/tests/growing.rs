@@ -160,7 +160,7 @@ fn growth_pauses_without_layers_and_continues_with_new_ones() {
 }
 
 #[test]
-fn a_stop_switches_everything_off_in_every_state() {
+fn a_stop_switches_all_outputs_off_in_every_state() {
     for state in State::ALL {
         let mut bench = Bench::in_state(state);
         bench.accepted(&stop());

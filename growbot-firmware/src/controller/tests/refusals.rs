@@ -101,7 +101,7 @@ fn a_job_for_another_robot_or_without_plan_id_is_refused() {
 }
 
 #[test]
-fn the_same_plan_with_another_number_of_layers_is_another_job() {
+fn a_plan_with_a_different_layer_count_is_a_different_job() {
     let mut bench = idle();
     let robot = bench.robot.clone();
     assert_eq!(bench.accepted(&begin(&robot, PLAN, 40)).next, 30);

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn five_thousand_layers_are_laid_to_the_step() {
+fn five_thousand_layers_are_laid_with_exact_step_counts() {
     for (strategy, turning) in ALL {
         let robot = robot_a_with(strategy, turning);
         let layers = layers(&robot, 1250, 0.5);
