@@ -3,7 +3,8 @@
 //! The emulated board plans by itself. The hash of its layers in full precision and every byte of them must equal the
 //! desktop's. The emulator executes the M4's instructions, so this compares two compilations for two processors.
 //!
-//! `GROWBOT_GOALS=48 cargo test -p growbot-tests --test it same_bits::` sets the number of random goals, by default 14.
+//! `GROWBOT_GOALS=48 cargo test -p growbot-tests --test it bit_identical_plans::` sets the number of random goals, by
+//! default 14.
 
 use growbot_client::client::Client;
 use growbot_client::robot_file;
@@ -67,7 +68,7 @@ struct Compared {
 }
 
 #[test]
-fn the_board_plans_the_desktops_layers_bit_for_bit() {
+fn board_and_desktop_plan_identical_layers() {
     let random = std::env::var("GROWBOT_GOALS").map_or(RANDOM_GOALS, |goals| goals.parse().unwrap());
     let goals: Vec<_> = goals(random).collect();
     let compared: Vec<Compared> = std::thread::scope(|scope| {

@@ -78,7 +78,7 @@ fn figures(values: impl Iterator<Item = f64>) -> [f64; 3] {
 }
 
 #[test]
-fn closed_loops_arrive_where_open_loops_miss() {
+fn closed_loops_reach_goals_that_open_loops_miss() {
     let loops = std::env::var("GROWBOT_LOOPS").map_or(LOOPS, |loops| loops.parse().unwrap());
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     println!("{loops} bodies of each kind; position errors over the path's length: mean, 95th percentile, max");
@@ -99,7 +99,7 @@ fn closed_loops_arrive_where_open_loops_miss() {
 }
 
 #[test]
-fn no_robot_is_asked_for_a_layer_beyond_its_limits() {
+fn no_commanded_layer_exceeds_the_limits() {
     let everything = Disturbance {
         growth_noise: 0.2,
         growth_bias: 0.1,

@@ -36,7 +36,7 @@ fn hand_over(client: &mut Client, robot: &Robot, bytes: &[u8]) -> Result<(), Cli
 }
 
 #[test]
-fn the_image_checks_and_keeps_a_description_and_restarts_with_it() {
+fn the_image_stores_a_description_and_restarts_with_it() {
     let [old, new] = ["growbot-a", "growbot-b"].map(robot);
     let emulator = Emulator::start(&old, Some(&firmware("an386"))).unwrap();
     let mut client = Client::new(Box::new(emulator), "the emulated board");

@@ -34,7 +34,7 @@ fn crash(words: &TipMemoryView, how: u32) {
 }
 
 #[test]
-fn a_crash_is_told_after_the_reset_by_function_and_line() {
+fn a_crash_is_reported_after_the_reset_with_function_and_line() {
     let path = firmware("an386");
     let image = FirmwareImage::open(&path).unwrap();
     let (mut client, words) = board(&path);
@@ -117,7 +117,7 @@ fn damaged(name: &str) -> PathBuf {
 }
 
 #[test]
-fn an_image_that_is_damaged_is_told_and_never_heats() {
+fn a_damaged_image_is_reported_and_never_heats() {
     let path = damaged("damaged");
     assert!(is_sealed(&std::fs::read(&path).unwrap()));
     let (mut client, words) = board(&path);
@@ -150,7 +150,7 @@ fn an_image_that_is_damaged_is_told_and_never_heats() {
 }
 
 #[test]
-fn images_of_both_boards_can_be_sealed_and_every_byte_of_them_counts() {
+fn images_of_both_boards_are_sealed_over_every_byte() {
     for board in ["an386", "stm32f405"] {
         let image = std::fs::read(firmware(board)).unwrap();
         let sealed = seal(&image).unwrap();

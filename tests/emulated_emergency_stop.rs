@@ -89,7 +89,7 @@ fn with_a_job() -> (Rc<RefCell<Emulator>>, TipMemoryView, Client) {
 }
 
 #[test]
-fn the_button_switches_everything_off_while_the_main_loop_hangs() {
+fn the_button_switches_outputs_off_while_the_main_loop_hangs() {
     let (emulator, words, mut client) = with_a_job();
     start(&mut client, &words);
     words.wait("heater and motors", |words| OUTPUTS.iter().all(|output| words.read(*output) == 1));
@@ -117,7 +117,7 @@ fn the_button_switches_everything_off_while_the_main_loop_hangs() {
 }
 
 #[test]
-fn behind_noise_and_half_a_frame_the_stop_switches_everything_off() {
+fn the_stop_works_after_noise_and_a_partial_frame() {
     let (emulator, words, mut client) = with_a_job();
     let outputs = OUTPUTS;
 

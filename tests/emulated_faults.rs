@@ -74,7 +74,7 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
 }
 
 #[test]
-fn the_image_notices_faults_and_switches_everything_off() {
+fn the_image_detects_faults_and_switches_outputs_off() {
     type Case = (TipFault, State, Option<Fault>, f64);
     let cases: [Case; 8] = [
         (TipFault::ThermistorOpen, State::Heating, Some(Fault::ThermistorOpen), 3.0),

@@ -60,7 +60,7 @@ fn grow(robot: &Robot, with_feedback: bool) -> GrowthReport {
 }
 
 #[test]
-fn an_emulated_board_is_amended_while_it_grows_and_arrives() {
+fn an_emulated_board_amended_during_growth_reaches_the_goal() {
     let robot = robot();
     let (open, closed) = (grow(&robot, false), grow(&robot, true));
     let miss = |grown: &GrowthReport| {

@@ -27,7 +27,7 @@ fn grow_on(opened: (Box<dyn Port>, Box<dyn SimulatedTip>), robot: &Robot, path: 
 }
 
 #[test]
-fn the_emulated_board_lays_the_layers_that_the_simulation_lays() {
+fn the_emulated_board_lays_the_same_layers_as_the_simulation() {
     let robot = robot_file::load("growbot-a2".as_ref()).unwrap();
     // The path leads from one plane into another, with a straight line between. It is 103 mm long and includes a thin
     // layer.

@@ -70,7 +70,7 @@ fn feed(mm: i32) -> MaintenanceTask {
 }
 
 #[test]
-fn what_is_refused_cold_is_done_hot_and_seen_by_the_tip() {
+fn maintenance_is_refused_cold_and_executed_hot() {
     let robot = robot();
     let (board, mut client) = board(&robot);
     for task in [feed(10), feed(-10), MaintenanceTask::Home, MaintenanceTask::Rotate { centi_deg: 9000 }] {
@@ -122,7 +122,7 @@ fn grow(robot: &Robot, mut on_event: impl FnMut(&Board, &JobEvent, &CommandQueue
 }
 
 #[test]
-fn a_body_that_ran_out_of_filament_is_the_one_that_nothing_disturbed() {
+fn running_out_of_filament_does_not_change_the_body() {
     let robot = robot();
     let undisturbed = grow(&robot, |_, _, _| {});
     assert_eq!(undisturbed.outcome, Outcome::Done);

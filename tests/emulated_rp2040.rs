@@ -108,7 +108,7 @@ fn check_figures(file: &Path) {
 }
 
 #[test]
-fn the_pico_lays_the_layers_that_the_simulation_and_another_processor_lay() {
+fn the_pico_lays_the_same_layers_as_simulation_and_cortex_m4() {
     // The path leads from one plane into another, with a straight line between, and includes a thin layer.
     let path = [
         Segment::Arc { alpha: 1.0, bend: 1.0, length: 100.0 },
@@ -150,7 +150,7 @@ fn the_pico_lays_the_layers_that_the_simulation_and_another_processor_lay() {
 
 /// An image for no robot is configured over its line, and drives that robot at the configured pins.
 #[test]
-fn a_board_that_is_configured_as_an_skr_pico_grows_at_its_pins() {
+fn a_board_configured_as_skr_pico_uses_its_pins() {
     let path = [Segment::Arc { alpha: 1.0, bend: 0.2, length: 20.0 }];
     let robot = on_skr_pico();
     let board = Rc::new(RefCell::new(Rp2040Emulator::start(&robot, Some(&pico_firmware("none"))).unwrap()));
@@ -194,7 +194,7 @@ const GOALS: [([f64; 5], Planner); 5] = [
 ];
 
 #[test]
-fn the_pico_plans_the_desktops_layers_bit_for_bit() {
+fn the_pico_and_the_desktop_plan_identical_layers() {
     let robot = robot();
     let (board, figures) = measured("planning.json");
     let board = Rc::new(RefCell::new(board));

@@ -231,7 +231,7 @@ fn check(case: Case) -> Result<String, String> {
 }
 
 #[test]
-fn the_pico_notices_faults_as_the_simulation_does() {
+fn the_pico_detects_faults_like_the_simulation() {
     let mut cases = FEW.to_vec();
     if let Ok(wanted) = std::env::var("GROWBOT_FAULTS") {
         let is_wanted = |case: &Case| wanted.split(',').any(|name| [case.fault.name(), "all"].contains(&name));

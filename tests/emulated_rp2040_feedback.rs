@@ -57,7 +57,7 @@ impl Seen {
 }
 
 #[test]
-fn corrected_layers_come_to_the_pico_in_time_and_it_arrives() {
+fn corrected_layers_reach_the_pico_in_time() {
     let robot = robot();
     let period_s = robot.description().layer.period_s;
     assert!(period_s <= 0.18);

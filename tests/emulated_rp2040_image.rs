@@ -46,7 +46,7 @@ fn assert_off(board: &Board) {
 }
 
 #[test]
-fn the_uf2_file_of_a_sealed_image_starts_and_a_crash_is_told_after_the_reset() {
+fn a_sealed_uf2_image_boots_and_reports_a_crash_after_the_reset() {
     let sealed = sealed();
     let (board, mut client, _) = board("pico.uf2", &uf2::of_image(&sealed).unwrap());
     let elf = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pico-sealed.elf");
@@ -78,7 +78,7 @@ fn the_uf2_file_of_a_sealed_image_starts_and_a_crash_is_told_after_the_reset() {
 }
 
 #[test]
-fn a_crystal_that_stops_while_it_heats_switches_everything_off_and_is_told() {
+fn a_crystal_failure_while_heating_switches_off_and_is_reported() {
     let (board, mut client, _) = board("pico-crystal.elf", &sealed());
     client.request("to tune", &Message::Tune(Tune { target_centi_c: 15_000 })).unwrap();
     let is_hot = |board: &Board| {
@@ -128,7 +128,7 @@ fn damaged() -> Vec<u8> {
 }
 
 #[test]
-fn a_damaged_image_is_told_and_never_heats() {
+fn a_damaged_image_is_reported_and_never_heats() {
     let (board, mut client, _) = board("pico-damaged", &damaged());
     let hello = client.identify().unwrap();
     assert_eq!((hello.status.state, hello.status.fault), (State::Fault, Some(Fault::ImageCorrupt)));

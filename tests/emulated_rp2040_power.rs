@@ -89,7 +89,7 @@ fn cut_description(board: &Board, old: &Robot, new: &Robot, bytes: u32) -> bool 
 }
 
 #[test]
-fn power_lost_while_a_description_is_stored_leaves_the_old_one_or_the_new_one() {
+fn power_loss_while_storing_a_description_keeps_the_old_or_the_new_one() {
     let [first, old, new] = ["growbot-b", "growbot-a2", "growbot-a"].map(robot);
     // Both slots have a description, so one of them has to be erased.
     let begin = || {
@@ -162,7 +162,7 @@ fn resume(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> (Status, 
 }
 
 #[test]
-fn power_lost_while_a_layer_is_noted_costs_the_open_layer_at_most() {
+fn power_loss_during_a_journal_write_loses_at_most_the_open_layer() {
     // Robot A2, whose motors are fast, with faster homing.
     let mut description = robot("growbot-a2").description().clone();
     description.head.homing_turns_per_s = 1.0;

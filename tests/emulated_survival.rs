@@ -104,7 +104,7 @@ fn each<W: FnMut(u64) -> Result<String, String>>(count: u64, work: impl Fn() -> 
 }
 
 #[test]
-fn over_a_bad_line_the_image_lays_each_layer_once() {
+fn each_layer_is_laid_once_over_a_bad_link() {
     let (robot, body) = (robot(), Body::of(LENGTH));
     let job = body.job(&robot);
     assert_eq!(job.layers.len(), LAYERS);
@@ -147,7 +147,7 @@ fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &ReferenceGrowth, seed
 }
 
 #[test]
-fn whatever_interrupts_the_image_it_resumes_and_lays_each_layer_once() {
+fn each_layer_is_laid_once_after_any_interruption() {
     let (robot, body) = (robot(), Body::of(LENGTH));
     let job = body.job(&robot);
     let undisturbed = ReferenceGrowth::grow(&job);

@@ -10,7 +10,7 @@ use growbot_tests::fault_campaign::{mismatches, run, table};
 const SEEDS: std::ops::Range<u64> = 0..2;
 
 #[test]
-fn every_fault_is_noticed_in_time_with_the_right_code() {
+fn every_fault_is_detected_in_time_with_the_right_code() {
     let [lump, cartridge] = Plant::ALL.map(|plant| run(plant, &Case::all(), SEEDS));
     println!("{}", table::markdown(&lump, &cartridge));
     let wrong = [mismatches(Plant::Lump, &lump), mismatches(Plant::Cartridge, &cartridge)].concat();

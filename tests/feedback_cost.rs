@@ -22,7 +22,7 @@ const STACK: u64 = 30 * 1024;
 const NEXT: Duration = Duration::from_secs(300);
 
 #[test]
-fn closed_loops_come_to_the_same_bits_on_the_microcontroller() {
+fn closed_loops_are_bit_identical_on_the_microcontroller() {
     build_image("build-feedback-cost");
     let line = QemuSocket::open("serial line").unwrap();
     let serial = line.argument().unwrap();

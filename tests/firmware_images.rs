@@ -24,7 +24,7 @@ fn size(file: &object::File, names: &[&str]) -> u64 {
 }
 
 #[test]
-fn no_panic_is_left_in_an_image() {
+fn images_contain_no_panic() {
     for board in ["stm32f405", "an386"] {
         let image = std::fs::read(firmware(board)).unwrap();
         let file = object::File::parse(&*image).unwrap();
@@ -48,7 +48,7 @@ fn the_robots_image_is_small() {
 const LEFT_FOR_A_CRASH: u64 = 512;
 
 #[test]
-fn a_crash_is_retained_within_what_is_left_of_the_stack() {
+fn retaining_a_crash_fits_the_remaining_stack() {
     for board in ["stm32f405", "an386"] {
         let image = std::fs::read(firmware(board)).unwrap();
         let image = Image::parse(&image);
@@ -65,7 +65,7 @@ const BARRIER: [u8; 4] = [0xBF, 0xF3, 0x4F, 0x8F];
 /// calls nothing. The write that starts the erase must have arrived before the status is read, because otherwise the
 /// status reports that the erase is finished.
 #[test]
-fn a_sector_is_erased_from_ram_and_behind_a_barrier() {
+fn a_sector_is_erased_from_ram_after_a_barrier() {
     let image = std::fs::read(firmware("stm32f405")).unwrap();
     let file = object::File::parse(&*image).unwrap();
     let data = file.section_by_name(".data").unwrap();
@@ -99,7 +99,7 @@ fn a_sector_is_erased_from_ram_and_behind_a_barrier() {
 /// Max depth of the robot's stack over all paths of its code. Each interrupt in turn interrupts the others and the main
 /// program at their greatest depths.
 #[test]
-fn the_robots_stack_is_twice_as_deep_as_it_gets() {
+fn the_robots_stack_is_twice_the_measured_depth() {
     let image = std::fs::read(firmware("stm32f405")).unwrap();
     let image = Image::parse(&image);
     let region = image.symbol("_stack_start") - image.symbol("_stack_end");

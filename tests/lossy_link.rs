@@ -6,7 +6,7 @@ use growbot_tests::recovery::wire::{run, table};
 const JOBS: u64 = 200;
 
 #[test]
-fn however_bad_the_wire_each_layer_is_laid_once() {
+fn each_layer_is_laid_once_over_any_bad_link() {
     let rows = run(JOBS);
     println!("{}", table(&rows));
     let wrong: Vec<&String> = rows.iter().flat_map(|(.., row)| &row.wrong).collect();

@@ -92,11 +92,11 @@ fn the_emulated_boards_image_fits_its_memory() {
 }
 
 #[test]
-fn the_robots_image_fits_its_memory_and_leaves_description_and_journal_alone() {
+fn the_robots_image_fits_and_spares_description_and_journal() {
     check("stm32f405", &firmware("stm32f405"), &STM32F405);
 }
 
 #[test]
-fn the_picos_image_fits_its_memory_and_leaves_description_and_journal_alone() {
+fn the_picos_image_fits_and_spares_description_and_journal() {
     check("pico", &pico_firmware("growbot-a"), &PICO);
 }

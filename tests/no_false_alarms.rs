@@ -1,6 +1,6 @@
 //! A growth without faults raises no alarm, and its nozzle keeps its temperature. `GROWBOT_HOURS` is the simulated time
 //! with each plant, hours, by default 12:
-//! `GROWBOT_HOURS=1000 cargo test --release -p growbot-tests --test it normal_growth:: -- --nocapture`.
+//! `GROWBOT_HOURS=1000 cargo test --release -p growbot-tests --test it no_false_alarms:: -- --nocapture`.
 
 use growbot_tests::fault_campaign::growth::Plant;
 use growbot_tests::normal_growth;
@@ -23,11 +23,11 @@ fn grow(plant: Plant) {
 }
 
 #[test]
-fn hours_of_growth_raise_no_alarm_and_keep_their_temperature() {
+fn hours_of_growth_with_a_lumped_nozzle_raise_no_alarm() {
     grow(Plant::Lump);
 }
 
 #[test]
-fn so_do_hours_with_a_cartridge() {
+fn hours_of_growth_with_a_cartridge_raise_no_alarm() {
     grow(Plant::Cartridge);
 }

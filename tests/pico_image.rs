@@ -20,7 +20,7 @@ fn size(file: &object::File, names: &[&str]) -> u64 {
 }
 
 #[test]
-fn the_picos_image_is_small_and_its_interrupts_call_nothing_in_flash() {
+fn the_picos_image_is_small_and_its_interrupts_run_from_ram() {
     for robot in ["growbot-a", "growbot-a2"] {
         let image = std::fs::read(pico_firmware(robot)).unwrap();
         let file = object::File::parse(&*image).unwrap();

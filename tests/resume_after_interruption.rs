@@ -7,7 +7,7 @@ use growbot_tests::recovery::{Body, ReferenceGrowth, robot};
 const EVERY: usize = 50;
 
 #[test]
-fn whatever_goes_and_whenever_each_layer_is_laid_once() {
+fn each_layer_is_laid_once_after_any_interruption_at_any_time() {
     let (robot, body) = (robot(), Body::of(300));
     let job = body.job(&robot);
     let undisturbed = ReferenceGrowth::grow(&job);

@@ -4,7 +4,7 @@
 //! `GROWBOT_NEAR` is the number of these that lie within 3 radii, by default 16:
 //!
 //! ```sh
-//! GROWBOT_NEAR=10000 cargo test --release -p growbot-tests --test it shortest_is_shortest:: -- --nocapture searched_now
+//! GROWBOT_NEAR=10000 cargo test --release -p growbot-tests --test it shortest_paths:: -- --nocapture fresh_search
 //! ```
 
 use std::time::Instant;
@@ -149,7 +149,7 @@ fn planned_paths_are_as_short_as_the_best_known() {
 }
 
 #[test]
-fn planned_paths_are_as_short_as_those_searched_now() {
+fn planned_paths_are_as_short_as_a_fresh_search() {
     /// Seed of cases and searches that are not in the table.
     const SEED: u64 = 2026;
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();

@@ -19,7 +19,7 @@ use growbot_tests::tip_memory::TipMemoryView;
 const STACK: u32 = 64 * 1024;
 
 #[test]
-fn a_stack_overflow_is_a_clean_fault_and_the_next_boot_says_so() {
+fn a_stack_overflow_is_reported_at_the_next_boot() {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
     let words = TipMemoryView::of(&mut emulator);

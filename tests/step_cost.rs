@@ -114,7 +114,7 @@ fn read_rows(line: &TcpStream, enough: &AtomicBool) -> Option<Vec<Row>> {
 }
 
 #[test]
-fn the_step_interrupt_fits_its_share_of_the_processor() {
+fn the_step_interrupt_fits_its_processor_budget() {
     build_image("build-step-cost");
     let (stops, ticks): (Vec<Row>, Vec<Row>) = measure().into_iter().partition(|row| row.turns == "link");
     let rows: Vec<Row> = ticks.into_iter().filter(|row| row.count > 0).collect();

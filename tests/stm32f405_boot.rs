@@ -20,7 +20,7 @@ use growbot_tests::{firmware, netduinoplus2};
 const PATIENCE: Duration = Duration::from_secs(120);
 
 #[test]
-fn the_robots_board_says_hello_and_answers_requests() {
+fn the_robots_board_boots_and_responds() {
     let image = Path::new(env!("CARGO_TARGET_TMPDIR")).join("stm32f405-sealed");
     let sealed = seal(&std::fs::read(firmware("stm32f405")).unwrap()).unwrap();
     std::fs::write(&image, &sealed.bytes).unwrap();
@@ -76,7 +76,7 @@ fn the_robots_board_says_hello_and_answers_requests() {
 }
 
 #[test]
-fn without_its_crystal_the_board_answers_and_refuses_to_work() {
+fn without_its_crystal_the_board_responds_but_refuses_work() {
     let setup = netduinoplus2::Setup { without_crystal: true, trace: None };
     let board = netduinoplus2::boot_with(&firmware("stm32f405"), &setup).unwrap();
     let mut client = client_of(&board);

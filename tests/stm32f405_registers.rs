@@ -61,7 +61,7 @@ fn position(writes: &[RegisterWrite], what: &str, is_so: impl Fn(&RegisterWrite)
 }
 
 #[test]
-fn a_halted_processor_is_reset_and_its_heater_off() {
+fn a_halted_processor_is_reset_with_the_heater_off() {
     let traced = Traced::boot();
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let mut client = traced.client();
@@ -88,7 +88,7 @@ fn a_halted_processor_is_reset_and_its_heater_off() {
 }
 
 #[test]
-fn the_clock_is_watched_from_before_it_is_used() {
+fn clock_supervision_starts_before_the_clock_is_used() {
     let traced = Traced::boot();
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     traced.client().open_session_for(&robot).unwrap();
@@ -106,7 +106,7 @@ fn the_clock_is_watched_from_before_it_is_used() {
 }
 
 #[test]
-fn a_crystal_that_stops_switches_everything_off_and_is_told_after_the_reset() {
+fn a_crystal_failure_switches_outputs_off_and_is_reported_after_reset() {
     let traced = Traced::boot();
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let mut client = traced.client();

@@ -118,7 +118,7 @@ fn driven(rows: &[Row]) -> impl Iterator<Item = &Row> {
 }
 
 #[test]
-fn the_image_configures_the_pins_that_the_table_says() {
+fn the_image_configures_the_pins_of_the_table() {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let enable_low = robot.description().motion.enable_low;
     let rows = rows();
@@ -143,7 +143,7 @@ fn the_image_configures_the_pins_that_the_table_says() {
 
 /// The compiler compares the types of the firmware's signals with their pins.
 #[test]
-fn each_signal_of_the_firmware_is_at_the_tables_pin() {
+fn each_firmware_signal_is_at_the_pin_of_the_table() {
     let lines: Vec<&str> = PINS.lines().collect();
     let signal_of = |line: &str| line.strip_prefix("/// Signal `")?.split('`').next().map(str::to_owned);
     let pin_of = |line: &str| {
@@ -161,7 +161,7 @@ fn each_signal_of_the_firmware_is_at_the_tables_pin() {
 }
 
 #[test]
-fn no_pin_has_two_roles_and_none_is_jtags() {
+fn no_pin_has_two_roles_or_is_a_jtag_pin() {
     let rows = rows();
     let pins: Vec<&String> = rows.iter().flat_map(|row| &row.pins).collect();
     let once: BTreeSet<&&String> = pins.iter().collect();
@@ -173,7 +173,7 @@ fn no_pin_has_two_roles_and_none_is_jtags() {
 }
 
 #[test]
-fn every_field_of_a_robot_file_that_is_named_exists() {
+fn every_named_robot_file_field_exists() {
     let fields =
         [include_str!("../growbot-core/src/robot/description.rs"), include_str!("../growbot-core/src/robot/board.rs")]
             .concat();
@@ -187,7 +187,7 @@ fn every_field_of_a_robot_file_that_is_named_exists() {
 }
 
 #[test]
-fn the_tables_of_pins_are_those_of_the_boards() {
+fn pin_tables_match_the_boards() {
     let rows = rp2040_rows();
     assert_eq!(rows.len(), Signal::ALL.len() + 2, "every signal, and the link");
     for signal in Signal::ALL {
@@ -202,7 +202,7 @@ fn the_tables_of_pins_are_those_of_the_boards() {
 }
 
 #[test]
-fn the_diagram_of_the_skr_pico_has_its_pins() {
+fn the_skr_pico_diagram_shows_its_pins() {
     let diagram = include_str!("../book/src/pictures/wiring-skr-pico.svg");
     for signal in Signal::ALL {
         let Some((pin, terminal)) = BoardKind::SkrPico.pin(signal).zip(BoardKind::SkrPico.terminal(signal)) else {

@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn names_become_links_and_lost_links_words() {
+    fn file_names_become_links_and_links_outside_the_book_become_text() {
         let place = place("architecture.md", Some("ARCHITECTURE.md"));
         let text = "See SAFETY.md, `SAFETY.md`, [the link](PROTOCOL.md) and [releasing](docs/releasing.md).";
         let book = "See [SAFETY.md](safety.md), `SAFETY.md`, [the link](link.md) and releasing.";

@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn headings_are_compared_the_short_way_round() {
+    fn heading_error_is_at_most_180_degrees() {
         let goal = Pose::from_degrees([0.0, 0.0, 0.0, 179.0, 0.0]).unwrap();
         let tip = Pose::from_degrees([3.0, 4.0, 0.0, -179.0, 0.0]).unwrap();
         let arrival = Arrival::of(&tip.frame(), &goal, 100.0);
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vertical_direction_has_no_heading_to_be_wrong() {
+    fn a_vertical_direction_has_no_heading_error() {
         let up = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let leaning = Pose::from_degrees([0.0, 0.0, 0.0, 56.0, 89.0]).unwrap();
         for (tip, goal) in [(up, leaning), (leaning, up), (up, up)] {

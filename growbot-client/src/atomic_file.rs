@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_replaced_and_nothing_else_is_left() {
+    fn a_file_is_replaced_without_leftover_files() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("plan.json");
         write_atomic(&path, b"one").unwrap();
@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_in_pieces_is_there_when_it_is_finished_and_leaves_nothing_else() {
+    fn a_file_in_parts_replaces_the_old_one_only_when_finished() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("answers.csv");
         write_atomic(&path, b"before").unwrap();
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_directory_is_named_and_a_directory_is_not_replaced() {
+    fn missing_directories_and_directory_targets_are_errors() {
         let directory = tempfile::tempdir().unwrap();
         let missing = directory.path().join("missing");
         let error = write_atomic(&missing.join("plan.json"), b"x").unwrap_err();
@@ -375,7 +375,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn what_was_read_is_not_written_to_whatever_it_is_called() {
+    fn an_input_file_is_not_overwritten_under_any_path() {
         let directory = tempfile::tempdir().unwrap();
         let path = |name: &str| directory.path().join(name);
         fs::write(path("plan"), b"old").unwrap();
@@ -396,7 +396,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn an_input_that_standard_output_goes_to_is_refused() {
+    fn an_input_that_is_also_standard_output_is_refused() {
         let directory = tempfile::tempdir().unwrap();
         let [log, other] = ["run.jsonl", "other"].map(|name| directory.path().join(name));
         fs::write(&log, b"log").unwrap();
@@ -412,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ending_says_the_format_or_is_refused_and_the_formats_are_listed() {
+    fn an_unknown_extension_is_refused_with_the_list_of_formats() {
         for wrong in ["a.pdf", "a.PNG", "a.b.svg", "a.plan", "a."] {
             let error = format_from_extension(wrong.as_ref(), &["json", "csv", "stl"]).unwrap_err().to_string();
             assert!(error.contains("end it in .json, .csv or .stl"), "{error}");
@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_set_aside_comes_back_or_is_gone() {
+    fn a_displaced_file_is_restored_or_deleted() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("run.jsonl");
         assert!(DisplacedFile::move_aside(&path).unwrap().is_none());
@@ -445,7 +445,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn links_are_followed_and_devices_written_to() {
+    fn symlinks_are_followed_and_devices_are_written_directly() {
         let directory = tempfile::tempdir().unwrap();
         let (file, link) = (directory.path().join("file"), directory.path().join("link"));
         fs::write(&file, b"old").unwrap();

@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_keeps_off_by_three_standard_deviations_as_they_will_be() {
+    fn clearance_must_exceed_three_forecast_standard_deviations() {
         let robot = robot();
         let plan = plan(&robot);
         let tracker = tracker(&robot, &plan);
@@ -439,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn the_layers_under_way_are_checked_too() {
+    fn layers_in_flight_are_checked_too() {
         let robot = robot();
         let plan = plan(&robot);
         let mut tracker = tracker(&robot, &plan);
@@ -483,7 +483,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_near_is_led_past_and_arrives_all_the_same() {
+    fn a_detour_avoids_an_obstacle_and_reaches_the_goal() {
         let loaded = balls(&[[40.0, 0.0, 300.0]]);
         let disturbance = Disturbance { growth_noise: 0.1, growth_bias: 0.05, ..Disturbance::default() };
         let (end, detours, paused, least) = grow(&loaded, &disturbance, 3);
@@ -495,7 +495,7 @@ mod tests {
     }
 
     #[test]
-    fn where_there_is_no_other_way_it_pauses_and_says_why() {
+    fn growth_pauses_with_a_reason_if_there_is_no_detour() {
         // The goal itself is too near.
         let loaded = balls(&[[0.0, 70.0, 600.0]]);
         let (_, detours, paused, least) = grow(&loaded, &Disturbance::default(), 3);
@@ -506,7 +506,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_strays_is_stopped_before_it_touches() {
+    fn a_deviating_robot_is_stopped_before_contact() {
         // A shaft with 3 mm round the tube. A robot whose layers lean at random soon leaves its line.
         let wall = |x: f64, y: f64| Shape::Box {
             centre: Vector3::new(x, y, 300.0),

@@ -50,7 +50,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     #[test]
-    fn whole_degrees_and_typed_decimals_come_back_as_typed() {
+    fn degrees_round_trip_to_the_typed_decimals() {
         for tenths in -1800..=1800 {
             let typed = f64::from(tenths) / 10.0;
             assert_eq!(shortest_degrees(radians(typed)), typed);
@@ -61,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn any_angle_comes_back_within_a_rounding_error() {
+    fn any_angle_round_trips_within_a_rounding_error() {
         for i in 0..10_000 {
             let angle = f64::from(i) * 3.14e-4 + 1e-9;
             assert!((radians(shortest_degrees(angle)) - angle).abs() <= f64::EPSILON * angle);
@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_turn_is_never_written() {
+    fn angles_are_formatted_below_a_full_turn() {
         assert_eq!(degrees_below_turn(TAU), 0.0);
         let below = degrees_below_turn(TAU.next_down());
         assert!(below < 360.0 && below > 359.999);

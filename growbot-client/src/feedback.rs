@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn pulses_become_growth_whatever_they_begin_with_and_however_many_are_missing() {
+    fn growth_is_computed_from_pulses_with_any_offset_and_gaps() {
         let upright = Upright::new(200);
         let (mut feedback, layer) = upright.feedback();
         // The count wraps within the first layers.
@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn a_count_that_begins_anew_is_no_growth() {
+    fn a_restarted_pulse_count_adds_no_growth() {
         let upright = Upright::new(200);
         let (mut feedback, layer) = upright.feedback();
         feedback.set_encoder_reference(&count(1, 0, 7));
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_job_of_the_planned_layers_has_the_planned_name() {
+    fn a_job_of_the_planned_layers_has_the_plan_id_of_the_plan() {
         let upright = Upright::new(20);
         let (feedback, _) = upright.feedback();
         let path = [Segment::Arc { alpha: 1.0, bend: 0.5, length: 60.0 }];

@@ -35,7 +35,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_finish_time_is_now_and_the_layers_to_come_at_their_pace() {
+    fn finish_time_is_now_plus_remaining_layers_at_the_current_pace() {
         let now = OffsetDateTime::UNIX_EPOCH;
         let finish = |pace, layers| Forecast { period_s: 18.0, pace }.finish(now, layers);
         assert_eq!(finish(1.0, 200), Some(now + Duration::hours(1)));

@@ -223,7 +223,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_text_of_a_sane_length_is_refused() {
+    fn non_utf8_and_oversized_files_are_refused() {
         let directory = tempfile::tempdir().unwrap();
         let write = |name: &str, bytes: &[u8]| {
             let path = directory.path().join(name);
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_does_not_end_is_refused_and_a_stream_of_lines_is_not() {
+    fn an_overlong_line_is_refused_and_a_long_stream_of_lines_is_not() {
         let line = vec![b'x'; MAX_TEXT_BYTES as usize];
         let lines = [&line[..], b"\n"].concat().repeat(3);
         assert_eq!(io::copy(&mut BoundedLines::of(&lines[..]), &mut io::sink()).unwrap(), lines.len() as u64);
@@ -250,7 +250,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn what_might_never_end_is_refused_before_it_is_opened() {
+    fn endless_inputs_are_refused_before_opening() {
         let directory = tempfile::tempdir().unwrap();
         let fifo = directory.path().join("fifo");
         assert!(std::process::Command::new("mkfifo").arg(&fifo).status().unwrap().success());

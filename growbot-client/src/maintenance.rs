@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn words_become_tasks() {
+    fn task_names_are_parsed() {
         let task = |line: &str| {
             let (word, rest) = line.split_once(' ').unwrap_or((line, ""));
             presets().task(word, rest, &robot()).unwrap()
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_file_with_materials_describes_the_same_robot() {
+    fn materials_do_not_change_the_robot_hash() {
         let (text, _) = robot_file::text_of("growbot-a".as_ref()).unwrap();
         let with = format!("{text}\n[materials.pla]\nnozzle_c = 205.0 # mine\n");
         assert_eq!(robot_file::parse(&with, "mine.toml").unwrap().hash(), robot().hash());

@@ -242,14 +242,14 @@ mod tests {
     use crate::degrees::shortest_heading;
 
     #[test]
-    fn spaces_signs_and_exponents_are_read() {
+    fn spaces_signs_and_exponents_are_parsed() {
         let pose = parse_pose(" -1.5 ,+2,\t3e2, -0 ,-90").unwrap();
         assert_eq!(pose.to_degrees()[..3], [-1.5, 2.0, 300.0]);
         assert!(pose.heading().is_sign_positive());
     }
 
     #[test]
-    fn headings_are_wrapped_to_the_last_digit() {
+    fn headings_are_wrapped_exactly() {
         for (typed, wrapped) in [("190", -170.0), ("-190", 170.0), ("-180", 180.0), ("180", 180.0), ("3600030", 30.0)] {
             let pose = parse_pose(&format!("0,0,0,{typed},0")).unwrap();
             assert_eq!(shortest_heading(pose.heading()), wrapped, "{typed}");
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_pose_is_refused_with_what_it_was() {
+    fn invalid_poses_are_refused_and_quoted() {
         for (text, part) in [
             ("", "this is 1"),
             ("1,2,3,4", "this is 4"),

@@ -221,7 +221,7 @@ mod tests {
     ];
 
     #[test]
-    fn every_file_in_robots_is_built_in_under_its_name() {
+    fn every_file_in_robots_is_built_in_by_name() {
         let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots");
         let mut files: Vec<String> = std::fs::read_dir(directory)
             .unwrap()
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn built_in_robots_are_the_papers() {
+    fn built_in_robots_match_the_paper() {
         assert_eq!(PAPER.map(|(name, ..)| name).to_vec(), names().collect::<Vec<_>>());
         for (name, radius, period) in PAPER {
             let robot = load(name.as_ref()).unwrap();
@@ -251,14 +251,14 @@ mod tests {
     }
 
     #[test]
-    fn robot_a_bends_to_98_20_mm_by_eq_7() {
+    fn min_radius_of_robot_a_by_eq_7_is_98_20_mm() {
         let robot = load(DEFAULT.as_ref()).unwrap();
         assert_eq!(format!("{:.2}", robot.min_radius_by_packaging()), "98.20");
         assert_eq!(robot.min_radius(), robot.min_radius_by_packaging());
     }
 
     #[test]
-    fn a_misspelt_key_is_named_with_its_place_and_what_was_meant() {
+    fn a_misspelt_key_is_reported_with_its_line_and_a_suggestion() {
         let (_, good) = BUILT_IN[0];
         let bad = good.replace("height_min_mm", "heigth_min_mm");
         let line = good.lines().position(|line| line.starts_with("height_min_mm")).unwrap() + 1;
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn other_faults_name_their_place_too() {
+    fn other_errors_name_their_line() {
         let (_, good) = BUILT_IN[0];
         for (from, to, part) in [
             ("height_max_mm = 0.95", "height_max_mm = \"high\"", "invalid type: string \"high\""),
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_neither_robot_nor_file_gets_a_suggestion() {
+    fn an_unknown_robot_name_gets_a_suggestion() {
         let message = load("growbot_a".as_ref()).unwrap_err().to_string();
         assert!(message.contains("did you mean growbot-a?") && message.contains("growbot-a8, growbot-b"), "{message}");
         assert!(matches!(load("none.toml".as_ref()), Err(RobotFileError::Input(_))));

@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_steers_a_terminal_is_gone_and_the_rest_stays() {
+    fn terminal_control_characters_are_removed() {
         let hostile = "a\u{1b}[31mb\u{7}\u{7f}\u{9b}2J\u{202e}c\u{2066}d\u{200f}e\rf\tg\nh";
         assert_eq!(lines(hostile), "a [31mb   2J c d e f g\nh");
         assert_eq!(one_line(hostile), "a [31mb   2J c d e f g h");
@@ -65,7 +65,7 @@ mod tests {
         );
     }
     #[test]
-    fn json_escapes_each_of_them_and_gives_the_very_text_back() {
+    fn json_escapes_control_characters_and_round_trips() {
         let hostile: String =
             (0..=0x10_ffff_u32).filter_map(char::from_u32).filter(|letter| is_control(*letter)).collect();
         let text = format!("\"\\{hostile}73 \u{b0}");

@@ -503,7 +503,7 @@ mod tests {
     }
 
     #[test]
-    fn plans_keep_off_what_is_in_the_scene_and_read_back() {
+    fn plans_are_clear_of_the_scene_and_read_back() {
         let asked = Asked::new();
         let chains = [
             vec![position(0.0, 0.0, 800.0)],
@@ -535,7 +535,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_whose_scene_has_changed_or_is_gone_is_refused() {
+    fn a_plan_is_refused_if_its_scene_is_changed_or_missing() {
         let asked = Asked::new();
         let text = PlanFile::from(&asked.plan(&[position(0.0, 0.0, 800.0)]).unwrap()).to_text();
         fs::write(asked.scene(), SCENE.replace("= 60", "= 61")).unwrap();
@@ -547,7 +547,7 @@ mod tests {
     }
 
     #[test]
-    fn no_plan_is_longer_than_it_may_be() {
+    fn no_plan_exceeds_the_maximum_length() {
         let asked = Asked::new();
         let goals = [position(200.0, 0.0, 300.0), position(0.0, 0.0, 800.0)];
         let free = asked.plan(&goals).unwrap().requirements.length;
@@ -564,7 +564,7 @@ mod tests {
     }
 
     #[test]
-    fn the_proof_of_a_long_body_ends_with_its_time() {
+    fn the_proof_of_a_long_body_ends_at_its_deadline() {
         let asked = Asked::new();
         // For 100 m beside a wall, fifty million distances matter, all of the same size.
         let wall = "[[halfspace]]\npoint_mm = [0, 0, -900]\nnormal = [0, 0, 1]\n";
@@ -593,7 +593,7 @@ mod tests {
     }
 
     #[test]
-    fn two_planes_are_all_that_their_planner_tries() {
+    fn the_two_plane_planner_tries_only_two_plane_paths() {
         let asked = Asked::new();
         let asked = Asked { search: PlanOptions { planner: Planner::TwoPlane, ..asked.search }, ..asked };
         let refused = |goal| match asked.plan(&[goal]) {
@@ -607,7 +607,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_reached_is_told_why() {
+    fn unreachable_goals_are_refused_with_the_reason() {
         let asked = Asked::new();
         let refused = |goal| match asked.plan(&[goal]) {
             Err(ScenePlanError::NoPath(no_path)) => no_path,

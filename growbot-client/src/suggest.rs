@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn edits_are_counted() {
+    fn edit_distance_is_correct() {
         assert_eq!(edits("", ""), 0);
         assert_eq!(edits("", "abc"), 3);
         assert_eq!(edits("abc", ""), 3);

@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_runs_into_itself_and_a_bend_does_not() {
+    fn a_loop_collides_with_itself_and_a_bend_does_not() {
         let straight = Segment::Straight { length: 200.0 };
         assert_eq!(codes(&[straight, arc(1.0, TAU, 100.0), straight], "growbot-a"), [SELF_COLLISION]);
         assert!(codes(&[straight, arc(1.0, PI, 100.0), straight], "growbot-a").is_empty());
@@ -163,14 +163,14 @@ mod tests {
     }
 
     #[test]
-    fn a_body_longer_than_its_filament_is_told() {
+    fn a_body_that_needs_more_filament_than_a_spool_gives_a_warning() {
         // Robot A: 330 m of filament are 3589 mm of body.
         assert!(codes(&[Segment::Straight { length: 3588.0 }], "growbot-a").is_empty());
         assert_eq!(codes(&[Segment::Straight { length: 3590.0 }], "growbot-a"), [FILAMENT_SHORT]);
     }
 
     #[test]
-    fn layers_that_cannot_be_laid_are_told_of_each_segment() {
+    fn layers_beyond_limits_give_a_warning_for_each_segment() {
         // Tighter than the nozzle can lay: there would be no material on the inner side.
         let path = [arc(0.0, 0.1, 100.0), arc(0.0, 0.1, 15.0), arc(1.0, 0.1, 15.0)];
         assert_eq!(codes(&path, "growbot-a"), [LAYER_LIMIT, THIN_LAYER, LAYER_LIMIT, THIN_LAYER]);

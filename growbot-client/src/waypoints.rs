@@ -269,7 +269,7 @@ mod tests {
 
     /// Compares lengths along the chain, and prints them as in docs/measurements.md.
     #[test]
-    fn jointly_chosen_directions_are_never_worse_than_leg_by_leg() {
+    fn joint_optimization_is_never_worse_than_leg_by_leg() {
         let mut all: Vec<f64> = Vec::new();
         let mut slowest = 0.0_f64;
         for count in 3..=8 {
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn no_direction_of_a_fine_grid_is_better() {
+    fn chosen_directions_beat_a_fine_grid() {
         let (robot, search) = (robot(), search(Planner::Shortest));
         for seed in 1000..1008 {
             let goals = chain(seed, 2);
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn given_directions_are_kept_and_the_rest_is_chosen() {
+    fn given_directions_are_kept_and_others_are_chosen() {
         for planner in [Planner::Shortest, Planner::TwoPlane] {
             let mut goals = chain(7, 4);
             let kept = directed(&goals[1], &Vector3::new(1.0, 2.0, -3.0));
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn positions_in_a_line_or_in_one_point_are_no_exception() {
+    fn collinear_and_coincident_positions_are_planned() {
         let at = |x: f64, z: f64| Goal::Position(Position::new(Vector3::new(x, 0.0, z)).unwrap());
         let (separate, joint) = plans(&[at(0.0, 300.0), at(0.0, 600.0), at(0.0, 900.0)], Planner::Shortest);
         assert_eq!((separate.requirements.length, joint.requirements.length), (900.0, 900.0));

@@ -73,7 +73,7 @@ fn goal(random: &mut Rng) -> Pose {
 }
 
 #[test]
-fn layers_lie_on_the_path_that_was_proven_clear() {
+fn layers_follow_the_path_that_was_proven_clear() {
     let count = std::env::var("GROWBOT_CENTRELINES").map_or(200, |text| text.parse().expect("a number"));
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).expect("the default robot");
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).expect("a pose");

@@ -23,7 +23,7 @@ mod tests {
     use std::string::ToString;
 
     #[test]
-    fn no_number_is_long() {
+    fn numbers_are_formatted_compactly() {
         for (number, text) in [
             (0.0, "0"),
             (98.2, "98.2"),

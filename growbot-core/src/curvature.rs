@@ -48,12 +48,12 @@ mod tests {
     use crate::angle::radians;
 
     #[test]
-    fn robot_a_bends_to_98_2_mm() {
+    fn min_radius_of_robot_a_is_98_2_mm() {
         assert!((min_radius_by_packaging(22.0, 12.0, 48.0) - 98.2).abs() < 1e-12);
     }
 
     #[test]
-    fn at_the_layer_radius_the_inner_side_is_exactly_the_min_height() {
+    fn inner_side_has_the_min_height_at_the_layer_radius() {
         let (tip_radius, height, height_min, height_max, tilt_max) = (22.0, 0.774, 0.35, 0.95, radians(0.45));
         let radius = min_radius_by_layers(tip_radius, height, height_min, height_max, tilt_max);
         let mean = max_mean_height(tip_radius, height, height_max, tilt_max, 1.0 / radius);

@@ -28,7 +28,7 @@ pub struct Helicoid {
     pub p: Vector3<f64>,
 }
 
-/// Max step of the integration, radii. The test `the_integration_agrees_with_one_in_small_steps`, to 1e-9, checks this
+/// Max step of the integration, radii. The test `integration_agrees_with_small_steps`, to 1e-9, checks this
 /// and the fractions below.
 const MAX_STEP: f64 = 0.2;
 /// Max step near a point where `m` vanishes and its direction turns fast, as a fraction of the length in which `m`
@@ -218,7 +218,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(300))]
 
         #[test]
-        fn the_integration_agrees_with_one_in_small_steps(curve in helicoid(), length in 0.0..8.0) {
+        fn integration_agrees_with_small_steps(curve in helicoid(), length in 0.0..8.0) {
             let mut walk = HelicoidIntegrator::new(&curve);
             walk.advance(length);
             let apart = (walk.state - by_small_steps(&curve, length, 100_000)).amax();
@@ -226,7 +226,7 @@ mod tests {
         }
 
         #[test]
-        fn growth_in_pieces_is_growth(curve in helicoid(), length in 0.0..8.0) {
+        fn incremental_growth_matches_growth_in_one_step(curve in helicoid(), length in 0.0..8.0) {
             let mut walk = HelicoidIntegrator::new(&curve);
             for _ in 0..1000 {
                 walk.advance(length / 1000.0);
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_axis_gives_a_circle() {
+    fn a_constant_axis_traces_a_circle() {
         let circle = Helicoid { m0: Vector3::y(), p: Vector3::zeros() };
         // About +y the tip bends towards +x, so the material is laid at alpha = pi.
         let arc = kinematics::step(core::f64::consts::PI, 2.5, 2.5);

@@ -158,18 +158,18 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_closed_form_is_the_composition(alpha in 0.0..TAU, bend in 1e-3..6.0, length in 0.01..500.0) {
+        fn closed_form_matches_the_composition(alpha in 0.0..TAU, bend in 1e-3..6.0, length in 0.01..500.0) {
             prop_assert!(distance(&step(alpha, bend, length), &step_by_composition(alpha, bend, length)) < 1e-9);
         }
 
         #[test]
-        fn two_halves_make_a_whole(alpha in 0.0..TAU, bend in -6.0..6.0, length in 0.01..500.0) {
+        fn two_half_steps_equal_one_step(alpha in 0.0..TAU, bend in -6.0..6.0, length in 0.01..500.0) {
             let half = step(alpha, 0.5 * bend, 0.5 * length);
             prop_assert!(distance(&(half * half), &step(alpha, bend, length)) < 1e-10);
         }
 
         #[test]
-        fn nothing_jumps_where_the_series_take_over(alpha in 0.0..TAU, sign in prop_oneof![Just(1.0), Just(-1.0)]) {
+        fn steps_are_continuous_at_the_series_threshold(alpha in 0.0..TAU, sign in prop_oneof![Just(1.0), Just(-1.0)]) {
             let below = step(alpha, sign * SERIES_BELOW * (1.0 - 1e-12), 1.0);
             let above = step(alpha, sign * SERIES_BELOW * (1.0 + 1e-12), 1.0);
             prop_assert!(distance(&below, &above) < 1e-13);
@@ -184,14 +184,14 @@ mod tests {
     }
 
     #[test]
-    fn no_bend_is_a_translation_along_z() {
+    fn zero_bend_is_a_translation_along_z() {
         let straight = step(1.0, 0.0, 3.0);
         assert_eq!(straight.translation.vector, Vector3::new(0.0, 0.0, 3.0));
         assert_eq!(straight.rotation.matrix(), &Matrix3::identity());
     }
 
     #[test]
-    fn rotations_stay_rotations_over_a_hundred_thousand_layers() {
+    fn rotations_stay_orthonormal_over_100_000_layers() {
         // Identical layers are the worst case, because each adds the same rounding error.
         for (alpha, bend) in [(0.3, 0.00774), (1.0, 0.00258), (2.2, 1e-5), (3.7, 0.0921), (5.9, 0.5)] {
             let end = chain(&Frame::identity(), (0..100_000).map(|_| (alpha, bend, 0.774)));
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn steering_is_bounded_by_curvature_not_by_a_box() {
+    fn steering_is_bounded_by_curvature() {
         let growth = 0.043;
         let max_rate = growth / 98.2;
         let corner = Inputs { growth, heading_rate: max_rate, pitch_rate: max_rate };
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_follow_a_step_to_first_order() {
+    fn rates_match_a_small_step_to_first_order() {
         let pose = Pose::from_degrees([10.0, 20.0, 30.0, 40.0, 50.0]).unwrap();
         let inputs = Inputs { growth: 0.043, heading_rate: 2e-4, pitch_rate: -3e-4 };
         let dt = 1e-3;

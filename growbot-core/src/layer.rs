@@ -116,7 +116,7 @@ mod tests {
     use core::f64::consts::TAU;
 
     #[test]
-    fn the_share_of_material_is_the_integral_of_the_height() {
+    fn material_fraction_is_the_integral_of_the_height() {
         let (layer, tip_radius) = (Layer { alpha: 2.0, height: 0.77, tilt: 0.0077 }, 22.0);
         assert_eq!(layer.material_fraction(0.0, tip_radius), 0.0);
         assert!((layer.material_fraction(TAU, tip_radius) - 1.0).abs() < 1e-15);

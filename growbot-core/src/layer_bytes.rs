@@ -128,7 +128,7 @@ mod tests {
     use crate::testing::robot_a;
 
     #[test]
-    fn rounding_is_carried_and_never_adds_up() {
+    fn rounding_errors_do_not_accumulate() {
         let layer = Layer { alpha: 1.234_567, height: 0.774 / 3.0, tilt: 0.007_74 / 7.0 };
         let mut encoder = LayerEncoder::default();
         let (mut height, mut tilt) = (0.0, 0.0);
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_layer_at_the_limit_passes_however_it_was_rounded() {
+    fn a_layer_at_the_limit_is_valid_after_any_rounding() {
         let robot = robot_a();
         let curvature = 1.0 / 98.2;
         let height = robot.max_mean_height(curvature) * (1.0 + LIMIT_SLACK);
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_of_a_few_units_stay_layable() {
+    fn very_thin_layers_stay_valid_when_clamped() {
         let robot = robot_a();
         for height in [1e-12, 3e-8, 6e-8, 1e-7, 2.5e-7, 1e-6] {
             for radius in [98.2, 33.0, 23.0, 1e6] {
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn any_bytes_decode_without_harm() {
+    fn any_bytes_decode_without_panic() {
         for byte in [0x00, 0xff, 0x80] {
             let _ = decode_checked(&[byte; 12], &robot_a());
         }
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_turn_is_encoded_as_none() {
+    fn a_full_turn_is_encoded_as_0() {
         let layer = Layer { alpha: core::f64::consts::TAU * (1.0 - 1e-16), height: 0.5, tilt: 0.001 };
         assert_eq!(RawLayer::from_bytes(&LayerEncoder::default().encode(&layer)).alpha, 0);
     }

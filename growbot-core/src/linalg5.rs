@@ -122,14 +122,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn solutions_are_those_of_nalgebra(numbers in prop::array::uniform30(number())) {
+        fn solutions_match_nalgebra(numbers in prop::array::uniform30(number())) {
             let matrix = Matrix5::from_fn(|row, column| numbers[5 * row + column]);
             let right = Vector5::from_fn(|row, _| numbers[25 + row]);
             prop_assert_eq!(solve(&matrix, &right), matrix.lu().solve(&right));
         }
 
         #[test]
-        fn factors_are_those_of_nalgebra(numbers in prop::array::uniform30(number()), raised in -0.1..1.0) {
+        fn factors_match_nalgebra(numbers in prop::array::uniform30(number()), raised in -0.1..1.0) {
             let matrix = Matrix5::from_fn(|row, column| numbers[5 * row + column]);
             let square = matrix * matrix.transpose() + Matrix5::identity() * raised;
             let right = Vector5::from_fn(|row, _| numbers[25 + row]);

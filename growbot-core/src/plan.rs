@@ -334,7 +334,7 @@ mod tests {
         }
 
         #[test]
-        fn random_poses_are_reached_the_shortest_way(start in pose(), goal in pose()) {
+        fn random_poses_are_reached_by_the_shortest_planner(start in pose(), goal in pose()) {
             // Close goals take long, so the tests below use fewer of them.
             if (goal.position() - start.position()).norm() > 400.0 {
                 assert_plans_by(Planner::Shortest, &start, &goal, 100.0);
@@ -366,18 +366,18 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(200))]
 
         #[test]
-        fn degenerate_poses_are_reached_the_shortest_way(start in special_pose(), goal in special_pose()) {
+        fn degenerate_poses_are_reached_by_the_shortest_planner(start in special_pose(), goal in special_pose()) {
             assert_plans_by(Planner::Shortest, &start, &goal, 100.0);
         }
 
         #[test]
-        fn one_point_is_reached_in_any_direction_the_shortest_way(start in pose(), heading in special_angle(), pitch in -90.0..90.0) {
+        fn one_point_is_reached_in_any_direction_by_the_shortest_planner(start in pose(), heading in special_angle(), pitch in -90.0..90.0) {
             let goal = Pose::new(start.position(), heading, pitch / 57.3).unwrap();
             assert_plans_by(Planner::Shortest, &start, &goal, 98.2);
         }
 
         #[test]
-        fn goals_nearly_ahead_are_reached_the_shortest_way(start in pose(), distance in 0.0..4000.0, exponent in -16.0..0.0, side in -1.0..1.0) {
+        fn goals_nearly_ahead_are_reached_by_the_shortest_planner(start in pose(), distance in 0.0..4000.0, exponent in -16.0..0.0, side in -1.0..1.0) {
             let off = libm::pow(10.0, exponent);
             let across = start.frame().rotation * Vector3::new(side, 1.0, 0.0) * off;
             let position = start.position() + start.direction() * distance + across;
@@ -387,20 +387,20 @@ mod tests {
     }
 
     #[test]
-    fn start_is_goal() {
+    fn start_equal_to_goal_gives_zero_length() {
         let pose = Pose::from_degrees([1.0, 2.0, 3.0, 4.0, 5.0]).unwrap();
         assert!(assert_plans(&pose, &pose, 100.0).is_empty());
     }
 
     #[test]
-    fn straight_ahead_is_a_straight_line() {
+    fn a_goal_straight_ahead_gives_a_straight_line() {
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let goal = Pose::from_degrees([0.0, 0.0, 500.0, 0.0, 90.0]).unwrap();
         assert!((path::length(&assert_plans(&start, &goal, 100.0)) - 500.0).abs() < 1e-9);
     }
 
     #[test]
-    fn what_cannot_be_bent_is_refused_with_the_limit() {
+    fn invalid_radii_are_refused_with_the_limit() {
         let pose = Pose::from_degrees([0.0; 5]).unwrap();
         let refused = |radius| plan(&robot_a(), &pose, &pose, radius, Planner::TwoPlane).unwrap_err();
         assert!(matches!(refused(98.1), PlanError::RadiusTooSmall { limit, .. } if (limit - 98.2).abs() < 1e-9));

@@ -217,7 +217,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_frame_gives_its_pose_back(x in -1e4..1e4, heading in -179.9..180.0, pitch in -89.9..89.9) {
+        fn poses_round_trip_through_frames(x in -1e4..1e4, heading in -179.9..180.0, pitch in -89.9..89.9) {
             let pose = Pose::from_degrees([x, 2.0, 3.0, heading, pitch]).unwrap();
             let again = Pose::from_frame(&pose.frame());
             prop_assert!((again.heading() - pose.heading()).abs() < 1e-12);
@@ -235,21 +235,21 @@ mod tests {
     }
 
     #[test]
-    fn straight_up_the_heading_still_sets_the_frame() {
+    fn a_vertical_pose_keeps_its_heading_in_the_frame() {
         let pose = Pose::from_degrees([0.0, 0.0, 0.0, 90.0, 90.0]).unwrap();
         let x_axis = pose.frame().rotation * Vector3::x();
         assert!((x_axis - Vector3::y()).norm() < 1e-15);
     }
 
     #[test]
-    fn a_vertical_direction_is_told() {
+    fn vertical_directions_are_detected() {
         let is_vertical = |pitch| Pose::from_degrees([0.0, 0.0, 0.0, 30.0, pitch]).unwrap().is_vertical();
         assert!(is_vertical(90.0) && is_vertical(-90.0) && is_vertical(89.9995));
         assert!(!is_vertical(89.999) && !is_vertical(0.0));
     }
 
     #[test]
-    fn what_is_no_pose_is_refused_with_its_value() {
+    fn invalid_poses_are_refused_with_the_value() {
         assert!(matches!(
             Pose::from_degrees([0.0, f64::NAN, 0.0, 0.0, 0.0]),
             Err(PoseError::NotFinite { field: "y", .. })
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn the_angle_between_directions_is_exact_at_both_ends() {
+    fn angle_between_directions_is_exact_near_0_and_180_degrees() {
         let tilted = Vector3::new(1e-9, 0.0, 1.0);
         assert!((angle_between(&Vector3::z(), &tilted) - 1e-9).abs() < 1e-20);
         assert_eq!(angle_between(&Vector3::z(), &-Vector3::z()), core::f64::consts::PI);

@@ -236,13 +236,13 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(10_000))]
 
         #[test]
-        fn no_direction_is_reached_by_a_shorter_path(x in -5.0..5.0, y in -5.0..5.0, heading in 0.0..TAU) {
+        fn no_direction_gives_a_shorter_path(x in -5.0..5.0, y in -5.0..5.0, heading in 0.0..TAU) {
             let to_pose = dubins2::shortest(&PlanarPose { x, y, heading });
             prop_assert!(length_to(x, y) <= to_pose.length() + 1e-12);
         }
 
         #[test]
-        fn paths_are_ordered_and_arrive(x in -5.0..5.0, y in -5.0..5.0) {
+        fn paths_are_sorted_by_length_and_reach_the_goal(x in -5.0..5.0, y in -5.0..5.0) {
             let paths = planar(x, y);
             prop_assert!(!paths.is_empty());
             prop_assert!(paths.windows(2).all(|pair| pair[0].length() <= pair[1].length()));
@@ -253,7 +253,7 @@ mod tests {
         }
 
         #[test]
-        fn tiny_pieces_do_not_make_turns(first in magnitude(), line in magnitude(), side in sign()) {
+        fn tiny_segments_do_not_cause_full_turns(first in magnitude(), line in magnitude(), side in sign()) {
             let path_type = if side < 0.0 { PathType::Rsr } else { PathType::Lsl };
             let laid = PlanarPath { path_type, lengths: [if side == 0.0 { 0.0 } else { first % PI }, line, 0.0] };
             let end = laid.end();
@@ -281,14 +281,14 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(1000))]
 
         #[test]
-        fn it_is_the_best_of_all_directions_in_the_plane(x in -4.0..4.0, y in -4.0..4.0) {
+        fn planar_path_is_the_shortest_over_all_directions(x in -4.0..4.0, y in -4.0..4.0) {
             let (found, searched) = (length_to(x, y), by_search(x, y));
             prop_assert!((found - searched).abs() < 1e-8, "{x}, {y}: {found}, {searched}");
         }
     }
 
     #[test]
-    fn known_positions_have_their_lengths() {
+    fn known_positions_have_the_expected_lengths() {
         for (x, y, length) in [(0.0, 0.0, 0.0), (3.0, 0.0, 3.0), (1.0, 1.0, FRAC_PI_2), (-1.0, 2.0, PI + 1.0)] {
             assert!((length_to(x, y) - length).abs() < 1e-15, "{x}, {y}: {}", length_to(x, y));
         }
@@ -311,7 +311,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_path_ends_at_the_pose_that_is_told(
+        fn the_path_ends_at_the_returned_pose(
             x in -2e3..2e3, y in -2e3..2e3, z in -2e3..2e3, heading in -180.0..180.0, pitch in -90.0..90.0,
         ) {
             let start = Pose::from_degrees([10.0, 20.0, 30.0, heading, pitch]).unwrap();
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn straight_ahead_the_direction_stays_to_the_last_digit() {
+    fn a_goal_straight_ahead_keeps_the_direction_exactly() {
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 30.0, 90.0]).unwrap();
         let PositionPlan { goal, planned: chosen } = to_point(&start, &point(0.0, 0.0, 400.0), Planner::Shortest);
         assert_eq!((goal.heading(), goal.pitch()), (start.heading(), start.pitch()));
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn the_next_path_is_given_where_one_is_refused() {
+    fn the_next_path_is_offered_if_one_is_rejected() {
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let (point, mut offered) = (point(50.0, 0.0, 0.0), std::vec::Vec::new());
         let refuse = |path: &[Segment]| {
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_position_or_radius_is_refused() {
+    fn invalid_positions_and_radii_are_refused() {
         assert!(Position::new(Vector3::new(0.0, f64::NAN, 0.0)).is_err());
         assert!(Position::new(Vector3::new(0.0, 0.0, 2e7)).is_err());
         let (start, point) = (Pose::from_degrees([0.0; 5]).unwrap(), point(1.0, 2.0, 3.0));

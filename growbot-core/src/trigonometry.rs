@@ -155,7 +155,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn sine_and_cosine_are_exact_to_their_last_digits(angle in -MAX_ANGLE..MAX_ANGLE, turns in -3.0..3.0_f64) {
+        fn sine_and_cosine_are_exact_to_the_last_digits(angle in -MAX_ANGLE..MAX_ANGLE, turns in -3.0..3.0_f64) {
             for angle in [angle, turns * TAU, 1e-9 * turns] {
                 let (sin, cos) = sin_cos(angle);
                 prop_assert!((sin - libm::sin(angle)).abs() <= f64::EPSILON * libm::sin(angle).abs().max(1e-9), "sin {angle}: {sin}");
@@ -164,7 +164,7 @@ mod tests {
         }
 
         #[test]
-        fn tangent_arc_cosine_and_length_are_exact_but_for_rounding(angle in -1.5..1.5_f64, cosine in -1.0..=1.0, x in -1e3..1e3, y in -1e3..1e3) {
+        fn tan_acos_and_hypot_are_exact_up_to_rounding(angle in -1.5..1.5_f64, cosine in -1.0..=1.0, x in -1e3..1e3, y in -1e3..1e3) {
             prop_assert!((tan(angle) / libm::tan(angle) - 1.0).abs() < 1e-15);
             prop_assert!((acos(cosine) - libm::acos(cosine)).abs() < 1e-15);
             prop_assert!((hypot(x, y) / libm::hypot(x, y) - 1.0).abs() < 1e-15);
@@ -173,7 +173,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_needs_no_reducing_comes_to_the_same(angle in -0.25 * PI..0.25 * PI, tangent in -0.4375..0.4375_f64) {
+        fn small_arguments_give_the_results_of_libm(angle in -0.25 * PI..0.25 * PI, tangent in -0.4375..0.4375_f64) {
             for scale in [1.0, 1e-9, 1e-300] {
                 prop_assert_eq!(sin_cos_of_eighth(scale * angle), sin_cos(scale * angle));
                 prop_assert_eq!(atan_of_sixteenth(scale * tangent), libm::atan(scale * tangent));
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn eighths_of_a_turn_and_their_neighbours_are_no_exception() {
+    fn multiples_of_45_degrees_and_their_neighbours_are_exact() {
         for eighth in -40..=40 {
             let at = f64::from(eighth) * 0.25 * PI;
             for angle in [at.next_down(), at, at.next_up()] {
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn no_angle_is_too_large() {
+    fn large_angles_are_reduced_correctly() {
         for angle in [2e6, 1e15, 1e300, f64::MAX] {
             for angle in [angle, -angle] {
                 let (sin, cos) = sin_cos(angle);

@@ -6,7 +6,7 @@
 //! each regime, 20,000 by default.
 //!
 //! ```sh
-//! GROWBOT_LAID=1000000 cargo test --release -p growbot-core --test it laid_paths:: -- --nocapture
+//! GROWBOT_LAID=1000000 cargo test --release -p growbot-core --test it constructed_csc_paths:: -- --nocapture
 //! ```
 
 use core::f64::consts::{PI, TAU};
@@ -297,7 +297,7 @@ fn try_regime(regime: &Regime, number: u64, count: u32) -> Tally {
 }
 
 #[test]
-fn laid_paths_are_found() {
+fn constructed_paths_are_found() {
     let count = std::env::var("GROWBOT_LAID").map_or(20_000, |count| count.parse().expect("GROWBOT_LAID is a number"));
     let tallies: Vec<Tally> = std::thread::scope(|scope| {
         let running: Vec<_> = REGIMES

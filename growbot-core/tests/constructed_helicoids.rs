@@ -8,7 +8,7 @@
 //! integrates it from its start. `GROWBOT_LAID` is the number of arcs constructed in each regime, 2,000 by default.
 //!
 //! ```sh
-//! GROWBOT_LAID=100000 cargo test --release -p growbot-core --test it laid_helicoids:: -- --nocapture
+//! GROWBOT_LAID=100000 cargo test --release -p growbot-core --test it constructed_helicoids:: -- --nocapture
 //! ```
 
 use growbot_core::helicoid::Helicoid;
@@ -200,7 +200,7 @@ fn try_regime(regime: &Regime, number: u64, count: u32) -> Tally {
 }
 
 #[test]
-fn few_laid_arcs_are_missed() {
+fn most_constructed_arcs_are_found() {
     let count = std::env::var("GROWBOT_LAID").map_or(2_000, |count| count.parse().expect("GROWBOT_LAID is a number"));
     println!("{:<16} {:>9} {:>8} {:>7} {:>11}", "regime", "laid", "shorter", "missed", "max excess");
     let mut tallies = Vec::new();

@@ -59,7 +59,7 @@ fn spoil(frames: &[Vec<u8>], random: &mut Rng, piece: &mut Vec<u8>) {
 }
 
 #[test]
-fn nothing_is_received_that_was_not_sent() {
+fn corrupted_bytes_never_yield_a_valid_frame() {
     let pieces = std::env::var("GROWBOT_FRAMES").map_or(PIECES, |text| text.parse().expect("a number of frames"));
     let mut random = Rng::new(&[1]);
     let frames = frames(&mut random);

@@ -25,7 +25,7 @@ fn encoded(robot: &Robot) -> Vec<u8> {
 }
 
 #[test]
-fn every_built_in_robot_comes_through() {
+fn every_built_in_robot_round_trips() {
     let robots = robots();
     assert!(robots.len() >= 12, "{} robots", robots.len());
     assert!(robots.iter().any(|robot| robot.description().board.is_some()), "one names its board");
@@ -45,14 +45,14 @@ fn every_built_in_robot_comes_through() {
 /// Checks that the encoding is that of this version. A change of the encoding needs another [`ENCODING_VERSION`],
 /// because a board reads the description that it stored with its previous firmware.
 #[test]
-fn the_encoding_is_that_of_its_version() {
+fn the_encoding_matches_its_version() {
     let robot = robots().into_iter().find(|robot| robot.name() == "growbot-a").unwrap();
     let bytes = encoded(&robot);
     assert_eq!((ENCODING_VERSION, bytes.len(), Hasher::hash(&bytes)), (2, 461, 0x78d2_6cdc_c785_5249));
 }
 
 #[test]
-fn what_is_cut_short_or_of_another_version_is_refused() {
+fn truncated_and_unsupported_encodings_are_refused() {
     let bytes = encoded(&robots()[0]);
     for length in 0..bytes.len() {
         assert_eq!(Robot::decode_for_board(&bytes[..length]), Err(RobotError::Unreadable), "{length} bytes");

@@ -283,7 +283,7 @@ fn conversation() -> Vec<ExampleFrame> {
 }
 
 #[test]
-fn the_examples_are_what_the_code_sends_and_reads() {
+fn protocol_examples_match_the_code() {
     let blocks = blocks("frame");
     let written: Vec<&str> = blocks.iter().map(|(name, _)| name.as_str()).collect();
     let conversation = conversation();
@@ -309,7 +309,7 @@ fn the_examples_are_what_the_code_sends_and_reads() {
 }
 
 #[test]
-fn the_emergency_stop_is_what_the_code_looks_for() {
+fn emergency_stop_bytes_match_the_code() {
     let blocks = blocks("bytes");
     let [(name, lines)] = &blocks[..] else { panic!("one block of bytes: {blocks:?}") };
     assert_eq!(name, "EmergencyStop");
@@ -334,7 +334,7 @@ fn table() -> Vec<Row> {
 }
 
 #[test]
-fn the_table_lists_every_message_and_no_other() {
+fn message_table_lists_exactly_all_messages() {
     let kinds: Vec<(u8, &str)> = table().iter().map(|row| (row.kind, row.name)).collect();
     assert_eq!(kinds, Message::KINDS);
     for Row { kind, name, direction, .. } in table() {
@@ -353,7 +353,7 @@ fn assert_rows(expected: &[(&str, String)]) {
 }
 
 #[test]
-fn the_numbers_quoted_are_the_codes() {
+fn quoted_numbers_match_the_code() {
     assert_rows(&[
         ("Link version", FRAME_VERSION.to_string()),
         ("Schema hash", format!("{SCHEMA_HASH:016x}")),
@@ -373,7 +373,7 @@ fn wire_bytes(seq: u16, ack: u16, message: &Message) -> usize {
 }
 
 #[test]
-fn layers_fill_the_line_as_the_text_says() {
+fn link_load_of_layers_matches_the_text() {
     const LAYERS: u32 = 4096;
     let robot = robot();
     let arc = [Segment::Arc { alpha: 1.0, bend: 3.0, length: f64::from(LAYERS) }];
@@ -404,7 +404,7 @@ fn layers_fill_the_line_as_the_text_says() {
 }
 
 #[test]
-fn a_plan_id_is_the_crc_of_robot_hash_and_layers() {
+fn plan_id_is_the_crc_of_robot_hash_and_layers() {
     let robot = robot();
     let layers: Vec<LayerBytes> = job_layers(&job(), &robot).collect();
     let mut bytes = robot.hash().to_le_bytes().to_vec();
@@ -473,7 +473,7 @@ fn write_out(ty: &NamedType, into: &mut BTreeMap<String, Vec<String>>) {
 }
 
 #[test]
-fn the_types_written_out_are_the_codes() {
+fn documented_types_match_the_code() {
     // The types are in the order of the table of messages.
     let bodies = [
         Hello::SCHEMA,

@@ -105,7 +105,7 @@ mod tests {
     const LEANS: [u8; 6] = [0x00, 0x04, 0x00, 0xFE, 0x00, 0x40];
 
     #[test]
-    fn gravity_is_read_in_thousandths() {
+    fn gravity_is_read_in_thousandths_of_g() {
         let mut bench = Bench::new();
         assert_eq!(bench.look(), None, "it starts first");
         bench.chip.set(ACC, &LEANS);
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn an_absent_chip_is_found_when_it_comes() {
+    fn an_absent_chip_is_detected_once_connected() {
         let mut bench = Bench::new();
         bench.chip.trouble(BusFault::Absent);
         for _ in 0..10 {
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn another_chip_is_not_read() {
+    fn a_chip_with_another_id_is_not_read() {
         let mut bench = Bench::new();
         bench.chip.set(0x00, &[0x68]);
         bench.chip.set(ACC, &LEANS);
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn a_chip_that_lost_its_power_is_started_anew() {
+    fn a_chip_that_lost_power_is_reinitialised() {
         let mut bench = Bench::new();
         bench.look();
         assert!(bench.look().is_some());
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn any_trouble_of_the_bus_passes() {
+    fn readings_resume_after_any_bus_fault() {
         let mut bench = Bench::new();
         for trouble in [BusFault::RefusesData, BusFault::HoldsClock, BusFault::HoldsData, BusFault::Absent] {
             for looks_before in [0, 2] {

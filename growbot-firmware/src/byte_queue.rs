@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bytes_come_out_in_order_and_a_full_queue_takes_no_more() {
+    fn bytes_are_popped_in_order_and_a_full_queue_rejects_more() {
         let queue = ByteQueue::<8>::new();
         let mut next = 0;
         for round in 0..100_u8 {

@@ -101,14 +101,14 @@ mod tests {
     }
 
     #[test]
-    fn a_sealed_image_is_sound_and_one_that_was_never_sealed_says_so() {
+    fn a_sealed_image_is_intact_and_an_unsealed_one_is_detected() {
         let (seal, bytes) = sealed();
         assert_eq!(checked(&seal, &bytes), ImageCheck::Valid { crc: seal[1] });
         assert_eq!(checked(&EMPTY, &bytes), ImageCheck::Unsealed);
     }
 
     #[test]
-    fn every_bit_of_the_image_counts() {
+    fn any_flipped_bit_of_the_image_is_detected() {
         let (seal, bytes) = sealed();
         for bit in 0..8 * bytes.len() {
             let mut flipped = bytes.clone();
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn of_an_image_that_is_too_long_not_a_byte_is_read() {
+    fn an_overlong_image_is_not_read() {
         for lengths in [[MAX_BYTES + 1, 0], [MAX_BYTES, 1], [u32::MAX, u32::MAX]] {
             let mut seal = sealed().0;
             (seal[3], seal[5]) = lengths.into();
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn every_bit_of_the_seal_counts() {
+    fn any_flipped_bit_of_the_seal_is_detected() {
         let bytes = sealed().1;
         for seal in [sealed().0, EMPTY] {
             for bit in 0..32 * SEAL_WORDS {

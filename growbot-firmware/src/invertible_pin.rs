@@ -46,7 +46,7 @@ mod tests {
     use crate::testing::FakePins;
 
     #[test]
-    fn levels_are_turned_round_in_both_directions() {
+    fn levels_are_inverted_for_reads_and_writes() {
         let pins = FakePins::default();
         let mut plain = InvertiblePin::new(pins.pin(0), false);
         let mut inverted = InvertiblePin::new(pins.pin(1), true);

@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_store_takes_no_more() {
+    fn a_full_store_rejects_more_layers() {
         let mut store = LayerStore::new();
         for _ in 0..CAPACITY {
             assert!(store.push([0; 12]));

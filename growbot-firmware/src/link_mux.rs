@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn the_line_in_use_is_the_one_of_the_latest_byte() {
+    fn the_active_link_is_that_of_the_latest_byte() {
         let (first, second) = (ByteQueue::new(), ByteQueue::new());
         let mut lines = LinkMux::new(&first, &second);
         assert!(taken(&mut lines).is_empty());
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_two_lines_do_not_mix() {
+    fn frames_of_two_links_do_not_mix() {
         let (first, second) = (ByteQueue::new(), ByteQueue::new());
         let mut lines = LinkMux::new(&first, &second);
         put(&first, &[1, 2]);

@@ -49,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_mean_is_of_one_period() {
+    fn the_mean_covers_one_period() {
         let mut sampler = Oversampler::default();
         assert_eq!(sampler.pop_mean(), None);
         for raw in [1010, 1011, 1011, 1012] {
@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wire_that_breaks_within_a_period_is_no_cold_nozzle() {
+    fn a_wire_break_within_a_period_is_not_read_as_cold() {
         let mut sampler = Oversampler::default();
         for raw in [600, 600, 600, 4095] {
             sampler.add(raw);

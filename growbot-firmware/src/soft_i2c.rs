@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn who_does_not_answer_is_said() {
+    fn a_device_that_does_not_acknowledge_is_an_error() {
         let chip = FakeChip::default();
         let (wires, mut bus) = bus(&chip);
         let nobody = SoftI2cError::NotAcknowledged(NoAcknowledgeSource::Address);
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_chip_that_holds_a_line_down_costs_less_than_a_millisecond() {
+    fn a_line_held_low_takes_less_than_a_millisecond() {
         let chip = FakeChip::default();
         for (trouble, error) in
             [(BusFault::HoldsClock, SoftI2cError::ClockStretchTimeout), (BusFault::HoldsData, SoftI2cError::BusStuck)]
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_is_stretched_a_little_is_waited_for() {
+    fn short_clock_stretching_is_tolerated() {
         let chip = FakeChip::default();
         let (wires, mut bus) = bus(&chip);
         chip.set(0x20, &[0x3C]);
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn a_chip_left_in_the_middle_of_a_byte_is_clocked_free() {
+    fn a_chip_stuck_in_the_middle_of_a_byte_is_clocked_free() {
         let chip = FakeChip::default();
         chip.set(0x20, &[0x00, 0x00]);
         for clocks in 1..40 {
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn pins_that_fail_are_said() {
+    fn pin_errors_are_returned() {
         let chip = FakeChip::default();
         let (wires, mut bus) = bus(&chip);
         wires.break_pins();

@@ -9,7 +9,7 @@ use growbot_core::robot::Thermistor;
 /// Max reading of the 12-bit ADC.
 pub const FULL_SCALE: u16 = 4095;
 /// Min reading that means an open wire. Robot A's thermistor has this reading at -33 degrees Celsius, by its Beta
-/// equation. The derivation of this value is not recorded. `both_ends_of_the_scale_are_a_broken_sensor` and `cargo
+/// equation. The derivation of this value is not recorded. `both_ends_of_the_adc_scale_are_sensor_faults` and `cargo
 /// fault-campaign` (open wire) bound it.
 const OPEN_MIN_RAW: f64 = FULL_SCALE as f64 - 8.0;
 /// Max reading that means touching wires. Robot A's thermistor has this reading at 436 degrees Celsius, by its Beta
@@ -99,7 +99,7 @@ mod tests {
     use crate::testing::robot_a;
 
     #[test]
-    fn a_temperature_reads_back() {
+    fn temperatures_round_trip() {
         let thermistor = robot_a().description().thermistor;
         for celsius in [-20.0, 0.0, 25.0, 100.0, 180.0, 200.0, 240.0, 300.0] {
             let again = celsius_from_raw(raw_from_celsius(celsius, &thermistor), &thermistor).unwrap();
@@ -124,14 +124,14 @@ mod tests {
     }
 
     #[test]
-    fn both_ends_of_the_scale_are_a_broken_sensor() {
+    fn both_ends_of_the_adc_scale_are_sensor_faults() {
         let thermistor = robot_a().description().thermistor;
         assert_eq!(celsius_from_raw(f64::from(FULL_SCALE), &thermistor), Err(ThermistorError::Open));
         assert_eq!(celsius_from_raw(0.0, &thermistor), Err(ThermistorError::Short));
     }
 
     #[test]
-    fn steinhart_and_hart_without_their_third_term_are_beta() {
+    fn steinhart_hart_without_third_term_equals_beta() {
         let beta = robot_a().description().thermistor;
         let [a, b, _] = coefficients(&beta);
         let same = Thermistor { r25_ohm: None, beta_k: None, steinhart_hart: Some([a, b, 0.0]), ..beta };
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn the_third_term_counts_with_the_cube_of_the_logarithm() {
+    fn the_third_term_scales_with_the_cubed_logarithm() {
         let [a, b, c] = [0.7e-3, 2.1e-4, 0.9e-7];
         let thermistor =
             Thermistor { r25_ohm: None, beta_k: None, steinhart_hart: Some([a, b, c]), pull_up_ohm: 4700.0 };

@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn descriptors_are_as_long_as_they_say_and_name_the_endpoints() {
+    fn descriptor_lengths_are_correct_and_endpoints_are_named() {
         let serial = UsbSerial::new();
         for content in [Content::Device, Content::Languages, Content::Name] {
             let bytes = serial.content(content);
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn a_host_gets_what_it_needs_to_use_the_port() {
+    fn the_host_can_enumerate_and_use_the_port() {
         let mut serial = UsbSerial::new();
         let mut answer = |kind, request, value, length| serial.answer(setup(kind, request, value, 0, length));
         assert_eq!(answer(0x80, 6, 0x100, 64), ControlResponse::Send(Content::Device, 64));

@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_assumed_is_what_the_file_says_is() {
+    fn assumed_fields_match_the_comments_of_the_file() {
         for name in robot_file::names() {
             let (text, _) = robot_file::text_of(name.as_ref()).unwrap();
             let explained = AnnotatedRobot::load(name.as_ref()).unwrap();
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn sentences_end_where_they_end() {
+    fn sentences_are_split_at_their_ends() {
         let text = "One of Sadeghi et al. 2017, Front. Robot. AI 6:45, so. Two";
         assert_eq!(sentences(text), ["One of Sadeghi et al. 2017, Front. Robot. AI 6:45, so.", "Two"]);
     }

@@ -39,7 +39,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_day_is_said_where_it_is_another_one() {
+    fn the_day_is_included_if_it_is_not_today() {
         let offset = UtcOffset::from_hms(2, 0, 0).unwrap();
         // Local time 2026-07-01 23:30.
         let now = OffsetDateTime::from_unix_timestamp(1_782_941_400).unwrap().to_offset(offset);

@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_to_copy_stays_in_one_line() {
+    fn a_command_to_copy_is_not_wrapped() {
         let message = format!("{} `growbot stop --port /dev/ttyACM0` x", "word ".repeat(12));
         let text = render(Severity::Error, &message, false);
         assert!(text.lines().any(|line| line.contains("`growbot stop --port /dev/ttyACM0` x")), "{text}");
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn the_label_alone_is_coloured() {
+    fn only_the_label_is_coloured() {
         assert_eq!(render(Severity::Error, "no", true), "\u{1b}[1;31merror:\u{1b}[0m no\n");
         assert!(!is_coloured(ColorChoice::Never) && is_coloured(ColorChoice::Always));
     }

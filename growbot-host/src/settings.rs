@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robots_name_can_stand_in_an_address() {
+    fn robot_names_are_valid_in_urls() {
         let named = |name: &str| parse_service(&format!("[robots.{name:?}]\nport = \"sim:lab\"\n"), "growbot.toml");
         for name in ["lab", "Lab-2_b", &"a".repeat(MAX_NAME)] {
             assert!(named(name).is_ok(), "{name}");
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn paths_are_relative_to_the_file_and_names_are_names() {
+    fn paths_are_relative_to_the_file_and_robot_names_are_kept() {
         let value = |text: &str, key: Key| key.value_from(&toml::from_str(text).unwrap(), Path::new("/lab"));
         for (text, key, expected) in [
             ("robot = \"growbot-b\"", Key::Robot, "growbot-b"),

@@ -172,14 +172,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn directions_are_read_where_there_are_any() {
+    fn directions_are_read_if_present() {
         let goals = read("\u{feff}heading_deg, pitch_deg,z,y_mm,x\r\n90,-45,3,2,1\n\n,,-3,-2e0,-1\n").unwrap();
         assert_eq!(goals[0], Goal::Pose(pose_of_numbers([1.0, 2.0, 3.0, 90.0, -45.0]).unwrap()));
         assert_eq!(goals[1], Goal::Position(Position::new(Vector3::new(-1.0, -2.0, -3.0)).unwrap()));
     }
 
     #[test]
-    fn what_is_wrong_is_told_with_its_line() {
+    fn errors_are_reported_with_the_line() {
         for (text, part) in [
             ("", "the header has no column x;"),
             ("x,y\n1,2\n", "the header has no column z; write x,y,z or x,y,z,heading,pitch"),

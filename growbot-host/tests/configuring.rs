@@ -58,7 +58,7 @@ impl Drop for Robot {
 }
 
 #[test]
-fn a_description_is_sent_kept_and_told() {
+fn a_description_is_sent_stored_and_reported() {
     let robot = Robot::on();
     let (name, hash) = robot.described();
     assert_eq!(name, "growbot-a");
@@ -96,7 +96,7 @@ fn a_description_is_sent_kept_and_told() {
 }
 
 #[test]
-fn what_cannot_be_configured_is_said_and_changes_nothing() {
+fn failed_configuration_is_reported_and_changes_nothing() {
     let robot = Robot::on();
     let before = robot.described();
     let bad = robot.directory.path().join("bad.toml");
@@ -114,7 +114,7 @@ fn what_cannot_be_configured_is_said_and_changes_nothing() {
 
 /// Opens a port again that disappears while the board restarts, like a board over USB.
 #[test]
-fn a_port_that_goes_while_the_board_restarts_is_opened_again() {
+fn a_port_that_disappears_during_the_restart_is_reopened() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = format!("tcp:{}", listener.local_addr().unwrap());
     let board = thread::spawn(move || {

@@ -27,7 +27,7 @@ fn the_console_works_in_a_pipe() {
 }
 
 #[test]
-fn one_board_grows_one_body_after_the_other() {
+fn one_board_grows_several_bodies_in_a_row() {
     let ran = growbot_reading(&["console"], "grow 0,0,7.74,0,90\ngrow 0,0,7.74,0,90\ngrow 0,0,3,0,90\n");
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     assert_eq!(ran.out.matches("10 layers of 10,").count(), 2, "{}", ran.out);
@@ -36,7 +36,7 @@ fn one_board_grows_one_body_after_the_other() {
 }
 
 #[test]
-fn a_position_is_grown_to_from_any_direction_and_planned_as_plan_does() {
+fn a_position_goal_is_planned_like_in_the_plan_command() {
     let ran = growbot_reading(&["console"], "grow 60,20,100\n");
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let of = |text: &str, line: &str| -> Vec<f64> {
@@ -52,14 +52,14 @@ fn a_position_is_grown_to_from_any_direction_and_planned_as_plan_does() {
 }
 
 #[test]
-fn a_stop_does_not_end_the_growth_after_it() {
+fn a_stop_does_not_affect_the_next_growth() {
     let ran = growbot_reading(&["console"], "grow 0,0,3,0,90\nstop\ngrow 0,0,7.74,0,90\n");
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     assert_eq!(ran.out.matches("10 layers of 10,").count(), 1, "{}", ran.out);
 }
 
 #[test]
-fn a_script_ends_at_the_first_line_that_fails() {
+fn a_script_ends_at_the_first_failing_line() {
     for (line, part) in [
         ("dance", "\"dance\""),
         ("plan 1,2,3", "five numbers"),
@@ -80,7 +80,7 @@ fn a_script_ends_at_the_first_line_that_fails() {
 }
 
 #[test]
-fn a_script_stops_the_robot_at_once_and_ends_where_a_growth_does() {
+fn a_script_stops_immediately_and_ends_with_the_growth() {
     let ran = growbot_reading(&["console"], "plan 0,0,60,0,90\nstart\nwait 5\nestop\nstatus\nstart\nstatus\n");
     assert_eq!(ran.code, Some(1), "{}", ran.err);
     assert!(ran.err.contains("line 6 failed"), "{}", ran.err);
@@ -90,7 +90,7 @@ fn a_script_stops_the_robot_at_once_and_ends_where_a_growth_does() {
 }
 
 #[test]
-fn a_script_that_fails_says_what_it_leaves_out_and_what_the_robot_is_doing() {
+fn a_failed_script_reports_skipped_commands_and_the_robot_state() {
     let told = |script: &str, parts: &[&str]| {
         let ran = growbot_reading(&["console"], script);
         assert_eq!(ran.code, Some(1), "{script}: {}", ran.err);
@@ -115,7 +115,7 @@ fn a_script_that_fails_says_what_it_leaves_out_and_what_the_robot_is_doing() {
 
 #[cfg(unix)]
 #[test]
-fn a_script_whose_results_nobody_reads_is_not_done() {
+fn a_script_fails_if_standard_output_is_closed() {
     let script = "plan 0,0,60,0,90\nstart\nwait 5\nstop\n";
     let ran = growbot_unread(&["console"], script);
     assert_eq!(ran.code, Some(1), "{}", ran.err);
@@ -132,7 +132,7 @@ fn a_script_whose_results_nobody_reads_is_not_done() {
 }
 
 #[test]
-fn an_emergency_stop_is_cleared_as_soon_as_it_was_given() {
+fn an_emergency_stop_can_be_cleared_at_once() {
     let ran = growbot_reading(&["console"], "estop\nclear\nstatus\nstop\nestop\nclear\n");
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     assert_eq!(
@@ -144,7 +144,7 @@ fn an_emergency_stop_is_cleared_as_soon_as_it_was_given() {
 }
 
 #[test]
-fn a_line_that_is_no_text_ends_a_script() {
+fn an_invalid_utf8_line_ends_a_script() {
     let ran = growbot_reading_bytes(&["console"], b"sta\xfftus\nstatus\n");
     assert_eq!(ran.code, Some(1));
     assert!(ran.err.contains("no UTF-8 text (at byte 3)") && ran.err.contains("line 1 failed"), "{}", ran.err);
@@ -152,7 +152,7 @@ fn a_line_that_is_no_text_ends_a_script() {
 }
 
 #[test]
-fn the_whole_screen_needs_a_terminal() {
+fn the_full_screen_console_needs_a_terminal() {
     assert_refused(&growbot(&["console", "--tui"]), &["--tui needs a terminal", "standard input", "line by line"]);
 }
 
@@ -177,7 +177,7 @@ fn a_nozzle_is_preheated_loaded_and_cooled_down_without_a_job() {
 }
 
 #[test]
-fn what_is_unsafe_is_refused_with_value_limit_and_remedy() {
+fn unsafe_requests_are_refused_with_value_limit_and_remedy() {
     for (commands, parts) in [
         ("load\n", &["not while it is in state idle"][..]),
         ("preheat 300\n", &["between 50 and 235 C"]),
@@ -197,7 +197,7 @@ fn what_is_unsafe_is_refused_with_value_limit_and_remedy() {
 }
 
 #[test]
-fn maintenance_is_on_the_command_line_too() {
+fn maintenance_works_on_the_command_line() {
     let ran = growbot(&["maintain", "preheat", "--port", "sim"]);
     assert_eq!((ran.code, ran.out.starts_with("simulated robot: heats to 200 C")), (Some(0), true), "{}", ran.err);
     let ran = growbot(&["maintain", "jog", "-5", "--port", "sim"]);

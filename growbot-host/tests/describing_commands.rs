@@ -23,7 +23,7 @@ fn commands() -> Vec<String> {
 
 /// The command warns of properties that matter for the robot's use and are easy to miss in the file.
 #[test]
-fn a_new_robot_that_is_a_bench_or_too_fast_for_a_board_says_so() {
+fn new_robot_reports_a_test_bench_or_excess_speed() {
     let folder = tempfile::tempdir().unwrap();
     let bench = folder.path().join("bench.toml");
     let text = include_str!("../../robots/growbot-a.toml").replacen(
@@ -58,7 +58,7 @@ fn a_new_robot_that_is_a_bench_or_too_fast_for_a_board_says_so() {
 }
 
 #[test]
-fn robots_lists_all_with_their_figures_and_sources() {
+fn robots_lists_all_with_figures_and_sources() {
     let table = growbot(&["robots"]).out;
     assert!(table.lines().all(|line| line.chars().count() <= 80), "{table}");
     for name in robot_file::names() {
@@ -72,7 +72,7 @@ fn robots_lists_all_with_their_figures_and_sources() {
 }
 
 #[test]
-fn robots_says_where_the_signals_are_on_the_board_that_is_named() {
+fn robots_lists_the_pins_of_a_given_board() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("mine.toml");
     let text = include_str!("../../robots/examples/skr-pico.toml");
@@ -90,7 +90,7 @@ fn robots_says_where_the_signals_are_on_the_board_that_is_named() {
 }
 
 #[test]
-fn robots_explains_one_in_words() {
+fn robots_explains_a_robot() {
     let words = growbot(&["robots", "growbot-b"]).out;
     assert!(words.lines().all(|line| line.chars().count() <= 80), "{words}");
     for part in [
@@ -165,7 +165,7 @@ fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
 }
 
 #[test]
-fn every_built_in_robot_is_valid_by_the_schema_and_slips_are_not() {
+fn built_in_robots_match_the_schema_and_errors_do_not() {
     let schema = json(&growbot(&["robots", "--schema"]).out);
     let faults_of =
         |text: &str| faults(&schema, &serde_json::to_value(text.parse::<toml::Table>().unwrap()).unwrap(), "");
@@ -221,7 +221,7 @@ fn new_robot_writes_a_file_from_answers_in_a_pipe() {
 }
 
 #[test]
-fn an_answer_that_cannot_be_leaves_no_file() {
+fn an_invalid_answer_leaves_no_file() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("mine.toml");
     for (answers, part) in [
@@ -243,7 +243,7 @@ fn an_answer_that_cannot_be_leaves_no_file() {
 }
 
 #[test]
-fn each_command_has_a_page_of_the_manual_with_examples_and_exit_codes() {
+fn each_command_has_a_man_page_with_examples_and_exit_codes() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().to_str().unwrap();
     assert_eq!(growbot(&["man", "-o", path]).code, Some(0));
@@ -281,7 +281,7 @@ fn completed(script: &str, words: &[&str]) -> Vec<String> {
 
 #[cfg(unix)]
 #[test]
-fn bash_completes_commands_and_names_of_robots() {
+fn bash_completes_commands_and_robot_names() {
     let directory = tempfile::tempdir().unwrap();
     let script = directory.path().join("growbot.bash");
     fs::write(&script, growbot(&["completions", "bash"]).out).unwrap();
@@ -314,7 +314,7 @@ fn every_shell_has_completions_with_all_commands() {
 }
 
 #[test]
-fn answers_are_taken_back_and_sections_skipped() {
+fn answers_can_be_undone_and_sections_skipped() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("robot.toml");
     let file = path.to_str().unwrap();

@@ -76,7 +76,7 @@ fn a_new_user_can_follow_all_documents_in_one_directory() {
 }
 
 #[test]
-fn lines_agree_up_to_what_is_left_out() {
+fn elided_parts_of_lines_are_ignored() {
     assert!(agree(&["a", "...", "d"], &["a", "b", "c", "d"]));
     assert!(agree(&["...", "c", "..."], &["a", "b", "c"]));
     assert!(agree(&["took [..] s, [..]."], &["took 3.2 s, really."]));
@@ -138,7 +138,7 @@ fn merge(into: &mut toml::Table, from: toml::Table) {
 }
 
 #[test]
-fn every_toml_block_is_a_part_of_a_robot_file_or_settings() {
+fn every_toml_block_is_valid_in_a_robot_file_or_settings() {
     let (robot_a, _) = robot_file::text_of("growbot-a".as_ref()).unwrap();
     let mut read = 0;
     for document in for_users() {
@@ -159,7 +159,7 @@ fn every_toml_block_is_a_part_of_a_robot_file_or_settings() {
 }
 
 #[test]
-fn every_link_leads_to_a_file() {
+fn every_link_target_exists() {
     let mut wrong = Vec::new();
     let chapters = for_users();
     for document in chapters.iter().chain(&beside()) {
@@ -202,7 +202,7 @@ fn names_without_a_file(document: &Document) -> Vec<String> {
 }
 
 #[test]
-fn every_file_that_is_named_is_there() {
+fn every_named_file_exists() {
     let wrong: Vec<_> = for_users().iter().chain(&beside()).flat_map(names_without_a_file).collect();
     assert_nothing_wrong(&wrong);
     let missing =

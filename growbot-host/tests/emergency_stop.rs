@@ -99,7 +99,7 @@ fn stop_behind_noise(usable_after: Duration) -> (Result<(), ClientError>, State,
 }
 
 #[test]
-fn noise_at_the_rate_of_the_line_ends_no_emergency_stop_early() {
+fn noise_at_line_rate_does_not_end_an_emergency_stop_early() {
     for milliseconds in [0, 600, 2800] {
         let usable = Duration::from_millis(milliseconds);
         let (done, state, (sent, carried), seconds) = stop_behind_noise(usable);
@@ -111,7 +111,7 @@ fn noise_at_the_rate_of_the_line_ends_no_emergency_stop_early() {
 }
 
 #[test]
-fn an_emergency_stop_is_tried_for_the_whole_time_and_no_longer() {
+fn an_emergency_stop_is_retried_until_its_timeout() {
     let (done, _, (sent, _), seconds) = stop_behind_noise(Duration::MAX / 2);
     assert!(matches!(done, Err(ClientError::StopNotAcknowledged { .. })), "{done:?}");
     let limit = EMERGENCY_LIMIT.as_secs_f64();
@@ -140,7 +140,7 @@ impl Port for Broken {
 }
 
 #[test]
-fn a_broken_line_is_tried_again_for_the_whole_time() {
+fn a_broken_link_is_retried_until_the_timeout() {
     let sent = Rc::default();
     let done = Client::new(Box::new(Broken(Rc::clone(&sent))), "nowhere").emergency_stop();
     assert!(matches!(done, Err(ClientError::StopNotAcknowledged { .. })), "{done:?}");
@@ -148,7 +148,7 @@ fn a_broken_line_is_tried_again_for_the_whole_time() {
 }
 
 #[test]
-fn the_stop_reaches_a_board_whose_port_grow_holds() {
+fn the_stop_reaches_a_board_whose_port_is_held_by_grow() {
     let bench = Bench::new();
     let growing = Growing::begin(&bench);
     // Other commands respect the lock of a port.
@@ -168,7 +168,7 @@ fn the_stop_reaches_a_board_whose_port_grow_holds() {
 }
 
 #[test]
-fn who_holds_a_port_is_silent_while_an_emergency_stop_listens() {
+fn the_port_holder_is_silent_while_an_emergency_stop_listens() {
     let bench = Bench::new();
     let listening = OpenOptions::new().read(true).write(true).open(&bench.name).unwrap();
     fcntl_lock(&listening, FlockOperation::NonBlockingLockExclusive).unwrap();
@@ -184,7 +184,7 @@ fn who_holds_a_port_is_silent_while_an_emergency_stop_listens() {
 }
 
 #[test]
-fn ctrl_c_stops_the_robot_of_a_script_that_waits() {
+fn ctrl_c_stops_the_robot_of_a_waiting_script() {
     let bench = Bench::new();
     let mut console = Growing::by_console(&bench);
     console.interrupt("stopping");
@@ -195,7 +195,7 @@ fn ctrl_c_stops_the_robot_of_a_script_that_waits() {
 }
 
 #[test]
-fn a_script_that_ends_while_the_robot_heats_says_so() {
+fn a_script_that_ends_while_heating_reports_it() {
     for (line, code, parts) in [
         ("dance", 1, &["line 4 failed", "2 more commands are not carried out, among them `stop` in line 6"][..]),
         ("quit", 0, &[][..]),
@@ -213,7 +213,7 @@ fn a_script_that_ends_while_the_robot_heats_says_so() {
 }
 
 #[test]
-fn the_stop_passes_noise_while_grow_holds_the_port() {
+fn the_stop_gets_through_noise_while_grow_holds_the_port() {
     let bench = Bench::new();
     let growing = Growing::begin(&bench);
     bench.set(|line| line.flips = 0.01);
@@ -231,7 +231,7 @@ fn the_stop_passes_noise_while_grow_holds_the_port() {
 }
 
 #[test]
-fn the_stop_passes_a_line_that_was_cut_in_the_midst_of_a_frame() {
+fn the_stop_gets_through_after_a_partial_frame() {
     let bench = Bench::new();
     let growing = Growing::begin(&bench);
     // The line is cut when it has carried half a frame of the growing host. It works again after five stops.
@@ -252,7 +252,7 @@ fn the_stop_passes_a_line_that_was_cut_in_the_midst_of_a_frame() {
 }
 
 #[test]
-fn a_line_that_stays_dead_is_told_after_the_whole_time() {
+fn a_dead_link_is_reported_after_the_timeout() {
     let bench = Bench::new();
     bench.set(|line| line.is_cut = true);
     let ran = growbot(&["estop", "--port", &bench.name]);
@@ -261,7 +261,7 @@ fn a_line_that_stays_dead_is_told_after_the_whole_time() {
 }
 
 #[test]
-fn the_second_ctrl_c_stops_a_board_that_does_not_answer_the_first() {
+fn the_second_ctrl_c_stops_a_board_that_ignored_the_first() {
     for bench in [Bench::new(), Bench::on_tcp()] {
         the_second_ctrl_c_stops(&bench);
     }
@@ -284,7 +284,7 @@ fn the_second_ctrl_c_stops(bench: &Bench) {
 }
 
 #[test]
-fn the_second_ctrl_c_goes_ahead_of_what_a_stalled_line_has_not_sent() {
+fn the_second_ctrl_c_overtakes_unsent_bytes_of_a_stalled_link() {
     let bench = Bench::new();
     let mut growing = Growing::begin(&bench);
     // The line takes no more bytes and its queue is full, so writes of `grow` block.
@@ -305,7 +305,7 @@ fn the_second_ctrl_c_goes_ahead_of_what_a_stalled_line_has_not_sent() {
 }
 
 #[test]
-fn the_second_ctrl_c_on_a_dead_line_says_to_cut_the_power() {
+fn the_second_ctrl_c_on_a_dead_link_asks_to_cut_the_power() {
     let bench = Bench::new();
     let mut growing = Growing::begin(&bench);
     bench.set(|line| line.is_cut = true);
@@ -316,7 +316,7 @@ fn the_second_ctrl_c_on_a_dead_line_says_to_cut_the_power() {
 }
 
 #[test]
-fn whatever_keeps_an_emergency_stop_from_the_board_the_power_is_to_be_cut() {
+fn every_failed_emergency_stop_asks_to_cut_the_power() {
     let estop = |port: &str| growbot(&["estop", "--port", port]);
     assert_power_to_be_cut(&growbot(&["estop"]), &["no port is given", "GROWBOT_PORT"]);
     assert_power_to_be_cut(&growbot(&["estop", "--bogus"]), &["--bogus"]);
@@ -355,7 +355,7 @@ fn whatever_keeps_an_emergency_stop_from_the_board_the_power_is_to_be_cut() {
 }
 
 #[test]
-fn a_port_that_another_program_has_closed_to_others_is_told() {
+fn an_exclusively_locked_port_is_reported() {
     let (_master, slave) = TTYPort::pair().unwrap();
     let name = slave.name().unwrap();
     drop(slave);

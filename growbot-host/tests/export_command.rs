@@ -44,7 +44,7 @@ fn help_has_examples_and_fits_80_columns() {
 }
 
 #[test]
-fn the_format_is_that_of_the_extension_unless_it_is_given() {
+fn the_format_comes_from_the_extension_unless_given() {
     let bodies = Bodies::new();
     assert!(bodies.export("plan.json", "a.stl", &[]).starts_with(b"binary STL, units mm"));
     assert!(bodies.export("plan.json", "a.GLB", &[]).starts_with(b"glTF"));
@@ -55,7 +55,7 @@ fn the_format_is_that_of_the_extension_unless_it_is_given() {
 }
 
 #[test]
-fn a_plan_from_a_pipe_goes_into_a_pipe() {
+fn a_plan_is_exported_from_pipe_to_pipe() {
     let plan = growbot(&["plan", "--to", "0,0,100,0,90", "--json"]).out;
     let ran = growbot_reading(&["export", "-", "--format", "csv"], &plan);
     assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
@@ -65,7 +65,7 @@ fn a_plan_from_a_pipe_goes_into_a_pipe() {
 }
 
 #[test]
-fn a_log_is_exported_as_built_and_as_far_as_it_goes() {
+fn a_log_is_exported_as_built_even_if_truncated() {
     let bodies = Bodies::new();
     let whole = String::from_utf8(bodies.export("run.jsonl", "whole.csv", &[])).unwrap();
     assert!(whole.lines().skip(2).all(|row| row.contains(",laid-simulated,")), "{whole}");
@@ -87,7 +87,7 @@ fn a_log_is_exported_as_built_and_as_far_as_it_goes() {
 }
 
 #[test]
-fn a_trajectory_has_the_poses_of_the_table_in_seconds_and_metres() {
+fn a_trajectory_matches_the_layer_table_in_seconds_and_metres() {
     let bodies = Bodies::new();
     for (from, more) in [("plan.json", &[][..]), ("run.jsonl", &[]), ("run.jsonl", &["--body", "commanded"])] {
         let text = String::from_utf8(bodies.export(from, "a.tum", more)).unwrap();
@@ -110,7 +110,7 @@ fn a_trajectory_has_the_poses_of_the_table_in_seconds_and_metres() {
 }
 
 #[test]
-fn a_recording_for_ros_2_has_its_types_with_their_whole_definitions() {
+fn a_ros_2_recording_has_complete_type_definitions() {
     let bodies = Bodies::new();
     let bytes = bodies.export("run.jsonl", "bag.mcap", &["--ros2"]);
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
@@ -149,7 +149,7 @@ fn a_recording_for_ros_2_has_its_types_with_their_whole_definitions() {
 }
 
 #[test]
-fn what_cannot_be_exported_is_refused_in_one_line_and_leaves_nothing() {
+fn failed_exports_give_one_line_and_leave_no_file() {
     let bodies = Bodies::new();
     let [plan, log, kept] = ["plan.json", "run.jsonl", "kept.stl"].map(|name| bodies.path(name));
     fs::write(&kept, "kept").unwrap();

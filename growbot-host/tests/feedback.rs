@@ -73,14 +73,14 @@ fn noise_is_corrected_and_the_same_seed_gives_the_same_run() {
 }
 
 #[test]
-fn a_bad_wire_changes_little() {
+fn a_bad_link_changes_little() {
     let result = grown(&["--noise", "10", "--feedback", "--link-fault", "drop=2%,flip=1e-4"]);
     assert_eq!(result["outcome"], "done");
     assert!(error(&result) < 0.002, "{result}");
 }
 
 #[test]
-fn without_a_disturbance_feedback_changes_nothing_to_speak_of() {
+fn feedback_without_disturbance_changes_almost_nothing() {
     assert!(error(&grown(&["--feedback"])) < 0.001);
 }
 
@@ -112,7 +112,7 @@ fn a_growth_with_feedback_is_replayed_from_its_log() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_before_the_job() {
+fn invalid_requests_are_refused_before_the_job() {
     for (args, part) in [
         (vec!["--noise", "95"], "it is 95 percent, and may be 0 to 90"),
         (vec!["--bias", "2", "--port", "tcp:localhost:1"], "no simulated tip: leave out noises and biases"),
@@ -225,7 +225,7 @@ impl Try {
 }
 
 #[test]
-fn a_growth_that_was_stopped_goes_on_with_feedback() {
+fn a_stopped_growth_resumes_with_feedback() {
     let tried = Try::new();
     let stopped = tried.grow(|_, orders| orders.push(Command::Stop)).unwrap();
     assert_eq!(stopped.outcome, Outcome::Stopped);
@@ -237,7 +237,7 @@ fn a_growth_that_was_stopped_goes_on_with_feedback() {
 }
 
 #[test]
-fn a_growth_whose_board_lost_its_power_goes_on_with_feedback() {
+fn a_growth_resumes_with_feedback_after_a_power_loss() {
     let tried = Try::new();
     let lost = tried.grow(|_, _| tried.sim.borrow_mut().reset(ResetCause::PowerOn)).unwrap();
     assert_eq!(lost.outcome, Outcome::Interrupted);
@@ -247,7 +247,7 @@ fn a_growth_whose_board_lost_its_power_goes_on_with_feedback() {
 }
 
 #[test]
-fn a_board_that_went_on_without_its_host_is_amended_again_while_it_grows() {
+fn a_board_that_grew_without_its_host_is_amended_again() {
     let tried = Try::new();
     tried.grow(|cut, _| cut.set(true)).unwrap_err();
     // The board lays five more layers without reporting them to a host.

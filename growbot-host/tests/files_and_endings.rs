@@ -50,7 +50,7 @@ fn assert_plain(ran: &Ran) {
 }
 
 #[test]
-fn no_command_overwrites_what_it_reads_under_any_name() {
+fn no_command_overwrites_its_input_under_any_path() {
     let files = Files::new();
     let [plan, run, robot] = ["plan.json", "run.jsonl", "robot.toml"].map(|name| files.path(name));
     // Each command, the input that it shall overwrite, the option for its output, and the extension of its output.
@@ -108,7 +108,7 @@ fn no_command_overwrites_what_it_reads_under_any_name() {
 }
 
 #[test]
-fn an_ending_that_promises_another_format_is_refused_and_the_formats_are_listed() {
+fn a_wrong_extension_is_refused_with_the_list_of_formats() {
     let files = Files::new();
     let [plan, run] = ["plan.json", "run.jsonl"].map(|name| files.path(name));
     let before = fs::read_dir(files.0.path()).unwrap().count();
@@ -140,7 +140,7 @@ fn an_ending_that_promises_another_format_is_refused_and_the_formats_are_listed(
 }
 
 #[test]
-fn nothing_is_waited_for_that_never_ends_and_nothing_is_read_without_limit() {
+fn endless_and_oversized_inputs_are_refused() {
     let files = Files::new();
     let fifo = files.path("fifo");
     assert!(command("mkfifo").arg(&fifo).status().unwrap().success());
@@ -193,7 +193,7 @@ fn in_shell(script: &str, files: &[(&str, &str)]) -> Ran {
 }
 
 #[test]
-fn run_logs_are_viewed_and_exported_from_pipes_too() {
+fn run_logs_are_viewed_and_exported_from_pipes() {
     let files = Files::new();
     let [run, plan] = ["run.jsonl", "plan.json"].map(|name| files.path(name));
     for (file, format) in [(&run, "csv"), (&run, "stl"), (&plan, "csv")] {
@@ -225,7 +225,7 @@ fn run_logs_are_viewed_and_exported_from_pipes_too() {
 }
 
 #[test]
-fn standard_output_that_goes_onto_an_input_is_refused_and_the_input_is_whole() {
+fn standard_output_onto_an_input_is_refused_and_the_input_kept() {
     let files = Files::new();
     let [run, plan, robot, queries] =
         ["run.jsonl", "plan.json", "robot.toml", "queries.csv"].map(|name| files.path(name));
@@ -263,7 +263,7 @@ fn standard_output_that_goes_onto_an_input_is_refused_and_the_input_is_whole() {
 }
 
 #[test]
-fn a_simulated_run_says_that_it_is_one_however_short_it_is() {
+fn any_simulated_run_is_marked_as_simulated() {
     let files = Files::new();
     let log = fs::read_to_string(files.path("run.jsonl")).unwrap();
     let header = log.lines().next().unwrap();
@@ -312,7 +312,7 @@ fn a_simulated_run_says_that_it_is_one_however_short_it_is() {
 }
 
 #[test]
-fn a_board_that_was_stopped_for_its_clock_is_told_by_replay_and_page() {
+fn replay_and_page_report_a_stop_for_clock_drift() {
     let files = Files::new();
     let drift = growbot_client::client::ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
     let log = fs::read_to_string(files.path("run.jsonl")).unwrap();
@@ -333,7 +333,7 @@ fn a_board_that_was_stopped_for_its_clock_is_told_by_replay_and_page() {
 }
 
 #[test]
-fn a_disturbed_growth_is_told_as_it_was_laid_and_beside_it_as_it_was_commanded() {
+fn replay_reports_a_disturbed_growth_as_laid_and_as_commanded() {
     let files = Files::new();
     let run = files.path("run.jsonl");
     let grown: Value = serde_json::from_str(&fs::read_to_string(files.path("grown.json")).unwrap()).unwrap();
@@ -372,7 +372,7 @@ fn a_disturbed_growth_is_told_as_it_was_laid_and_beside_it_as_it_was_commanded()
 }
 
 #[test]
-fn what_files_and_arguments_hold_does_not_steer_the_terminal() {
+fn control_characters_from_files_and_arguments_are_removed() {
     let files = Files::new();
     let hostile = "\u{1b}[31mred\u{7}\u{9b}2J\u{202e}\u{7f}";
     let log = fs::read_to_string(files.path("run.jsonl")).unwrap();
@@ -430,7 +430,7 @@ fn grow_on_a_full_disk(files: &Files, blocks: u32, more: &str) -> (Ran, String) 
 }
 
 #[test]
-fn a_log_that_cannot_be_written_is_said_at_once_and_the_result_is_told_all_the_same() {
+fn a_log_failure_is_reported_at_once_and_the_result_still_printed() {
     let files = Files::new();
     // The limit allows a header and some layers.
     let (ran, log) = grow_on_a_full_disk(&files, 48, "--json");

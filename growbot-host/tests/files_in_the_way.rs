@@ -44,7 +44,7 @@ fn names(directory: &Path) -> Vec<String> {
 const SHORT: [&str; 3] = ["grow", "--to", "0,0,5,0,90"];
 
 #[test]
-fn a_run_log_is_replaced_with_overwrite_and_only_by_a_growth_that_begins() {
+fn a_run_log_is_replaced_only_with_overwrite_and_a_started_growth() {
     let place = Place::new();
     fs::write(place.path("run.jsonl"), "before\n").unwrap();
     let log = ["--log", "run.jsonl"];
@@ -69,7 +69,7 @@ fn a_run_log_is_replaced_with_overwrite_and_only_by_a_growth_that_begins() {
 }
 
 #[test]
-fn a_run_log_without_a_name_has_one_of_its_own_each_time() {
+fn each_run_log_without_a_name_gets_a_unique_one() {
     let place = Place::new();
     for count in 1..=3 {
         let (code, _, err) = place.run(&[&SHORT[..], &["--log"]].concat());
@@ -86,7 +86,7 @@ fn a_run_log_without_a_name_has_one_of_its_own_each_time() {
 }
 
 #[test]
-fn a_dash_is_standard_output_wherever_a_file_is_written() {
+fn a_dash_means_standard_output_for_every_output_file() {
     let place = Place::new();
     assert_eq!(place.run(&["plan", "--to", "0,0,50,0,90", "-o", "plan.json"]).0, Some(0));
     let plan = fs::read_to_string(place.path("plan.json")).unwrap();
@@ -126,7 +126,7 @@ fn a_dash_is_standard_output_wherever_a_file_is_written() {
 }
 
 #[test]
-fn a_dash_is_standard_input_wherever_a_file_is_read_and_once() {
+fn a_dash_means_standard_input_for_at_most_one_input_file() {
     let place = Place::new();
     assert_eq!(place.run(&["plan", "--to", "0,0,50,0,90", "-o", "plan.json"]).0, Some(0));
     assert_eq!(place.run(&["grow", "plan.json", "--log", "run.jsonl"]).0, Some(0));
@@ -164,7 +164,7 @@ fn a_dash_is_standard_input_wherever_a_file_is_read_and_once() {
 }
 
 #[test]
-fn directories_are_made_and_their_parents_are_not() {
+fn directories_are_created_but_not_their_parents() {
     let place = Place::new();
     fs::write(place.path("file"), "").unwrap();
     let commands: [&[&str]; 2] = [&["man", "-o"], &["reproduce", "--table", "1", "--repeat", "2", "-o"]];
@@ -184,7 +184,7 @@ fn directories_are_made_and_their_parents_are_not() {
 }
 
 #[test]
-fn layers_go_to_a_file_of_their_format() {
+fn layers_are_written_in_the_format_of_the_file() {
     let place = Place::new();
     assert_eq!(place.run(&["plan", "--to", "0,0,50,0,90", "-o", "plan.json"]).0, Some(0));
     let (code, out, err) = place.run(&["layers", "plan.json", "-o", "layers.csv"]);

@@ -89,7 +89,7 @@ fn assert_refused(ran: &Ran, parts: &[&str]) {
 }
 
 #[test]
-fn an_image_is_flashed_and_nothing_built() {
+fn a_given_image_is_flashed_without_building() {
     let bench = Bench::new();
     bench.cargo();
     bench.tool("probe-rs", "echo the log");
@@ -103,7 +103,7 @@ fn an_image_is_flashed_and_nothing_built() {
 }
 
 #[test]
-fn without_its_log_the_firmware_is_started_all_the_same() {
+fn without_a_log_the_firmware_is_still_started() {
     let bench = Bench::new();
     bench.tool("probe-rs", "");
     let image = bench.text("firmware.elf");
@@ -113,7 +113,7 @@ fn without_its_log_the_firmware_is_started_all_the_same() {
 }
 
 #[test]
-fn in_the_source_tree_the_firmware_is_built_for_the_robot() {
+fn firmware_is_built_for_the_robot_in_the_source_tree() {
     let bench = Bench::new();
     bench.cargo();
     bench.tool("probe-rs", "");
@@ -134,7 +134,7 @@ fn in_the_source_tree_the_firmware_is_built_for_the_robot() {
 
 /// `cargo run-stm32f405` flashes like `growbot flash`.
 #[test]
-fn cargos_runner_is_the_same_call() {
+fn the_cargo_runner_makes_the_same_call() {
     let config = include_str!("../../.cargo/config.toml");
     let bench = Bench::new();
     let ran = bench.flash("tree", &["--dry-run", "--firmware", "image"]);
@@ -144,7 +144,7 @@ fn cargos_runner_is_the_same_call() {
 }
 
 #[test]
-fn a_board_that_is_flashed_is_to_lose_its_power_for_a_moment() {
+fn flashing_asks_for_a_power_cycle() {
     let bench = Bench::new();
     bench.tool("probe-rs", "");
     let image = bench.text("firmware.elf");
@@ -156,7 +156,7 @@ fn a_board_that_is_flashed_is_to_lose_its_power_for_a_moment() {
 }
 
 #[test]
-fn a_robot_that_no_board_can_drive_is_not_built() {
+fn an_image_is_not_built_for_an_undrivable_robot() {
     let bench = Bench::new();
     bench.cargo();
     bench.tool("probe-rs", "");
@@ -166,7 +166,7 @@ fn a_robot_that_no_board_can_drive_is_not_built() {
 }
 
 #[test]
-fn a_dry_run_prints_what_would_be_run() {
+fn a_dry_run_prints_the_commands() {
     let bench = Bench::new();
     bench.cargo();
     bench.tool("probe-rs", "");
@@ -183,7 +183,7 @@ fn a_dry_run_prints_what_would_be_run() {
 }
 
 #[test]
-fn what_cannot_be_sealed_is_flashed_with_a_warning_and_not_sealed_alone() {
+fn an_unsealable_image_is_flashed_with_a_warning() {
     let bench = Bench::new();
     bench.tool("probe-rs", "");
     let image = bench.text("firmware.elf");
@@ -198,7 +198,7 @@ fn what_cannot_be_sealed_is_flashed_with_a_warning_and_not_sealed_alone() {
 }
 
 #[test]
-fn what_is_missing_is_named_with_its_remedy() {
+fn missing_tools_and_files_are_reported_with_remedies() {
     let bench = Bench::new();
     let image = bench.text("firmware.elf");
     assert_refused(
@@ -213,7 +213,7 @@ fn what_is_missing_is_named_with_its_remedy() {
 }
 
 #[test]
-fn tools_that_fail_end_it() {
+fn a_failing_tool_ends_the_command() {
     let bench = Bench::new();
     bench.tool("probe-rs", "exit 1");
     bench.tool("cargo", "exit 101");
@@ -227,7 +227,7 @@ fn tools_that_fail_end_it() {
 }
 
 #[test]
-fn a_robot_is_not_chosen_for_an_image() {
+fn a_robot_cannot_be_combined_with_an_image() {
     let bench = Bench::new();
     let ran = bench.flash("tree", &["--firmware", "x", "--robot", "growbot-b"]);
     assert_eq!(ran.code, Some(2));
@@ -248,7 +248,7 @@ fn image_of_a_pico(bytes: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn a_pico_gets_a_file_or_a_drive() {
+fn a_pico_image_is_written_to_a_file_or_drive() {
     let bench = Bench::new();
     let (image, file, drive) = (bench.text("pico.elf"), bench.text("pico.uf2"), bench.text("elsewhere"));
     fs::write(&image, image_of_a_pico(&[0x5a; 300])).unwrap();
@@ -291,7 +291,7 @@ fn a_pico_gets_a_file_or_a_drive() {
 }
 
 #[test]
-fn a_drive_that_fails_is_told_from_one_that_goes() {
+fn a_failing_drive_is_distinguished_from_one_that_disappears() {
     let bench = Bench::new();
     let (image, drive) = (bench.text("pico.elf"), bench.text("elsewhere"));
     fs::write(&image, image_of_a_pico(&[0x5a; 300])).unwrap();
@@ -317,7 +317,7 @@ fn a_drive_that_fails_is_told_from_one_that_goes() {
 }
 
 #[test]
-fn a_picos_image_is_built_in_the_source_tree() {
+fn a_pico_image_is_built_in_the_source_tree() {
     let bench = Bench::new();
     let ran = bench.flash("tree", &["--board", "pico", "--robot", "growbot-b", "--dry-run"]);
     assert!(ran.out.contains("GROWBOT_ROBOT=growbot-b cargo build-pico\n"), "{}", ran.out);

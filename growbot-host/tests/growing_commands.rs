@@ -30,7 +30,7 @@ fn assert_refused(ran: &Ran, parts: &[&str]) {
 }
 
 #[test]
-fn the_main_job_grows_a_metre_to_its_pose() {
+fn the_main_job_grows_one_metre_to_its_pose() {
     let ran = growbot(&[]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     for part in ["target", "final", "error", "body", "growth", "filament", " mm"] {
@@ -40,7 +40,7 @@ fn the_main_job_grows_a_metre_to_its_pose() {
 }
 
 #[test]
-fn a_growth_ends_with_what_the_steps_really_built() {
+fn a_growth_reports_the_body_built_by_the_steps() {
     let ran = growbot(&["grow", "--to", "550,345,610,120,-25", "--planner", "two-plane", "--json"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let result = json(&ran);
@@ -56,7 +56,7 @@ fn a_growth_ends_with_what_the_steps_really_built() {
 }
 
 #[test]
-fn both_feed_strategies_arrive() {
+fn both_feed_strategies_reach_the_goal() {
     let directory = tempfile::tempdir().unwrap();
     let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a.toml")).unwrap();
     let file = directory.path().join("by-speed.toml");
@@ -67,7 +67,7 @@ fn both_feed_strategies_arrive() {
 }
 
 #[test]
-fn a_plan_from_a_file_grows_and_leaves_a_log() {
+fn a_plan_from_a_file_is_grown_and_logged() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let (plan, log) = (path("plan.json"), path("run.jsonl"));
@@ -88,14 +88,14 @@ fn a_plan_from_a_file_grows_and_leaves_a_log() {
 }
 
 #[test]
-fn a_body_of_no_length_is_grown_at_once() {
+fn a_body_of_zero_length_is_done_at_once() {
     let ran = growbot(&["grow", "--to", "0,0,0,0,90", "--json"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     assert_eq!(number(&json(&ran), "normalized_position_error"), 0.0);
 }
 
 #[test]
-fn what_cannot_be_grown_is_told_before_anything_starts() {
+fn invalid_growths_are_refused_before_any_start() {
     assert_refused(&growbot(&["grow"]), &["--to"]);
     assert_refused(&growbot(&["grow", "plan.json", "--to", "0,0,100,0,90"]), &["cannot be used with"]);
     assert_refused(&growbot(&["grow", "missing.json"]), &["missing.json"]);
@@ -135,7 +135,7 @@ fn each_flag_overrides_one_refusal_and_no_other() {
 }
 
 #[test]
-fn a_plan_that_warns_of_a_collision_is_grown_by_force_only() {
+fn a_plan_with_a_collision_warning_needs_force() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("plan.json");
     let file = file.to_str().unwrap();
@@ -149,7 +149,7 @@ fn a_plan_that_warns_of_a_collision_is_grown_by_force_only() {
 }
 
 #[test]
-fn a_listener_that_goes_away_does_not_end_a_growth() {
+fn a_write_error_on_standard_error_does_not_end_a_growth() {
     let ran = command(PROGRAM)
         .args(["grow", "--to", "0,0,7.74,0,90", "--json"])
         .stderr(std::fs::File::create("/dev/full").unwrap())
@@ -160,7 +160,7 @@ fn a_listener_that_goes_away_does_not_end_a_growth() {
 }
 
 #[test]
-fn a_reader_that_goes_away_changes_nothing_about_how_a_growth_ended() {
+fn a_closed_standard_output_does_not_change_the_outcome() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let log = path("run.jsonl");
@@ -188,7 +188,7 @@ fn a_reader_that_goes_away_changes_nothing_about_how_a_growth_ended() {
 }
 
 #[test]
-fn a_log_of_a_job_that_never_began_does_not_stay() {
+fn the_log_of_a_job_that_did_not_begin_is_deleted() {
     let directory = tempfile::tempdir().unwrap();
     let log = directory.path().join("run.jsonl");
     let board = FakeBoard::simulated("growbot-b");
@@ -198,7 +198,7 @@ fn a_log_of_a_job_that_never_began_does_not_stay() {
 }
 
 #[test]
-fn ports_that_are_not_there_are_told() {
+fn missing_ports_are_reported() {
     let status = |port: &str| growbot(&["status", "--port", port]);
     assert_refused(&status("simulator"), &["simulator", "emulator", "tcp:HOST:PORT"]);
     assert_refused(&status("/dev/ttyNONE7"), &["/dev/ttyNONE7", "not there"]);
@@ -213,7 +213,7 @@ fn ports_that_are_not_there_are_told() {
 }
 
 #[test]
-fn a_bad_line_is_asked_for_by_its_faults() {
+fn link_faults_are_set_by_option() {
     let status = |spec: &str| growbot(&["status", "--port", "sim", "--link-fault", spec]);
     assert_refused(&status("drop=200%"), &["--link-fault", "\"200%\"", "0% to 100%"]);
     assert_refused(&status("dorp=1%"), &["did you mean drop?"]);
@@ -224,7 +224,7 @@ fn a_bad_line_is_asked_for_by_its_faults() {
 }
 
 #[test]
-fn boards_that_do_not_answer_properly_are_told() {
+fn invalid_responses_of_boards_are_reported() {
     let status = |board: &FakeBoard| growbot(&["status", "--port", &board.port()]);
     assert_refused(&status(&FakeBoard::silent()), &["does not answer", "power"]);
     assert_refused(&status(&FakeBoard::garbage()), &["no growbot frame", "115200"]);
@@ -234,14 +234,14 @@ fn boards_that_do_not_answer_properly_are_told() {
 }
 
 #[test]
-fn a_board_of_another_robot_grows_nothing() {
+fn a_board_of_another_robot_is_refused() {
     let board = FakeBoard::simulated("growbot-b");
     let ran = growbot(&["grow", "--to", "0,0,100,0,90", "--port", &board.port()]);
     assert_refused(&ran, &["growbot-b", "growbot-a", "--robot"]);
 }
 
 #[test]
-fn a_body_grows_over_tcp_as_the_board_reports_it() {
+fn a_body_grows_over_tcp_as_reported_by_the_board() {
     let board = FakeBoard::simulated("growbot-a");
     let ran = growbot(&["grow", "--to", "0,0,77.4,0,90", "--port", &board.port(), "--json"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
@@ -251,7 +251,7 @@ fn a_body_grows_over_tcp_as_the_board_reports_it() {
 }
 
 #[test]
-fn with_feedback_a_robot_arrives_where_its_sensors_say() {
+fn with_feedback_the_measured_tip_reaches_the_goal() {
     let board = FakeBoard::simulated("growbot-a");
     let ran = growbot(&["grow", "--to", "0,0,38.7,0,90", "--port", &board.port(), "--feedback", "--json"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
@@ -262,7 +262,7 @@ fn with_feedback_a_robot_arrives_where_its_sensors_say() {
 }
 
 #[test]
-fn reports_that_are_lost_are_sent_again() {
+fn lost_reports_are_sent_again() {
     let board = FakeBoard::losing_reports("growbot-a");
     let ran = growbot(&["grow", "--to", "0,0,15.48,0,90", "--port", &board.port(), "--json"]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
@@ -288,7 +288,7 @@ fn grow_and_kill(board: &FakeBoard, log: &std::path::Path, layers: usize) {
 }
 
 #[test]
-fn a_growth_whose_program_was_killed_goes_on_from_its_log() {
+fn a_killed_growth_resumes_from_its_log() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name);
     let log = path("run.jsonl");
@@ -337,7 +337,7 @@ fn a_growth_whose_program_was_killed_goes_on_from_its_log() {
 }
 
 #[test]
-fn a_body_is_given_up_and_the_emergency_stop_is_obeyed() {
+fn a_job_is_cancelled_and_the_emergency_stop_acts() {
     let directory = tempfile::tempdir().unwrap();
     let log = directory.path().join("run.jsonl");
     let board = FakeBoard::lasting("growbot-a");
@@ -358,14 +358,14 @@ fn a_body_is_given_up_and_the_emergency_stop_is_obeyed() {
 }
 
 #[test]
-fn nobody_acknowledges_an_emergency_stop_and_that_is_said() {
+fn an_unacknowledged_emergency_stop_is_reported() {
     let ran = growbot(&["estop", "--port", &FakeBoard::silent().port()]);
     assert_eq!(ran.code, Some(1));
     assert!(ran.err.contains("power"), "{}", ran.err);
 }
 
 #[test]
-fn what_is_no_run_log_is_told() {
+fn invalid_run_logs_are_reported() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     for (name, text) in
@@ -379,7 +379,7 @@ fn what_is_no_run_log_is_told() {
 }
 
 #[test]
-fn status_says_who_and_how() {
+fn status_reports_robot_and_state() {
     let ran = growbot(&["status", "--port", "sim"]);
     assert_eq!(ran.code, Some(0));
     for part in ["growbot-a", "simulated", "idle", "heater off", "power on"] {
@@ -399,14 +399,14 @@ fn status_says_who_and_how() {
 }
 
 #[test]
-fn stop_stops() {
+fn stop_switches_heater_and_motors_off() {
     let ran = growbot(&["stop", "--port", "sim"]);
     assert_eq!(ran.code, Some(0));
     assert!(ran.out.contains("simulated robot are off"), "{}", ran.out);
 }
 
 #[test]
-fn no_test_starts_a_program_that_knows_of_a_robot_configured_here() {
+fn tests_ignore_the_users_settings() {
     let set: Vec<_> = command(PROGRAM).get_envs().map(|(name, value)| (name.to_owned(), value.is_some())).collect();
     assert_eq!(
         set,
@@ -457,7 +457,7 @@ fn growbot_configured(port: &str, args: &[&str]) -> Ran {
 }
 
 #[test]
-fn commands_about_a_robot_that_is_there_want_to_know_which() {
+fn commands_for_a_physical_robot_require_a_port() {
     for command in ["stop", "cancel", "status", "tune"] {
         let remedy = ["no port is given", "--port PORT", "export GROWBOT_PORT=PORT"];
         assert_refused(&growbot(&[command]), &remedy);
@@ -478,7 +478,7 @@ fn commands_about_a_robot_that_is_there_want_to_know_which() {
 }
 
 #[test]
-fn what_a_simulated_robot_does_is_said_to_be_simulated() {
+fn messages_of_a_simulated_robot_are_marked() {
     let grown = growbot(&["grow", "--to", "0,0,7.74,0,90", "--json"]);
     assert_eq!(json(&grown)["simulated"], true);
     assert!(growbot(&["grow", "--to", "0,0,7.74,0,90"]).out.contains("on simulated growbot-a"));
@@ -506,7 +506,7 @@ mod serial {
     }
 
     #[test]
-    fn a_robot_on_a_serial_line_answers() {
+    fn a_robot_on_a_serial_port_responds() {
         let (master, name, _open) = line();
         let _board = FakeBoard::on_serial(master, "growbot-a");
         // The board's time runs so fast that any host seems silent for long.
@@ -517,7 +517,7 @@ mod serial {
     }
 
     #[test]
-    fn a_serial_line_that_is_taken_is_told() {
+    fn a_busy_serial_port_is_reported() {
         let (_master, name, open) = line();
         open.try_lock().unwrap();
         // This test process holds the port.

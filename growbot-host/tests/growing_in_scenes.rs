@@ -50,7 +50,7 @@ fn events(log: &str, name: &str) -> Vec<Value> {
 }
 
 #[test]
-fn a_plan_that_is_not_clear_is_refused_with_value_limit_and_remedy() {
+fn a_plan_without_clearance_is_refused_with_value_limit_and_remedy() {
     let fixture = Fixture::new();
     let (straight, room) = (fixture.path("straight.json"), fixture.path("room.toml"));
     let refused = growbot(&["grow", &straight, "--scene", &room, "--json"]);
@@ -72,7 +72,7 @@ fn a_plan_that_is_not_clear_is_refused_with_value_limit_and_remedy() {
 }
 
 #[test]
-fn the_scene_of_a_plan_lies_beside_it_or_is_given_and_must_be_the_same() {
+fn the_scene_of_a_plan_is_found_or_given_and_must_match() {
     let fixture = Fixture::new();
     let (past, room, other) = (fixture.path("past.json"), fixture.path("room.toml"), fixture.path("other.toml"));
     let simulate = |args: &[&str]| growbot(&[&["simulate", past.as_str(), "--json"], args].concat());
@@ -95,7 +95,7 @@ fn the_scene_of_a_plan_lies_beside_it_or_is_given_and_must_be_the_same() {
 }
 
 #[test]
-fn samples_tell_contacts_of_open_loop_and_none_of_closed_loop() {
+fn samples_report_contacts_in_open_loop_but_not_in_closed_loop() {
     let fixture = Fixture::new();
     let (past, samples) = (fixture.path("past.json"), fixture.path("samples.csv"));
     let run = |feedback: &[&str]| {
@@ -122,7 +122,7 @@ fn samples_tell_contacts_of_open_loop_and_none_of_closed_loop() {
 }
 
 #[test]
-fn a_correction_that_would_be_too_near_takes_another_path_and_the_log_says_so() {
+fn a_detour_replaces_a_correction_without_clearance_and_is_logged() {
     let fixture = Fixture::new();
     let (tight, log) = (fixture.path("tight.toml"), fixture.path("run.jsonl"));
     // Such a small margin is used up before the body has passed the ball.
@@ -142,7 +142,7 @@ fn a_correction_that_would_be_too_near_takes_another_path_and_the_log_says_so() 
 }
 
 #[test]
-fn where_there_is_no_other_way_nothing_is_begun_and_a_growth_under_way_pauses() {
+fn without_a_detour_a_start_is_refused_and_an_active_growth_pauses() {
     let fixture = Fixture::new();
     let (shaft, log) = (fixture.path("shaft.toml"), fixture.path("run.jsonl"));
     let shaft_of = |free: f64| {

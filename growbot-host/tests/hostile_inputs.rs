@@ -144,7 +144,7 @@ fn keep(text: &[u8], kind: &str, seed: u64, index: u64) -> PathBuf {
 }
 
 #[test]
-fn changed_files_do_no_harm() {
+fn corrupted_files_cause_no_crash() {
     let (files, seed) = (number("GROWBOT_HOSTILE_FILES", 240), number("GROWBOT_HOSTILE_SEED", 1));
     println!("{files} files, seed {seed}");
     let directory = tempfile::tempdir().unwrap();
@@ -205,7 +205,7 @@ fn try_board(log: &Path, seed: u64, index: u64) -> (Option<i32>, Vec<String>) {
 }
 
 #[test]
-fn boards_that_answer_nonsense_do_no_harm() {
+fn nonsense_responses_of_boards_cause_no_crash() {
     let (boards, seed) = (number("GROWBOT_HOSTILE_BOARDS", 16), number("GROWBOT_HOSTILE_SEED", 1));
     println!("{boards} boards, seed {seed}");
     let before = tempfile::tempdir().unwrap();

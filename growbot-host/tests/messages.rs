@@ -58,7 +58,7 @@ fn faults(args: &[&str], path: &str) -> Option<String> {
 }
 
 #[test]
-fn every_wrong_use_of_every_subcommand_gives_one_error_in_80_columns_and_code_2() {
+fn wrong_usage_gives_one_error_in_80_columns_and_code_2() {
     // The text is not a valid file, directory, number, port or choice.
     let path = format!("/no/such/place/{}.json", "long".repeat(30));
     let mut uses: Vec<Vec<String>> = Vec::new();
@@ -102,7 +102,7 @@ fn every_wrong_use_of_every_subcommand_gives_one_error_in_80_columns_and_code_2(
 }
 
 #[test]
-fn what_is_said_of_a_simulated_robot_says_so_in_every_command_that_has_a_port() {
+fn every_command_with_a_port_marks_a_simulated_robot() {
     let directory = tempfile::tempdir().unwrap();
     let file = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     let plan = file("plan.json");
@@ -142,7 +142,7 @@ fn in_environment(args: &[&str], variables: &[(&str, &str)]) -> Ran {
 }
 
 #[test]
-fn messages_are_coloured_where_it_is_asked_for_and_never_in_a_pipe() {
+fn messages_are_coloured_on_request_and_not_in_a_pipe() {
     let coloured = |args: &[&str], variables: &[(&str, &str)]| in_environment(args, variables).err.contains('\u{1b}');
     assert!(!coloured(&["rmin", "--robot", "none"], &[]));
     assert!(coloured(&["rmin", "--robot", "none", "--color", "always"], &[]));
@@ -163,7 +163,7 @@ fn messages_are_coloured_where_it_is_asked_for_and_never_in_a_pipe() {
 }
 
 #[test]
-fn quiet_leaves_notes_out_and_keeps_warnings_and_errors() {
+fn quiet_hides_notes_but_not_warnings_and_errors() {
     let directory = tempfile::tempdir().unwrap();
     let plan = directory.path().join("plan.json");
     let plan = plan.to_str().unwrap();
@@ -181,7 +181,7 @@ fn quiet_leaves_notes_out_and_keeps_warnings_and_errors() {
 }
 
 #[test]
-fn no_message_of_a_command_has_another_style_in_the_source() {
+fn every_message_in_the_source_follows_the_style() {
     let mut folders = vec![concat!(env!("CARGO_MANIFEST_DIR"), "/src/cli").into()];
     let mut files = 0;
     while let Some(folder) = folders.pop() {

@@ -74,7 +74,7 @@ fn help_has_examples_and_fits_80_columns() {
 }
 
 #[test]
-fn a_plan_is_a_table_a_line_or_a_file() {
+fn plan_prints_a_table_a_line_or_a_file() {
     let directory = tempfile::tempdir().unwrap();
     let path = file(directory.path(), "plan.json", "something old");
     let ran = growbot(&with(&TO, &["-o", &path]));
@@ -124,7 +124,7 @@ fn the_shortest_path_is_the_default_and_never_longer_than_the_two_plane_path() {
 }
 
 #[test]
-fn a_plan_says_what_was_searched_completely() {
+fn a_plan_lists_complete_and_statistical_searches() {
     let searched = |planner: &str, to: &str| {
         let plan = json(&growbot(&["plan", "--to", to, "--json", "--planner", planner]).out);
         [plan["complete"].to_string(), plan["statistical"].to_string()]
@@ -135,7 +135,7 @@ fn a_plan_says_what_was_searched_completely() {
 }
 
 #[test]
-fn plans_of_older_versions_are_read() {
+fn plans_of_older_versions_are_accepted() {
     let mut plan = json(&growbot(&with(&TO, &["--json"])).out);
     for field in ["path_type", "candidates", "two_plane_length_mm", "two_plane_longer_percent"] {
         assert!(plan.as_object_mut().unwrap().remove(field).is_some(), "{field}");
@@ -153,7 +153,7 @@ fn codes(plan: &Value) -> Vec<&str> {
 const LOOP: [&str; 6] = ["--to", "0,0,-40,0,90", "--planner", "two-plane", "--radius", "100"];
 
 #[test]
-fn what_speaks_against_growing_is_said_and_refused() {
+fn warnings_are_printed_and_prevent_growing() {
     let ran = growbot(&with(&["plan", "--json"], &LOOP));
     let plan = json(&ran.out);
     assert_eq!(ran.code, Some(0), "a warning is no failure");
@@ -184,7 +184,7 @@ fn what_speaks_against_growing_is_said_and_refused() {
 }
 
 #[test]
-fn clear_of_self_never_takes_a_colliding_path_where_there_is_a_clear_one() {
+fn clear_of_self_prefers_a_collision_free_path() {
     for to in ["0,0,-40,0,90", "30,0,-100,0,90", "0,0,150,0,-90", "400,0,300,90,0"] {
         let shortest = json(&growbot(&["plan", "--to", to, "--json"]).out);
         let clear = json(&growbot(&["plan", "--to", to, "--avoid-self-collision", "--json"]).out);
@@ -202,7 +202,7 @@ fn clear_of_self_never_takes_a_colliding_path_where_there_is_a_clear_one() {
 }
 
 #[test]
-fn poses_on_the_way_are_passed_in_order() {
+fn waypoints_are_passed_in_order() {
     let via = ["plan", "--via", "200,0,400,0,0", "--via", "600,0,300,0,-45", "--to", "800,0,0,0,-90"];
     let plan = json(&growbot(&with(&via, &["--json"])).out);
     assert_eq!(plan["via"].as_array().unwrap().len(), 2);
@@ -227,7 +227,7 @@ fn poses_on_the_way_are_passed_in_order() {
 }
 
 #[test]
-fn a_plan_that_misses_its_poses_on_the_way_is_refused() {
+fn a_plan_that_misses_its_waypoints_is_refused() {
     let good = growbot(&["plan", "--via", "200,0,400,0,0", "--to", "800,0,0,0,-90", "--json"]).out;
     assert_eq!(growbot_reading(&["layers", "-"], &good).code, Some(0));
     let refused = |change: &dyn Fn(&mut Value), parts: &[&str]| {
@@ -249,7 +249,7 @@ fn a_plan_that_misses_its_poses_on_the_way_is_refused() {
 }
 
 #[test]
-fn poses_are_read_as_people_type_them() {
+fn poses_are_parsed_in_common_notations() {
     let plan = json(&growbot(&["plan", "--from", "-1, -2, -3, 190, -90", "--to", "-120,0,400,-30,12.3", "--json"]).out);
     assert_eq!(plan["start"], json(r#"{"x_mm":-1.0,"y_mm":-2.0,"z_mm":-3.0,"heading_deg":-170.0,"pitch_deg":-90.0}"#));
     assert_eq!(plan["goal"]["heading_deg"], -30.0);
@@ -271,7 +271,7 @@ fn poses_are_read_as_people_type_them() {
 }
 
 #[test]
-fn a_radius_is_the_robots_or_at_least_r_min() {
+fn the_radius_defaults_to_the_robots_and_is_at_least_r_min() {
     let radius = |more: &[&str]| json(&growbot(&with(&with(&TO, &["--json"]), more)).out)["radius_mm"].clone();
     assert_eq!(radius(&[]), 100.0);
     assert_eq!(radius(&["--radius", "98.2"]), 98.2);
@@ -289,7 +289,7 @@ fn a_radius_is_the_robots_or_at_least_r_min() {
 }
 
 #[test]
-fn robots_come_by_name_or_from_files() {
+fn robots_are_given_by_name_or_file() {
     let directory = tempfile::tempdir().unwrap();
     let of = |robot: &str| growbot(&["rmin", "--robot", robot]);
     assert_refused_in_a_line(&of("growbot-9"), 2, &["\"growbot-9\"", "did you mean growbot-", "growbot-a8, growbot-b"]);
@@ -310,7 +310,7 @@ fn robots_come_by_name_or_from_files() {
 }
 
 #[test]
-fn a_plan_that_cannot_be_written_is_refused_and_leaves_nothing() {
+fn an_unwritable_plan_is_refused_and_leaves_no_file() {
     let directory = tempfile::tempdir().unwrap();
     let missing = directory.path().join("missing/plan.json").display().to_string();
     let ran = growbot(&with(&TO, &["-o", &missing]));
@@ -321,7 +321,7 @@ fn a_plan_that_cannot_be_written_is_refused_and_leaves_nothing() {
 }
 
 #[test]
-fn files_that_are_no_plan_of_this_robot_are_refused() {
+fn plan_files_of_other_robots_and_other_files_are_refused() {
     let directory = tempfile::tempdir().unwrap();
     let good = growbot(&with(&TO, &["--json"])).out;
     let layers = |text: &str| growbot(&["layers", &file(directory.path(), "p.json", text)]);
@@ -360,7 +360,7 @@ fn files_that_are_no_plan_of_this_robot_are_refused() {
 }
 
 #[test]
-fn plans_of_ones_own_robot_have_it_with_them_and_older_ones_need_its_file() {
+fn plans_embed_a_custom_robot_and_older_ones_need_its_file() {
     let directory = tempfile::tempdir().unwrap();
     let robot = file(directory.path(), "mine.toml", &ROBOT_A.replace("\"growbot-a\"", "\"mine\""));
     let plan = growbot(&with(&TO, &["--json", "--robot", &robot])).out;
@@ -376,7 +376,7 @@ fn plans_of_ones_own_robot_have_it_with_them_and_older_ones_need_its_file() {
 }
 
 #[test]
-fn a_batch_is_answered_in_order_and_faults_do_not_stop_it() {
+fn batch_results_are_in_order_and_errors_do_not_stop_the_batch() {
     let line = |id: &str, z: &str, more: &str| format!("{id},0,0,0,0,90,0,0,{z},0,90{more}\n");
     let good: String = (0..300).map(|i| line(&format!("q{i}"), &(300 + i).to_string(), "")).collect();
     let ran = growbot_reading(&["plan", "--batch", "-", "--json"], &format!("{HEADER}\n{good}"));
@@ -416,7 +416,7 @@ fn a_batch_is_answered_in_order_and_faults_do_not_stop_it() {
 }
 
 #[test]
-fn an_id_comes_back_as_it_was_and_steers_no_terminal() {
+fn an_id_is_returned_unchanged_with_control_characters_escaped() {
     let id = "a\u{1b}[31m\u{7}\u{7f}\u{9b}2J\u{202e}\u{2066}\u{2028}\tb\u{e4}";
     let rows = format!("{HEADER}\n{id},0,0,0,0,90,0,0,500,0,90\n{id},0,0,0,0,90,0,0,500,0,95\n");
     let ran = growbot_reading(&["plan", "--batch", "-", "--json"], &rows);
@@ -445,7 +445,7 @@ fn a_batch_that_cannot_start_is_refused() {
 
 #[cfg(unix)]
 #[test]
-fn a_reader_that_goes_away_ends_the_work_quietly() {
+fn a_closed_standard_output_ends_the_command_silently() {
     use std::io::{BufRead, BufReader};
     use std::process::Stdio;
     let directory = tempfile::tempdir().unwrap();
@@ -464,7 +464,7 @@ fn a_reader_that_goes_away_ends_the_work_quietly() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_is_told() {
+fn a_full_disk_is_reported() {
     let full = || fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
     let ran = command(PROGRAM).args(with(&TO, &["--json"])).stdout(full()).output().unwrap();
     assert_eq!(ran.status.code(), Some(2));
@@ -472,7 +472,7 @@ fn a_full_disk_is_told() {
 }
 
 #[test]
-fn a_workspace_is_a_table_a_line_or_a_picture() {
+fn workspace_prints_a_table_a_line_or_a_picture() {
     let directory = tempfile::tempdir().unwrap();
     let picture = directory.path().join("reach.svg").display().to_string();
     let any = ["workspace", "--length", "1000", "--planner", "two-plane"];
@@ -511,7 +511,7 @@ fn a_workspace_is_a_table_a_line_or_a_picture() {
 }
 
 #[test]
-fn no_plan_is_longer_than_it_may_be() {
+fn no_plan_exceeds_the_maximum_length() {
     let goal = ["plan", "--to", "200,100,600,0,45"];
     assert_eq!(growbot(&with(&goal, &["--max-length", "700"])).code, Some(0));
     let refused = growbot(&with(&goal, &["--max-length", "640"]));

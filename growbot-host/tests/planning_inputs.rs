@@ -26,7 +26,7 @@ fn assert_refused(ran: &Ran, parts: &[&str]) {
 }
 
 #[test]
-fn a_goal_without_a_direction_is_planned_and_grown_like_any_other() {
+fn a_goal_without_a_direction_is_planned_and_grown() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("plan.json").into_os_string().into_string().unwrap();
     let table = growbot(&["plan", "--to", "-20,10,60", "-o", &file]);
@@ -45,7 +45,7 @@ fn a_goal_without_a_direction_is_planned_and_grown_like_any_other() {
 }
 
 #[test]
-fn another_direction_does_not_make_a_shorter_path() {
+fn no_other_direction_gives_a_shorter_path() {
     let free = plan(&["--to", "300,0,100"])["length_mm"].as_f64().unwrap();
     for direction in ["0,0", "0,-45", "90,0", "180,45", "20,-20"] {
         let directed = plan(&["--to", &format!("300,0,100,{direction}")])["length_mm"].as_f64().unwrap();
@@ -55,7 +55,7 @@ fn another_direction_does_not_make_a_shorter_path() {
 }
 
 #[test]
-fn positions_on_the_way_come_from_options_or_a_file() {
+fn waypoints_come_from_options_or_a_file() {
     let options = plan(&["--via", "200,0,400", "--via", "500,100,300,0,-45", "--to", "800,0,0"]);
     let free: Vec<&Value> = options["via"].as_array().unwrap().iter().map(|via| &via["direction_free"]).collect();
     assert_eq!(free, [&Value::Bool(true), &Value::Null]);
@@ -75,7 +75,7 @@ fn positions_on_the_way_come_from_options_or_a_file() {
 }
 
 #[test]
-fn a_batch_writes_csv_or_json_lines_as_its_file_ends() {
+fn the_batch_format_follows_the_file_extension() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name).into_os_string().into_string().unwrap();
     let queries = "id,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg\na,200,0,400,,\nb,200,0,400,0,0\nc,1,2,x,,\n";
@@ -104,14 +104,14 @@ fn a_batch_writes_csv_or_json_lines_as_its_file_ends() {
 }
 
 #[test]
-fn a_batch_starts_where_the_option_says() {
+fn a_batch_starts_at_the_given_pose() {
     let queries = "id,to_x_mm,to_y_mm,to_z_mm\na,0,0,400\n";
     let answer = growbot_reading(&["plan", "--batch", "-", "--json", "--from", "0,0,100,0,90"], queries);
     assert_eq!(json(&answer.out)["length_mm"], 300.0);
 }
 
 #[test]
-fn units_mean_the_same_as_mm_and_degrees() {
+fn units_are_converted_to_mm_and_degrees() {
     let plain = plan(&["--from", "0,0,100,0,90", "--to", "200,100,600,0,45", "--radius", "120"]);
     let units = plan(&["--from", "0mm,0,0.1m,0deg,90deg", "--to", "0.2m,100mm,.6m,0rad,45deg", "--radius", "0.12m"]);
     assert_eq!(plain, units);
@@ -128,7 +128,7 @@ fn units_mean_the_same_as_mm_and_degrees() {
 }
 
 #[test]
-fn what_looks_like_metres_or_radians_is_warned_of() {
+fn values_that_look_like_metres_or_radians_give_a_warning() {
     let said = |args: &[&str]| growbot(&[&["plan"], args].concat()).err;
     assert!(
         said(&["--to", "0.2,0.1,0.6"]).contains("warning: the goal is 0.64 mm from the start, and the tube is 45.6")
@@ -141,7 +141,7 @@ fn what_looks_like_metres_or_radians_is_warned_of() {
 }
 
 #[test]
-fn what_is_vertical_has_no_heading_and_no_heading_error() {
+fn vertical_poses_have_no_heading_and_no_heading_error() {
     let grown = growbot(&["grow", "--to", "0,0,60,0,90", "--json"]);
     let grown = json(grown.out.lines().last().unwrap());
     assert_eq!((&grown["heading_error_deg"], &grown["final"]["heading_deg"]), (&Value::Null, &Value::Null));
@@ -163,7 +163,7 @@ fn what_is_vertical_has_no_heading_and_no_heading_error() {
 }
 
 #[test]
-fn no_zero_has_a_sign_and_no_rounding_is_shown() {
+fn zeros_have_no_sign_and_rounding_errors_are_hidden() {
     let table = growbot(&["simulate", "--to", "300,0,0,0,-90"]).out;
     assert!(table.contains("final         300.000      0.000      0.000            -     -90.000"), "{table}");
     assert!(!table.contains("-0.000"), "{table}");

@@ -332,7 +332,7 @@ fn segments_and_layers_of_every_plan_end_at_the_goal() {
 }
 
 #[test]
-fn segments_and_layers_pass_through_every_pose_on_the_way() {
+fn segments_and_layers_pass_through_every_waypoint() {
     let mut numbers = Random(2019);
     let robot = &ROBOTS[0];
     let text = |pose: &[f64; 5]| pose.map(|number| number.to_string()).join(",");

@@ -29,7 +29,7 @@ fn help_fits_80_columns_and_has_examples() {
 }
 
 #[test]
-fn files_are_whole_and_results_go_to_standard_output() {
+fn files_are_complete_and_results_go_to_standard_output() {
     let directory = tempfile::tempdir().unwrap();
     let output = directory.path().join("paper");
     let output = output.to_str().unwrap();
@@ -60,7 +60,7 @@ fn json_is_one_line() {
 }
 
 #[test]
-fn bad_input_is_refused_before_anything_is_done() {
+fn bad_input_is_refused_before_any_work() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("file");
     fs::write(&file, "mine").unwrap();
@@ -84,7 +84,7 @@ fn bad_input_is_refused_before_anything_is_done() {
 
 #[cfg(unix)]
 #[test]
-fn what_cannot_be_written_leaves_no_half_of_a_file() {
+fn failed_writes_leave_no_partial_file() {
     let directory = tempfile::tempdir().unwrap();
     // A directory has the name of a file, and the command does not replace it.
     fs::create_dir(directory.path().join("report.html")).unwrap();

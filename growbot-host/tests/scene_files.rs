@@ -75,7 +75,7 @@ fn plan(directory: &Path, scene: &str) -> i32 {
 }
 
 #[test]
-fn changed_files_are_read_or_refused_with_one_message() {
+fn corrupted_files_are_read_or_refused_with_one_message() {
     let count = std::env::var("GROWBOT_SCENE_FILES").map_or(100, |count| count.parse().expect("a whole number"));
     let originals: [(&str, Vec<u8>); 6] = [
         ("scene.toml", SCENE.into()),
@@ -105,7 +105,7 @@ fn changed_files_are_read_or_refused_with_one_message() {
 }
 
 #[test]
-fn a_small_file_cannot_ask_for_more_than_is_read() {
+fn repeated_references_cannot_exceed_the_size_limit() {
     let directory = tempfile::tempdir().unwrap();
     let cloud = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
                  end_header\n900 0 0\n";

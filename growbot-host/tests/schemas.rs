@@ -99,7 +99,7 @@ fn assert_slip(schema: &Value, value: &Value, change: impl FnOnce(&mut Value)) {
 }
 
 #[test]
-fn plans_are_valid_by_their_schema_and_slips_are_not() {
+fn plans_match_their_schema_and_errors_do_not() {
     let schema = schema("plan");
     let plans = [
         &["plan", "--to", "200,100,600,0,45", "--json"][..],
@@ -121,7 +121,7 @@ fn plans_are_valid_by_their_schema_and_slips_are_not() {
 }
 
 #[test]
-fn settings_and_notices_are_valid_by_their_schemas_and_slips_are_not() {
+fn settings_and_notices_match_their_schemas_and_errors_do_not() {
     let settings = schema("settings");
     let text = "port = \"sim\"\n[robots.lab]\nport = \"sim:lab\"\npace = 60.0\n[serve]\nport = 9000\nrequest_s = 60\n\
                 [serve.notify]\nwebhook = \"https://hooks.example/\"\ncommand = [\"./tell.sh\"]\nevents = [\"finish\"]\n";
@@ -146,7 +146,7 @@ fn settings_and_notices_are_valid_by_their_schemas_and_slips_are_not() {
 }
 
 #[test]
-fn run_logs_and_results_are_valid_by_their_schemas_and_slips_are_not() {
+fn run_logs_and_results_match_their_schemas_and_errors_do_not() {
     let (line_schema, result_schema) = (schema("run"), schema("result"));
     let directory = tempfile::tempdir().unwrap();
     let growths = [
@@ -182,7 +182,7 @@ fn run_logs_and_results_are_valid_by_their_schemas_and_slips_are_not() {
 }
 
 #[test]
-fn a_growth_that_is_refused_has_a_valid_result() {
+fn a_refused_growth_has_a_valid_result() {
     let refused = printed(&["grow", "--to", "0,0,1e6,0,90", "--json"]);
     assert_eq!(
         (&refused["outcome"], faults(&schema("result"), &refused, "").len()),

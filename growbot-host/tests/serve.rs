@@ -27,7 +27,7 @@ fn laid(log: &Path) -> Vec<u64> {
 
 /// Kills the service repeatedly at random moments. GROWBOT_KILLS=200 runs the complete campaign.
 #[test]
-fn a_service_that_is_killed_finds_its_robot_and_lays_each_layer_once() {
+fn a_killed_service_resumes_and_lays_each_layer_once() {
     let kills: usize = std::env::var("GROWBOT_KILLS").map_or(6, |kills| kills.parse().unwrap());
     let mut lab = Lab::new(100.0);
     lab.wait_until_ready();
@@ -79,7 +79,7 @@ fn lab_log(lab: &Lab, job: &Value) -> PathBuf {
 
 /// A body is begun while the service still searches for the robot.
 #[test]
-fn a_job_that_is_begun_right_after_the_start_is_grown() {
+fn a_job_begun_right_after_startup_is_grown() {
     let mut lab = Lab::new(1000.0);
     lab.wait_until_ready();
     for _ in 0..5 {
@@ -92,7 +92,7 @@ fn a_job_that_is_begun_right_after_the_start_is_grown() {
 }
 
 #[test]
-fn commands_ask_the_service_that_owns_their_robot() {
+fn commands_go_through_the_service_that_owns_the_robot() {
     let lab = Lab::new(50.0);
     lab.wait_until_ready();
     let (code, said) = lab.run(&["status"]);
@@ -130,7 +130,7 @@ fn commands_ask_the_service_that_owns_their_robot() {
 }
 
 #[test]
-fn a_frozen_service_does_not_keep_the_emergency_stop_from_the_robot() {
+fn a_frozen_service_does_not_block_the_emergency_stop() {
     let lab = Lab::new(5.0);
     lab.wait_until_ready();
     let pid = lab.service.as_ref().unwrap().id().to_string();
@@ -145,7 +145,7 @@ fn a_frozen_service_does_not_keep_the_emergency_stop_from_the_robot() {
 }
 
 #[test]
-fn what_has_ended_stays_as_it_is() {
+fn ended_jobs_do_not_change() {
     let lab = Lab::new(100.0);
     lab.wait_until_ready();
     let grow = |robot: &str| {
@@ -186,7 +186,7 @@ fn who_has_open(file: &Path) -> String {
 }
 
 #[test]
-fn an_emergency_stop_of_a_robot_that_is_silent_is_told_to_have_failed() {
+fn an_emergency_stop_of_a_silent_robot_is_reported_as_failed() {
     let lab = Lab::new(5.0);
     lab.wait_until_ready();
     let pid = who_has_open(&lab.directory.path().join("state/growbot/robots/lab/lock"));
@@ -198,7 +198,7 @@ fn an_emergency_stop_of_a_robot_that_is_silent_is_told_to_have_failed() {
 }
 
 #[test]
-fn who_may_not_ask_is_refused_and_what_is_wrong_is_told() {
+fn unauthorised_and_invalid_requests_are_refused_with_the_reason() {
     let lab = Lab::new(100.0);
     lab.wait_until_ready();
     let (_, [operate, read]) = lab.pages.clone().unwrap();
@@ -245,7 +245,7 @@ fn who_may_not_ask_is_refused_and_what_is_wrong_is_told() {
 }
 
 #[test]
-fn the_list_of_jobs_is_made_anew_from_the_run_logs() {
+fn the_job_list_is_rebuilt_from_the_run_logs() {
     let mut lab = Lab::new(100.0);
     lab.wait_until_ready();
     let (_, job) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
@@ -280,7 +280,7 @@ fn the_list_of_jobs_is_made_anew_from_the_run_logs() {
 }
 
 #[test]
-fn a_command_that_talks_to_the_board_itself_borrows_its_line() {
+fn a_direct_command_leases_the_link_of_the_service() {
     let lab = Lab::new(100.0);
     lab.wait_until_ready();
     let mut console = lab.command(&["console"]);

@@ -239,7 +239,7 @@ fn status(lab: &Lab, request: &[u8]) -> u16 {
 }
 
 #[test]
-fn wrong_requests_are_refused_and_nothing_is_done() {
+fn invalid_requests_are_refused_without_effect() {
     let count: usize = std::env::var("GROWBOT_ATTACKS").map_or(5000, |count| count.parse().unwrap());
     let lab = Lab::new(100.0);
     lab.wait_until_ready();
@@ -279,7 +279,7 @@ fn wrong_requests_are_refused_and_nothing_is_done() {
 }
 
 #[test]
-fn refusals_are_problem_details_and_pages_of_others_open_no_socket() {
+fn refusals_are_problem_details_and_foreign_pages_open_no_socket() {
     let lab = Lab::new(100.0);
     lab.wait_until_ready();
     for (method, path, body, wanted) in [

@@ -86,7 +86,7 @@ fn print(what: &str, mut times: Vec<Duration>) {
 }
 
 #[test]
-fn orders_from_another_terminal_and_from_the_page_are_obeyed_during_a_growth() {
+fn commands_from_another_terminal_and_the_page_act_during_a_growth() {
     let count: usize = std::env::var("GROWBOT_ORDERS").map_or(1, |count| count.parse().unwrap());
     println!("| during a growth on a pty, each {count} times | median, ms | max, ms |\n|---|---|---|");
     let growth = Growth::begin();

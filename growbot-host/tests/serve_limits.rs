@@ -29,7 +29,7 @@ fn raise_limit() {
 }
 
 #[test]
-fn half_open_connections_keep_nobody_out() {
+fn half_open_connections_do_not_block_others() {
     raise_limit();
     // Half a request may take a day, so waiting for one would never end.
     let lab = Lab::with(100.0, "[serve]\nrequest_s = 86400\n");
@@ -57,7 +57,7 @@ fn half_open_connections_keep_nobody_out() {
 }
 
 #[test]
-fn connections_of_those_who_may_ask_are_limited_too_and_commands_still_get_through() {
+fn authenticated_connections_are_limited_and_commands_get_through() {
     raise_limit();
     let lab = Lab::new(100.0);
     lab.wait_until_ready();
@@ -129,7 +129,7 @@ fn slow_requests_are_refused() {
 }
 
 #[test]
-fn long_requests_are_refused_and_keep_no_order_from_a_robot() {
+fn long_requests_are_refused_and_do_not_block_commands() {
     let lab = Lab::with(100.0, "[serve]\nrequest_s = 86400\n");
     lab.wait_until_ready();
     let chunk = format!("100000\r\n{}\r\n", "0".repeat(1 << 20)).repeat(17);
@@ -148,7 +148,7 @@ fn long_requests_are_refused_and_keep_no_order_from_a_robot() {
 }
 
 #[test]
-fn streams_of_events_are_limited_and_a_place_is_free_again() {
+fn event_streams_are_limited_and_freed_when_closed() {
     let lab = Lab::new(100.0);
     lab.wait_until_ready();
     let request = format!("GET {} HTTP/1.1\r\nhost: localhost\r\n\r\n", lab.at("/events"));
@@ -170,7 +170,7 @@ fn status_of_kept(lab: &Lab, request: &str) -> (TcpStream, u16) {
 
 /// Several clients begin a job at the same time.
 #[test]
-fn of_jobs_that_are_begun_at_once_one_is() {
+fn only_one_of_several_simultaneous_jobs_begins() {
     let lab = Lab::new(100.0);
     lab.wait_until_ready();
     let begin = |key: Option<&str>| {

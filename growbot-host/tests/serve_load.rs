@@ -207,7 +207,7 @@ fn name(robot: usize) -> String {
 }
 
 #[test]
-fn every_page_is_told_every_event_once_and_requests_are_answered_while_robots_grow() {
+fn pages_get_every_event_once_while_requests_are_served() {
     let seconds: u64 = std::env::var("GROWBOT_LOAD_S").map_or(4, |seconds| seconds.parse().unwrap());
     let more = (1..ROBOTS).map(name);
     let more: String = more

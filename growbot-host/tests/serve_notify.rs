@@ -137,7 +137,7 @@ fn nothing_is_given_away(lab: &Lab) {
 }
 
 #[test]
-fn a_webhook_is_signed_and_tried_again_until_it_is_taken() {
+fn a_webhook_is_signed_and_retried_until_accepted() {
     let (listener, port) = local();
     let got = receive(listener, &[500, 200]);
     let lab = Lab::with(20.0, &webhook(port));
@@ -165,7 +165,7 @@ fn a_webhook_is_signed_and_tried_again_until_it_is_taken() {
 }
 
 #[test]
-fn what_could_not_be_told_is_told_after_a_restart() {
+fn undelivered_notifications_are_sent_after_a_restart() {
     let (listener, port) = local();
     drop(listener);
     let mut lab = Lab::with(100.0, &webhook(port));
@@ -191,7 +191,7 @@ fn what_could_not_be_told_is_told_after_a_restart() {
 
 /// A receiver without TLS gets nothing of a notice.
 #[test]
-fn by_https_nothing_is_said_before_the_receiver_has_shown_who_it_is() {
+fn https_sends_nothing_before_the_certificate_is_verified() {
     let (listener, port) = local();
     let lab = Lab::with(100.0, &webhook(port).replace("http://127.0.0.1", "https://localhost"));
     lab.wait_until_ready();
@@ -212,7 +212,7 @@ fn by_https_nothing_is_said_before_the_receiver_has_shown_who_it_is() {
 }
 
 #[test]
-fn a_receiver_that_does_not_answer_delays_no_robot() {
+fn an_unresponsive_receiver_does_not_delay_robots() {
     let (listener, port) = local();
     let lab = Lab::with(100.0, &webhook(port));
     lab.wait_until_ready();
@@ -235,7 +235,7 @@ fn a_receiver_that_does_not_answer_delays_no_robot() {
 }
 
 #[test]
-fn a_command_is_run_again_until_it_succeeds_and_a_loss_of_power_is_told() {
+fn a_command_is_retried_until_success_and_a_power_loss_is_notified() {
     let lab_settings = "[serve.notify]\ncommand = [\"./tell.sh\", \"told\"]\nevents = [\"finish\", \"interrupted\"]\n";
     let mut lab = Lab::with(100.0, lab_settings);
     let path = |name: &str| lab.directory.path().join(name);
@@ -279,7 +279,7 @@ fn a_command_is_run_again_until_it_succeeds_and_a_loss_of_power_is_told() {
 }
 
 #[test]
-fn what_cannot_be_told_is_refused_when_the_service_starts() {
+fn invalid_notification_settings_are_refused_at_startup() {
     for (settings, wanted) in [
         ("webhook = \"hooks.example/s3cret\"", "no address"),
         ("command = []", "the command of [serve.notify] is empty"),

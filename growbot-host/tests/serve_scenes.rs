@@ -24,7 +24,7 @@ fn lab() -> Lab {
 }
 
 #[test]
-fn bodies_that_the_service_grows_are_kept_clear_of_their_scene() {
+fn the_service_keeps_bodies_clear_of_their_scene() {
     let lab = lab();
     let scene = lab.directory.path().join("ball.toml");
     fs::write(&scene, BALL).unwrap();
@@ -113,7 +113,7 @@ fn each_flag_of_a_job_overrides_one_refusal_and_no_other() {
 }
 
 #[test]
-fn a_body_is_resumed_in_the_scene_that_it_was_begun_in() {
+fn a_body_is_resumed_in_its_original_scene() {
     let lab = lab();
     let scene = lab.directory.path().join("ball.toml");
     fs::write(&scene, BALL).unwrap();
@@ -138,7 +138,7 @@ fn a_body_is_resumed_in_the_scene_that_it_was_begun_in() {
 }
 
 #[test]
-fn a_page_sends_its_scenes_and_names_no_files_of_the_machine() {
+fn a_page_sends_its_scenes_and_cannot_name_local_files() {
     let lab = lab();
     let ask = |path: &str, body: &str| {
         let (status, text) = http(lab.page(), "POST", &lab.at(path), &["host: 127.0.0.1"], body);

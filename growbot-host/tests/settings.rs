@@ -65,7 +65,7 @@ fn own_robot() -> String {
 }
 
 #[test]
-fn an_option_beats_the_environment_which_beats_the_files_the_nearest_first() {
+fn options_override_the_environment_and_then_the_nearest_file() {
     let mut place = Place::new();
     let is = |place: &Place, robot: &str, origin: &str| {
         assert_eq!((place.robot().as_str(), place.config()["robot"]["origin"].as_str()), (robot, Some(origin)));
@@ -93,7 +93,7 @@ fn an_option_beats_the_environment_which_beats_the_files_the_nearest_first() {
 }
 
 #[test]
-fn a_port_from_a_file_is_used_and_a_safety_command_takes_it() {
+fn a_port_from_a_file_is_used_also_by_safety_commands() {
     let place = Place::new();
     let refused = place.run(&["status"]);
     assert!(refused.code == Some(2) && refused.err.contains("growbot.toml"), "{}", refused.err);
@@ -110,7 +110,7 @@ fn a_port_from_a_file_is_used_and_a_safety_command_takes_it() {
 }
 
 #[test]
-fn paths_are_relative_to_the_file_that_has_them() {
+fn paths_are_relative_to_their_file() {
     let place = Place::new();
     place.write("lab/ours.toml", &own_robot());
     place.write("lab/growbot.toml", "robot = \"ours.toml\"\n");
@@ -119,7 +119,7 @@ fn paths_are_relative_to_the_file_that_has_them() {
 }
 
 #[test]
-fn what_is_wrong_in_a_file_is_told_and_stops_no_command_that_needs_no_file() {
+fn settings_errors_are_reported_and_affect_only_commands_with_settings() {
     let place = Place::new();
     for (text, parts) in [
         ("robbot = \"growbot-a\"\n", &["line 1", "unknown field", "did you mean robot?"][..]),
@@ -145,7 +145,7 @@ fn what_is_wrong_in_a_file_is_told_and_stops_no_command_that_needs_no_file() {
 }
 
 #[test]
-fn a_plan_has_its_robot_with_it_and_another_one_is_refused() {
+fn a_plan_embeds_its_robot_and_another_one_is_refused() {
     let place = Place::new();
     place.write("lab/project/deep/ours.toml", &own_robot());
     let planned = place.run(&["plan", "--to", "200,0,200,0,0", "--robot", "ours.toml", "-o", "plan.json"]);

@@ -48,7 +48,7 @@ fn help_has_examples_and_fits_80_columns() {
 }
 
 #[test]
-fn without_noise_every_robot_arrives_to_the_last_digits() {
+fn without_noise_every_robot_reaches_the_goal_exactly() {
     for robot in ROBOTS {
         let found = json(&["simulate", "--to", "300,-200,900,40,30", "--robot", robot], &[]);
         assert!(number(&found, "normalized_position_error") <= 1e-9, "{robot}: {found}");
@@ -57,7 +57,7 @@ fn without_noise_every_robot_arrives_to_the_last_digits() {
 }
 
 #[test]
-fn a_growth_is_a_table_or_a_line_with_the_seed() {
+fn a_growth_is_printed_as_a_table_or_line_with_the_seed() {
     let ran = growbot(&with(&GOAL, &["--noise", "10", "--seed", "42"]));
     assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
     assert!(ran.out.contains("final") && ran.out.contains("\nseed      42, of a simulated growth\n"), "{}", ran.out);
@@ -87,7 +87,7 @@ fn a_growth_is_a_table_or_a_line_with_the_seed() {
 }
 
 #[test]
-fn the_same_seed_is_the_same_growth_and_another_is_another() {
+fn the_seed_determines_the_growth() {
     let noise = ["--noise", "10", "--tilt-noise", "0.1", "--alpha-noise", "5", "--twist-noise", "1", "--json"];
     for loops in [&[][..], &["--feedback"]] {
         let run = |seed: &str| growbot(&[&GOAL[..], &noise, loops, &["--seed", seed]].concat()).out;
@@ -98,7 +98,7 @@ fn the_same_seed_is_the_same_growth_and_another_is_another() {
 }
 
 #[test]
-fn whole_steps_are_laid_as_the_paper_lays_them() {
+fn whole_steps_are_laid_as_in_the_paper() {
     let straight = ["simulate", "--to", "0,0,100,0,90", "--slice", "whole"];
     // 33 steps of 3.096 mm are 102.168 mm, and 130 layers of the robot's height are 100.62 mm.
     for (more, layers, over) in [(&["--step", "3.096"][..], 33, 2.168), (&[], 130, 0.62)] {
@@ -111,7 +111,7 @@ fn whole_steps_are_laid_as_the_paper_lays_them() {
 }
 
 #[test]
-fn where_the_tip_is_there_already_nothing_grows() {
+fn a_goal_at_the_start_grows_nothing() {
     for more in [&["--noise", "10"][..], &["--feedback"], &["--sag"], &["--slice", "whole"]] {
         let found = json(&["simulate", "--to", "0,0,0,0,90"], more);
         assert_eq!((&found["layers"], found["path_length_mm"].to_string().as_str()), (&0.into(), "0.0"), "{found}");
@@ -121,7 +121,7 @@ fn where_the_tip_is_there_already_nothing_grows() {
 }
 
 #[test]
-fn every_error_of_a_layer_shows() {
+fn every_layer_disturbance_changes_the_goal_error() {
     for disturbance in [
         ["--bias", "5"],
         ["--tilt-noise", "0.1"],
@@ -137,7 +137,7 @@ fn every_error_of_a_layer_shows() {
 }
 
 #[test]
-fn feedback_brings_a_biased_growth_nearer() {
+fn feedback_reduces_the_error_of_a_biased_growth() {
     let bias = ["--bias", "5", "--noise", "10"];
     let open = json(&GOAL, &bias);
     let closed = json(&GOAL, &with(&bias, &["--feedback"]));
@@ -151,7 +151,7 @@ fn feedback_brings_a_biased_growth_nearer() {
 }
 
 #[test]
-fn a_body_hangs_under_its_own_weight_and_may_break() {
+fn a_body_sags_under_its_weight_and_may_break() {
     let found = json(&LEVEL, &["--sag"]);
     let sag = number(&found["sag"], "deflection_mm");
     assert!((number(&found, "position_error_mm") - sag).abs() < 1e-9 && (4.0..10.0).contains(&sag), "{found}");
@@ -175,14 +175,14 @@ fn a_body_hangs_under_its_own_weight_and_may_break() {
 }
 
 #[test]
-fn a_plans_warnings_are_told_and_it_is_simulated_all_the_same() {
+fn a_plan_with_warnings_is_still_simulated() {
     let ran = growbot(&["simulate", "--to", "0,0,4000,0,90"]);
     assert_eq!(ran.code, Some(0));
     assert!(ran.err.starts_with("warning: filament-short: ") && ran.err.matches('\n').count() == 1, "{}", ran.err);
 }
 
 #[test]
-fn repetitions_do_not_depend_on_the_threads() {
+fn repetitions_do_not_depend_on_the_thread_count() {
     for loops in [&["--repeat", "200"][..], &["--repeat", "20", "--feedback"]] {
         let run = |threads: &str| {
             growbot(&[&GOAL[..], &["--noise", "10", "--sag", "--threads", threads], loops, &["--json"]].concat())
@@ -194,7 +194,7 @@ fn repetitions_do_not_depend_on_the_threads() {
 }
 
 #[test]
-fn repetitions_are_summed_up() {
+fn repetitions_are_summarised() {
     let ran = growbot(&with(&GOAL, &["--noise", "10", "--repeat", "100"]));
     assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
     assert!(
@@ -220,7 +220,7 @@ fn repetitions_are_summed_up() {
 }
 
 #[test]
-fn every_disturbance_is_told_with_its_distribution() {
+fn every_disturbance_is_printed_with_its_distribution() {
     let off = ["--noise", "7", "--tilt-bias", "-2", "--twist-noise", "0.1", "--feedback", "--direction-noise", "0.3"];
     let words = "noise     growth of each layer: uniform, half-width 7 %\n\
                  bias      tilt: -2 %\n\
@@ -246,7 +246,7 @@ fn every_disturbance_is_told_with_its_distribution() {
 }
 
 #[test]
-fn every_growth_is_a_row_of_the_samples() {
+fn every_growth_gives_one_row_of_samples() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("growths.csv");
     let path = file.to_str().unwrap();
@@ -291,7 +291,7 @@ fn every_growth_is_a_row_of_the_samples() {
 }
 
 #[test]
-fn a_simulated_body_is_a_file_in_the_format_of_its_ending() {
+fn the_body_file_format_follows_the_extension() {
     let directory = tempfile::tempdir().unwrap();
     let file = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
     for (name, begin) in [
@@ -333,7 +333,7 @@ fn a_simulated_body_is_a_file_in_the_format_of_its_ending() {
 }
 
 #[test]
-fn repeating_what_is_not_random_is_pointed_out() {
+fn repeating_a_deterministic_growth_gives_a_note() {
     let ran = growbot(&with(&GOAL, &["--bias", "5", "--repeat", "4"]));
     assert_eq!(ran.err, "note: nothing is drawn by chance, so all 4 growths are the same\n");
 }

@@ -47,7 +47,7 @@ fn plan_of_50_layers(name: &str) -> (tempfile::TempDir, PathBuf) {
 }
 
 #[test]
-fn a_plan_becomes_one_page_that_asks_nobody_for_anything() {
+fn a_plan_becomes_one_self_contained_page() {
     let directory = tempfile::tempdir().unwrap();
     let (plan, page) = (directory.path().join("plan.json"), directory.path().join("plan.html"));
     let to = ["plan", "--to", "550,345,610,120,-25", "--planner", "two-plane", "-o", text(&plan)];
@@ -81,7 +81,7 @@ fn a_plan_becomes_one_page_that_asks_nobody_for_anything() {
 }
 
 #[test]
-fn a_growth_is_shown_beside_its_plan_even_if_its_log_was_cut_off() {
+fn a_growth_with_a_truncated_log_is_displayed_beside_its_plan() {
     let (directory, plan) = plan_of_50_layers("plan.json");
     let path = |name: &str| directory.path().join(name);
     let (log, page) = (path("run.jsonl"), path("out.html"));
@@ -118,7 +118,7 @@ fn a_growth_is_shown_beside_its_plan_even_if_its_log_was_cut_off() {
 }
 
 #[test]
-fn of_a_growth_with_feedback_the_path_that_was_estimated_is_shown() {
+fn a_growth_with_feedback_shows_the_estimated_path() {
     let (directory, plan) = plan_of_50_layers("plan.json");
     let path = |name: &str| directory.path().join(name);
     let log = path("run.jsonl");
@@ -138,7 +138,7 @@ fn of_a_growth_with_feedback_the_path_that_was_estimated_is_shown() {
 }
 
 #[test]
-fn what_is_neither_plan_nor_log_leaves_no_page() {
+fn a_file_that_is_neither_plan_nor_log_gives_no_page() {
     let (directory, plan) = plan_of_50_layers("plan.json");
     let path = |name: &str| directory.path().join(name);
     let page = path("page.html");
@@ -167,7 +167,7 @@ fn what_is_neither_plan_nor_log_leaves_no_page() {
 }
 
 #[test]
-fn nothing_in_a_file_or_its_name_breaks_out_of_the_page() {
+fn file_contents_and_names_are_escaped_in_the_page() {
     let (directory, plan) = plan_of_50_layers("a<b>&{{DATA}}.json");
     let bad = "</script><script>alert(1)</script>";
     let contents = fs::read_to_string(&plan).unwrap();
@@ -183,7 +183,7 @@ fn nothing_in_a_file_or_its_name_breaks_out_of_the_page() {
 }
 
 #[test]
-fn two_stand_side_by_side_on_one_page() {
+fn two_files_are_compared_on_one_page() {
     let (directory, plan) = plan_of_50_layers("a.json");
     let path = |name: &str| directory.path().join(name);
     let other = path("b.json");
@@ -211,7 +211,7 @@ fn two_stand_side_by_side_on_one_page() {
 }
 
 #[test]
-fn a_comparison_is_of_two_files_that_are_bodies() {
+fn a_comparison_needs_two_body_files() {
     let (directory, plan) = plan_of_50_layers("a.json");
     let path = |name: &str| directory.path().join(name);
     let page = path("page.html");

@@ -76,7 +76,7 @@ fn assert_same_picture(name: &str, made: &Path) {
 }
 
 #[test]
-fn the_pictures_of_the_chapters_are_those_that_their_commands_make() {
+fn pictures_of_the_chapters_match_their_commands() {
     let directory = Path::new(env!("CARGO_TARGET_TMPDIR"));
     let book = Path::new(env!("CARGO_MANIFEST_DIR")).join("../book/src/pipe-rack.md");
     let book = fs::read_to_string(book).unwrap();
@@ -99,7 +99,7 @@ fn the_pictures_of_the_chapters_are_those_that_their_commands_make() {
 }
 
 #[test]
-fn the_picture_of_the_readme_is_the_one_that_its_commands_make() {
+fn the_picture_of_the_readme_matches_its_commands() {
     let directory = Path::new(env!("CARGO_TARGET_TMPDIR"));
     let [two_plane, shortest, made] =
         ["two-plane.json", "shortest.json", "compare.png"].map(|name| directory.join(name));
@@ -121,7 +121,7 @@ fn the_picture_of_the_readme_is_the_one_that_its_commands_make() {
 }
 
 #[test]
-fn a_picture_says_what_it_shows_and_is_no_larger_than_a_paper_takes() {
+fn a_picture_has_a_title_and_a_limited_file_size() {
     let (directory, plan, run) = plan_and_run();
     let path = |name: &str| directory.path().join(name);
     done(&["view", text(&plan), "--svg"]);
@@ -187,7 +187,7 @@ fn a_picture_says_what_it_shows_and_is_no_larger_than_a_paper_takes() {
 }
 
 #[test]
-fn the_smallest_bodies_have_pictures_and_plots_too() {
+fn the_smallest_bodies_have_pictures_and_plots() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name);
     for to in ["0,0,0,0,90", "0,0,0.1,0,90"] {
@@ -202,7 +202,7 @@ fn the_smallest_bodies_have_pictures_and_plots_too() {
 }
 
 #[test]
-fn plots_have_a_panel_for_each_thing_and_units_on_their_axes() {
+fn plots_have_a_panel_for_each_quantity_with_units() {
     let (directory, plan, run) = plan_and_run();
     let path = |name: &str| directory.path().join(name);
     done(&["view", text(&plan), "--plot", "heights,tilt"]);
@@ -280,7 +280,7 @@ fn a_pdf_has_a_page_of_the_drawing() {
 }
 
 #[test]
-fn several_runs_are_lines_of_several_colours_in_the_same_plots() {
+fn several_runs_are_plotted_in_different_colours() {
     let (directory, plan, run) = plan_and_run();
     let path = |name: &str| directory.path().join(name);
     let other = path("other.jsonl");
@@ -300,7 +300,7 @@ fn several_runs_are_lines_of_several_colours_in_the_same_plots() {
 }
 
 #[test]
-fn what_cannot_be_drawn_is_said_and_leaves_no_file() {
+fn failed_drawings_are_reported_and_leave_no_file() {
     let (directory, plan, run) = plan_and_run();
     let file = directory.path().join("out.svg");
     let view =

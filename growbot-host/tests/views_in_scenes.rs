@@ -93,7 +93,7 @@ fn document(glb: &[u8]) -> Value {
 }
 
 #[test]
-fn a_page_has_the_obstacles_and_the_narrowest_place_in_figures_and_words() {
+fn a_page_has_the_obstacles_and_the_narrowest_clearance() {
     let fixture = Fixture::new();
     let page = data(&fixture.made("view", "past.json", "past.html", &[]));
     let scene = &page["scene"];
@@ -117,7 +117,7 @@ fn a_page_has_the_obstacles_and_the_narrowest_place_in_figures_and_words() {
 }
 
 #[test]
-fn a_picture_has_them_for_those_who_see_and_those_who_do_not() {
+fn a_picture_has_obstacles_labels_and_a_text_alternative() {
     let fixture = Fixture::new();
     let svg = String::from_utf8(fixture.made("view", "past.json", "past.svg", &[])).unwrap();
     let title = svg.split_once("<title>").unwrap().1.split_once("</title>").unwrap().0;
@@ -134,7 +134,7 @@ fn a_picture_has_them_for_those_who_see_and_those_who_do_not() {
 }
 
 #[test]
-fn a_glb_has_them_translucent() {
+fn a_glb_has_translucent_obstacles() {
     let fixture = Fixture::new();
     let glb = document(&fixture.made("export", "past.json", "past.glb", &[]));
     let names = |list: &str| -> Vec<String> {
@@ -154,7 +154,7 @@ fn a_glb_has_them_translucent() {
 }
 
 #[test]
-fn a_plan_without_a_scene_is_shown_in_one_that_it_runs_into() {
+fn a_plan_is_displayed_in_a_scene_it_collides_with() {
     let fixture = Fixture::new();
     let room = fixture.path("room.toml");
     let page = data(&fixture.made("view", "straight.json", "straight.html", &["--scene", &room]));
@@ -164,7 +164,7 @@ fn a_plan_without_a_scene_is_shown_in_one_that_it_runs_into() {
 }
 
 #[test]
-fn a_scene_that_is_gone_refuses_a_plan_and_only_warns_of_a_growth() {
+fn a_missing_scene_is_an_error_for_a_plan_and_a_warning_for_a_growth() {
     let fixture = Fixture::new();
     let run = fixture.path("run.jsonl");
     fixture.done(&["grow", &fixture.path("past.json"), "--log", &run]);
@@ -198,7 +198,7 @@ fn a_scene_that_is_gone_refuses_a_plan_and_only_warns_of_a_growth() {
 }
 
 #[test]
-fn of_a_huge_cloud_a_view_shows_the_nearest_and_says_how_many() {
+fn a_view_shows_the_nearest_points_of_a_huge_cloud_and_their_number() {
     const POINTS: usize = 300_000;
     let fixture = Fixture::new();
     let mut cloud = format!(
@@ -219,7 +219,7 @@ fn of_a_huge_cloud_a_view_shows_the_nearest_and_says_how_many() {
 }
 
 #[test]
-fn an_example_is_the_same_for_a_seed_and_a_tube_gets_through() {
+fn an_example_is_determined_by_its_seed_and_passable() {
     let fixture = Fixture::new();
     for (kind, from, to) in [("pipe-rack", "0,0,0,0,90", "0,0,960"), ("rubble-heap", "0,0,60,0,0", "900,0,60")] {
         for seed in ["1", "2", "3"] {
@@ -257,7 +257,7 @@ fn page_of(growing: &mut Child) -> String {
 }
 
 #[test]
-fn the_page_of_a_growth_shows_the_scene_and_so_it_does_when_it_is_resumed() {
+fn the_page_shows_the_scene_before_and_after_a_resume() {
     let fixture = Fixture::new();
     let board = FakeBoard::lasting("growbot-a");
     // The board's time almost stops after these layers.

@@ -58,7 +58,7 @@ fn ask(address: SocketAddr, method: &str, path: &str, headers: &[(&str, &str)]) 
 }
 
 #[test]
-fn who_knows_the_address_gets_the_page_and_nobody_else_gets_anything() {
+fn the_page_is_served_only_at_its_secret_address() {
     let watch = watch(Some(Arc::default()));
     let (address, path) = parts(&watch);
     assert!(address.ip().is_loopback());
@@ -93,7 +93,7 @@ fn who_knows_the_address_gets_the_page_and_nobody_else_gets_anything() {
 }
 
 #[test]
-fn the_page_is_on_the_loopback_interface_alone() {
+fn the_page_is_served_on_loopback_only() {
     let watch = watch(None);
     let port = parts(&watch).0.port();
     // The address of this machine for others. Nothing is sent.
@@ -110,7 +110,7 @@ fn the_page_is_on_the_loopback_interface_alone() {
 }
 
 #[test]
-fn orders_are_taken_where_the_page_may_control_and_refused_where_it_may_look() {
+fn commands_need_control_access() {
     let orders = Arc::new(CommandQueue::default());
     let controlling = watch(Some(Arc::clone(&orders)));
     let (address, path) = parts(&controlling);
@@ -129,7 +129,7 @@ fn orders_are_taken_where_the_page_may_control_and_refused_where_it_may_look() {
 }
 
 #[test]
-fn news_come_as_they_are_and_the_end_is_the_last() {
+fn updates_are_streamed_and_the_end_is_last() {
     let watch = watch(None);
     let (address, path) = parts(&watch);
     let stream = send(address, "GET", &format!("{path}updates"), &[]);
@@ -159,7 +159,7 @@ fn news_come_as_they_are_and_the_end_is_the_last() {
 }
 
 #[test]
-fn what_cannot_be_watched_says_why() {
+fn failed_watching_gives_the_reason() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
     let goal = ["grow", "--to", "0,0,40,0,90"];
@@ -180,7 +180,7 @@ fn what_cannot_be_watched_says_why() {
 }
 
 #[test]
-fn a_watched_growth_ends_as_one_that_is_not() {
+fn a_watched_growth_ends_like_an_unwatched_one() {
     let goal = ["grow", "--to", "0,0,40,0,90", "--json"];
     let plain = growbot(&goal);
     let watched = growbot(&[&goal[..], &["--watch", "--pace", "100000"]].concat());

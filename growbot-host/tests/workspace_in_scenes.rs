@@ -24,7 +24,7 @@ fn number(value: &Value, name: &str) -> u64 {
 }
 
 #[test]
-fn every_goal_has_one_of_three_answers() {
+fn every_goal_has_one_of_three_results() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name).display().to_string();
     let (room, goals) = (path("room.toml"), path("goals.csv"));
@@ -68,7 +68,7 @@ fn every_goal_has_one_of_three_answers() {
 }
 
 #[test]
-fn what_is_asked_wrongly_is_refused() {
+fn invalid_requests_are_refused() {
     let directory = tempfile::tempdir().unwrap();
     let room = directory.path().join("room.toml").display().to_string();
     fs::write(&room, scene()).unwrap();

@@ -24,7 +24,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_are_rounded_to_what_matters() {
+    fn durations_are_rounded_to_useful_precision() {
         for (seconds, text) in [
             (0.0, "0.00 s"),
             (0.058, "0.06 s"),

@@ -48,7 +48,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     #[test]
-    fn rows_count_from_zero_and_stay_in_range() {
+    fn rows_are_numbered_from_0_with_values_in_range() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let path = [
             Segment::Straight { length: 1.0 },

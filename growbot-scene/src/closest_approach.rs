@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_point_is_as_far_as_the_distance_says_and_on_the_surface() {
+    fn the_nearest_point_is_on_the_surface_at_the_distance() {
         let body = TubeLimits { radius: 100.0, clearance: 25.0 };
         for family in FAMILIES {
             let drawn = random_scene(family, 1, &body);
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_past_a_ball_is_nearest_beside_it() {
+    fn a_body_passing_a_ball_is_nearest_beside_it() {
         let ball = Shape::Ball { centre: Vector3::new(80.0, 0.0, 300.0), radius: 30.0 };
         let scene = Scene::new(vec![ball], vec![], vec![], vec![]);
         let found = closest_approach(&scene, &[Segment::Straight { length: 500.0 }], &Frame::identity()).unwrap();
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn inside_of_an_obstacle_the_nearest_point_is_on_its_surface() {
+    fn inside_an_obstacle_the_nearest_point_is_on_its_surface() {
         let half = Vector3::new(10.0, 20.0, 30.0);
         let cases = [
             (

@@ -167,7 +167,7 @@ mod tests {
     const EXAMPLES: [DemoScene; 2] = [DemoScene::PipeRack, DemoScene::RubbleHeap];
 
     #[test]
-    fn a_scene_is_that_of_its_seed_and_reads_back() {
+    fn a_scene_is_determined_by_its_seed_and_round_trips() {
         for example in EXAMPLES {
             let scene = example.scene(1);
             assert_eq!(scene, example.scene(1));
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn the_way_is_left_free() {
+    fn the_free_passage_has_the_required_clearance() {
         for example in EXAMPLES {
             for seed in 0..20 {
                 let shapes = example.scene(seed).shapes();

@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_near_is_shown_and_what_is_far_is_not() {
+    fn near_obstacles_are_displayed_and_far_ones_are_not() {
         let ball = |x| Shape::Ball { centre: Vector3::new(x, 0.0, 250.0), radius: 20.0 };
         let pillar =
             Shape::Capsule { from: Vector3::new(50.0, 0.0, -9000.0), to: Vector3::new(50.0, 0.0, 9000.0), radius: 5.0 };
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn of_many_the_nearest_are_shown() {
+    fn the_nearest_of_many_obstacles_are_displayed() {
         let points: Vec<Vector3<f64>> = (0..100_000).map(|i| Vector3::new(0.002 * f64::from(i), 0.0, 250.0)).collect();
         let triangles = points.iter().map(|at| Triangle([*at, at + Vector3::x(), at + Vector3::y()])).collect();
         let scene = Scene::new(vec![], vec![], vec![Cloud::new(points, 1.0)], vec![Mesh::new(triangles, false)]);

@@ -22,7 +22,7 @@ fn anywhere(random: &mut Rng) -> Vector3<f64> {
 }
 
 #[test]
-fn distances_of_points_are_those_of_the_nearest_obstacle() {
+fn point_distance_is_that_of_the_nearest_obstacle() {
     for family in FAMILIES {
         let drawn = random_scene(family, 3, &BODY);
         let scene = drawn.scene();
@@ -56,7 +56,7 @@ fn triangles(random: &mut Rng, count: u32) -> Vec<Triangle> {
 }
 
 #[test]
-fn distances_of_points_and_segments_to_random_meshes_are_never_above_the_true_ones() {
+fn distances_to_random_meshes_are_lower_bounds() {
     let mut random = Rng::new(&[7]);
     for _ in 0..20 {
         let triangles = triangles(&mut random, 200);
@@ -81,7 +81,7 @@ fn distances_of_points_and_segments_to_random_meshes_are_never_above_the_true_on
 }
 
 #[test]
-fn points_inside_a_closed_mesh_are_told_from_those_outside() {
+fn points_inside_a_closed_mesh_are_distinguished_from_outside() {
     let mut random = Rng::new(&[11]);
     for number in 0..10 {
         let drawn = random_scene(growbot_scene::random_scenes::Family::Rubble, number, &BODY);
@@ -103,7 +103,7 @@ fn points_inside_a_closed_mesh_are_told_from_those_outside() {
 }
 
 #[test]
-fn inside_is_below_zero() {
+fn distance_is_negative_inside() {
     let floor = HalfSpace { point: Vector3::zeros(), normal: Vector3::z() };
     let scene = Scene::new(vec![], vec![floor], vec![], vec![]);
     assert_eq!(scene.distance(&Vector3::new(5.0, 5.0, -3.0)), -3.0);
@@ -111,7 +111,7 @@ fn inside_is_below_zero() {
 }
 
 #[test]
-fn proven_clearances_hold_at_every_point_and_are_not_far_below() {
+fn proven_clearances_are_tight_lower_bounds_at_every_point() {
     for family in FAMILIES {
         let drawn = random_scene(family, 8, &BODY);
         let scene = drawn.scene();

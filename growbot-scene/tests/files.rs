@@ -167,7 +167,7 @@ fn written(name: &str, bytes: impl AsRef<[u8]>) -> (TempDir, std::path::PathBuf)
 }
 
 #[test]
-fn a_scene_has_all_that_its_file_names() {
+fn a_scene_contains_everything_in_its_file() {
     let directory = directory();
     let loaded = load(&directory.path().join("scene.toml")).unwrap();
     assert_eq!((loaded.margin, loaded.scene.len()), (5.0, 4 + 12 + 2));
@@ -211,7 +211,7 @@ fn every_format_gives_the_same_cube() {
 }
 
 #[test]
-fn an_open_mesh_is_no_solid() {
+fn an_open_mesh_is_not_a_solid() {
     let open = obj().replacen("f 1/1/1", "# ", 1);
     let (directory, path) = written("open.obj", &open);
     let refusal = load(&path).unwrap_err();
@@ -223,7 +223,7 @@ fn an_open_mesh_is_no_solid() {
 }
 
 #[test]
-fn a_mesh_with_a_face_inside_out_is_no_solid() {
+fn a_mesh_with_an_inverted_face_is_not_a_solid() {
     let wedge = "v 0 0 0\nv 100 0 0\nv 0 100 0\nv 0 0 100\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n";
     let (_directory, path) = written("wedge.obj", wedge);
     assert!(load(&path).is_ok());
@@ -239,7 +239,7 @@ fn a_mesh_with_a_face_inside_out_is_no_solid() {
 }
 
 #[test]
-fn what_is_wrong_is_said_with_value_and_limit() {
+fn errors_are_reported_with_value_and_limit() {
     let refused = |from: &str, to: &str| {
         assert!(SCENE.contains(from), "{from}");
         parse(&SCENE.replacen(from, to, 1), "scene.toml").unwrap_err().to_string()
@@ -266,7 +266,7 @@ fn what_is_wrong_is_said_with_value_and_limit() {
 }
 
 #[test]
-fn what_would_be_read_in_part_is_refused() {
+fn unsupported_features_are_refused() {
     for (from, to, words) in [
         (r#""indices":1}"#, r#""indices":1,"mode":5}"#, "mode 5"),
         (r#""type":"SCALAR"}"#, r#""type":"SCALAR","sparse":{}}"#, "accessor 1 is sparse"),
@@ -293,7 +293,7 @@ fn what_would_be_read_in_part_is_refused() {
 }
 
 #[test]
-fn no_body_that_begins_inside_of_a_solid_is_clear() {
+fn a_body_starting_inside_a_solid_is_not_clear() {
     let (_directory, path) = written(
         "scene.toml",
         "format = \"growbot-scene/1\"\nmargin_mm = 5\n[[mesh]]\nfile = \"cube.stl\"\nscale = 5000\n",
@@ -330,7 +330,7 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Rng) {
 }
 
 #[test]
-fn a_thousand_changed_files_are_read_or_refused_with_one_message() {
+fn a_thousand_corrupted_files_are_read_or_refused_with_one_message() {
     let originals: [(&str, Vec<u8>); 9] = [
         ("scene.toml", SCENE.into()),
         ("scene.toml", SCENE.into()),

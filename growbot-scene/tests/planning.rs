@@ -32,7 +32,7 @@ fn plan(drawn: &RandomScene, goal: Goal, budget: &SearchBudget) -> SearchOutcome
 }
 
 #[test]
-fn planted_paths_are_found_and_sealed_goals_are_not() {
+fn constructed_paths_are_found_and_sealed_goals_are_infeasible() {
     for family in FAMILIES {
         for number in 0..scenes() {
             let drawn = random_scene(family, number, &BODY);

@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn every_byte_comes_to_its_place() {
+    fn every_byte_is_stored_at_its_address() {
         let image: Vec<u8> = (0..1000_u32).map(|at| (at * 7 + 1) as u8).collect();
         let from = 0x1000_0080;
         let file = of_image(&elf(from, &image)).unwrap();
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_image_of_an_rp2040_is_refused() {
+    fn images_for_other_chips_are_refused() {
         for (image, part) in [
             (b"no image".to_vec(), "no 32-bit ELF"),
             (elf(0x0800_0000, &[1; 8]), "0x08000000, which is no flash"),

@@ -65,7 +65,7 @@ fn grow(rate: f64, jitter: f64) -> (GrowthReport, State, f64) {
 }
 
 #[test]
-fn a_board_whose_clock_is_wrong_is_stopped() {
+fn a_board_with_clock_drift_is_stopped() {
     for (rate, way) in [(0.95, "slow"), (1.05, "fast")] {
         for jitter in [0.0, 0.1] {
             let (grown, state, seconds) = grow(rate, jitter);
@@ -80,7 +80,7 @@ fn a_board_whose_clock_is_wrong_is_stopped() {
 }
 
 #[test]
-fn a_healthy_board_is_left_alone_however_the_line_delays() {
+fn link_delays_do_not_stop_a_healthy_board() {
     for rate in [0.995, 1.0, 1.005] {
         for jitter in [0.0, 0.1, 0.4] {
             let (grown, state, _) = grow(rate, jitter);

@@ -64,7 +64,7 @@ fn tells(told: &[JobEvent], expected: &JobEvent) -> usize {
 }
 
 #[test]
-fn a_growth_holds_and_goes_on_as_ordered_and_each_layer_is_laid_once() {
+fn a_growth_pauses_and_continues_on_command_without_repeated_layers() {
     let (grown, told) = grow(|event, orders| match event {
         JobEvent::Laid { index: 4, .. } => orders.push(Command::Pause),
         JobEvent::State(State::Paused) => orders.push(Command::Continue),
@@ -80,7 +80,7 @@ fn a_growth_holds_and_goes_on_as_ordered_and_each_layer_is_laid_once() {
 }
 
 #[test]
-fn a_parked_growth_waits_where_somebody_can_continue_it_and_ends_elsewhere() {
+fn a_parked_growth_waits_only_if_it_can_be_continued() {
     let park = |parked| {
         let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback: None, parked };
         let (grown, told) = try_to_grow_in(
@@ -106,7 +106,7 @@ fn a_parked_growth_waits_where_somebody_can_continue_it_and_ends_elsewhere() {
 }
 
 #[test]
-fn a_growth_stops_as_ordered_and_at_once_where_it_must() {
+fn a_growth_stops_on_stop_and_emergency_stop() {
     for order in [Command::Stop, Command::EmergencyStop] {
         let (grown, told) = grow(|event, orders| {
             if let JobEvent::Laid { index: 4, .. } = event {
@@ -147,7 +147,7 @@ impl Port for Stalled {
 }
 
 #[test]
-fn a_stop_that_does_not_get_through_becomes_an_emergency_stop() {
+fn an_undelivered_stop_becomes_an_emergency_stop() {
     let (is_stalled, board) = (Rc::new(Cell::new(false)), RefCell::new(None));
     let (grown, told) = grow_over(
         |event, orders| {
@@ -195,7 +195,7 @@ impl Port for Disconnecting {
 }
 
 #[test]
-fn an_order_outlives_a_line_that_is_cut_while_it_is_given() {
+fn a_command_is_retried_after_a_link_loss() {
     // The losses exceed the retries of a command, but not those of all requests.
     for (order, losses) in [(Command::Pause, 150), (Command::Stop, 150), (Command::EmergencyStop, 50)] {
         let cut = Rc::new(Cell::new(0));
@@ -255,7 +255,7 @@ impl Overheard {
 }
 
 #[test]
-fn a_start_whose_answer_is_lost_may_have_heated() {
+fn a_start_with_a_lost_response_may_have_heated() {
     let starts = Rc::default();
     let outcome = try_to_grow(|_, _| {}, |sim| Box::new(Overheard::new(sim, &starts, true))).0;
     assert!(starts.get() > 0);
@@ -281,7 +281,7 @@ fn a_stop_before_the_start_heats_nothing() {
 }
 
 #[test]
-fn an_order_in_any_state_leaves_the_body_whole() {
+fn commands_in_any_state_keep_the_body_complete() {
     for (state, order) in
         [(State::Heating, Command::Pause), (State::Homing, Command::Pause), (State::Growing, Command::Continue)]
     {
@@ -297,7 +297,7 @@ fn an_order_in_any_state_leaves_the_body_whole() {
 
 /// Loads a new spool only with commands, as the page and the terminal send them.
 #[test]
-fn a_growth_out_of_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
+fn a_growth_without_filament_waits_and_continues_its_layer() {
     let board = Rc::new(RefCell::new(None::<Rc<RefCell<Sim>>>));
     let (sim_of, mut steps) =
         (Rc::clone(&board), vec![Command::Continue, Command::Purge, Command::Load, Command::Preheat]);

@@ -15,7 +15,7 @@ fn robot(name: &str) -> Robot {
 }
 
 #[test]
-fn the_board_restarts_as_every_robot_that_a_board_can_drive() {
+fn the_board_restarts_as_every_supported_robot() {
     let sim = Sim::new(robot("growbot-a"));
     let flash = sim.descriptions();
     let mut client = Client::new(Box::new(sim), "sim");
@@ -45,7 +45,7 @@ fn the_board_restarts_as_every_robot_that_a_board_can_drive() {
 }
 
 #[test]
-fn a_board_without_a_description_is_found_out_and_configured() {
+fn an_unconfigured_board_is_detected_and_configured() {
     let mut sim = Sim::new(robot("growbot-a"));
     sim.restart_without_description();
     let mut client = Client::new(Box::new(sim), "sim");
@@ -61,7 +61,7 @@ fn a_board_without_a_description_is_found_out_and_configured() {
 const EVERY: usize = 256;
 
 #[test]
-fn a_power_cut_anywhere_leaves_the_old_robot_or_the_new_one() {
+fn a_power_loss_at_any_time_leaves_the_old_or_the_new_robot() {
     let [first, old, new] = ["growbot-c", "growbot-a", "growbot-b"].map(robot);
     let written = 16 + MAX_VERSIONED_LEN.next_multiple_of(4);
     let cuts = (1..SECTOR_BYTES).step_by(EVERY).chain(SECTOR_BYTES..=SECTOR_BYTES + written);
@@ -87,7 +87,7 @@ fn a_power_cut_anywhere_leaves_the_old_robot_or_the_new_one() {
 }
 
 #[test]
-fn a_power_cut_while_it_is_configured_over_the_link_is_survived() {
+fn configuring_survives_a_power_loss() {
     let [old, new] = ["growbot-a", "growbot-b"].map(robot);
     for cut in [1, SECTOR_BYTES / 2, SECTOR_BYTES + 1, SECTOR_BYTES + 400, SECTOR_BYTES + 780] {
         let sim = Sim::new(old.clone());

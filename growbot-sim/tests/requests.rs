@@ -33,7 +33,7 @@ impl Port for Counting {
 }
 
 #[test]
-fn on_a_clean_line_most_of_what_is_sent_is_layers() {
+fn on_a_clean_link_most_bytes_are_layers() {
     let robot = robot_file::load("growbot-a".as_ref()).unwrap();
     let sent = Rc::new(Cell::new(0));
     let mut client = Client::new(Box::new(Counting(Sim::new(robot.clone()), Rc::clone(&sent))), "sim");
@@ -78,7 +78,7 @@ fn shared_sim() -> Rc<RefCell<Sim>> {
 }
 
 #[test]
-fn a_stop_that_is_not_answered_becomes_the_emergency_stop() {
+fn an_unanswered_stop_becomes_an_emergency_stop() {
     let sim = shared_sim();
     let mut client = Client::new(Box::new(OnlyStops(Rc::clone(&sim))), "sim");
     assert_eq!(client.stop().unwrap(), StopOutcome::ByEmergencyStop);
@@ -89,7 +89,7 @@ fn a_stop_that_is_not_answered_becomes_the_emergency_stop() {
 }
 
 #[test]
-fn an_emergency_stop_by_the_link_is_cleared_at_once_and_one_of_a_button_that_is_pressed_is_not() {
+fn a_link_emergency_stop_clears_at_once_but_a_pressed_button_does_not() {
     let sim = shared_sim();
     let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
     client.open_session().unwrap();

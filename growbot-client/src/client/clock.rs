@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_is_off_by_more_than_the_limit_is_found() {
+    fn drift_above_the_limit_is_detected() {
         for rate in [0.5, 0.95, 0.97, 1.03, 1.05, 1.9] {
             for jitter in [0.0, 0.02, 0.2] {
                 assert!(found(rate, jitter, 120.0, 2.0).is_some(), "{rate}, jitter {jitter}");
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_healthy_clock_is_never_found_wrong_however_the_line_delays() {
+    fn link_delays_are_not_mistaken_for_drift() {
         for rate in [0.995, 1.0, 1.005, 0.99, 1.01] {
             for jitter in [0.0, 0.1, 0.9, 5.0] {
                 assert_eq!(found(rate, jitter, 20_000.0, 2.0), None, "{rate}, jitter {jitter}");
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn a_halt_a_sleep_and_a_start_anew_are_no_drift() {
+    fn a_halt_a_sleep_and_a_restart_are_not_drift() {
         let mut watch = ClockWatch::default();
         let mut take = |host: f64, board: f64| {
             let [sent, received] = [host, host + 0.01].map(Duration::from_secs_f64);
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drift_is_written_with_its_limit_and_read_back() {
+    fn a_drift_is_formatted_with_its_limit_and_parsed_back() {
         let drift = ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
         let written = serde_json::to_value(drift).unwrap();
         assert!((written["percent"].as_f64().unwrap() + 5.0).abs() < 1e-9, "{written}");

@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_answer_to_the_last_part_may_be_lost_in_the_restart() {
+    fn only_the_last_response_may_be_lost_in_the_restart() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let mut buffer = [0; MAX_VERSIONED_LEN];
         let parts = robot.encode_for_board(&mut buffer).unwrap().len().div_ceil(MAX_DESCRIPTION_PART) as u16;

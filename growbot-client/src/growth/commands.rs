@@ -176,7 +176,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_stop_is_for_good_and_the_others_are_given_once() {
+    fn a_stop_stays_queued_and_other_commands_are_popped_once() {
         let orders = CommandQueue::default();
         assert_eq!(orders.pop(), None);
         orders.push(Command::Pause);
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn an_order_is_not_lost_behind_another() {
+    fn a_new_command_does_not_discard_queued_commands() {
         let orders = CommandQueue::default();
         for order in [Command::Pause, Command::Preheat, Command::Load, Command::Load, Command::Purge] {
             orders.push(order);
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn an_order_comes_back_unless_there_is_a_newer_one() {
+    fn a_command_is_requeued_unless_a_newer_one_is_pending() {
         let orders = CommandQueue::default();
         orders.requeue(Command::Pause);
         assert_eq!(orders.pop(), Some(Command::Pause));
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_second_interruption_is_one_again_whatever_else_orders_a_stop() {
+    fn only_a_second_interrupt_counts_as_repeated() {
         let orders = CommandQueue::default();
         orders.push(Command::Stop);
         assert!(!orders.interrupt() && orders.interrupt());

@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_that_was_written_has_the_same_layers() {
+    fn a_written_plan_has_the_same_layers() {
         let (plan, robot) = (plan(), robot("growbot-a"));
         let again = PlanFile::from(&plan).check(&robot).unwrap();
         assert_eq!((again.start, again.goal, again.requirements), (plan.start, plan.goal, plan.requirements));
@@ -338,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_for_another_robot_shows_both() {
+    fn a_robot_mismatch_names_both_robots() {
         let written = PlanFile::from(&plan());
         let message = written.check(&robot("growbot-b")).unwrap_err().to_string();
         assert!(message.contains("\"growbot-a\"") && message.contains("\"growbot-b\""), "{message}");
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_hold_together_is_refused_with_value_and_limit() {
+    fn inconsistent_plans_are_refused_with_value_and_limit() {
         fn arc(plan: &mut PlanFile) -> (&mut f64, &mut f64, &mut f64) {
             plan.segments
                 .iter_mut()

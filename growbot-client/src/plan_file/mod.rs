@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_reads_back_the_same() {
+    fn written_plans_read_back_unchanged() {
         let written = PlanFile::parse(&text(), "plan.json").unwrap();
         assert_eq!(written.to_text(), text());
         assert_eq!(PlanFile::parse(&written.to_line(), "plan.json").unwrap(), written);
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn every_cut_is_noticed() {
+    fn every_truncation_is_detected() {
         let text = text();
         for end in 1..text.trim_end().len() {
             assert!(
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_plan_is_told_apart() {
+    fn non_plan_files_give_distinct_errors() {
         assert!(matches!(refused("solid cube"), PlanFileError::NotJson { .. }));
         assert!(matches!(refused(&(text() + "x")), PlanFileError::NotJson { .. }));
         assert!(matches!(refused("[1, 2]"), PlanFileError::NoPlan { .. }));

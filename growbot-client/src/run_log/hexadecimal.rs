@@ -109,7 +109,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn layers_survive_their_digits() {
+    fn layers_round_trip_through_hexadecimal() {
         let layers = [[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 255], [0xab; 12]];
         let text: String = layers.iter().map(hex).collect();
         assert_eq!(unhex(&text).unwrap(), layers);

@@ -122,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reading_goes_on_after_a_line_that_is_no_event() {
+    fn reading_continues_after_an_invalid_line() {
         let log = b"{\"event\":\"silent\"}\n{\"b\":\n\n7\n{\"event\":\"back\"}\r\n\xff\xfe\n{\"event\":\"state\",\"state\":\"idle\"}\n{\"e\":";
         let mut events = Events::of(log);
         let read: Vec<RunEvent> = events.by_ref().collect();
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn events_that_are_not_known_or_have_wrong_values_are_skipped_and_are_no_damage() {
+    fn unknown_or_invalid_events_are_skipped_without_counting_as_damage() {
         let log = b"{}\n{\"event\":\"dance\"}\n{\"event\":3}\n{\"event\":\"laid\",\"layer\":-1}\n{\"event\":\"back\",\"new\":[1]}\n";
         let mut events = Events::of(log);
         assert_eq!(events.by_ref().collect::<Vec<_>>(), [RunEvent::Reconnected]);

@@ -45,7 +45,7 @@ fn done() -> GrowthResult {
 }
 
 #[test]
-fn amendments_are_read_back_and_those_that_the_board_did_not_take_are_none() {
+fn amendments_are_read_back_without_those_that_the_board_refused() {
     let other = |byte: u8| [byte; 12];
     let amending = |plan_id: u64, from: u32, layers: &[LayerBytes]| json!({ "event": "amendment", "plan_id": format_hash(plan_id), "from": from, "total": 9, "layers": hex_of(layers) });
     let lines = [
@@ -76,7 +76,7 @@ fn amendments_are_read_back_and_those_that_the_board_did_not_take_are_none() {
 }
 
 #[test]
-fn a_log_without_feedback_has_none() {
+fn feedback_is_none_if_the_header_has_none() {
     let mut bytes = log(&[]);
     assert!(RecordedRun::read(&bytes, "log").unwrap().feedback.is_some());
     let text = String::from_utf8(bytes).unwrap();
@@ -131,7 +131,7 @@ fn header_of_three() -> Vec<u8> {
 }
 
 #[test]
-fn a_disk_that_is_full_for_a_while_costs_no_line_wherever_it_tears_one() {
+fn no_line_is_lost_if_the_disk_is_full_for_a_while() {
     let header = header_of_three();
     let whole = {
         let disk = Disk::with_room(usize::MAX / 2);
@@ -156,7 +156,7 @@ fn a_disk_that_is_full_for_a_while_costs_no_line_wherever_it_tears_one() {
 }
 
 #[test]
-fn all_lines_of_an_event_wait_for_a_disk_that_is_full() {
+fn all_lines_of_an_event_are_kept_while_the_disk_is_full() {
     let layer = Layer { alpha: 1.0, height: 0.7, tilt: 0.006 };
     let simulated = JobEvent::Simulated { from: 0, layers: vec![layer; 3] };
     let imperfection = ErrorModel::default();
@@ -173,7 +173,7 @@ fn all_lines_of_an_event_wait_for_a_disk_that_is_full() {
 }
 
 #[test]
-fn what_another_version_says_of_the_end_costs_no_more_than_itself() {
+fn unknown_values_of_the_result_do_not_affect_other_fields() {
     let mut end = json!({ "event": "end", "utc": null, "result": serde_json::to_value(done()).unwrap() });
     end["result"]["outcome"] = "melted".into();
     end["result"]["feedback"] = json!({ "believed": 1 });
@@ -185,7 +185,7 @@ fn what_another_version_says_of_the_end_costs_no_more_than_itself() {
 }
 
 #[test]
-fn a_layer_whose_line_is_spoilt_is_lost_and_those_after_it_are_not() {
+fn a_corrupt_layer_line_does_not_affect_later_layers() {
     let line = |index: u32| {
         format!("{}\n", json!({ "event": "laid", "layer": index, "as_built": hex(&[index as u8 + 1; 12]) }))
     };
@@ -207,7 +207,7 @@ fn a_layer_whose_line_is_spoilt_is_lost_and_those_after_it_are_not() {
 }
 
 #[test]
-fn a_log_is_resumed_without_losing_a_byte() {
+fn a_log_is_resumed_without_losing_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.jsonl");
     let good = format!("{}\n", json!({ "event": "laid", "layer": 0, "as_built": hex(&[1; 12]) }));
@@ -228,7 +228,7 @@ fn a_log_is_resumed_without_losing_a_byte() {
 }
 
 #[test]
-fn a_log_that_cannot_be_begun_leaves_nothing_behind_and_one_that_is_there_stays() {
+fn a_log_that_cannot_be_created_leaves_no_file_and_keeps_the_old_one() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.jsonl");
     fs::write(&path, b"a body").unwrap();
@@ -243,7 +243,7 @@ fn a_log_that_cannot_be_begun_leaves_nothing_behind_and_one_that_is_there_stays(
 }
 
 #[test]
-fn the_header_tells_of_the_command_the_time_and_the_disturbances_and_every_event_has_a_time() {
+fn header_has_command_time_and_disturbances_and_events_have_times() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.jsonl");
     let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
@@ -280,7 +280,7 @@ fn the_header_tells_of_the_command_the_time_and_the_disturbances_and_every_event
 }
 
 #[test]
-fn whose_tip_it_was_is_what_the_header_says_and_nothing_else() {
+fn the_kind_of_tip_comes_from_the_header_alone() {
     let imperfection = ErrorModel::default();
     let simulated = Origin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false };
     let told = |layer: u32| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
@@ -304,7 +304,7 @@ fn whose_tip_it_was_is_what_the_header_says_and_nothing_else() {
 }
 
 #[test]
-fn the_layer_under_way_makes_up_for_none_that_the_log_does_not_place() {
+fn missing_simulated_layers_are_counted_without_the_open_layer() {
     let imperfection = ErrorModel::default();
     let told = |layer: u32| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
     let lies = |layer: u32| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": 0.7, "tilt_deg": 0.0 });
@@ -322,7 +322,7 @@ fn the_layer_under_way_makes_up_for_none_that_the_log_does_not_place() {
 }
 
 #[test]
-fn a_clock_that_was_wrong_is_read_back_from_the_end() {
+fn clock_drift_is_read_back_from_the_end_event() {
     let drift = ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
     let end = json!({ "event": "end", "result": { "outcome": "clock-drift", "clock_drift": drift } });
     let record = RecordedRun::read(&log(std::slice::from_ref(&end)), "run").unwrap();
@@ -332,7 +332,7 @@ fn a_clock_that_was_wrong_is_read_back_from_the_end() {
 }
 
 #[test]
-fn numbers_beyond_reason_do_no_harm() {
+fn extreme_numbers_are_ignored() {
     let lie = |layer: u64, height: f64| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": height, "tilt_deg": 0.0 });
     let told = |layer: u64| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
     let most = u64::from(u32::MAX);
@@ -346,7 +346,7 @@ fn numbers_beyond_reason_do_no_harm() {
 }
 
 #[test]
-fn a_crash_of_the_firmware_is_written_with_its_registers_and_changes_nothing_else() {
+fn a_firmware_crash_is_logged_with_its_registers_only() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("run.jsonl");
     fs::write(&path, log(&[])).unwrap();
@@ -368,7 +368,7 @@ fn a_crash_of_the_firmware_is_written_with_its_registers_and_changes_nothing_els
 }
 
 #[test]
-fn every_event_is_read_back_as_it_was_written() {
+fn every_event_round_trips() {
     let header = RecordedRun::read(&log(&[]), "run").unwrap();
     let mut tip = header.start_frame();
     let words = [0x1001; growbot_core::link::crash::CRASH_WORDS];

@@ -82,18 +82,18 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
     #[test]
-    fn the_search_finds_what_looking_at_all_pairs_finds(path in prop::collection::vec(segment(), 0..7)) {
+    fn search_agrees_with_brute_force(path in prop::collection::vec(segment(), 0..7)) {
         assert_agrees(&path, 0.0);
     }
 
     #[test]
-    fn only_what_comes_later_counts(path in prop::collection::vec(segment(), 2..6), before in 1_usize..3) {
+    fn only_the_later_part_is_checked(path in prop::collection::vec(segment(), 2..6), before in 1_usize..3) {
         let before = path::length(&path[..before.min(path.len())]);
         assert_agrees(&path, before);
     }
 
     #[test]
-    fn points_of_a_collision_are_that_far_apart(path in prop::collection::vec(segment(), 2..7)) {
+    fn reported_distance_matches_the_reported_points(path in prop::collection::vec(segment(), 2..7)) {
         let Some(Collision { distance, at }) = closest_self_approach(&path, DIAMETER, 0.0) else { return Ok(()) };
         let [a, b] = at.map(|at| {
             let mut left = at;
@@ -117,7 +117,7 @@ fn arc(bend: f64, radius: f64) -> Segment {
 }
 
 #[test]
-fn what_a_bend_brings_together_is_no_collision() {
+fn points_brought_close_by_one_bend_do_not_collide() {
     for radius in [35.0, 45.0, 100.0, 1e4] {
         assert_eq!(closest_self_approach(&[arc(PI, radius)], DIAMETER, 0.0), None);
     }
@@ -126,13 +126,13 @@ fn what_a_bend_brings_together_is_no_collision() {
 }
 
 #[test]
-fn a_full_turn_comes_back_to_its_start() {
+fn a_full_turn_collides_with_its_start() {
     let Collision { distance, at: [from, to] } = closest_self_approach(&[arc(TAU, 100.0)], DIAMETER, 0.0).unwrap();
     assert!(distance == 0.0 && from < 1.0 && to > TAU * 100.0 - 1.0, "{distance} at {from}, {to}");
 }
 
 #[test]
-fn a_way_back_beside_the_way_there_is_measured() {
+fn distance_between_antiparallel_segments_is_measured() {
     for (radius, meets) in [(29.9, true), (29.99, true), (30.01, false), (30.1, false)] {
         let path = [Segment::Straight { length: 3000.0 }, arc(PI, radius), Segment::Straight { length: 2500.0 }];
         let found = closest_self_approach(&path, DIAMETER, 0.0);
@@ -144,7 +144,7 @@ fn a_way_back_beside_the_way_there_is_measured() {
 }
 
 #[test]
-fn long_bodies_take_few_steps() {
+fn long_bodies_need_few_pair_checks() {
     // A body of 10 km that stays clear of itself, one that winds 200 times round, and one that meets itself everywhere.
     let min_distance = |path: &[Segment], max_pairs: usize| {
         let (found, pairs) = search(path, DIAMETER, 0.0);

@@ -179,7 +179,7 @@ proptest! {
     }
 
     #[test]
-    fn no_path_is_longer_than_one_laid_out_by_hand(laid in whole_path_type()) {
+    fn no_path_is_longer_than_a_constructed_one(laid in whole_path_type()) {
         assert_as_short(&laid);
     }
 
@@ -214,22 +214,22 @@ proptest! {
     }
 
     #[test]
-    fn a_goal_that_is_the_start_takes_no_path(laid in coincident()) {
+    fn a_goal_at_the_start_needs_no_path(laid in coincident()) {
         assert_as_short(&laid);
     }
 
     #[test]
-    fn antiparallel_goals_are_reached_the_short_way(laid in antiparallel()) {
+    fn antiparallel_goals_are_reached_by_the_shorter_side(laid in antiparallel()) {
         assert_as_short(&laid);
     }
 
     #[test]
-    fn tiny_steps_are_tiny(laid in tiny_step()) {
+    fn tiny_displacements_give_tiny_paths(laid in tiny_step()) {
         assert_as_short(&laid);
     }
 
     #[test]
-    fn short_arcs_are_the_shortest_of_all(goal in any_goal()) {
+    fn paths_are_the_shortest_of_all_types(goal in any_goal()) {
         let path = shortest(&goal);
         let of_all = shortest_of_all(&goal);
         prop_assert!(path.length() <= of_all.length() + 1e-12 + 1e-15 * of_all.length(), "{path:?} {of_all:?}");
@@ -251,14 +251,14 @@ proptest! {
 }
 
 #[test]
-fn start_is_goal() {
+fn start_equal_to_goal_gives_zero_length() {
     for heading in [0.0, TAU, -TAU, -1e-17] {
         assert_eq!(shortest(&PlanarPose { x: 0.0, y: 0.0, heading }).length(), 0.0);
     }
 }
 
 #[test]
-fn turning_round_on_the_spot_takes_three_arcs() {
+fn reversing_direction_in_place_takes_three_arcs() {
     let path = assert_arrives(&PlanarPose { x: 0.0, y: 0.0, heading: PI });
     // pi/3 + 5 pi/3 + pi/3: the classic way to reverse the direction.
     assert!((path.length() - 7.0 * PI / 3.0).abs() < 1e-12, "{path:?}");
@@ -277,7 +277,7 @@ fn goals_at_the_edges_of_the_path_types_are_reached() {
 }
 
 #[test]
-fn ties_begin_to_the_left() {
+fn ties_start_with_a_left_turn() {
     for x in [-7.0, -4.0, -3.0, -1.0, -0.1, 0.0, 0.1, 1.0, 3.0, 7.0] {
         for heading in [0.0, PI, -PI] {
             let path = assert_arrives(&PlanarPose { x, y: 0.0, heading });
@@ -287,7 +287,7 @@ fn ties_begin_to_the_left() {
 }
 
 #[test]
-fn nothing_panics() {
+fn no_input_panics() {
     let values = [0.0, -0.0, 1.0, 1e-320, 1e20, 1e155, -1e308, f64::INFINITY, f64::NEG_INFINITY, f64::NAN];
     for x in values {
         for y in values {

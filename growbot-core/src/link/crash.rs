@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn registers_and_the_stack_are_found_in_the_words() {
+    fn registers_and_stack_are_decoded_from_the_words() {
         let record = CrashRecord::from(&words());
         let registers = [0x900, 0xa00, 0xb00, 0xc00, 0xd00];
         assert_eq!(record.frame, Some(CrashFrame { registers, lr: 0xe00, pc: 0xf00, xpsr: 0x1000 }));
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn more_may_lie_between_the_registers_and_the_stack() {
+    fn fpu_registers_and_padding_before_the_stack_are_skipped() {
         let mut words = words();
         words[4] = 0xFFFF_FFE9;
         assert_eq!(CrashRecord::from(&words).sp, 0x1000_0868);
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_is_told_only_where_the_processor_knows_it() {
+    fn a_fault_address_is_reported_only_if_it_is_valid() {
         for (bit, address) in [(7, 1), (15, 2)] {
             let mut words = words();
             words[5] = 1 << bit;
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn registers_that_were_not_saved_are_not_told() {
+    fn registers_that_were_not_saved_are_not_reported() {
         for bit in [4, 12] {
             let mut words = words();
             words[5] = 1 << bit;

@@ -123,7 +123,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     #[test]
-    fn every_problem_has_a_code_and_an_explanation_of_its_own_with_a_remedy() {
+    fn every_problem_has_a_unique_code_explanation_and_remedy() {
         let codes = BTreeSet::from(DriverProblem::ALL.map(DriverProblem::code));
         let explanations = BTreeSet::from(DriverProblem::ALL.map(DriverProblem::explanation));
         assert_eq!((codes.len(), explanations.len()), (DriverProblem::ALL.len(), DriverProblem::ALL.len()));

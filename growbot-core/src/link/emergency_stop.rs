@@ -40,7 +40,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_found_after_anything_and_each_time() {
+    fn the_stop_is_recognised_after_any_bytes_and_each_time() {
         let twice = [EMERGENCY_STOP, EMERGENCY_STOP].concat();
         assert_eq!(found(&twice), 2);
         for noise in [&[0x00][..], &[0xE5, 0x70], &EMERGENCY_STOP[..6], &[0xFF; 300]] {
@@ -51,7 +51,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_frames_hold_it(bodies in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..=MAX_BODY_LEN), 1..4)) {
+        fn no_frame_contains_the_stop(bodies in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..=MAX_BODY_LEN), 1..4)) {
             let header = Header { kind: 4, session: 0x9E70_E500, seq: 0x70E5, ack: 0x009E };
             let mut bytes = std::vec![0];
             for mut body in bodies {

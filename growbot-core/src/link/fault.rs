@@ -255,7 +255,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_fault_has_an_explanation_of_its_own_and_a_remedy() {
+    fn every_fault_has_a_unique_explanation_and_a_remedy() {
         let explanations = BTreeSet::from(Fault::ALL.map(Fault::explanation));
         assert_eq!(explanations.len(), Fault::ALL.len());
         for explanation in explanations {

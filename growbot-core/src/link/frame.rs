@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_go_on_past_their_end_and_never_through_0() {
+    fn sequence_numbers_wrap_and_skip_0() {
         assert_eq!((next_seq(0), next_seq(7), next_seq(u16::MAX)), (1, 8, 1));
         assert!(is_seq_after(8, 7) && !is_seq_after(7, 8) && !is_seq_after(7, 7));
         assert!(is_seq_after(next_seq(u16::MAX), u16::MAX) && !is_seq_after(u16::MAX, 1));
@@ -215,7 +215,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_was_sent_arrives(header in header(), body in prop::collection::vec(any::<u8>(), 0..=MAX_BODY_LEN)) {
+        fn sent_frames_are_received(header in header(), body in prop::collection::vec(any::<u8>(), 0..=MAX_BODY_LEN)) {
             let bytes = encode(&header, &body).unwrap();
             let frames = receive(&bytes);
             prop_assert_eq!(frames.len(), 1);
@@ -225,7 +225,7 @@ mod tests {
         }
 
         #[test]
-        fn a_flipped_bit_is_seen(body in prop::collection::vec(any::<u8>(), 0..=MAX_BODY_LEN), at in any::<prop::sample::Index>(), bit in 0_u8..8) {
+        fn a_flipped_bit_is_detected(body in prop::collection::vec(any::<u8>(), 0..=MAX_BODY_LEN), at in any::<prop::sample::Index>(), bit in 0_u8..8) {
             let header = Header { kind: 1, session: 2, seq: 3, ack: 4 };
             let mut bytes = encode(&header, &body).unwrap();
             let index = at.index(bytes.len());
@@ -236,12 +236,12 @@ mod tests {
         }
 
         #[test]
-        fn noise_is_no_frame_and_does_no_harm(noise in prop::collection::vec(any::<u8>(), 0..1000)) {
+        fn noise_is_not_a_frame(noise in prop::collection::vec(any::<u8>(), 0..1000)) {
             prop_assert!(receive(&noise).iter().all(Result::is_err));
         }
 
         #[test]
-        fn a_frame_after_noise_arrives(noise in prop::collection::vec(any::<u8>(), 0..600)) {
+        fn a_frame_after_noise_is_received(noise in prop::collection::vec(any::<u8>(), 0..600)) {
             let header = Header { kind: 9, session: 8, seq: 7, ack: 6 };
             let mut bytes = noise;
             bytes.push(0);
@@ -252,7 +252,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_the_crate_stuffs_is_unstuffed(raw in prop::collection::vec(prop_oneof![Just(0_u8), any::<u8>()], 1..=MAX_RAW_LEN)) {
+        fn output_of_the_cobs_crate_is_unstuffed(raw in prop::collection::vec(prop_oneof![Just(0_u8), any::<u8>()], 1..=MAX_RAW_LEN)) {
             let mut stuffed = [0; MAX_FRAME_LEN];
             let length = cobs::try_encode(&raw, &mut stuffed).unwrap();
             prop_assert_eq!(&unstuff(&stuffed[..length]).unwrap()[..], &raw[..]);
@@ -260,14 +260,14 @@ mod tests {
     }
 
     #[test]
-    fn a_body_too_long_is_refused() {
+    fn an_overlong_body_is_refused() {
         let header = Header { kind: 1, session: 2, seq: 3, ack: 4 };
         assert_eq!(encode(&header, &[1; MAX_BODY_LEN + 1]), Err(FrameError::TooLong));
         assert_eq!(encode(&header, &[1; MAX_BODY_LEN]).unwrap().len(), MAX_FRAME_LEN);
     }
 
     #[test]
-    fn another_version_is_told_apart_from_noise() {
+    fn another_version_is_distinguished_from_noise() {
         let mut raw = std::vec![FRAME_VERSION + 1, 1, 0, 0, 0, 0, 0, 0, 0, 0];
         raw.extend_from_slice(&crc32c(&raw).to_le_bytes());
         let mut stuffed = [0; MAX_FRAME_LEN];

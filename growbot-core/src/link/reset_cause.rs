@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reset_causes_are_named_as_status_prints_them() {
+    fn reset_cause_names_match_the_status_output() {
         for (cause, name) in [
             (ResetCause::PowerOn, "power on"),
             (ResetCause::BrownOut, "brown-out"),

@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_driver_cannot_do_is_refused_with_the_reason() {
+    fn unsupported_driver_settings_are_refused_with_the_reason() {
         let driver = DriverSettings::with_current(0.8);
         with(BoardKind::SkrPico, Some(driver)).unwrap();
         let stalls = DriverSettings { mode: ChopperMode::SpreadCycle, stall_threshold: Some(80), ..driver };

@@ -175,14 +175,14 @@ mod tests {
     }
 
     #[test]
-    fn every_kind_has_the_signals_of_a_robot_without_conflicts() {
+    fn every_board_kind_has_all_signals_without_conflicts() {
         for kind in [BoardKind::Stm32f405, BoardKind::Pico, BoardKind::SkrPico] {
             with(kind, PinOverrides::default()).unwrap();
         }
     }
 
     #[test]
-    fn what_a_pin_cannot_be_is_refused_with_the_reason() {
+    fn invalid_pins_are_refused_with_the_reason() {
         let none = PinOverrides::default();
         for (kind, pins, why) in [
             (BoardKind::Stm32f405, PinOverrides { fan: Some(3), ..none }, "fixed"),
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn signals_that_a_board_has_no_place_for_need_a_pin() {
+    fn signals_without_a_default_pin_need_an_override() {
         let mut robot = with(BoardKind::SkrPico, PinOverrides::default()).unwrap().description().clone();
         robot.sensors.supply = true;
         let said = std::format!("{}", Robot::new(robot.clone()).unwrap_err());

@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_hold_along_the_whole_profile() {
+    fn step_rate_bounds_hold_for_the_whole_profile() {
         for strategy in [FeedStrategy::Feed, FeedStrategy::Speed] {
             let description = quick(strategy);
             for (height, tilt) in [(0.774, 0.0077), (0.5, 0.01), (0.3, 0.0136 * 0.9), (0.774, 0.0)] {

@@ -377,7 +377,7 @@ mod tests {
     use std::string::ToString;
 
     #[test]
-    fn materials_and_tips_that_cannot_be_are_refused() {
+    fn invalid_materials_and_tips_are_refused() {
         let refused = |change: fn(&mut RobotDescription)| {
             let mut description = description_a();
             change(&mut description);
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn a_board_asks_for_a_slower_step_interrupt_than_a_simulation() {
+    fn a_board_limits_the_step_interrupt_more_than_a_simulation() {
         let with = |tick_hz| {
             let mut description = description_a();
             description.motion.tick_hz = tick_hz;
@@ -410,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_whose_file_says_nothing_is_of_pla() {
+    fn material_defaults_to_pla() {
         let text = include_str!("../../../robots/growbot-a.toml");
         let sections = |names: &[&str]| {
             let retained = text.split("\n[").filter(|section| !names.iter().any(|name| section.starts_with(name)));

@@ -308,7 +308,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(2_000))]
 
         #[test]
-        fn far_goals_are_reached_no_longer_than_by_hand(first in bend(), alpha in 0.0..TAU, line in 4.0..40.0, beta in 0.0..TAU, last in bend()) {
+        fn far_goals_are_no_longer_than_constructed_paths(first in bend(), alpha in 0.0..TAU, line in 4.0..40.0, beta in 0.0..TAU, last in bend()) {
             let laid = [arc(alpha, first), Segment::Straight { length: line }, arc(beta, last)];
             prop_assert!(shortest_to_end_of(&laid) <= length(&laid) + 1e-9);
         }
@@ -322,7 +322,7 @@ mod tests {
         }
 
         #[test]
-        fn parts_are_found(alpha in 0.0..TAU, bend in 0.0..TAU, line in 4.0..40.0, arc_first in any::<bool>()) {
+        fn arc_and_line_are_found(alpha in 0.0..TAU, bend in 0.0..TAU, line in 4.0..40.0, arc_first in any::<bool>()) {
             let laid = if arc_first { [arc(alpha, bend), Segment::Straight { length: line }] } else { [Segment::Straight { length: line }, arc(alpha, bend)] };
             prop_assert!(shortest_to_end_of(&laid) <= length(&laid) + 1e-9);
         }
@@ -334,7 +334,7 @@ mod tests {
         }
 
         #[test]
-        fn planar_goals_are_reached_no_longer_than_in_their_plane(alpha in 0.0..TAU, x in -40.0..40.0, y in 4.0..40.0, heading in 0.0..TAU) {
+        fn planar_goals_are_no_longer_than_planar_paths(alpha in 0.0..TAU, x in -40.0..40.0, y in 4.0..40.0, heading in 0.0..TAU) {
             let planar = dubins2::shortest(&PlanarPose { x, y, heading });
             let laid = Candidate::Planar { path: planar, left: alpha }.path(1.0).unwrap();
             prop_assert!(shortest_to_end_of(&laid) <= planar.length() + 1e-9);
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_first_arc_that_is_nearly_nothing_is_found() {
+    fn a_tiny_first_arc_is_found() {
         let first = arc(0.358_737_783_521_837_2, 0.002_612_938_993_568_994_4);
         let last = arc(0.099_217_436_517_192_17, 3.318_598_406_852_338);
         let laid = [first, Segment::Straight { length: 11.263_648_759_022_585 }, last];
@@ -353,7 +353,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(60))]
 
         #[test]
-        fn near_goals_are_reached_no_longer_than_in_their_plane(alpha in 0.0..TAU, x in -3.0..3.0, y in -3.0..3.0, heading in 0.0..TAU) {
+        fn near_planar_goals_are_no_longer_than_planar_paths(alpha in 0.0..TAU, x in -3.0..3.0, y in -3.0..3.0, heading in 0.0..TAU) {
             let planar = dubins2::shortest(&PlanarPose { x, y, heading });
             let laid = Candidate::Planar { path: planar, left: alpha }.path(1.0).unwrap();
             prop_assert!(shortest_to_end_of(&laid) <= planar.length() + 1e-9);
@@ -369,9 +369,9 @@ mod tests {
     }
 
     /// Three arcs in any planes are not a shortest path, but there is mostly a helicoidal arc near them. The search
-    /// does not find some of these arcs, as `tests/shortest_is_shortest.rs` reports in more detail.
+    /// does not find some of these arcs, as `tests/shortest_paths.rs` reports in more detail.
     #[test]
-    fn most_near_goals_are_reached_no_longer_than_by_three_arcs() {
+    fn most_near_goals_are_no_longer_than_three_arcs() {
         const GOALS: u32 = 400;
         const MAX_MISSED: u32 = GOALS / 100;
         let spread = |n: u32, factor: f64| (f64::from(n + 1) * factor) % 1.0;

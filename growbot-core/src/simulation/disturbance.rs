@@ -98,14 +98,14 @@ mod tests {
     const LAYER: Layer = Layer { alpha: 2.0, height: 0.77, tilt: 0.0077 };
 
     #[test]
-    fn nothing_is_disturbed_without_a_disturbance() {
+    fn the_default_disturbance_changes_nothing() {
         let laid = Disturbance::default().lay(7, 3, &LAYER);
         assert_eq!(laid, DisturbedLayer { layer: LAYER, twist: 0.0 });
         assert_eq!(laid.step(), LAYER.step());
     }
 
     #[test]
-    fn growth_noise_is_even_and_keeps_the_tilt() {
+    fn growth_noise_is_uniform_and_keeps_the_tilt() {
         let disturbance = Disturbance { growth_noise: 0.1, ..Disturbance::default() };
         let shares: std::vec::Vec<f64> =
             (0..100_000).map(|index| disturbance.lay(1, index, &LAYER).layer.height / LAYER.height - 1.0).collect();
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn what_one_source_draws_does_not_depend_on_the_others() {
+    fn noise_sources_are_independent() {
         let one = Disturbance { growth_noise: 0.1, ..Disturbance::default() };
         let more = Disturbance { tilt_noise: 0.001, alpha_noise: 0.1, twist_noise: 0.1, ..one };
         for index in 0..100 {
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn biases_are_in_every_layer() {
+    fn biases_apply_to_every_layer() {
         let disturbance = Disturbance {
             growth_bias: 0.05,
             tilt_bias: -0.1,

@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn a_horizontal_tube_bends_by_its_own_weight_as_a_cantilever() {
+    fn a_horizontal_tube_sags_by_its_weight_like_a_cantilever() {
         let robot = light_tip();
         let (weight, stiffness) = weight_and_stiffness(&robot);
         for heading in [0.0, 70.0, -135.0] {
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn a_horizontal_tube_bends_by_its_tip_as_a_cantilever() {
+    fn a_horizontal_tube_sags_by_its_tip_like_a_cantilever() {
         let robot = light_body(200.0);
         let (weight, stiffness) = weight_and_stiffness(&robot);
         let force = 0.2 * STANDARD_GRAVITY_M_PER_S2;
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arch_in_a_level_plane_twists_as_well_as_it_bends() {
+    fn a_horizontal_arch_twists_and_bends() {
         // A quarter of a circle with a weight at its end: P R^3 / (E I) (pi / 4 + (1 + nu) (3 pi / 4 - 2)), Timoshenko.
         let robot = light_body(200.0);
         let (_, stiffness) = weight_and_stiffness(&robot);
@@ -326,7 +326,7 @@ mod tests {
         }
 
         #[test]
-        fn mirrored_bodies_hang_mirrored(tilt in 0.0..3.0, alpha in 0.0..3.0, pitch in -80.0..80.0) {
+        fn mirrored_bodies_sag_symmetrically(tilt in 0.0..3.0, alpha in 0.0..3.0, pitch in -80.0..80.0) {
             let start = from(0.0, pitch);
             let robot = robot(|_| ());
             let (left, right) = (hang(&robot, &start, tube(tilt, alpha)), hang(&robot, &start, tube(tilt, -alpha)));
@@ -336,7 +336,7 @@ mod tests {
         }
 
         #[test]
-        fn turning_all_about_the_vertical_changes_nothing(tilt in 0.0..3.0, alpha in 0.0..6.0, heading in -180.0..180.0) {
+        fn sag_is_invariant_under_rotation_about_the_vertical(tilt in 0.0..3.0, alpha in 0.0..6.0, heading in -180.0..180.0) {
             let robot = robot(|_| ());
             let (here, there) =
                 (hang(&robot, &from(0.0, 20.0), tube(tilt, alpha)), hang(&robot, &from(heading, 20.0), tube(tilt, alpha)));
@@ -371,7 +371,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_sums_are_those_over_all_sections(seed in 0_u64..1000, pitch in -90.0..90.0, count in 1_usize..80) {
+        fn running_sums_match_section_by_section_sum(seed in 0_u64..1000, pitch in -90.0..90.0, count in 1_usize..80) {
             let robot = robot(|_| ());
             let layer = Layer { alpha: 1.0, height: 0.7, tilt: 0.02 };
             let wild = super::super::Disturbance {

@@ -358,7 +358,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn exact_layers_sum_to_the_path_and_keep_every_limit(segments in prop::collection::vec(segment(), 0..6)) {
+        fn exact_layers_add_up_to_the_path_within_all_limits(segments in prop::collection::vec(segment(), 0..6)) {
             let robot = robot_a();
             let path = segments;
             let start = Frame::identity();
@@ -373,7 +373,7 @@ mod tests {
         }
 
         #[test]
-        fn the_number_of_layers_is_the_min(length in 0.1..100.0) {
+        fn layer_count_is_minimal(length in 0.1..100.0) {
             let robot = robot_a();
             let path = [Segment::Straight { length }];
             let n = layers(&path, &robot, Slicing::Exact).count() as f64;
@@ -382,7 +382,7 @@ mod tests {
         }
 
         #[test]
-        fn size_hint_counts(segments in prop::collection::vec(segment(), 0..6)) {
+        fn size_hint_is_exact(segments in prop::collection::vec(segment(), 0..6)) {
             let robot = robot_a();
             let layers = layers(&segments, &robot, Slicing::Exact);
             prop_assert_eq!(layers.size_hint().0, layers.count());
@@ -390,14 +390,14 @@ mod tests {
     }
 
     #[test]
-    fn a_segment_of_whole_layers_is_not_sliced_once_more() {
+    fn a_segment_of_whole_layers_gets_no_extra_layer() {
         let path = [Segment::Straight { length: 0.774 * 10.0 }];
         assert_eq!(layers(&path, &robot_a(), Slicing::Exact).count(), 10);
         assert_eq!(layers(&path, &robot_a(), Slicing::Whole { step: 0.774 }).count(), 10);
     }
 
     #[test]
-    fn whole_steps_pass_the_end_by_less_than_a_step() {
+    fn whole_steps_overshoot_by_less_than_one_step() {
         let path = [Segment::Arc { alpha: 0.0, bend: 1.0, length: 100.0 }];
         let laid: f64 = layers(&path, &robot_a(), Slicing::Whole { step: 3.096 }).map(|s| s.layer.height).sum();
         assert!(laid > 100.0 && laid < 103.096);

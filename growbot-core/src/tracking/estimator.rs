@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_are_as_large_as_the_standard_deviations() {
+    fn errors_match_the_standard_deviations() {
         let disturbance = Disturbance { growth_noise: 0.1, tilt_noise: radians(0.005), ..Disturbance::default() };
         let (mut position, mut direction) = (0.0, 0.0);
         for seed in 0..60 {
@@ -440,7 +440,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_leans_more_than_assumed_is_doubted_as_much_as_it_is_off() {
+    fn sigma_scale_grows_with_unmodelled_tilt_noise() {
         let doubt = |tilt_noise| {
             let disturbance = Disturbance { growth_noise: 0.1, tilt_noise, ..Disturbance::default() };
             let doubted = (0..20).map(|seed| follow(&disturbance, DirectionSensor::Tip, seed));
@@ -462,7 +462,7 @@ mod tests {
     }
 
     #[test]
-    fn gravity_tells_no_heading_and_the_estimate_says_so() {
+    fn direction_deviation_grows_if_only_gravity_is_measured() {
         let twisting = Disturbance { twist_noise: radians(0.2), ..Disturbance::default() };
         let (by_tip, _) = follow(&twisting, DirectionSensor::Tip, 1);
         let (by_gravity, truth) = follow(&twisting, DirectionSensor::Gravity, 1);
@@ -477,7 +477,7 @@ mod tests {
     }
 
     #[test]
-    fn odometry_that_comes_seldom_covers_the_layers_between() {
+    fn sparse_odometry_covers_the_layers_in_between() {
         let layer = Layer { alpha: 0.0, height: 0.77, tilt: 0.0 };
         let mut estimator = Estimator::new(start(), NOISE);
         for index in 1..=100 {
@@ -489,7 +489,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_measurement_is_passed_over() {
+    fn invalid_measurements_are_ignored() {
         let layer = Layer { alpha: 1.0, height: 0.77, tilt: 0.005 };
         let nothing = Measurement {
             growth: Some(f64::NAN),

@@ -463,7 +463,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reference_is_the_path() {
+    fn a_reference_follows_the_path() {
         for (start, _, path) in problems() {
             let reference = ReferenceTrajectory::from_path(&path, 100.0);
             let planned = end(&path, &start.frame());
@@ -474,7 +474,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tip_that_is_off_is_led_to_the_goal_within_the_max_curvature() {
+    fn a_deviating_tip_is_corrected_within_the_max_curvature() {
         let max_curvature = 1.0 / 98.2;
         let mut missed = 0;
         for (seed, (start, goal, path)) in (0..).zip(problems()) {
@@ -494,7 +494,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_reached_is_approached() {
+    fn an_unreachable_goal_is_approached() {
         let path = [Segment::Straight { length: 10.0 }];
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let goal = Pose::from_degrees([5.0, 0.0, 10.0, 0.0, 90.0]).unwrap();
@@ -505,7 +505,7 @@ mod tests {
     }
 
     #[test]
-    fn advancing_removes_length_from_the_beginning() {
+    fn advancing_removes_length_from_the_start() {
         let path = [Segment::Straight { length: 10.0 }, Segment::Arc { alpha: 0.0, bend: 0.5, length: 50.0 }];
         let mut reference = ReferenceTrajectory::from_path(&path, 100.0);
         reference.advance(30.0);

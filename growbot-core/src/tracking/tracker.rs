@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rest_leads_to_the_goal_in_layers_that_can_be_laid() {
+    fn remaining_layers_are_valid_and_reach_the_goal() {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
         let legs = [Leg { goal, segment_count: path.len() }];
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_under_way_are_reckoned_with() {
+    fn layers_in_flight_are_taken_into_account() {
         let disturbance = Disturbance { growth_noise: 0.1, growth_bias: 0.05, ..Disturbance::default() };
         for under_way in [0, 1, 3] {
             let mean = (0..10).map(|seed| grow_behind(under_way, &disturbance, seed)).sum::<f64>() / 10.0;
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn what_will_be_known_is_told_before_it_is() {
+    fn forecast_deviations_match_later_estimates() {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
         let legs = [Leg { goal, segment_count: path.len() }];
@@ -361,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn another_path_is_followed_from_where_the_tip_is() {
+    fn a_replaced_path_is_followed_from_the_current_tip() {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
         let legs = [Leg { goal, segment_count: path.len() }];
@@ -397,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn no_layer_breaks_a_limit_whatever_is_measured() {
+    fn no_measurement_makes_a_layer_exceed_a_limit() {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
         let legs = [Leg { goal, segment_count: path.len() }];
@@ -416,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_of_many_legs_passes_each_of_its_poses() {
+    fn a_path_of_several_legs_passes_each_pose() {
         let (robot, start) = (robot_a(), Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap());
         let goals: Vec<Pose> = (1..=12)
             .map(|n| {

@@ -17,7 +17,7 @@ const ALLOWANCE: f64 = 0.2;
 const ALLOWANCE_US: u64 = 2_000_000;
 
 /// Time by which the heater gets the power for a first layer before its plastic flows, s, because power takes seconds
-/// from the heater to the nozzle (docs/decisions/0022-heater-regulation.md; `tests/normal_growth.rs` bounds it).
+/// from the heater to the nozzle (docs/decisions/0022-heater-regulation.md; `tests/no_false_alarms.rs` bounds it).
 const LEAD_S: f64 = 1.5;
 /// Limit of that time as a share of a layer's period (decision 0022).
 const MAX_LEAD_SHARE: f64 = 1.0 / 12.0;

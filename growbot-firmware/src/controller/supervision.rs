@@ -22,7 +22,7 @@ const SELF_TEST_MIN_US: u64 = 600_000;
 /// recorded.
 const SELF_TEST_MAX_US: u64 = 2_000_000;
 /// Time in which the fan accelerates from standstill to full speed, s (docs/decisions/0022-heater-regulation.md;
-/// `tests/normal_growth.rs` bounds it).
+/// `tests/no_false_alarms.rs` bounds it).
 const FAN_RAMP_S: f64 = 10.0;
 /// Number of consecutive checks, ten a second, without a step interrupt that raise a fault (SAFETY.md,
 /// `steps-stalled`).

@@ -21,7 +21,7 @@ fn named(name: &str) -> Robot {
 }
 
 #[test]
-fn the_newest_description_is_found_again() {
+fn the_newest_description_is_loaded() {
     let flash = Small::new(2);
     assert_eq!(stored(&flash), None);
     let mut descriptions = DescriptionStore::open(flash.clone());
@@ -36,7 +36,7 @@ fn the_newest_description_is_found_again() {
 /// After an update of the firmware the encoding may differ. The stored description must not be replaced without a
 /// request.
 #[test]
-fn a_whole_description_that_cannot_be_read_is_told_from_none() {
+fn an_unreadable_description_is_distinguished_from_none() {
     let flash = Small::new(2);
     assert_eq!(DescriptionStore::open(flash.clone()).newest(), StoredDescription::Empty);
     let mut descriptions = DescriptionStore::open(flash.clone());
@@ -51,7 +51,7 @@ fn a_whole_description_that_cannot_be_read_is_told_from_none() {
 }
 
 #[test]
-fn what_flash_holds_at_first_is_no_description() {
+fn blank_flash_holds_no_description() {
     for byte in [0x00, 0xff, 0x47] {
         let flash = Small::new(2);
         flash.set_bytes(&[byte; 2 * SECTOR]);
@@ -62,7 +62,7 @@ fn what_flash_holds_at_first_is_no_description() {
 }
 
 #[test]
-fn a_flipped_bit_is_seen() {
+fn a_flipped_bit_is_detected() {
     let flash = Small::new(2);
     let (old, new) = (robot_a(), fast_robot());
     DescriptionStore::open(flash.clone()).store(&old).unwrap();
@@ -78,7 +78,7 @@ fn a_flipped_bit_is_seen() {
 }
 
 #[test]
-fn a_power_cut_at_every_byte_leaves_the_old_description_or_the_new_one() {
+fn a_power_loss_at_any_byte_leaves_the_old_or_the_new_description() {
     let (old, new) = (robot_a(), fast_robot());
     let (mut olds, mut news) = (0, 0);
     for before in [None, Some(old)] {
@@ -118,7 +118,7 @@ fn a_power_cut_at_every_byte_leaves_the_old_description_or_the_new_one() {
 
 /// Cells that were being programmed may read differently at each start, but never as another description.
 #[test]
-fn weak_cells_read_as_the_old_description_or_the_new_one() {
+fn weak_cells_read_as_the_old_or_the_new_description() {
     let (old, new) = (robot_a(), fast_robot());
     for at in 0..HEADER_BYTES + LONGEST {
         let flash = Small::new(2);
@@ -134,7 +134,7 @@ fn weak_cells_read_as_the_old_description_or_the_new_one() {
 }
 
 #[test]
-fn flash_that_refuses_keeps_the_old_description() {
+fn a_flash_write_error_keeps_the_old_description() {
     let flash = Small::new(2);
     DescriptionStore::open(flash.clone()).store(&robot_a()).unwrap();
     let mut descriptions = DescriptionStore::open(flash.clone());

@@ -277,7 +277,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_do_not_overlap() {
+    fn register_addresses_do_not_overlap() {
         let words = [
             MAGIC,
             VERSION,

@@ -64,7 +64,7 @@ mod tests {
     use crate::emulated_tip::{ENCODER_OK, INDEX_FAULT_NONE};
 
     #[test]
-    fn the_index_line_is_low_on_the_mark_only() {
+    fn index_input_is_low_only_on_the_mark() {
         let low = (0..3200).filter(|&step| !index_level(step, 3200, 3198, 5, INDEX_FAULT_NONE)).count();
         assert_eq!(low, 5);
         assert!(!index_level(0, 3200, 3198, 5, INDEX_FAULT_NONE));
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn the_encoder_stands_where_the_filament_does() {
+    fn encoder_level_follows_the_filament_position() {
         let mapping = EncoderMapping::default();
         assert!(!encoder_level(0, 0, ENCODER_OK, mapping));
         assert!(!encoder_level(0, 100 * 256, ENCODER_STUCK_LOW, mapping));
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn the_encoder_turns_as_far_as_the_filament_that_slips() {
+    fn encoder_follows_slipping_filament() {
         assert_eq!(rises(EncoderMapping { slip: -65_536 / 10, ..EncoderMapping::default() }), 800);
         assert_eq!(rises(EncoderMapping { slip: 65_536 / 4, ..EncoderMapping::default() }), 1111);
         // At a change of the mapping, the encoder continues at its present angle.

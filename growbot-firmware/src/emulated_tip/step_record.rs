@@ -78,7 +78,7 @@ mod tests {
     use crate::emulated_tip::SIZE;
 
     #[test]
-    fn a_record_survives_the_ring() {
+    fn a_step_record_round_trips_through_a_word() {
         for axis in [Motor::Head, Motor::Feed] {
             for (forward, enabled) in [(false, false), (false, true), (true, false), (true, true)] {
                 let record = StepRecord { axis, forward, enabled, tick: 0x1234_5678 & TICK_MASK };
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_whole_again_across_the_wrap() {
+    fn ticks_are_extended_across_the_wrap() {
         let record = |tick| StepRecord { axis: Motor::Head, forward: true, enabled: true, tick };
         assert_eq!(record(7).tick_after(7), 7);
         assert_eq!(record(3).tick_after((1 << 29) - 2), (1 << 29) + 3);
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ring_wraps_where_the_index_does() {
+    fn the_ring_wraps_with_the_write_index() {
         assert_eq!(step_record_offset(0), STEP_RING);
         assert_eq!(step_record_offset(STEP_RING_RECORDS), STEP_RING);
         assert_eq!(step_record_offset(u32::MAX), STEP_RING + 4 * (STEP_RING_RECORDS as usize - 1));

@@ -28,7 +28,7 @@ fn below(flash: &Small, enough: bool) -> (GuardedFlash<Small, Supply>, Supply) {
 }
 
 #[test]
-fn without_supply_flash_can_be_read_and_stays_as_it_is() {
+fn without_supply_flash_is_readable_but_not_written() {
     let flash = Small::new(2);
     let (mut supplied, supply) = below(&flash, true);
     assert_eq!(supplied.capacity(), 2048);
@@ -47,7 +47,7 @@ fn without_supply_flash_can_be_read_and_stays_as_it_is() {
 }
 
 #[test]
-fn a_start_without_supply_settles_nothing_and_the_next_one_finds_the_job() {
+fn a_start_at_low_supply_writes_nothing_and_the_next_one_finds_the_job() {
     let flash = Small::new(2);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(4).unwrap() {}

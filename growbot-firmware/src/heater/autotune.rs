@@ -171,7 +171,7 @@ mod tests {
     use crate::testing::robot_a;
 
     #[test]
-    fn the_power_switches_between_two_levels_round_the_need_at_each_side_of_the_hysteresis() {
+    fn power_switches_between_two_levels_at_the_hysteresis_edges() {
         let robot = robot_a();
         let nozzle = NozzleModel::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
         let mut relay = RelayTuner::default();
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn the_levels_stay_within_the_power_where_most_of_it_is_needed() {
+    fn power_levels_stay_within_the_available_power() {
         let robot = robot_a();
         let nozzle = NozzleModel::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
         let mut relay = RelayTuner::default();
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn the_gains_are_those_of_the_mean_of_four_swings_after_two() {
+    fn gains_come_from_the_mean_of_four_swings_after_two() {
         let robot = robot_a();
         let nozzle = NozzleModel::new(&Demand { supply_v: Some(13.2), ..Demand::default() }, robot.description());
         let mut relay = RelayTuner::default();
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn a_swing_that_takes_no_time_leaves_the_levels() {
+    fn a_swing_of_zero_duration_keeps_the_levels() {
         let robot = robot_a();
         let nozzle = NozzleModel::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
         let mut relay = RelayTuner::default();
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn the_middle_moves_as_far_as_the_levels_differ_in_length_and_by_no_more_than_the_limits() {
+    fn bias_follows_the_duty_asymmetry_within_limits() {
         let robot = robot_a();
         let nozzle = NozzleModel::new(&Demand { supply_v: Some(12.0), ..Demand::default() }, robot.description());
         // The power is high for 0.6, 0.4, 0.9 and 0.1 of a swing. The middle changes by nine tenths of 0.2, or by the
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn the_gains_are_half_and_whole_of_tyreus_and_luybens() {
+    fn gains_follow_tyreus_luyben_with_half_the_proportional_gain() {
         let of = |amplitude_c: f32| {
             let sums = Sums { period_s: 4.0 * 10.0, amplitude_c: 4.0 * amplitude_c, relay: 4.0 * 0.3 };
             RelayTuner { sums, ..RelayTuner::default() }.found(0.5)

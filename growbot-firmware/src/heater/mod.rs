@@ -37,7 +37,7 @@ const OLDEST_READING_US: u64 = 400_000;
 /// hot too early, its temperature drops.
 const SETTLING_US: u64 = 2_000_000;
 /// Share of the band within which the temperature must stay for [`STEADY_US`] before a layer is laid. With both limits
-/// the overshoot is over by then. `tests/normal_growth.rs` demands 1.5 C while growing, which is half of robot A's
+/// the overshoot is over by then. `tests/no_false_alarms.rs` demands 1.5 C while growing, which is half of robot A's
 /// band.
 const STEADY_BANDS: f32 = 0.45;
 /// Time within [`STEADY_BANDS`] before a layer is laid, us. It is bounded like [`STEADY_BANDS`].

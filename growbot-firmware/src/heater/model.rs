@@ -79,7 +79,7 @@ mod tests {
     use crate::testing::robot_a;
 
     #[test]
-    fn need_and_supply_are_those_of_the_description() {
+    fn needed_and_available_power_match_the_description() {
         let robot = robot_a();
         let still = NozzleModel::new(&Demand::default(), robot.description());
         assert!((still.needed_w(200.0) - 0.12 * 175.0).abs() < 1e-4);
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_count_is_an_eighth_of_a_degree_where_robot_a_prints() {
+    fn one_adc_count_is_an_eighth_of_a_degree_at_robot_a_temperature() {
         let count = NozzleModel::new(&Demand::default(), robot_a().description()).count_c(200.0);
         assert!((0.1..0.15).contains(&count), "{count}");
     }

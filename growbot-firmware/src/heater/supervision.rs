@@ -7,9 +7,9 @@
 //!
 //! The limits (docs/decisions/0023-heater-supervision.md) are for a capacity, loss and power of 10 % more or less than
 //! described and a reading that follows within 4 s. Two trials bound each of them from opposite sides. No limit may
-//! raise a fault on a healthy nozzle (`heater::tests::sound`, 1,000 h, and `tests/normal_growth.rs`). Every fault must
-//! be found in its time (`heater::tests::faults`, 200 nozzles, and `cargo fault-campaign`). The comments below call
-//! these two trials "sound" and "faults". The module's own tests check the values.
+//! raise a fault on a healthy nozzle (`heater::tests::sound`, 1,000 h, and `tests/no_false_alarms.rs`). Every fault
+//! must be found in its time (`heater::tests::faults`, 200 nozzles, and `cargo fault-campaign`). The comments below
+//! call these two trials "sound" and "faults". The module's own tests check the values.
 //!
 //! The limits are:
 //!

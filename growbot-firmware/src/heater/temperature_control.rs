@@ -9,9 +9,9 @@
 //! The *dither* varies target and power together by about a count of the ADC, so that the regulation does not
 //! counteract it. A reading without the dither is not that of the nozzle (see [`super::supervision`]).
 //!
-//! docs/decisions/0022-heater-regulation.md gives the reasons. `heater::tests::regulating` and `tests/normal_growth.rs`
-//! bound the effect of these constants on the temperature: within 1.5 C of the target over layers, and 4 C of
-//! overshoot.
+//! docs/decisions/0022-heater-regulation.md gives the reasons. `heater::tests::regulating` and
+//! `tests/no_false_alarms.rs` bound the effect of these constants on the temperature: within 1.5 C of the target over
+//! layers, and 4 C of overshoot.
 
 #[cfg(test)]
 mod tests;
@@ -28,8 +28,8 @@ pub const DITHER_PERIOD_S: f32 = 16.0;
 /// Amplitude of the dither, counts of the ADC. Decision 0022. With more than a count the mean of a period changes even
 /// without noise.
 const DITHER_COUNTS: f32 = 1.2;
-/// Min amplitude of the dither, degrees. Decision 0022. `tests/normal_growth.rs` bounds it from above (the nozzle stays
-/// within 1.5 C), `heater::tests::sound` from below (it must be detectable in noise of 1.5 counts).
+/// Min amplitude of the dither, degrees. Decision 0022. `tests/no_false_alarms.rs` bounds it from above (the nozzle
+/// stays within 1.5 C), `heater::tests::sound` from below (it must be detectable in noise of 1.5 counts).
 const DITHER_MIN_C: f32 = 0.35;
 /// Max amplitude of the dither, degrees. It is bounded like [`DITHER_MIN_C`].
 const DITHER_MAX_C: f32 = 0.7;

@@ -170,12 +170,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_record_survives(record in record()) {
+        fn a_record_round_trips(record in record()) {
             prop_assert_eq!(Record::from_bytes(&record.to_bytes()), Some(record));
         }
 
         #[test]
-        fn up_to_five_flipped_bits_are_seen(
+        fn up_to_five_flipped_bits_are_detected(
             record in record(),
             bits in prop::collection::btree_set(0_usize..256, 1..=5),
         ) {
@@ -187,7 +187,7 @@ mod tests {
         }
 
         #[test]
-        fn a_layer_that_is_laid_survives(
+        fn a_layer_record_round_trips(
             as_built in any::<LayerBytes>(),
             height_units in any::<u32>(),
             lean_owed in any::<[i16; 2]>(),
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn a_blank_place_and_a_struck_record_are_none() {
+    fn blank_slots_and_struck_records_decode_to_none() {
         assert_eq!(Record::from_bytes(&BLANK), None);
         assert_eq!(Record::from_bytes(&STRUCK), None);
     }

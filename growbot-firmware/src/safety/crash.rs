@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn registers_and_the_stack_beyond_them_are_retained() {
+    fn registers_and_stack_are_retained() {
         for (exc_return, beyond) in [(0xFFFF_FFF9, 0x1000_0820), (0xFFFF_FFE9, 0x1000_0868)] {
             let crash = crash(0x1000_0800, exc_return);
             assert_eq!(crash[..HEAD_WORDS], head(0x1000_0800, exc_return));
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stack_pointer_may_point_anywhere() {
+    fn any_stack_pointer_is_handled() {
         for sp in [0, 3, 0x0FFF_FFF0, 0x0FFF_FFFC, 0x1000_0001, 0x1000_0FF0, 0x1000_1000, u32::MAX - 3, u32::MAX] {
             let crash = crash(sp, 0xFFFF_FFF9);
             assert_eq!(crash[HEAD_WORDS], word(sp), "{sp:x}");
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn any_other_words_are_no_crash() {
+    fn invalid_words_are_not_a_crash_record() {
         let words = encode(&head(0x1000_0800, 0xFFFF_FFF9), &PLACES, word);
         for bit in 0..32 * RETAINED_WORDS {
             let mut flipped = words;

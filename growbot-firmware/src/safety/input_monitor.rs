@@ -5,7 +5,7 @@ use growbot_core::link::message::Fault;
 use growbot_core::robot::{RobotDescription, Supply};
 
 /// Number of consecutive samples that raise a fault of the supply or of a driver. It is 0.2 s, so that one disturbed
-/// sample raises none (`what_passes_by_is_no_fault`). SAFETY.md and `cargo fault-campaign` have the time.
+/// sample raises none (`transient_inputs_are_not_faults`). SAFETY.md and `cargo fault-campaign` have the time.
 const FAULT_SAMPLES: u8 = 2;
 /// Number of consecutive samples without filament that raise a fault. It is 0.5 s, because the switch bounces as the
 /// filament's end passes. `cargo fault-campaign` has the time.
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn each_input_has_its_fault_and_its_patience() {
+    fn each_input_causes_its_fault_after_its_number_of_samples() {
         assert_eq!(looks_to(Fault::DriverFault, InputSample { driver_fault: Some(true), ..FINE }), 2);
         assert_eq!(looks_to(Fault::SupplyLow, InputSample { supply_v: Some(10.1), ..FINE }), 2);
         assert_eq!(looks_to(Fault::SupplyHigh, InputSample { supply_v: Some(14.1), ..FINE }), 2);
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_itself_is_no_fault() {
+    fn a_reading_at_a_limit_is_not_a_fault() {
         let robot = robot_a();
         let supply = &robot.description().supply;
         for volts in [supply.min_v, supply.max_v] {
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn the_adcs_full_scale_is_the_dividers() {
+    fn adc_full_scale_matches_the_divider() {
         let robot = robot_a();
         let supply = &robot.description().supply;
         for (raw, share) in [(0.0, 0.0), (1023.75, 0.25), (4095.0, 1.0)] {
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn what_passes_by_is_no_fault() {
+    fn transient_inputs_are_not_faults() {
         let robot = robot_a();
         let mut inputs = InputMonitor::default();
         for round in 0..100 {
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn filament_is_missed_only_where_it_is_needed() {
+    fn missing_filament_is_a_fault_only_if_it_is_needed() {
         let robot = robot_a();
         let mut inputs = InputMonitor::default();
         for _ in 0..100 {
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_without_sensors_has_no_faults_of_them() {
+    fn a_robot_without_sensors_has_no_sensor_faults() {
         let mut description = robot_a().description().clone();
         description.sensors = growbot_core::robot::Sensors::default();
         let mut inputs = InputMonitor::default();

@@ -29,7 +29,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_missing_proof_is_enough_to_withhold_it() {
+    fn any_missing_proof_withholds_the_watchdog_feed() {
         let all = LivenessCheck { sampler: true, regulator: true, supervisor: true, steps: true };
         for mut incomplete in [
             LivenessCheck { sampler: false, ..all },

@@ -259,7 +259,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn what_another_firmware_has_left_is_not_decodable_and_hides_what_is_older() {
+    fn state_of_another_firmware_is_undecodable_and_hides_older_copies() {
         let (own, other) = (|generation| longest().to_bytes(generation), of_another_firmware);
         for (copies, expected) in [
             ([other(7), other(8)], Err(RetainedError::NotDecodable)),
@@ -278,7 +278,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn it_survives_and_the_longest_fits() {
+    fn retained_state_round_trips_and_the_longest_fits() {
         for retained in [RetainedState::default(), longest()] {
             for generation in [0, 1, u32::MAX] {
                 let bytes = retained.to_bytes(generation);
@@ -293,7 +293,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn what_memory_comes_up_with_is_nothing() {
+    fn uninitialised_memory_holds_no_state() {
         for byte in [0, 0x55, 0xff] {
             assert_eq!(found(&Memory([byte; RETAINED_BYTES])), None);
         }
@@ -306,7 +306,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn both_copies_say_what_a_start_must_do_and_the_rest_takes_one_write() {
+    fn both_copies_are_written_only_if_the_start_behaviour_changes() {
         let (mut memory, mut copies) = (Memory([0xA5; RETAINED_BYTES]), RetainedStore::default());
         // For each state of the sequence: whether a start would act differently than with the state before.
         let otherwise = [true, true, true, false, true, false, false, false, true, true, true, false, true, true];
@@ -319,7 +319,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn only_resets_of_the_processor_alone_leave_the_memory_its_power() {
+    fn only_processor_resets_keep_ram_powered() {
         for (cause, expected, fault) in [
             (ResetCause::PowerOn, false, Fault::PowerLost),
             (ResetCause::External, false, Fault::PowerLost),
@@ -370,7 +370,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_write_that_is_torn_at_any_byte_leaves_what_was_there_or_what_was_to_be() {
+    fn a_torn_write_leaves_the_old_or_the_new_state() {
         struct Recording(Memory, std::vec::Vec<(usize, [u8; COPY_BYTES])>);
         impl RetainedMemory for Recording {
             fn read(&mut self) -> [u8; RETAINED_BYTES] {
@@ -410,7 +410,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn one_copy_that_is_destroyed_hides_neither_work_nor_a_fault() {
+    fn one_destroyed_copy_hides_neither_work_nor_a_fault() {
         let mut memory = Memory([0; RETAINED_BYTES]);
         let mut copies = RetainedStore::default();
         for retained in story() {

@@ -209,7 +209,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_states_can_be_stopped_and_faults_lead_to_rest() {
+    fn every_state_can_be_stopped_and_faults_lead_to_rest() {
         for state in State::ALL {
             for event in [Event::Stop, Event::Fault, Event::EmergencyStop] {
                 let to = next_state(state, event).expect("taken in every state");
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_start_heats_and_only_heat_leads_to_motion() {
+    fn only_a_start_heats_and_motion_needs_heat() {
         for state in State::ALL {
             for event in Event::ALL {
                 let Some(to) = next_state(state, event) else { continue };
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn latched_states_are_left_by_clearing_only() {
+    fn latched_states_end_only_by_clearing() {
         for state in [State::Fault, State::EmergencyStop] {
             for event in Event::ALL {
                 let leaves = next_state(state, event).is_some_and(|to| to != state);
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn safety_md_says_in_which_states_the_robot_may_heat_and_move() {
+    fn safety_md_lists_the_states_that_may_heat_and_move() {
         let mut states = 0;
         for row in rows("\n## States\n") {
             for name in row[0].split(", ") {
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn safety_md_says_in_which_states_plastic_must_be_hot() {
+    fn safety_md_lists_the_states_that_need_hot_plastic() {
         let (_, faults) = include_str!("../../../SAFETY.md").split_once("\n| `under-temperature` |").expect("its row");
         let states = faults.lines().next().and_then(|row| row.split('|').nth(1)).expect("where it is looked for");
         for state in State::ALL {
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn every_state_can_be_reached_from_the_first_one() {
+    fn every_state_is_reachable_from_the_initial_one() {
         let mut reached = std::vec![State::SelfTest];
         let mut next = 0;
         while let Some(state) = reached.get(next).copied() {

@@ -46,7 +46,7 @@ mod tests {
     use std::vec::Vec;
 
     #[test]
-    fn steps_of_a_spread_fall_within_its_ticks_and_leave_room_for_the_pulse() {
+    fn steps_stay_within_the_ticks_with_room_for_the_pulse() {
         for ticks in 2..60 {
             for steps in 0..=ticks / 2 {
                 // The two sectors are equal and follow each other.

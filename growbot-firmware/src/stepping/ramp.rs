@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_from_rest_to_rest_goes_up_and_down_evenly() {
+    fn a_turn_from_rest_to_rest_ramps_symmetrically() {
         for ticks in [1, 2, 7, 100, 1000, 30_000] {
             for slope in [1 << 8, 12_345, 1 << 14, 1 << 20, FULL_RATE] {
                 for start in [1 << 18, FULL_RATE / 3, FULL_RATE - 1, FULL_RATE] {
@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn it_brakes_to_what_the_next_turn_can_be_entered_at() {
+    fn a_turn_brakes_to_the_entry_rate_of_the_next() {
         let this = pace(FULL_RATE / 10, 2000, FULL_RATE);
         for entry in [FULL_RATE / 20, FULL_RATE / 10, FULL_RATE / 2, FULL_RATE] {
             let mut clock = VirtualClock::AT_REST;
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn an_order_that_comes_while_it_brakes_speeds_it_up_again() {
+    fn a_move_submitted_while_braking_speeds_up_again() {
         let pace = pace(FULL_RATE / 10, 2000, FULL_RATE);
         let mut clock = VirtualClock::AT_REST;
         let rates = run(&mut clock, &pace, 20_000, |left| if left < 1000 { FULL_RATE } else { 0 });

@@ -197,7 +197,7 @@ mod tests {
         }
 
         #[test]
-        fn both_strategies_lay_the_same_steps_in_the_same_sectors(layer in layer()) {
+        fn both_feed_strategies_lay_the_same_steps_per_sector(layer in layer()) {
             let (by_feed, by_speed) = (robot_a_by(FeedStrategy::Feed), robot_a_by(FeedStrategy::Speed));
             let [feed, speed] = [&by_feed, &by_speed].map(|robot| lay(&layer, robot).unwrap());
             for (a, b) in feed.sectors.iter().zip(&speed.sectors) {
@@ -208,7 +208,7 @@ mod tests {
         }
 
         #[test]
-        fn what_was_asked_for_is_what_is_built(layer in layer()) {
+        fn the_built_layer_matches_the_requested_one(layer in layer()) {
             let robot = robot_a();
             let turn = lay(&layer, &robot).unwrap();
             let built = turn.layer(&robot);
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn every_layer_that_passes_its_check_has_a_turn() {
+    fn every_valid_layer_has_a_turn() {
         for strategy in [FeedStrategy::Feed, FeedStrategy::Speed] {
             let robot = robot_a_by(strategy);
             for height in 1..200 {
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn the_steady_feed_is_steady() {
+    fn the_speed_strategy_has_a_constant_feed_rate() {
         let robot = robot_a_by(FeedStrategy::Speed);
         let layer = Layer { alpha: 0.3, height: 0.77, tilt: 0.0077 };
         let turn = lay(&layer, &robot).unwrap();

@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn lean_never_drifts_even_with_coarse_steps() {
+    fn lean_does_not_drift_with_coarse_steps() {
         for robot in [robot_a(), fast_robot()] {
             let step = 1.0 / robot.feed_steps_per_length();
             for layer in [
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_at_a_limit_have_a_turn_however_their_steps_are_rounded() {
+    fn layers_at_a_limit_have_a_turn_for_any_rounding() {
         let quick = fast_robot();
         let mut by_speed = quick.description().clone();
         by_speed.motion.strategy = FeedStrategy::Speed;
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn feed_steps_never_drift_over_five_thousand_layers() {
+    fn feed_steps_do_not_drift_over_5000_layers() {
         let robot = robot_a();
         let layer = Layer { alpha: 1.0, height: 0.7731, tilt: 0.0077 };
         let (mut encoder, mut material, mut steps, mut height) =
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_step_interrupt_cannot_carry_is_refused() {
+    fn layers_beyond_the_step_interrupt_capacity_are_refused() {
         let robot = robot_a();
         assert_eq!(TurnPlanner::default().next_turn(&[0; 12], &robot, false), Err(StepRateError));
         let absurd = Layer { alpha: 0.0, height: 200.0, tilt: 0.1 };

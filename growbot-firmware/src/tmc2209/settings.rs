@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robots_drivers_get_what_its_file_says() {
+    fn driver_config_comes_from_the_robot_file() {
         let mut robot = robot_a().description().clone();
         assert_eq!(DriverConfig::of(&robot), None);
         robot.head.driver = Some(DriverSettings { stall_threshold: Some(60), ..DriverSettings::with_current(0.8) });
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn registers_are_those_of_the_data_sheet() {
+    fn registers_match_the_data_sheet() {
         // GCONF: pdn_disable, mstep_reg_select, multistep_filt.
         assert_eq!(value(&PLAIN, 0x00), 0x1C0);
         assert_eq!(value(&DriverConfig { spread_cycle: true, ..PLAIN }, 0x00), 0x1C4);
@@ -186,7 +186,7 @@ mod tests {
 
     /// Checks the formula of section 9: I rms = (CS + 1) / 32 * V_FS / (R + 20 mOhm) / sqrt 2.
     #[test]
-    fn the_current_is_the_greatest_that_is_not_above_the_one_asked_for() {
+    fn the_current_is_the_greatest_not_above_the_requested_one() {
         for hundredths in 5..=170 {
             let settings = DriverConfig { current_a: f64::from(hundredths) / 100.0, ..PLAIN };
             let scale = value(&settings, 0x10) >> 8 & 0x1F;
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn stall_is_looked_for_in_stealth_chop_only() {
+    fn stall_detection_is_enabled_in_stealth_chop_only() {
         let watched = DriverConfig { stall_threshold: Some(60), ..PLAIN };
         assert_eq!((value(&watched, 0x40), value(&watched, 0x14)), (60, 234));
         for settings in [PLAIN, DriverConfig { spread_cycle: true, ..watched }] {
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_that_no_driver_has_give_registers_all_the_same() {
+    fn invalid_settings_give_registers_without_panic() {
         for current_a in [-1.0, 0.0, 1e9, f64::NAN, f64::INFINITY] {
             for (sense_ohm, microsteps) in [(0.0, 0), (-1.0, 3), (f64::NAN, u16::MAX)] {
                 let _ = DriverConfig { current_a, sense_ohm, microsteps, ..PLAIN }.registers();

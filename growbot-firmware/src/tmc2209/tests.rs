@@ -72,7 +72,7 @@ impl Bench {
 }
 
 #[test]
-fn both_drivers_are_configured_and_no_other_one() {
+fn exactly_both_drivers_are_configured() {
     for period in [20, 1000, 10_000, 20_000] {
         for echoes in [true, false] {
             let mut bench = Bench::new();
@@ -94,7 +94,7 @@ fn both_drivers_are_configured_and_no_other_one() {
 }
 
 #[test]
-fn a_silent_driver_is_a_problem_and_is_configured_once_it_answers() {
+fn a_silent_driver_is_a_problem_and_is_configured_once_it_responds() {
     for in_use in [false, true] {
         let mut bench = Bench::new();
         bench.in_use = in_use;
@@ -108,7 +108,7 @@ fn a_silent_driver_is_a_problem_and_is_configured_once_it_answers() {
 }
 
 #[test]
-fn one_that_falls_silent_is_found_and_one_that_only_missed_a_look_is_well_again() {
+fn a_driver_that_responds_again_keeps_its_configuration() {
     let mut bench = Bench::configured(true);
     bench.wire.chip(HEAD, |chip| chip.silent = true);
     bench.finds(Motor::Head, DriverProblem::Silent, 100);
@@ -120,7 +120,7 @@ fn one_that_falls_silent_is_found_and_one_that_only_missed_a_look_is_well_again(
 }
 
 #[test]
-fn answers_with_a_wrong_crc_are_asked_for_again_and_at_last_count_as_none() {
+fn responses_with_a_wrong_crc_are_retried_and_then_discarded() {
     let mut bench = Bench::configured(true);
     for (corrupt, expected) in [(2, None), (3, Some((Motor::Head, DriverProblem::Silent)))] {
         bench.wire.chip(HEAD, |chip| chip.corrupt = corrupt);
@@ -134,7 +134,7 @@ fn answers_with_a_wrong_crc_are_asked_for_again_and_at_last_count_as_none() {
 }
 
 #[test]
-fn a_driver_that_counts_no_writes_is_not_configured() {
+fn a_driver_that_does_not_count_writes_is_not_configured() {
     let mut bench = Bench::new();
     bench.wire.chip(HEAD, |chip| chip.deaf = true);
     bench.finds(Motor::Head, DriverProblem::NotConfigured, 500);
@@ -149,7 +149,7 @@ fn a_driver_that_counts_no_writes_is_not_configured() {
 }
 
 #[test]
-fn the_count_of_writes_may_wrap() {
+fn the_write_counter_may_wrap() {
     let mut bench = Bench::new();
     bench.set(HEAD, IFCNT, 250);
     bench.run(500);
@@ -158,7 +158,7 @@ fn the_count_of_writes_may_wrap() {
 }
 
 #[test]
-fn each_flag_is_its_problem() {
+fn each_flag_maps_to_its_problem() {
     for (register, value, problem) in [
         (DRV_STATUS, TURNING | 1, DriverProblem::Hot),
         (DRV_STATUS, TURNING | 0b11, DriverProblem::OverTemperature),
@@ -182,7 +182,7 @@ fn each_flag_is_its_problem() {
 }
 
 #[test]
-fn an_open_wire_counts_while_the_motor_turns_and_for_long() {
+fn an_open_wire_counts_only_if_persistent_while_turning() {
     for phase in [1 << 6, 1 << 7] {
         let mut bench = Bench::configured(true);
         bench.set(HEAD, DRV_STATUS, STANDING | phase);
@@ -195,7 +195,7 @@ fn an_open_wire_counts_while_the_motor_turns_and_for_long() {
 }
 
 #[test]
-fn a_stall_is_found_in_stealth_chop_at_speed() {
+fn a_stall_is_detected_in_stealth_chop_at_speed() {
     let stalls = |status, step_time, load| {
         let mut bench = Bench::configured(true);
         for (register, value) in [(DRV_STATUS, status), (TSTEP, step_time), (SG_RESULT, load)] {
@@ -219,7 +219,7 @@ fn a_stall_is_found_in_stealth_chop_at_speed() {
 }
 
 #[test]
-fn a_driver_that_started_anew_is_a_problem_in_use_and_is_configured_again_at_rest() {
+fn a_restarted_driver_is_a_problem_in_use_and_reconfigured_at_rest() {
     let mut bench = Bench::configured(true);
     bench.wire.chip(HEAD, super::fake_bus::Chip::start_anew);
     bench.finds(Motor::Head, DriverProblem::Reset, 60);
@@ -233,7 +233,7 @@ fn a_driver_that_started_anew_is_a_problem_in_use_and_is_configured_again_at_res
 }
 
 #[test]
-fn what_a_short_leaves_behind_is_cleared_at_rest() {
+fn flags_of_a_past_short_are_cleared_at_rest() {
     let mut bench = Bench::configured(true);
     bench.set(HEAD, GSTAT, 0b010);
     bench.set(HEAD, DRV_STATUS, STANDING | 1 << 2);
@@ -247,7 +247,7 @@ fn what_a_short_leaves_behind_is_cleared_at_rest() {
 }
 
 #[test]
-fn a_line_without_room_or_full_of_bytes_blocks_nothing() {
+fn a_full_transmit_or_receive_buffer_does_not_block() {
     let mut bench = Bench::new();
     bench.wire.0.borrow_mut().full = true;
     bench.finds(Motor::Head, DriverProblem::Silent, 200);
@@ -277,7 +277,7 @@ impl SingleWireUart for Noise<'_> {
 
 proptest! {
     #[test]
-    fn no_bytes_make_it_panic_or_believe_that_it_has_configured_a_driver(
+    fn random_bytes_cause_no_panic_and_no_false_configuration(
         bytes in prop::collection::vec(prop_oneof![any::<u8>(), Just(0x05), Just(0xFF), Just(0x02)], 0..4000),
         rooms in prop::collection::vec(any::<bool>(), 1..20),
         uses in prop::collection::vec(any::<bool>(), 1..20),

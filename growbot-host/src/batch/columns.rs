@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_stand_in_any_order() {
+    fn columns_may_be_in_any_order() {
         let mut names: Vec<&str> = REQUIRED.into_iter().chain(START).chain(DIRECTION).chain([" planner "]).collect();
         names.reverse();
         let columns = find(&names).unwrap();

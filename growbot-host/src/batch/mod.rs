@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn every_query_is_answered_in_order_and_faults_stay_where_they_are() {
+    fn every_query_has_a_result_in_order_and_errors_are_isolated() {
         let answers = answers(&format!(
             "\u{feff}{HEADER},radius_mm,planner\r\n\
              a, 0, 0, 0, 0, 90, 0, 0, 500, 0, 90,,\r\n\
@@ -368,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_of_output_is_the_plan_and_its_id_or_the_error() {
+    fn an_output_line_has_the_plan_and_its_id_or_the_error() {
         let answers = answers(&format!("{HEADER}\n7,0,0,0,0,90,0,0,500,0,90\n8,0\n"));
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let (plan, error) = (answers[0].to_line(&robot), answers[1].to_line(&robot));
@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn starts_and_directions_may_be_left_out() {
+    fn starts_and_directions_are_optional() {
         let short = answers("to_x_mm,id,to_y_mm,to_z_mm\n200,a,0,400\n0,b,0,nan\n");
         let plan = short[0].outcome.as_ref().unwrap();
         assert_eq!(plan.start, parse_pose("0,0,0,0,90").unwrap());
@@ -396,7 +396,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_has_the_numbers_to_the_last_digit_and_as_many_fields_as_the_header() {
+    fn rows_have_exact_numbers_and_as_many_fields_as_the_header() {
         let answers = answers("id,to_x_mm,to_y_mm,to_z_mm\n\"a, b\",200,1e-14,400.1\nc,0,0,x\n");
         let rows: String = ANSWERS.to_owned() + &answers[0].to_row() + &answers[1].to_row();
         let mut reader = ReaderBuilder::new().from_reader(rows.as_bytes());
@@ -417,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_that_are_no_text_spoil_their_line_only() {
+    fn invalid_utf8_affects_only_its_line() {
         let mut bytes = format!("{HEADER}\n1,0,0,0,0,90,0,0,5").into_bytes();
         bytes.extend(b"\xff,0,90\n\xc3(,0,0,0,0,90,0,0,500,0,90\n3,0,0,0,0,90,0,0,500,0,90\n");
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();

@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_disturbed_unless_asked_for() {
+    fn disturbances_are_off_by_default() {
         let args = parsed(&[]).unwrap();
         assert!(!args.has_disturbance() && !args.has_sensor_noise());
         assert_eq!(args.disturbance(), Disturbance::default());
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn percent_and_degrees_become_shares_and_radians() {
+    fn percent_and_degrees_are_converted_to_fractions_and_radians() {
         let args = parsed(&["--noise", "10", "--bias", "-5", "--twist-bias=-0.9", "--direction-noise", "0.5"]).unwrap();
         let disturbance = args.disturbance();
         assert_eq!((disturbance.growth_noise, disturbance.growth_bias), (0.1, -0.05));
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_out_of_range_is_refused_with_value_and_limit() {
+    fn out_of_range_values_are_refused_with_value_and_limit() {
         for (args, part) in [
             (["--noise", "-1"], "it is -1 percent, and may be 0 to 90"),
             (["--noise", "90.5"], "it is 90.5 percent"),

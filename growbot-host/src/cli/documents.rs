@@ -94,7 +94,7 @@ fn inline_code(document: &Document) -> Vec<(usize, String)> {
 }
 
 #[test]
-fn every_command_of_a_block_is_one() {
+fn every_command_in_a_code_block_is_valid() {
     let (mut all, mut faults) = (0, Vec::new());
     for document in for_users().iter().chain(&beside()) {
         for (line, words) in commands(document) {
@@ -109,7 +109,7 @@ fn every_command_of_a_block_is_one() {
 }
 
 #[test]
-fn every_command_within_a_line_has_its_name_and_options() {
+fn every_inline_command_has_valid_name_and_options() {
     let mut root = Cli::command();
     root.build();
     let (mut all, mut faults) = (0, Vec::new());
@@ -145,7 +145,7 @@ fn every_command_within_a_line_has_its_name_and_options() {
 }
 
 #[test]
-fn every_alias_of_cargo_is_there() {
+fn every_cargo_alias_exists() {
     let config = fs::read_to_string(root().join(".cargo/config.toml")).unwrap();
     let config: toml::Table = config.parse().unwrap();
     let aliases = config["alias"].as_table().unwrap();
@@ -169,7 +169,7 @@ fn every_alias_of_cargo_is_there() {
 }
 
 #[test]
-fn lines_are_taken_apart_as_a_shell_does() {
+fn lines_are_split_like_in_a_shell() {
     let taken = simple_commands("A=1 growbot plan --to '1, 2' > x.json  # and so on | not\nfoo\\ bar | growbot x && b");
     let expected: [&[&str]; 4] = [&["A=1", "growbot", "plan", "--to", "1, 2"], &["foo bar"], &["growbot", "x"], &["b"]];
     assert_eq!(taken, expected);
@@ -177,7 +177,7 @@ fn lines_are_taken_apart_as_a_shell_does() {
 }
 
 #[test]
-fn what_is_no_command_is_told() {
+fn invalid_commands_are_reported() {
     assert!(wrong(&["growbot", "plan", "--to", "1,2,3,4,5"]).is_none());
     assert!(wrong(&["growbot", "grow", "--help"]).is_none());
     assert!(wrong(&["growbot", "plan", "--two", "1,2,3,4,5"]).is_some());

@@ -398,7 +398,7 @@ mod tests {
     const DRIFT: ClockDrift = ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
 
     #[test]
-    fn a_clock_that_is_wrong_has_its_own_outcome_with_drift_and_limit() {
+    fn clock_drift_has_its_own_outcome_with_drift_and_limit() {
         let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
         let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
         let plan = Plan::new(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
@@ -423,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_said_of_a_simulated_robot_says_so_and_asks_nobody_to_cut_a_power() {
+    fn messages_mark_simulated_robots_and_do_not_ask_to_cut_the_power() {
         let outcomes = [
             (Outcome::Stopped, false),
             (Outcome::Stopped, true),

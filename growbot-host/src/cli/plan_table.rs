@@ -150,7 +150,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn long_lines_are_broken_between_words() {
+    fn long_lines_are_wrapped_between_words() {
         let text = wrapped("  path type ", &"eleven long ".repeat(20), 12);
         assert!(text.lines().count() == 4 && text.lines().all(|line| line.len() <= 80), "{text}");
         assert!(

@@ -385,7 +385,7 @@ mod tests {
     use growbot_core::link::message::{DriverProblem, Motor};
 
     #[test]
-    fn a_driver_in_trouble_is_named_with_what_is_wrong_and_what_to_do() {
+    fn a_driver_problem_is_reported_with_cause_and_remedy() {
         let trouble = Some(DriverReport { motor: Motor::Feed, problem: DriverProblem::Silent });
         let sensors = SensorReadings { driver_fault: Some(true), driver_trouble: trouble, ..SensorReadings::default() };
         assert_eq!(text_of_sensors(&sensors), "head off its mark, feed driver silent");

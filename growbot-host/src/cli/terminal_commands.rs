@@ -114,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_are_orders_and_nothing_else_is() {
+    fn typed_commands_are_parsed_and_others_refused() {
         assert_eq!(parse_command("continue\n"), Ok(Some(Command::Continue)));
         assert_eq!(parse_command(" c \n"), Ok(Some(Command::Continue)));
         assert_eq!(parse_command("stop\n"), Ok(Some(Command::Stop)));
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_robot_that_waits_can_be_continued() {
+    fn a_continue_hint_is_given_only_to_a_waiting_robot() {
         assert!(waiting_hint(State::Parked, true, false).unwrap().contains("heats up"));
         assert!(waiting_hint(State::Paused, false, true).unwrap().contains("page"));
         assert_eq!(waiting_hint(State::Growing, true, true), None);

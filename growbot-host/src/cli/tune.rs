@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn an_interruption_before_the_board_tunes_heats_nothing() {
+    fn an_interrupt_before_tuning_starts_heats_nothing() {
         let (sim, mut client) = board();
         let orders = CommandQueue::default();
         orders.interrupt();
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn an_interruption_while_the_board_tunes_stops_it() {
+    fn an_interrupt_during_tuning_stops_it() {
         let (sim, mut client) = board();
         let orders = CommandQueue::default();
         client.request("to tune", &Message::Tune(Tune { target_centi_c: 20_000 })).unwrap();

@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_drive_is_found_and_of_several_none_is_chosen() {
+    fn a_single_drive_is_found_and_several_are_ambiguous() {
         let mounts = tempfile::tempdir().unwrap();
         let mounted = |name: &str| {
             let drive = mounts.path().join(name);

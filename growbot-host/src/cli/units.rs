@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn radians_are_small_and_fractional() {
+    fn small_fractional_angles_look_like_radians() {
         for (angles, are) in [
             (&[][..], false),
             (&[0.0, 0.0], false),

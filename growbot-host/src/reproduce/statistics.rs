@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sample_in_a_few_numbers() {
+    fn sample_summary_has_the_expected_values() {
         let summary = SampleSummary::of(&[4.0, 1.0, 3.0, 2.0]);
         assert_eq!((summary.n, summary.mean, summary.median), (4, 2.5, 2.5));
         assert!((summary.sd - libm::sqrt(5.0 / 3.0)).abs() < 1e-15 && (summary.p95 - 3.85).abs() < 1e-12);
@@ -175,7 +175,7 @@ mod tests {
     /// The expected values come from scipy 1.16.3: `stats.ttest_ind_from_stats(equal_var=False)`, and `stats.t.sf` of
     /// the margin minus the difference, divided by the standard error.
     #[test]
-    fn welch_and_tost_as_in_scipy() {
+    fn welch_and_tost_match_scipy() {
         for (one, other, margin, [t, df, p, tost_p]) in [
             (
                 (50, 0.0044, 0.0017),
@@ -208,7 +208,7 @@ mod tests {
 
     /// The expected values come from R: `p.adjust(c(0.01, 0.04, 0.03, 0.005), "holm")`.
     #[test]
-    fn holms_correction_as_in_r() {
+    fn holm_correction_matches_r() {
         let corrected = holm(&[0.01, 0.04, 0.03, 0.005]);
         assert!(
             corrected.iter().zip([0.03, 0.06, 0.06, 0.02]).all(|(found, r)| (found - r).abs() < 1e-15),
@@ -220,7 +220,7 @@ mod tests {
     /// The example is from Hollander and Wolfe 1973, p. 116, as in the documentation of R's `kruskal.test`: H =
     /// 0.77143, 2 degrees of freedom, p = 0.68.
     #[test]
-    fn kruskal_and_wallis_as_in_r() {
+    fn kruskal_wallis_matches_r() {
         let test =
             kruskal_wallis(&[&[2.9, 3.0, 2.5, 2.6, 3.2], &[3.8, 2.7, 4.0, 2.4], &[2.8, 3.4, 3.7, 2.2, 2.0]]).unwrap();
         assert!((test.statistic - 0.771_43).abs() < 1e-5 && (test.p - 0.68).abs() < 1e-3, "{test:?}");
@@ -238,7 +238,7 @@ mod tests {
 
     /// The example is from https://en.wikipedia.org/wiki/One-way_analysis_of_variance: F = 9.3, p = 0.002.
     #[test]
-    fn analysis_of_variance_of_the_textbook() {
+    fn anova_matches_a_textbook_example() {
         let groups: [&[f64]; 3] =
             [&[6.0, 8.0, 4.0, 5.0, 3.0, 4.0], &[8.0, 12.0, 9.0, 11.0, 6.0, 8.0], &[13.0, 9.0, 11.0, 8.0, 7.0, 12.0]];
         let test = anova(&groups).unwrap();

@@ -39,7 +39,7 @@ fn elements(markup: &str) -> usize {
 }
 
 #[test]
-fn robot_a_misses_by_as_much_as_the_paper_says() {
+fn goal_errors_of_robot_a_match_the_paper() {
     let done = run(ReproduceRequest { tables: vec![], figures: vec![5], ..ReproduceRequest::default() }, 2);
     let cells = done.comparison.table2.iter().filter(|cell| {
         (cell.robot, cell.planner, cell.slicing) == (paper::ROBOT_A, Planner::TwoPlane, slicing_rule::SlicingRule::Text)
@@ -61,7 +61,7 @@ fn robot_a_misses_by_as_much_as_the_paper_says() {
 
 /// An independent check of these 36 means found 9 that differ at 5 %, and 4 after a correction for 36 comparisons.
 #[test]
-fn the_tests_of_table_2_say_how_many_means_differ_and_how_many_are_equivalent() {
+fn table_2_has_the_expected_differing_and_equivalent_means() {
     let done = run(ReproduceRequest { tables: vec![2], figures: vec![], ..ReproduceRequest::default() }, 2);
     let by_text = Verdicts::of(&done.comparison.table2, Planner::TwoPlane, slicing_rule::SlicingRule::Text);
     let found = (by_text.cells, by_text.differ_uncorrected, by_text.differ, by_text.equivalent);
@@ -77,7 +77,7 @@ fn the_tests_of_table_2_say_how_many_means_differ_and_how_many_are_equivalent() 
 }
 
 #[test]
-fn a_growth_has_its_start_and_goal_beside_it() {
+fn growth_rows_contain_start_and_goal() {
     let done = run(ReproduceRequest { tables: vec![], figures: vec![7], ..small() }, 2);
     let files = done.files().unwrap();
     let file = files.iter().find(|file| file.name == "growths.csv").unwrap();
@@ -96,7 +96,7 @@ fn a_growth_has_its_start_and_goal_beside_it() {
 }
 
 #[test]
-fn exact_slicing_without_noise_arrives_for_every_robot() {
+fn every_robot_reaches_the_goal_with_exact_slicing_and_no_noise() {
     let done = run(ReproduceRequest { figures: vec![8], ..small() }, 2);
     let comparison::ExactErrors { max_position, max_direction, growths } = done.comparison.exact.unwrap();
     assert_eq!(growths, 11 * 4 * 2 * 2);
@@ -104,7 +104,7 @@ fn exact_slicing_without_noise_arrives_for_every_robot() {
 }
 
 #[test]
-fn feedback_arrives_nearer_with_noise() {
+fn feedback_reduces_the_goal_error_with_noise() {
     let done = run(ReproduceRequest { tables: vec![], figures: vec![4], repeat: 10, ..ReproduceRequest::default() }, 2);
     let mean = |group: usize, feedback: bool| {
         let noisy = |set: &&experiments::GrowthSet| {
@@ -131,7 +131,7 @@ fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
 }
 
 #[test]
-fn every_table_and_figure_is_there_and_can_be_read() {
+fn every_table_and_figure_exists_and_is_readable() {
     let done = run(ReproduceRequest { repeat: 5, ..small() }, 2);
     let files = done.files().unwrap();
     let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
@@ -181,7 +181,7 @@ fn every_table_and_figure_is_there_and_can_be_read() {
 }
 
 #[test]
-fn the_summary_fits_a_terminal_and_only_what_was_asked_for_is_done() {
+fn the_summary_fits_a_terminal_and_has_only_requested_parts() {
     let text = summary::summary(&run(small(), 2));
     for line in text.lines() {
         assert!(line.chars().count() <= 80, "{line}");

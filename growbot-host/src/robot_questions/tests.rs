@@ -6,7 +6,7 @@ fn draft() -> Draft {
 }
 
 #[test]
-fn what_is_not_touched_is_the_robot_begun_with() {
+fn default_answers_keep_the_base_robot() {
     for base in robot_file::names() {
         let (text, file) = robot_file::text_of(base.as_ref()).unwrap();
         let mut draft = Draft::of(&text, &file, "mine").unwrap();
@@ -27,7 +27,7 @@ fn what_is_not_touched_is_the_robot_begun_with() {
 }
 
 #[test]
-fn defaults_follow_the_answers_before() {
+fn defaults_follow_earlier_answers() {
     let mut draft = draft();
     for (path, answer, next, default) in [
         ("geometry.inner_radius_mm", "24", "geometry.tip_radius_mm", "44.0"),
@@ -52,7 +52,7 @@ fn defaults_follow_the_answers_before() {
 }
 
 #[test]
-fn what_is_not_asked_for_is_adapted_and_said() {
+fn dependent_fields_are_adapted_and_reported() {
     let mut draft = draft();
     let adapted = draft.apply_answer("head.steps_per_turn", "100").unwrap();
     assert_eq!(
@@ -65,7 +65,7 @@ fn what_is_not_asked_for_is_adapted_and_said() {
 }
 
 #[test]
-fn what_cannot_be_is_refused_with_value_limit_and_what_to_do() {
+fn invalid_answers_are_refused_with_value_limit_and_remedy() {
     for (path, answer, part) in [
         ("geometry.tip_radius_mm", "10", "geometry.tip_radius_mm is 10, below 12: the tube (r_t) must be wider"),
         ("geometry.tip_radius_mm", "wide", "geometry.tip_radius_mm cannot be \"wide\": give a number"),
@@ -86,7 +86,7 @@ fn what_cannot_be_is_refused_with_value_limit_and_what_to_do() {
 }
 
 #[test]
-fn a_line_for_tools_stays_at_the_top() {
+fn the_schema_line_stays_at_the_top() {
     let (text, file) = robot_file::text_of("growbot-a".as_ref()).unwrap();
     let text = format!("#:schema ./robot.json\n{text}");
     let (_, written) = Draft::of(&text, &file, "mine").unwrap().file(&[]).unwrap();
@@ -95,7 +95,7 @@ fn a_line_for_tools_stays_at_the_top() {
 }
 
 #[test]
-fn what_is_proposed_is_never_refused_whatever_was_answered_before() {
+fn suggested_values_are_always_accepted() {
     for name in ["growbot-a", "growbot-b"] {
         let (text, file) = robot_file::text_of(name.as_ref()).unwrap();
         for (at, asked) in ASKED_FIELDS.iter().enumerate() {

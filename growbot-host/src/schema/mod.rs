@@ -249,7 +249,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bounds_are_those_of_the_checks() {
+    fn bounds_match_the_checks() {
         let schema = robot_file_schema();
         let bounds = |path| {
             let field = field(&schema, path).unwrap();
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_board_can_do_is_said_where_it_is_less() {
+    fn lower_limits_of_boards_are_documented() {
         let schema = robot_file_schema();
         let text = meaning(&schema, "motion.tick_hz");
         assert!(text.contains("100 kHz"), "{text}");
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn every_field_says_what_it_is_and_nothing_of_rust() {
+    fn every_field_has_a_description_without_rust_terms() {
         fn look(schema: &Value, path: &str) {
             for (key, field) in schema["properties"].as_object().into_iter().flatten() {
                 let path = format!("{path}.{key}");

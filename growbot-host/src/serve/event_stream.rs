@@ -190,7 +190,7 @@ mod tests {
     use std::io::Write;
 
     #[test]
-    fn each_line_is_told_once_when_it_is_whole() {
+    fn each_line_is_sent_once_when_complete() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("log.jsonl");
         let mut file = File::create(&path).unwrap();

@@ -426,7 +426,7 @@ mod tests {
     }
 
     #[test]
-    fn a_database_of_another_release_is_refused_and_left_as_it_is() {
+    fn a_database_of_another_release_is_refused_unchanged() {
         for (version, which) in [(1, "an earlier"), (2, "an earlier"), (VERSION + 1, "a later")] {
             let (_directory, places) = of_version(version);
             let message = JobStore::open(&places).err().unwrap().to_string();

@@ -244,7 +244,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn strangers_make_way_and_those_who_were_let_in_stay() {
+    fn unauthenticated_connections_are_dropped_first() {
         let [door, other] = ConnectionLimiter::two(Duration::from_secs(1));
         let all: Vec<_> = (0..CONNECTIONS as u64).map(|number| door.admit(number).unwrap()).collect();
         all[0].0.mark_authenticated();

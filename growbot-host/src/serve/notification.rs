@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn each_fault_pause_and_empty_spool_is_told_once() {
+    fn each_fault_pause_and_empty_spool_is_notified_once() {
         let (_directory, jobs) = jobs();
         let about = NotificationContext { robot: "lab", simulated: true, job: Some("a"), laid: 12, layers: 78 };
         let tell = |fault, pause| {
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn what_waits_by_itself_is_no_notice() {
+    fn automatic_pauses_are_not_notified() {
         for (state, pause_cause, is_told) in [
             (State::Paused, PauseCause::Requested, true),
             (State::Parked, PauseCause::FilamentOut, true),
@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn the_queue_is_bounded_and_the_eldest_that_is_due_comes_first() {
+    fn the_queue_is_bounded_and_pops_the_oldest_due_entry() {
         let (_directory, mut jobs) = jobs();
         let about = NotificationContext { robot: "lab", simulated: false, job: None, laid: 0, layers: 0 };
         let notice = about.notice(Happening::Finish, None, None);

@@ -321,7 +321,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_secret_is_made_once_and_for_its_user_alone() {
+    fn the_secret_is_created_once_and_readable_only_by_its_user() {
         use std::os::unix::fs::PermissionsExt;
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("webhook-secret");
@@ -337,7 +337,7 @@ mod tests {
 
     /// The expected signature was computed with hmac, hashlib and base64 of Python.
     #[test]
-    fn the_signature_is_that_of_others() {
+    fn the_signature_matches_another_implementation() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("webhook-secret");
         fs::write(&path, "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw").unwrap();
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_that_is_none_is_refused_and_not_repeated() {
+    fn invalid_urls_are_refused_and_not_quoted() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("webhook-secret");
         for wrong in ["", "hooks.example/s3cret", "ftp://hooks.example/s3cret", "https:///s3cret", "http://a b/s3cret"]

@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_hears_everything_once_and_another_one_from_the_beginning() {
+    fn a_page_gets_each_update_once_and_a_new_page_gets_all() {
         let mut watched = watched(&[Some([7; 12]), None]);
         let total = watched.total;
         let mut seen = UpdateCursor::default();
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_is_told_when_it_is_done_while_the_robot_grows_at_a_known_pace() {
+    fn finish_time_is_sent_only_while_growing_at_a_known_pace() {
         let mut watched = watched(&[]);
         let left_s = watched.total as f64 * 18.0;
         let finish = |watched: &GrowthTracker| update_of(watched, &mut UpdateCursor::default())["finish_in_s"].clone();
@@ -360,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn readings_are_thinned_out_and_told_anew_and_the_clock_goes_on_over_a_restart() {
+    fn thinned_readings_are_resent_and_time_continues_over_a_restart() {
         let mut watched = watched(&[]);
         let mut seen = UpdateCursor::default();
         for second in 0..MAX_READINGS as u64 {
@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn an_amendment_that_the_board_does_not_take_is_taken_back() {
+    fn a_refused_amendment_is_reverted() {
         let mut watched = watched(&[]);
         let (commanded, total) = (watched.commanded.clone(), watched.total);
         watched.ingest(&JobEvent::Amendment(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
@@ -385,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn where_a_simulated_tip_has_laid_comes_in_the_place_of_what_was_commanded() {
+    fn simulated_layers_replace_commanded_ones() {
         let mut watched = watched(&[]);
         let mut seen = UpdateCursor::default();
         watched.ingest(&JobEvent::Laid { index: 0, as_built: Some([7; 12]), measured: None });
@@ -403,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn a_log_that_fails_is_told_until_it_does_not() {
+    fn a_log_failure_is_reported_until_it_recovers() {
         let mut watched = watched(&[]);
         watched.warn(Some("disk full".to_owned()));
         watched.ingest(&JobEvent::Command(growbot_client::growth::Command::Pause));
@@ -427,7 +427,7 @@ mod tests {
 
     /// The event of a new state comes before the status with its cause.
     #[test]
-    fn a_state_is_not_shown_before_its_explanation() {
+    fn a_state_is_displayed_only_with_its_explanation() {
         let shown = |watched: &GrowthTracker| {
             let update = update_of(watched, &mut UpdateCursor::default());
             (update["state"].clone(), update["explanation"].clone())
@@ -457,7 +457,7 @@ mod tests {
     }
 
     #[test]
-    fn amended_layers_are_those_that_unknown_ones_are_shown_by() {
+    fn amended_layers_stand_in_for_unknown_ones() {
         let mut watched = watched(&[]);
         watched.ingest(&JobEvent::Amendment(Amendment { plan_id: 2, from: 1, total: 20, layers: vec![[5; 12]; 2] }));
         watched.ingest(&JobEvent::LayersSent { from: 3, layers: vec![[6; 12]] });

@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_page_itself_may_ask() {
+    fn only_requests_of_the_page_itself_are_allowed() {
         let asked = |headers: &[(&'static str, &'static str)]| {
             let pair = |&(name, value)| (HeaderName::from_static(name), HeaderValue::from_static(value));
             may_ask(&headers.iter().map(pair).collect())

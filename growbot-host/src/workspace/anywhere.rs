@@ -15,7 +15,7 @@ mod tests {
     use std::f64::consts::PI;
 
     #[test]
-    fn well_known_positions() {
+    fn shortest_lengths_to_known_positions() {
         for (axial, lateral, length) in [
             (0.0, 0.0, 0.0),
             (500.0, 0.0, 500.0),

@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn no_planned_body_is_shorter_than_the_shortest_to_anywhere() {
+    fn no_plan_is_shorter_than_the_lower_bound() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let question = question(&robot, 1000.0);
         for index in 0..2000 {
@@ -398,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_body_reaches_nearly_the_whole_ball_and_a_short_one_only_ahead() {
+    fn long_bodies_reach_nearly_everything_and_short_ones_only_ahead() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let ball = |length: f64| 4.0 / 3.0 * PI * length * length * length;
         let short = workspace(&question(&robot, 100.0), |_, _| {}).unwrap();
@@ -412,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn a_given_direction_reaches_less_than_any() {
+    fn a_fixed_direction_reaches_less_than_a_free_one() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let any = workspace(&question(&robot, 600.0), |_, _| {}).unwrap();
         let down = WorkspaceQuery { direction: Some((0.0, -1.5)), ..question(&robot, 600.0) };

@@ -335,7 +335,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cell_is_cut_where_the_level_crosses_it() {
+    fn a_cell_is_clipped_at_the_level() {
         let corners = [(0.0, 0.0, 0.0), (10.0, 1.0, 0.0), (10.0, 1.0, 1.0), (0.0, 0.0, 1.0)];
         let (inside, crossings) = clip(&corners, 5.0, 100.0);
         assert_eq!(inside, [(0.0, 0.0), (0.5, 0.0), (0.5, 1.0), (0.0, 1.0)]);

@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_stays_text() {
+    fn text_is_escaped() {
         assert_eq!(escape("</script><b a=\"&\">"), "&lt;/script&gt;&lt;b a=&quot;&amp;&quot;&gt;");
         assert_eq!(escape("a\u{1}b\nc\u{ffff}"), "a b c ");
     }

@@ -166,7 +166,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scales_hold_their_values_and_end_on_a_tick() {
+    fn scales_contain_their_values_and_end_on_a_tick() {
         let scale = Scale::from_zero([0.011, 0.047]);
         assert_eq!(scale, Scale::Linear(0.0, 0.05));
         assert_eq!(scale.ticks().len(), 6);
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scale_goes_round_what_there_is() {
+    fn a_scale_encloses_the_values() {
         let Scale::Linear(from, to) = Scale::around([0.61, 0.93]) else { panic!("not linear") };
         assert!((from - 0.6).abs() < 1e-12 && (to - 1.0).abs() < 1e-12, "{from} {to}");
         assert_eq!(Scale::around([]), Scale::Linear(0.0, 1.0));
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_are_round() {
+    fn tick_steps_are_round() {
         for (whole, max, step) in [(1000.0, 12.0, 100.0), (3589.0, 12.0, 500.0), (2.0, 10.0, 0.2), (7.0, 10.0, 1.0)] {
             assert!((round_step(whole, max) - step).abs() < 1e-12 * step, "{whole}");
         }

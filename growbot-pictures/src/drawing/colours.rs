@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn brightness_alone_tells_the_order_on_the_scales_of_papers() {
+    fn brightness_is_monotonic_in_the_palettes_for_papers() {
         let bright = |[red, green, blue]: &[u8; 3]| {
             let linear = |part: u8| libm::pow(f64::from(part) / 255.0, 2.2);
             0.2126 * linear(*red) + 0.7152 * linear(*green) + 0.0722 * linear(*blue)

@@ -248,7 +248,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_drawing_is_a_page_of_its_size_with_its_letters_as_outlines() {
+    fn a_pdf_page_has_the_drawing_size_and_outlined_letters() {
         let svg = "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 200 50\" width=\"200\" height=\"50\">\
              <defs><linearGradient id=\"g\"><stop offset=\"0\" stop-color=\"#000\"/><stop offset=\"1\" \
              stop-color=\"#fff\"/></linearGradient></defs><rect width=\"50\" height=\"10\" fill=\"url(#g)\"/>\

@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn letters_are_drawn_without_any_font_on_the_machine() {
+    fn letters_are_drawn_without_installed_fonts() {
         let (width, height, empty) = of_text("", 400);
         assert_eq!((width, height), (400, 100));
         assert!(empty.iter().all(|byte| *byte == 255));
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_drawing_is_an_error() {
+    fn invalid_drawings_are_errors() {
         assert!(matches!(png("<svg", 100), Err(PngError::Svg(_))));
         let svg = "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"1\" height=\"1000000\"/>";
         assert!(matches!(png(svg, 1_000_000), Err(PngError::TooLarge { .. })));

@@ -70,7 +70,7 @@ mod tests {
     use growbot_client::robot_file;
 
     #[test]
-    fn rows_have_the_tip_after_each_layer() {
+    fn rows_contain_the_tip_after_each_layer() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let layer = |tilt| Layer { alpha: 1.5, height: 0.1 + 0.2, tilt };
         let body = Body::of_layers(&robot, [(layer(0.0), LayerSource::Planned), (layer(0.005), LayerSource::AsBuilt)]);

@@ -226,7 +226,7 @@ mod tests {
     use crate::drawing::colours::HEIGHTS;
 
     #[test]
-    fn each_vertex_of_the_body_that_is_shown_has_the_colour_of_its_layer() {
+    fn each_body_vertex_has_the_colour_of_its_layer() {
         let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
         let layer = |tilt| Layer { alpha: 0.0, height: 0.8, tilt };
         let body = Body::of_layers(&robot, (0..20).map(|_| (layer(0.01), LayerSource::Planned)));
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn chunks_are_filled_up_and_counted() {
+    fn chunks_are_padded_and_counted() {
         let bytes = container(&json!({ "a": 1 }), &[1, 2, 3, 4, 5]);
         assert_eq!(bytes.len(), 12 + 8 + 8 + 8 + 8);
         assert_eq!(bytes[..12], [b'g', b'l', b'T', b'F', 2, 0, 0, 0, 44, 0, 0, 0]);

@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_come_when_the_robot_could_have_laid_them_and_time_never_runs_backwards() {
+    fn layer_times_are_plausible_and_monotonic() {
         // The board restarts after the second layer.
         let lines =
             [status(1000, None), laid(0), laid(1), laid(1), status(30, None), status(2030, None), laid(2), laid(3)];
@@ -427,7 +427,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_is_told_once_and_what_is_not_known_is_left_out() {
+    fn a_fault_is_recorded_once_and_unknown_values_are_omitted() {
         let fault = Some("over-temperature");
         let end = json!({ "event": "end", "result": { "outcome": "fault" } });
         let messages = recorded(&[status(0, None), status(1, fault), status(2, fault), end]);
@@ -450,7 +450,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_of_a_simulated_robot_says_so_even_without_layers() {
+    fn a_recording_marks_a_simulated_robot_even_without_layers() {
         let says = |origin| {
             recorded_from(origin, &[]).iter().any(|(topic, _, message)| {
                 topic == "/events" && message["message"].as_str().is_some_and(|words| words.contains("simulated"))
@@ -462,7 +462,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_that_make_no_sense_do_no_harm() {
+    fn invalid_log_lines_are_ignored() {
         let odd = [
             json!(7),
             json!({}),

@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn every_robots_wall_is_closed_and_holds_its_filament() {
+    fn every_robots_wall_is_closed_and_has_the_filament_volume() {
         for robot in robot_file::names() {
             let body = body(robot, "10,20,30,40,50", "300,-200,600,-120,-25");
             let resolution = Resolution { segments: 12, layers_per_ring: 1 };
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn coarse_meshes_are_closed_and_hold_the_filament_too() {
+    fn coarse_meshes_are_closed_and_have_the_filament_volume() {
         let body = body("growbot-a", "0,0,0,0,90", "200,100,600,0,45");
         for (segments, every) in [(8, 1), (9, 7), (24, 1000), (100, 9)] {
             let mesh =
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn a_straight_tube_is_where_it_should_be() {
+    fn a_straight_tube_has_the_expected_vertices() {
         let body = body("growbot-a", "1,2,3,0,90", "1,2,103,0,90");
         let mesh = Mesh::of_wall(&body, ROUND, &Vector3::zeros()).unwrap();
         assert_eq!(mesh.vertices.len(), (body.layers.len() + 1) * 2 * 64);
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_too_thin_for_32_bits_vanish_between_their_neighbours() {
+    fn layers_too_thin_for_f32_are_merged() {
         let mut body = body("growbot-a", "0,0,0,0,90", "0,0,40,0,90");
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         for thin in [0.0, 1e-9, 1e-6, 1e-5] {
@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn what_32_bits_cannot_hold_is_refused_unless_the_origin_is_near() {
+    fn positions_beyond_f32_are_refused_unless_the_origin_is_near() {
         let body = body("growbot-a", "5000000,0,0,0,90", "5000000,0,100,0,90");
         assert!(matches!(Mesh::of_wall(&body, ROUND, &Vector3::zeros()), Err(MeshError::TooFar { .. })));
         assert_closed(&Mesh::of_wall(&body, ROUND, &Vector3::new(5e6, 0.0, 0.0)).unwrap());

@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn surfaces_hold_what_the_shapes_hold() {
+    fn surfaces_enclose_the_shape_volumes() {
         let centre = Vector3::new(1.0, -2.0, 3.0);
         let cuboid =
             volume(|it| it.cuboid(|sign| centre + Vector3::from(sign).component_mul(&Vector3::new(1.0, 2.0, 3.0))));

@@ -47,7 +47,7 @@ mod tests {
     use growbot_client::run_log::BodyKind;
 
     #[test]
-    fn the_bytes_are_those_of_the_format() {
+    fn the_bytes_match_the_format() {
         let vertices = vec![Point3::origin(), Point3::new(2.0, 0.0, 0.0), Point3::new(0.0, 3.0, 0.0)];
         let bytes = encode(
             &Mesh { vertices, heights: vec![1.0; 3], triangles: vec![[0, 1, 2]] },

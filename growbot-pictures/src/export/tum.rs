@@ -53,7 +53,7 @@ mod tests {
     use growbot_client::robot_file;
 
     #[test]
-    fn a_row_for_the_start_and_one_for_each_layer() {
+    fn rows_for_the_start_and_each_layer() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let layer = Layer { alpha: 0.0, height: 0.5, tilt: 0.0 };
         let body = Body::of_layers(&robot, [(layer, LayerSource::Planned), (layer, LayerSource::Planned)]);

@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outlier_does_not_stretch_the_scale_and_is_told() {
+    fn an_outlier_does_not_stretch_the_scale_and_is_marked() {
         let mut heights: Vec<f64> = (0..1000).map(|index| 0.7 + 1e-4 * f64::from(index)).collect();
         heights.push(3.0);
         let found = scale(&heights, None);
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_that_are_alike_are_in_the_middle() {
+    fn equal_heights_are_in_the_middle_of_the_scale() {
         let alike = scale(&[0.774; 20], None);
         assert_eq!(alike.beyond(), [false; 2]);
         assert!((alike.range[1] + alike.range[0] - 2.0 * 0.774).abs() < 1e-4 && alike.range[1] > alike.range[0] + 0.05);

@@ -92,13 +92,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_put_in_is_put_in_once() {
+    fn inserted_text_is_not_substituted_again() {
         let filled = fill("<b>{{A}}</b>{{B}}{{A}}", &[("{{A}}", "{{B}}"), ("{{B}}", "x")]);
         assert_eq!(filled, "<b>{{B}}</b>x{{B}}");
     }
 
     #[test]
-    fn the_script_that_is_built_in_ends_where_it_should_and_has_its_licence() {
+    fn the_embedded_script_is_complete_and_has_its_licence() {
         assert!(!SCRIPT.to_lowercase().contains("</script") && !SCRIPT.contains("<!--"));
         assert!(SCRIPT.starts_with("/*!") && SCRIPT.contains("The MIT License"));
         for mark in ["{{CONNECT}}", "{{TITLE}}", "{{DATA}}", "{{SCRIPT}}"] {

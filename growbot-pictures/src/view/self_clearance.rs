@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn only_stretches_that_pass_each_other_count() {
+    fn only_stretches_passing_each_other_count() {
         let start = Frame::identity();
         assert_eq!(self_clearance(&start, &bent(100.0, 0.0, 1000.0), 50.0), None);
         assert_eq!(self_clearance(&start, &bent(100.0, 1.5, 300.0), 50.0), None);

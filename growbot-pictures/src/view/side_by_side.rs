@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn what_only_one_has_stands_where_it_has_it() {
+    fn rows_of_only_one_file_keep_their_position() {
         let plan = [group("Plan", &["Length", "Clearance"]), group("Robot", &["Name"])];
         let run =
             [group("Arrived", &["From the goal"]), group("Plan", &["Length", "Path type"]), group("Robot", &["Name"])];

@@ -154,7 +154,7 @@ mod tests {
     use crate::shapes::Shape;
 
     #[test]
-    fn a_goal_within_walls_that_need_not_be_met_may_be_passed_outside_of_them() {
+    fn walls_within_the_goal_tolerance_do_not_separate_the_goal() {
         let walls = (0..6).map(|side| {
             let (mut centre, mut half) = (Vector3::new(0.0, 0.0, 500.0), Vector3::repeat(100.0));
             centre[side / 2] += if side % 2 == 0 { 95.0 } else { -95.0 };

@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn packets_are_written_and_read() {
+    fn packets_are_encoded_and_decoded() {
         let mut commands = String::new();
         push(&mut commands, "c");
         push(&mut commands, "Z2,210c0004,4");

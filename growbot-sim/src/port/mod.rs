@@ -238,7 +238,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_robot_that_no_board_can_drive_is_simulated_and_not_emulated() {
+    fn a_robot_beyond_board_limits_is_simulated_but_not_emulated() {
         let robot = growbot_client::robot_file::load("growbot-c".as_ref()).unwrap();
         let settings = TipSettings::default();
         assert!(open(&PortName::Sim, &robot, &settings).is_ok());
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn port_names_are_read() {
+    fn port_names_are_parsed() {
         assert_eq!("sim".parse::<PortName>().unwrap(), PortName::Sim);
         assert_eq!("emulator".parse::<PortName>().unwrap(), PortName::Emulator(None));
         assert_eq!("emulator:a.elf".parse::<PortName>().unwrap(), PortName::Emulator(Some("a.elf".into())));

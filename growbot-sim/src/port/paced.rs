@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn time_passes_no_faster_than_asked_for() {
+    fn time_passes_no_faster_than_the_pace() {
         let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
         let mut paced = PacedSim::new(Sim::new(robot), 100.0);
         paced.sim.run_for(Duration::from_secs(300));

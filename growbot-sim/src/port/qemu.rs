@@ -428,7 +428,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_version_is_read_from_qemus_first_line() {
+    fn the_version_is_parsed_from_the_first_line_of_qemu() {
         let debian = "QEMU emulator version 10.0.2 (Debian 1:10.0.2+ds-2+deb13u1~bpo12+1)";
         assert_eq!(major_version(debian), Some((10, "10.0.2")));
         assert_eq!(major_version("QEMU emulator version 7.2.17"), Some((7, "7.2.17")));
@@ -437,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tips_memory_goes_with_its_owner() -> Result<(), QemuError> {
+    fn the_tip_memory_file_is_deleted_with_its_owner() -> Result<(), QemuError> {
         let memory = SharedMemoryFile::create(4096)?;
         let path = memory.path().to_path_buf();
         assert_eq!(std::fs::metadata(&path).map(|file| file.len()).ok(), Some(4096));
@@ -447,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn a_comma_in_a_path_does_not_end_it() {
+    fn commas_in_paths_are_escaped() {
         assert_eq!(escape_commas(Path::new("/tmp/a,b")), "/tmp/a,,b");
     }
 }

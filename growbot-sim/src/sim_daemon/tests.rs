@@ -47,7 +47,7 @@ fn plan() -> Plan {
 }
 
 #[test]
-fn a_body_is_grown_through_a_loss_of_power_as_without() {
+fn a_power_loss_does_not_change_the_body() {
     let (robot, plan) = (robot(), plan());
     let job = Job::of_plan(&robot, &plan);
     let whole = tempfile::tempdir().unwrap();
@@ -82,7 +82,7 @@ fn a_body_is_grown_through_a_loss_of_power_as_without() {
 }
 
 #[test]
-fn one_program_has_the_line_and_any_gives_the_emergency_stop() {
+fn one_client_owns_the_link_and_any_may_send_an_emergency_stop() {
     let directory = tempfile::tempdir().unwrap();
     let (place, thread) = on(directory.path(), 1.0);
     let mut owner = client(&place);

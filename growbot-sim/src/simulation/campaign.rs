@@ -192,7 +192,7 @@ mod tests {
     use growbot_core::slicing::Slicing;
 
     #[test]
-    fn threads_do_not_show_and_each_run_can_be_had_alone() {
+    fn results_do_not_depend_on_threads_and_runs_can_be_repeated_alone() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,20,50,90,80").unwrap());
         let plan = Plan::new(&robot, &start, &goal, 100.0, Planner::TwoPlane).unwrap();

@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn without_noise_every_robot_arrives() {
+    fn without_noise_every_robot_reaches_the_goal() {
         for name in robot_file::names() {
             let robot = robot_file::load(name.as_ref()).unwrap();
             let radius = robot.description().planning_radius_mm;
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_steps_pass_the_goal_by_up_to_a_step() {
+    fn whole_steps_overshoot_the_goal_by_up_to_one_step() {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let plan = plan(&robot, "0,0,0,0,90", "0,0,100,0,90");
         // 32.3 steps, rounded up: 33 of them are 102.168 mm.
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn a_level_body_hangs_and_a_long_one_breaks() {
+    fn a_horizontal_body_sags_and_a_long_one_breaks() {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         for (length, code) in [(1000.0, None), (8000.0, Some(ROOT_FAILS))] {
             let plan = plan(&robot, "0,0,0,0,0", &format!("{length},0,0,0,0"));
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn the_loop_feels_the_sag_and_bends_against_it() {
+    fn feedback_compensates_sag() {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let plan = plan(&robot, "0,0,0,0,0", "1500,0,200,0,0");
         let mut simulation = Simulation::new(&plan, &robot, Slicing::Exact);

@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_values_by_hand() {
+    fn statistics_of_a_few_known_values() {
         let all = of(&[2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]);
         assert_eq!((all.mean(), all.min(), all.max()), (5.0, 2.0, 9.0));
         assert!((all.deviation() - (32.0_f64 / 7.0).sqrt()).abs() < 1e-15);
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_too_small_or_too_large_to_be_counted() {
+    fn extreme_values_are_counted() {
         for value in [0.0, f64::MIN_POSITIVE, 1e-30, LEAST.next_down(), LEAST, 1.0, GREATEST, GREATEST.next_up(), 1e300]
         {
             let all = of(&[value, value, value]);
@@ -205,7 +205,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn percentiles_are_those_of_the_sorted_values(seed in 0_u64..1000, count in 1_usize..500, spread in 0.0_f64..3.0) {
+        fn percentiles_match_the_sorted_values(seed in 0_u64..1000, count in 1_usize..500, spread in 0.0_f64..3.0) {
             let mut random = Rng::new(&[seed]);
             let mut values: Vec<f64> = (0..count).map(|_| libm::exp(spread * random.normal())).collect();
             let all = of(&values);
@@ -221,7 +221,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn order_and_grouping_do_not_show(values in proptest::collection::vec(0.0..1e6, 0..60), cut in 0_usize..60) {
+        fn order_and_grouping_do_not_matter(values in proptest::collection::vec(0.0..1e6, 0..60), cut in 0_usize..60) {
             let whole = of(&values);
             let (head, tail) = values.split_at(cut.min(values.len()));
             let (mut backwards, mut parts) = (values.clone(), of(tail));
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_that_is_none_leaves_no_mean() {
+    fn a_nan_value_makes_the_mean_nan() {
         let all = of(&[1.0, f64::NAN]);
         assert!(all.mean().is_nan() && all.deviation().is_nan());
         assert_eq!((all.count(), all.max()), (2, 1.0));

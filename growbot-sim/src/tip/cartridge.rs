@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn it_loses_at_the_target_what_the_description_says_and_less_than_in_proportion_below() {
+    fn heat_loss_matches_the_description_at_the_target_and_falls_below_it() {
         let still = drive(0.0);
         let cartridge = Cartridge::new(PARTS, 12.0, 0.12, 200.0, ROOM_C);
         assert!((cartridge.loss(200.0, &still) - 0.12 * 175.0).abs() < 1e-9);
@@ -188,14 +188,14 @@ mod tests {
     }
 
     #[test]
-    fn at_rest_all_that_goes_in_is_lost_and_the_cartridge_is_hotter_by_what_it_conducts() {
+    fn in_equilibrium_loss_equals_power_and_the_cartridge_is_hotter() {
         let [cartridge, block, sensor] = after(3000.0, 20.0, 0.0, 1);
         let loss = Cartridge::new(PARTS, 12.0, 0.12, 200.0, 22.0).loss(block, &drive(20.0));
         assert!((loss - 20.0).abs() < 1e-6 && (cartridge - block - 10.0).abs() < 1e-6 && (sensor - block).abs() < 1e-6);
     }
 
     #[test]
-    fn energy_is_neither_made_nor_lost() {
+    fn energy_is_conserved() {
         // Without loss and flow, all heat stays in the nozzle.
         let mut cartridge = Cartridge::new(PARTS, 12.0, 0.0, 200.0, 22.0);
         let lossless = NozzleInputs { loss_w_per_k: 0.0, ..drive(50.0) };
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn however_often_it_is_looked_at_the_temperatures_are_the_same() {
+    fn temperatures_do_not_depend_on_the_sampling() {
         let once = after(30.0, 45.0, 0.02, 1);
         for looks in [7, 300, 3001, 30_000] {
             let often = after(30.0, 45.0, 0.02, looks);
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn the_block_follows_its_cartridge_late_and_goes_on_rising_without_power() {
+    fn the_block_lags_the_cartridge_and_overshoots_without_power() {
         let mut cartridge = Cartridge::new(PARTS, 12.0, 0.12, 200.0, 22.0);
         let on = Load { drive: &drive(50.0), flow_w_per_k: 0.0 };
         let (block, sensor, _) = cartridge.pass(10.0, 22.0, 22.0, &on);
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_is_read_at_its_lines_between_and_beyond() {
+    fn the_table_is_interpolated_and_extrapolated() {
         for (line, kilo_ohm) in KILO_OHM.into_iter().enumerate() {
             let celsius = TABLE_FROM_C + TABLE_STEP_C * line as f64;
             assert!((resistance_104gt_2(celsius) / kilo_ohm / 1000.0 - 1.0).abs() < 1e-12, "{celsius}");
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn steinhart_and_hart_follow_the_table() {
+    fn steinhart_hart_matches_the_table() {
         let [a, b, c] = STEINHART_HART_104GT_2;
         for celsius in (0..=260).step_by(10).map(f64::from) {
             let log = libm::log(resistance_104gt_2(celsius));

@@ -175,7 +175,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_in_kebab_case_and_differ() {
+    fn names_are_unique_and_in_kebab_case() {
         let mut names: Vec<_> = TipFault::ALL.iter().map(|fault| fault.name()).collect();
         assert!(names.iter().all(|name| name.chars().all(|letter| letter.is_ascii_lowercase() || letter == '-')));
         names.sort_unstable();
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn of_each_kind_there_is_one_at_most() {
+    fn at_most_one_fault_of_each_kind_is_kept() {
         let mut faults = Faults::default();
         faults.add(TipFault::Draught { factor: 2.0 });
         faults.add(TipFault::Draught { factor: 3.0 });

@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_pulled_back_is_filled_first() {
+    fn retracted_filament_is_refilled_first() {
         let mut filament = filament();
         filament.step(true, 1.25);
         assert_eq!(
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn it_comes_to_an_end() {
+    fn filament_runs_out() {
         let mut filament = filament();
         assert!((filament.left() - 330_000.0).abs() < 1e-6);
         filament.set_left(0.1);

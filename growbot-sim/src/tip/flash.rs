@@ -229,7 +229,7 @@ mod tests {
     type Small = Flash<64>;
 
     #[test]
-    fn what_is_written_is_read_until_it_is_erased() {
+    fn written_data_is_read_until_erased() {
         let mut flash = Small::new(2);
         flash.write(64, b"flash!!!").unwrap();
         flash.clone().write(64, &[0; 4]).unwrap();
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn without_power_it_keeps_what_it_holds() {
+    fn data_is_kept_without_power() {
         let mut flash = Small::new(2);
         flash.lose_power_after(6, 1);
         assert_eq!(flash.write(0, &[0; 8]), Err(NorFlashErrorKind::Other));
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn an_interrupted_erasure_leaves_a_mixture() {
+    fn an_interrupted_erase_leaves_mixed_content() {
         let mut flash = Small::new(2);
         flash.set_bytes(&[0x55; 128]);
         flash.lose_power_after(63, 1);

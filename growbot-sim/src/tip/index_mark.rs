@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn its_edges_are_as_far_as_is_said() {
+    fn distance_to_the_mark_edge_is_correct() {
         let mark = IndexMark { steps_per_turn: 20, position: 18, width: 4 };
         for head in -40..40 {
             let steps = i64::from(mark.steps_to_edge(head));

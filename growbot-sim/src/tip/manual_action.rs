@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_by_hand_passes_the_index_mark_and_comes_back() {
+    fn a_manual_turn_passes_the_index_mark_and_returns() {
         let mut tip = tip();
         let steps = i64::from(tip.mark.steps_per_turn);
         let mut seen = Vec::new();
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn freed_filament_passes_a_cold_nozzle() {
+    fn released_filament_passes_a_cold_nozzle() {
         let mut tip = tip();
         tip.set_enabled(Motor::Feed, true);
         tip.set_direction(Motor::Feed, true);

@@ -15,7 +15,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn noise_has_no_mean_a_variance_of_one_and_depends_on_seed_channel_and_time() {
+    fn noise_has_zero_mean_unit_variance_and_depends_on_all_inputs() {
         let samples: Vec<f64> = (0..100_000).map(|tick| noise(1, 0, tick)).collect();
         let mean = samples.iter().sum::<f64>() / 1e5;
         let variance = samples.iter().map(|sample| sample * sample).sum::<f64>() / 1e5;

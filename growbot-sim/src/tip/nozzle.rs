@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn it_settles_where_losses_balance() {
+    fn temperature_settles_where_losses_balance_power() {
         let (mut nozzle, heater) = nozzle();
         nozzle.advance(100_000 * TICK_HZ, &drive(25.0));
         assert!((nozzle.block() - (22.0 + 25.0 / heater.loss_w_per_k)).abs() < 1e-9);
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn however_often_it_is_looked_at_the_temperatures_are_the_same() {
+    fn temperatures_do_not_depend_on_the_sampling() {
         let run = |every: u64| {
             let (mut nozzle, _) = nozzle();
             for tick in 0..60 * TICK_HZ {
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thermistor_as_slow_as_the_block_is_no_special_case() {
+    fn equal_thermistor_and_block_time_constants_are_handled() {
         let (base, heater) = nozzle();
         let tau = heater.heat_capacity_j_per_k / 0.12;
         let after = |lag_s| {
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn energy_is_neither_made_nor_lost() {
+    fn energy_is_conserved() {
         let (mut nozzle, heater) = nozzle();
         nozzle.set(200.0);
         // 400 feed steps a second for a minute. The heat that is carried away and lost is summed from the temperatures.

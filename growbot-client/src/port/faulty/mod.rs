@@ -350,14 +350,14 @@ mod tests {
     }
 
     #[test]
-    fn a_sound_wire_changes_nothing() {
+    fn without_faults_nothing_is_changed() {
         let (bytes, tally) = run("seed=3", 100);
         assert_eq!(bytes, (0..100).flat_map(frame).collect::<Vec<_>>());
         assert_eq!(tally, FaultCounts { frames: 200, ..FaultCounts::default() });
     }
 
     #[test]
-    fn each_fault_comes_as_often_as_was_asked_for() {
+    fn each_fault_occurs_at_the_requested_rate() {
         let n = 20_000;
         let (bytes, tally) = run("drop=10%", n);
         assert_rate(tally.dropped, tally.frames, 0.1);
@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_seed_gives_the_same_faults_and_another_one_others() {
+    fn the_seed_determines_the_faults() {
         let spec = "drop=2%,flip=1e-3,dup=2%,reorder,truncate,stall=50ms,reset=0.1%";
         let [first, second] = [(); 2].map(|()| run(&format!("{spec},seed=7"), 3_000));
         assert!(first == second);
@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbours_are_swapped() {
+    fn adjacent_frames_are_swapped() {
         let mut port = faulty("reorder=100%");
         // Both are swapped on the way to the board and once more on the way back.
         for number in 0..4 {
@@ -399,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_truncated_is_glued_to_what_follows() {
+    fn a_truncated_frame_is_joined_to_the_next_one() {
         let mut port = faulty("truncate=100%");
         port.send(&frame(1)).unwrap();
         port.send(&frame(2)).unwrap();
@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stall_holds_everything_for_as_long_as_was_waited() {
+    fn a_stall_delays_all_bytes_for_its_duration() {
         let mut port = faulty("stall=2s@100%");
         port.send(&frame(1)).unwrap();
         assert!(port.port().bytes.is_empty());
@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_line_loses_everything_and_comes_back() {
+    fn a_cut_link_loses_all_bytes_until_it_is_restored() {
         let mut port = faulty("reset=100%");
         port.send(&frame(1)).unwrap();
         port.send(&frame(2)).unwrap();
@@ -437,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn with_everything_lost_a_wait_takes_as_long_as_it_should() {
+    fn a_receive_times_out_on_time_if_all_bytes_are_lost() {
         let mut port = faulty("drop=100%");
         port.port().bytes.extend((0..10).flat_map(frame));
         assert!(received(&mut port, Duration::from_secs(3)).is_empty());
@@ -446,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn what_never_ends_in_a_zero_passes_all_the_same() {
+    fn bytes_without_a_frame_end_are_passed_on() {
         let mut port = faulty("seed=1");
         port.send(&[7; 3 * MAX_FRAME_LEN]).unwrap();
         assert_eq!(received(&mut port, STEP).len(), 3 * MAX_FRAME_LEN);

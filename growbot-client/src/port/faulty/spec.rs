@@ -186,7 +186,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_users_write_is_read() {
+    fn fault_specs_are_parsed() {
         let spec: FaultSpec =
             "drop=1%,flip=1e-4,dup=0.5,reorder,truncate=3 %,stall=1500ms,reset=0,seed=18446744073709551615"
                 .parse()
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_fault_is_refused_with_what_it_was() {
+    fn invalid_fault_specs_are_refused_and_quoted() {
         for (text, parts) in [
             ("", ["no fault \"\"", "drop, flip"]),
             ("dorp=1%", ["\"dorp\"", "did you mean drop?"]),

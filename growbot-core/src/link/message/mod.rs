@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn kinds_are_unique_and_decode_only_as_themselves() {
+    fn message_kinds_are_unique_and_decode_as_themselves() {
         for (i, (kind, _)) in Message::KINDS.iter().enumerate() {
             assert!(Message::KINDS[..i].iter().all(|(other, _)| other < kind));
         }

@@ -16,7 +16,7 @@ use super::polynomial::{CscPolynomial, DEGREE};
 type Coefficients<T> = [T; DEGREE + 1];
 
 /// Rounding error of a value, as a fraction of the magnitudes of its summands: nine roundings of half an ulp. With it,
-/// laid paths of all kinds are found (`tests/laid_paths.rs`).
+/// laid paths of all kinds are found (`tests/constructed_csc_paths.rs`).
 const ROUNDING: f64 = 2e-15;
 /// Rounding error of a halving in single precision, as a fraction of the largest coefficient: an ulp and a half.
 const ROUNDING_F32: f32 = 1.0e-7;

@@ -293,7 +293,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(60))]
 
         #[test]
-        fn it_is_the_resultant_of_both_tangencies(
+        fn polynomial_is_the_resultant_of_both_tangency_conditions(
             position in prop::array::uniform3(-64_i64..64), [a, b] in prop::array::uniform2(-9_i64..9),
             below in any::<bool>(),
         ) {

@@ -334,7 +334,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(500))]
 
         #[test]
-        fn points_agree_with_the_integration((min, twist, phase) in curve()) {
+        fn points_match_the_integration((min, twist, phase) in curve()) {
             let (min, twist) = (libm::exp(min), libm::exp(twist));
             let curve = Curve::<f64>::new(min, twist);
             let [neck, point] = curve.points([0.0, phase]);
@@ -361,7 +361,7 @@ mod tests {
         }
 
         #[test]
-        fn single_precision_agrees_with_double((min, twist, phase) in curve()) {
+        fn single_precision_matches_double_precision((min, twist, phase) in curve()) {
             let [_, point] = Curve::<f64>::new(libm::exp(min), libm::exp(twist)).points([0.0, phase]);
             let rough = Curve::<f32>::new(libm::exp(min) as f32, libm::exp(twist) as f32);
             let [_, rough] = rough.points([0.0, phase as f32]);

@@ -195,7 +195,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(500))]
 
         #[test]
-        fn circles_are_near_the_curve(
+        fn fitted_circles_are_close_to_the_curve(
             narrowness in -13.0..-11.0_f64, ratio in -1.0..5.0_f64, start in -8.0..0.1, length in 0.2..8.0,
         ) {
             let twist = (0.5 * narrowness + ratio).min(1.5_f64);

@@ -24,7 +24,7 @@ use crate::trigonometry;
 /// Min and max of the angle between the planes, radians. Beyond them, the formulas lead to necks outside of the range.
 const ANGLES: (f64, f64) = (0.02, 3.138);
 
-/// Returns `kappa` and `c` for an angle between two planes, to 5 and 12 % (`the_formulas_agree_with_the_integrals`).
+/// Returns `kappa` and `c` for an angle between two planes, to 5 and 12 % (`formulas_match_the_integrals`).
 fn kappa_and_c(angle: f64) -> (f64, f64) {
     let tangent = trigonometry::tan(0.5 * angle.clamp(ANGLES.0, ANGLES.1));
     let kappa = 0.9 * tangent * libm::exp(-0.42 * libm::log(1.0 + 0.229 * tangent));
@@ -70,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn the_formulas_agree_with_the_integrals() {
+    fn formulas_match_the_integrals() {
         for kappa in [0.02, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0] {
             let (psi, c) = integrals(kappa);
             assert!(psi < PI);

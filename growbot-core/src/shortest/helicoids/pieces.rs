@@ -115,7 +115,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(500))]
 
         #[test]
-        fn the_pieces_lead_to_where_the_arc_ends(
+        fn segments_end_where_the_arc_ends(
             narrowness in -28.0..-0.05_f64, ratio in -1.0..5.0_f64, start in -8.0..0.1, length in 0.2..8.0,
             mirrored in any::<bool>(),
         ) {

@@ -223,7 +223,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(200))]
 
         #[test]
-        fn an_arc_that_is_a_little_off_is_found_again(
+        fn a_perturbed_arc_is_refined_to_the_original(
             narrowness in -4.0..-0.5, twist in -1.0..0.0, start in -3.0..-0.8, end in 0.8..3.0,
             off in prop::array::uniform4(-0.01..0.01),
         ) {

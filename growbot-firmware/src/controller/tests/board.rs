@@ -16,7 +16,7 @@ fn bench_robot() -> Robot {
 }
 
 #[test]
-fn nothing_heats_while_a_debug_probe_is_attached() {
+fn heating_is_refused_while_a_debug_probe_is_attached() {
     let mut bench = Bench::in_state(State::Idle);
     bench.world.debugging.set(true);
     for request in [start(), tune(200.0)] {
@@ -30,7 +30,7 @@ fn nothing_heats_while_a_debug_probe_is_attached() {
 }
 
 #[test]
-fn a_debug_probe_that_is_attached_while_the_heater_is_on_is_a_fault() {
+fn attaching_a_debug_probe_while_heating_is_a_fault() {
     for state in State::ALL.into_iter().filter(|state| may_heat(*state)) {
         let mut bench = Bench::in_state(state);
         bench.world.debugging.set(true);
@@ -47,7 +47,7 @@ fn a_debug_probe_that_is_attached_while_the_heater_is_on_is_a_fault() {
 }
 
 #[test]
-fn a_parked_robot_does_not_go_on_while_a_debug_probe_is_attached() {
+fn a_parked_robot_cannot_continue_under_a_debug_probe() {
     let mut bench = Bench::in_state(State::Parked);
     bench.world.debugging.set(true);
     bench.run(1.0);
@@ -56,7 +56,7 @@ fn a_parked_robot_does_not_go_on_while_a_debug_probe_is_attached() {
 }
 
 #[test]
-fn a_test_bench_heats_under_a_debug_probe() {
+fn a_test_bench_may_heat_under_a_debug_probe() {
     let mut bench = Bench::greeted(bench_robot(), WARM);
     bench.world.debugging.set(true);
     bench.grow(&bends(2));
@@ -67,7 +67,7 @@ fn a_test_bench_heats_under_a_debug_probe() {
 }
 
 #[test]
-fn without_its_crystal_the_board_tells_so_and_never_heats() {
+fn without_its_crystal_the_board_reports_a_fault_and_never_heats() {
     let bench = Bench::in_state(State::Idle);
     bench.world.without_crystal.set(true);
     let mut bench = bench.reset(ResetCause::External);
@@ -81,7 +81,7 @@ fn without_its_crystal_the_board_tells_so_and_never_heats() {
 }
 
 #[test]
-fn behind_another_fault_the_crystal_is_not_forgotten() {
+fn a_failed_crystal_is_reported_after_another_fault_is_cleared() {
     for state in [State::Fault, State::EmergencyStop] {
         let bench = Bench::in_state(state);
         bench.world.without_crystal.set(true);

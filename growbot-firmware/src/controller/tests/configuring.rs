@@ -80,7 +80,7 @@ fn unconfigured() -> Bench {
 }
 
 #[test]
-fn a_description_is_kept_and_the_board_restarts_with_it() {
+fn a_description_is_stored_and_used_after_the_restart() {
     let mut bench = Bench::greeted(robot_a(), COLD);
     bench.stutters = true;
     let new = fast_robot();
@@ -102,7 +102,7 @@ fn a_description_is_kept_and_the_board_restarts_with_it() {
 }
 
 #[test]
-fn only_a_board_at_rest_is_configured() {
+fn only_an_inactive_board_can_be_configured() {
     for state in State::ALL {
         let mut bench = Bench::in_state(state);
         bench.world.nozzle_c.set(COLD);
@@ -119,7 +119,7 @@ fn only_a_board_at_rest_is_configured() {
 }
 
 #[test]
-fn without_its_job_a_board_is_configured_even_with_a_fault() {
+fn a_faulted_board_can_be_configured_after_its_job_is_cancelled() {
     for state in [State::Idle, State::Stopped, State::Fault, State::EmergencyStop] {
         let mut bench = Bench::in_state(state);
         bench.accepted(&Message::Cancel(Cancel { plan_id: PLAN }));
@@ -130,7 +130,7 @@ fn without_its_job_a_board_is_configured_even_with_a_fault() {
 
 /// The description may have the wrong thermistor, so that only the time at rest shows that the nozzle is cold.
 #[test]
-fn a_hot_nozzle_must_cool_first_or_rest_long_enough() {
+fn configuring_needs_a_cold_nozzle_or_enough_time_at_rest() {
     let mut bench = Bench::greeted(robot_a(), WARM);
     assert_eq!(configure(&mut bench, &parts_of(&fast_robot())), Err(Refusal::NozzleTooHot { below: 5000 }));
     bench.run(1190.0);
@@ -143,7 +143,7 @@ fn a_hot_nozzle_must_cool_first_or_rest_long_enough() {
 }
 
 #[test]
-fn parts_may_be_repeated_and_must_follow_each_other() {
+fn parts_may_be_repeated_but_must_be_in_order() {
     let mut bench = Bench::greeted(robot_a(), COLD);
     let new = fast_robot();
     let parts = parts_of(&new);
@@ -190,7 +190,7 @@ fn wired_robot() -> Robot {
 }
 
 #[test]
-fn a_description_that_is_not_valid_is_refused_with_the_reason() {
+fn an_invalid_description_is_refused_with_the_reason() {
     let mut bench = Bench::greeted(robot_a(), COLD);
     let (old, new) = (robot_a(), fast_robot());
     let other_hash = parts(old.hash(), &encoded(&new));
@@ -231,7 +231,7 @@ fn with_pins(robot: &mut RobotDescription, change: fn(&mut PinOverrides)) {
 type Refusing = (fn(&mut RobotDescription), DescriptionError);
 
 #[test]
-fn pins_and_drivers_that_do_not_suit_are_refused_and_the_old_description_stays() {
+fn unsuitable_pins_and_drivers_are_refused_and_the_old_one_is_kept() {
     let mut bench = described();
     let changes: [Refusing; 8] = [
         (|robot| with_pins(robot, |pins| pins.index = Some(30)), DescriptionError::Pins),
@@ -259,7 +259,7 @@ fn pins_and_drivers_that_do_not_suit_are_refused_and_the_old_description_stays()
 /// The board of these tests is every kind of board. A board of a single kind accepts the descriptions of that kind, and
 /// those without a kind.
 #[test]
-fn descriptions_of_another_kind_of_board_are_refused() {
+fn descriptions_for_another_board_kind_are_refused() {
     let of = |kind| {
         let mut description = fast_robot().description().clone();
         description.board = Some(growbot_core::robot::Board { kind, pins: PinOverrides::default() });
@@ -276,7 +276,7 @@ fn descriptions_of_another_kind_of_board_are_refused() {
 }
 
 #[test]
-fn changed_descriptions_are_refused_and_the_old_one_stays() {
+fn corrupted_descriptions_are_refused_and_the_old_one_is_kept() {
     let mut bench = described();
     let old = robot_a();
     let writes = bench.world.descriptions.writes();
@@ -309,7 +309,7 @@ fn changed_descriptions_are_refused_and_the_old_one_stays() {
 }
 
 #[test]
-fn what_flash_does_not_take_is_refused_and_the_old_one_stays() {
+fn a_failed_flash_write_is_refused_and_the_old_one_is_kept() {
     let mut bench = described();
     bench.world.descriptions.lose_power_after(1, 1);
     assert_eq!(configure(&mut bench, &parts_of(&fast_robot())), Err(Refusal::DescriptionNotStored));
@@ -319,7 +319,7 @@ fn what_flash_does_not_take_is_refused_and_the_old_one_stays() {
 }
 
 #[test]
-fn a_board_without_a_description_only_communicates() {
+fn an_unconfigured_board_only_communicates() {
     let mut bench = unconfigured();
     let BoardInfo { robot_hash: robot, robot_name, status, .. } = hello(&mut bench);
     assert_eq!((robot, robot_name.as_str(), status.state), (0, "", State::SelfTest));
@@ -343,7 +343,7 @@ fn a_board_without_a_description_only_communicates() {
 }
 
 #[test]
-fn a_board_without_a_description_stays_on_and_can_be_stopped_and_configured() {
+fn an_unconfigured_board_keeps_running_and_can_be_configured() {
     let mut bench = unconfigured();
     let fed = *bench.fed.0.borrow();
     bench.run(10.0);

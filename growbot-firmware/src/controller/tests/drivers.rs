@@ -14,7 +14,7 @@ fn trouble(problem: DriverProblem) -> DriverReport {
 }
 
 #[test]
-fn trouble_is_a_fault_while_the_robot_works_and_its_record_says_what_it_is() {
+fn a_driver_problem_during_work_is_a_fault_with_details() {
     for state in State::ALL.into_iter().filter(|state| may_heat(*state)) {
         for problem in DriverProblem::ALL {
             let mut bench = Bench::in_state(state);
@@ -33,7 +33,7 @@ fn trouble_is_a_fault_while_the_robot_works_and_its_record_says_what_it_is() {
 }
 
 #[test]
-fn trouble_at_rest_is_told_and_is_a_fault_once_the_motors_are_wanted() {
+fn a_driver_problem_at_rest_becomes_a_fault_when_motors_start() {
     let mut bench = Bench::in_state(State::Idle);
     bench.world.driver_trouble.set(Some(trouble(DriverProblem::Silent)));
     bench.run(1.0);
@@ -47,7 +47,7 @@ fn trouble_at_rest_is_told_and_is_a_fault_once_the_motors_are_wanted() {
 }
 
 #[test]
-fn a_start_without_the_motors_supply_is_none_of_a_driver_that_is_broken() {
+fn a_start_without_motor_supply_is_not_a_broken_driver() {
     for problem in DriverProblem::ALL {
         let bench = Bench::in_state(State::Idle);
         bench.world.driver_trouble.set(Some(trouble(problem)));
@@ -79,7 +79,7 @@ fn no_motor_is_energised_before_the_drivers_are_configured() {
 }
 
 #[test]
-fn drivers_are_told_whether_their_motors_are_in_use() {
+fn drivers_are_informed_whether_motors_are_in_use() {
     for state in State::ALL {
         let bench = Bench::in_state(state);
         // The drivers have the new value after the next poll at the latest.

@@ -49,7 +49,7 @@ const WIRES: [(Wire, Fault, f64); 3] = [
 ];
 
 #[test]
-fn a_broken_thermistor_is_a_fault_wherever_the_heater_is_on() {
+fn a_broken_thermistor_is_a_fault_in_every_heated_state() {
     for (wire, fault, within) in WIRES {
         for state in HEATED {
             let mut bench = Bench::in_state(state);
@@ -64,7 +64,7 @@ fn a_broken_thermistor_is_a_fault_wherever_the_heater_is_on() {
 }
 
 #[test]
-fn a_broken_thermistor_matters_with_the_heater_off_only_once_it_is_to_go_on() {
+fn with_the_heater_off_a_broken_thermistor_is_a_fault_at_the_next_start() {
     for (wire, fault, within) in WIRES {
         for state in [State::Idle, State::Done, State::Stopped] {
             let mut bench = Bench::in_state(state);
@@ -82,7 +82,7 @@ fn a_broken_thermistor_matters_with_the_heater_off_only_once_it_is_to_go_on() {
 }
 
 #[test]
-fn too_hot_is_a_fault_in_every_state() {
+fn over_temperature_is_a_fault_in_every_state() {
     for state in State::ALL.into_iter().filter(|state| !matches!(state, State::Fault | State::EmergencyStop)) {
         let mut bench = Bench::in_state(state);
         // Both switches of the heater are shorted, so that it heats at any duty.
@@ -109,7 +109,7 @@ fn too_hot_is_a_fault_in_every_state() {
 }
 
 #[test]
-fn a_nozzle_that_cools_is_a_fault_wherever_it_must_be_hot() {
+fn a_cooling_nozzle_is_a_fault_in_states_that_need_heat() {
     for state in HOT {
         let mut bench = Bench::in_state(state);
         bench.world.draught.set(3.0);
@@ -120,7 +120,7 @@ fn a_nozzle_that_cools_is_a_fault_wherever_it_must_be_hot() {
 }
 
 #[test]
-fn a_nozzle_that_does_not_get_hot_is_a_fault() {
+fn a_nozzle_that_does_not_heat_up_is_a_fault() {
     // The draught is too strong to reach the target, though the heater works.
     let mut bench = Bench::in_state(State::Heating);
     bench.world.draught.set(4.0);
@@ -130,7 +130,7 @@ fn a_nozzle_that_does_not_get_hot_is_a_fault() {
 }
 
 #[test]
-fn inputs_that_mean_danger_are_faults_while_the_robot_works() {
+fn dangerous_inputs_are_faults_while_the_robot_is_active() {
     type Break = fn(&Bench, bool);
     let working = [State::Heating, State::Homing, State::Growing, State::Paused];
     // While growing, the robot waits for filament: see `pausing.rs`.
@@ -162,7 +162,7 @@ fn inputs_that_mean_danger_are_faults_while_the_robot_works() {
 }
 
 #[test]
-fn sensors_are_told() {
+fn sensor_readings_are_reported() {
     let mut bench = Bench::in_state(State::Growing);
     let Message::SensorReadings(readings) = bench.ask(&Message::GetSensorReadings(Empty {})) else { panic!() };
     assert!(readings.supply_mv.is_some_and(|millivolts| millivolts.abs_diff(12_000) < 10));
@@ -175,7 +175,7 @@ fn sensors_are_told() {
 }
 
 #[test]
-fn filament_that_is_fed_and_stands_is_a_fault() {
+fn filament_that_does_not_move_when_fed_is_a_fault() {
     let mut bench = Bench::in_state(State::Growing);
     bench.motors.jammed = true;
     let before = bench.motors.moved.feed;
@@ -189,7 +189,7 @@ fn filament_that_is_fed_and_stands_is_a_fault() {
 }
 
 #[test]
-fn steps_that_the_head_loses_are_a_fault_within_a_turn() {
+fn lost_head_steps_are_a_fault_within_one_turn() {
     for lost in [-12, 12] {
         let mut bench = Bench::in_state(State::Growing);
         bench.motors.moved.head += lost;
@@ -205,7 +205,7 @@ fn steps_that_the_head_loses_are_a_fault_within_a_turn() {
 }
 
 #[test]
-fn a_step_interrupt_that_stops_is_a_fault_and_then_starves_the_watchdog() {
+fn a_stopped_step_interrupt_is_a_fault_and_starves_the_watchdog() {
     for state in [State::Heating, State::Homing, State::Growing, State::Paused] {
         let mut bench = Bench::in_state(state);
         bench.interrupt_runs = false;
@@ -224,7 +224,7 @@ fn a_step_interrupt_that_stops_is_a_fault_and_then_starves_the_watchdog() {
 }
 
 #[test]
-fn the_self_test_finds_what_is_broken_before_anything_is_asked() {
+fn the_self_test_reports_faults_before_any_request() {
     for (wire, fault) in [
         (Wire::Open, Fault::ThermistorOpen),
         (Wire::Shorted, Fault::ThermistorShort),
@@ -254,7 +254,7 @@ fn a_lost_index_mark_is_a_fault_while_homing() {
 }
 
 #[test]
-fn homing_finds_the_same_zero_from_everywhere() {
+fn homing_finds_the_same_zero_from_any_position() {
     for head in (0..200).step_by(7).chain(178..186) {
         let mut bench = Bench::greeted(fast_robot(), WARM);
         bench.motors = super::tip::Motors::new(bench.motors.pins.clone(), &bench.robot, head);
@@ -265,7 +265,7 @@ fn homing_finds_the_same_zero_from_everywhere() {
 }
 
 #[test]
-fn a_pin_that_refuses_is_a_fault() {
+fn a_pin_error_is_a_fault() {
     for (pin, states) in
         [(HEATER_ENABLE, &HEATED[..]), (HEAD, &[State::Homing, State::Growing]), (FEED, &[State::Growing])]
     {
@@ -279,7 +279,7 @@ fn a_pin_that_refuses_is_a_fault() {
 }
 
 #[test]
-fn the_first_fault_wins_and_stays() {
+fn the_first_fault_is_kept() {
     let mut bench = Bench::in_state(State::Growing);
     bench.world.draught.set(3.0);
     bench.run_to(State::Fault, 60.0);
@@ -305,7 +305,7 @@ fn the_first_fault_wins_and_stays() {
 }
 
 #[test]
-fn the_emergency_stop_stops_at_once_and_is_left_only_when_released() {
+fn emergency_stop_is_immediate_and_clears_only_after_release() {
     for state in State::ALL.into_iter().filter(|state| !matches!(state, State::Fault | State::EmergencyStop)) {
         let mut bench = Bench::in_state(state);
         bench.press_emergency_stop(true);
@@ -329,7 +329,7 @@ fn the_emergency_stop_stops_at_once_and_is_left_only_when_released() {
 }
 
 #[test]
-fn the_button_switches_the_heater_off_while_the_main_loop_hangs() {
+fn button_switches_the_heater_off_while_the_main_loop_hangs() {
     for state in HEATED {
         let mut bench = Bench::in_state(state);
         bench.run_until(60.0, |bench| bench.heater.share() > 0.0);
@@ -352,7 +352,7 @@ fn the_button_switches_the_heater_off_while_the_main_loop_hangs() {
 }
 
 #[test]
-fn an_alarm_of_the_step_interrupt_switches_the_heater_off_while_the_main_loop_hangs() {
+fn step_interrupt_alarm_switches_heater_off_while_the_main_loop_hangs() {
     let mut bench = Bench::in_state(State::Homing);
     bench.run_until(60.0, |bench| bench.heater.share() > 0.0);
     bench.motors.index_dead = true;
@@ -366,7 +366,7 @@ fn an_alarm_of_the_step_interrupt_switches_the_heater_off_while_the_main_loop_ha
 }
 
 #[test]
-fn a_fault_keeps_what_was_laid_in_sight_and_takes_no_job() {
+fn in_a_fault_progress_is_still_reported_and_jobs_are_refused() {
     let mut bench = Bench::in_state(State::Fault);
     let status = bench.status();
     assert_eq!((status.plan_id, status.layers_laid), (PLAN, bench.laid().len() as u32));

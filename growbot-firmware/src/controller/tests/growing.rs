@@ -65,7 +65,7 @@ fn assert_laid(bench: &mut Bench, layers: &[LayerBytes]) {
 }
 
 #[test]
-fn a_job_is_laid_to_the_step() {
+fn a_job_is_laid_with_exact_step_counts() {
     for (robot, count) in
         [(fast_robot(), 100), (robot_a_by(FeedStrategy::Feed), 6), (robot_a_by(FeedStrategy::Speed), 6)]
     {
@@ -79,7 +79,7 @@ fn a_job_is_laid_to_the_step() {
 }
 
 #[test]
-fn both_strategies_build_the_same_body() {
+fn both_feed_strategies_build_the_same_body() {
     let built = [FeedStrategy::Feed, FeedStrategy::Speed].map(|strategy| {
         let mut bench = Bench::greeted(robot_a_by(strategy), WARM);
         bench.grow(&bends(5));
@@ -92,7 +92,7 @@ fn both_strategies_build_the_same_body() {
 }
 
 #[test]
-fn requests_that_are_repeated_change_nothing() {
+fn repeated_requests_change_nothing() {
     let layers = bends(60);
     let bodies = [false, true].map(|stutters| {
         let mut bench = Bench::greeted(fast_robot(), WARM);
@@ -110,7 +110,7 @@ fn requests_that_are_repeated_change_nothing() {
 }
 
 #[test]
-fn more_layers_than_the_board_stores_stream() {
+fn a_job_larger_than_the_layer_store_is_streamed() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     let layers = bends(CAPACITY + 600);
     bench.begin(layers.len());
@@ -136,7 +136,7 @@ fn more_layers_than_the_board_stores_stream() {
 }
 
 #[test]
-fn without_layers_it_pauses_and_continues_when_they_come() {
+fn growth_pauses_without_layers_and_continues_with_new_ones() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     let layers = bends(20);
     bench.begin(20);
@@ -160,7 +160,7 @@ fn without_layers_it_pauses_and_continues_when_they_come() {
 }
 
 #[test]
-fn a_stop_switches_everything_off_in_every_state() {
+fn a_stop_switches_all_outputs_off_in_every_state() {
     for state in State::ALL {
         let mut bench = Bench::in_state(state);
         bench.accepted(&stop());
@@ -179,14 +179,14 @@ fn a_stop_switches_everything_off_in_every_state() {
 }
 
 #[test]
-fn a_stop_is_obeyed_in_any_session() {
+fn a_stop_is_accepted_in_any_session() {
     let mut bench = Bench::in_state(State::Growing);
     assert!(matches!(bench.ask_in(99, &stop()), Message::Accepted(_)));
     assert_eq!(bench.controller.state(), State::Stopped);
 }
 
 #[test]
-fn a_job_after_a_stop_is_a_new_one() {
+fn a_job_after_a_stop_is_new() {
     let mut bench = Bench::in_state(State::Growing);
     let before = bench.laid().len();
     assert!(before > 0);
@@ -204,7 +204,7 @@ fn a_job_after_a_stop_is_a_new_one() {
 }
 
 #[test]
-fn nothing_heats_or_moves_without_a_start() {
+fn no_heat_or_motion_without_a_start() {
     let mut bench = Bench::new(fast_robot(), 200.0);
     bench.run(5.0);
     bench.hello();
@@ -217,7 +217,7 @@ fn nothing_heats_or_moves_without_a_start() {
 }
 
 #[test]
-fn a_job_of_no_layers_is_done_at_once() {
+fn an_empty_job_is_done_at_once() {
     let mut bench = Bench::greeted(fast_robot(), 25.0);
     bench.stutters = true;
     bench.begin(0);
@@ -228,7 +228,7 @@ fn a_job_of_no_layers_is_done_at_once() {
 }
 
 #[test]
-fn layers_that_nobody_reads_of_are_told_in_the_end() {
+fn unread_layer_reports_are_delivered_later() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     let layers = bends(300);
     bench.grow(&layers);
@@ -245,7 +245,7 @@ fn layers_that_nobody_reads_of_are_told_in_the_end() {
 }
 
 #[test]
-fn a_host_that_does_not_read_is_answered_once_it_does() {
+fn a_host_that_stops_reading_gets_responses_when_it_reads_again() {
     let mut bench = Bench::in_state(State::Growing);
     bench.reads = false;
     let mut buffer = [0; growbot_core::link::frame::MAX_BODY_LEN];
@@ -265,7 +265,7 @@ fn a_host_that_does_not_read_is_answered_once_it_does() {
 }
 
 #[test]
-fn the_board_plans_as_the_desktop_does() {
+fn the_board_plans_like_the_desktop() {
     let robot = robot_a();
     let mut bench = Bench::greeted(robot.clone(), WARM);
     let pose = |position: [f64; 3], heading: f64, pitch: f64| PoseFields {
@@ -307,7 +307,7 @@ fn the_board_plans_as_the_desktop_does() {
 }
 
 #[test]
-fn the_states_at_rest_are_those_after_which_a_job_may_begin() {
+fn a_job_may_begin_exactly_in_the_states_at_rest() {
     for state in State::ALL {
         let mut bench = Bench::in_state(state);
         let other = begin(&bench.robot.clone(), PLAN + 1, 3);

@@ -13,7 +13,7 @@ fn hot() -> Bench {
 }
 
 #[test]
-fn preheating_holds_a_temperature_and_cooling_down_ends_it() {
+fn preheating_holds_the_temperature_until_cool_down() {
     let mut bench = hot();
     assert!((bench.world.nozzle_c.get() - 200.0).abs() < 3.0);
     bench.accepted(&preheat(150.0));
@@ -29,7 +29,7 @@ fn preheating_holds_a_temperature_and_cooling_down_ends_it() {
 }
 
 #[test]
-fn temperatures_out_of_the_robots_limits_are_refused() {
+fn temperatures_outside_the_limits_are_refused() {
     let mut bench = Bench::in_state(State::Idle);
     for celsius in [49.0, 235.1, 1e7, -1e7] {
         assert_eq!(
@@ -41,7 +41,7 @@ fn temperatures_out_of_the_robots_limits_are_refused() {
 }
 
 #[test]
-fn a_cold_nozzle_moves_nothing() {
+fn moves_are_refused_with_a_cold_nozzle() {
     let mut bench = Bench::greeted(fast_robot(), 60.0);
     assert_eq!(bench.refused(&feed(1.0)), Refusal::WrongState { state: State::Idle });
     bench.accepted(&preheat(200.0));
@@ -59,7 +59,7 @@ fn a_cold_nozzle_moves_nothing() {
 }
 
 #[test]
-fn a_dry_run_moves_a_cold_robot_and_never_heats() {
+fn a_dry_run_moves_a_cold_robot_without_heating() {
     let mut bench = Bench::greeted(fast_robot(), 25.0);
     bench.accepted(&maintain(MaintenanceTask::DryRun));
     assert_eq!(bench.controller.state(), State::Maintenance);
@@ -84,13 +84,13 @@ fn a_dry_run_moves_a_cold_robot_and_never_heats() {
 }
 
 #[test]
-fn no_dry_run_begins_in_a_pause() {
+fn a_dry_run_is_refused_during_a_pause() {
     let mut bench = Bench::in_state(State::Paused);
     assert_eq!(bench.refused(&maintain(MaintenanceTask::DryRun)), Refusal::WrongState { state: State::Paused });
 }
 
 #[test]
-fn filament_is_loaded_and_unloaded_by_the_length_asked_for() {
+fn filament_is_loaded_and_unloaded_by_the_requested_length() {
     let mut bench = hot();
     let steps_per_mm = bench.robot.description().feed.steps_per_mm;
     let at = bench.motors.moved.feed;
@@ -106,7 +106,7 @@ fn filament_is_loaded_and_unloaded_by_the_length_asked_for() {
 }
 
 #[test]
-fn the_head_homes_and_turns_by_the_angle_asked_for() {
+fn the_head_homes_and_turns_by_the_requested_angle() {
     let mut bench = hot();
     bench.accepted(&maintain(MaintenanceTask::Home));
     bench.run(20.0);
@@ -126,7 +126,7 @@ fn the_head_homes_and_turns_by_the_angle_asked_for() {
 }
 
 #[test]
-fn what_nobody_attends_to_goes_off() {
+fn unattended_maintenance_times_out() {
     let mut bench = hot();
     let limit_s = UNATTENDED_US as f64 * 1e-6;
     bench.run(limit_s - 10.0);
@@ -139,7 +139,7 @@ fn what_nobody_attends_to_goes_off() {
 }
 
 #[test]
-fn it_is_refused_while_a_body_grows() {
+fn maintenance_is_refused_during_growth_and_faults() {
     for state in [State::Heating, State::Homing, State::Growing, State::Tuning, State::Fault, State::EmergencyStop] {
         let mut bench = Bench::in_state(state);
         for request in [preheat(200.0), feed(1.0), maintain(MaintenanceTask::Home), maintain(MaintenanceTask::CoolDown)]
@@ -152,7 +152,7 @@ fn it_is_refused_while_a_body_grows() {
 }
 
 #[test]
-fn alarms_stay_active() {
+fn alarms_stay_active_during_maintenance() {
     // A jam occurs while filament is pushed forward.
     let mut bench = hot();
     bench.motors.jammed = true;
@@ -174,7 +174,7 @@ fn alarms_stay_active() {
 }
 
 #[test]
-fn filament_that_is_not_there_is_not_loaded() {
+fn loading_without_filament_is_refused() {
     let mut bench = hot();
     bench.heater.pins.set(FILAMENT_PRESENCE, false);
     bench.run(1.0);
@@ -184,7 +184,7 @@ fn filament_that_is_not_there_is_not_loaded() {
 }
 
 #[test]
-fn a_robot_without_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
+fn growth_continues_its_layer_after_a_new_spool_is_loaded() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     let layers = super::requests::bends(30);
     bench.grow(&layers);
@@ -218,7 +218,7 @@ fn a_robot_without_filament_waits_for_a_new_spool_and_goes_on_with_its_layer() {
 }
 
 #[test]
-fn a_robot_that_waits_for_filament_for_long_parks() {
+fn a_long_wait_for_filament_parks_the_robot() {
     let mut bench = Bench::in_state(State::Growing);
     bench.heater.pins.set(FILAMENT_PRESENCE, false);
     bench.run_to(State::Paused, 60.0);
@@ -229,7 +229,7 @@ fn a_robot_that_waits_for_filament_for_long_parks() {
 }
 
 #[test]
-fn a_body_goes_on_after_maintenance_in_a_pause_only_when_somebody_says_so() {
+fn growth_continues_after_maintenance_only_on_command() {
     let mut bench = Bench::in_state(State::Growing);
     // The growth pauses because it has no layers, and would continue by itself with the next ones.
     let layers = super::requests::bends(60);
@@ -263,7 +263,7 @@ fn moved_in_a_pause(bench: &mut Bench, moves: &[f64]) {
 }
 
 #[test]
-fn filament_that_was_pulled_back_is_pushed_to_the_nozzle_again() {
+fn retracted_filament_is_pushed_to_the_nozzle_again() {
     let per_mm = fast_robot().description().feed.steps_per_mm;
     let steps = |moves: &[f64]| {
         let mut bench = Bench::greeted(fast_robot(), WARM);
@@ -280,7 +280,7 @@ fn filament_that_was_pulled_back_is_pushed_to_the_nozzle_again() {
 }
 
 #[test]
-fn nothing_is_laid_with_filament_that_is_far_from_the_nozzle() {
+fn no_layer_is_laid_while_filament_is_far_from_the_nozzle() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     moved_in_a_pause(&mut bench, &[-20.0]);
     assert_eq!(bench.refused(&start()), Refusal::NoFilament);
@@ -296,21 +296,21 @@ fn nothing_is_laid_with_filament_that_is_far_from_the_nozzle() {
 }
 
 #[test]
-fn in_a_pause_the_nozzle_is_heated_to_the_temperature_of_growth_alone() {
+fn in_a_pause_only_the_growth_temperature_is_allowed() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     moved_in_a_pause(&mut bench, &[]);
     assert_eq!(bench.refused(&preheat(110.0)), Refusal::TemperatureOutOfRange { min: 20_000, max: 20_000 });
 }
 
 #[test]
-fn a_temperature_is_not_changed_under_a_move() {
+fn temperature_changes_are_refused_during_a_move() {
     let mut bench = hot();
     bench.accepted(&maintain(MaintenanceTask::Rotate { centi_deg: 36_000 }));
     assert_eq!(bench.refused(&preheat(60.0)), Refusal::StillMoving);
 }
 
 #[test]
-fn filament_that_runs_out_while_it_is_loaded_ends_that() {
+fn filament_running_out_during_a_load_is_a_fault() {
     let mut bench = hot();
     bench.accepted(&feed(60.0));
     bench.run(1.0);
@@ -320,7 +320,7 @@ fn filament_that_runs_out_while_it_is_loaded_ends_that() {
 }
 
 #[test]
-fn a_parked_robot_without_filament_says_so() {
+fn a_parked_robot_reports_missing_filament() {
     let mut bench = Bench::in_state(State::Growing);
     bench.heater.pins.set(FILAMENT_PRESENCE, false);
     bench.run_to(State::Parked, 4000.0);

@@ -16,7 +16,7 @@ fn retracting() -> Robot {
 }
 
 #[test]
-fn a_pause_finishes_the_layer_pulls_filament_back_and_pushes_it_forward_again() {
+fn a_pause_finishes_the_layer_and_retracts_filament_until_continued() {
     let mut bench = Bench::greeted(retracting(), WARM);
     let layers = bends(40);
     bench.grow(&layers);
@@ -40,7 +40,7 @@ fn a_pause_finishes_the_layer_pulls_filament_back_and_pushes_it_forward_again() 
 }
 
 #[test]
-fn a_long_pause_lets_the_nozzle_down_to_standby_and_then_parks() {
+fn a_long_pause_cools_to_standby_and_then_parks() {
     let mut bench = Bench::greeted(retracting(), WARM);
     let layers = bends(40);
     bench.begin(40);
@@ -79,7 +79,7 @@ fn a_long_pause_lets_the_nozzle_down_to_standby_and_then_parks() {
 }
 
 #[test]
-fn a_pause_may_be_asked_for_before_the_first_layer() {
+fn a_pause_may_be_requested_before_the_first_layer() {
     let mut bench = Bench::greeted(retracting(), WARM);
     bench.grow(&bends(5));
     bench.accepted(&pause());
@@ -90,7 +90,7 @@ fn a_pause_may_be_asked_for_before_the_first_layer() {
 }
 
 #[test]
-fn there_is_nothing_to_pause_at_rest() {
+fn a_pause_is_refused_at_rest() {
     for state in [State::Idle, State::Done, State::Stopped, State::Fault, State::Tuning] {
         let mut bench = Bench::in_state(state);
         assert_eq!(bench.refused(&pause()), Refusal::WrongState { state });
@@ -98,7 +98,7 @@ fn there_is_nothing_to_pause_at_rest() {
 }
 
 #[test]
-fn a_head_on_wires_turns_to_and_fro_and_builds_the_same_body() {
+fn an_alternating_head_builds_the_same_body() {
     let mut description = fast_robot().description().clone();
     description.motion.turning = HeadRotation::Alternate;
     let alternate = Robot::new(description).unwrap();
@@ -125,7 +125,7 @@ fn a_head_on_wires_turns_to_and_fro_and_builds_the_same_body() {
 }
 
 #[test]
-fn going_on_twice_is_going_on_once() {
+fn a_repeated_continue_has_no_effect() {
     let mut bench = Bench::greeted(retracting(), WARM);
     bench.stutters = true;
     bench.grow(&bends(8));

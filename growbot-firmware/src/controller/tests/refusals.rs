@@ -24,7 +24,7 @@ fn layers_of(plan_id: u64, first: u32, layers: &[LayerBytes]) -> Message {
 }
 
 #[test]
-fn what_does_not_decode_is_not_understood() {
+fn undecodable_requests_are_not_understood() {
     for state in State::ALL {
         let mut bench = Bench::in_state(state);
         let before = bench.status();
@@ -54,7 +54,7 @@ fn what_does_not_decode_is_not_understood() {
 }
 
 #[test]
-fn another_schema_opens_no_session() {
+fn a_schema_mismatch_opens_no_session() {
     let mut bench = Bench::new(fast_robot(), 25.0);
     bench.run_to(State::Idle, 1.0);
     assert_eq!(bench.refused(&hello(SCHEMA_HASH + 1)), Refusal::SchemaMismatch { board: SCHEMA_HASH });
@@ -67,7 +67,7 @@ fn another_schema_opens_no_session() {
 }
 
 #[test]
-fn only_the_session_opened_last_may_change_anything() {
+fn only_the_latest_session_may_change_state() {
     let mut bench = idle();
     let requests = [begin(&bench.robot.clone(), PLAN + 1, 2), batch_of(30, &bends(1)), start(), clear()];
     let other = bench.session + 1;
@@ -84,7 +84,7 @@ fn only_the_session_opened_last_may_change_anything() {
 }
 
 #[test]
-fn a_job_for_another_robot_or_without_a_name_is_refused() {
+fn a_job_for_another_robot_or_without_plan_id_is_refused() {
     let mut bench = idle();
     let board = bench.robot.hash();
     assert_eq!(bench.refused(&begin(&robot_a(), PLAN, 40)), Refusal::RobotMismatch { board });
@@ -101,7 +101,7 @@ fn a_job_for_another_robot_or_without_a_name_is_refused() {
 }
 
 #[test]
-fn the_same_plan_with_another_number_of_layers_is_another_job() {
+fn a_plan_with_a_different_layer_count_is_a_different_job() {
     let mut bench = idle();
     let robot = bench.robot.clone();
     assert_eq!(bench.accepted(&begin(&robot, PLAN, 40)).next, 30);
@@ -111,7 +111,7 @@ fn the_same_plan_with_another_number_of_layers_is_another_job() {
 }
 
 #[test]
-fn another_plan_than_the_one_held_is_refused_in_every_state() {
+fn a_plan_mismatch_is_refused_in_every_state() {
     for state in State::ALL {
         let mut bench = Bench::in_state(state);
         let board = bench.status().plan_id;
@@ -132,7 +132,7 @@ fn another_plan_than_the_one_held_is_refused_in_every_state() {
 }
 
 #[test]
-fn layers_must_follow_on_those_held() {
+fn layers_must_follow_the_stored_ones() {
     let mut bench = idle();
     let expected = Refusal::OutOfOrder { expected: 30 };
     assert_eq!(bench.refused(&batch_of(31, &bends(1))), expected);
@@ -144,7 +144,7 @@ fn layers_must_follow_on_those_held() {
 }
 
 #[test]
-fn layers_beyond_a_limit_or_the_end_are_refused_with_their_whole_batch() {
+fn one_invalid_layer_rejects_the_whole_batch() {
     let bad = |height: f64, tilt: f64| LayerEncoder::default().encode(&Layer { alpha: 1.0, height, tilt });
     for bad in [bad(1.0, 0.0), bad(0.7, 0.01), bad(0.1, 0.007), [0; 12], [0xff; 12], bad(0.0, 0.0)] {
         let mut bench = idle();
@@ -166,7 +166,7 @@ fn plan_to(position: [f64; 3], radius: f64) -> Message {
 }
 
 #[test]
-fn poses_and_radii_that_are_none_have_no_plan() {
+fn invalid_poses_and_radii_give_no_plan() {
     let mut bench = idle();
     for x in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e8] {
         assert_eq!(bench.refused(&plan_to([x, 0.0, 0.0], 100.0)), Refusal::PlanningFailed);
@@ -182,7 +182,7 @@ fn poses_and_radii_that_are_none_have_no_plan() {
 }
 
 #[test]
-fn a_plan_that_the_motors_cannot_follow_is_refused_as_a_whole() {
+fn a_plan_beyond_the_motor_limits_is_refused_as_a_whole() {
     // With a steady feed the head is fastest on the inner side. On a tight bend it is too fast for these steps.
     let mut description = fast_robot().description().clone();
     description.motion.strategy = FeedStrategy::Speed;
@@ -196,7 +196,7 @@ fn a_plan_that_the_motors_cannot_follow_is_refused_as_a_whole() {
 }
 
 #[test]
-fn the_greatest_numbers_do_no_harm() {
+fn maximum_values_in_requests_are_handled() {
     let mut bench = idle();
     let robot = bench.robot.clone();
     let read = |first| Message::ReadLayers(ReadLayers { first });

@@ -22,7 +22,7 @@ fn record(bench: &mut Bench) -> Option<FaultRecord> {
 }
 
 #[test]
-fn a_reset_in_the_midst_of_work_is_a_fault_by_its_cause() {
+fn a_reset_during_work_is_a_fault_by_its_cause() {
     for (cause, fault) in [
         (ResetCause::BrownOut, Fault::BrownOut),
         (ResetCause::Watchdog, Fault::WatchdogReset),
@@ -57,7 +57,7 @@ fn a_reset_in_the_midst_of_work_is_a_fault_by_its_cause() {
 }
 
 #[test]
-fn of_a_layer_that_was_not_under_way_at_the_reset_nothing_is_made_up() {
+fn no_progress_is_invented_for_a_layer_not_active_at_the_reset() {
     let mut bench = Bench::in_state(State::Growing);
     bench.run(5.0);
     let mut bench = bench.reset(ResetCause::Watchdog);
@@ -72,7 +72,7 @@ fn of_a_layer_that_was_not_under_way_at_the_reset_nothing_is_made_up() {
 }
 
 #[test]
-fn a_reset_at_rest_is_none() {
+fn a_reset_at_rest_is_not_a_fault() {
     for state in [State::Idle, State::Done, State::Stopped] {
         let bench = Bench::in_state(state).reset(ResetCause::External);
         assert_eq!((bench.controller.state(), bench.controller.fault()), (State::Idle, None), "{state:?}");
@@ -80,7 +80,7 @@ fn a_reset_at_rest_is_none() {
 }
 
 #[test]
-fn a_fault_survives_resets_until_it_is_cleared_and_can_be_read_after_that() {
+fn a_fault_survives_resets_until_cleared_and_stays_readable() {
     let mut bench = Bench::in_state(State::Growing);
     bench.world.wire.set(Wire::Open);
     bench.run_to(State::Fault, 1.0);
@@ -110,7 +110,7 @@ fn an_emergency_stop_survives_a_reset() {
 }
 
 #[test]
-fn without_power_the_journal_is_what_is_known() {
+fn after_a_power_loss_the_state_comes_from_the_journal() {
     // A debug probe writes to RAM when it flashes the board.
     for cause in [ResetCause::PowerOn, ResetCause::BrownOut, ResetCause::External] {
         let mut bench = Bench::in_state(State::Growing);
@@ -130,7 +130,7 @@ fn without_power_the_journal_is_what_is_known() {
 }
 
 #[test]
-fn with_an_image_that_is_corrupt_nothing_heats_until_there_is_another() {
+fn a_corrupt_image_never_heats() {
     for before in [State::Idle, State::Growing, State::Fault, State::EmergencyStop] {
         let bench = Bench::in_state(before);
         let image = ImageCheck::Corrupt { sealed: 1, found: 2 };
@@ -157,7 +157,7 @@ fn with_an_image_that_is_corrupt_nothing_heats_until_there_is_another() {
 }
 
 #[test]
-fn what_a_reset_with_power_has_destroyed_is_a_fault() {
+fn retained_state_lost_in_a_powered_reset_is_a_fault() {
     for (cause, fault) in [
         (ResetCause::Watchdog, Some(Fault::WatchdogReset)),
         (ResetCause::ProcessorFault, Some(Fault::ProcessorFault)),
@@ -175,7 +175,7 @@ fn what_a_reset_with_power_has_destroyed_is_a_fault() {
 }
 
 #[test]
-fn what_another_firmware_has_retained_is_a_fault_whatever_it_was() {
+fn retained_state_of_another_firmware_is_always_a_fault() {
     for (cause, fault) in [
         (ResetCause::PowerOn, Fault::PowerLost),
         (ResetCause::External, Fault::PowerLost),
@@ -240,7 +240,7 @@ impl crate::hal::RetainedMemory for Fixed {
 }
 
 #[test]
-fn however_a_write_is_torn_a_board_at_work_comes_up_with_a_fault() {
+fn a_torn_retained_write_during_work_leads_to_a_fault() {
     type End = fn(&mut Bench);
     let ends: [(End, State); 2] = [
         (|bench| bench.world.wire.set(Wire::Open), State::Fault),
@@ -282,7 +282,7 @@ fn however_a_write_is_torn_a_board_at_work_comes_up_with_a_fault() {
 }
 
 #[test]
-fn a_crystal_that_stopped_while_the_robot_rested_is_a_fault_too() {
+fn a_crystal_failure_at_rest_is_a_fault() {
     let mut bench = Bench::in_state(State::Idle).reset(ResetCause::ClockFailed);
     assert_eq!(bench.controller.fault(), Some(Fault::ClockFailed));
     // The first fault stays latched if another one occurs.

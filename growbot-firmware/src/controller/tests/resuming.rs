@@ -45,7 +45,7 @@ fn resume_to_end(bench: &mut Bench, from: u32) {
 }
 
 #[test]
-fn after_a_stop_a_fault_or_a_reset_the_rest_is_laid_as_if_nothing_had_happened() {
+fn remaining_layers_are_laid_unchanged_after_stop_fault_or_reset() {
     let whole = uninterrupted();
     assert_eq!(whole.len(), 40);
     type Interruption = fn(Bench) -> Bench;
@@ -99,7 +99,7 @@ fn after_a_stop_a_fault_or_a_reset_the_rest_is_laid_as_if_nothing_had_happened()
 }
 
 #[test]
-fn how_much_of_a_layer_was_made_is_known_after_a_stop_and_roughly_after_a_reset() {
+fn layer_progress_is_exact_after_a_stop_and_bounded_after_a_reset() {
     // A layer takes 0.5 s, and a sector 8 ms.
     let interrupted = |bench: &mut Bench| bench.status().interrupted.unwrap();
     let mut bench = Bench::greeted(fast_robot(), WARM);
@@ -134,7 +134,7 @@ fn an_interrupted_layer_can_count_as_laid() {
 }
 
 #[test]
-fn nothing_but_the_next_layer_is_taken_up() {
+fn only_the_next_layer_can_be_resumed() {
     let mut bench = Bench::in_state(State::Growing);
     bench.accepted(&pause());
     bench.run_to(State::Paused, 2.0);
@@ -148,7 +148,7 @@ fn nothing_but_the_next_layer_is_taken_up() {
 }
 
 #[test]
-fn a_job_given_up_is_forgotten_for_good() {
+fn a_cancelled_job_is_forgotten() {
     for state in [State::Growing, State::Stopped, State::Paused, State::Parked] {
         let mut bench = Bench::in_state(state);
         bench.accepted(&Message::Cancel(Cancel { plan_id: PLAN }));
@@ -161,7 +161,7 @@ fn a_job_given_up_is_forgotten_for_good() {
 }
 
 #[test]
-fn a_job_that_is_done_is_told_after_a_reset_and_not_laid_again() {
+fn a_done_job_is_reported_after_a_reset_and_not_repeated() {
     let whole = uninterrupted();
     let mut bench = Bench::in_state(State::Done).reset(ResetCause::PowerOn);
     bench.events.clear();
@@ -176,7 +176,7 @@ fn a_job_that_is_done_is_told_after_a_reset_and_not_laid_again() {
 }
 
 #[test]
-fn layers_to_come_are_replaced_while_it_grows() {
+fn future_layers_are_replaced_during_growth() {
     let mut bench = Bench::in_state(State::Growing);
     let (given, next) = (bench.status().layers_laid + 2, bench.status().next_layer);
     assert_eq!(bench.refused(&amend(given - 2, 50)), Refusal::LayerAlreadyBegun { first: given });
@@ -194,7 +194,7 @@ fn layers_to_come_are_replaced_while_it_grows() {
 }
 
 #[test]
-fn an_amended_job_is_known_by_its_new_name_after_a_loss_of_power() {
+fn an_amended_job_keeps_its_new_plan_id_after_a_power_loss() {
     let mut bench = Bench::in_state(State::Growing);
     let given = bench.status().layers_laid + 2;
     bench.accepted(&amend(given + 4, 50));
@@ -205,7 +205,7 @@ fn an_amended_job_is_known_by_its_new_name_after_a_loss_of_power() {
 }
 
 #[test]
-fn a_layer_is_reported_with_what_was_measured_after_it_as_long_as_the_board_stores_that() {
+fn layer_reports_include_measurements_while_stored() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     bench.grow(&bends(40));
     bench.run_to(State::Done, 100.0);

@@ -23,7 +23,7 @@ fn bytes_of(message: &Message, session: u32, seq: u16) -> frame::FrameBytes {
 }
 
 #[test]
-fn a_board_that_is_held_is_not_given_to_another_host_until_that_one_is_silent() {
+fn a_second_host_is_refused_until_the_first_is_silent() {
     let mut bench = Bench::in_state(State::Growing);
     let answer = knock(&mut bench, 99);
     assert!(
@@ -41,7 +41,7 @@ fn a_board_that_is_held_is_not_given_to_another_host_until_that_one_is_silent() 
 }
 
 #[test]
-fn goodbye_leaves_the_board_to_the_next_one() {
+fn goodbye_frees_the_board_for_the_next_host() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     let goodbye = bytes_of(&Message::Goodbye(Empty {}), bench.session, 500);
     bench.send(&goodbye);
@@ -49,7 +49,7 @@ fn goodbye_leaves_the_board_to_the_next_one() {
 }
 
 #[test]
-fn a_session_that_is_over_is_never_opened_again() {
+fn an_ended_session_is_never_reopened() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     let old = bench.session;
     bench.hello();
@@ -60,7 +60,7 @@ fn a_session_that_is_over_is_never_opened_again() {
 }
 
 #[test]
-fn requests_that_come_late_or_twice_are_not_carried_out_again() {
+fn late_and_duplicate_requests_are_not_executed_again() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     let session = bench.session;
     let old_stop = bytes_of(&stop(), session, 2);
@@ -82,7 +82,7 @@ fn requests_that_come_late_or_twice_are_not_carried_out_again() {
 }
 
 #[test]
-fn a_silent_host_pauses_it_unless_it_has_asked_otherwise() {
+fn a_silent_host_pauses_growth_unless_configured_to_continue() {
     for silence in [HostSilencePolicy::Pause, HostSilencePolicy::Continue] {
         let mut bench = Bench::greeted(fast_robot(), WARM);
         bench.begin(100);
@@ -109,7 +109,7 @@ fn a_silent_host_pauses_it_unless_it_has_asked_otherwise() {
 }
 
 #[test]
-fn an_emergency_stop_by_the_link_is_obeyed_and_called_out_each_time() {
+fn a_link_emergency_stop_acts_and_is_acknowledged_each_time() {
     for state in State::ALL {
         let mut bench = Bench::in_state(state);
         bench.events.clear();

@@ -40,7 +40,7 @@ fn request(event: Event, bench: &mut Bench) -> Option<Message> {
 }
 
 #[test]
-fn every_event_in_every_state_does_what_the_table_says() {
+fn transitions_match_the_table_for_every_event_and_state() {
     for state in State::ALL {
         for event in Event::ALL {
             let mut bench = Bench::in_state(state);
@@ -91,7 +91,7 @@ fn table() -> String {
 }
 
 #[test]
-fn the_table_is_printed_as_it_is() {
+fn safety_md_has_the_current_state_table() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../SAFETY.md");
     let printed = fs::read_to_string(path).expect("SAFETY.md is there");
     let (from, to) = ("<!-- states: made by the tests -->\n", "<!-- end of states -->");

@@ -8,7 +8,7 @@ use super::tip::Wire;
 use crate::testing::fast_robot;
 
 #[test]
-fn gains_are_found_and_told_and_nothing_is_changed() {
+fn tuning_reports_gains_without_applying_them() {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     bench.accepted(&tune(200.0));
     bench.run_to(State::Idle, 900.0);
@@ -24,7 +24,7 @@ fn gains_are_found_and_told_and_nothing_is_changed() {
 }
 
 #[test]
-fn the_target_stays_within_the_robots_limits() {
+fn tuning_targets_outside_the_limits_are_refused() {
     let mut bench = Bench::in_state(State::Idle);
     let refusal = Refusal::TemperatureOutOfRange { min: 5000, max: 22_000 };
     for celsius in [49.0, 221.0, 240.0, 1e7, -1e7, 0.0] {
@@ -33,7 +33,7 @@ fn the_target_stays_within_the_robots_limits() {
 }
 
 #[test]
-fn tuning_can_be_stopped_and_is_broken_off_by_faults() {
+fn tuning_ends_on_a_stop_or_fault() {
     let mut bench = Bench::in_state(State::Tuning);
     bench.accepted(&stop());
     assert_eq!(bench.controller.state(), State::Stopped);

@@ -124,7 +124,7 @@ impl Random {
 }
 
 #[test]
-fn random_requests_in_random_order_never_break_what_must_be_true() {
+fn random_requests_never_break_invariants() {
     let mut seen = Vec::new();
     let mut laid = 0;
     for seed in 0..messages() / MESSAGES_OF_A_SEED {
@@ -183,7 +183,7 @@ fn random_bytes_change_nothing() {
 }
 
 #[test]
-fn whole_frames_of_random_bodies_do_no_harm() {
+fn valid_frames_with_random_bodies_change_nothing() {
     let mut random = Random::new(1);
     let mut bench = Bench::in_state(State::Paused);
     let mut seq = 1000;

@@ -29,7 +29,7 @@ fn line(from: f32, slope: f32) -> [f32; 7] {
 }
 
 #[test]
-fn a_mean_is_of_a_second() {
+fn means_cover_one_second() {
     let mut rest = UnheatedTrend::default();
     for _ in 0..3 {
         let found = [10.0, 20.0, 20.0, 40.0].map(|reading| rest.add(reading, DT));
@@ -50,7 +50,7 @@ fn a_mean_is_of_a_second() {
 }
 
 #[test]
-fn a_reference_is_of_the_latest_seven_means() {
+fn a_baseline_uses_the_latest_seven_means() {
     let robot = robot_a();
     let nozzle = nozzle(&robot);
     for count in 0..7 {
@@ -64,7 +64,7 @@ fn a_reference_is_of_the_latest_seven_means() {
 }
 
 #[test]
-fn a_reference_is_straight_and_as_steep_as_a_nozzle_without_power() {
+fn a_baseline_must_be_straight_and_fit_an_unheated_nozzle() {
     let robot = robot_a();
     let nozzle = nozzle(&robot);
     let is_reference = |means: [f32; 7]| of(means).reference(&nozzle).is_some();
@@ -96,7 +96,7 @@ fn a_reference_is_straight_and_as_steep_as_a_nozzle_without_power() {
 }
 
 #[test]
-fn a_reading_stands_still_where_two_means_are_the_same() {
+fn two_equal_means_count_as_a_frozen_reading() {
     assert!(of([100.0, 90.0, 90.0]).stands_still());
     assert!(of([100.0, 90.0, 90.000_5]).stands_still());
     for apart in [90.002, 89.998] {
@@ -106,7 +106,7 @@ fn a_reading_stands_still_where_two_means_are_the_same() {
 }
 
 #[test]
-fn a_fall_levels_off() {
+fn a_falling_baseline_levels_off() {
     let robot = robot_a();
     let nozzle = nozzle(&robot);
     let reference = Baseline { at_c: 100.0, slope_c_per_s: -1.0 };
@@ -117,7 +117,7 @@ fn a_fall_levels_off() {
 }
 
 #[test]
-fn a_stage_lasts_until_the_whole_power_would_show() {
+fn a_stage_lasts_until_full_power_would_be_detectable() {
     let robot = robot_a();
     assert!((stage_s(&nozzle(&robot)) - (5.0 + 8.0 * 12.0 / 50.0)).abs() < 1e-4);
 }
@@ -143,7 +143,7 @@ fn prove(mut reading: impl FnMut(f32, HeaterOutput) -> f32) -> ([f32; 3], Result
 }
 
 #[test]
-fn sound_switches_are_proven_one_after_the_other() {
+fn working_switches_are_proven_in_sequence() {
     // The test rests for seven means, then closes each switch for seven more, which is the next whole second after 6.92
     // s.
     for celsius in [20.0, 205.0] {
@@ -154,7 +154,7 @@ fn sound_switches_are_proven_one_after_the_other() {
 }
 
 #[test]
-fn a_switch_that_conducts_is_found_in_its_stage() {
+fn a_welded_switch_is_detected_in_its_stage() {
     // The limit is 3.5 C above the reference.
     for (rise, found) in [(3.5, false), (3.6, true)] {
         let stuck = prove(|_, output| if output == HeaterOutput::SECOND_SWITCH_ALONE { 30.0 + rise } else { 30.0 });
@@ -170,7 +170,7 @@ fn a_switch_that_conducts_is_found_in_its_stage() {
 }
 
 #[test]
-fn a_fall_that_stops_when_a_switch_closes_is_a_reading_that_is_frozen() {
+fn a_fall_that_stops_when_a_switch_closes_is_a_frozen_reading() {
     // The reading falls by 1 C/s during the rest.
     let mut last = 0.0;
     let (_, ended) = prove(|time, output| {
@@ -183,7 +183,7 @@ fn a_fall_that_stops_when_a_switch_closes_is_a_reading_that_is_frozen() {
 }
 
 #[test]
-fn a_nozzle_that_still_rises_after_30_s_at_rest_is_heated() {
+fn a_nozzle_that_still_rises_after_30_s_at_rest_is_a_fault() {
     let (times, ended) = prove(|time, _| 20.0 + 0.5 * time);
     assert_eq!((times, ended), ([30.75, 0.0, 0.0], Err(Fault::HeaterStuckOn)));
     // A reading that swings every 3 s is never at rest. It does not rise either over the 3 s that the test compares.
@@ -192,7 +192,7 @@ fn a_nozzle_that_still_rises_after_30_s_at_rest_is_heated() {
 }
 
 #[test]
-fn it_waits_until_it_is_35_c_below_the_max_temperature() {
+fn the_proof_test_waits_until_35_c_below_the_max_temperature() {
     let (times, ended) = prove(|time, _| 225.0 - time);
     assert_eq!(ended, Ok(()));
     // The mean of a second equals the reading in its middle.

@@ -18,7 +18,7 @@ fn assert_near(value: f32, expected: f32) {
 }
 
 #[test]
-fn the_duty_is_need_trim_and_the_gains_of_error_and_slope() {
+fn duty_is_the_sum_of_feed_forward_trim_and_pd_terms() {
     let robot = robot_a();
     let nozzle = nozzle(&robot, true);
     let mut regulation = TemperatureControl::default();
@@ -36,7 +36,7 @@ fn the_duty_is_need_trim_and_the_gains_of_error_and_slope() {
 }
 
 #[test]
-fn of_a_supply_that_gives_more_less_is_taken() {
+fn a_higher_supply_voltage_lowers_the_duty() {
     let robot = robot_a();
     let demand = Demand { supply_v: Some(1.2 * robot.description().supply.nominal_v), ..Demand::default() };
     let nozzle = NozzleModel::new(&demand, robot.description());
@@ -45,7 +45,7 @@ fn of_a_supply_that_gives_more_less_is_taken() {
 }
 
 #[test]
-fn no_time_has_no_slope() {
+fn zero_elapsed_time_gives_no_slope() {
     let robot = robot_a();
     let nozzle = nozzle(&robot, true);
     let mut regulation = TemperatureControl::default();
@@ -56,7 +56,7 @@ fn no_time_has_no_slope() {
 }
 
 #[test]
-fn a_reading_that_nears_the_target_by_0_15_c_a_second_teaches_nothing() {
+fn trim_is_not_learned_while_approaching_faster_than_0_15_c_per_s() {
     let robot = robot_a();
     let nozzle = nozzle(&robot, true);
     for (slope, learns) in [(0.14, true), (0.16, false), (-0.5, true)] {
@@ -74,7 +74,7 @@ fn a_reading_that_nears_the_target_by_0_15_c_a_second_teaches_nothing() {
 }
 
 #[test]
-fn what_there_is_not_is_not_given_and_teaches_nothing() {
+fn a_saturated_duty_is_clamped_and_trim_is_not_learned() {
     let robot = robot_a();
     let nozzle = nozzle(&robot, true);
     for (reading_c, max) in [(150.0, 1.0), (250.0, 0.0)] {
@@ -91,7 +91,7 @@ fn what_there_is_not_is_not_given_and_teaches_nothing() {
 }
 
 #[test]
-fn the_trim_goes_no_further_than_its_authority() {
+fn trim_is_limited_to_its_authority() {
     let robot = robot_a();
     for (measured, max) in [(true, 0.35), (false, 0.55)] {
         let nozzle = nozzle(&robot, measured);
@@ -106,7 +106,7 @@ fn the_trim_goes_no_further_than_its_authority() {
 }
 
 #[test]
-fn where_next_to_nothing_is_needed_the_trim_is_scaled_by_a_fiftieth_of_the_power() {
+fn near_ambient_trim_is_scaled_by_2_percent_of_the_power() {
     let robot = robot_a();
     let nozzle = nozzle(&robot, true);
     let mut regulation = TemperatureControl::default();
@@ -115,7 +115,7 @@ fn where_next_to_nothing_is_needed_the_trim_is_scaled_by_a_fiftieth_of_the_power
 }
 
 #[test]
-fn another_target_keeps_what_was_learned_and_forgets_the_dither() {
+fn a_new_target_keeps_the_trim_and_resets_the_dither() {
     let robot = robot_a();
     let nozzle = nozzle(&robot, true);
     let mut regulation = TemperatureControl { trim: 0.1, ..TemperatureControl::default() };
@@ -133,7 +133,7 @@ fn another_target_keeps_what_was_learned_and_forgets_the_dither() {
 }
 
 #[test]
-fn the_dither_goes_round_in_16_s() {
+fn the_dither_period_is_16_s() {
     let robot = robot_a();
     let nozzle = nozzle(&robot, true);
     let mut regulation = TemperatureControl::default();
@@ -148,7 +148,7 @@ fn the_dither_goes_round_in_16_s() {
 }
 
 #[test]
-fn target_and_power_swing_together() {
+fn the_dither_moves_target_and_power_together() {
     let robot = robot_a();
     let nozzle = nozzle(&robot, true);
     let lag = TAU * 2.0 / 16.0;
@@ -164,7 +164,7 @@ fn target_and_power_swing_together() {
 }
 
 #[test]
-fn the_dither_is_of_a_count_of_the_adc_within_its_bounds() {
+fn dither_amplitude_is_about_one_adc_count_within_bounds() {
     for (pull_up_ohm, bounds) in [(4_700.0, (0.35, 0.35)), (25_000.0, (0.36, 0.69)), (40_000.0, (0.7, 0.7))] {
         let mut description = robot_a().description().clone();
         description.thermistor.pull_up_ohm = pull_up_ohm;
@@ -179,7 +179,7 @@ fn the_dither_is_of_a_count_of_the_adc_within_its_bounds() {
 }
 
 #[test]
-fn sine_and_cosine_of_the_dither_are_those_of_its_phase() {
+fn dither_sine_and_cosine_match_its_phase() {
     for (phase, sin, cos) in [(0.0, 0.0, 1.0), (0.25, 1.0, 0.0), (0.5, 0.0, -1.0), (0.75, -1.0, 0.0)] {
         let (found_sin, found_cos) = dither_at(phase);
         assert_near(found_sin, sin);

@@ -213,14 +213,14 @@ fn break_everything(seeds: core::ops::Range<u64>) {
 /// The test uses GROWBOT_NOZZLES nozzles from GROWBOT_FIRST_NOZZLE on, by default the first 6. 200 nozzles take
 /// minutes.
 #[test]
-fn every_fault_is_found_in_time_in_every_phase() {
+fn every_fault_is_detected_in_time_in_every_phase() {
     let first = number_from_environment("GROWBOT_FIRST_NOZZLE", 0);
     break_everything(first..first + number_from_environment("GROWBOT_NOZZLES", 6));
 }
 
 /// The models are in single precision, so sums over hours would lose small additions in rounding.
 #[test]
-fn hours_at_the_target_do_not_dull_supervision() {
+fn supervision_still_detects_faults_after_hours_at_the_target() {
     for (wrong, right, within) in [
         (Wrong::HeaterOpen, [Fault::TemperatureDrop, Fault::HeaterEnergy], 20.0),
         (Wrong::Detached(5.0, 0.2), [Fault::TemperatureDrop, Fault::ThermistorDetached], 10.0),

@@ -24,7 +24,7 @@ fn again(seed: u64, wrong: Wrong) -> (Rig, Option<Fault>, f64) {
 }
 
 #[test]
-fn the_duty_is_that_of_the_power_stage_from_the_first_stage_to_a_fault() {
+fn duty_is_reported_from_the_first_proof_stage_until_a_fault() {
     for (wrong, duty, fault) in [
         (Wrong::StuckOn(1.0), 0.0, Some(Fault::HeaterStuckOn)),
         (Wrong::Welded, 1.0, Some(Fault::HeaterSwitchWelded)),
@@ -52,7 +52,7 @@ fn the_duty_is_that_of_the_power_stage_from_the_first_stage_to_a_fault() {
 }
 
 #[test]
-fn both_switches_are_proven_whenever_it_is_switched_on() {
+fn both_switches_are_proven_at_each_switch_on() {
     let mut longest = [0.0_f64; 3];
     for seed in 0..300 {
         let cases = [

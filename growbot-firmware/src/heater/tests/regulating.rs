@@ -23,7 +23,7 @@ fn band_and_overshoot(rig: &mut Rig) -> (f64, f64) {
 }
 
 #[test]
-fn layers_are_laid_within_the_band() {
+fn temperature_stays_in_the_band_while_laying_layers() {
     let (mut band, mut overshoot) = (0.0_f64, 0.0_f64);
     for seed in 0..60 {
         let spread = Spread::of(&mut Random::new(seed), 0.1);
@@ -50,7 +50,7 @@ fn tune(rig: &mut Rig) -> Result<Tuned, Fault> {
 }
 
 #[test]
-fn gains_that_were_found_keep_the_band() {
+fn tuned_gains_keep_the_temperature_in_the_band() {
     let (mut found, mut band, mut overshoot) = (0, 0.0_f64, 0.0_f64);
     for seed in 0..40 {
         let spread = Spread::of(&mut Random::new(seed), 0.3);
@@ -86,7 +86,7 @@ fn gains_that_were_found_keep_the_band() {
 }
 
 #[test]
-fn a_sensor_that_fails_ends_the_tuning() {
+fn a_sensor_failure_ends_the_tuning() {
     for seed in 0..20 {
         for wrong in [Wrong::Frozen, Wrong::Stuck, Wrong::Open, Wrong::Detached(5.0, 0.3), Wrong::HeaterOpen] {
             let mut rig = Rig::new(Spread::of(&mut Random::new(seed), 0.1), seed);
@@ -101,7 +101,7 @@ fn a_sensor_that_fails_ends_the_tuning() {
 }
 
 #[test]
-fn a_reading_that_does_not_swing_for_90_s_ends_the_tuning() {
+fn a_reading_without_a_swing_for_90_s_ends_the_tuning() {
     // The power that holds 60 degrees is so low that supervision expects no change in the time that it compares.
     let mut rig = Rig::new(Spread { noise: 1.0, ..Spread::of(&mut Random::new(1), 0.0) }, 1);
     rig.heater.tune(60.0, rig.now);

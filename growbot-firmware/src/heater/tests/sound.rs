@@ -23,6 +23,6 @@ fn live(seeds: core::ops::Range<u64>) {
 
 /// The test runs GROWBOT_HOURS hours, by default 40. A thousand hours take minutes.
 #[test]
-fn a_sound_nozzle_raises_no_alarm() {
+fn a_healthy_nozzle_raises_no_alarm() {
     live(0..number_from_environment("GROWBOT_HOURS", 40));
 }

@@ -22,7 +22,7 @@ fn having_read(celsius: f64, now: u64) -> Heater {
 }
 
 #[test]
-fn a_reading_counts_for_400_ms_and_survives_the_heaters_being_switched_off() {
+fn a_reading_is_valid_for_400_ms_even_after_switching_off() {
     let mut heater = having_read(100.0, 1_000_000);
     for _ in 0..2 {
         assert!((heater.temperature(1_400_000).unwrap() - 100.0).abs() < 1e-6);
@@ -44,7 +44,7 @@ fn a_reading_counts_for_400_ms_and_survives_the_heaters_being_switched_off() {
 }
 
 #[test]
-fn a_nozzle_that_has_rested_is_proven_in_15_s() {
+fn a_rested_nozzle_is_proven_in_15_s() {
     let robot = robot();
     let (mut heater, raw) = (Heater::default(), raw_from_celsius(25.0, &robot.thermistor));
     let mut now = 0;
@@ -63,7 +63,7 @@ fn a_nozzle_that_has_rested_is_proven_in_15_s() {
 }
 
 #[test]
-fn without_a_reading_it_waits_for_400_ms() {
+fn a_missing_reading_is_a_fault_after_400_ms() {
     let robot = robot();
     let mut heater = Heater::default();
     heater.switch_on(200.0, 1_000_000);
@@ -72,7 +72,7 @@ fn without_a_reading_it_waits_for_400_ms() {
 }
 
 #[test]
-fn the_max_temperature_itself_may_be_read() {
+fn a_reading_at_the_max_temperature_is_allowed() {
     let mut robot = robot();
     let raw = raw_from_celsius(239.0, &robot.thermistor);
     robot.heater.max_c = celsius_from_raw(raw, &robot.thermistor).unwrap();
@@ -88,7 +88,7 @@ fn the_max_temperature_itself_may_be_read() {
 }
 
 #[test]
-fn it_is_hot_after_2_s_in_its_band_and_steady_after_10_s_near_or_60_s_in_it() {
+fn hot_after_2_s_in_the_band_and_steady_after_10_s_near_or_60_s_in_it() {
     let heater = Heater { in_band_since: Some(1_000_000), ..Heater::default() };
     assert!(!heater.is_hot(2_999_999) && heater.is_hot(3_000_000));
     assert!(!heater.is_steady(60_999_999) && heater.is_steady(61_000_000));
@@ -98,7 +98,7 @@ fn it_is_hot_after_2_s_in_its_band_and_steady_after_10_s_near_or_60_s_in_it() {
 }
 
 #[test]
-fn it_is_blind_where_power_flows_on_an_old_reading() {
+fn power_with_an_expired_reading_is_detected() {
     let heater = Heater { duty: 0.5, ..having_read(100.0, 1_000_000) };
     assert!(!heater.is_powered_without_reading(1_400_000) && heater.is_powered_without_reading(1_400_001));
     assert!((heater.duty() - 0.5).abs() < 1e-12);
@@ -106,7 +106,7 @@ fn it_is_blind_where_power_flows_on_an_old_reading() {
 }
 
 #[test]
-fn the_power_is_dithered_within_two_bands_of_the_target() {
+fn power_is_dithered_within_two_bands_of_the_target() {
     let robot = robot();
     let raw = raw_from_celsius(150.0, &robot.thermistor);
     let reading_c = celsius_from_raw(raw, &robot.thermistor).unwrap() as f32;
@@ -122,7 +122,7 @@ fn the_power_is_dithered_within_two_bands_of_the_target() {
 }
 
 #[test]
-fn the_band_is_watched_to_its_edges() {
+fn the_band_includes_its_edges() {
     const BAND: f32 = 4.0;
     let watch = |heater: &mut Heater, error: f32, now: u64| heater.watch_band(error, BAND, 1_000, now);
     let steady = STEADY_BANDS * BAND;
@@ -145,7 +145,7 @@ fn the_band_is_watched_to_its_edges() {
 }
 
 #[test]
-fn a_heating_that_takes_too_long_is_a_fault_below_the_target() {
+fn a_heating_timeout_is_a_fault_below_the_target() {
     let watch = |heater: &Heater, error: f32, now: u64| heater.clone().watch_band(error, 4.0, 1_000, now);
     let heater = Heater { on_since: 500, ..Heater::default() };
     assert_eq!(watch(&heater, 50.0, 1_500), Ok(()));
@@ -161,7 +161,7 @@ fn a_heating_that_takes_too_long_is_a_fault_below_the_target() {
 }
 
 #[test]
-fn another_target_begins_anew_and_the_same_one_does_not() {
+fn a_new_target_restarts_the_timers_and_the_same_one_does_not() {
     let mut heater = Heater::default();
     heater.set_target(150.0, 5);
     assert_eq!(heater.target(), None, "it is off");
@@ -181,7 +181,7 @@ fn another_target_begins_anew_and_the_same_one_does_not() {
 }
 
 #[test]
-fn what_tuning_found_is_given_once_and_not_lost_before() {
+fn a_tuning_result_is_kept_until_it_is_taken_once() {
     let mut heater = Heater { tuned: Some(TUNED), ..Heater::default() };
     heater.switch_off();
     heater.switch_on(200.0, 0);

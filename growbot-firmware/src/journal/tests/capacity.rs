@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn new_flash_and_the_emulators_zeros_have_no_journal_and_are_not_written_to() {
+fn new_and_zeroed_flash_has_no_journal_and_is_not_written() {
     for byte in [0, 0x55, 0xff] {
         let flash = Small::new(SECTORS);
         flash.set_bytes(&[byte; 2048]);
@@ -18,7 +18,7 @@ fn new_flash_and_the_emulators_zeros_have_no_journal_and_are_not_written_to() {
 }
 
 #[test]
-fn one_sector_does_and_more_do_too() {
+fn the_journal_works_with_any_number_of_sectors() {
     for sectors in [1, 3, 4] {
         let flash = Small::new(sectors);
         for _ in 0..5 {
@@ -67,7 +67,7 @@ fn hundreds_of_jobs_wear_the_sectors_evenly() {
 }
 
 #[test]
-fn a_job_of_the_robots_flash_may_have_six_thousand_layers_and_two_thousand_pauses() {
+fn the_robots_flash_holds_a_job_of_6000_layers_and_2000_pauses() {
     let flash = Flash::<{ 128 * 1024 }>::new(2);
     let mut journal = Journal::open(flash.clone());
     let layers = journal.capacity();
@@ -92,7 +92,7 @@ fn a_job_of_the_robots_flash_may_have_six_thousand_layers_and_two_thousand_pause
 }
 
 #[test]
-fn a_job_whose_records_find_no_room_is_not_resumed() {
+fn a_job_that_exceeds_the_journal_is_not_resumed() {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(47).unwrap() {}
@@ -107,7 +107,7 @@ fn a_job_whose_records_find_no_room_is_not_resumed() {
 }
 
 #[test]
-fn after_any_job_all_places_can_be_used_and_none_twice() {
+fn after_any_job_every_slot_is_used_at_most_once() {
     for records in 1..60 {
         for restarted in [false, true] {
             let flash = Small::new(SECTORS);

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use super::*;
 
 #[test]
-fn a_loss_of_power_at_any_byte_costs_the_record_under_way_at_most() {
+fn a_power_loss_at_any_byte_loses_at_most_the_current_record() {
     let story = story();
     let mut losses = 0;
     for bytes in 0.. {
@@ -26,7 +26,7 @@ fn a_loss_of_power_at_any_byte_costs_the_record_under_way_at_most() {
 }
 
 #[test]
-fn losses_of_power_again_and_again_cost_no_more() {
+fn repeated_power_losses_lose_at_most_the_current_record() {
     let mut seed = 1_u64;
     for _ in 0..crate::testing::number_from_environment("GROWBOT_POWER_LOSSES", 300) {
         let flash = Small::new(SECTORS);
@@ -48,7 +48,7 @@ proptest! {
     }
 
     #[test]
-    fn flipped_bits_yield_what_was_known_at_a_time_or_nothing(
+    fn flipped_bits_yield_an_earlier_state_or_nothing(
         deeds in 1_usize..90,
         bits in prop::collection::vec(0_usize..2048 * 8, 1..20),
     ) {

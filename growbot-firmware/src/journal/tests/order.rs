@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn a_place_that_does_not_take_its_record_is_passed_over_and_of_broken_flash_nothing_is_resumed() {
+fn bad_slots_are_skipped_and_jobs_on_broken_flash_are_not_resumed() {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(4).unwrap() {}
@@ -26,7 +26,7 @@ fn a_place_that_does_not_take_its_record_is_passed_over_and_of_broken_flash_noth
 }
 
 #[test]
-fn any_record_that_is_missing_is_noticed() {
+fn any_missing_record_is_detected() {
     // Record 2 is the second one: a layer is begun.
     for missing in 2..6 {
         let flash = Small::new(SECTORS);
@@ -46,7 +46,7 @@ fn any_record_that_is_missing_is_noticed() {
 }
 
 #[test]
-fn up_to_14_records_that_are_missing_in_a_row_are_noticed() {
+fn up_to_14_consecutive_missing_records_are_detected() {
     // The records are counted modulo 16. A record that is stored twice counts once.
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
@@ -67,7 +67,7 @@ fn up_to_14_records_that_are_missing_in_a_row_are_noticed() {
 }
 
 #[test]
-fn a_record_of_a_job_before_the_present_one_counts_for_nothing_wherever_it_lies() {
+fn records_of_earlier_jobs_are_ignored_in_any_slot() {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(4).unwrap() {}
@@ -85,7 +85,7 @@ fn a_record_of_a_job_before_the_present_one_counts_for_nothing_wherever_it_lies(
 }
 
 #[test]
-fn a_job_that_cannot_begin_ends_the_one_that_has_not() {
+fn a_job_that_cannot_begin_ends_the_unfinished_one() {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(4).unwrap() {}
@@ -96,7 +96,7 @@ fn a_job_that_cannot_begin_ends_the_one_that_has_not() {
 }
 
 #[test]
-fn a_job_that_cannot_begin_leaves_the_one_that_has_ended() {
+fn a_job_that_cannot_begin_keeps_the_finished_one() {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(4).unwrap() {}
@@ -111,7 +111,7 @@ fn a_job_that_cannot_begin_leaves_the_one_that_has_ended() {
 type Try = fn(&mut Journal<Small>) -> Result<(), JournalError>;
 
 #[test]
-fn what_does_not_follow_ends_what_can_be_resumed() {
+fn out_of_order_records_end_the_resumable_job() {
     let out_of_order: [Try; 8] = [
         |journal| journal.record_begun(3),
         |journal| journal.record_laid(1, &layer(1, 1), false),
@@ -141,7 +141,7 @@ fn what_does_not_follow_ends_what_can_be_resumed() {
 }
 
 #[test]
-fn a_job_that_has_not_ended_is_not_erased_before_it_is_forgotten() {
+fn an_unfinished_job_is_erased_only_after_it_is_forgotten() {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(20).unwrap() {}

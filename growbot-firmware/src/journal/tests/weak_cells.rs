@@ -133,7 +133,7 @@ fn sequences<T: Copy>(of: &[T], length: usize) -> Vec<Vec<T>> {
 }
 
 #[test]
-fn whatever_the_last_record_reads_like_at_three_starts_nothing_is_lost() {
+fn no_state_is_lost_for_any_reading_of_the_last_record_at_three_starts() {
     let mut lives = 0;
     for case in cases() {
         let record = case.bytes[case.offset..case.offset + 32].try_into().unwrap();
@@ -151,7 +151,7 @@ fn whatever_the_last_record_reads_like_at_three_starts_nothing_is_lost() {
 }
 
 #[test]
-fn a_loss_of_power_while_that_is_settled_costs_no_more_than_the_record() {
+fn a_power_loss_during_recovery_loses_at_most_the_weak_record() {
     let mut losses = 0;
     for case in cases() {
         let record = case.bytes[case.offset..case.offset + 32].try_into().unwrap();
@@ -179,7 +179,7 @@ fn a_loss_of_power_while_that_is_settled_costs_no_more_than_the_record() {
 }
 
 #[test]
-fn a_place_that_seemed_not_to_take_its_record_and_reads_as_if_it_had_costs_nothing() {
+fn a_skipped_slot_that_later_reads_as_valid_loses_nothing() {
     // One bit of the slot reads as 1 while the record is written there, so that the record goes to the next slot. Later
     // the bit reads as 0.
     let flash = Small::new(SECTORS);
@@ -202,7 +202,7 @@ fn a_place_that_seemed_not_to_take_its_record_and_reads_as_if_it_had_costs_nothi
 }
 
 #[test]
-fn a_record_that_reads_as_blank_and_is_back_after_others_were_written_costs_nothing() {
+fn a_record_that_reads_as_blank_and_reappears_later_loses_nothing() {
     for case in cases() {
         let record: RecordBytes = case.bytes[case.offset..case.offset + 32].try_into().unwrap();
         let half = record.map(|byte| byte | 0xA5);
@@ -214,7 +214,7 @@ fn a_record_that_reads_as_blank_and_is_back_after_others_were_written_costs_noth
 }
 
 #[test]
-fn a_sector_that_one_start_has_found_blank_is_so_at_the_next_one() {
+fn a_sector_found_blank_is_blank_at_the_next_start() {
     let whole = Small::new(SECTORS);
     Deed::Erase(47).done(&mut Journal::open(whole.clone())).unwrap();
     for sector in 0..SECTORS {
@@ -232,7 +232,7 @@ fn a_sector_that_one_start_has_found_blank_is_so_at_the_next_one() {
 }
 
 #[test]
-fn a_record_that_cannot_be_read_at_one_start_is_not_back_at_the_next_one() {
+fn an_unreadable_record_does_not_reappear_at_the_next_start() {
     for case in cases().iter().filter(|case| !matches!(case.deed, Deed::Erase(_))) {
         // Flash that refuses to be read is treated like this.
         assert_eq!(
@@ -254,7 +254,7 @@ fn flickering(case: &Case, readings: &[&[u8]]) -> [Option<Known>; 2] {
 }
 
 #[test]
-fn a_record_that_reads_as_whole_at_one_of_three_looks_counts() {
+fn a_record_that_is_valid_in_one_of_three_reads_counts() {
     for case in cases().iter().filter(|case| !matches!(case.deed, Deed::Erase(_))) {
         let record = &case.bytes[case.offset..case.offset + 32];
         let mut other = record.to_vec();
@@ -267,7 +267,7 @@ fn a_record_that_reads_as_whole_at_one_of_three_looks_counts() {
 }
 
 #[test]
-fn a_record_in_weak_cells_goes_to_others() {
+fn a_record_in_weak_cells_is_rewritten_to_another_slot() {
     for case in cases().iter().filter(|case| !matches!(case.deed, Deed::Erase(_))) {
         let flash = Small::new(SECTORS);
         flash.set_bytes(&case.bytes);

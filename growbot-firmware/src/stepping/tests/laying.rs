@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn five_thousand_layers_are_laid_to_the_step() {
+fn five_thousand_layers_are_laid_with_exact_step_counts() {
     for (strategy, turning) in ALL {
         let robot = robot_a_with(strategy, turning);
         let layers = layers(&robot, 1250, 0.5);
@@ -31,7 +31,7 @@ fn five_thousand_layers_are_laid_to_the_step() {
 }
 
 #[test]
-fn both_strategies_and_both_ways_lay_the_same_plastic_in_each_sector() {
+fn feed_strategies_and_directions_lay_the_same_plastic_per_sector() {
     for at in [robot_a_with, ramping] {
         let layers = layers(&at(FeedStrategy::Feed, HeadRotation::Continuous), 40, 0.02);
         let laid = ALL.map(|(strategy, turning)| {
@@ -46,7 +46,7 @@ fn both_strategies_and_both_ways_lay_the_same_plastic_in_each_sector() {
 }
 
 #[test]
-fn skipping_quiet_ticks_changes_nothing() {
+fn skipping_idle_ticks_changes_nothing() {
     for robot in ALL.map(|(strategy, turning)| ramping(strategy, turning)).into_iter().chain([robot_a()]) {
         let runs = [false, true].map(|skipping| {
             let mut rig = Rig::new(robot.clone());
@@ -84,7 +84,7 @@ fn skipping_quiet_ticks_changes_nothing() {
 }
 
 #[test]
-fn a_report_that_waits_loses_nothing() {
+fn a_pending_report_loses_no_steps() {
     let robot = ramping(FeedStrategy::Feed, HeadRotation::Continuous);
     let layers = layers(&robot, 3, 0.5);
     let turns = turns(&robot, &layers);
@@ -106,7 +106,7 @@ fn a_report_that_waits_loses_nothing() {
 }
 
 #[test]
-fn turning_back_keeps_the_wires_from_winding_up() {
+fn alternating_turns_do_not_wind_up_the_wires() {
     let robot = robot_a_with(FeedStrategy::Speed, HeadRotation::Alternate);
     let turns = turns(&robot, &layers(&robot, 4, 0.5));
     let mut rig = Rig::homed(robot);
@@ -122,7 +122,7 @@ fn turning_back_keeps_the_wires_from_winding_up() {
 }
 
 #[test]
-fn feed_moves_are_exact_both_ways() {
+fn feed_moves_are_exact_in_both_directions() {
     let mut rig = Rig::new(robot_a());
     for (steps, backwards) in [(180, true), (180, false), (1, true), (0, true), (7, false)] {
         let before = rig.moved(FEED);
@@ -139,7 +139,7 @@ fn feed_moves_are_exact_both_ways() {
 }
 
 #[test]
-fn the_engine_counts_the_filament_and_sees_the_index() {
+fn the_engine_counts_filament_pulses_and_detects_the_index() {
     let robot = robot_a();
     let mut rig = Rig::homed(robot.clone());
     let layers = layers(&robot, 2, 0.5);

@@ -33,7 +33,7 @@ fn index_fault_at(share: f64, robot: &Robot, fault: impl Fn(&World)) -> (Option<
 }
 
 #[test]
-fn lost_and_gained_steps_are_noticed_within_a_turn() {
+fn lost_and_gained_steps_are_detected_within_one_turn() {
     for (strategy, turning) in ALL {
         let robot = robot_a_with(strategy, turning);
         // 2 degrees are 18 steps, and two samples must contradict.
@@ -58,7 +58,7 @@ fn lost_and_gained_steps_are_noticed_within_a_turn() {
 }
 
 #[test]
-fn a_narrow_mark_is_looked_for_too() {
+fn a_narrow_mark_is_checked() {
     // One mark is three steps wide with a tolerance of one. The other is narrower than its tolerances.
     let coarse = |steps, width, tolerance| {
         with(|description| {
@@ -88,7 +88,7 @@ fn a_narrow_mark_is_looked_for_too() {
 }
 
 #[test]
-fn a_mark_at_the_edge_between_turns_is_looked_for_too() {
+fn a_mark_at_the_boundary_between_turns_is_checked() {
     for turning in [HeadRotation::Continuous, HeadRotation::Alternate] {
         for angle in [0.0, -5.0, -2.0, 1.0, 359.9] {
             let robot = with(|description| {
@@ -105,7 +105,7 @@ fn a_mark_at_the_edge_between_turns_is_looked_for_too() {
 }
 
 #[test]
-fn a_dead_and_a_stuck_sensor_are_told_from_lost_steps() {
+fn dead_and_stuck_sensors_are_distinguished_from_lost_steps() {
     for (strategy, turning) in ALL {
         let robot = robot_a_with(strategy, turning);
         let (report, laid) = index_fault(&robot, |world| world.sensor.set(Sensor::Dead));
@@ -116,7 +116,7 @@ fn a_dead_and_a_stuck_sensor_are_told_from_lost_steps() {
 }
 
 #[test]
-fn a_single_disturbed_sample_is_no_alarm() {
+fn a_single_disturbed_sample_raises_no_alarm() {
     let robot = robot_a();
     let mark = -320;
     for place in [0, 100, 1600, mark - 20, mark - 10, mark, mark + 20, mark + 21, mark + 43, mark + 60, mark + 63] {
@@ -133,7 +133,7 @@ fn a_single_disturbed_sample_is_no_alarm() {
 }
 
 #[test]
-fn homing_tells_what_is_wrong_with_the_mark() {
+fn homing_reports_the_problem_of_the_mark() {
     for (sensor, report, max) in
         [(Sensor::Dead, Report::IndexNotFound, 4800), (Sensor::Stuck, Report::IndexStuck, 44 + 18)]
     {

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn without_a_need_for_ramps_turns_follow_each_other_to_the_tick() {
+fn turns_without_ramps_follow_each_other_without_a_gap() {
     let robot = robot_a_with(FeedStrategy::Feed, HeadRotation::Continuous);
     let mut rig = Rig::homed(robot.clone());
     rig.run(100);
@@ -52,7 +52,7 @@ fn assert_limits(rig: &Rig, rises: &[Rise]) {
 }
 
 #[test]
-fn ramps_keep_to_the_limits_of_the_motors() {
+fn ramps_stay_within_the_motor_limits() {
     for (strategy, turning) in ALL {
         let robot = ramping(strategy, turning);
         // Thin and thick layers follow each other, so that the speed of the feed jumps between them.
@@ -75,7 +75,7 @@ fn ramps_keep_to_the_limits_of_the_motors() {
 }
 
 #[test]
-fn orders_that_come_late_cost_no_step_and_break_no_limit() {
+fn late_moves_lose_no_step_and_exceed_no_limit() {
     for (strategy, turning) in ALL {
         let robot = ramping(strategy, turning);
         let layers = layers(&robot, 10, 0.2);

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn an_emergency_stop_releases_at_once_and_refuses_orders_until_the_controller_knows() {
+fn an_emergency_stop_releases_at_once_and_blocks_moves_until_noticed() {
     let robot = robot_a();
     let turn = turns(&robot, &layers(&robot, 1, 0.5))[0];
     let mut rig = Rig::homed(robot);
@@ -38,7 +38,7 @@ fn an_emergency_stop_releases_at_once_and_refuses_orders_until_the_controller_kn
 }
 
 #[test]
-fn a_halt_releases_at_the_next_tick() {
+fn a_halt_releases_the_motors_at_the_next_tick() {
     let robot = robot_a();
     let turn = turns(&robot, &layers(&robot, 1, 0.5))[0];
     let mut rig = Rig::new(robot);
@@ -54,7 +54,7 @@ fn a_halt_releases_at_the_next_tick() {
 }
 
 #[test]
-fn nothing_is_fed_once_the_engine_has_released() {
+fn feed_rate_is_0_after_the_engine_has_released() {
     let robot = robot_a();
     let turn = turns(&robot, &layers(&robot, 1, 0.5))[0];
     let ends: [fn(&mut Rig); 3] = [
@@ -77,7 +77,7 @@ fn nothing_is_fed_once_the_engine_has_released() {
 }
 
 #[test]
-fn a_pin_that_fails_switches_everything_off() {
+fn a_pin_error_switches_everything_off() {
     let robot = robot_a();
     let turn = turns(&robot, &layers(&robot, 1, 0.5))[0];
     for broken in [0, 1, 2, 3, 4, 5, 6, 7, 8] {

@@ -181,7 +181,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_word_of_the_list_is_understood() {
+    fn every_listed_command_is_parsed() {
         for word in &COMMANDS {
             let argument = if matches!(word.argument, "POSE" | "GOAL") { POSES[0] } else { "" };
             assert!(parse(&format!(" {} {argument} ", word.name)).is_ok(), "{}", word.name);
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_much_or_no_command_is_named() {
+    fn unknown_commands_and_extra_arguments_are_quoted() {
         for (line, part) in [
             ("stop now", "`stop` takes nothing: leave \"now\" away"),
             ("status 1 2", "leave \"1 2\" away"),
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_are_completed() {
+    fn lines_are_completed_and_hinted() {
         let completed = |begun: &str| complete(begun);
         assert_eq!(completed("st"), (0, vec!["status".to_owned(), "start".to_owned(), "stop".to_owned()]));
         assert_eq!(completed(" pl"), (1, vec!["plan ".to_owned()]));

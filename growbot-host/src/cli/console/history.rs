@@ -25,7 +25,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_place_is_the_users_state_directory() {
+    fn history_is_stored_in_the_users_state_directory() {
         let of = |state: &str, home: &str| directory(Some(state.into()), Some(home.into()));
         assert_eq!(of("/state", "/home/me"), Some("/state/growbot".into()));
         assert_eq!(of("", "/home/me"), Some("/home/me/.local/state/growbot".into()));

@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn commands_that_are_left_out_are_counted_and_the_first_stop_among_them_is_named() {
+    fn skipped_commands_are_counted_and_the_first_stop_is_named() {
         let text = |lines: &[&str]| left_out(lines, true).text();
         assert_eq!(text(&[]), "no more commands came after it");
         assert_eq!(text(&["", "status", " "]), "1 more command is not carried out");
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_script_whose_end_does_not_come_is_not_waited_for() {
+    fn skipped_commands_of_an_open_script_are_a_lower_bound() {
         let told = left_out(&["status"], false);
         assert_eq!(told.text(), "at least 1 more command is not carried out");
         assert!(!left_out(&[], false).is_nothing());

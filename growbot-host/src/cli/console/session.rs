@@ -363,7 +363,7 @@ mod tests {
     use crate::cli::LinkArgs;
 
     #[test]
-    fn ctrl_c_at_the_prompt_stops_a_robot_that_works() {
+    fn ctrl_c_at_the_prompt_stops_an_active_robot() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let sim = Rc::new(RefCell::new(Sim::new(robot.clone())));
         let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");

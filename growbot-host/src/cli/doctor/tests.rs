@@ -123,7 +123,7 @@ fn answers_of(step: &serde_json::Value) -> usize {
 }
 
 #[test]
-fn steps_are_left_out_by_choice() {
+fn steps_can_be_skipped() {
     let mut bench = Bench::new(&["skip"; 9]);
     assert!(bench.run().is_ok());
     assert!(bench.report.summary(&STEPS.map(|step| step.name)).is_good());
@@ -132,7 +132,7 @@ fn steps_are_left_out_by_choice() {
 }
 
 #[test]
-fn a_sensor_that_is_broken_fails_its_step() {
+fn a_broken_sensor_fails_its_step() {
     let skips = ["skip"; 9];
     let answers = ["", "skip", "skip", "skip", "skip", "skip", "skip", "skip", "skip"];
     fails(Bench::new(&answers).with(TipFault::IndexStuck), "index", &["only on its mark", "head.index_low_on_mark"]);
@@ -144,20 +144,20 @@ fn a_sensor_that_is_broken_fails_its_step() {
 }
 
 #[test]
-fn a_thermistor_that_is_open_ends_it_before_anything_moves() {
+fn an_open_thermistor_aborts_before_any_motion() {
     let bench = fails(Bench::new(&GOOD).with(TipFault::ThermistorOpen), "temperature", &["no reading", "thermistor"]);
     assert!(!bench.has("index"));
 }
 
 #[test]
-fn nothing_moves_without_an_emergency_stop() {
+fn no_motion_without_a_working_emergency_stop() {
     let answers = ["skip", "skip", "", "skip", "", "yes"];
     let bench = fails(Bench::new(&answers).without_hands(), "emergency-stop", &["released, and not pressed"]);
     assert!(!bench.has("head"));
 }
 
 #[test]
-fn a_head_that_turns_the_wrong_way_or_not_at_all_is_found() {
+fn a_head_that_turns_the_wrong_way_or_not_at_all_is_detected() {
     let answers = ["skip", "skip", "skip", "skip", "", "no", "skip", "skip", "skip", "skip"];
     fails(Bench::new(&answers), "head", &["wrong way", "head.direction_high_is_positive"]);
     let answers = ["skip", "skip", "skip", "skip", "", "skip", "skip", "skip", "skip"];
@@ -167,7 +167,7 @@ fn a_head_that_turns_the_wrong_way_or_not_at_all_is_found() {
 
 /// From any starting position, the head is at zero before it is commanded to turn.
 #[test]
-fn a_head_that_homes_for_long_is_waited_for() {
+fn slow_homing_is_awaited() {
     let robot = robot_with(|description| {
         description.head.index_angle_deg = 8.0;
         description.head.homing_turns_per_s = 0.02;
@@ -181,7 +181,7 @@ fn a_head_that_homes_for_long_is_waited_for() {
 }
 
 #[test]
-fn a_feed_that_is_off_is_told_its_right_steps() {
+fn a_feed_error_gives_the_corrected_steps() {
     let answers = ["skip", "skip", "skip", "skip", "skip", "", "45", "skip", "skip", "skip"];
     let bench = Bench::new(&answers);
     let steps = bench.session.robot.description().feed.steps_per_mm;
@@ -190,14 +190,14 @@ fn a_feed_that_is_off_is_told_its_right_steps() {
 }
 
 #[test]
-fn a_heater_that_stays_connected_keeps_the_lamp_and_the_nozzle_back() {
+fn a_connected_heater_blocks_the_lamp_and_nozzle_steps() {
     let answers = ["skip", "skip", "skip", "skip", "skip", "skip", "", "", "yes", "yes", ""];
     let bench = fails(Bench::new(&answers).without_hands(), "no-heater", &["got warmer", "cut the power"]);
     assert!(!bench.has("lamp") && !bench.has("nozzle"));
 }
 
 #[test]
-fn a_lamp_that_stays_dark_or_lit_keeps_the_nozzle_back() {
+fn a_lamp_that_stays_dark_or_lit_blocks_the_nozzle_step() {
     let answers = |lit, dark| ["skip", "skip", "skip", "skip", "skip", "skip", "skip", "", lit, dark, ""];
     let bench = fails(Bench::new(&answers("no", "")), "lamp", &["stayed dark", "both switches"]);
     assert!(!bench.has("nozzle"));
@@ -206,7 +206,7 @@ fn a_lamp_that_stays_dark_or_lit_keeps_the_nozzle_back() {
 }
 
 #[test]
-fn a_lamp_that_the_board_has_switched_off_proves_nothing() {
+fn a_lamp_switched_off_by_the_board_fails_the_step() {
     for answer in ["yes", "no"] {
         let mut bench = Bench::new(&[answer, "yes"]).with(TipFault::HeaterOpen);
         assert!(matches!(bench.session.maintain(MaintenanceTask::Preheat { target_centi_c: 6000 }), Ok(None)));
@@ -222,7 +222,7 @@ fn a_lamp_that_the_board_has_switched_off_proves_nothing() {
 }
 
 #[test]
-fn switches_that_conduct_by_themselves_are_found_at_the_nozzle() {
+fn welded_switches_are_detected_in_the_nozzle_step() {
     let mut answers = ["skip"; 9];
     answers[8] = "";
     let bench = Bench::new(&answers).with(TipFault::SecondSwitchClosed);
@@ -232,7 +232,7 @@ fn switches_that_conduct_by_themselves_are_found_at_the_nozzle() {
 }
 
 #[test]
-fn a_board_that_is_not_configured_is_sent_its_description_first() {
+fn an_unconfigured_board_is_configured_first() {
     let bench = Bench::new(&GOOD);
     bench.sim.borrow_mut().restart_without_description();
     let bench = fails(bench, "description", &["no robot description", "growbot configure FILE --port sim"]);
@@ -240,7 +240,7 @@ fn a_board_that_is_not_configured_is_sent_its_description_first() {
 }
 
 #[test]
-fn answers_that_end_leave_the_rest_undone() {
+fn steps_after_the_end_of_input_are_not_done() {
     let mut bench = Bench::new(&["", ""]);
     let Err(failure) = bench.run() else { panic!("it has not ended") };
     assert!(!failure.is_bad_input() && failure.message().contains("give a line for each"), "{}", failure.message());
@@ -249,7 +249,7 @@ fn answers_that_end_leave_the_rest_undone() {
 }
 
 #[test]
-fn a_wrong_answer_in_a_pipe_ends_it_and_heats_nothing() {
+fn an_invalid_answer_in_a_pipe_aborts_without_heating() {
     let mut bench = Bench::new(&["skip", "skip", "skip", "skip", "skip", "skip", "skip", "", "perhaps"]);
     let Err(failure) = bench.run() else { panic!("it has not ended") };
     assert!(failure.is_bad_input() && failure.message().contains("\"perhaps\""), "{}", failure.message());
@@ -257,7 +257,7 @@ fn a_wrong_answer_in_a_pipe_ends_it_and_heats_nothing() {
 }
 
 #[test]
-fn an_interruption_while_the_nozzle_heats_switches_it_off() {
+fn an_interrupt_while_heating_switches_the_nozzle_off() {
     let mut bench = Bench::new(&[]);
     let orders = Arc::new(CommandQueue::default());
     bench.session.orders = Arc::clone(&orders);
@@ -277,7 +277,7 @@ fn an_interruption_while_the_nozzle_heats_switches_it_off() {
 }
 
 #[test]
-fn an_interruption_while_an_answer_is_awaited_ends_it() {
+fn an_interrupt_at_a_question_aborts() {
     let mut bench = Bench::new(&GOOD);
     bench.session.orders.interrupt();
     let Err(failure) = bench.run() else { panic!("it was not interrupted") };
@@ -285,7 +285,7 @@ fn an_interruption_while_an_answer_is_awaited_ends_it() {
 }
 
 #[test]
-fn a_report_goes_on_where_it_was() {
+fn a_report_is_continued_where_it_ended() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("doctor.json");
     let mut bench = Bench::new(&GOOD[..7]);
@@ -304,7 +304,7 @@ fn a_report_goes_on_where_it_was() {
 }
 
 #[test]
-fn another_description_has_the_gates_done_again() {
+fn a_changed_description_repeats_the_gating_steps() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("doctor.json");
     let mut bench = Bench::new(&GOOD);
@@ -334,7 +334,7 @@ fn another_description_has_the_gates_done_again() {
 }
 
 #[test]
-fn what_is_no_report_is_refused() {
+fn invalid_reports_are_refused() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("doctor.json");
     for text in [

@@ -109,7 +109,7 @@ mod tests {
     use growbot_core::pose::Frame;
 
     #[test]
-    fn a_twisted_body_lies_where_its_layers_without_twist_do() {
+    fn a_twisted_body_has_the_same_path_without_twist() {
         let laid: Vec<DisturbedLayer> = (0..300)
             .map(|index| {
                 let layer = Layer { alpha: 0.1 * f64::from(index % 7), height: 0.774, tilt: 0.007 };

@@ -150,7 +150,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_of_any_size_fit_their_column() {
+    fn numbers_of_any_magnitude_fit_their_column() {
         for (value, text) in [
             (0.0, "0"),
             (1.234_56e-17, "0"),

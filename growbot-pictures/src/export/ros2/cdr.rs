@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_aligned_from_the_end_of_the_header_on() {
+    fn numbers_are_aligned_relative_to_the_end_of_the_header() {
         let mut cdr = Cdr::new();
         cdr.u8(7);
         cdr.u32(1);

@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_definition_has_all_that_it_is_made_of_once() {
+    fn a_definition_contains_each_dependency_once() {
         let path = definition("nav_msgs/msg/Path");
         assert!(path.starts_with("std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n====="), "{path}");
         for name in ["std_msgs/Header", "builtin_interfaces/Time", "geometry_msgs/Pose", "geometry_msgs/Quaternion"] {

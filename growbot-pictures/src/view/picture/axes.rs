@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_that_is_seen_from_its_end_has_no_name() {
+    fn an_axis_seen_end_on_has_no_label() {
         let axes = Axes::round(Vector3::zeros(), Vector3::repeat(100.0), 50.0);
         for (look, names) in [
             (Viewpoint::Front, ["x, mm", "z, mm"]),

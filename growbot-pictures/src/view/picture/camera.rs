@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_look_has_perpendicular_axes_and_sees_z_upwards() {
+    fn every_viewpoint_has_perpendicular_axes_with_z_up() {
         for look in [Viewpoint::Corner, Viewpoint::Front, Viewpoint::Side, Viewpoint::Top] {
             let camera = Camera::new(look, &[Vector3::x(), Vector3::z()]);
             assert!((camera.right.cross(&camera.up) - camera.towards).norm() < 1e-12, "{look:?}");
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn a_corner_shows_the_goal_from_the_side() {
+    fn the_corner_view_shows_the_goal_from_the_side() {
         let camera = Camera::new(Viewpoint::Corner, &[Vector3::x()]);
         assert!(camera.see(&Vector3::x())[0].abs() > 0.6, "{camera:?}");
         // A direction of length 0 still gives a valid camera.

@@ -176,7 +176,7 @@ mod tests {
     use crate::view::picture::camera::Viewpoint;
 
     #[test]
-    fn an_outline_has_the_outer_points_only() {
+    fn an_outline_has_only_the_outer_points() {
         let corners = hull(vec![[0.0, 0.0], [2.0, 0.0], [1.0, 1.0], [2.0, 2.0], [0.0, 2.0], [1.0, 0.0]]);
         assert_eq!(corners, [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]);
         assert_eq!(outline(&[[1.0, 2.0], [3.04, -4.0], [2.9, -4.1]]), "M1 2l2-6-.1-.1z");
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_beyond_a_rectangle_is_cut_off() {
+    fn lines_are_clipped_to_a_rectangle() {
         let room = [0.0, 0.0, 10.0, 10.0];
         let square = |from: f64, to: f64| vec![[from, from], [to, from], [to, to], [from, to]];
         assert_eq!(clip_to_rect(square(2.0, 3.0), &room), square(2.0, 3.0));
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn up_is_up_and_the_scale_holds() {
+    fn projection_keeps_up_and_scale() {
         let place = Projection {
             camera: Camera::new(Viewpoint::Front, &[]),
             scale: 2.0,

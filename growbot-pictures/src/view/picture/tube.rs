@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn stretches_have_every_layer_once_and_end_where_pieces_do() {
+    fn stretches_contain_every_layer_once_and_end_at_segments() {
         let layers = layers_of(&[(100, 0.774, 0.00774), (300, 0.775, 0.0), (1, 0.2, 0.0)]);
         let found = stretches(&layers, 280, 22.0);
         assert_eq!(found.concat(), layers);

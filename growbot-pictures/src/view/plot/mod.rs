@@ -420,7 +420,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_of_many_points_has_their_means() {
+    fn long_series_are_averaged() {
         let at: Vec<f64> = (0..5000).map(f64::from).collect();
         let line = means(&at, &at);
         assert!(line.len() <= MAX_POINTS && line.len() > MAX_POINTS / 2);

@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_is_off_its_plan_by_what_lies_beside_and_beyond_it() {
+    fn deviation_from_plan_is_lateral_distance_and_excess_length() {
         let start = Frame::identity();
         let planned = straight(&[1.0; 10]);
         // Higher layers lie on the same line. They deviate only beyond its end.

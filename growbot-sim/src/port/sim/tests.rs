@@ -27,7 +27,7 @@ fn grow(sim: Sim, layers: u32) -> GrowthReport {
 }
 
 #[test]
-fn every_run_is_the_same() {
+fn every_run_is_identical() {
     let [first, second] = [(); 2].map(|()| grow(Sim::new(robot()), 3));
     assert_eq!(first.body, second.body);
     let other = grow(Sim::with(robot(), Variation { seed: 2, power: 0.9, ..Variation::default() }), 3);
@@ -48,7 +48,7 @@ fn a_board_that_hangs_is_reset_by_its_watchdog() {
 }
 
 #[test]
-fn a_reset_switches_off_and_keeps_the_tip_and_the_memory_meant_for_it() {
+fn a_reset_switches_outputs_off_and_keeps_tip_and_retained_memory() {
     let mut sim = Sim::new(robot());
     sim.simulated_tip().set_heater(1.0, true);
     sim.simulated_tip().set_enabled(Motor::Head, true);
@@ -67,7 +67,7 @@ fn a_reset_switches_off_and_keeps_the_tip_and_the_memory_meant_for_it() {
 }
 
 #[test]
-fn flash_is_kept_and_a_loss_of_power_in_the_midst_of_a_write_starts_the_board_anew() {
+fn flash_is_kept_and_a_power_loss_during_a_write_restarts_the_board() {
     let mut sim = Sim::new(robot());
     let mut flash = sim.flash();
     flash.write(0, b"kept").unwrap();
@@ -80,7 +80,7 @@ fn flash_is_kept_and_a_loss_of_power_in_the_midst_of_a_write_starts_the_board_an
 }
 
 #[test]
-fn with_the_step_interrupt_stopped_time_passes_and_nothing_moves() {
+fn with_the_step_interrupt_stopped_nothing_moves() {
     let mut sim = Sim::new(robot());
     sim.inject(TipFault::StepInterruptStopped);
     let before = sim.simulated_tip().head_position();

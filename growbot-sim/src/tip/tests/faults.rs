@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn the_same_seed_gives_the_same_noise_and_another_does_not() {
+fn the_seed_determines_the_noise() {
     let run = |seed| {
         let mut tip = Tip::new(robot(), 0, Variation { seed, ..Variation::default() });
         (1..1000).map(|tick| (tip.advance(400 * tick), tip.sample_thermistor()).1).collect::<Vec<_>>()
@@ -13,7 +13,7 @@ fn the_same_seed_gives_the_same_noise_and_another_does_not() {
 }
 
 #[test]
-fn a_copy_of_the_robot_may_be_stronger_and_stand_in_the_cold() {
+fn variations_change_power_loss_and_ambient_temperature() {
     let settled = |variation| {
         let mut tip = Tip::new(robot(), 0, variation);
         tip.set_heater(0.5, true);
@@ -28,7 +28,7 @@ fn a_copy_of_the_robot_may_be_stronger_and_stand_in_the_cold() {
 }
 
 #[test]
-fn a_thermistor_breaks_in_every_way() {
+fn every_thermistor_fault_is_simulated() {
     let mut tip = hot_tip();
     assert!((temperature(&mut tip).unwrap() - 200.0).abs() < 1.0);
     tip.inject(TipFault::ThermistorOpen);
@@ -53,7 +53,7 @@ fn a_thermistor_breaks_in_every_way() {
 }
 
 #[test]
-fn a_stuck_thermistor_is_noisy_and_a_frozen_converter_is_not() {
+fn a_stuck_thermistor_is_noisy_and_a_frozen_adc_is_not() {
     let different = |fault| {
         let mut tip = Tip::new(robot(), 0, Variation::default());
         tip.set_heater(1.0, true);
@@ -69,7 +69,7 @@ fn a_stuck_thermistor_is_noisy_and_a_frozen_converter_is_not() {
 }
 
 #[test]
-fn a_heater_breaks_in_every_way() {
+fn every_heater_fault_is_simulated() {
     let mut tip = hot_tip();
     tip.set_heater(0.5, true);
     assert!((tip.heater_power_w() - 25.0).abs() < 1e-12);
@@ -92,7 +92,7 @@ fn a_heater_breaks_in_every_way() {
 }
 
 #[test]
-fn a_draught_cools() {
+fn a_draught_cools_the_nozzle() {
     let cooled = |fault: Option<TipFault>| {
         let mut tip = hot_tip();
         fault.into_iter().for_each(|fault| tip.inject(fault));
@@ -104,7 +104,7 @@ fn a_draught_cools() {
 }
 
 #[test]
-fn the_supply_is_seen_and_a_dip_of_it_is_over_by_itself() {
+fn the_supply_is_measured_and_a_dip_ends_by_itself() {
     let mut tip = hot_tip();
     let volts = |tip: &mut Tip| f64::from(tip.sample_supply().unwrap()) / 4095.0 * 36.3;
     assert!((volts(&mut tip) - 12.0).abs() < 0.01);
@@ -117,7 +117,7 @@ fn the_supply_is_seen_and_a_dip_of_it_is_over_by_itself() {
 }
 
 #[test]
-fn an_index_sensor_breaks_in_both_ways() {
+fn both_index_sensor_faults_are_simulated() {
     let mut tip = hot_tip();
     let seen = |tip: &mut Tip| (0..3200).filter(|_| (tip.step(Motor::Head), tip.on_index()).1).count();
     assert_eq!(seen(&mut tip), 44);
@@ -130,7 +130,7 @@ fn an_index_sensor_breaks_in_both_ways() {
 }
 
 #[test]
-fn a_head_slips_once_and_a_blocked_one_stands() {
+fn a_head_slips_once_and_a_blocked_head_does_not_move() {
     let mut tip = hot_tip();
     let after = |tip: &mut Tip, steps| {
         (0..steps).for_each(|_| tip.step(Motor::Head));
@@ -153,7 +153,7 @@ fn a_head_slips_once_and_a_blocked_one_stands() {
 }
 
 #[test]
-fn the_emergency_stop_is_an_input_only() {
+fn the_emergency_stop_is_only_an_input() {
     let mut tip = hot_tip();
     tip.set_heater(0.5, true);
     tip.inject(TipFault::EmergencyStop);

@@ -63,7 +63,7 @@ fn lay_turn(tip: &mut Tip, positive: bool) {
 }
 
 #[test]
-fn a_nozzle_to_be_warm_at_once_is_warm_when_its_heater_is_switched_on() {
+fn instant_preheat_applies_when_the_heater_is_switched_on() {
     let mut tip = Tip::new(robot(), 0, Variation { noise_counts: 0.0, ..Variation::default() });
     tip.preheat_instantly(190.0);
     wait(&mut tip, 1.0);
@@ -100,7 +100,7 @@ fn the_index_passes_once_a_turn() {
 }
 
 #[test]
-fn motors_that_are_not_held_do_nothing() {
+fn disabled_motors_do_not_move() {
     let mut tip = Tip::new(robot(), 17, Variation::default());
     tip.step(Motor::Head);
     tip.step(Motor::Feed);
@@ -130,7 +130,7 @@ fn more_plastic_on_one_side_tilts_the_layer_away_from_it() {
 }
 
 #[test]
-fn a_head_that_turns_to_and_fro_lays_the_same_body() {
+fn an_alternating_head_lays_the_same_body() {
     let grown = |alternate: bool| {
         let mut tip = hot_tip();
         for turn in 0..6 {
@@ -149,7 +149,7 @@ fn a_head_that_turns_to_and_fro_lays_the_same_body() {
 }
 
 #[test]
-fn a_head_that_turns_back_early_makes_no_more_layers() {
+fn an_early_reversal_adds_no_layers() {
     let mut tip = hot_tip();
     for turn in 0..6 {
         tip.set_nozzle_c(200.0);
@@ -166,7 +166,7 @@ fn a_head_that_turns_back_early_makes_no_more_layers() {
 }
 
 #[test]
-fn what_is_pulled_back_and_pushed_forward_again_lays_nothing() {
+fn retracting_and_refilling_filament_lays_nothing() {
     let grown = |retracts: bool| {
         let mut tip = hot_tip();
         for _ in 0..3 {
@@ -214,7 +214,7 @@ fn gravity_turns_as_the_body_bends() {
 }
 
 #[test]
-fn flowing_filament_and_fan_take_heat_from_the_nozzle() {
+fn flowing_filament_and_fan_cool_the_nozzle() {
     let mut tip = hot_tip();
     let description = robot().description().clone();
     tip.set_heater(1.0, true);
@@ -232,7 +232,7 @@ fn flowing_filament_and_fan_take_heat_from_the_nozzle() {
 }
 
 #[test]
-fn however_often_it_is_looked_at_the_tip_is_the_same() {
+fn the_tip_does_not_depend_on_the_sampling() {
     let run = |every: u64| {
         let mut tip = Tip::new(robot(), 0, Variation::default());
         tip.set_enabled(Motor::Feed, true);
@@ -290,7 +290,7 @@ fn the_encoder_turns_with_the_filament_and_not_with_the_feed() {
 }
 
 #[test]
-fn the_emulated_board_computes_the_same_encoder() {
+fn the_emulated_board_computes_the_same_encoder_level() {
     let mut tip = hot_tip();
     let pitch = encoder_pitch(&robot());
     for step in 0..1000 {
@@ -314,7 +314,7 @@ fn laid(turns: u32, imperfection: &ErrorModel) -> (Tip, Vec<f64>) {
 }
 
 #[test]
-fn a_disturbed_tip_lays_layers_that_are_off_and_its_encoder_sees_the_growth() {
+fn a_disturbed_tip_lays_inexact_layers_and_its_encoder_measures_them() {
     let (mut exact, _) = laid(6, &ErrorModel::default());
     let disturbance = Disturbance { growth_noise: 0.1, growth_bias: -0.05, ..Disturbance::default() };
     let imperfection = ErrorModel { disturbance, seed: 7, ..ErrorModel::default() };
@@ -333,7 +333,7 @@ fn a_disturbed_tip_lays_layers_that_are_off_and_its_encoder_sees_the_growth() {
 }
 
 #[test]
-fn layers_that_twist_chain_to_where_the_tip_is() {
+fn twisted_layers_add_up_to_the_tip_pose() {
     let disturbance = Disturbance { twist_bias: 0.02, alpha_noise: 0.1, tilt_noise: 0.002, ..Disturbance::default() };
     let (mut tip, _) = laid(20, &ErrorModel { disturbance, seed: 3, ..ErrorModel::default() });
     let chained = grow(&Frame::identity(), tip.body());
@@ -344,7 +344,7 @@ fn layers_that_twist_chain_to_where_the_tip_is() {
 }
 
 #[test]
-fn layers_that_have_settled_are_those_of_the_body_whatever_is_laid_next() {
+fn settled_layers_do_not_change() {
     let disturbance = Disturbance { growth_noise: 0.1, twist_noise: 0.1, tilt_bias: 0.2, ..Disturbance::default() };
     let imperfection = ErrorModel { disturbance, seed: 11, ..ErrorModel::default() };
     for alternate in [false, true] {
@@ -364,7 +364,7 @@ fn layers_that_have_settled_are_those_of_the_body_whatever_is_laid_next() {
 }
 
 #[test]
-fn noise_of_the_sensors_changes_nothing_but_what_they_show() {
+fn sensor_noise_affects_only_the_readings() {
     let noise = SensorNoise { odometry: 0.02, direction: 0.01 };
     let (mut noisy, turned) = laid(8, &ErrorModel { noise, seed: 5, ..ErrorModel::default() });
     let (mut exact, really) = laid(8, &ErrorModel::default());

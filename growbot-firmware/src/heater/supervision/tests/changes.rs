@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn a_fall_that_no_nozzle_can_do_is_a_thermistor_out_of_its_place() {
+fn an_impossible_fall_is_a_detached_thermistor() {
     let found = |age_s: f32, change: f32| {
         let mut supervision = Supervision { fall_c: 2.5, ..Supervision::default() };
         let _ = supervision.marks.push_back(Checkpoint { fall_c: 0.5, ..mark(age_s, 190.0) });
@@ -20,7 +20,7 @@ fn a_fall_that_no_nozzle_can_do_is_a_thermistor_out_of_its_place() {
 }
 
 #[test]
-fn a_rise_that_no_power_can_do_is_a_heater_stuck_on() {
+fn an_impossible_rise_is_a_stuck_on_heater() {
     let found = |age_s: f32, unpowered_s: f32, upper: Change, change: f32| {
         let supervision = Supervision { unpowered_s, upper, ..since(age_s, 100.0) };
         supervision.check_rate(&at(100.0 + change))
@@ -43,7 +43,7 @@ fn a_rise_that_no_power_can_do_is_a_heater_stuck_on() {
 }
 
 #[test]
-fn a_nozzle_that_will_be_too_hot_is_found_before() {
+fn predicted_over_temperature_is_detected_early() {
     let found = |age_s: f32, reading_c: f32, change: f32| {
         let supervision = Supervision { upper: by(100.0), ..since(age_s, reading_c - change) };
         supervision.check_rate(&at(reading_c))
@@ -81,7 +81,7 @@ fn a_reading_must_follow_the_lower_model_by_70_percent_and_the_nominal_one_by_40
 }
 
 #[test]
-fn the_state_says_what_a_missing_rise_is() {
+fn the_fault_of_a_missing_rise_depends_on_the_state() {
     let found = |reading_c: f32, hot: bool, moved: bool, still_s: f32| {
         let still = Some(FrozenReading { seconds: still_s, ..still(reading_c) });
         let supervision = Supervision { lower: by(20.0), moved, still, ..since(5.0, reading_c) };

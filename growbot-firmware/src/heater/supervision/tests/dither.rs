@@ -26,7 +26,7 @@ fn swing(
 }
 
 #[test]
-fn a_dither_that_does_not_show_twice_is_a_reading_that_is_not_the_nozzles() {
+fn a_dither_missing_twice_means_a_wrong_reading() {
     let frozen = Some(Fault::ThermistorFrozen);
     for shift in [0.0, 0.25, 0.625] {
         assert_eq!(swing(&mut Supervision::default(), 0.16, shift, 0.0, 10), (640, None), "{shift}");
@@ -47,7 +47,7 @@ fn a_dither_that_does_not_show_twice_is_a_reading_that_is_not_the_nozzles() {
 }
 
 #[test]
-fn a_reading_that_stands_at_its_target_shows_no_dither_where_the_looks_do_not_divide_its_period() {
+fn a_constant_reading_shows_no_dither_at_any_sample_period() {
     // The compared period ends within half an update of 16 s: after 15.9 and 15.95 s.
     for (seconds, looks) in [(0.3, 53), (0.11, 145)] {
         let mut supervision = Supervision::default();
@@ -66,7 +66,7 @@ fn a_reading_that_stands_at_its_target_shows_no_dither_where_the_looks_do_not_di
 }
 
 #[test]
-fn power_that_is_saturated_for_three_periods_is_more_than_a_hot_nozzle_needs() {
+fn power_saturated_for_three_periods_is_a_fault() {
     let energy = Some(Fault::HeaterEnergy);
     // 0.6 of 16 s are 9.6 s.
     assert_eq!(swing(&mut Supervision::default(), 1.0, 0.0, 9.5, 10), (640, None));

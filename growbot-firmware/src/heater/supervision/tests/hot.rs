@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn a_hot_nozzle_that_is_8_c_too_cold_for_3_s_or_out_of_its_band_for_30_s_drops() {
+fn a_drop_is_8_c_below_target_for_3_s_or_out_of_band_for_30_s() {
     let low = |below: f32, hot: bool, regulated: Option<ControlState>| {
         let mut supervision = Supervision::default();
         looks_without_fault(400, || {
@@ -33,7 +33,7 @@ fn a_hot_nozzle_that_is_8_c_too_cold_for_3_s_or_out_of_its_band_for_30_s_drops()
 }
 
 #[test]
-fn a_hot_nozzle_that_takes_60_percent_more_than_it_needs_loses_it_elsewhere() {
+fn power_60_percent_above_the_need_is_a_fault() {
     // The nozzle needs 21 W at 200 C: 0.42 of the power.
     let takes = |times: f32, hot: bool, measured: bool| {
         let look = SupervisionInput { duty: 0.42 * times, hot, nozzle: nozzle(measured), ..at(TARGET_C) };
@@ -56,7 +56,7 @@ fn a_hot_nozzle_that_takes_60_percent_more_than_it_needs_loses_it_elsewhere() {
 }
 
 #[test]
-fn power_that_goes_along_with_the_need_is_no_fault() {
+fn power_that_follows_the_need_is_not_a_fault() {
     let mut supervision = Supervision::default();
     supervision.advance_models(&SupervisionInput { hot: false, ..at(100.0) });
     // The need rises from 9 W at 100 C to 21 W at 200 C.

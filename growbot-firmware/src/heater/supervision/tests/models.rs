@@ -5,7 +5,7 @@ use std::vec::Vec;
 use super::*;
 
 #[test]
-fn three_models_run_along() {
+fn three_models_are_updated() {
     // At full power and 125 C the heater gives 50 W, and the nozzle needs 12 W.
     for (measured, min, max) in [(true, 1.0, 1.0), (false, 0.81, 1.21)] {
         let look = SupervisionInput { duty: 1.0, nozzle: nozzle(measured), ..at(125.0) };
@@ -30,14 +30,14 @@ fn three_models_run_along() {
 }
 
 #[test]
-fn a_late_reading_never_overtakes_the_nozzle() {
+fn the_lagged_reading_never_overtakes_the_nozzle() {
     let mut change = Change::default();
     change.add(2.0, 10.0);
     assert_eq!((change.prompt, change.late, change.late_rate), (20.0, 0.0, 2.0));
 }
 
 #[test]
-fn below_the_surroundings_nothing_falls() {
+fn the_model_does_not_fall_below_ambient() {
     let mut supervision = Supervision::default();
     run(&mut supervision, &at(15.0), 5.0);
     assert_eq!(supervision.fall_c, 0.0);
@@ -47,7 +47,7 @@ fn below_the_surroundings_nothing_falls() {
 }
 
 #[test]
-fn the_trim_is_learned_near_the_target_while_the_power_is_free() {
+fn trim_is_learned_near_the_target_without_saturation() {
     let learn = |reading_c: f32, saturated: bool, seconds: f32| {
         let regulated = ControlState { trim: 0.25, saturated, dither: None };
         let mut supervision = Supervision::default();
@@ -70,7 +70,7 @@ fn the_trim_is_learned_near_the_target_while_the_power_is_free() {
 }
 
 #[test]
-fn marks_last_for_25_s_and_their_sums_stay_small() {
+fn marks_are_kept_for_25_s() {
     let look = SupervisionInput { duty: 1.0, ..at(125.0) };
     let mut supervision = Supervision { still: Some(still(125.0)), ..Supervision::default() };
     for _ in 0..200 {
@@ -97,7 +97,7 @@ fn marks_last_for_25_s_and_their_sums_stay_small() {
 }
 
 #[test]
-fn a_mark_is_made_each_second() {
+fn a_mark_is_added_each_second() {
     let mut supervision = Supervision::default();
     for looks in 1..=12 {
         // The nozzle needs this power there.

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn a_reading_that_stands_through_a_change_is_frozen() {
+fn a_constant_reading_during_an_expected_change_is_frozen() {
     let found = |nominal: f32, moved: bool, hot: bool, measured: bool, unpowered_s: f32| {
         let mut supervision = Supervision {
             nominal: by(nominal),
@@ -29,7 +29,7 @@ fn a_reading_that_stands_through_a_change_is_frozen() {
 }
 
 #[test]
-fn the_smaller_change_counts_for_a_reading_that_stands() {
+fn the_smaller_expected_change_decides_on_a_frozen_reading() {
     for (prompt, late) in [(20.0, 12.0), (12.0, 20.0), (-20.0, -12.0), (-12.0, -20.0)] {
         let nominal = Change { prompt, late, late_rate: 0.0 };
         let mut supervision = Supervision { nominal, still: Some(still(150.0)), ..Supervision::default() };
@@ -38,7 +38,7 @@ fn the_smaller_change_counts_for_a_reading_that_stands() {
 }
 
 #[test]
-fn a_reading_that_stands_while_the_power_is_dithered_is_frozen_after_45_s() {
+fn a_constant_reading_under_dither_is_frozen_after_45_s() {
     let dithered = ControlState { dither: Some(Dither { phase: 0.0, amplitude_c: 0.5 }), ..STEADY };
     let stand = |regulated: Option<ControlState>| {
         let mut supervision = Supervision::default();
@@ -58,7 +58,7 @@ fn a_reading_that_stands_while_the_power_is_dithered_is_frozen_after_45_s() {
 }
 
 #[test]
-fn a_reading_has_moved_once_it_was_more_than_3_c_from_its_first() {
+fn a_reading_has_moved_if_it_differed_by_more_than_3_c() {
     for (change, moved) in [(3.0, false), (3.25, true), (-3.0, false), (-3.25, true)] {
         let mut supervision = Supervision::default();
         for reading_c in [150.0, 150.0 + change, 150.0] {
@@ -72,7 +72,7 @@ fn a_reading_has_moved_once_it_was_more_than_3_c_from_its_first() {
 }
 
 #[test]
-fn a_reading_that_stands_at_all_the_power_may_be_that_of_a_nozzle_that_comes_no_further() {
+fn a_constant_reading_at_full_power_is_not_reported_as_frozen() {
     let still = Some(FrozenReading { seconds: 4.25, ..still(150.0) });
     for (duty, hot, fault) in [
         (0.99, false, Fault::ThermistorFrozen),

@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_stack_up_and_repeated_reports_do_not() {
+    fn layers_are_added_once_despite_repeated_reports() {
         let mut body = TrackedBody::new(1, &upright(), Vec::new());
         body.add_layer(0, even(0.7), 0.774);
         body.add_layer(1, even(0.8), 0.774);
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn indices_that_no_board_can_have_come_to_are_ignored() {
+    fn impossible_layer_indices_are_ignored() {
         let mut body = TrackedBody::new(1, &upright(), Vec::new());
         body.add_layer(u32::MAX, even(0.7), 0.774);
         assert_eq!((body.built().len(), body.next()), (0, 0));
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_report_counts_as_planned_and_else_as_a_full_layer() {
+    fn a_lost_report_counts_as_the_planned_or_a_full_layer() {
         let mut body = TrackedBody::new(1, &upright(), vec![even(0.5); 3]);
         body.add_layer(0, even(0.7), 0.774);
         body.add_layer(2, even(0.7), 0.774);
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_viewer_sees_the_rest() {
+    fn tracking_may_start_at_a_later_layer() {
         let mut body = TrackedBody::new(1, &upright(), Vec::new());
         body.add_layer(100, even(0.7), 0.774);
         assert_eq!((body.first(), body.next(), body.built().len()), (100, 101, 1));

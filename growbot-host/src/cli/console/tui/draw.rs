@@ -389,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn a_driver_in_trouble_is_named() {
+    fn a_driver_with_a_problem_is_named() {
         let mut model = growing();
         let driver_trouble = Some(DriverReport { motor: Motor::Feed, problem: DriverProblem::Silent });
         model.sensors = Some(SensorReadings { driver_fault: Some(true), driver_trouble, ..SensorReadings::default() });
@@ -430,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_is_told_in_words() {
+    fn a_fault_is_explained_in_text() {
         let mut model = growing();
         model.apply_status(Status {
             fault: Some(Fault::FilamentJam),
@@ -446,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn every_fault_and_every_state_has_room() {
+    fn every_fault_and_state_fits_the_screen() {
         for fault in Fault::ALL {
             let mut model = growing();
             model.apply_status(Status { fault: Some(fault), ..status(State::Fault, 800.0) });
@@ -462,7 +462,7 @@ mod tests {
     }
 
     #[test]
-    fn a_board_that_does_not_answer_is_told() {
+    fn an_unresponsive_board_is_reported() {
         let mut model = growing();
         model.apply_loss(
             "the board at sim does not answer (4 requests, 1 s each): check power, cable and baud rate, and more",
@@ -473,7 +473,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_is_typed_in_the_last_line() {
+    fn commands_are_typed_in_the_last_line() {
         let mut model = growing();
         model.prompt = Some(Prompt::new("plan "));
         assert_eq!(drawn(&model, 80, 24)[23], ":plan X,Y,Z,HEADING,PITCH in mm and degrees");
@@ -486,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_known_and_no_room_are_no_trouble() {
+    fn missing_data_and_small_screens_are_drawn() {
         assert_eq!(drawn(&model(), 80, 24)[1], "waiting for the board");
         for (width, height) in [(1, 1), (5, 3), (40, 8), (71, 30), (80, 10), (72, 20), (300, 100)] {
             drawn(&growing(), width, height);

@@ -70,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_key_that_is_shown_does_something() {
+    fn every_displayed_key_has_an_action() {
         for letter in KEYS.iter().filter_map(|(keys, _)| keys.chars().next()) {
             assert!(action(KeyEvent::from(KeyCode::Char(letter))).is_some(), "{letter}");
         }

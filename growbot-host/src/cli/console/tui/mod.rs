@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_is_planned_held_and_grown_by_keys() {
+    fn a_body_is_planned_paused_and_grown_by_keys() {
         let mut console = console();
         console.press("p0,0,7.74,0,90\n");
         assert!(console.says("10 layers"), "{:?}", console.model.log);
@@ -373,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said_and_long_answers_get_a_sheet() {
+    fn errors_are_displayed_and_long_output_opens_an_overlay() {
         let mut console = console();
         console.press(":stop now\n");
         assert!(console.says("`stop` takes nothing"));

@@ -177,7 +177,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn changes_of_state_are_said_once() {
+    fn state_changes_are_logged_once() {
         let mut model = model();
         model.apply_status(status(State::Heating, 10.0));
         model.apply_status(status(State::Heating, 11.0));
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loss_is_said_once_and_so_is_the_end_of_it() {
+    fn connection_loss_and_recovery_are_logged_once() {
         let mut model = model();
         model.apply_status(status(State::Idle, 1.0));
         model.apply_loss("the board does not answer");
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_job_grown_again_begins_a_new_body() {
+    fn repeating_a_job_starts_a_new_body() {
         let mut model = model();
         for index in 0..3 {
             model.apply_event(&laid(index));
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn the_log_keeps_the_latest_and_no_control_characters() {
+    fn the_log_keeps_the_latest_lines_without_control_characters() {
         let mut model = model();
         for number in 0..300 {
             model.log(&format!("line {number}\u{1b}[2J"));

@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_edited_and_carried_out() {
+    fn a_line_is_edited_and_submitted() {
         let mut prompt = Prompt::new("plan ");
         let keys = ['1', 'x'].map(KeyCode::Char);
         press(&mut prompt, &keys, &[]);
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn tab_completes_as_far_as_there_is_one_way() {
+    fn tab_completes_the_common_prefix() {
         for (begun, completed) in [("pl", "plan "), ("s", "st"), ("grow 2", "grow 200,100,600,0,45"), ("x", "x")] {
             let mut prompt = Prompt::new(begun);
             press(&mut prompt, &[KeyCode::Tab], &[]);
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn earlier_lines_come_back() {
+    fn earlier_lines_are_recalled() {
         let history = ["one".to_owned(), "two".to_owned()];
         let mut prompt = Prompt::new("");
         for (key, text) in [
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn escape_and_erasing_nothing_give_it_up() {
+    fn escape_and_backspace_on_an_empty_line_cancel() {
         assert_eq!(press(&mut Prompt::new("stop"), &[KeyCode::Esc], &[]), PromptAction::Cancelled);
         assert_eq!(
             press(&mut Prompt::new("a"), &[KeyCode::Backspace, KeyCode::Backspace], &[]),
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_has_an_end() {
+    fn line_length_is_limited() {
         let mut prompt = Prompt::new("");
         press(&mut prompt, &[KeyCode::Char('é'); 500], &[]);
         press(&mut prompt, &[KeyCode::Tab], &[]);

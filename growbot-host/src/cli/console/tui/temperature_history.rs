@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_day_of_readings_is_thinned_out_and_none_of_its_time_is_lost() {
+    fn a_day_of_readings_is_thinned_out_over_its_whole_time() {
         let mut readings = TemperatureHistory::default();
         for second in 0..86_400 {
             readings.add(f64::from(second), Some(21_000 + second % 7), (second > 60).then_some(21_000));
@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn a_board_that_starts_anew_begins_a_new_chart() {
+    fn a_board_restart_begins_a_new_chart() {
         let mut readings = TemperatureHistory::default();
         readings.add(5.0, Some(2_000), None);
         readings.add(5.0, Some(2_100), None);
