@@ -79,8 +79,13 @@ impl Bench {
 
 /// Checks for exit code 2 and a last line that begins with "error: " and contains `parts`.
 #[track_caller]
+/// Asserts that the command was refused before the board was given anything to do.
 fn assert_refused(ran: &Ran, parts: &[&str]) {
-    assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
+    assert_error(ran, 2, parts);
+}
+
+fn assert_error(ran: &Ran, code: i32, parts: &[&str]) {
+    assert_eq!((ran.code, ran.out.as_str()), (Some(code), ""), "{}", ran.err);
     let last = ran.err.lines().last().unwrap_or_default();
     assert!(last.starts_with("error: "), "{}", ran.err);
     for part in parts {
@@ -222,7 +227,8 @@ fn a_failing_tool_ends_the_command() {
     bench.tool("cargo", "");
     assert_refused(&bench.flash("tree", &[]), &["no firmware image", "cargo made none"]);
     let image = bench.text("firmware.elf");
-    assert_refused(&bench.flash("tree", &["--firmware", &image, "--no-log"]), &["probe-rs failed", "probe connected"]);
+    let ran = bench.flash("tree", &["--firmware", &image, "--no-log"]);
+    assert_error(&ran, 1, &["probe-rs failed", "probe connected"]);
     assert!(!bench.calls().contains("reset"), "{}", bench.calls());
 }
 
@@ -301,7 +307,7 @@ fn a_failing_drive_is_distinguished_from_one_that_disappears() {
 
     // This drive takes everything, but cannot confirm the write.
     symlink("/dev/null", &file).unwrap();
-    assert_refused(&flash(), &["cannot write", "growbot.uf2", "make it a drive again"]);
+    assert_error(&flash(), 1, &["cannot write", "growbot.uf2", "make it a drive again"]);
 
     // This one cannot confirm it either, because it disappears when it has everything.
     fs::remove_file(&file).unwrap();

@@ -195,7 +195,8 @@ fn clear_of_self_prefers_a_collision_free_path() {
         assert!(!collides(&clear) || clear == shortest, "{to}: {clear} is neither clear nor the shortest");
         // For a batch the option applies to every query.
         let queries = format!("{HEADER}\n1,0,0,0,0,90,{to}\n");
-        let mut answer = json(&growbot_reading(&["plan", "--batch", "-", "--avoid-self-collision", "--json"], &queries).out);
+        let mut answer =
+            json(&growbot_reading(&["plan", "--batch", "-", "--avoid-self-collision", "--json"], &queries).out);
         assert_eq!(answer.as_object_mut().unwrap().remove("id"), Some("1".into()));
         assert_eq!(answer, clear);
     }

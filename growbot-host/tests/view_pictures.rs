@@ -193,7 +193,16 @@ fn the_smallest_bodies_have_pictures_and_plots() {
     for to in ["0,0,0,0,90", "0,0,0.1,0,90"] {
         done(&["plan", "--to", to, "-o", text(&path("plan.json"))]);
         for look in ["corner", "front", "side", "top"] {
-            done(&["view", text(&path("plan.json")), "-o", text(&path("plan.png")), "--viewpoint", look, "--width", "100"]);
+            done(&[
+                "view",
+                text(&path("plan.json")),
+                "-o",
+                text(&path("plan.png")),
+                "--viewpoint",
+                look,
+                "--width",
+                "100",
+            ]);
         }
         done(&["view", text(&path("plan.json")), "--plot", "heights,tilt", "--x-axis", "time"]);
         let svg = fs::read_to_string(path("plan-plot.svg")).unwrap();

@@ -143,7 +143,10 @@ fn describe(event: &RunEvent) -> Option<(Level, String)> {
         | RunEvent::End { .. } => return None,
     };
     let level = match event {
-        RunEvent::NoResponse | RunEvent::AmendmentRejected { .. } | RunEvent::Detour(_) | RunEvent::ClearanceViolation(_) => Level::Warning,
+        RunEvent::NoResponse
+        | RunEvent::AmendmentRejected { .. }
+        | RunEvent::Detour(_)
+        | RunEvent::ClearanceViolation(_) => Level::Warning,
         _ => Level::Info,
     };
     Some((level, words))

@@ -368,7 +368,9 @@ mod tests {
         let sim = Rc::new(RefCell::new(Sim::new(robot.clone())));
         let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
         client.open_session_for(&robot).unwrap();
-        let Ok(port) = (LinkArgs { link_fault: None, take_over: false }).at("sim".to_owned()) else { panic!("no port") };
+        let Ok(port) = (LinkArgs { link_fault: None, take_over: false }).at("sim".to_owned()) else {
+            panic!("no port")
+        };
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let mut session = ConsoleSession {
             client,
