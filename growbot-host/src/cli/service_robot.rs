@@ -13,12 +13,12 @@ use growbot_core::robot::Robot;
 use growbot_host::clock_text::local_clock_text;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
-use growbot_host::serve::api::{Addresses, Maintenance, PREFIX};
+use growbot_host::serve::api::{MaintenanceRequest, PREFIX, PageUrls};
 use growbot_host::serve::client::{LeasedPort, RESPONSE_TIMEOUT, ServiceClient, ServiceError};
-use growbot_host::serve::commands::{Given, RobotCommand};
+use growbot_host::serve::commands::{CommandRequest, RobotCommand};
 use growbot_host::serve::grow_request::Wanted;
 use growbot_host::serve::job_store::{Job, JobState};
-use growbot_host::serve::{RobotState, RobotView};
+use growbot_host::serve::{RobotState, RobotStatus};
 use serde_json::{Value, json};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
@@ -42,7 +42,7 @@ impl From<ServiceError> for Failure {
 /// A robot that a service owns.
 pub struct ServiceRobot {
     caller: ServiceClient,
-    robot: RobotView,
+    robot: RobotStatus,
 }
 
 /// Returns the robot at this port, if a service of this user owns it.
@@ -90,8 +90,8 @@ impl ServiceRobot {
         super::simulated_prefix(self.robot.simulated)
     }
 
-    fn send_command(&self, order: RobotCommand) -> Result<RobotView, ServiceError> {
-        self.caller.post(&self.at("orders"), &Given { order })
+    fn send_command(&self, order: RobotCommand) -> Result<RobotStatus, ServiceError> {
+        self.caller.post(&self.at("orders"), &CommandRequest { command: order })
     }
 
     /// Prints the status of the robot.
@@ -115,14 +115,14 @@ impl ServiceRobot {
 
     /// Sends the emergency stop. Returns false if the service does not confirm it at once.
     pub fn emergency_stop(&self) -> bool {
-        let given = Given { order: RobotCommand::EmergencyStop };
+        let given = CommandRequest { command: RobotCommand::EmergencyStop };
         self.caller.post_within::<Value>(&self.at("orders"), &given, EMERGENCY).is_ok()
     }
 
     /// Runs a maintenance task.
     pub fn maintain(&self, task: &str, value: &str) -> Result<(), Failure> {
-        let maintenance = Maintenance { task: task.to_owned(), value: value.to_owned() };
-        let _: RobotView = self.caller.post(&self.at("maintenance"), &maintenance)?;
+        let maintenance = MaintenanceRequest { task: task.to_owned(), value: value.to_owned() };
+        let _: RobotStatus = self.caller.post(&self.at("maintenance"), &maintenance)?;
         Ok(print(&format!("{}robot {}: {task} {value}\n", self.kind(), self.robot.name))?)
     }
 
@@ -175,7 +175,7 @@ impl ServiceRobot {
     /// Prints the address of a growth's page, if it is requested.
     fn say_page(&self, job: &Job, page: Option<PageAccess>) -> Result<(), Failure> {
         let Some(page) = page else { return Ok(()) };
-        let Addresses { operate, look } = self.caller.get("/addresses")?;
+        let PageUrls { control_url: operate, view_url: look } = self.caller.get("/addresses")?;
         let at = if page == PageAccess::Control { operate } else { look };
         growbot_host::note!("watch it at {at}{}/jobs/{}/live/", PREFIX.trim_start_matches('/'), job.id);
         Ok(())
@@ -211,7 +211,7 @@ impl ServiceRobot {
         }
         let now: Job = self.caller.get(&format!("/jobs/{}", job.id))?;
         let Some(result) = result else {
-            let why = now.why.unwrap_or_else(|| "the service does not say why".to_owned());
+            let why = now.reason.unwrap_or_else(|| "the service does not say why".to_owned());
             return Err(Failure::request_failed(format!("job {} was left: {why}", job.id)));
         };
         match options.print {
@@ -252,7 +252,8 @@ impl ServiceRobot {
             let path = format!("/robots/{name}/orders");
             // In a thread, so that the second request need not wait for the response to the first.
             std::thread::spawn(move || {
-                let given = ServiceClient::find().map(|caller| caller.post::<Value>(&path, &Given { order }));
+                let given =
+                    ServiceClient::find().map(|caller| caller.post::<Value>(&path, &CommandRequest { command: order }));
                 if !matches!(given, Some(Ok(_))) {
                     growbot_host::error!(
                         "the service has not confirmed the stop: `growbot estop`, or cut the robot's power"
@@ -346,32 +347,32 @@ impl JobProgress {
     }
 }
 
-fn json_of(robot: &RobotView) -> Value {
+fn json_of(robot: &RobotStatus) -> Value {
     json!({
         "robot": robot.robot,
         "service": robot.name,
         "simulated": robot.simulated,
         "connected": robot.state != RobotState::Disconnected,
-        "trouble": robot.trouble,
-        "state": robot.board,
+        "trouble": robot.connection_error,
+        "state": robot.board_state,
         "fault": robot.fault,
         "temperature_c": robot.temperature_c,
         "target_c": robot.target_c,
         "layers": robot.layers,
         "laid": robot.laid,
-        "pause_cause": robot.pause,
+        "pause_cause": robot.pause_reason,
         "job": robot.job,
         "finish_utc": robot.finish_utc,
     })
 }
 
-fn text_of(robot: &RobotView) -> String {
+fn text_of(robot: &RobotStatus) -> String {
     let simulated = if robot.simulated { ", simulated" } else { "" };
     let mut text = format!("robot        {}, owned by the service{simulated}\n", robot.name);
-    if let Some(trouble) = &robot.trouble {
+    if let Some(trouble) = &robot.connection_error {
         return text + &format!("trouble      {trouble}\n");
     }
-    text += &format!("state        {}\n", robot.board.as_deref().unwrap_or("unknown"));
+    text += &format!("state        {}\n", robot.board_state.as_deref().unwrap_or("unknown"));
     if let (Some(fault), Some(meaning)) = (&robot.fault, &robot.fault_explanation) {
         text += &format!("fault        {fault}: {meaning}\n");
     }
@@ -382,10 +383,10 @@ fn text_of(robot: &RobotView) -> String {
         Some(job) => format!("job          {job}, {} of {} layers laid\n", robot.laid, robot.layers),
         None => "job          none\n".to_owned(),
     };
-    if let Some(pause) = &robot.pause {
+    if let Some(pause) = &robot.pause_reason {
         text += &format!("waits        {pause}\n");
     }
-    if let Some(refused) = &robot.refused {
+    if let Some(refused) = &robot.command_error {
         text += &format!("refused      {refused}\n");
     }
     text

@@ -11,7 +11,7 @@ use schemars::generate::SchemaSettings;
 use serde_json::{Value, json};
 
 use super::plain;
-use crate::serve::notification::Notice;
+use crate::serve::notification::Notification;
 use crate::settings::SettingsToml;
 
 /// Returns the schema of plan files.
@@ -44,7 +44,7 @@ pub fn result_schema() -> Value {
 /// Returns the schema of the notices that webhooks and commands of the service receive.
 #[must_use]
 pub fn notice_schema() -> Value {
-    of::<Notice>(
+    of::<Notification>(
         "growbot notice",
         "What `growbot serve` tells who does not look. Receivers skip fields that they do not know.",
     )

@@ -32,7 +32,7 @@ use tokio::time::sleep;
 
 use super::Service;
 use super::audit::CommandSource;
-use super::commands::{COMMAND_TIMEOUT, Given, RobotCommand, run_command};
+use super::commands::{COMMAND_TIMEOUT, CommandRequest, RobotCommand, run_command};
 use super::event_routes;
 use super::grow_request::{PlanInScene, Wanted};
 use super::job_store::{Job, JobState};
@@ -40,7 +40,7 @@ use super::limits::MAX_BODY;
 use super::openapi;
 use super::port_lease::lease_port;
 use super::problem::Problem;
-use super::robot_worker::{NewJob, RobotRequest, RobotView, RobotWorker};
+use super::robot_worker::{NewJob, RobotRequest, RobotStatus, RobotWorker};
 use super::scene_store;
 use crate::watch::LiveGrowth;
 use crate::watch::server::{self as watch, updates_of};
@@ -164,36 +164,36 @@ fn require_control(access: Access) -> Result<CommandSource, Problem> {
 
 /// Rights of an address.
 #[derive(Debug, Serialize, JsonSchema)]
-struct May {
+struct AccessInfo {
     /// True if the address can send commands. False if it is read-only.
-    operate: bool,
+    can_control: bool,
 }
 
-async fn access(Extension(access): Extension<Access>) -> Json<May> {
-    Json(May { operate: access != Access::View })
+async fn access(Extension(access): Extension<Access>) -> Json<AccessInfo> {
+    Json(AccessInfo { can_control: access != Access::View })
 }
 
 /// Addresses of the service's page. Only growbot's commands can request them, and those need no token.
 #[derive(Debug, Clone, Default, Deserialize, Serialize)]
-pub struct Addresses {
+pub struct PageUrls {
     /// Address for sending commands.
-    pub operate: String,
+    pub control_url: String,
     /// Read-only address.
-    pub look: String,
+    pub view_url: String,
 }
 
-async fn addresses(State(service): ServiceState, Extension(access): Extension<Access>) -> ApiResult<Addresses> {
+async fn addresses(State(service): ServiceState, Extension(access): Extension<Access>) -> ApiResult<PageUrls> {
     match access {
         Access::Control(CommandSource::Socket) => Ok(Json(service.addresses.get().cloned().unwrap_or_default())),
         _ => Err(Problem::forbidden("addresses are told to commands on the machine of the service alone")),
     }
 }
 
-async fn robots(State(service): ServiceState) -> Json<Vec<RobotView>> {
+async fn robots(State(service): ServiceState) -> Json<Vec<RobotStatus>> {
     Json(service.robots())
 }
 
-async fn robot(State(service): ServiceState, Path(name): Path<String>) -> ApiResult<RobotView> {
+async fn robot(State(service): ServiceState, Path(name): Path<String>) -> ApiResult<RobotStatus> {
     Ok(Json(find_robot(&service, &name)?.status()))
 }
 
@@ -278,7 +278,7 @@ fn make_job(
         ignore_scene: scene.is_some() && wanted.ignore_scene,
         created_utc: utc_now(),
         ended_utc: None,
-        why: None,
+        reason: None,
         id,
     };
     service.shared.jobs().insert(&job, key).map_err(Problem::internal)?;
@@ -321,7 +321,7 @@ fn ensure_resumable(job: &Job) -> Result<(), String> {
     match job.state {
         JobState::Active | JobState::Interrupted => Ok(()),
         JobState::Done => Err(format!("job {} is done: there is nothing to resume", job.id)),
-        JobState::Ended => Err(format!("job {} has ended before it had begun: grow its plan again", job.id)),
+        JobState::Failed => Err(format!("job {} has ended before it had begun: grow its plan again", job.id)),
     }
 }
 
@@ -329,8 +329,8 @@ async fn order(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
     Path(name): Path<String>,
-    Json(Given { order }): Json<Given>,
-) -> ApiResult<RobotView> {
+    Json(CommandRequest { command: order }): Json<CommandRequest>,
+) -> ApiResult<RobotStatus> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
     run_blocking(move || {
@@ -345,7 +345,7 @@ async fn order(
 /// A maintenance task, as `growbot maintain` runs it.
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Maintenance {
+pub struct MaintenanceRequest {
     /// Name of the task: preheat, cooldown, load, unload, purge, home, rotate or jog.
     pub task: String,
     /// Value of the task: a temperature in C, a length in mm, an angle in degrees, or a material.
@@ -357,8 +357,8 @@ async fn maintain(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
     Path(name): Path<String>,
-    Json(Maintenance { task, value }): Json<Maintenance>,
-) -> ApiResult<RobotView> {
+    Json(MaintenanceRequest { task, value }): Json<MaintenanceRequest>,
+) -> ApiResult<RobotStatus> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
     run_blocking(move || {
@@ -386,11 +386,11 @@ struct ForRobot {
 
 /// A plan and its page.
 #[derive(Debug, Serialize, JsonSchema)]
-struct Planned {
+struct PlanResponse {
     /// The plan, in the format of `growbot plan --json`.
     plan: Value,
     /// Path of its page, relative to the address of this interface. The service keeps only the latest pages.
-    view: String,
+    view_path: String,
 }
 
 async fn new_plan(
@@ -398,7 +398,7 @@ async fn new_plan(
     Extension(access): Extension<Access>,
     Query(ForRobot { robot }): Query<ForRobot>,
     Json(wanted): Json<Wanted>,
-) -> ApiResult<Planned> {
+) -> ApiResult<PlanResponse> {
     let keeper = Arc::clone(find_robot(&service, &robot)?);
     run_blocking(move || {
         let robot = keeper.description().map_err(Problem::conflict)?;
@@ -409,7 +409,7 @@ async fn new_plan(
         let page = page::render(&subject).map_err(Problem::bad)?;
         let view = format!("plans/{}/view", service.shared.keep_preview(page));
         let plan = serde_json::to_value(PlanFile::with_robot(&plan, &robot)).map_err(Problem::internal)?;
-        Ok(Json(Planned { plan, view }))
+        Ok(Json(PlanResponse { plan, view_path: view }))
     })
     .await
 }
@@ -423,7 +423,7 @@ struct SceneUploadQuery {
 
 /// A scene that the service has stored.
 #[derive(Debug, Serialize, JsonSchema)]
-struct Kept {
+struct SceneUploadResponse {
     /// Name of the scene, for the field `scene` of a plan or job request.
     scene: String,
 }
@@ -433,9 +433,10 @@ async fn new_scene(
     Extension(access): Extension<Access>,
     Query(SceneUploadQuery { name }): Query<SceneUploadQuery>,
     bytes: Bytes,
-) -> ApiResult<Kept> {
+) -> ApiResult<SceneUploadResponse> {
     require_control(access)?;
-    run_blocking(move || Ok(Json(Kept { scene: scene_store::store(service.places(), &name, &bytes)? }))).await
+    run_blocking(move || Ok(Json(SceneUploadResponse { scene: scene_store::store(service.places(), &name, &bytes)? })))
+        .await
 }
 
 async fn view_plan(State(service): ServiceState, Path(number): Path<u64>) -> Result<Html<String>, Problem> {
@@ -448,10 +449,13 @@ async fn view_plan(State(service): ServiceState, Path(number): Path<u64>) -> Res
 struct JobListQuery {
     /// Maximum number of jobs. The default is 100, and the service lists at most 1000.
     #[schemars(range(max = 4_294_967_295_u32))]
-    max: Option<u32>,
+    limit: Option<u32>,
 }
 
-async fn jobs(State(service): ServiceState, Query(JobListQuery { max }): Query<JobListQuery>) -> ApiResult<Vec<Job>> {
+async fn jobs(
+    State(service): ServiceState,
+    Query(JobListQuery { limit: max }): Query<JobListQuery>,
+) -> ApiResult<Vec<Job>> {
     let max = max.unwrap_or(100).min(MAX_JOBS);
     service.shared.jobs_to_read().latest(max).map(Json).map_err(Problem::internal)
 }

@@ -27,13 +27,13 @@ pub enum CommandSource {
 
 /// A recorded command.
 #[derive(Serialize)]
-struct Line<'a> {
+struct AuditRecord<'a> {
     time_utc: String,
-    by: CommandSource,
+    source: CommandSource,
     robot: &'a str,
-    order: &'a str,
+    command: &'a str,
     /// Reason why the command failed. `None` if it was carried out or accepted.
-    refused: Option<&'a str>,
+    error: Option<&'a str>,
 }
 
 impl Audit {
@@ -44,7 +44,7 @@ impl Audit {
 
     /// Records a command, and the reason of its failure if it failed.
     pub fn note(&self, by: CommandSource, robot: &str, order: &str, refused: Option<&str>) {
-        let line = json_line(&Line { time_utc: utc_now(), by, robot, order, refused });
+        let line = json_line(&AuditRecord { time_utc: utc_now(), source: by, robot, command: order, error: refused });
         let mut file = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Err(error) = file.write_all(line.as_bytes()) {
             crate::warning!("an order could not be noted: {error}");

@@ -18,8 +18,8 @@ use tokio::time::{Duration, timeout};
 
 use super::ServicePaths;
 use super::api::PREFIX;
-use super::port_lease::Borrower;
-use super::robot_worker::RobotView;
+use super::port_lease::LeaseRequest;
+use super::robot_worker::RobotStatus;
 
 /// Errors of a request to the service.
 #[derive(Debug, thiserror::Error)]
@@ -77,12 +77,12 @@ impl ServiceClient {
     ///
     /// # Errors
     /// [`CallError`].
-    pub fn robot_at(&self, port: &str, limit: Duration) -> Result<Option<RobotView>, ServiceError> {
+    pub fn robot_at(&self, port: &str, limit: Duration) -> Result<Option<RobotStatus>, ServiceError> {
         let real = |name: &str| std::fs::canonicalize(name).ok();
-        let robots: Vec<RobotView> =
+        let robots: Vec<RobotStatus> =
             self.runtime.block_on(self.request(Method::GET, "/robots", Body::empty(), limit))?;
         let is_there =
-            |robot: &RobotView| robot.port == port || real(port).is_some_and(|at| real(&robot.port) == Some(at));
+            |robot: &RobotStatus| robot.port == port || real(port).is_some_and(|at| real(&robot.port) == Some(at));
         Ok(robots.into_iter().find(is_there))
     }
 
@@ -167,7 +167,7 @@ impl ServiceClient {
     /// # Errors
     /// [`CallError`], for example if the robot has a job.
     pub fn lease_port(&self, robot: &str, to: &str) -> Result<LeasedPort, ServiceError> {
-        let body = serde_json::to_vec(&Borrower { to: to.to_owned() }).map_err(ServiceError::silent)?;
+        let body = serde_json::to_vec(&LeaseRequest { holder: to.to_owned() }).map_err(ServiceError::silent)?;
         let begun = async {
             let (status, incoming) = self.send(Method::POST, &format!("/robots/{robot}/lend"), body.into()).await?;
             if status.is_success() {

@@ -54,9 +54,9 @@ impl RobotCommand {
 /// Request to send a command.
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Given {
+pub struct CommandRequest {
     /// Command to send.
-    pub order: RobotCommand,
+    pub command: RobotCommand,
 }
 
 /// Sends a command. Waits until the robot has carried it out, except for pause and continue, which the growth only
@@ -95,7 +95,7 @@ fn wait_until_off(keeper: &RobotWorker) -> Result<(), String> {
     let began = Instant::now();
     let mut is_sent_beside = false;
     loop {
-        if keeper.status().board.as_deref() == Some(BoardState::EmergencyStop.name()) {
+        if keeper.status().board_state.as_deref() == Some(BoardState::EmergencyStop.name()) {
             return Ok(());
         }
         if began.elapsed() > ESTOP_TIMEOUT {
@@ -116,7 +116,7 @@ fn wait_until_stopped(keeper: &RobotWorker) -> Result<(), String> {
     let began = Instant::now();
     loop {
         let view = keeper.status();
-        if let Some(trouble) = view.trouble {
+        if let Some(trouble) = view.connection_error {
             return Err(format!(
                 "the stop is given when the robot {} is there again ({trouble}): give the emergency stop, or cut its \
                  power, if it must be off now",

@@ -8,7 +8,7 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::notification::Happening;
+use super::notification::NotificationEvent;
 use crate::settings::{port_from, robot_from};
 
 /// Pace of the practice robot's time, in multiples of real time.
@@ -82,7 +82,7 @@ pub struct NotifyEntry {
     /// Program, with its arguments, that is run for each notice.
     pub command: Option<Vec<String>>,
     /// Events that are sent. The default is all events.
-    pub events: Option<Vec<Happening>>,
+    pub events: Option<Vec<NotificationEvent>>,
 }
 
 /// Returns the robots to use if none is configured: a simulated one to practise with.

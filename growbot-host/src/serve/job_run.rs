@@ -22,7 +22,7 @@ use growbot_sim::ground_truth::grow_with_ground_truth;
 use time::OffsetDateTime;
 
 use super::job_store::{Job, JobState};
-use super::notification::{Happening, NotificationContext};
+use super::notification::{NotificationContext, NotificationEvent};
 use super::robot_worker::{Connection, LinkState, NewJob, RobotWorker};
 use crate::watch::LiveGrowth;
 
@@ -118,7 +118,7 @@ impl RobotWorker {
                 if let Some(reply) = reply {
                     return refuse(&reply, &why);
                 }
-                self.notify_job(job, Happening::Interrupted, Some(&why));
+                self.notify_job(job, NotificationEvent::Interrupted, Some(&why));
                 return LinkState::Ready;
             }
         };
@@ -166,7 +166,7 @@ impl RobotWorker {
     }
 
     /// Sends a notice about a job.
-    fn notify_job(&self, job: &Job, event: Happening, why: Option<&str>) {
+    fn notify_job(&self, job: &Job, event: NotificationEvent, why: Option<&str>) {
         self.with_notification_context(|about| {
             self.shared.notify_event(&NotificationContext { job: Some(&job.id), ..*about }, event, why)
         });
@@ -177,7 +177,7 @@ impl RobotWorker {
         if state == JobState::Done {
             // The notice is queued before the state is recorded. If the service is killed in between, the notice is
             // sent twice, which is better than never.
-            self.notify_job(job, Happening::Finish, None);
+            self.notify_job(job, NotificationEvent::Finish, None);
         }
         if let Err(error) = self.shared.jobs().set_state(&job.id, state, why) {
             crate::warning!("{error}");
@@ -300,7 +300,7 @@ impl<'a> RunningJob<'a> {
                 let nothing = GrowthResult::nothing_grown(OutcomeKind::Refused, plan, None, simulated);
                 if self.laid == 0 {
                     std::mem::take(&mut self.log).discard();
-                    self.keeper.set_job_state(self.job, JobState::Ended, Some(&why));
+                    self.keeper.set_job_state(self.job, JobState::Failed, Some(&why));
                 } else {
                     let interrupted = GrowthResult { outcome: OutcomeKind::Interrupted, ..nothing };
                     self.close(&interrupted, Some(why.clone()));

@@ -95,7 +95,7 @@ pub enum JobState {
     /// All layers are laid.
     Done,
     /// The job ended in another way and cannot be resumed by the service.
-    Ended,
+    Failed,
 }
 
 impl JobState {
@@ -104,7 +104,7 @@ impl JobState {
             Self::Active => "active",
             Self::Interrupted => "interrupted",
             Self::Done => "done",
-            Self::Ended => "ended",
+            Self::Failed => "ended",
         }
     }
 
@@ -112,14 +112,14 @@ impl JobState {
         [Self::Active, Self::Interrupted, Self::Done]
             .into_iter()
             .find(|state| state.name() == name)
-            .unwrap_or(Self::Ended)
+            .unwrap_or(Self::Failed)
     }
 
     /// Returns the state of a job after a growth with this outcome.
     pub fn from_outcome(outcome: OutcomeKind) -> Self {
         match outcome {
             OutcomeKind::Done => Self::Done,
-            OutcomeKind::Refused => Self::Ended,
+            OutcomeKind::Refused => Self::Failed,
             _ => Self::Interrupted,
         }
     }
@@ -153,7 +153,7 @@ pub struct Job {
     /// Time when the job ended, RFC 3339. Null while it is active.
     pub ended_utc: Option<String>,
     /// Outcome of the job, or the reason why it was left. Null if there is none yet.
-    pub why: Option<String>,
+    pub reason: Option<String>,
 }
 
 /// List of all jobs.
@@ -199,7 +199,7 @@ impl JobStore {
         let active: Vec<String> = statement.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
         let mut never_begun = active.iter().filter(|id| !self.log_path(id).exists());
         never_begun
-            .try_for_each(|id| self.set_state(id, JobState::Ended, Some("the service ended before it had begun")))
+            .try_for_each(|id| self.set_state(id, JobState::Failed, Some("the service ended before it had begun")))
     }
 
     /// Creates the tables and enters a job for each run log, all of them or none.
@@ -251,7 +251,7 @@ impl JobStore {
                 ignore_scene: record.ignore_scene,
                 created_utc: written_time(created),
                 ended_utc: None,
-                why: outcome.map(|outcome| outcome.name().to_owned()),
+                reason: outcome.map(|outcome| outcome.name().to_owned()),
             };
             self.insert(&job, None)?;
         }
@@ -288,7 +288,7 @@ impl JobStore {
                 ":id": job.id, ":robot": job.robot, ":name": job.name, ":state": job.state.name(),
                 ":plan_id": job.plan_id, ":layers": job.layers, ":laid": job.laid, ":length_mm": job.length_mm,
                 ":simulated": job.simulated, ":ignore_scene": job.ignore_scene, ":created_utc": job.created_utc, ":ended_utc": job.ended_utc,
-                ":why": job.why, ":key": key,
+                ":why": job.reason, ":key": key,
             },
         )?;
         Ok(())
@@ -343,7 +343,7 @@ impl JobStore {
 
     /// Ends a job that the robot has rejected. Its idempotency key can be used again.
     pub fn mark_rejected(&self, id: &str, why: &str) -> Result<(), JobStoreError> {
-        self.set_state(id, JobState::Ended, Some(why))?;
+        self.set_state(id, JobState::Failed, Some(why))?;
         self.database.execute("UPDATE job SET idempotency_key = NULL WHERE id = ?1", [id])?;
         Ok(())
     }
@@ -363,7 +363,7 @@ fn of_row(row: &Row) -> rusqlite::Result<Job> {
         ignore_scene: row.get(9)?,
         created_utc: row.get(10)?,
         ended_utc: row.get(11)?,
-        why: row.get(12)?,
+        reason: row.get(12)?,
     })
 }
 
@@ -420,8 +420,8 @@ mod tests {
         fs::remove_file(jobs.log_path("20261123T014500123_lab")).unwrap();
         let ended = JobStore::open(&places).unwrap().get("20261123T014500123_lab").unwrap().unwrap();
         assert_eq!(
-            (ended.state, ended.why.as_deref()),
-            (JobState::Ended, Some("the service ended before it had begun"))
+            (ended.state, ended.reason.as_deref()),
+            (JobState::Failed, Some("the service ended before it had begun"))
         );
     }
 

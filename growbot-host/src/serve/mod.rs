@@ -38,7 +38,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use tokio::sync::watch;
 
-use self::api::Addresses;
+use self::api::PageUrls;
 use self::audit::Audit;
 use self::config::{NotifyEntry, RobotEntry};
 pub use self::job_store::JobStoreError;
@@ -47,7 +47,7 @@ use self::notifier::Notifier;
 pub use self::notifier::NotifyError;
 pub use self::paths::ServicePaths;
 use self::robot_worker::RobotWorker;
-pub use self::robot_worker::{RobotState, RobotView};
+pub use self::robot_worker::{RobotState, RobotStatus};
 
 /// The robots of this user, with their jobs.
 pub struct Service {
@@ -55,7 +55,7 @@ pub struct Service {
     robots: BTreeMap<String, Arc<RobotWorker>>,
     shared: Arc<ServiceContext>,
     /// Addresses of the service's page. They are set when the service is served.
-    addresses: OnceLock<Addresses>,
+    addresses: OnceLock<PageUrls>,
 }
 
 /// Errors that prevent the start of the service.
@@ -161,7 +161,7 @@ impl Service {
 
     /// Returns all robots, sorted by name.
     #[must_use]
-    pub fn robots(&self) -> Vec<RobotView> {
+    pub fn robots(&self) -> Vec<RobotStatus> {
         self.robots.values().map(|robot| robot.status()).collect()
     }
 

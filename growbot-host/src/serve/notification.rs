@@ -23,7 +23,7 @@ const VERSION: u32 = 1;
 /// Event that a notice reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Happening {
+pub enum NotificationEvent {
     /// All layers are laid.
     Finish,
     /// A fault is latched.
@@ -36,7 +36,7 @@ pub enum Happening {
     Interrupted,
 }
 
-impl Happening {
+impl NotificationEvent {
     /// All events.
     pub const ALL: [Self; 5] = [Self::Finish, Self::Fault, Self::Pause, Self::FilamentRunout, Self::Interrupted];
 
@@ -71,11 +71,11 @@ impl Channel {
 
 /// A notice, as it is sent.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct Notice {
+pub struct Notification {
     /// Version of this format.
     pub version: u32,
     /// Event that the notice reports.
-    pub event: Happening,
+    pub event: NotificationEvent,
     /// Time of the event, RFC 3339.
     pub time_utc: String,
     /// Name of the robot in the service.
@@ -104,18 +104,18 @@ pub(super) struct NotificationContext<'a> {
 }
 
 impl NotificationContext<'_> {
-    pub fn notice(&self, event: Happening, fault: Option<Fault>, why: Option<&str>) -> Notice {
+    pub fn notice(&self, event: NotificationEvent, fault: Option<Fault>, why: Option<&str>) -> Notification {
         let robot = format!("{} {}", if self.simulated { "simulated robot" } else { "robot" }, self.robot);
         let at = format!("after layer {} of {}", self.laid, self.layers);
         let why = why.unwrap_or("look at it");
         let message = match event {
-            Happening::Finish => format!("{robot} has laid all {} layers", self.layers),
-            Happening::Fault => format!("{robot} has stopped with a fault {at}: {why}"),
-            Happening::Pause => format!("{robot} pauses {at}: {why}"),
-            Happening::FilamentRunout => format!("{robot} pauses {at}: {why}"),
-            Happening::Interrupted => format!("{robot} has left its job {at}: {why}"),
+            NotificationEvent::Finish => format!("{robot} has laid all {} layers", self.layers),
+            NotificationEvent::Fault => format!("{robot} has stopped with a fault {at}: {why}"),
+            NotificationEvent::Pause => format!("{robot} pauses {at}: {why}"),
+            NotificationEvent::FilamentRunout => format!("{robot} pauses {at}: {why}"),
+            NotificationEvent::Interrupted => format!("{robot} has left its job {at}: {why}"),
         };
-        Notice {
+        Notification {
             version: VERSION,
             event,
             time_utc: utc_now(),
@@ -154,15 +154,15 @@ impl AlertState {
     }
 
     /// Returns the notices that are due if `told` is the condition that was reported last.
-    fn since(&self, told: &[String; 2], about: &NotificationContext) -> Vec<Notice> {
+    fn since(&self, told: &[String; 2], about: &NotificationContext) -> Vec<Notification> {
         let now = self.to_columns();
         let fault = self.fault.filter(|_| now[0] != told[0]);
         let pause = self.pause.filter(|_| now[1] != told[1]);
-        let fault = fault.map(|fault| about.notice(Happening::Fault, Some(fault), Some(fault.explanation())));
+        let fault = fault.map(|fault| about.notice(NotificationEvent::Fault, Some(fault), Some(fault.explanation())));
         let pause = pause.map(|(cause, _)| {
             let event = match cause {
-                PauseCause::FilamentOut => Happening::FilamentRunout,
-                _ => Happening::Pause,
+                PauseCause::FilamentOut => NotificationEvent::FilamentRunout,
+                _ => NotificationEvent::Pause,
             };
             about.notice(event, None, Some(super::robot_worker::pause_reason(cause)))
         });
@@ -184,7 +184,7 @@ impl JobStore {
     /// Queues a notice for each of these channels.
     pub(super) fn enqueue_notification(
         &mut self,
-        notice: &Notice,
+        notice: &Notification,
         channels: &[Channel],
         now_ms: i64,
     ) -> Result<(), JobStoreError> {
@@ -209,7 +209,7 @@ impl JobStore {
         &self,
         about: &NotificationContext,
         condition: &AlertState,
-    ) -> Result<Vec<Notice>, JobStoreError> {
+    ) -> Result<Vec<Notification>, JobStoreError> {
         let query = "SELECT fault, pause FROM told WHERE robot = ?1";
         let told = self.database.query_row(query, [about.robot], |row| Ok([row.get(0)?, row.get(1)?])).optional()?;
         Ok(condition.since(&told.unwrap_or_default(), about))
@@ -277,15 +277,18 @@ mod tests {
         assert_eq!(tell(None, None), []);
         assert_eq!(
             tell(None, asked),
-            [(Happening::Pause, "simulated robot lab pauses after layer 12 of 78: as asked".to_owned())]
+            [(NotificationEvent::Pause, "simulated robot lab pauses after layer 12 of 78: as asked".to_owned())]
         );
         assert_eq!(tell(None, asked), [], "as after a restart");
         assert_eq!(tell(None, None), []);
         assert_eq!(tell(None, Some((PauseCause::Requested, 13))).len(), 1);
         let runout = tell(None, Some((PauseCause::FilamentOut, 14)));
-        assert!(runout[0].0 == Happening::FilamentRunout && runout[0].1.contains("load a spool"), "{runout:?}");
+        assert!(runout[0].0 == NotificationEvent::FilamentRunout && runout[0].1.contains("load a spool"), "{runout:?}");
         let fault = tell(Some(Fault::WatchdogReset), None);
-        assert!(fault[0].0 == Happening::Fault && fault[0].1.contains(Fault::WatchdogReset.explanation()), "{fault:?}");
+        assert!(
+            fault[0].0 == NotificationEvent::Fault && fault[0].1.contains(Fault::WatchdogReset.explanation()),
+            "{fault:?}"
+        );
         assert_eq!(tell(Some(Fault::WatchdogReset), None), []);
     }
 
@@ -321,7 +324,7 @@ mod tests {
     fn the_queue_is_bounded_and_pops_the_oldest_due_entry() {
         let (_directory, mut jobs) = jobs();
         let about = NotificationContext { robot: "lab", simulated: false, job: None, laid: 0, layers: 0 };
-        let notice = about.notice(Happening::Finish, None, None);
+        let notice = about.notice(NotificationEvent::Finish, None, None);
         for number in 0..i64::from(MAX_QUEUED_PER_CHANNEL) + 5 {
             jobs.enqueue_notification(&notice, &[Channel::Webhook], number).unwrap();
         }

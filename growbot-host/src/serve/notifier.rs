@@ -19,7 +19,9 @@ use rustix::process::{Pid, Signal, kill_process_group};
 use ureq::Agent;
 
 use super::config::NotifyEntry;
-use super::notification::{AlertState, Channel, Happening, Notice, NotificationContext, QueuedNotification};
+use super::notification::{
+    AlertState, Channel, Notification, NotificationContext, NotificationEvent, QueuedNotification,
+};
 use super::server::write_secret;
 use super::{JobStoreError, ServiceContext, ServicePaths};
 
@@ -59,7 +61,7 @@ pub enum NotifyError {
 #[derive(Default)]
 pub struct Notifier {
     channels: Vec<(Channel, Mutex<Sender<()>>)>,
-    events: Vec<Happening>,
+    events: Vec<NotificationEvent>,
 }
 
 /// A receiver on the network.
@@ -95,8 +97,10 @@ impl Notifier {
             }
             tellers.push((Channel::Command, NotificationSink::Command(command.clone())));
         }
-        let mut notify =
-            Self { channels: Vec::new(), events: entry.events.clone().unwrap_or_else(|| Happening::ALL.to_vec()) };
+        let mut notify = Self {
+            channels: Vec::new(),
+            events: entry.events.clone().unwrap_or_else(|| NotificationEvent::ALL.to_vec()),
+        };
         let start = |(channel, teller)| {
             let (wake, woken) = mpsc::channel();
             notify.channels.push((channel, Mutex::new(wake)));
@@ -106,7 +110,7 @@ impl Notifier {
         Ok((notify, NotifierThreads(tellers)))
     }
 
-    fn tell(&self, shared: &ServiceContext, notice: &Notice) -> Result<(), JobStoreError> {
+    fn tell(&self, shared: &ServiceContext, notice: &Notification) -> Result<(), JobStoreError> {
         if !self.events.contains(&notice.event) {
             return Ok(());
         }
@@ -122,7 +126,7 @@ impl Notifier {
 
 impl ServiceContext {
     /// Queues a notice about a robot if a channel is configured.
-    pub fn notify_event(&self, about: &NotificationContext, event: Happening, why: Option<&str>) {
+    pub fn notify_event(&self, about: &NotificationContext, event: NotificationEvent, why: Option<&str>) {
         if self.notifier.channels.is_empty() {
             return;
         }
@@ -275,7 +279,7 @@ fn secret_of(path: &Path) -> Result<Vec<u8>, NotifyError> {
 
 /// Runs the command with the notice on its standard input and in its environment variables.
 fn call(command: &[String], notice: &str) -> Result<(), String> {
-    let read: Notice = serde_json::from_str(notice).map_err(|error| error.to_string())?;
+    let read: Notification = serde_json::from_str(notice).map_err(|error| error.to_string())?;
     let mut child = Command::new(&command[0])
         .args(&command[1..])
         .env("GROWBOT_NOTIFICATION_EVENT", read.event.name())

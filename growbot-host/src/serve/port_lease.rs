@@ -34,9 +34,9 @@ const ESTOP_CONFIRM_TIMEOUT: Duration = Duration::from_secs(2);
 /// Request for a lease.
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Borrower {
+pub struct LeaseRequest {
     /// Name of the command that requests the port.
-    pub to: String,
+    pub holder: String,
 }
 
 /// A lease of a port.
@@ -60,7 +60,7 @@ pub async fn lease_port(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
     Path(name): Path<String>,
-    Json(Borrower { to }): Json<Borrower>,
+    Json(LeaseRequest { holder: to }): Json<LeaseRequest>,
 ) -> Result<Response, Problem> {
     if access != Access::Control(CommandSource::Socket) {
         return Err(Problem::forbidden("a line is lent to commands on the machine of the service alone"));

@@ -48,7 +48,7 @@ pub enum RobotState {
 
 /// A robot, its board and its job, as the service last received them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct RobotView {
+pub struct RobotStatus {
     /// Name of the robot in the service.
     pub name: String,
     /// Port of the robot.
@@ -60,17 +60,17 @@ pub struct RobotView {
     /// State of the connection.
     pub state: RobotState,
     /// Reason why the robot is not connected. Null if it is connected.
-    pub trouble: Option<String>,
+    pub connection_error: Option<String>,
     /// Name of the robot description. Null until the first connection to the board.
     pub robot: Option<String>,
     /// State of the board. Null if the robot is not connected.
-    pub board: Option<String>,
+    pub board_state: Option<String>,
     /// Code of the latched fault. Null if no fault is latched.
     pub fault: Option<String>,
     /// Explanation of the fault. Null if no fault is latched.
     pub fault_explanation: Option<String>,
     /// Reason why the board pauses. Null if it does not pause.
-    pub pause: Option<String>,
+    pub pause_reason: Option<String>,
     /// Temperature of the nozzle, C. Null without a reading.
     pub temperature_c: Option<f64>,
     /// Target temperature of the nozzle, C. Null while the heater is off.
@@ -84,7 +84,7 @@ pub struct RobotView {
     /// Expected time of the last layer, RFC 3339. Null unless the robot grows at a known pace.
     pub finish_utc: Option<String>,
     /// Reason why the board did not carry out the latest command, or why the run log cannot be written. Null otherwise.
-    pub refused: Option<String>,
+    pub command_error: Option<String>,
 }
 
 /// A job to start.
@@ -259,14 +259,14 @@ impl RobotWorker {
 
     /// Returns the latest known state of the robot.
     #[must_use]
-    pub fn status(&self) -> RobotView {
+    pub fn status(&self) -> RobotStatus {
         let (simulated, pace) = (self.is_simulated(), self.pace());
         let known = self.state();
         let status = known.status.as_ref().filter(|_| known.connection_error.is_none());
         let celsius = |centi: i32| f64::from(centi) / 100.0;
         let fault = status.and_then(|status| status.fault);
         let pauses = |status: &&Status| matches!(status.state, State::Paused | State::Parked);
-        RobotView {
+        RobotStatus {
             name: self.name.clone(),
             port: self.entry.port.clone(),
             simulated,
@@ -276,19 +276,19 @@ impl RobotWorker {
                 (None, Some(_)) => RobotState::Busy,
                 (None, None) => RobotState::Ready,
             },
-            trouble: known.connection_error.clone(),
+            connection_error: known.connection_error.clone(),
             robot: known.robot.as_ref().map(|robot| robot.name().to_owned()),
-            board: status.map(|status| status.state.name().to_owned()),
+            board_state: status.map(|status| status.state.name().to_owned()),
             fault: fault.map(|fault| Fault::code(fault).to_owned()),
             fault_explanation: fault.map(|fault| fault.explanation().to_owned()),
-            pause: status.filter(pauses).map(|status| pause_reason(status.pause_cause).to_owned()),
+            pause_reason: status.filter(pauses).map(|status| pause_reason(status.pause_cause).to_owned()),
             temperature_c: status.and_then(|status| status.temperature_centi_c).map(celsius),
             target_c: status.and_then(|status| status.target_centi_c).map(celsius),
             laid: status.map_or(0, |status| status.layers_laid),
             layers: status.map_or(0, |status| status.layer_count),
             job: known.job.clone(),
             finish_utc: known.finish_utc.clone(),
-            refused: known.command_error.clone(),
+            command_error: known.command_error.clone(),
         }
     }
 

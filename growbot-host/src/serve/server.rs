@@ -19,7 +19,7 @@ use axum::{Json, Router};
 use serde_json::Value;
 use tokio::net::{TcpListener, UnixListener, UnixStream};
 
-use super::api::{self, Access, Addresses};
+use super::api::{self, Access, PageUrls};
 use super::audit::CommandSource;
 use super::limits::{ConnectionHandle, ConnectionLimiter, buffer_body, limit_concurrency};
 use super::problem::Problem;
@@ -143,7 +143,7 @@ impl Server {
     pub async fn serve(self, service: Arc<Service>, request: Duration) -> io::Result<()> {
         let [operate, look] = self.page_urls()?;
         // The addresses are set once, because a server is served once.
-        let _ = service.addresses.set(Addresses { operate, look });
+        let _ = service.addresses.set(PageUrls { control_url: operate, view_url: look });
         let (router, document) = api::routes();
         let document = Arc::new(document);
         let site = |access, door: &Arc<ConnectionLimiter>| {

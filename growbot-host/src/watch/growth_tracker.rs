@@ -63,25 +63,25 @@ pub struct Update<'a> {
     /// Name of the board's state.
     state: &'static str,
     /// True if the board responds.
-    answers: bool,
+    board_responding: bool,
     /// Meaning of the state. `None` if its name is clear.
     explanation: Option<&'static str>,
     /// Reason why the board rejected a command.
-    refused: Option<&'a str>,
+    command_error: Option<&'a str>,
     /// Problem with this program's own files.
-    warned: Option<&'a str>,
+    warning: Option<&'a str>,
     /// Name of the shown body, once a simulated tip has laid it.
     built_name: Option<&'static str>,
     /// Number of layers of the job.
-    total: usize,
+    total_layers: usize,
     /// Time that the remaining layers take on the robot's clock, s.
-    left_s: f64,
+    remaining_s: f64,
     /// Real time until the last layer, s. Null unless the robot grows at a known pace.
     finish_in_s: Option<f64>,
     layers: LayersUpdate,
     readings: NewReadings<'a>,
     /// Result of the growth. `None` before its end.
-    ended: Option<&'a GrowthResult>,
+    result: Option<&'a GrowthResult>,
 }
 
 /// Layers that replace those from an index on.
@@ -196,17 +196,17 @@ impl GrowthTracker {
         let left_s = self.total.saturating_sub(self.built.len()) as f64 * self.period_s;
         let update = Update {
             state: self.state,
-            answers: self.answers,
+            board_responding: self.answers,
             explanation: self.explanation(),
-            refused: self.refused.as_deref(),
-            warned: self.warned.as_deref(),
+            command_error: self.refused.as_deref(),
+            warning: self.warned.as_deref(),
             built_name: (self.simulated > 0).then(|| BodyKind::Laid.title()),
-            total: self.total,
-            left_s,
+            total_layers: self.total,
+            remaining_s: left_s,
             finish_in_s: self.pace.filter(|_| self.state == State::Growing.name()).map(|pace| left_s / pace),
             layers: LayersUpdate { from: seen.layers, built: hex_of(layers) },
             readings: NewReadings { from: seen.readings, taken: readings },
-            ended: self.ended.as_ref(),
+            result: self.ended.as_ref(),
         };
         (seen.layers, seen.readings, seen.ended) = (self.built.len(), self.readings.len(), self.ended.is_some());
         seen.simulated = self.simulated;
