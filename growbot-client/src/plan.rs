@@ -172,7 +172,7 @@ impl Plan {
     /// the earlier legs. If there is none, it is the shortest of all, and the plan's warnings include this.
     ///
     /// # Errors
-    /// Like [`Plan::make`].
+    /// Like [`Plan::new`].
     pub fn through_waypoints<G: Copy + Into<Goal>>(
         robot: &Robot,
         start: &Pose,
