@@ -44,7 +44,7 @@ impl ServiceError {
     }
 }
 
-/// A leased port. The lease ends when this is dropped, when its [`Caller`] is dropped, or when the program ends.
+/// A leased port. The lease ends when this is dropped, when its [`ServiceClient`] is dropped, or when the program ends.
 pub struct LeasedPort(#[expect(dead_code, reason = "it is held")] Incoming);
 
 /// Default timeout of a request. It is long because a command to a robot may wait for its board.
@@ -114,7 +114,7 @@ impl ServiceClient {
         self.post_within(path, what, RESPONSE_TIMEOUT)
     }
 
-    /// Like [`Caller::post`], but with another timeout.
+    /// Like [`ServiceClient::post`], but with another timeout.
     ///
     /// # Errors
     /// [`ServiceError`].
