@@ -1,7 +1,7 @@
 //! Writing of files so that a file is either complete or absent.
 //!
 //! Only this module refuses to write a file that the program reads ([`refuse_inputs`], [`note_input`]), or whose
-//! extension is not one of the expected formats ([`format_of`]).
+//! extension is not one of the expected formats ([`format_from_extension`]).
 
 use std::collections::VecDeque;
 use std::ffi::{OsStr, OsString};
@@ -129,7 +129,7 @@ fn place_of(_: &Metadata) -> Option<(u64, u64)> {
 /// standard output (`-`).
 ///
 /// # Errors
-/// [`FileError::Ending`] for any other extension.
+/// [`FileError::UnknownExtension`] for any other extension.
 pub fn format_from_extension<'a>(path: &Path, formats: &[&'a str]) -> Result<Option<&'a str>, FileError> {
     let Some(ending) = ending(path) else { return Ok(None) };
     match formats.iter().find(|format| **format == ending) {
@@ -166,7 +166,7 @@ pub fn write_atomic(path: &Path, contents: &[u8]) -> Result<(), FileError> {
     replacement.finish()
 }
 
-/// A file that is written piece by piece, in the way of [`replace_file`]. It appears in its place when it is finished,
+/// A file that is written piece by piece, in the way of [`write_atomic`]. It appears in its place when it is finished,
 /// and leaves nothing if it never is.
 #[derive(Debug)]
 pub struct AtomicFile {
@@ -183,7 +183,7 @@ impl AtomicFile {
     /// Begins a file.
     ///
     /// # Errors
-    /// Like [`replace_file`].
+    /// Like [`write_atomic`].
     pub fn begin(path: &Path) -> Result<Self, FileError> {
         refuse_inputs(path)?;
         let name = path.display().to_string();

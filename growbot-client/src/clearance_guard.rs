@@ -1,12 +1,12 @@
 //! A growth in closed loop that stays clear of the obstacles of a scene.
 //!
 //! Layers come out differently from the plan, and each correction is another body. The host that corrects a growth must
-//! have each correction checked before it is sent to a board. [`Keeper::check`] proves that the remaining body stays
+//! have each correction checked before it is sent to a board. [`ClearanceGuard::check`] proves that the remaining body stays
 //! clear of all obstacles. The distance is half the tube plus 3 standard deviations of the expected position of the tip
 //! along it. If measured directions differ more than expected from the computed ones, the deviations are scaled up
 //! accordingly. The margin of the scene is available for the growth to use up.
 //!
-//! If a correction is too near, another path is planned through the scene ([`Keeper::keep_clear`]). It starts from the
+//! If a correction is too near, another path is planned through the scene ([`ClearanceGuard::ensure_clear`]). It starts from the
 //! forecast of the tip after the layers in progress. If there is none, the growth has to pause, and [`TooNear`]
 //! contains place and reason.
 //!
@@ -136,7 +136,7 @@ pub struct ClearanceGuard<'a> {
     body: Vec<Segment>,
     /// The quantities that are measured after each layer.
     seen: MeasuredQuantities,
-    /// 3 standard deviations along the remaining body, mm. The first one belongs to the layer of index `told_at`.
+    /// 3 standard deviations along the remaining body, mm. The first one belongs to the layer of index `forecast_at`.
     deviations: Vec<f64>,
     forecast_at: usize,
     /// Factor by which the deviations are larger because the robot is not as assumed.

@@ -1,7 +1,7 @@
 //! Feedback: passes the measurements of each layer to the tracker, and the tracker's plan for the rest to the job.
 //!
-//! [`Tracker`] is the loop itself; this module contains its two ends. [`Feedback::laid`] converts pulses of the
-//! filament's encoder into growth and gravity into a direction. [`Feedback::rest`] converts the rest of the path into
+//! [`Tracker`] is the loop itself; this module contains its two ends. [`Feedback::record_layer`] converts pulses of the
+//! filament's encoder into growth and gravity into a direction. [`Feedback::replan_rest`] converts the rest of the path into
 //! layers in bytes, with a plan id. [`crate::growth`] decides which of them are sent to the board, and when.
 //!
 //! From a layer to an amendment:

@@ -84,7 +84,7 @@ pub fn is_standard_input(path: &Path) -> bool {
 /// becomes an input of this program, to which [`crate::files`] does not write.
 ///
 /// # Errors
-/// [`InputError::Unreadable`], [`InputError::NoFile`] or [`InputError::Destroyed`].
+/// [`InputError::Unreadable`], [`InputError::NotAFile`] or [`InputError::WouldOverwrite`].
 pub fn open(path: &Path) -> Result<Box<dyn Read>, InputError> {
     if is_standard_input(path) {
         if TAKEN.swap(true, Ordering::Relaxed) {

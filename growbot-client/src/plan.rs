@@ -152,8 +152,8 @@ impl Plan {
     /// use growbot_core::plan::Planner;
     /// let robot = robot_file::load("growbot-a".as_ref()).unwrap();
     /// let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,77.4,0,90").unwrap());
-    /// let plan = Plan::make(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
-    /// assert_eq!(plan.needs.layers, 100);
+    /// let plan = Plan::new(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
+    /// assert_eq!(plan.requirements.layers, 100);
     /// assert_eq!(plan.path_type(), "S");
     /// ```
     ///
@@ -172,7 +172,7 @@ impl Plan {
     /// the earlier legs. If there is none, it is the shortest of all, and the plan's warnings include this.
     ///
     /// # Errors
-    /// Like [`Plan::make`].
+    /// Like [`Plan::new`].
     pub fn through_waypoints<G: Copy + Into<Goal>>(
         robot: &Robot,
         start: &Pose,

@@ -61,7 +61,7 @@ pub struct SceneOptions<'a> {
     pub deadline: Option<Instant>,
     /// True to stop at the first path, whatever its length.
     pub first_only: bool,
-    /// Maximum length of the body, mm. [`LENGTH_MAX`] if it does not matter.
+    /// Maximum length of the body, mm. [`MAX_LENGTH_MM`] if it does not matter.
     pub max_length: f64,
 }
 
@@ -231,7 +231,7 @@ pub enum SceneCheckError {
 /// each leg on its own.
 ///
 /// # Errors
-/// Like [`Plan::make`], and if no path leads through the scene.
+/// Like [`Plan::new`], and if no path leads through the scene.
 pub fn plan(
     robot: &Robot,
     start: &Pose,

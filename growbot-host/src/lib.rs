@@ -4,7 +4,7 @@
 //! exports in growbot-pictures. This library contains:
 //!
 //! - [`settings`]: settings for all commands, such as the default robot and port
-//! - [`robot_explained`]: explanation of a robot
+//! - [`annotated_robot`]: explanation of a robot
 //! - [`robot_questions`]: creation of a robot file
 //! - [`schema`]: JSON Schemas of files
 //! - [`batch`]: many plans from a CSV stream
@@ -12,7 +12,7 @@
 //! - [`watch`]: a live page of an active growth on this machine
 //! - [`reproduce`]: reproduction of the paper's experiments, with page and figures
 //! - [`serve`]: the service that owns robots
-//! - [`switch`]: start and stop of persistent simulated robots
+//! - [`sim_process`]: start and stop of persistent simulated robots
 //! - [`crash`]: source locations of a firmware crash
 //! - [`progress`]: display of progress
 //! - [`output`]: results on standard output

@@ -1,7 +1,7 @@
 //! Messages on standard error in one style: `error:`, `warning:` or `note:`, then the text, in lines of 80 columns.
 //!
 //! Control characters are removed, so that text from outside cannot control the terminal
-//! ([`growbot_client::printable`]).
+//! ([`growbot_client::sanitize`]).
 
 use std::env;
 use std::fmt;

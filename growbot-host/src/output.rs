@@ -1,7 +1,7 @@
 //! Results on standard output, whose reader may close it. Everything else is a message ([`crate::messages`]).
 //!
 //! Control characters are removed, so that text from outside cannot control the terminal
-//! ([`growbot_client::printable`]).
+//! ([`growbot_client::sanitize`]).
 
 use std::io::{self, IsTerminal, Write};
 use std::path::Path;

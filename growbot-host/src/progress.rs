@@ -28,7 +28,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Starts the display. `total` is the final position of [`Progress::at`]. `None` if it is not known.
+    /// Starts the display. `total` is the final position of [`Progress::update`]. `None` if it is not known.
     #[must_use]
     pub fn start(total: Option<u64>, results: ResultTiming) -> Self {
         let torn = results == ResultTiming::Streamed && io::stdout().is_terminal();

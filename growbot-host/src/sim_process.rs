@@ -32,7 +32,7 @@ pub enum SimProcessError {
 /// has none.
 ///
 /// # Errors
-/// [`SwitchError::Process`], [`SwitchError::NotOn`].
+/// [`SimProcessError::Process`], [`SimProcessError::NotStarted`].
 pub fn switch_on(place: &StateDir, robot: Option<&Path>, pace: f64) -> Result<(), SimProcessError> {
     let mut command = Command::new(env::current_exe()?);
     command.args(["power", "on", "--foreground", "--pace", &pace.to_string()]);
@@ -56,7 +56,7 @@ pub fn switch_on(place: &StateDir, robot: Option<&Path>, pace: f64) -> Result<()
 /// Waits until the process of a robot that was switched off has ended.
 ///
 /// # Errors
-/// [`SwitchError::NotOff`].
+/// [`SimProcessError::NotStopped`].
 pub fn wait_until_off(place: &StateDir) -> Result<(), SimProcessError> {
     let began = Instant::now();
     while place.is_on() {

@@ -12,9 +12,9 @@
 //! Lengths are in mm, angles in radians. All results are the same on every machine.
 //!
 //! ```
-//! use growbot_scene::clear::Need;
-//! use growbot_scene::motion::Tip;
-//! use growbot_scene::planner::{Budget, Goal, Outcome, Problem, search};
+//! use growbot_scene::clearance::RequiredClearance;
+//! use growbot_scene::centreline::TipPose;
+//! use growbot_scene::planner::{Goal, PlanningProblem, SearchBudget, SearchOutcome, search};
 //! use growbot_scene::scene::Scene;
 //! use growbot_scene::shapes::Shape;
 //! use nalgebra::Vector3;
@@ -22,17 +22,17 @@
 //! // A ball of 100 mm in the middle of the way.
 //! let ball = Shape::Ball { centre: Vector3::new(0.0, 0.0, 400.0), radius: 100.0 };
 //! let scene = Scene::new(vec![ball], vec![], vec![], vec![]);
-//! let problem = Problem {
+//! let problem = PlanningProblem {
 //!     scene: &scene,
-//!     start: Tip { position: Vector3::zeros(), direction: Vector3::z() },
+//!     start: TipPose { position: Vector3::zeros(), direction: Vector3::z() },
 //!     goal: Goal::Position { at: Vector3::new(0.0, 0.0, 800.0), tolerance: 0.0 },
 //!     radius: 100.0,
-//!     need: Need { distance: 28.0, slack: 0.03 },
+//!     required_clearance: RequiredClearance { distance: 28.0, tolerance: 0.03 },
 //!     max_length: 2000.0,
 //!     accept: &|_| true,
 //! };
-//! let budget = Budget { work: 200_000, deadline: None, first_only: false };
-//! let Outcome::Found(path) = search(&problem, &budget, &mut |_| ()) else { panic!() };
+//! let budget = SearchBudget { max_queries: 200_000, deadline: None, stop_at_first: false };
+//! let SearchOutcome::Found(path) = search(&problem, &budget, &mut |_| ()) else { panic!() };
 //! assert!(path.length < 860.0);
 //! ```
 #![forbid(unsafe_code)]

@@ -3,7 +3,7 @@
 //! - [`tip`]: a simulated tip that reacts to the signals of its board;
 //! - [`port`]: boards that drive it: the real controller in this process, or its image in QEMU; and every port by its
 //!   name;
-//! - [`truth`]: the true position of the plastic;
+//! - [`ground_truth`]: the true position of the plastic;
 //! - [`simulation`]: disturbed growths without a board, once or a million times, on all cores ([`parallel`]);
 //! - [`image_seal`]: seals of firmware images.
 //!

@@ -23,7 +23,7 @@ impl Client {
     /// line that breaks, because the line may come back.
     ///
     /// # Errors
-    /// [`ClientError::NotStopped`] if the board did not confirm it. The power must then be cut.
+    /// [`ClientError::StopNotAcknowledged`] if the board did not confirm it. The power must then be cut.
     pub fn emergency_stop(&mut self) -> Result<(), ClientError> {
         let mut sent = 0;
         let began = self.port.now();

@@ -61,7 +61,7 @@ impl Client {
     /// the emergency stop.
     ///
     /// # Errors
-    /// A refusal. [`ClientError::NotStopped`] if it is unknown whether the board has stopped. The power must then be
+    /// A refusal. [`ClientError::StopNotAcknowledged`] if it is unknown whether the board has stopped. The power must then be
     /// cut.
     pub fn stop(&mut self) -> Result<StopOutcome, ClientError> {
         match self.request("to stop", &Message::Stop(Empty {})) {
@@ -92,7 +92,7 @@ impl Client {
     /// the clocks agree or cannot be compared.
     ///
     /// # Errors
-    /// [`ClientError::NotStopped`] if it is unknown whether the board has stopped. The power must then be cut.
+    /// [`ClientError::StopNotAcknowledged`] if it is unknown whether the board has stopped. The power must then be cut.
     pub fn stop_if_clock_drifts(&mut self) -> Result<Option<ClockDrift>, ClientError> {
         let Some(drift) = self.clocks.drift() else { return Ok(None) };
         if self.request("to stop", &Message::Stop(Empty {})).is_err() {

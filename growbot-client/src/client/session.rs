@@ -144,7 +144,7 @@ impl Client {
     /// Opens the session with a board that must belong to this robot.
     ///
     /// # Errors
-    /// Like [`Client::hello`], or if the board belongs to another robot.
+    /// Like [`Client::open_session`], or if the board belongs to another robot.
     pub fn open_session_for(&mut self, robot: &Robot) -> Result<BoardInfo, ClientError> {
         let hello = self.open_session()?;
         if hello.robot_hash == 0 {

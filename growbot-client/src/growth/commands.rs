@@ -106,7 +106,7 @@ impl Command {
 /// order, but a stop before all others. A stop is latched: only an emergency stop overrides it.
 #[derive(Debug, Default)]
 pub struct CommandQueue {
-    /// [`Order::Stop`], [`Order::EmergencyStop`] or 0.
+    /// [`Move::Stop`], [`Move::EmergencyStop`] or 0.
     stop: AtomicU8,
     waiting: Mutex<Vec<Command>>,
     /// True if the user has interrupted the program.

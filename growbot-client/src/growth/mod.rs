@@ -124,7 +124,7 @@ pub enum JobEvent {
     },
     /// Feedback counts filament from here on.
     EncoderReference(EncoderReference),
-    /// An amendment is about to be sent. It takes effect unless `NotAmended` follows.
+    /// An amendment is about to be sent. It takes effect unless `AmendmentRejected` follows.
     Amendment(Amendment),
     /// The board has not accepted the latest amendment. Contains the reason, unless the amendment just came too late.
     AmendmentRejected(Option<String>),

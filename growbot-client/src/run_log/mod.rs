@@ -3,10 +3,10 @@
 //!
 //! The first line contains the versions, the command, the robot, the plan, the layers that were sent, and the
 //! disturbances of a simulated tip. The other lines contain the events, among them the layers as built, in the bytes of
-//! the link. The body can therefore be rebuilt from the log bit for bit ([`RunRecord`]), and a growth that was
+//! the link. The body can therefore be rebuilt from the log bit for bit ([`RecordedRun`]), and a growth that was
 //! interrupted is resumed from its log. For a simulated tip, the log also contains the true position of its plastic.
 //!
-//! - [`RunLog`]: writes a log; [`RunRecord`]: reads it; [`Events`]: its lines, with a count of unreadable ones;
+//! - [`RunLog`]: writes a log; [`RecordedRun`]: reads it; [`Events`]: its lines, with a count of unreadable ones;
 //! - [`RunEvent`]: the events of a log, with [`Header`] in the first line and [`GrowthResult`] in the last.
 //!
 //! The position of a simulated layer's plastic is logged once two later layers have begun, because it no longer changes
@@ -170,11 +170,11 @@ impl RunLog {
         log.with_header(plan, job, feedback, origin.into())
     }
 
-    /// Like [`RunLog::begin`], but replaces an existing log. The existing log is deleted once a layer of the new body
+    /// Like [`RunLog::create`], but replaces an existing log. The existing log is deleted once a layer of the new body
     /// is laid. If the growth does not begin, it stays.
     ///
     /// # Errors
-    /// Like [`RunLog::begin`].
+    /// Like [`RunLog::create`].
     pub fn replace<'a>(
         path: &Path,
         plan: &Plan,
@@ -201,7 +201,7 @@ impl RunLog {
         }
     }
 
-    /// Like [`RunLog::begin`], but writes to standard output.
+    /// Like [`RunLog::create`], but writes to standard output.
     ///
     /// # Errors
     /// If standard output cannot be written.

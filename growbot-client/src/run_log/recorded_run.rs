@@ -160,7 +160,7 @@ impl RecordedRun {
     /// Reads all complete lines of a log.
     ///
     /// # Errors
-    /// [`RunRecordError`].
+    /// [`ReadRunLogError`].
     pub fn open(path: &Path) -> Result<Self, ReadRunLogError> {
         Self::read(&read_bytes(path, MAX_LOG_BYTES)?, &display_name(path))
     }
@@ -168,7 +168,7 @@ impl RecordedRun {
     /// Reads the bytes of a log. `file` is its name in error messages.
     ///
     /// # Errors
-    /// [`RunRecordError::Header`] or [`RunRecordError::Plan`].
+    /// [`ReadRunLogError::Header`] or [`ReadRunLogError::Plan`].
     pub fn read(bytes: &[u8], file: &str) -> Result<Self, ReadRunLogError> {
         let wrong = |reason: &str| ReadRunLogError::Header { file: file.to_string(), reason: reason.to_string() };
         if bytes.is_empty() {
@@ -203,7 +203,7 @@ impl RecordedRun {
         self.as_built.iter().filter(|layer| layer.is_none()).count()
     }
 
-    /// Returns the outcome of the growth. [`ResultOutcome::Unfinished`] if the log does not contain it.
+    /// Returns the outcome of the growth. [`OutcomeKind::Unfinished`] if the log does not contain it.
     #[must_use]
     pub fn outcome(&self) -> OutcomeKind {
         self.result.as_ref().map_or(OutcomeKind::Unfinished, |result| result.outcome)

@@ -42,7 +42,7 @@ pub fn closest_self_approach(path: &[Segment], diameter: f64, since: f64) -> Opt
     search(path, diameter, since).0
 }
 
-/// Like [`first_collision`], but also returns the number of pairs of stretches that were examined.
+/// Like [`closest_self_approach`], but also returns the number of pairs of stretches that were examined.
 fn search(path: &[Segment], diameter: f64, since: f64) -> (Option<Collision>, usize) {
     let body = Body::new(path, since);
     let mut search = Search {

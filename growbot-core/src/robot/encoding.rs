@@ -32,7 +32,7 @@ impl Robot {
     /// Encodes the description with its version. Equal hashes mean equal bytes.
     ///
     /// # Errors
-    /// Returns [`RobotError::TooLong`] if `buffer` is too short. Up to [`LONGEST_VERSIONED`] bytes are needed.
+    /// Returns [`RobotError::TooLong`] if `buffer` is too short. Up to [`MAX_VERSIONED_LEN`] bytes are needed.
     pub fn encode_for_board<'a>(&self, buffer: &'a mut [u8]) -> Result<&'a [u8], RobotError> {
         let (version, description) = buffer.split_first_mut().ok_or(RobotError::TooLong)?;
         *version = ENCODING_VERSION;

@@ -22,7 +22,7 @@ use super::turn::{Sector, Turn};
 
 /// A move as the engine accepts it, without its sectors, which it gets one after the other.
 ///
-/// Here and in [`Done`] the numbers leave 0 for `None`. An empty [`Handover`] is therefore all zeros, and costs a board
+/// Here and in [`Done`] the numbers leave 0 for `None`. An empty [`Mailbox`] is therefore all zeros, and costs a board
 /// no flash.
 #[derive(Clone, Copy)]
 #[repr(u8)]
@@ -173,7 +173,7 @@ impl Mailbox {
         !self.order_waits.load(Ordering::Acquire) && !self.halt.load(Ordering::Acquire) && !self.is_emergency_stopped()
     }
 
-    /// Submits the next move (controller side). A pending move is replaced. That is safe only after [`Handover::halt`],
+    /// Submits the next move (controller side). A pending move is replaced. That is safe only after [`Mailbox::halt`],
     /// because the engine may already be braking for the pending move.
     pub fn submit(&self, order: Move) {
         self.discard_move();
@@ -235,7 +235,7 @@ impl Mailbox {
         });
     }
 
-    /// Returns whether the emergency stop is pressed, or was pressed since the last [`Handover::halt`]. The engine has
+    /// Returns whether the emergency stop is pressed, or was pressed since the last [`Mailbox::halt`]. The engine has
     /// then released the motors by itself and accepts no moves.
     #[must_use]
     #[inline]

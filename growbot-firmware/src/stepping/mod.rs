@@ -5,7 +5,7 @@
 //! ```
 //!
 //! [`Material::next_turn`] does the floating-point work in the controller's time, a layer ahead. The [`Engine`] runs in the
-//! step interrupt, where it only adds and compares integers. The two exchange data only through the [`Handover`].
+//! step interrupt, where it only adds and compares integers. The two exchange data only through the [`Mailbox`].
 //!
 //! The engine also reads the inputs that need an immediate reaction: the index mark at each step of the head, the
 //! filament's encoder, and the emergency stop.

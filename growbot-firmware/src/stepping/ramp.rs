@@ -77,7 +77,7 @@ impl RampLimits {
             .zip(change)
             .map(|(axis, change)| axis.layer_change_jump / change.abs())
             .fold(1.0, f64::min);
-        // From that rate the turn can brake to `start`: see `Clock::can_brake`, solved for the rate.
+        // From that rate the turn can brake to `start`: see `VirtualClock::can_brake`, solved for the rate.
         let (from, by) = (f64::from(start), f64::from(slope));
         let room = 2.0 * by * f64::from(ticks) * f64::from(FULL_RATE);
         let brakable = libm::sqrt(by * by / 4.0 + from * from - by * from + room) - by / 2.0;

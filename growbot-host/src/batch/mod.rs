@@ -108,7 +108,7 @@ pub struct PathTooLong {
 /// Returns the plan if it is not longer than `max_length`, mm.
 ///
 /// # Errors
-/// [`TooLong`] if it is longer.
+/// [`PathTooLong`] if it is longer.
 pub fn check_length_limit(plan: Plan, max_length: Option<f64>) -> Result<Plan, PathTooLong> {
     let found = plan.requirements.length;
     match max_length.filter(|max| found > *max) {

@@ -1,6 +1,6 @@
 //! JSON Schemas of the files that growbot reads and writes. Editors use them to complete, explain and check.
 //!
-//! [`written`] has the schemas of plans, run logs and results. The schema of robot files has the fields, types and
+//! [`json`] has the schemas of plans, run logs and results. The schema of robot files has the fields, types and
 //! descriptions of [`RobotDescription`], from its derive and its doc comments. Its bounds come from the checks: each
 //! number is set far too low and far too high, and the error contains the limit. A limit that depends on another field
 //! cannot be a number in a schema. It is in the field's description, with the advice of the error.

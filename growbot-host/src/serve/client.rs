@@ -44,7 +44,7 @@ impl ServiceError {
     }
 }
 
-/// A leased port. The lease ends when this is dropped, when its [`Caller`] is dropped, or when the program ends.
+/// A leased port. The lease ends when this is dropped, when its [`ServiceClient`] is dropped, or when the program ends.
 pub struct LeasedPort(#[expect(dead_code, reason = "it is held")] Incoming);
 
 /// Default timeout of a request. It is long because a command to a robot may wait for its board.
@@ -76,7 +76,7 @@ impl ServiceClient {
     /// Returns the robot with this port if the service owns it.
     ///
     /// # Errors
-    /// [`CallError`].
+    /// [`ServiceError`].
     pub fn robot_at(&self, port: &str, limit: Duration) -> Result<Option<RobotStatus>, ServiceError> {
         let real = |name: &str| std::fs::canonicalize(name).ok();
         let robots: Vec<RobotStatus> =
@@ -89,7 +89,7 @@ impl ServiceClient {
     /// Requests a JSON value from this path.
     ///
     /// # Errors
-    /// [`CallError`].
+    /// [`ServiceError`].
     pub fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ServiceError> {
         self.runtime.block_on(self.request(Method::GET, path, Body::empty(), RESPONSE_TIMEOUT))
     }
@@ -97,7 +97,7 @@ impl ServiceClient {
     /// Requests the bytes at this path.
     ///
     /// # Errors
-    /// [`CallError`].
+    /// [`ServiceError`].
     pub fn bytes(&self, path: &str) -> Result<Vec<u8>, ServiceError> {
         self.runtime.block_on(async {
             let (status, incoming) = self.send(Method::GET, path, Body::empty()).await?;
@@ -109,15 +109,15 @@ impl ServiceClient {
     /// Sends a JSON value to this path.
     ///
     /// # Errors
-    /// [`CallError`].
+    /// [`ServiceError`].
     pub fn post<T: DeserializeOwned>(&self, path: &str, what: &impl Serialize) -> Result<T, ServiceError> {
         self.post_within(path, what, RESPONSE_TIMEOUT)
     }
 
-    /// Like [`Caller::post`], but with another timeout.
+    /// Like [`ServiceClient::post`], but with another timeout.
     ///
     /// # Errors
-    /// [`CallError`].
+    /// [`ServiceError`].
     pub fn post_within<T: DeserializeOwned>(
         &self,
         path: &str,
@@ -165,7 +165,7 @@ impl ServiceClient {
     /// Leases a robot's port. The service closes the port and keeps it closed until the returned value is dropped.
     ///
     /// # Errors
-    /// [`CallError`], for example if the robot has a job.
+    /// [`ServiceError`], for example if the robot has a job.
     pub fn lease_port(&self, robot: &str, to: &str) -> Result<LeasedPort, ServiceError> {
         let body = serde_json::to_vec(&LeaseRequest { holder: to.to_owned() }).map_err(ServiceError::silent)?;
         let begun = async {
@@ -184,7 +184,7 @@ impl ServiceClient {
     /// `take` returns false.
     ///
     /// # Errors
-    /// [`CallError`], mostly because the service has ended. `after` is then the number of the latest line, from which
+    /// [`ServiceError`], mostly because the service has ended. `after` is then the number of the latest line, from which
     /// the caller can resume.
     pub fn follow(&self, job: &str, after: &mut u64, mut take: impl FnMut(&str) -> bool) -> Result<(), ServiceError> {
         self.runtime.block_on(async {

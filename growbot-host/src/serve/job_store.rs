@@ -211,7 +211,7 @@ impl JobStore {
         Ok(transaction.commit()?)
     }
 
-    /// Opens a second, read-only connection to the list. [`Jobs::open`] must have opened it before.
+    /// Opens a second, read-only connection to the list. [`JobStore::open`] must have opened it before.
     pub fn open_to_read(places: &ServicePaths) -> Result<Self, JobStoreError> {
         let database = Connection::open_with_flags(places.database(), OpenFlags::SQLITE_OPEN_READ_ONLY)?;
         database.execute_batch("PRAGMA busy_timeout = 2000;")?;

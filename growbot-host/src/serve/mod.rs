@@ -1,14 +1,14 @@
 //! The service: one process that owns robots and handles the requests of programs and pages.
 //!
 //! - [`Service`] holds the robots, the jobs and a counter of changes.
-//! - [`config`] describes the configured robots. `robot` is one robot, with the thread that owns its board. `growing`
+//! - [`config`] describes the configured robots. `robot_worker` is one robot, with the thread that owns its board. `job_run`
 //!   is a job on its board.
-//! - [`jobs`] is a database of all jobs that can be rebuilt from their run logs. `audit` records all commands.
-//! - [`api`] is the HTTP interface, with `streams` of events. `document` completes its OpenAPI document.
+//! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `audit` records all commands.
+//! - [`api`] is the HTTP interface, with `event_stream`s. `openapi` completes its OpenAPI document.
 //! - [`server`] listens on the loopback interface, behind a token, and on a socket of the user. `limits` bounds the
 //!   resources that clients can use.
-//! - [`notices`] are notifications for users who do not watch a page. `notify` sends them.
-//! - [`caller`] is the client of that socket.
+//! - [`notification`] are notifications for users who do not watch a page. `notifier` sends them.
+//! - [`client`] is the client of that socket.
 
 pub mod api;
 mod audit;

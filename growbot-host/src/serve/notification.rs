@@ -204,7 +204,7 @@ impl JobStore {
         Ok(transaction.commit()?)
     }
 
-    /// Returns the notices that are due for a robot's condition. They stay due until [`Jobs::is_told`].
+    /// Returns the notices that are due for a robot's condition. They stay due until [`Jobs::set_notified`].
     pub(super) fn new_notifications(
         &self,
         about: &NotificationContext,

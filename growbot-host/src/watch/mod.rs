@@ -1,7 +1,7 @@
 //! A live page of an active growth on this machine, with the view of its plan.
 //!
-//! - [`Watch`] is the page's server and receives the growth's events.
-//! - `watched` is the state of the growth and the part that a page has not yet received.
+//! - [`WatchPage`] is the page's server and receives the growth's events.
+//! - `growth_tracker` is the state of the growth and the part that a page has not yet received.
 //! - `server` is the HTTP server, on the loopback interface only.
 //! - `guard` decides which requests are served.
 //! - growbot-pictures/viewer/src/live.js is the client.

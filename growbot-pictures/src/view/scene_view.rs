@@ -42,7 +42,7 @@ impl SceneView {
         Ok(Self::of(subject, &subject.layers()?, limits))
     }
 
-    /// Like [`Self::of_subject`], for layers that are already known.
+    /// Like [`Self::for_subject`], for layers that are already known.
     pub(super) fn of(subject: &Subject, layers: &Layers, limits: &SelectionLimits) -> Option<Self> {
         let NamedScene { file, scene } = subject.scene?;
         let start = subject.plan.start.frame();

@@ -1,6 +1,6 @@
 // The scene around a body: translucent obstacles, and the narrowest point.
 //
-// The input (growbot-pictures/src/view/data.rs) has these arrays, in mm:
+// The input (growbot-pictures/src/view/page_data.rs) has these arrays, in mm:
 //
 // - `boxes`: 15 numbers each, centre, half sides and the axes by columns
 // - `balls`: 4 numbers each, centre and radius

@@ -319,7 +319,7 @@ pub struct EmulatedBoard {
 impl EmulatedBoard {
     /// Starts the board with a firmware image on a memory. The caller has written the host's words there.
     ///
-    /// In virtual time the board stops at its reset until [`EmulatedRobot::debugger`] runs it.
+    /// In virtual time the board stops at its reset until [`EmulatedBoard::debugger`] runs it.
     pub fn start(firmware: &Path, tip: SharedMemoryFile, time: Time) -> Result<Self, QemuError> {
         let line = QemuSocket::open("serial line")?;
         let mut backend = OsString::from(format!("memory-backend-file,id=tip,share=on,size={},mem-path=", tip.size));

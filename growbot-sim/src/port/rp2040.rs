@@ -148,18 +148,18 @@ impl Rp2040Emulator {
         Self::start_with(robot, firmware, Variation::default())
     }
 
-    /// Like [`Rp2040::start`], with a tip that deviates from its description.
+    /// Like [`Rp2040Emulator::start`], with a tip that deviates from its description.
     ///
     /// # Errors
-    /// Those of [`Rp2040::start`].
+    /// Those of [`Rp2040Emulator::start`].
     pub fn start_with(robot: &Robot, firmware: Option<&Path>, variation: Variation) -> Result<Self, OpenError> {
         Self::start_on_link(HostLink::Uart, robot, firmware, variation)
     }
 
-    /// Like [`Rp2040::start_with`], over one of the board's lines.
+    /// Like [`Rp2040Emulator::start_with`], over one of the board's lines.
     ///
     /// # Errors
-    /// Those of [`Rp2040::start`].
+    /// Those of [`Rp2040Emulator::start`].
     pub fn start_on_link(
         line: HostLink,
         robot: &Robot,
@@ -172,11 +172,11 @@ impl Rp2040Emulator {
         Ok(Self::with(bench, robot, variation))
     }
 
-    /// Like [`Rp2040::start`], and writes the costs of the step interrupt and the stack to a file every few seconds
+    /// Like [`Rp2040Emulator::start`], and writes the costs of the step interrupt and the stack to a file every few seconds
     /// (`tests/rp2040/figures.js`).
     ///
     /// # Errors
-    /// Those of [`Rp2040::start`].
+    /// Those of [`Rp2040Emulator::start`].
     pub fn start_measured(robot: &Robot, firmware: &Path, figures: &Path) -> Result<Self, OpenError> {
         let bench = NodeProcess::start(firmware, &board_of(robot), HostLink::Uart, Some(figures))?;
         Ok(Self::with(bench, robot, Variation::default()))

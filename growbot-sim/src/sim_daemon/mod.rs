@@ -5,7 +5,8 @@
 //! without a host. Its flash and its retained memory are files, so that it resumes correctly even after it was switched
 //! off in the middle of a layer.
 //!
-//! - [`Place`]: the directory of a robot; [`play`]: the process; [`Line`]: the port to it; `wire`: their messages.
+//! - [`StateDir`]: the directory of a robot; [`serve`]: the process; [`DaemonPort`]: the port to it;
+//!   `protocol`: their messages.
 
 mod persistence;
 mod port;

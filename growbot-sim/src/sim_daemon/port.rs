@@ -36,7 +36,7 @@ impl DaemonPort {
     /// Opens the line for exclusive use.
     ///
     /// # Errors
-    /// [`ResidentError`]: the robot is off, or another program uses its line.
+    /// [`SimDaemonError`]: the robot is off, or another program uses its line.
     pub fn open(place: &StateDir) -> Result<Self, SimDaemonError> {
         Self::open_as(place, true)
     }
@@ -44,7 +44,7 @@ impl DaemonPort {
     /// Opens the line beside other programs, for an emergency stop and the power switch.
     ///
     /// # Errors
-    /// [`ResidentError::Off`].
+    /// [`SimDaemonError::NotRunning`].
     pub fn open_shared(place: &StateDir) -> Result<Self, SimDaemonError> {
         Self::open_as(place, false)
     }

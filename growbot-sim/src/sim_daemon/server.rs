@@ -33,7 +33,7 @@ const MAX_QUEUE: usize = 1 << 16;
 /// called once programs can connect.
 ///
 /// # Errors
-/// [`ResidentError`]: another process runs it, the place belongs to another robot, or its files cannot be used.
+/// [`SimDaemonError`]: another process runs it, the place belongs to another robot, or its files cannot be used.
 pub fn serve(place: &StateDir, robot: &Robot, pace: f64, ready: impl FnOnce()) -> Result<(), SimDaemonError> {
     place.create()?;
     let Some(held) = place.hold()? else { return Err(SimDaemonError::AlreadyRunning(place.name().to_owned())) };

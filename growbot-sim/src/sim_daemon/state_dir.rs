@@ -26,7 +26,7 @@ impl StateDir {
     /// `~/.local/state/growbot/robots`. A name that contains a slash is the directory itself.
     ///
     /// # Errors
-    /// [`ResidentError::NoHome`].
+    /// [`SimDaemonError::NoHome`].
     pub fn of(name: &str) -> Result<Self, SimDaemonError> {
         let absolute = |key: &str| env::var_os(key).map(PathBuf::from).filter(|path| path.is_absolute());
         let directory = if name.contains('/') {
@@ -107,7 +107,7 @@ impl StateDir {
     /// Checks that this robot may use the directory.
     ///
     /// # Errors
-    /// [`ResidentError::OtherRobot`], or [`ResidentError::On`] if a process already runs the robot.
+    /// [`SimDaemonError::OtherRobot`], or [`SimDaemonError::AlreadyRunning`] if a process already runs the robot.
     pub fn check(&self, robot: &Robot) -> Result<(), SimDaemonError> {
         if self.is_on() {
             return Err(SimDaemonError::AlreadyRunning(self.name.clone()));

@@ -9,7 +9,7 @@
 //! The clock of the tip is the board's: ticks of the step interrupt. The results do not depend on how often the tip is
 //! polled.
 //!
-//! The tip lays exactly what its steps command, unless an [`Imperfection`] is set.
+//! The tip lays exactly what its steps command, unless an [`ErrorModel`] is set.
 //!
 //! The limits of the model are in the book's chapter "Limits" (`book/src/limits.md`).
 //!

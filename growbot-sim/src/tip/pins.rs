@@ -1,7 +1,7 @@
 //! The tip as the parts of a board: pins, ADC channels and sensors, each of which the controller or the step engine
 //! takes.
 //!
-//! Levels are logical, so that no part needs [`growbot_firmware::polarity::Polarized`].
+//! Levels are logical, so that no part needs [`growbot_firmware::invertible_pin::InvertiblePin`].
 
 use std::cell::RefCell;
 use std::convert::Infallible;

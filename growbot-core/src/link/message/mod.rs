@@ -151,7 +151,7 @@ const fn fnv1a(mut hash: u64, bytes: &[u8]) -> u64 {
 
 messages! {
     // Host to board.
-    /// Opens a session. The response is `BoardHello`, or `Refused` with the board's schema hash.
+    /// Opens a session. The response is `BoardInfo`, or `Refused` with the board's schema hash.
     0x01 Hello(Hello),
     /// Requests the board's status. The response is `Status`, in any session.
     0x02 GetStatus(Empty),
@@ -185,7 +185,7 @@ messages! {
     0x10 Amend(Amend),
     /// Cancels the job. The response is `Accepted` or `Refused`.
     0x11 Cancel(Cancel),
-    /// Requests the board's identity without opening a session. The response is `BoardHello`, in any session.
+    /// Requests the board's identity without opening a session. The response is `BoardInfo`, in any session.
     0x12 GetBoardInfo(Empty),
     /// Closes the session, so that another host need not wait. The board does not respond.
     0x13 Goodbye(Empty),

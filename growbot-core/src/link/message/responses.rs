@@ -77,7 +77,7 @@ pub enum Refusal {
     },
     /// The emergency stop is still pressed.
     EmergencyStop,
-    /// Another host owns the board. [`BoardHello::owner`] is its name.
+    /// Another host owns the board. [`BoardInfo::owner`] is its name.
     OwnedByOtherHost {
         /// Time since the last frame of that host, ms.
         silent_ms: u32,
