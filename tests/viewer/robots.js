@@ -137,8 +137,10 @@ try {
   const readOnly = await open(viewUrl, { viewport: { width: 375, height: 740 }, colorScheme: "dark" });
   await readOnly.locator("section.robot .state", { hasText: "growing" }).waitFor();
   await picture(readOnly, "phone");
-  for (const button of await readOnly.locator("section.robot .commands [data-command]").all()) assert.ok(await button.isDisabled());
-  assert.ok(await readOnly.evaluate(() => document.documentElement.scrollWidth <= window.innerWidth), "wider than a phone");
+  const buttons = await readOnly.locator("section.robot .commands [data-command]").all();
+  for (const button of buttons) assert.ok(await button.isDisabled());
+  const fits = await readOnly.evaluate(() => document.documentElement.scrollWidth <= window.innerWidth);
+  assert.ok(fits, "wider than a phone");
   assert.ok(await readOnly.getByRole("button", { name: "Emergency stop" }).isVisible());
   await readOnly.close();
   const phone = await open(controlUrl, { viewport: { width: 375, height: 740 } });
