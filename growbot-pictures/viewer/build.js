@@ -3,11 +3,11 @@
 // them again and compares.
 import { build } from "esbuild";
 import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
-import { dirname, join } from "node:path";
+import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 
 const here = dirname(fileURLToPath(import.meta.url));
-const dist = process.argv[2] ?? join(here, "dist");
+const dist = resolve(process.argv[2] ?? join(here, "dist"));
 const licence = readFileSync(join(here, "node_modules/three/LICENSE"), "utf8");
 
 mkdirSync(dist, { recursive: true });

@@ -22,11 +22,11 @@ const here = dirname(fileURLToPath(import.meta.url));
 const [program, bless] = process.argv.slice(2);
 const growbot = resolve(program);
 const PICTURE = join(here, "picture.png");
-const PATIENCE_MS = 600_000;
+const TIMEOUT_MS = 600_000;
 const MAX_BYTES = 2_000_000;
 /** Colour difference above which a pixel counts as different, and max fraction of such pixels. Edges move with another
  * release of the renderer, and letters with other fonts (1 % if all are in another font). The body is 6 %. */
-const [DIFFERENT, MAX_DIFFERENT] = [48, 0.02];
+const [MIN_DIFFERENCE, MAX_FRACTION] = [48, 0.02];
 
 const directory = mkdtempSync(join(tmpdir(), "growbot-view-"));
 const run = (...args) => execFileSync(growbot, args, { cwd: directory, env: environment, stdio: ["ignore", "pipe", "pipe"] });
@@ -42,9 +42,10 @@ async function open(browser, name, options) {
   page.on("console", (message) => errors.push(`${name}: console ${message.type()}: ${message.text()}`));
   page.on("pageerror", (error) => errors.push(`${name}: ${error.stack}`));
   page.on("request", (request) => {
-    if (request.url() !== pathToFileURL(file).href && !request.url().startsWith("data:")) errors.push(`${name}: asked for ${request.url()}`);
+    const url = request.url();
+    if (url !== pathToFileURL(file).href && !url.startsWith("data:")) errors.push(`${name}: requested ${url}`);
   });
-  page.setDefaultTimeout(PATIENCE_MS);
+  page.setDefaultTimeout(TIMEOUT_MS);
   await page.goto(pathToFileURL(file).href);
   await page.waitForFunction(() => !document.querySelector(".stage:not([data-drawn])"));
   const drawn = await page.$$eval(".stage", (stages) => Math.max(...stages.map((stage) => Number(stage.dataset.drawn))));
@@ -73,7 +74,7 @@ function difference(a, b) {
   let count = 0;
   for (let i = 0; i < a.data.length; i += 4) {
     const max = Math.max(...[0, 1, 2].map((k) => Math.abs(a.data[i + k] - b.data[i + k])));
-    if (max > DIFFERENT) count += 1;
+    if (max > MIN_DIFFERENCE) count += 1;
   }
   return count / (a.width * a.height);
 }
@@ -100,14 +101,14 @@ async function checkControls(page, layers) {
   await page.waitForTimeout(200);
   assert.equal(await slider(page), paused);
   await page.keyboard.press("End");
-  assert.ok(difference(whole, await picture(page)) < 0.001, "at its end the slider shows something else");
+  assert.ok(difference(whole, await picture(page)) < 0.001, "the slider at its end shows another picture");
 
   for (const side of ["front", "side", "top"]) {
-    await page.click(`[data-look=${side}]`);
-    assert.ok(difference(whole, await picture(page)) > 0.005, `${side} shows the same`);
+    await page.click(`[data-viewpoint=${side}]`);
+    assert.ok(difference(whole, await picture(page)) > 0.005, `${side} shows the same picture`);
   }
-  await page.click("[data-look=corner]");
-  assert.ok(difference(whole, await picture(page)) < 0.001, "the view from the corner is another one");
+  await page.click("[data-viewpoint=corner]");
+  assert.ok(difference(whole, await picture(page)) < 0.001, "the view from the corner differs");
 
   await page.click("#theme");
   assert.equal(await page.getAttribute("html", "data-theme"), "dark");
@@ -157,8 +158,10 @@ async function checkPair(browser) {
   const [one, other] = await scale();
   assert.notEqual(one, before, "the wheel does not zoom");
   assert.equal(one, other, "the two are of different scales");
-  await page.click("[data-look=corner]");
-  (await both()).forEach((again, i) => assert.ok(difference(whole[i], again) < 0.001, `the view from the corner is another one: ${i}`));
+  await page.click("[data-viewpoint=corner]");
+  (await both()).forEach((again, i) => {
+    assert.ok(difference(whole[i], again) < 0.001, `the view from the corner differs: ${i}`);
+  });
   await page.click("#theme");
   await bothDiffer(whole, "the dark page is light");
 
@@ -166,7 +169,10 @@ async function checkPair(browser) {
   await fitsPhone(phone);
 }
 
-/** A body among obstacles. They can be seen and hidden, and the narrowest place is also stated beside the picture. */
+/**
+ * A body among obstacles. They can be seen and hidden, and the point of least clearance is also listed next to the
+ * picture.
+ */
 async function checkScene(browser) {
   run("scene", "pipe-rack", "-o", "rack.toml");
   plan("rack", "--to", "0,0,960", "--scene", "rack.toml");
@@ -190,13 +196,13 @@ const launch = (...args) =>
     args: [...args, ...(process.getuid() === 0 ? ["--no-sandbox"] : [])],
   });
 
-/** Without 3D, the page states this and still shows its numbers. */
+/** Without 3D, the page reports this and still shows its numbers. */
 async function checkWithoutPicture() {
   const browser = await launch("--disable-3d-apis");
   try {
     const page = await browser.newPage();
     await page.goto(pathToFileURL(join(directory, "1300.html")).href);
-    assert.ok(await page.isVisible(".no-picture"), "nothing says that there is no picture");
+    assert.ok(await page.isVisible(".no-picture"), "no message that there is no picture");
     await page.keyboard.press("Home");
     assert.match(await page.textContent("#bar output"), /^layer 0 of /);
     assert.match(await page.textContent("#numbers"), /1006\.4 mm/);
@@ -220,13 +226,14 @@ try {
   // The picture has the same size with any fonts.
   await middle.addStyleTag({ content: "header { height: 48px; overflow: hidden } #bar { height: 52px; overflow: hidden }" });
   await settled(middle);
-  await middle.click("[data-look=corner]");
+  await middle.click("[data-viewpoint=corner]");
   assert.ok(statSync(join(directory, "1300.html")).size < MAX_BYTES, "the file is too large");
   const seen = await picture(middle);
   if (bless === "--bless") writeFileSync(PICTURE, PNG.sync.write(seen, { deflateLevel: 9 }));
   const different = difference(seen, PNG.sync.read(readFileSync(PICTURE)));
   console.log(`1300: ${(100 * different).toFixed(3)} % of the picture differ from tests/viewer/picture.png`);
-  assert.ok(different <= MAX_DIFFERENT, `more than ${100 * MAX_DIFFERENT} %: if that is meant, write it anew with --bless`);
+  const advice = `more than ${100 * MAX_FRACTION} %: if that is intended, write it again with --bless`;
+  assert.ok(different <= MAX_FRACTION, advice);
   await checkControls(middle, Number(await middle.getAttribute("#slider", "max")));
 
   const large = await open(browser, "10000");
@@ -237,7 +244,7 @@ try {
   const grown = await open(browser, "run");
   const both = await picture(grown);
   assert.equal(await grown.textContent("#built-name"), "Laid (simulated)");
-  assert.ok(await grown.isVisible("#commanded"), "no switch for the commanded body beside the laid one");
+  assert.ok(await grown.isVisible("#commanded"), "no toggle for the commanded body next to the laid one");
   await grown.uncheck("#show-built");
   assert.ok(difference(both, await picture(grown)) > 0.005, "the body as built cannot be hidden");
   await grown.uncheck("#show-planned");
@@ -250,7 +257,7 @@ try {
   await fed.uncheck("#show-planned");
   const estimated = await picture(fed);
   await fed.uncheck("#show-estimated");
-  assert.ok(difference(estimated, await picture(fed)) > 0.0003, "no line where feedback took the tip to be");
+  assert.ok(difference(estimated, await picture(fed)) > 0.0003, "no line of the path that feedback estimated");
 
   const phone = await open(browser, "run", { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true, colorScheme: "dark" });
   assert.equal(await phone.getAttribute("html", "data-theme"), "dark");
@@ -264,7 +271,7 @@ try {
   await checkPair(browser);
   await checkWithoutPicture();
   assert.deepEqual(errors, []);
-  console.log("viewer: all well");
+  console.log("viewer: passed");
 } finally {
   await browser.close();
   rmSync(directory, { recursive: true });

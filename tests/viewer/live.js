@@ -20,16 +20,16 @@ import { chromium } from "playwright-core";
 import { environment } from "./environment.js";
 
 const growbot = resolve(process.argv[2]);
-const PATIENCE_MS = 600_000;
+const TIMEOUT_MS = 600_000;
 const errors = [];
 const children = [];
 
 const directory = await mkdtemp(join(tmpdir(), "growbot-live-"));
 const patient = join(directory, "patient.toml");
-const described = await readFile(new URL("../../robots/growbot-a.toml", import.meta.url), "utf8");
+const description = await readFile(new URL("../../robots/growbot-a.toml", import.meta.url), "utf8");
 const parksAfter = /^off_after_s = .*$/m;
-assert.match(described, parksAfter);
-await writeFile(patient, described.replace(parksAfter, "off_after_s = 86400.0"));
+assert.match(description, parksAfter);
+await writeFile(patient, description.replace(parksAfter, "off_after_s = 86400.0"));
 
 /** Starts a growth of 400 mm with a page. Returns the promise of its exit code, and the page's address. */
 async function grow(...args) {
@@ -44,29 +44,31 @@ async function grow(...args) {
       return { address, ended };
     }
   }
-  throw new Error(`growbot ended with ${await ended} and told no address`);
+  throw new Error(`growbot ended with ${await ended} and printed no address`);
 }
 
 /** Opens the page. With `update`, the page gets this update instead of growbot's. */
 async function open(browser, address, update) {
   const page = await browser.newPage({ viewport: { width: 1200, height: 760 }, colorScheme: "light" });
-  const said = { contentType: "text/event-stream", body: `data: ${JSON.stringify(update)}\n\n` };
-  if (update) await page.route("**/updates", (route) => route.fulfill(said));
-  page.setDefaultTimeout(PATIENCE_MS);
+  const response = { contentType: "text/event-stream", body: `data: ${JSON.stringify(update)}\n\n` };
+  if (update) await page.route("**/updates", (route) => route.fulfill(response));
+  page.setDefaultTimeout(TIMEOUT_MS);
   page.on("console", (message) => errors.push(`console ${message.type()}: ${message.text()}`));
   page.on("pageerror", (error) => errors.push(error.stack));
   page.on("request", (request) => {
-    if (!request.url().startsWith(address) && !request.url().startsWith("data:")) errors.push(`asked for ${request.url()}`);
+    const url = request.url();
+    if (!url.startsWith(address) && !url.startsWith("data:")) errors.push(`requested ${url}`);
   });
   await page.goto(address);
   await page.waitForSelector(".stage[data-drawn]");
   return page;
 }
 
-const laid = async (page) => Number((await page.textContent("#laid")).split(" ")[0]);
-const comesTo = (page, layers) =>
+const laidLayers = async (page) => Number((await page.textContent("#laid")).split(" ")[0]);
+const waitForLayers = (page, layers) =>
   page.waitForFunction((min) => Number(document.querySelector("#laid").textContent.split(" ")[0]) >= min, layers);
-const isIn = (page, state) => page.waitForFunction((name) => document.querySelector("#state").textContent === name, state);
+const waitForState = (page, state) =>
+  page.waitForFunction((name) => document.querySelector("#state").textContent === name, state);
 
 const browser = await chromium.launch({
   executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
@@ -74,30 +76,30 @@ const browser = await chromium.launch({
 });
 try {
   const watched = await grow("--pace", "100");
-  const looking = await open(browser, watched.address);
-  await isIn(looking, "growing");
-  assert.ok(await looking.isHidden("#orders"), "a page that may only look has buttons");
+  const readOnly = await open(browser, watched.address);
+  await waitForState(readOnly, "growing");
+  assert.ok(await readOnly.isHidden("#commands"), "a read-only page has command buttons");
 
   const controlled = await grow("--control", "--pace", "60");
   const page = await open(browser, controlled.address);
-  await isIn(page, "growing");
-  await comesTo(page, 5);
-  assert.match(await page.textContent("#left"), /left, done at (tomorrow )?\d\d:\d\d$/);
-  assert.match(await page.textContent("#temperature"), /\d+\.\d °C, regulated to 200 °C/);
+  await waitForState(page, "growing");
+  await waitForLayers(page, 5);
+  assert.match(await page.textContent("#remaining"), /left, done at (tomorrow )?\d\d:\d\d$/);
+  assert.match(await page.textContent("#temperature"), /\d+\.\d °C, target 200 °C/);
   await page.waitForFunction(() => Number(document.querySelector("#slider").max) >= 5);
   assert.match(await page.textContent("#bar output"), /^layer \d+ of \d{3} /);
-  await page.click("#order-pause");
-  await isIn(page, "paused");
-  const held = await laid(page);
-  assert.match(await page.textContent("#explanation"), /as it was asked to/);
-  assert.ok(await page.isVisible("[data-order=purge]"), "filament can be changed in a pause");
-  await page.click("#order-continue");
-  await comesTo(page, held + 3);
+  await page.click("#command-pause");
+  await waitForState(page, "paused");
+  const pausedAt = await laidLayers(page);
+  assert.notEqual(await page.textContent("#explanation"), "", "no explanation of the pause");
+  assert.ok(await page.isVisible("[data-command=purge]"), "filament cannot be changed during a pause");
+  await page.click("#command-continue");
+  await waitForLayers(page, pausedAt + 3);
   if (process.env.PICTURES) await page.screenshot({ path: `${process.env.PICTURES}/live.png` });
   // A page that is opened later shows everything too.
   const second = await open(browser, controlled.address);
-  await comesTo(second, held + 3);
-  await second.waitForFunction((min) => Number(document.querySelector("#slider").max) >= min, held + 3);
+  await waitForLayers(second, pausedAt + 3);
+  await second.waitForFunction((min) => Number(document.querySelector("#slider").max) >= min, pausedAt + 3);
   await second.close();
   // A board that was stopped because of its clock, as reported at the end.
   const drift = { message: "the board's clock is 5.0 % slow (limit 2 %)", remedy: "check the board's crystal" };
@@ -110,25 +112,26 @@ try {
     readings: { from: 0, taken: [] },
     ended: { outcome: "clock-drift", clock_drift: drift },
   });
-  await isIn(drifted, "clock-drift");
+  await waitForState(drifted, "clock-drift");
   const problem = await drifted.textContent("#problem");
-  assert.ok(problem.includes(drift.message) && problem.includes(drift.remedy) && (await drifted.isVisible("#problem")), problem);
+  assert.ok(problem.includes(drift.message) && problem.includes(drift.remedy), problem);
+  assert.ok(await drifted.isVisible("#problem"));
   await drifted.close();
-  await page.click("[data-order=stop]");
-  await isIn(page, "stopped");
-  assert.equal(await controlled.ended, 1, "a growth that was stopped ends with 1");
-  await page.waitForSelector("#ended dl");
-  const stopped = await laid(page);
-  console.log(`live: grew, held at layer ${held}, went on, stopped after ${stopped}`);
+  await page.click("[data-command=stop]");
+  await waitForState(page, "stopped");
+  assert.equal(await controlled.ended, 1, "the exit code of a stopped growth is not 1");
+  await page.waitForSelector("#result dl");
+  const stopped = await laidLayers(page);
+  console.log(`live: grew, paused at layer ${pausedAt}, continued, stopped after ${stopped}`);
   await page.close();
 
-  await isIn(looking, "done");
+  await waitForState(readOnly, "done");
   assert.equal(await watched.ended, 0);
-  await looking.waitForFunction(() => /^layer (\d+) of \1 /.test(document.querySelector("#bar output").textContent));
-  if (process.env.PICTURES) await looking.screenshot({ path: `${process.env.PICTURES}/live-done.png` });
-  console.log(`live: followed ${await laid(looking)} layers to their end`);
+  await readOnly.waitForFunction(() => /^layer (\d+) of \1 /.test(document.querySelector("#bar output").textContent));
+  if (process.env.PICTURES) await readOnly.screenshot({ path: `${process.env.PICTURES}/live-done.png` });
+  console.log(`live: followed ${await laidLayers(readOnly)} layers to their end`);
   assert.deepEqual(errors, []);
-  console.log("live: all well");
+  console.log("live: passed");
 } finally {
   children.forEach((child) => child.kill());
   await browser.close();

@@ -44,7 +44,7 @@ export function growBody(start, layers) {
     const tilt = layers.tilt[i];
     const height = layers.height[i];
     // The tip bends away from the angle of greatest deposition.
-    const towards = [-Math.cos(layers.alpha[i]), -Math.sin(layers.alpha[i])];
+    const bendDirection = [-Math.cos(layers.alpha[i]), -Math.sin(layers.alpha[i])];
     const sine = Math.sin(tilt);
     const half = Math.sin(0.5 * tilt);
     const versine = 2 * half * half;
@@ -54,22 +54,22 @@ export function growBody(start, layers) {
       const x = frames[from + k];
       const y = frames[from + 3 + k];
       const z = frames[from + 6 + k];
-      // Direction of the bend in the plane of the tip.
-      const bend = towards[0] * x + towards[1] * y;
+      // The direction of the bend in the plane of the tip.
+      const bend = bendDirection[0] * x + bendDirection[1] * y;
       const turned = -versine * bend - sine * z;
-      frames[to + k] = x + towards[0] * turned;
-      frames[to + 3 + k] = y + towards[1] * turned;
+      frames[to + k] = x + bendDirection[0] * turned;
+      frames[to + 3 + k] = y + bendDirection[1] * turned;
       frames[to + 6 + k] = z * (1 - versine) + sine * bend;
       frames[to + 9 + k] = frames[from + 9 + k] + lateral * bend + axial * z;
     }
-    straighten(frames, to);
+    orthonormalize(frames, to);
     lengths[i + 1] = lengths[i] + height;
   }
   return { layers, frames, lengths };
 }
 
 /** Makes the axes of a frame perpendicular and of length 1 again. */
-function straighten(frames, at) {
+function orthonormalize(frames, at) {
   const [x, y, z] = [at, at + 3, at + 6].map((axis) => frames.subarray(axis, axis + 3));
   normalize(z);
   const along = x[0] * z[0] + x[1] * z[1] + x[2] * z[2];

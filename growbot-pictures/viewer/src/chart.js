@@ -3,31 +3,31 @@
 
 import { durationText } from "./text.js";
 
-const [WIDE, HIGH, MAX_POINTS] = [280, 90, 400];
-/** Time that the temperature chart shows, s, and its min span, degrees Celsius, so that the regulation is visible. */
-const [SHOWN_S, MIN_SPAN_C] = [1800, 10];
-/** Smallest range of the chart, mm. Smaller deviations are rounding errors. */
-const FINEST = 0.001;
+const [WIDTH, HEIGHT, MAX_POINTS] = [280, 90, 400];
+/** Time span of the temperature chart, s, and its smallest temperature span, degrees Celsius. */
+const [TIME_SPAN_S, MIN_SPAN_C] = [1800, 10];
+/** Smallest range of the deviation chart, mm. Smaller deviations are rounding errors. */
+const MIN_RANGE_MM = 0.001;
 
 /** Returns the distance from the planned body at the same length, mm, for each number of layers. */
-export function deviations(built, planned) {
-  const off = new Float64Array(built.lengths.length);
+export function deviationsFromPlan(built, planned) {
+  const deviations = new Float64Array(built.lengths.length);
   const last = planned.lengths.length - 1;
-  let near = 0;
-  for (let i = 0; i < off.length; i += 1) {
+  let before = 0;
+  for (let i = 0; i < deviations.length; i += 1) {
     const length = built.lengths[i];
-    while (near < last - 1 && planned.lengths[near + 1] < length) near += 1;
-    const next = Math.min(last, near + 1);
-    const step = planned.lengths[next] - planned.lengths[near];
-    const share = step > 0 ? Math.min(1, (length - planned.lengths[near]) / step) : 0;
+    while (before < last - 1 && planned.lengths[before + 1] < length) before += 1;
+    const next = Math.min(last, before + 1);
+    const step = planned.lengths[next] - planned.lengths[before];
+    const share = step > 0 ? Math.min(1, (length - planned.lengths[before]) / step) : 0;
     let sum = 0;
     for (let k = 9; k < 12; k += 1) {
-      const there = planned.frames[near * 12 + k] * (1 - share) + planned.frames[next * 12 + k] * share;
-      sum += (built.frames[i * 12 + k] - there) ** 2;
+      const expected = planned.frames[before * 12 + k] * (1 - share) + planned.frames[next * 12 + k] * share;
+      sum += (built.frames[i * 12 + k] - expected) ** 2;
     }
-    off[i] = Math.sqrt(sum);
+    deviations[i] = Math.sqrt(sum);
   }
-  return off;
+  return deviations;
 }
 
 function make(tag, attributes) {
@@ -42,67 +42,73 @@ function makeText(x, y, anchor, text) {
   return element;
 }
 
-/** Puts a chart into its place, and removes the previous one. */
-function put(place, svg) {
-  place.querySelector("svg")?.remove();
-  place.append(svg);
-  place.hidden = false;
+/** Shows a chart in its section in place of the previous one. */
+function replaceChart(section, svg) {
+  section.querySelector("svg")?.remove();
+  section.append(svg);
+  section.hidden = false;
 }
 
 /** Draws the chart of deviations. `mark(length)` of the result marks a position along the body. */
-export function drawChart(place, built, off) {
+export function drawDeviationChart(section, built, deviations) {
   const length = Math.max(built.lengths.at(-1), 1e-9);
-  const max = Math.max(off.reduce((a, b) => Math.max(a, b), 0), FINEST);
-  const stride = Math.max(1, Math.ceil(off.length / MAX_POINTS));
+  const max = Math.max(deviations.reduce((a, b) => Math.max(a, b), 0), MIN_RANGE_MM);
+  const stride = Math.max(1, Math.ceil(deviations.length / MAX_POINTS));
   const points = [];
-  for (let i = 0; i < off.length; i += stride) {
-    points.push(`${((built.lengths[i] / length) * WIDE).toFixed(1)},${(HIGH - (off[i] / max) * HIGH).toFixed(1)}`);
+  for (let i = 0; i < deviations.length; i += stride) {
+    const [x, y] = [(built.lengths[i] / length) * WIDTH, HEIGHT - (deviations[i] / max) * HEIGHT];
+    points.push(`${x.toFixed(1)},${y.toFixed(1)}`);
   }
-  const svg = make("svg", { viewBox: `0 -12 ${WIDE} ${HIGH + 28}`, role: "img", "aria-label": `Deviation of ${max.toFixed(3)} mm at most` });
-  const line = make("line", { y1: 0, y2: HIGH, x1: WIDE, x2: WIDE, stroke: "var(--accent)", "stroke-dasharray": "2 2" });
+  const label = `Deviation of at most ${max.toFixed(3)} mm`;
+  const svg = make("svg", { viewBox: `0 -12 ${WIDTH} ${HEIGHT + 28}`, role: "img", "aria-label": label });
+  const x = { x1: WIDTH, x2: WIDTH };
+  const line = make("line", { y1: 0, y2: HEIGHT, ...x, stroke: "var(--accent)", "stroke-dasharray": "2 2" });
   svg.append(
-    make("line", { x1: 0, x2: WIDE, y1: HIGH, y2: HIGH, stroke: "var(--edge)" }),
+    make("line", { x1: 0, x2: WIDTH, y1: HEIGHT, y2: HEIGHT, stroke: "var(--edge)" }),
     make("polyline", { points: points.join(" "), fill: "none", stroke: "var(--accent)", "stroke-width": 1.5 }),
     line,
     makeText(0, -3, "start", `${Number(max.toPrecision(2))} mm`),
-    makeText(0, HIGH + 14, "start", "0"),
-    makeText(WIDE, HIGH + 14, "end", `${length.toFixed(0)} mm`),
+    makeText(0, HEIGHT + 14, "start", "0"),
+    makeText(WIDTH, HEIGHT + 14, "end", `${length.toFixed(0)} mm`),
   );
-  put(place, svg);
+  replaceChart(section, svg);
   return {
-    mark: (at) => ["x1", "x2"].forEach((end) => line.setAttribute(end, (at / length) * WIDE)),
+    mark: (at) => ["x1", "x2"].forEach((end) => line.setAttribute(end, (at / length) * WIDTH)),
   };
 }
 
 /**
  * Draws the temperature of the nozzle over the last half hour. Each reading has the time in s, the temperature and the
- * target, degrees Celsius.
+ * target in degrees Celsius. The target is null while the heater is off.
  */
-export function drawReadings(place, readings) {
+export function drawTemperatureChart(section, readings) {
   if (readings.length === 0) return;
   const [now, latest, target] = readings.at(-1);
-  const shown = readings.filter(([time]) => time >= now - SHOWN_S);
-  const began = shown[0][0];
-  const span = Math.max(now - began, 1);
+  const shown = readings.filter(([time]) => time >= now - TIME_SPAN_S);
+  const start = shown[0][0];
+  const span = Math.max(now - start, 1);
   const all = shown.flatMap(([, celsius, setpoint]) => [celsius, setpoint ?? celsius]);
-  const [coldest, hottest] = [Math.min(...all), Math.max(...all)];
-  const spare = Math.max(1, 0.5 * (MIN_SPAN_C - (hottest - coldest)));
-  const [min, max] = [coldest - spare, hottest + spare];
-  const x = (time) => (((time - began) / span) * WIDE).toFixed(1);
-  const y = (celsius) => (HIGH - ((celsius - min) / (max - min)) * HIGH).toFixed(1);
-  const svg = make("svg", { viewBox: `0 -14 ${WIDE} ${HIGH + 30}`, role: "img", "aria-label": `Nozzle at ${latest.toFixed(1)} °C` });
-  svg.append(make("line", { x1: 0, x2: WIDE, y1: HIGH, y2: HIGH, stroke: "var(--edge)" }));
+  const [lowest, highest] = [Math.min(...all), Math.max(...all)];
+  const margin = Math.max(1, 0.5 * (MIN_SPAN_C - (highest - lowest)));
+  const [min, max] = [lowest - margin, highest + margin];
+  const x = (time) => (((time - start) / span) * WIDTH).toFixed(1);
+  const y = (celsius) => (HEIGHT - ((celsius - min) / (max - min)) * HEIGHT).toFixed(1);
+  const label = `Nozzle at ${latest.toFixed(1)} °C`;
+  const svg = make("svg", { viewBox: `0 -14 ${WIDTH} ${HEIGHT + 30}`, role: "img", "aria-label": label });
+  svg.append(make("line", { x1: 0, x2: WIDTH, y1: HEIGHT, y2: HEIGHT, stroke: "var(--edge)" }));
   if (target !== null) {
-    svg.append(make("line", { x1: 0, x2: WIDE, y1: y(target), y2: y(target), stroke: "var(--soft)", "stroke-dasharray": "2 2" }));
+    const targetLine = { x1: 0, x2: WIDTH, y1: y(target), y2: y(target) };
+    svg.append(make("line", { ...targetLine, stroke: "var(--soft)", "stroke-dasharray": "2 2" }));
   }
+  const targetText = target === null ? "heater off" : `target ${target.toFixed(0)} °C`;
   const points = shown.map(([time, celsius]) => `${x(time)},${y(celsius)}`).join(" ");
   svg.append(
     make("polyline", { points, fill: "none", stroke: "var(--goal)", "stroke-width": 1.5 }),
-    makeText(0, -4, "start", `${latest.toFixed(1)} °C, ${target === null ? "heater off" : `regulated to ${target.toFixed(0)} °C`}`),
-    makeText(WIDE, -4, "end", `${max.toFixed(0)}`),
-    makeText(WIDE, HIGH - 3, "end", `${min.toFixed(0)}`),
-    makeText(0, HIGH + 14, "start", `${durationText(span)} ago`),
-    makeText(WIDE, HIGH + 14, "end", "now"),
+    makeText(0, -4, "start", `${latest.toFixed(1)} °C, ${targetText}`),
+    makeText(WIDTH, -4, "end", `${max.toFixed(0)}`),
+    makeText(WIDTH, HEIGHT - 3, "end", `${min.toFixed(0)}`),
+    makeText(0, HEIGHT + 14, "start", `${durationText(span)} ago`),
+    makeText(WIDTH, HEIGHT + 14, "end", "now"),
   );
-  put(place, svg);
+  replaceChart(section, svg);
 }

@@ -9,9 +9,9 @@ export function setHeightColours(colours) {
 
 /** Returns the colour at a share from 0 to 1, as three bytes. */
 export function colourAt(share) {
-  const place = Math.min(1, Math.max(0, share)) * (stops.length - 1);
-  const low = Math.min(stops.length - 2, Math.floor(place));
-  return stops[low].map((from, k) => Math.round(from + (stops[low + 1][k] - from) * (place - low)));
+  const position = Math.min(1, Math.max(0, share)) * (stops.length - 1);
+  const low = Math.min(stops.length - 2, Math.floor(position));
+  return stops[low].map((from, k) => Math.round(from + (stops[low + 1][k] - from) * (position - low)));
 }
 
 /** Returns the scale as a CSS gradient. */

@@ -1,135 +1,142 @@
-// A running growth: the view of its plan, to which the board's reports add layers, with state, progress, temperature
-// and commands.
+// The page of a running growth: its plan, the layers that the board reports, the state, progress, temperature and
+// commands.
 //
 // Updates are server-sent events (growbot-host/src/watch/). Each contains the changes since the last one, with layers
 // and readings from an index on.
 
 import { decodeLayers, growBody } from "./body.js";
-import { drawReadings } from "./chart.js";
-import { joinOne } from "./one.js";
+import { drawTemperatureChart } from "./chart.js";
+import { mountBody } from "./one.js";
 import { durationText, fillNumbers, finishText } from "./text.js";
 
 const find = (selector) => document.querySelector(selector);
 const HEX_PER_LAYER = 24;
-/** Greatest share of the time that may be spent on building the body. */
-const SHARE = 0.2;
+/** Largest share of the time that is spent on building the body. */
+const MAX_BUILD_SHARE = 0.2;
 
 const STATE_NAMES = { "emergency-stop": "emergency stop" };
+/** Sources of the reached pose (`measured_by` of the result). */
+const MEASURED_BY = {
+  tip: "from the simulated tip", estimate: "from the feedback's estimate", steps: "from the board's steps",
+};
 
 /** Shows the growth, and returns its pictures. */
 export function showLive(data) {
-  const view = joinOne({ ...data, built: "" });
+  const view = mountBody({ ...data, built: "" });
   find("#live").hidden = false;
-  find("#orders").hidden = !data.live.control;
+  find("#commands").hidden = !data.live.control;
   const title = document.title;
 
   let built = "";
   let readings = [];
   let timer = null;
   let stale = false;
-  const grow = () => {
+  const rebuild = () => {
     timer = null;
     stale = false;
-    const began = performance.now();
+    const start = performance.now();
     view.replaceBuilt(growBody(data.start, decodeLayers(built)));
-    const took = performance.now() - began;
+    const took = performance.now() - start;
     timer = setTimeout(() => {
       timer = null;
-      if (stale) grow();
-    }, took / SHARE);
+      if (stale) rebuild();
+    }, took / MAX_BUILD_SHARE);
   };
 
   const source = new EventSource("updates");
   source.onmessage = ({ data: text }) => {
     const update = JSON.parse(text);
-    const { layers, readings: taken, total, ended, built_name: builtName } = update;
+    const { layers, readings: newReadings, total, ended: result, built_name: builtName } = update;
     const laid = layers.from + layers.built.length / HEX_PER_LAYER;
-    readings = [...readings.slice(0, taken.from), ...taken.taken];
+    readings = [...readings.slice(0, newReadings.from), ...newReadings.taken];
     built = built.slice(0, layers.from * HEX_PER_LAYER) + layers.built;
     view.total = total;
     // Layers of a simulated tip are reported again with the position of the plastic. So the picture may be out of date
     // even if the number of layers is unchanged.
     stale ||= layers.built.length > 0;
-    if (timer === null && stale) grow();
+    if (timer === null && stale) rebuild();
     if (builtName) find("#built-name").textContent = builtName;
     showState(update);
     find("#progress").value = total > 0 ? laid / total : 1;
     find("#laid").textContent = `${laid} of ${total} layers`;
-    find("#left").textContent = ended ? "" : leftText(update);
-    drawReadings(find("#temperature"), readings);
+    find("#remaining").textContent = result ? "" : remainingText(update);
+    drawTemperatureChart(find("#temperature"), readings);
     document.title = `${total > 0 ? Math.floor((100 * laid) / total) : 100} % · ${title}`;
-    if (ended) {
+    if (result) {
       source.close();
-      end(ended);
+      showResult(result);
     }
   };
   source.onerror = () => {
-    const gone = source.readyState === EventSource.CLOSED;
-    showProblem(gone ? "This growth is no longer served at this address." : "growbot does not answer: it has ended, or the connection is cut. Trying again…");
+    const isClosed = source.readyState === EventSource.CLOSED;
+    const lost = "Cannot reach growbot: it has ended, or the connection is lost. Retrying…";
+    showProblem(isClosed ? "This growth is no longer available at this URL." : lost);
   };
   source.onopen = () => showProblem("");
 
-  document.querySelectorAll("[data-order]").forEach((button) => {
-    button.addEventListener("click", () => give(button.dataset.order));
+  document.querySelectorAll("[data-command]").forEach((button) => {
+    button.addEventListener("click", () => sendCommand(button.dataset.command));
   });
   return [view.picture];
 }
 
 /** Returns the text of the remaining time, with the time of the end if it is known. */
-function leftText({ left_s: left, finish_in_s: finish, state }) {
-  const time = `${durationText(left)} ${state === "growing" ? "left" : "of growing left"}`;
+function remainingText({ left_s: remaining, finish_in_s: finish, state }) {
+  const time = `${durationText(remaining)} ${state === "growing" ? "left" : "of growth left"}`;
   return finish === null || finish === undefined ? time : `${time}, done at ${finishText(new Date(), finish)}`;
 }
 
-function showState({ state, answers, explanation, refused, warned }) {
+function showState({ state, answers: isResponding, explanation, refused: commandError, warned: warning }) {
   const badge = find("#state");
   badge.textContent = STATE_NAMES[state] ?? state;
   badge.dataset.state = state;
   find("#explanation").textContent = explanation ?? "";
   // Filament is changed during a pause.
-  find("#filament").hidden = find("#orders").hidden || state !== "paused";
-  const waits = ["paused", "parked"].includes(state);
-  find("#order-pause").hidden = waits;
-  find("#order-continue").hidden = !waits;
-  showProblem(warned ?? "", "#log-problem");
-  showProblem(answers ? (refused ?? "") : "The board does not answer: growbot calls it again.");
+  find("#filament").hidden = find("#commands").hidden || state !== "paused";
+  const isPaused = ["paused", "parked"].includes(state);
+  find("#command-pause").hidden = isPaused;
+  find("#command-continue").hidden = !isPaused;
+  showProblem(warning ?? "", "#log-problem");
+  showProblem(isResponding ? (commandError ?? "") : "The board does not respond. growbot is retrying.");
 }
 
 /**
- * Shows a problem of the growth or the connection. Another place is for a problem of a command, which updates do not
- * remove.
+ * Shows a problem of the growth or the connection, or hides it if the text is empty. Problems of a command have another
+ * element, because updates do not clear them.
  */
-function showProblem(text, place = "#problem") {
-  const problem = find(place);
+function showProblem(text, selector = "#problem") {
+  const problem = find(selector);
   problem.textContent = text;
   problem.hidden = text === "";
 }
 
 /** Shows the result of the growth and the final pose of the tip. */
-function end(result) {
+function showResult(result) {
   const badge = find("#state");
   badge.textContent = result.outcome;
   badge.dataset.state = result.outcome;
-  find("#orders").hidden = true;
+  find("#commands").hidden = true;
   find("#filament").hidden = true;
   if (result.error) showProblem(result.error);
   const drift = result.clock_drift;
-  if (drift) showProblem(`It was stopped: ${drift.message}; ${drift.remedy}.`);
+  if (drift) showProblem(`The growth was stopped: ${drift.message}; ${drift.remedy}.`);
   if (!result.measured_by) return;
-  const by = result.measured_by === "steps" ? "steps say" : `${result.measured_by} says`;
   const rows = [
-    ["From the goal", `${result.position_error_mm.toFixed(3)} mm`],
-    ["Of the length", `${(100 * result.normalized_position_error).toFixed(4)} %`],
-    ["Off its direction", `${result.direction_error_deg.toFixed(3)}°`],
+    ["Position error", `${result.position_error_mm.toFixed(3)} mm`],
+    ["Normalized position error", `${(100 * result.normalized_position_error).toFixed(4)} %`],
+    ["Direction error", `${result.direction_error_deg.toFixed(3)}°`],
   ];
-  fillNumbers(find("#ended"), [[`Arrived, as the ${by}`, rows]]);
+  const source = MEASURED_BY[result.measured_by] ?? result.measured_by;
+  fillNumbers(find("#result"), [[`Reached pose, ${source}`, rows]]);
 }
 
-async function give(order) {
+/** Sends a command to the growth. */
+async function sendCommand(command) {
   try {
-    const answer = await fetch(`orders/${order}`, { method: "POST" });
-    showProblem(answer.ok ? "" : `${order} was refused: ${await answer.text()}`, "#order-problem");
+    const response = await fetch(`orders/${command}`, { method: "POST" });
+    showProblem(response.ok ? "" : `${command} was rejected: ${await response.text()}`, "#command-problem");
   } catch (error) {
-    showProblem(`${order} did not reach growbot (${error.message}): use the robot's own emergency stop, or \`growbot estop\``, "#order-problem");
+    const remedy = "use the robot's own emergency stop, or `growbot estop`";
+    showProblem(`${command} did not reach growbot (${error.message}): ${remedy}`, "#command-problem");
   }
 }

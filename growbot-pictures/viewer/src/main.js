@@ -8,34 +8,34 @@
 
 import { setHeightColours } from "./colours.js";
 import { showLive } from "./live.js";
-import { showOne } from "./one.js";
+import { showBody } from "./one.js";
 import { showPair } from "./pair.js";
 
 const find = (selector) => document.querySelector(selector);
 const data = JSON.parse(find("#data").textContent);
 setHeightColours(data.height_colours);
 /** Shows the data and returns the pictures. A picture is null if the browser cannot draw it. */
-const show = data.compared ? showPair : data.live ? showLive : showOne;
+const show = data.compared ? showPair : data.live ? showLive : showBody;
 const pictures = show(data).filter(Boolean);
 
-document.querySelectorAll("[data-look]").forEach((button) => {
-  button.addEventListener("click", () => pictures.forEach((picture) => picture.look(button.dataset.look)));
+document.querySelectorAll("[data-viewpoint]").forEach((button) => {
+  button.addEventListener("click", () => pictures.forEach((picture) => picture.setViewpoint(button.dataset.viewpoint)));
 });
-joinTheme();
+initTheme();
 
 /** Sets the theme to that of the system, until the user clicks the button. */
-function joinTheme() {
+function initTheme() {
   const system = matchMedia("(prefers-color-scheme: dark)");
-  let chosen = null;
+  let userChoice = null;
   const apply = () => {
-    const theme = chosen ?? (system.matches ? "dark" : "light");
+    const theme = userChoice ?? (system.matches ? "dark" : "light");
     document.documentElement.dataset.theme = theme;
     find("#theme").textContent = theme === "dark" ? "Light" : "Dark";
-    pictures.forEach((picture) => picture.paint());
+    pictures.forEach((picture) => picture.applyTheme());
   };
   system.addEventListener("change", apply);
   find("#theme").addEventListener("click", () => {
-    chosen = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+    userChoice = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
     apply();
   });
   apply();

@@ -9,11 +9,11 @@ const UP = new Vector3(0, 1, 0);
 
 /** Makes an arrow of this length from a point (mm) in a direction. */
 export function makeArrow(from, direction, length, colour) {
-  const thick = 0.035 * length;
+  const radius = 0.035 * length;
   const material = new MeshLambertMaterial({ color: colour });
-  const shaft = new Mesh(new CylinderGeometry(thick, thick, 0.7 * length, 24), material);
+  const shaft = new Mesh(new CylinderGeometry(radius, radius, 0.7 * length, 24), material);
   shaft.position.y = 0.35 * length;
-  const head = new Mesh(new ConeGeometry(3 * thick, 0.3 * length, 32), material);
+  const head = new Mesh(new ConeGeometry(3 * radius, 0.3 * length, 32), material);
   head.position.y = 0.85 * length;
   const group = new Group();
   group.add(shaft, head);
@@ -22,7 +22,7 @@ export function makeArrow(from, direction, length, colour) {
   return group;
 }
 
-/** Makes a ball at a pose on the way. It is visible through the tube. */
+/** Makes a ball at a point. It is visible through the tube. */
 export function makeBall(at, radius, colour) {
   const ball = new Mesh(new SphereGeometry(radius, 24, 16), new MeshBasicMaterial({ color: colour, depthTest: false }));
   ball.position.fromArray(at);
@@ -30,7 +30,7 @@ export function makeBall(at, radius, colour) {
   return ball;
 }
 
-/** Makes the frame of the tip, x red, y green, z blue, over everything else. `place(frames, at)` moves it. */
+/** Makes the frame of the tip, x red, y green, z blue, over everything else. `moveTo(frames, index)` moves it. */
 export function makeTipFrame(length) {
   const group = new Group();
   for (const [direction, colour] of [[[1, 0, 0], 0xd93a3a], [[0, 1, 0], 0x2f9e4f], [[0, 0, 1], 0x2f6fe0]]) {
@@ -42,15 +42,15 @@ export function makeTipFrame(length) {
     group.add(axis);
   }
   group.matrixAutoUpdate = false;
-  const place = (frames, f) => {
+  const moveTo = (frames, f) => {
     const m = frames.subarray(f, f + 12);
     group.matrix.set(m[0], m[3], m[6], m[9], m[1], m[4], m[7], m[10], m[2], m[5], m[8], m[11], 0, 0, 0, 1);
     group.matrixWorldNeedsUpdate = true;
   };
-  return { group, place, length };
+  return { group, moveTo, length };
 }
 
-function points(body, map = (x, y, z) => [x, y, z]) {
+function centrelineGeometry(body, map = (x, y, z) => [x, y, z]) {
   const count = body.layers.count + 1;
   const position = new Float32Array(count * 3);
   for (let i = 0; i < count; i += 1) position.set(map(...body.frames.subarray(i * 12 + 9, i * 12 + 12)), i * 3);
@@ -62,7 +62,7 @@ function points(body, map = (x, y, z) => [x, y, z]) {
 /** Makes the dashed centreline of a body. It is visible through the tube. */
 export function makeCentreline(body, colour, dash) {
   const material = new LineDashedMaterial({ color: colour, dashSize: dash, gapSize: 0.6 * dash, depthTest: false, transparent: true });
-  const line = new Line(points(body), material);
+  const line = new Line(centrelineGeometry(body), material);
   line.computeLineDistances();
   line.renderOrder = 4;
   line.frustumCulled = false;
@@ -70,9 +70,9 @@ export function makeCentreline(body, colour, dash) {
 }
 
 /** Makes a fine line through points. It is visible through the tube. */
-export function makeTrace(places, colour) {
+export function makeTrace(points, colour) {
   const geometry = new BufferGeometry();
-  geometry.setAttribute("position", new BufferAttribute(new Float32Array(places.flat()), 3));
+  geometry.setAttribute("position", new BufferAttribute(new Float32Array(points.flat()), 3));
   const line = new Line(geometry, new LineBasicMaterial({ color: colour, depthTest: false, transparent: true }));
   line.renderOrder = 4;
   line.frustumCulled = false;
@@ -81,7 +81,7 @@ export function makeTrace(places, colour) {
 
 /** Makes the body's shadow on the floor. `show(layers)` sets its length. */
 export function makeShadow(body, floor) {
-  const geometry = points(body, (x, y) => [x, y, floor]);
+  const geometry = centrelineGeometry(body, (x, y) => [x, y, floor]);
   const line = new Line(geometry, new LineBasicMaterial({ transparent: true, opacity: 0.55 }));
   line.frustumCulled = false;
   return { line, show: (layers) => geometry.setDrawRange(0, layers + 1) };

@@ -1,4 +1,4 @@
-// The scene around a body: translucent obstacles, and the narrowest point.
+// The scene of a body: translucent obstacles, and the point of least clearance.
 //
 // The input (growbot-pictures/src/view/page_data.rs) has these arrays, in mm:
 //
@@ -20,9 +20,9 @@ import { makeBall } from "./marks.js";
 const UP = new Vector3(0, 1, 0);
 const OPACITY = 0.26;
 /** Opacity of half spaces, which are behind everything. */
-const FAINT = 0.12;
+const HALF_SPACE_OPACITY = 0.12;
 /** Smallest radius of the balls of points, mm. */
-const LEAST_POINT = 0.5;
+const MIN_POINT_RADIUS_MM = 0.5;
 
 function makeBox(given) {
   const mesh = new BoxGeometry(...given.slice(3, 6).map((half) => 2 * half));
@@ -51,16 +51,16 @@ function makeBalls(shape, numbers, material) {
   const balls = new InstancedMesh(shape, material, numbers.length / 4);
   for (let i = 0; i < balls.count; i += 1) {
     const [x, y, z, radius] = numbers.slice(4 * i, 4 * i + 4);
-    balls.setMatrixAt(i, new Matrix4().makeScale(...Array(3).fill(Math.max(LEAST_POINT, radius))).setPosition(x, y, z));
+    balls.setMatrixAt(i, new Matrix4().makeScale(...Array(3).fill(Math.max(MIN_POINT_RADIUS_MM, radius))).setPosition(x, y, z));
   }
   balls.frustumCulled = false;
   return balls;
 }
 
 /**
- * Returns the `group` of the obstacles, and the `mark` at the narrowest point with a ball of this radius at each end.
- * `label` is the text of the mark, and `at` its position. `paint(obstacles, narrowest)` sets the colours. `reach(from)`
- * returns the greatest distance of the obstacles from a point, mm.
+ * Returns the `group` of the obstacles, and the `mark` at the point of least clearance with a ball of this radius at each
+ * end. `label` is the text of the mark, and `at` its position. `setColours(obstacles, mark)` sets the colours.
+ * `greatestDistance(from)` returns the greatest distance of the obstacles from a point, mm.
  */
 export function makeObstacles(given, radius) {
   const material = new MeshLambertMaterial({ transparent: true, opacity: OPACITY, depthWrite: false, side: DoubleSide });
@@ -69,7 +69,7 @@ export function makeObstacles(given, radius) {
   if (given.triangles.length > 0) geometries.push(makeSurface(given.triangles));
   const group = new Group();
   geometries.forEach((geometry) => group.add(new Mesh(geometry, material)));
-  const faint = Object.assign(material.clone(), { opacity: FAINT });
+  const faint = Object.assign(material.clone(), { opacity: HALF_SPACE_OPACITY });
   if (squares.length > 0) group.add(new Mesh(makeSurface(squares), faint));
   if (given.balls.length > 0) group.add(makeBalls(new SphereGeometry(1, 24, 16), given.balls.flat(), material));
   if (given.points.length > 0) group.add(makeBalls(new IcosahedronGeometry(1, 0), given.points, material));
@@ -91,24 +91,25 @@ export function makeObstacles(given, radius) {
       part.renderOrder = 4;
     });
   }
-  const paint = (obstacles, colour) => {
+  const setColours = (obstacles, colour) => {
     material.color.set(obstacles);
     faint.color.set(obstacles);
     mark.children.forEach((part) => part.material.color.set(colour));
   };
-  const reach = (from) => {
-    const corners = [...geometries, makeSurface(squares), ...[given.balls.flat(), given.points].map(centres)].flatMap((geometry) => {
+  const greatestDistance = (from) => {
+    const distances = [...geometries, makeSurface(squares), ...[given.balls.flat(), given.points].map(centresGeometry)].flatMap((geometry) => {
       geometry.computeBoundingSphere();
       const sphere = geometry.boundingSphere;
       return sphere && sphere.radius >= 0 ? [sphere.center.distanceTo(from) + sphere.radius] : [];
     });
-    return corners.reduce((max, corner) => Math.max(max, corner), 0);
+    return distances.reduce((a, b) => Math.max(a, b), 0);
   };
-  return { group, mark, paint, reach, label: narrowest && `narrowest: ${narrowest.label}`, at: narrowest?.on_obstacle };
+  const label = narrowest && `narrowest: ${narrowest.label}`;
+  return { group, mark, setColours, greatestDistance, label, at: narrowest?.on_obstacle };
 }
 
-/** Returns the centres of balls, 4 numbers each. */
-function centres(numbers) {
+/** Returns the centres of balls, 4 numbers each, as a geometry. */
+function centresGeometry(numbers) {
   const points = Array.from({ length: numbers.length / 4 }, (_, i) => new Vector3(...numbers.slice(4 * i, 4 * i + 3)));
   return new BufferGeometry().setFromPoints(points);
 }

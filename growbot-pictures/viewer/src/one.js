@@ -1,7 +1,7 @@
 // A plan or a growth: its picture, and the numbers next to it.
 
 import { poseAt } from "./body.js";
-import { drawChart, deviations } from "./chart.js";
+import { deviationsFromPlan, drawDeviationChart } from "./chart.js";
 import { makePicture } from "./picture.js";
 import { makePlayer } from "./player.js";
 import { readSubject } from "./subject.js";
@@ -11,13 +11,13 @@ import { heightRange } from "./tube.js";
 const find = (selector) => document.querySelector(selector);
 
 /** Shows the body, and returns its pictures. */
-export const showOne = (data) => [joinOne(data).picture];
+export const showBody = (data) => [mountBody(data).picture];
 
 /**
  * Shows the body, and returns its view. The view has the `picture`, `replaceBuilt(body)` for a running growth, the
  * current number of layers `layers()`, and the final number `total`.
  */
-export function joinOne(data) {
+export function mountBody(data) {
   const subject = readSubject(data);
   const { planned, robot, sizes } = subject;
   let { body, built } = subject;
@@ -28,23 +28,25 @@ export function joinOne(data) {
   const picture = makePicture(find(".stage"), subject, data.live ? { range: heightRange([{ body: planned, sizes }]) } : {});
   const view = { picture, total: (data.live ? planned : body).layers.count, layers: () => body.layers.count };
 
-  const shown = ["built", "planned", "commanded", "estimated"].map((name) => [name, find(`#show-${name}`)]);
-  shown.forEach(([, box]) => {
-    box.addEventListener("change", () => picture?.reveal(Object.fromEntries(shown.map(([name, { checked }]) => [name, checked]))));
+  const toggles = ["built", "planned", "commanded", "estimated"].map((name) => [name, find(`#show-${name}`)]);
+  toggles.forEach(([, box]) => {
+    box.addEventListener("change", () => {
+      picture?.setVisible(Object.fromEntries(toggles.map(([name, { checked }]) => [name, checked])));
+    });
   });
-  find("#compared").hidden = !built;
+  find("#bodies").hidden = !built;
   find("#scene").hidden = !data.scene;
-  find("#show-scene").addEventListener("change", ({ target }) => picture?.revealScene(target.checked));
+  find("#show-scene").addEventListener("change", ({ target }) => picture?.setSceneVisible(target.checked));
   find("#built-name").textContent = data.built_name;
   find("#commanded").hidden = !subject.commanded;
   find("#estimated").hidden = !subject.estimated;
 
-  let [off, chart] = [null, null];
-  const measure = () => {
-    off = built && deviations(built, planned);
-    chart = off && drawChart(find("#chart"), built, off);
+  let [deviations, chart] = [null, null];
+  const updateDeviations = () => {
+    deviations = built && deviationsFromPlan(built, planned);
+    chart = deviations && drawDeviationChart(find("#chart"), built, deviations);
   };
-  measure();
+  updateDeviations();
   const player = makePlayer(body.layers.count, (layers) => {
     const pose = poseAt(body, layers);
     const length = body.lengths[layers];
@@ -54,7 +56,7 @@ export function joinOne(data) {
       ["Position", `${pose.position.map((part) => fixed(part, 1)).join(", ")} mm`],
       ["Heading", `${fixed(pose.heading, 2)}°`],
       ["Pitch", `${fixed(pose.pitch, 2)}°`],
-      ...(off ? [["Off the plan", `${off[layers].toFixed(3)} mm`]] : []),
+      ...(deviations ? [["Deviation from plan", `${deviations[layers].toFixed(3)} mm`]] : []),
     ]);
     chart?.mark(length);
     picture?.show(layers);
@@ -62,9 +64,9 @@ export function joinOne(data) {
   view.replaceBuilt = (longer) => {
     built = longer;
     body = longer;
-    measure();
+    updateDeviations();
     picture?.replaceBody(longer);
-    player.lengthen(longer.layers.count);
+    player.setCount(longer.layers.count);
   };
   return view;
 }

@@ -16,7 +16,7 @@ export function showPair(data) {
   const names = subjects.map(({ name }) => name);
   find("#difference").textContent = data.difference;
   find("#step").textContent = "a millimetre";
-  find("#slider").setAttribute("aria-label", "Length grown, mm");
+  find("#slider").setAttribute("aria-label", "Length of the body, mm");
   fillWarnings(find("#warnings"), subjects.flatMap(({ name, warnings }) => warnings.map((warning) => `${name}: ${warning}`)));
   document.querySelectorAll("#at-slider, #numbers").forEach((part) => {
     part.hidden = true;
@@ -40,7 +40,7 @@ export function showPair(data) {
       row("Heading", (_, i) => `${fixed(poses[i].heading, 2)}°`),
       row("Pitch", (_, i) => `${fixed(poses[i].pitch, 2)}°`),
     ];
-    fillTable(find("#both"), names, [["Tip, at the slider", tips], ...data.numbers]);
+    fillTable(find("#both"), names, [["Tip at the slider", tips], ...data.numbers]);
     pictures.forEach((picture, i) => picture?.show(layers[i]));
   }, "mm");
   return pictures;

@@ -11,52 +11,52 @@ import { makeStage } from "./stage.js";
 import { scaleLength } from "./text.js";
 import { makeGhost, makeTube, heightRange, heightsBeyond, PERCENTILES } from "./tube.js";
 
-const along = (from, direction, length) => from.map((part, k) => part + direction[k] * length);
+const pointAlong = (from, direction, length) => from.map((part, k) => part + direction[k] * length);
 
 /**
- * Makes the picture of `subject` (see subject.js) in `place`. Without WebGL it returns null and shows a note. `range`
- * is the range of the colours and `square` the size of the floor's squares, mm. By default both are chosen for the
- * body.
+ * Makes the picture of `subject` (see subject.js) in `container`. Without WebGL it returns null and shows a note.
+ * `range` is the range of the colours and `square` the size of the floor's squares, mm. By default both are chosen for
+ * the body.
  *
  * - `show(layers)`: shows this number of layers.
  * - `replaceBody(body)`: replaces the body, for example by a longer one. The view stays, and `show` sets the visible
  *   part.
- * - `reveal({ built, planned, commanded, estimated })`: shows or hides the body as built, the planned body, the
+ * - `setVisible({ built, planned, commanded, estimated })`: shows or hides the body as built, the planned body, the
  *   commanded path and the path that feedback estimated.
- * - `revealScene(shown)`: shows or hides the obstacles.
- * - `look(side)`: shows everything from `corner`, `front`, `side` or `top`.
- * - `paint()`: applies the colours of the page.
+ * - `setSceneVisible(isVisible)`: shows or hides the obstacles.
+ * - `setViewpoint(viewpoint)`: shows everything from `corner`, `front`, `side` or `top`.
+ * - `applyTheme()`: applies the colours of the page.
  * - `stage`: see stage.js.
  */
-export function makePicture(place, subject, { range, square } = {}) {
+export function makePicture(container, subject, { range, square } = {}) {
   try {
-    return paintable(place, subject, range, square);
+    return buildPicture(container, subject, range, square);
   } catch (error) {
     console.warn(`no picture: ${error.message}`);
-    place.querySelector(".no-picture").hidden = false;
-    place.querySelectorAll(".legend, .scale").forEach((part) => {
+    container.querySelector(".no-picture").hidden = false;
+    container.querySelectorAll(".legend, .scale").forEach((part) => {
       part.hidden = true;
     });
     return null;
   }
 }
 
-function paintable(place, subject, range, square) {
+function buildPicture(container, subject, range, square) {
   const { start, goal, via, reached, commanded, estimated, planned, built, sizes } = subject;
-  const find = (selector) => place.querySelector(selector);
+  const find = (selector) => container.querySelector(selector);
   let body = built ?? planned;
   let shown = body.layers.count;
 
   const labels = [];
-  const stage = makeStage(find("canvas"), (seen) => {
+  const stage = makeStage(find("canvas"), (drawnStage) => {
     for (const { element, at } of labels) {
-      const [right, y] = seen.onScreen(at());
+      const [right, y] = drawnStage.toScreen(at());
       // Labels stay within the picture.
       const x = Math.min(right, find("canvas").clientWidth - element.offsetWidth - 12);
       element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(8px, -50%)`;
     }
-    showScale(find(".scale"), seen.millimetresPerPixel());
-    place.dataset.drawn ??= Math.round(performance.now()).toString();
+    showScale(find(".scale"), drawnStage.millimetresPerPixel());
+    container.dataset.drawn ??= Math.round(performance.now()).toString();
   });
   const { scene } = stage;
   const label = (text, at, colour) => {
@@ -73,21 +73,21 @@ function paintable(place, subject, range, square) {
   line.visible = Boolean(built);
   if (ghost) scene.add(ghost);
   scene.add(line);
-  const asked = commanded && makeTrace(commanded, 0);
-  const trace = estimated && makeTrace(estimated, 0);
-  if (asked) scene.add(asked);
-  if (trace) scene.add(trace);
+  const commandedTrace = commanded && makeTrace(commanded, 0);
+  const estimatedTrace = estimated && makeTrace(estimated, 0);
+  if (commandedTrace) scene.add(commandedTrace);
+  if (estimatedTrace) scene.add(estimatedTrace);
 
-  const bodies = () => [body, planned].flatMap(outline);
+  const bodies = () => [body, planned].flatMap(sampleCentreline);
   const box = boxOf([body, planned]);
-  const reach = Math.max(3 * sizes.outerRadius, 0.06 * box.getSize(new Vector3()).length());
+  const arrowLength = Math.max(3 * sizes.outerRadius, 0.06 * box.getSize(new Vector3()).length());
   const startDirection = start.slice(6, 9);
   const startAt = start.slice(9, 12);
-  const startTail = along(startAt, startDirection, -reach);
-  const goalEnd = along(goal.position, goal.direction, 1.1 * reach);
+  const startTail = pointAlong(startAt, startDirection, -arrowLength);
+  const goalEnd = pointAlong(goal.position, goal.direction, 1.1 * arrowLength);
   const arrows = [
-    [makeArrow(startTail, startDirection, reach, 0), "--start"],
-    [makeArrow(goal.position, goal.direction, reach, 0), "--goal"],
+    [makeArrow(startTail, startDirection, arrowLength, 0), "--start"],
+    [makeArrow(goal.position, goal.direction, arrowLength, 0), "--goal"],
   ];
   scene.add(...arrows.map(([arrow]) => arrow));
   label("start", () => startTail, "--start");
@@ -111,7 +111,7 @@ function paintable(place, subject, range, square) {
   const obstacles = subject.scene && makeObstacles(subject.scene, 0.12 * sizes.outerRadius);
   if (obstacles) {
     scene.add(obstacles.group, obstacles.mark);
-    stage.beyond = obstacles.reach(box.getCenter(new Vector3()));
+    stage.obstacleDistance = obstacles.greatestDistance(box.getCenter(new Vector3()));
     if (obstacles.label) label(obstacles.label, () => obstacles.at, "--alarm");
   }
 
@@ -120,19 +120,20 @@ function paintable(place, subject, range, square) {
   ["x", "y", "z"].forEach((name, axis) => {
     const tip = () => {
       const f = shown * 12;
-      return along(Array.from(body.frames.subarray(f + 9, f + 12)), body.frames.subarray(f + axis * 3, f + axis * 3 + 3), frame.length);
+      const origin = Array.from(body.frames.subarray(f + 9, f + 12));
+      return pointAlong(origin, body.frames.subarray(f + axis * 3, f + axis * 3 + 3), frame.length);
     };
     label(name, tip, "--text");
   });
 
   let [tube, shadow] = [null, null];
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const paintShadow = () => shadow.line.material.color.set(colour("--shadow"));
+  const applyShadowTheme = () => shadow.line.material.color.set(colour("--shadow"));
   const show = (layers) => {
     shown = layers;
     tube.show(layers);
     shadow.show(layers);
-    frame.place(body.frames, layers * 12);
+    frame.moveTo(body.frames, layers * 12);
     stage.redraw();
   };
   const replaceBody = (replacement) => {
@@ -150,31 +151,31 @@ function paintable(place, subject, range, square) {
     tube = makeTube(body, sizes, [min, max]);
     tube.mesh.visible = visible;
     shadow = makeShadow(body, floorAt);
-    paintShadow();
+    applyShadowTheme();
     scene.add(tube.mesh, shadow.line);
     stage.points = [...bodies(), ...marks];
     show(Math.min(shown, body.layers.count));
   };
-  const reveal = ({ built: asBuilt, planned: asPlanned, commanded: asCommanded, estimated: asEstimated }) => {
+  const setVisible = ({ built: asBuilt, planned: asPlanned, commanded: asCommanded, estimated: asEstimated }) => {
     tube.mesh.visible = asBuilt;
     if (ghost) ghost.visible = asPlanned;
     line.visible = asPlanned;
-    if (asked) asked.visible = asCommanded;
-    if (trace) trace.visible = asEstimated;
+    if (commandedTrace) commandedTrace.visible = asCommanded;
+    if (estimatedTrace) estimatedTrace.visible = asEstimated;
     stage.redraw();
   };
-  const revealScene = (visible) => {
-    if (obstacles) obstacles.group.visible = visible;
+  const setSceneVisible = (isVisible) => {
+    if (obstacles) obstacles.group.visible = isVisible;
     stage.redraw();
   };
-  const paint = () => {
-    obstacles?.paint(colour("--obstacle"), colour("--alarm"));
+  const applyTheme = () => {
+    obstacles?.setColours(colour("--obstacle"), colour("--alarm"));
     floor.material.color.set(colour("--grid"));
-    paintShadow();
+    applyShadowTheme();
     line.material.color.set(colour("--planned"));
     ghost?.material.color.set(colour("--planned"));
-    asked?.material.color.set(colour("--commanded"));
-    trace?.material.color.set(colour("--estimated"));
+    commandedTrace?.material.color.set(colour("--commanded"));
+    estimatedTrace?.material.color.set(colour("--estimated"));
     for (const [arrow, name] of arrows) arrow.children.forEach((part) => part.material.color.set(colour(name)));
     balls.forEach((ball) => ball.material.color.set(colour("--goal")));
     stage.background(colour("--ground"));
@@ -182,18 +183,18 @@ function paintable(place, subject, range, square) {
 
   find(".legend i").style.background = gradient();
   replaceBody(body);
-  paint();
-  stage.around = sizes.outerRadius;
-  stage.facing = [goal.direction, along(goal.position, startAt, -1)];
-  stage.fit();
-  stage.look("corner");
-  new ResizeObserver(stage.fit).observe(place);
-  return { show, replaceBody, reveal, revealScene, paint, look: stage.look, stage };
+  applyTheme();
+  stage.margin = sizes.outerRadius;
+  stage.facing = [goal.direction, pointAlong(goal.position, startAt, -1)];
+  stage.resize();
+  stage.setViewpoint("corner");
+  new ResizeObserver(stage.resize).observe(container);
+  return { show, replaceBody, setVisible, setSceneVisible, applyTheme, setViewpoint: stage.setViewpoint, stage };
 }
 
 /** Returns the box around the centrelines of bodies. */
 export function boxOf(bodies) {
-  return new Box3().setFromPoints(bodies.flatMap(outline));
+  return new Box3().setFromPoints(bodies.flatMap(sampleCentreline));
 }
 
 /** Returns the side of the floor's squares under a box, mm. */
@@ -208,10 +209,10 @@ function dispose(part) {
 }
 
 /** Returns a few hundred points of a body's centreline. */
-function outline(grown) {
-  const stride = Math.max(1, Math.floor(grown.layers.count / 300));
-  const at = Array.from({ length: Math.floor(grown.layers.count / stride) + 1 }, (_, i) => i * stride);
-  return [...at, grown.layers.count].map((i) => new Vector3(...grown.frames.subarray(i * 12 + 9, i * 12 + 12)));
+function sampleCentreline(body) {
+  const stride = Math.max(1, Math.floor(body.layers.count / 300));
+  const at = Array.from({ length: Math.floor(body.layers.count / stride) + 1 }, (_, i) => i * stride);
+  return [...at, body.layers.count].map((i) => new Vector3(...body.frames.subarray(i * 12 + 9, i * 12 + 12)));
 }
 
 function showScale(scale, millimetresPerPixel) {

@@ -1,23 +1,23 @@
 // The controls of time: slider, play button and keys.
 
-/** Time in which a whole body grows, s. */
-const SECONDS = 12;
+/** Time in which the player shows the growth of a whole body, s. */
+const PLAY_DURATION_S = 12;
 
 /**
- * Connects the controls of the page to a body of `count` layers, or of another `unit`. `show(place)` is called with the
- * visible part, and first with the whole body. `lengthen(count)` sets a greater length. If the end was visible, the new
- * end is shown.
+ * Connects the controls of the page to a body of `count` layers, or of another `unit`. `show(position)` is called with
+ * the visible part, and first with the whole body. `setCount(count)` sets a greater length. If the end was visible, the
+ * new end is shown.
  */
 export function makePlayer(count, show, unit = "layers") {
   const slider = document.querySelector("#slider");
   const button = document.querySelector("#play");
   let began = null;
 
-  const go = (to) => {
-    const place = Math.min(count, Math.max(0, Math.round(to)));
-    slider.value = place;
-    slider.setAttribute("aria-valuetext", `${place} of ${count} ${unit}`);
-    show(place);
+  const goTo = (target) => {
+    const position = Math.min(count, Math.max(0, Math.round(target)));
+    slider.value = position;
+    slider.setAttribute("aria-valuetext", `${position} of ${count} ${unit}`);
+    show(position);
   };
   const pause = () => {
     began = null;
@@ -25,8 +25,8 @@ export function makePlayer(count, show, unit = "layers") {
   };
   const tick = (now) => {
     if (began === null) return;
-    const to = began.from + ((now - began.at) / 1000 / SECONDS) * count;
-    go(to);
+    const to = began.from + ((now - began.at) / 1000 / PLAY_DURATION_S) * count;
+    goTo(to);
     if (to >= count) pause();
     else requestAnimationFrame(tick);
   };
@@ -39,14 +39,14 @@ export function makePlayer(count, show, unit = "layers") {
   const toggle = () => (began === null ? play() : pause());
   const step = (to) => {
     pause();
-    go(to);
+    goTo(to);
   };
-  const lengthen = (longer) => {
-    const place = Number(slider.value);
-    const following = began === null && place === count;
-    count = longer;
+  const setCount = (newCount) => {
+    const position = Number(slider.value);
+    const isAtEnd = began === null && position === count;
+    count = newCount;
     slider.max = count;
-    go(following ? count : place);
+    goTo(isAtEnd ? count : position);
   };
 
   button.addEventListener("click", toggle);
@@ -59,12 +59,12 @@ export function makePlayer(count, show, unit = "layers") {
     " ": toggle,
   };
   document.addEventListener("keydown", (event) => {
-    const typing = event.target.matches("button, input[type=checkbox]") && event.key === " ";
-    if (typing || event.ctrlKey || event.altKey || event.metaKey || !keys[event.key]) return;
+    const isClick = event.target.matches("button, input[type=checkbox]") && event.key === " ";
+    if (isClick || event.ctrlKey || event.altKey || event.metaKey || !keys[event.key]) return;
     event.preventDefault();
     keys[event.key](event.shiftKey);
   });
   slider.max = count;
-  go(count);
-  return { lengthen };
+  goTo(count);
+  return { setCount };
 }

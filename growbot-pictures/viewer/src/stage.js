@@ -5,23 +5,23 @@ import {
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 
-const FROM = { front: [0, -1, 0], side: [1, 0, 0], top: [0, -1e-4, 1] };
+const VIEW_DIRECTIONS = { front: [0, -1, 0], side: [1, 0, 0], top: [0, -1e-4, 1] };
 
 /** Margins for labels, legend and scale bar, pixels of the page. */
 const MARGIN = { top: 24, bottom: 64, sides: 24 };
 
-/** Returns the corner, of eight, from which these directions are seen best from the side, the first above all. */
+/** Returns the one of eight corners that shows these directions best. The first direction has the most weight. */
 function bestCorner(directions) {
-  let best = { seen: -1 };
+  let best = { score: -1 };
   for (let i = 0; i < 8; i += 1) {
     const turn = (-1.01 + i / 4) * Math.PI;
     const view = new Vector3(Math.cos(turn), Math.sin(turn), 0.45).normalize();
-    const seen = directions.reduce((sum, direction, k) => {
+    const score = directions.reduce((sum, direction, k) => {
       const along = new Vector3().fromArray(direction).normalize();
       // Directions that point to the camera are preferred.
       return sum + (along.clone().cross(view).length() + 0.2 * along.dot(view)) / (k + 1);
     }, 0);
-    if (seen > best.seen + 1e-9) best = { seen, view };
+    if (score > best.score + 1e-9) best = { score, view };
   }
   return best.view;
 }
@@ -41,15 +41,15 @@ export function makeStage(canvas, drawn) {
   const controls = new OrbitControls(camera, canvas);
   controls.zoomToCursor = true;
 
-  let [due, high] = [false, 1];
+  let [isDrawPending, halfHeight] = [false, 1];
   const draw = () => {
-    due = false;
+    isDrawPending = false;
     renderer.render(scene, camera);
     drawn(stage);
   };
   const redraw = () => {
-    if (!due) requestAnimationFrame(draw);
-    due = true;
+    if (!isDrawPending) requestAnimationFrame(draw);
+    isDrawPending = true;
   };
   let following = false;
   controls.addEventListener("change", () => {
@@ -57,41 +57,49 @@ export function makeStage(canvas, drawn) {
     if (!following) stage.linked.forEach((other) => other !== stage && other.follow(stage));
   });
 
-  const frustum = () => {
-    const perPixel = (2 * high) / Math.max(1, canvas.clientHeight - MARGIN.top - MARGIN.bottom);
-    const wide = (perPixel * canvas.clientWidth) / 2;
-    Object.assign(camera, { left: -wide, right: wide, top: high + MARGIN.top * perPixel, bottom: -high - MARGIN.bottom * perPixel });
+  const updateFrustum = () => {
+    const perPixel = (2 * halfHeight) / Math.max(1, canvas.clientHeight - MARGIN.top - MARGIN.bottom);
+    const halfWidth = (perPixel * canvas.clientWidth) / 2;
+    Object.assign(camera, {
+      left: -halfWidth, right: halfWidth,
+      top: halfHeight + MARGIN.top * perPixel, bottom: -halfHeight - MARGIN.bottom * perPixel,
+    });
     camera.updateProjectionMatrix();
   };
   /** Aims the camera at everything from a direction. Returns half of the height that must be visible, mm. */
-  const aim = (from) => {
-    camera.position.copy(from);
+  const aimCamera = (direction) => {
+    camera.position.copy(direction);
     camera.lookAt(0, 0, 0);
     camera.updateMatrixWorld();
     const inverse = camera.matrixWorld.clone().invert();
-    const seen = new Box3().setFromPoints(stage.points.map((point) => point.clone().applyMatrix4(inverse))).expandByScalar(stage.around);
-    stage.centre = seen.getCenter(new Vector3()).applyMatrix4(camera.matrixWorld);
-    const far = Math.max(1, stage.points.reduce((max, point) => Math.max(max, point.distanceTo(stage.centre)), 0) + stage.around);
-    stage.distance = 4 * far;
+    const cameraPoints = stage.points.map((point) => point.clone().applyMatrix4(inverse));
+    const box = new Box3().setFromPoints(cameraPoints).expandByScalar(stage.margin);
+    stage.centre = box.getCenter(new Vector3()).applyMatrix4(camera.matrixWorld);
+    const farthest = stage.points.reduce((max, point) => Math.max(max, point.distanceTo(stage.centre)), 0);
+    const radius = Math.max(1, farthest + stage.margin);
+    stage.distance = 4 * radius;
     controls.target.copy(stage.centre);
-    camera.position.copy(from).normalize().multiplyScalar(stage.distance).add(stage.centre);
-    Object.assign(camera, { zoom: 1, near: 0.1 * far - stage.beyond, far: 9 * far + stage.beyond });
+    camera.position.copy(direction).normalize().multiplyScalar(stage.distance).add(stage.centre);
+    const { obstacleDistance } = stage;
+    Object.assign(camera, { zoom: 1, near: 0.1 * radius - obstacleDistance, far: 9 * radius + obstacleDistance });
     camera.lookAt(stage.centre);
-    const size = seen.getSize(new Vector3());
-    const shape = (canvas.clientWidth - 2 * MARGIN.sides) / Math.max(1, canvas.clientHeight - MARGIN.top - MARGIN.bottom);
-    return Math.max(1, 0.5 * Math.max(size.y, size.x / shape));
+    const size = box.getSize(new Vector3());
+    const height = Math.max(1, canvas.clientHeight - MARGIN.top - MARGIN.bottom);
+    const aspect = (canvas.clientWidth - 2 * MARGIN.sides) / height;
+    return Math.max(1, 0.5 * Math.max(size.y, size.x / aspect));
   };
-  const spread = (half) => {
-    high = half;
-    frustum();
+  const setHalfHeight = (half) => {
+    halfHeight = half;
+    updateFrustum();
     controls.update();
     redraw();
   };
   /** Shows everything from one side, on all linked stages at the same scale. */
-  const look = (side) => {
-    const from = side === "corner" ? bestCorner(stage.facing) : new Vector3().fromArray(FROM[side]);
-    const half = Math.max(...stage.linked.map((one) => one.aim(from)));
-    stage.linked.forEach((one) => one.spread(half));
+  const setViewpoint = (viewpoint) => {
+    const isCorner = viewpoint === "corner";
+    const direction = isCorner ? bestCorner(stage.facing) : new Vector3().fromArray(VIEW_DIRECTIONS[viewpoint]);
+    const half = Math.max(...stage.linked.map((one) => one.aimCamera(direction)));
+    stage.linked.forEach((one) => one.setHalfHeight(half));
   };
   /** Takes over the view of another stage: direction, zoom and offset from the centre. */
   const follow = (other) => {
@@ -105,13 +113,13 @@ export function makeStage(canvas, drawn) {
     following = false;
   };
   const stage = {
-    scene, camera, controls, look, aim, spread, follow, redraw,
+    scene, camera, controls, setViewpoint, aimCamera, setHalfHeight, follow, redraw,
     /** Points that must be visible, and the margin around them, mm. */
     points: [],
-    around: 0,
+    margin: 0,
     /** Greatest distance of optional objects from the centre, mm. */
-    beyond: 0,
-    /** Centre, and distance of the camera from it, mm, set by `aim`. */
+    obstacleDistance: 0,
+    /** Centre, and distance of the camera from it, mm, set by `aimCamera`. */
     centre: new Vector3(),
     distance: 1,
     /** Stages that turn together. */
@@ -123,17 +131,17 @@ export function makeStage(canvas, drawn) {
       redraw();
     },
     /** Adapts the picture to the size of the canvas in the page. */
-    fit: () => {
+    resize: () => {
       renderer.setSize(canvas.clientWidth, canvas.clientHeight, false);
-      frustum();
+      updateFrustum();
       redraw();
     },
     /** Returns the scale of the picture, mm for each pixel of the page. */
     millimetresPerPixel: () => (camera.top - camera.bottom) / camera.zoom / Math.max(1, canvas.clientHeight),
     /** Returns the position of a point in the picture, pixels of the page. */
-    onScreen: (point) => {
-      const seen = new Vector3().fromArray(point).project(camera);
-      return [(0.5 + 0.5 * seen.x) * canvas.clientWidth, (0.5 - 0.5 * seen.y) * canvas.clientHeight];
+    toScreen: (point) => {
+      const projected = new Vector3().fromArray(point).project(camera);
+      return [(0.5 + 0.5 * projected.x) * canvas.clientWidth, (0.5 - 0.5 * projected.y) * canvas.clientHeight];
     },
   };
   stage.linked = [stage];
@@ -148,5 +156,5 @@ export function linkStages(stages) {
   const max = Math.max(...stages.map((stage) => stage.facing.length));
   const facing = Array.from({ length: max }, (_, k) => stages.flatMap((stage) => stage.facing.slice(k, k + 1))).flat();
   for (const stage of stages) Object.assign(stage, { linked: stages, facing });
-  stages[0].look("corner");
+  stages[0].setViewpoint("corner");
 }

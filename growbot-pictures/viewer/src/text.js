@@ -9,8 +9,8 @@ export function fixed(value, decimals) {
 export function durationText(seconds) {
   if (seconds < 0.995) return `${seconds.toFixed(2)} s`;
   if (seconds < 59.95) return `${seconds.toFixed(1)} s`;
-  const whole = Math.round(seconds);
-  if (whole < 3600) return `${Math.floor(whole / 60)} min ${whole % 60} s`;
+  const rounded = Math.round(seconds);
+  if (rounded < 3600) return `${Math.floor(rounded / 60)} min ${rounded % 60} s`;
   const minutes = Math.round(seconds / 60);
   return `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }
@@ -50,19 +50,19 @@ export function fillRows(list, rows) {
 }
 
 /** Fills lists under headings: `[heading, [[name, value], ...]]` each. */
-export function fillNumbers(place, groups) {
+export function fillNumbers(container, groups) {
   for (const [heading, rows] of groups) {
     const title = document.createElement("h2");
     title.textContent = heading;
     const list = document.createElement("dl");
     fillRows(list, rows);
-    place.append(title, list);
+    container.append(title, list);
   }
 }
 
 /** Writes a line for each warning. */
-export function fillWarnings(place, warnings) {
-  place.replaceChildren(
+export function fillWarnings(container, warnings) {
+  container.replaceChildren(
     ...warnings.map((warning) => {
       const line = document.createElement("p");
       line.className = "warning";

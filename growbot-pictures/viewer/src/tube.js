@@ -8,10 +8,10 @@ const SEGMENTS = 32;
 const MAX_RINGS = 5000;
 
 /**
- * Height of a splinter, as a share of the highest layer. Lower layers lie between two pieces of a path and do not
+ * Height of partial layers, as a share of the highest layer. Lower layers lie between two pieces of a path and do not
  * stretch the scale.
  */
-const SPLINTER = 0.2;
+const PARTIAL_LAYER_SHARE = 0.2;
 
 /**
  * Percentiles of the heights at which the colours end, so that outliers do not stretch the scale
@@ -20,11 +20,11 @@ const SPLINTER = 0.2;
 export const PERCENTILES = [1, 99];
 
 /** Returns the min and max height of each layer of a body, on the middle of its wall, mm, in order of height. */
-function heights({ layers }, tipRadius) {
-  const splinter = SPLINTER * layers.height.reduce((a, b) => Math.max(a, b), 0);
+function sortedHeights({ layers }, tipRadius) {
+  const partialHeight = PARTIAL_LAYER_SHARE * layers.height.reduce((a, b) => Math.max(a, b), 0);
   const found = [];
   for (let i = 0; i < layers.count; i += 1) {
-    if (layers.height[i] < splinter) continue;
+    if (layers.height[i] < partialHeight) continue;
     const lean = tipRadius * layers.tilt[i];
     found.push(layers.height[i] - lean, layers.height[i] + lean);
   }
@@ -33,7 +33,7 @@ function heights({ layers }, tipRadius) {
 
 /** Returns the heights of the bodies' layers at which the colours end, mm. */
 export function heightRange(subjects) {
-  const all = subjects.map(({ body, sizes }) => heights(body, sizes.tipRadius));
+  const all = subjects.map(({ body, sizes }) => sortedHeights(body, sizes.tipRadius));
   const found = Float64Array.from(all.flatMap((values) => [...values])).sort();
   if (found.length === 0) return [0, 1];
   const [low, high] = PERCENTILES.map((percent) => (percent / 100) * (found.length - 1));
@@ -44,7 +44,7 @@ export function heightRange(subjects) {
 
 /** Returns two flags: true if a body has layers below this range, and true if it has layers above it. */
 export function heightsBeyond(body, { tipRadius }, [min, max]) {
-  const found = heights(body, tipRadius);
+  const found = sortedHeights(body, tipRadius);
   return [found[0] < min - 1e-6, found.at(-1) > max + 1e-6];
 }
 
@@ -106,7 +106,7 @@ export function makeTube(body, { outerRadius, tipRadius, wall }, [min, max]) {
   geometry.setAttribute("color", new BufferAttribute(colour, 3, true));
   geometry.setAttribute("ring", new BufferAttribute(ring, 1));
   geometry.setIndex(new BufferAttribute(index, 1));
-  const mesh = new Mesh(geometry, layered(new MeshLambertMaterial({ vertexColors: true, side: DoubleSide })));
+  const mesh = new Mesh(geometry, withLayerLines(new MeshLambertMaterial({ vertexColors: true, side: DoubleSide })));
   mesh.frustumCulled = false;
 
   const rim = makeRim(outerRadius, wall);
@@ -115,7 +115,7 @@ export function makeTube(body, { outerRadius, tipRadius, wall }, [min, max]) {
     // Number of rings within these layers. The last ring may have a smaller distance from the one before.
     const rings = count >= layers.count ? at.length - 1 : Math.floor(count / stride);
     geometry.setDrawRange(0, rings * SEGMENTS * 6);
-    rim.place(frames, at[rings] * 12);
+    rim.moveTo(frames, at[rings] * 12);
   };
   show(layers.count);
   return { mesh, show };
@@ -130,7 +130,7 @@ export function makeGhost(body, { outerRadius, tipRadius, wall }) {
 }
 
 /** Draws a fine line between layers if they are large enough in the picture. */
-function layered(material) {
+function withLayerLines(material) {
   material.onBeforeCompile = (shader) => {
     shader.vertexShader = shader.vertexShader
       .replace("#include <common>", "#include <common>\nattribute float ring;\nvarying float vRing;")
@@ -160,7 +160,7 @@ function makeRim(outerRadius, wall) {
   geometry.setIndex(index);
   const mesh = new Mesh(geometry, new MeshLambertMaterial({ color: 0x8a94a3, side: DoubleSide }));
   mesh.frustumCulled = false;
-  const place = (frames, f) => {
+  const moveTo = (frames, f) => {
     const normal = geometry.attributes.normal.array;
     for (let j = 0; j <= SEGMENTS; j += 1) {
       const angle = (j / SEGMENTS) * 2 * Math.PI;
@@ -175,5 +175,5 @@ function makeRim(outerRadius, wall) {
     geometry.attributes.position.needsUpdate = true;
     geometry.attributes.normal.needsUpdate = true;
   };
-  return { mesh, place };
+  return { mesh, moveTo };
 }

@@ -1,256 +1,306 @@
 // The page of all robots. It shows the state that the service reports and sends the user's commands.
 
-const api = "api/v1";
+const API = "api/v1";
+const JOBS_REFRESH_MS = 10_000;
+const MAX_JOBS = 50;
+/** Cards of robots by name. A card has its `element`, `find(selector)` in it, and the latest state of its `robot`. */
 const cards = new Map();
-/** True if this address can send commands. */
-let may = false;
+/** True if this URL can send commands. False if it is read-only. */
+let canControl = false;
+/** The open panel: the card of its robot, and the element that had the focus before. */
+let openedPanel = {};
 const byId = (id) => document.getElementById(id);
-const units = {
-  preheat: "Temperature in C, or a material; empty for that of growth", cooldown: "", home: "",
+/** Labels of a maintenance task's value. Tasks without a value have an empty label. */
+const valueLabels = {
+  preheat: "Temperature in C, or a material; empty for the growth temperature", cooldown: "", home: "",
   load: "Length in mm, or a material", unload: "Length in mm, or a material", purge: "Length in mm, or a material",
-  rotate: "Angle in degrees", jog: "Length in mm, negative to pull",
+  rotate: "Angle in degrees", jog: "Length in mm, negative to retract",
 };
 
-/** Requests a path, or sends a value or file to it. Throws the error that the service responds with. */
-async function ask(path, what) {
+/** Requests a path, or sends a value or file to it. Throws the error of the service's response. */
+async function request(path, body) {
   const options = {};
-  if (what !== undefined) options.method = "POST";
-  if (what instanceof File) options.body = what;
-  else if (what !== undefined) Object.assign(options, { headers: { "content-type": "application/json" }, body: JSON.stringify(what) });
-  const answer = await fetch(`${api}/${path}`, options);
-  const text = await answer.text();
-  let said;
-  try { said = JSON.parse(text); } catch { said = { detail: text }; }
-  if (!answer.ok) throw new Error(said.detail ?? `the service answers ${answer.status}`);
-  return said;
+  if (body !== undefined) options.method = "POST";
+  if (body instanceof File) options.body = body;
+  else if (body !== undefined) {
+    Object.assign(options, { headers: { "content-type": "application/json" }, body: JSON.stringify(body) });
+  }
+  const response = await fetch(`${API}/${path}`, options);
+  const text = await response.text();
+  let result;
+  try { result = JSON.parse(text); } catch { result = { detail: text }; }
+  if (!response.ok) throw new Error(result.detail ?? `the service returned HTTP status ${response.status}`);
+  return result;
 }
 
-const clock = (utc) => new Date(utc).toLocaleString([], { dateStyle: "short", timeStyle: "short" });
-const fixed = (number, places) => number.toFixed(places);
+const formatTime = (utc) => new Date(utc).toLocaleString([], { dateStyle: "short", timeStyle: "short" });
+const formatNumber = (number, decimals) => number.toFixed(decimals);
 
-function duration(seconds) {
+function formatDuration(seconds) {
   const minutes = Math.round(seconds / 60);
-  return minutes < 1 ? `${Math.round(seconds)} s` : minutes < 60 ? `${minutes} min` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
+  if (minutes < 1) return `${Math.round(seconds)} s`;
+  return minutes < 60 ? `${minutes} min` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }
 
 /** Returns the card of a robot. Creates it on the first call. */
-function cardOf(name) {
+function getCard(name) {
   if (cards.has(name)) return cards.get(name);
-  const card = byId("robot").content.firstElementChild.cloneNode(true);
-  const find = (selector) => card.querySelector(selector);
-  const of = { card, find, robot: null };
-  card.setAttribute("aria-label", `Robot ${name}`);
+  const element = byId("robot").content.firstElementChild.cloneNode(true);
+  const find = (selector) => element.querySelector(selector);
+  const card = { element, find, robot: null };
+  element.setAttribute("aria-label", `Robot ${name}`);
   find("h2").textContent = name;
-  for (const button of card.querySelectorAll("[data-order]")) {
-    button.addEventListener("click", () => order(of, button.dataset.order));
+  for (const button of element.querySelectorAll("[data-command]")) {
+    button.addEventListener("click", () => sendCommand(card, button.dataset.command));
   }
-  find("[data-look]").addEventListener("click", () => open(`${api}/jobs/${of.robot.job}/live/`, `${name}: the body as it grows`, of));
-  find("form.grow").addEventListener("submit", (event) => grow(of, event));
-  find("form.maintain").addEventListener("submit", (event) => maintain(of, event));
-  find("select").addEventListener("change", () => task(of));
-  byId("robots").append(card);
-  cards.set(name, of);
-  task(of);
-  return of;
+  find("[data-show-body]").addEventListener("click", () => {
+    openPanel(`${API}/jobs/${card.robot.job}/live/`, `${name}: live view`, card);
+  });
+  find("form.grow").addEventListener("submit", (event) => submitGrow(card, event));
+  find("form.maintain").addEventListener("submit", (event) => submitMaintenance(card, event));
+  find("select").addEventListener("change", () => updateValueField(card));
+  byId("robots").append(element);
+  cards.set(name, card);
+  updateValueField(card);
+  return card;
 }
 
-function task({ find }) {
-  const means = units[find("select").value];
-  find(".what").textContent = means;
-  find("[name=value]").closest("label").hidden = !means;
+/** Shows the value field of the selected maintenance task, or hides it if the task has no value. */
+function updateValueField({ find }) {
+  const label = valueLabels[find("select").value];
+  find(".value-label").textContent = label;
+  find("[name=value]").closest("label").hidden = !label;
 }
 
-function say({ find }, words, refused) {
-  find(".answer").textContent = words;
-  find(".answer").classList.toggle("refused", Boolean(refused));
+function showMessage({ find }, text, isError) {
+  find(".message").textContent = text;
+  find(".message").classList.toggle("error", Boolean(isError));
 }
 
 /** Runs an action of a card and shows its result. */
-async function attempt(of, words, what) {
-  say(of, `${words} …`);
+async function runAction(card, label, action) {
+  showMessage(card, `${label} …`);
   try {
-    say(of, await what() ?? `${words}: done`);
+    showMessage(card, await action() ?? `${label}: done`);
   } catch (error) {
-    say(of, error.message, true);
+    showMessage(card, error.message, true);
   }
 }
 
-const order = (of, name) => attempt(of, name.replace("-", " "), async () => show([await ask(`robots/${of.robot.name}/orders`, { order: name })]));
+function sendCommand(card, command) {
+  runAction(card, command.replace("-", " "), async () => {
+    showRobots([await request(`robots/${card.robot.name}/orders`, { order: command })]);
+  });
+}
 
-function parsed(text, name) {
+function parsePlan(text, name) {
   try {
     return JSON.parse(text);
   } catch (error) {
-    throw new Error(`${name} is no plan (${error.message}): choose a file that \`growbot plan -o\` has written`);
+    throw new Error(`${name} is not a plan (${error.message}): choose a file written by \`growbot plan -o\``);
   }
 }
 
-async function wanted(form) {
+/** Returns the body of a request to grow or to plan. Uploads the scene if the form has one. */
+async function growRequest(form) {
   const [[file], [scene]] = [form.plan.files, form.scene.files];
   const goal = form.to.value.trim();
-  const options = { feedback: form.feedback.checked, force: form.force.checked, ignore_scene: form.ignore_scene.checked };
-  if (scene) options.scene = (await ask(`scenes?name=${encodeURIComponent(scene.name)}`, scene)).scene;
-  if (file) return { ...options, plan: parsed(await file.text(), file.name), name: file.name };
+  const [feedback, force, ignore_scene] = [form.feedback, form.force, form.ignore_scene].map(({ checked }) => checked);
+  const options = { feedback, force, ignore_scene };
+  if (scene) options.scene = (await request(`scenes?name=${encodeURIComponent(scene.name)}`, scene)).scene;
+  if (file) return { ...options, plan: parsePlan(await file.text(), file.name), name: file.name };
   return { ...options, to: goal };
 }
 
-function grow(of, event) {
+/** Previews or grows the body of a card's form. */
+function submitGrow(card, event) {
   event.preventDefault();
   const form = event.target;
-  const preview = event.submitter?.value === "preview";
-  attempt(of, preview ? "preview" : "grow", async () => {
-    const body = await wanted(form);
-    if (!preview) {
-      const job = await ask(`robots/${of.robot.name}/jobs`, body);
-      jobs();
-      return `job ${job.id} is under way`;
+  const isPreview = event.submitter?.value === "preview";
+  runAction(card, isPreview ? "preview" : "grow", async () => {
+    const body = await growRequest(form);
+    if (!isPreview) {
+      const job = await request(`robots/${card.robot.name}/jobs`, body);
+      refreshJobs();
+      return `job ${job.id} started`;
     }
-    const { plan, view } = await ask(`plans?robot=${encodeURIComponent(of.robot.name)}`, body);
+    const { plan, view } = await request(`plans?robot=${encodeURIComponent(card.robot.name)}`, body);
     const warnings = plan.warnings.map((warning) => `${warning.code}: ${warning.message}`);
-    const done = of.robot.pace ? `, done at ${clock(Date.now() + (1000 * plan.duration_s) / of.robot.pace)}` : "";
-    of.find(".preview").textContent = [
-      `${fixed(plan.length_mm, 1)} mm, ${plan.layers} layers, ${duration(plan.duration_s)}${done}, ${fixed(plan.filament_mm / 1000, 2)} m of filament`,
+    const { pace } = card.robot;
+    const finish = pace ? `, done at ${formatTime(Date.now() + (1000 * plan.duration_s) / pace)}` : "";
+    card.find(".preview").textContent = [
+      `${formatNumber(plan.length_mm, 1)} mm, ${plan.layers} layers, ${formatDuration(plan.duration_s)}${finish}, `
+        + `${formatNumber(plan.filament_mm / 1000, 2)} m of filament`,
       ...warnings].join("\n");
-    open(`${api}/${view}`, `${of.robot.name}: preview`, of);
+    openPanel(`${API}/${view}`, `${card.robot.name}: preview`, card);
     return "";
   });
 }
 
-function maintain(of, event) {
+function submitMaintenance(card, event) {
   event.preventDefault();
   const { task, value } = event.target;
-  attempt(of, task.options[task.selectedIndex].text, async () => {
-    show([await ask(`robots/${of.robot.name}/maintenance`, { task: task.value, value: units[task.value] ? value.value.trim() : "" })]);
+  runAction(card, task.options[task.selectedIndex].text, async () => {
+    const body = { task: task.value, value: valueLabels[task.value] ? value.value.trim() : "" };
+    showRobots([await request(`robots/${card.robot.name}/maintenance`, body)]);
   });
 }
 
 /** Shows a page of the service in a panel with an emergency stop of the card's robot. */
-function open(address, title, of) {
-  shown = { of, from: document.activeElement };
-  byId("body-stop").hidden = !of || !may;
+function openPanel(url, title, card) {
+  openedPanel = { card, previousFocus: document.activeElement };
+  byId("body-stop").hidden = !card || !canControl;
   byId("body-title").textContent = title;
-  byId("body-frame").src = address;
-  byId("body-page").href = address;
+  byId("body-frame").src = url;
+  byId("body-link").href = url;
   byId("body").hidden = false;
   byId("body-close").focus();
 }
 
-let shown = {};
-byId("body-close").addEventListener("click", close);
-byId("body-stop").addEventListener("click", () => { order(shown.of, "emergency-stop"); close(); });
-document.addEventListener("keydown", ({ key }) => { if (key === "Escape") close(); });
-function close() {
+function closePanel() {
   if (byId("body").hidden) return;
   byId("body").hidden = true;
   byId("body-frame").removeAttribute("src");
-  shown.from?.focus();
+  openedPanel.previousFocus?.focus();
 }
 
-function facts(robot) {
-  const list = [];
-  if (robot.robot) list.push(["Robot", robot.robot]);
+/** Returns the names and values that a card lists. */
+function robotProperties(robot) {
+  const properties = [];
+  if (robot.robot) properties.push(["Robot", robot.robot]);
   if (robot.board) {
-    const now = robot.temperature_c === null ? "no reading" : `${fixed(robot.temperature_c, 1)} C`;
-    list.push(["Nozzle", robot.target_c === null ? `${now}, heater off` : `${now} of ${fixed(robot.target_c, 1)} C`]);
+    const temperature = robot.temperature_c === null ? "no reading" : `${formatNumber(robot.temperature_c, 1)} C`;
+    const target = robot.target_c === null ? ", heater off" : ` of ${formatNumber(robot.target_c, 1)} C`;
+    properties.push(["Nozzle", temperature + target]);
   }
-  if (robot.job) list.push(["Job", robot.job]);
-  if (robot.layers) list.push(["Layers", `${robot.laid} of ${robot.layers}`]);
-  if (robot.finish_utc) list.push(["Done at", clock(robot.finish_utc)]);
-  if (robot.pause) list.push(["Waits", robot.pause]);
-  return list;
+  if (robot.job) properties.push(["Job", robot.job]);
+  if (robot.layers) properties.push(["Layers", `${robot.laid} of ${robot.layers}`]);
+  if (robot.finish_utc) properties.push(["Done at", formatTime(robot.finish_utc)]);
+  if (robot.pause) properties.push(["Pause reason", robot.pause]);
+  return properties;
+}
+
+/** Returns the text about the robot's port and simulation. */
+function describePort({ port, simulated, pace }) {
+  if (!simulated) return port;
+  return `${port}, simulated${pace && pace !== 1 ? `, ${pace} times as fast as real time` : ""}`;
 }
 
 /** Returns the reason why maintenance is not possible now, empty if it is possible. */
-function unsafe(robot) {
-  if (!may) return "This address may only look.";
+function maintenanceBlockedBy(robot) {
+  if (!canControl) return "This URL is read-only.";
   if (robot.state === "disconnected") return "The robot is not connected.";
-  if (robot.job) return "A body grows: pause it, and use its page.";
+  if (robot.job) return "A job is active: pause it, and use its page.";
   if (robot.fault) return "A fault is latched: clear it first.";
   return "";
 }
 
+/** Returns whether each command is possible in the robot's state. */
+function allowedCommands(robot) {
+  const isConnected = robot.state !== "disconnected";
+  const isPaused = ["paused", "parked"].includes(robot.board);
+  const isOff = robot.fault || robot.board === "emergency-stop";
+  return {
+    pause: robot.job && !isPaused, continue: robot.job && isPaused, stop: isConnected, "emergency-stop": true,
+    "clear-fault": isConnected && isOff && !robot.job,
+    cancel: isConnected && !robot.job && robot.laid < robot.layers,
+  };
+}
+
 /** Shows the latest state of robots. */
-function show(robots) {
+function showRobots(robots) {
   for (const robot of robots) {
-    const of = cardOf(robot.name);
-    const { find } = of;
-    of.robot = robot;
-    find(".about").textContent = `${robot.port}${robot.simulated ? `, simulated${robot.pace && robot.pace !== 1 ? `, ${robot.pace} times as fast as real time` : ""}` : ""}`;
+    const card = getCard(robot.name);
+    const { find } = card;
+    card.robot = robot;
+    find(".about").textContent = describePort(robot);
     const state = robot.state === "disconnected" ? "not connected" : robot.board ?? "unknown";
+    // Screen readers announce each change of these texts.
     if (find(".state").textContent !== state) find(".state").textContent = state;
     const alarm = robot.trouble ?? (robot.fault ? `${robot.fault}: ${robot.fault_explanation}` : robot.refused) ?? "";
     find(".alarm").hidden = !alarm;
     if (find(".alarm").textContent !== alarm) find(".alarm").textContent = alarm;
     find("progress").hidden = !robot.layers;
     find("progress").value = robot.layers ? robot.laid / robot.layers : 0;
-    find(".facts").replaceChildren(...facts(robot).flatMap(([name, value]) => {
+    find(".properties").replaceChildren(...robotProperties(robot).flatMap(([name, value]) => {
       const [term, text] = [document.createElement("dt"), document.createElement("dd")];
       [term.textContent, text.textContent] = [name, value];
       return [term, text];
     }));
-    const connected = robot.state !== "disconnected";
-    const paused = ["paused", "parked"].includes(robot.board);
-    const allowed = {
-      pause: robot.job && !paused, continue: robot.job && paused, stop: connected, "emergency-stop": true,
-      "clear-fault": connected && (robot.fault || robot.board === "emergency-stop") && !robot.job,
-      cancel: connected && !robot.job && robot.laid < robot.layers,
-    };
-    for (const [name, now] of Object.entries(allowed)) find(`[data-order=${name}]`).disabled = !now || !may;
-    find("[data-look]").disabled = !robot.job;
-    find("form.grow [value=grow]").disabled = !connected || Boolean(robot.job) || !may;
-    find("form.maintain button").disabled = Boolean(unsafe(robot));
-    find(".why").textContent = unsafe(robot);
+    for (const [command, isAllowed] of Object.entries(allowedCommands(robot))) {
+      find(`[data-command=${command}]`).disabled = !isAllowed || !canControl;
+    }
+    find("[data-show-body]").disabled = !robot.job;
+    find("form.grow [value=grow]").disabled = robot.state === "disconnected" || Boolean(robot.job) || !canControl;
+    const blockedBy = maintenanceBlockedBy(robot);
+    find("form.maintain button").disabled = Boolean(blockedBy);
+    find(".blocked-by").textContent = blockedBy;
   }
 }
 
-function link(text, address) {
-  const anchor = document.createElement("a");
-  anchor.textContent = text;
-  anchor.href = address;
-  return anchor;
+function makeLink(text, url) {
+  const link = document.createElement("a");
+  link.textContent = text;
+  link.href = url;
+  return link;
+}
+
+/** Makes the row of a job. */
+function makeJobRow(job) {
+  const row = document.createElement("tr");
+  const state = job.why && job.why !== job.state ? `${job.state}: ${job.why}` : job.state;
+  const texts = [formatTime(job.created_utc), job.robot, job.name, `${job.laid} of ${job.layers}`, state];
+  for (const text of texts) row.insertCell().textContent = text;
+  const actions = row.insertCell();
+  if (job.laid > 0 || job.state === "active") {
+    const view = makeLink("3D", `${API}/jobs/${job.id}/view`);
+    view.addEventListener("click", (event) => {
+      event.preventDefault();
+      openPanel(view.href, `${job.robot}: ${job.name}`, cards.get(job.robot));
+    });
+    actions.append(view, makeLink("Run log", `${API}/jobs/${job.id}/log`));
+  }
+  if (job.state === "interrupted" && canControl) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = "Resume";
+    button.addEventListener("click", () => runAction(getCard(job.robot), `resume ${job.id}`, async () => {
+      await request(`jobs/${job.id}/resume`, {});
+      refreshJobs();
+    }));
+    actions.append(button);
+  }
+  return row;
 }
 
 /** Requests the latest jobs and shows them. */
-async function jobs() {
-  const list = await ask("jobs?max=50");
-  byId("no-jobs").hidden = list.length > 0;
-  byId("job-rows").replaceChildren(...list.map((job) => {
-    const row = document.createElement("tr");
-    const texts = [clock(job.created_utc), job.robot, job.name, `${job.laid} of ${job.layers}`, job.why && job.why !== job.state ? `${job.state}: ${job.why}` : job.state];
-    for (const text of texts) row.insertCell().textContent = text;
-    const last = row.insertCell();
-    if (job.laid > 0 || job.state === "active") {
-      const view = link("3D", `${api}/jobs/${job.id}/view`);
-      view.addEventListener("click", (event) => { event.preventDefault(); open(view.href, `${job.robot}: ${job.name}`, cards.get(job.robot)); });
-      last.append(view, link("Run log", `${api}/jobs/${job.id}/log`));
-    }
-    if (job.state === "interrupted" && may) {
-      const button = document.createElement("button");
-      button.type = "button";
-      button.textContent = "Resume";
-      button.addEventListener("click", () => attempt(cardOf(job.robot), `resume ${job.id}`, async () => { await ask(`jobs/${job.id}/resume`, {}); jobs(); }));
-      last.append(button);
-    }
-    return row;
-  }));
+async function refreshJobs() {
+  const jobs = await request(`jobs?max=${MAX_JOBS}`);
+  byId("no-jobs").hidden = jobs.length > 0;
+  byId("job-rows").replaceChildren(...jobs.map(makeJobRow));
 }
 
 /** Follows the events of the service. The browser reconnects by itself. */
-function follow() {
-  const events = new EventSource(`${api}/events`);
+function followEvents() {
+  const events = new EventSource(`${API}/events`);
   events.addEventListener("open", () => { byId("connection").textContent = "connected"; });
-  events.addEventListener("error", () => { byId("connection").textContent = "the service does not answer: robots go on with what they have; connecting again"; });
-  let known = "";
+  events.addEventListener("error", () => {
+    byId("connection").textContent = "Connection lost. Robots continue their jobs. Reconnecting…";
+  });
+  let lastStates = "";
   events.addEventListener("robots", ({ data }) => {
     const robots = JSON.parse(data);
-    show(robots);
-    const now = robots.map((robot) => `${robot.job} ${robot.board}`).join();
-    if (now !== known) jobs();
-    known = now;
+    showRobots(robots);
+    const states = robots.map((robot) => `${robot.job} ${robot.board}`).join();
+    if (states !== lastStates) refreshJobs();
+    lastStates = states;
   });
 }
 
-({ operate: may } = await ask("access"));
-follow();
-jobs();
-setInterval(jobs, 10_000);
+byId("body-close").addEventListener("click", closePanel);
+byId("body-stop").addEventListener("click", () => { sendCommand(openedPanel.card, "emergency-stop"); closePanel(); });
+document.addEventListener("keydown", ({ key }) => { if (key === "Escape") closePanel(); });
+({ operate: canControl } = await request("access"));
+followEvents();
+refreshJobs();
+setInterval(refreshJobs, JOBS_REFRESH_MS);
