@@ -121,7 +121,7 @@ fn commands_go_through_the_service_that_owns_the_robot() {
     assert_eq!(copy.outcome().name(), "stopped");
     let (code, said) = lab.run(&["pause"]);
     assert!(code == Some(1) && said.contains("nothing to pause"), "{said}");
-    let (status, _) = lab.ask("POST", "/robots/lab/orders", r#"{"order":"clear-fault"}"#);
+    let (status, _) = lab.ask("POST", "/robots/lab/commands", r#"{"command":"clear-fault"}"#);
     assert_eq!(status, 200);
     assert_eq!(lab.run(&["maintain", "preheat", "120"]).0, Some(0));
     assert_eq!(lab.run(&["cancel"]).0, Some(0));
@@ -140,7 +140,7 @@ fn a_frozen_service_does_not_block_the_emergency_stop() {
     assert!(code == Some(0) && said.starts_with("emergency stop"), "{said}");
     wait_for("the service hears of it", || {
         let (_, robot) = lab.ask("GET", "/robots/lab", "");
-        (robot["board"] == "emergency-stop").then_some(())
+        (robot["board_state"] == "emergency-stop").then_some(())
     });
 }
 
@@ -192,7 +192,7 @@ fn an_emergency_stop_of_a_silent_robot_is_reported_as_failed() {
     let pid = who_has_open(&lab.directory.path().join("state/growbot/robots/lab/lock"));
     assert!(command("kill").args(["-STOP", &pid]).status().unwrap().success());
     // The robot stays silent until the service responds.
-    let (status, problem) = lab.ask("POST", "/robots/lab/orders", r#"{"order":"emergency-stop"}"#);
+    let (status, problem) = lab.ask("POST", "/robots/lab/commands", r#"{"command":"emergency-stop"}"#);
     assert!(command("kill").args(["-CONT", &pid]).status().unwrap().success());
     assert!(status == 409 && problem["detail"].as_str().unwrap().contains("cut the power"), "{status} {problem}");
 }
@@ -203,15 +203,15 @@ fn unauthorised_and_invalid_requests_are_refused_with_the_reason() {
     lab.wait_until_ready();
     let (_, [operate, read]) = lab.pages.clone().unwrap();
     let at = |token: &str, path: &str| format!("/{token}/{path}");
-    let stop = r#"{"order":"stop"}"#;
-    let order = at(&operate, "api/v1/robots/lab/orders");
+    let stop = r#"{"command":"stop"}"#;
+    let order = at(&operate, "api/v1/robots/lab/commands");
     let local = "host: 127.0.0.1";
     let cases: [(u16, &str, String, &[&str], &str); 18] = [
         (200, "GET", at(&operate, ""), &[local], ""),
         (200, "GET", at(&read, "robots.js"), &[local], ""),
         (200, "GET", at(&read, "api/v1/robots"), &[local], ""),
         (200, "POST", order.clone(), &[local], stop),
-        (403, "POST", at(&read, "api/v1/robots/lab/orders"), &[local], stop),
+        (403, "POST", at(&read, "api/v1/robots/lab/commands"), &[local], stop),
         (403, "POST", at(&read, "api/v1/robots/lab/jobs"), &[local], r#"{"to":"0,0,60"}"#),
         (404, "GET", "/".to_owned(), &[local], ""),
         (404, "GET", at(&"0".repeat(32), ""), &[local], ""),
@@ -221,10 +221,10 @@ fn unauthorised_and_invalid_requests_are_refused_with_the_reason() {
         (404, "POST", order.clone(), &[local, "origin: http://evil.example"], stop),
         (404, "POST", order.clone(), &[local, "sec-fetch-site: cross-site"], stop),
         (415, "POST", order.clone(), &[local, "content-type: text/plain"], stop),
-        (422, "POST", order.clone(), &[local], r#"{"order":"dance"}"#),
+        (422, "POST", order.clone(), &[local], r#"{"command":"dance"}"#),
         (400, "POST", order.clone(), &[local], "{"),
         (422, "POST", at(&operate, "api/v1/robots/lab/jobs"), &[local], r#"{"to":"0,0,nan"}"#),
-        (404, "POST", at(&operate, "api/v1/robots/none/orders"), &[local], stop),
+        (404, "POST", at(&operate, "api/v1/robots/none/commands"), &[local], stop),
     ];
     for (status, method, path, headers, body) in cases {
         assert_eq!(lab.ask_page(&path, headers, method, body), status, "{method} {path} {headers:?} {body}");
@@ -285,7 +285,7 @@ fn a_direct_command_leases_the_link_of_the_service() {
     lab.wait_until_ready();
     let mut console = lab.command(&["console"]);
     let mut console = console.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let trouble = || lab.ask("GET", "/robots/lab", "").1["trouble"].clone();
+    let trouble = || lab.ask("GET", "/robots/lab", "").1["connection_error"].clone();
     wait_for("the line is lent", || {
         (trouble() == "its line is lent to growbot console, which has to end first").then_some(())
     });
@@ -293,7 +293,7 @@ fn a_direct_command_leases_the_link_of_the_service() {
     assert!(status == 409 && problem["detail"].as_str().unwrap().contains("lent to growbot console"), "{problem}");
     let (code, said) = lab.run(&["tune"]);
     assert!(code == Some(1) && said.contains("lent to growbot console"), "{said}");
-    let (status, said) = lab.ask("POST", "/robots/lab/orders", r#"{"order":"emergency-stop"}"#);
+    let (status, said) = lab.ask("POST", "/robots/lab/commands", r#"{"command":"emergency-stop"}"#);
     assert_eq!(status, 200, "{said}");
     console.stdin.take().unwrap().write_all(b"status\nclear\nquit\n").unwrap();
     let output = console.wait_with_output().unwrap();
@@ -307,9 +307,9 @@ fn a_direct_command_leases_the_link_of_the_service() {
     killed.kill().unwrap();
     killed.wait().unwrap();
     lab.wait_until_ready();
-    let page = lab.at("/robots/lab/lend");
-    assert_eq!(lab.ask_page(&page, &["host: 127.0.0.1"], "POST", r#"{"to":"me"}"#), 403);
-    assert_eq!(lab.ask_page(&lab.at("/addresses"), &["host: 127.0.0.1"], "GET", ""), 403);
+    let page = lab.at("/robots/lab/port-lease");
+    assert_eq!(lab.ask_page(&page, &["host: 127.0.0.1"], "POST", r#"{"holder":"me"}"#), 403);
+    assert_eq!(lab.ask_page(&lab.at("/page-urls"), &["host: 127.0.0.1"], "GET", ""), 403);
     // A growth is watched on the page of the service.
     let (code, said) = lab.run(&["grow", "--to", GOAL, "--watch", "--pace", "3"]);
     assert!(code == Some(2) && said.contains("--pace is for growths without a service"), "{said}");
@@ -320,6 +320,6 @@ fn a_direct_command_leases_the_link_of_the_service() {
     assert!(at.starts_with(&format!("http://127.0.0.1:{port}/{look}/api/v1/jobs/")), "{said}");
     let (status, _) = http(lab.page(), "GET", at.split_once(&port.to_string()).unwrap().1, &["host: 127.0.0.1"], "");
     assert_eq!(status, 200, "{at}");
-    let (status, problem) = lab.ask("POST", "/robots/none/lend", r#"{"to":"me"}"#);
+    let (status, problem) = lab.ask("POST", "/robots/none/port-lease", r#"{"holder":"me"}"#);
     assert_eq!(status, 404, "{problem}");
 }

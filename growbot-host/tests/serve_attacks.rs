@@ -57,7 +57,7 @@ impl Attacker<'_> {
     /// Returns an order that would be executed if it came from an allowed origin.
     fn order(&mut self) -> (String, &'static str) {
         match self.below(3) {
-            0 => ("robots/lab/orders".to_owned(), r#"{"order":"emergency-stop"}"#),
+            0 => ("robots/lab/commands".to_owned(), r#"{"command":"emergency-stop"}"#),
             1 => ("robots/lab/maintenance".to_owned(), r#"{"task":"preheat","value":"200"}"#),
             _ => ("robots/lab/jobs".to_owned(), r#"{"to":"0,0,60,0,90"}"#),
         }
@@ -99,7 +99,7 @@ impl Attacker<'_> {
 
     fn traversal(&mut self) -> Attack {
         let up = self.of(&["../", "..%2f", "%2e%2e/", "%2e%2e%2f", "..%5c", "....//", "%252e%252e%252f", "..%c0%af"]);
-        let target = self.of(&["tokens", "orders.jsonl", "jobs.sqlite", "etc/passwd", "webhook-secret"]);
+        let target = self.of(&["tokens", "audit.jsonl", "jobs.sqlite", "etc/passwd", "webhook-secret"]);
         let up = up.repeat(1 + self.below(6));
         let path = match self.below(4) {
             0 => self.lab.at(&format!("/jobs/{up}{target}/log")),
@@ -144,7 +144,7 @@ impl Attacker<'_> {
     fn no_such_thing(&mut self) -> Attack {
         let name = self.hex(8);
         let (method, path, body) = match self.below(5) {
-            0 => ("POST", format!("/robots/{name}/orders"), r#"{"order":"stop"}"#),
+            0 => ("POST", format!("/robots/{name}/commands"), r#"{"command":"stop"}"#),
             1 => ("POST", format!("/jobs/{name}/resume"), ""),
             2 => ("GET", format!("/jobs/{name}"), ""),
             3 => ("GET", format!("/plans/{}/view", self.below(1000)), ""),
@@ -270,7 +270,7 @@ fn invalid_requests_are_refused_without_effect() {
     assert!(files < 60, "{files} files are open");
     assert_eq!(how_it_is(), before);
     let orders = lab.orders();
-    assert!(orders.iter().all(|order| order["refused"].is_string()), "{orders:?}");
+    assert!(orders.iter().all(|order| order["error"].is_string()), "{orders:?}");
     assert!(!lab.heard().contains("panicked"), "{}", lab.heard());
     // The service still executes a valid request.
     let (status, job) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
@@ -283,9 +283,9 @@ fn refusals_are_problem_details_and_foreign_pages_open_no_socket() {
     let lab = Lab::new(100.0);
     lab.wait_until_ready();
     for (method, path, body, wanted) in [
-        ("POST", "/robots/lab/orders", "{", 400),
-        ("POST", "/robots/lab/orders", r#"{"order":"dance"}"#, 422),
-        ("PUT", "/robots/lab/orders", "", 405),
+        ("POST", "/robots/lab/commands", "{", 400),
+        ("POST", "/robots/lab/commands", r#"{"command":"dance"}"#, 422),
+        ("PUT", "/robots/lab/commands", "", 405),
         ("GET", "/jobs?max=many", "", 400),
         ("GET", "/jobs/none", "", 404),
     ] {
@@ -294,7 +294,7 @@ fn refusals_are_problem_details_and_foreign_pages_open_no_socket() {
         assert!(status == wanted && problem["status"] == wanted && is_told, "{method} {path}: {status} {problem}");
     }
     let (_, document) = lab.ask("GET", "/openapi.json", "");
-    let operation = &document["paths"]["/robots/{robot}/orders"]["post"];
+    let operation = &document["paths"]["/robots/{robot}/commands"]["post"];
     assert_eq!(operation["parameters"][0]["name"], "robot", "{operation}");
     let responses: Vec<&String> = operation["responses"].as_object().unwrap().keys().collect();
     assert_eq!(responses, ["200", "default"]);
@@ -304,7 +304,7 @@ fn refusals_are_problem_details_and_foreign_pages_open_no_socket() {
     let open = |headers: &[&str]| {
         let headers = [&upgrade[..], &[key], headers].concat();
         let headers: String = headers.iter().map(|header| format!("{header}\r\n")).collect();
-        let path = lab.at("/events/socket");
+        let path = lab.at("/events/ws");
         status(&lab, format!("GET {path} HTTP/1.1\r\n{headers}\r\n").as_bytes())
     };
     assert_eq!(open(&["host: localhost", "origin: http://localhost"]), 101);
@@ -312,6 +312,6 @@ fn refusals_are_problem_details_and_foreign_pages_open_no_socket() {
     assert_eq!(open(&["host: localhost", "origin: http://evil.example"]), 404);
     assert_eq!(open(&["host: evil.example", "origin: http://evil.example"]), 404);
     assert_eq!(open(&["host: localhost", "sec-fetch-site: cross-site"]), 404);
-    let (status, _) = http(lab.page(), "GET", &lab.at("/events/socket"), &[], "");
+    let (status, _) = http(lab.page(), "GET", &lab.at("/events/ws"), &[], "");
     assert_eq!(status, 400, "a socket that is asked for without an upgrade");
 }

@@ -60,7 +60,7 @@ impl Growth {
     }
 
     fn order(&self, order: &str) -> Duration {
-        self.page("POST", "/robots/lab/orders", &json!({ "order": order }).to_string())
+        self.page("POST", "/robots/lab/commands", &json!({ "command": order }).to_string())
     }
 
     /// Returns the time until the emergency stop has switched everything off, and the time until the sender knows it.

@@ -18,7 +18,7 @@ const MANY: usize = 1500;
 /// Limits of growbot-host/src/serve/limits.rs.
 const CONNECTIONS: usize = 256;
 const STREAMS: usize = 64;
-const STOP: &str = r#"{"order":"emergency-stop"}"#;
+const STOP: &str = r#"{"command":"emergency-stop"}"#;
 
 /// Raises the number of files that this process may open.
 fn raise_limit() {
@@ -42,14 +42,14 @@ fn half_open_connections_do_not_block_others() {
     };
     let open: Vec<_> = (0..MANY).map(|_| half(TcpStream::connect(("127.0.0.1", port)).unwrap())).collect();
     assert_eq!(lab.ask_page(&lab.at("/robots"), &[], "GET", ""), 200);
-    assert_eq!(lab.ask_page(&lab.at("/robots/lab/orders"), &[], "POST", STOP), 200);
+    assert_eq!(lab.ask_page(&lab.at("/robots/lab/commands"), &[], "POST", STOP), 200);
     let files = lab.files();
     assert!((CONNECTIONS - 10..CONNECTIONS + 100).contains(&files), "{files} files are open");
     // Commands have their own connections, and the same number of half-open ones does not block them either.
     let open_there: Vec<_> = (0..MANY).map(|_| UnixStream::connect(lab.socket()).unwrap()).collect();
     let (code, said) = lab.run(&["estop"]);
     assert!(code == Some(0) && said.starts_with("emergency stop"), "{said}");
-    assert_eq!(lab.ask("GET", "/robots/lab", "").1["board"], "emergency-stop");
+    assert_eq!(lab.ask("GET", "/robots/lab", "").1["board_state"], "emergency-stop");
     let files = lab.files();
     assert!(files < 2 * CONNECTIONS + 100, "{files} files are open");
     drop((open, open_there));
@@ -74,7 +74,7 @@ fn authenticated_connections_are_limited_and_commands_get_through() {
     assert_eq!(keep().1, "HTTP/1.1 503");
     let (status, problem) = http(lab.page(), "GET", &lab.at("/robots"), &[], "");
     assert!(status == 503 && problem.contains("256 connections are open: try again"), "{problem}");
-    assert_eq!(lab.ask("POST", "/robots/lab/orders", STOP).0, 200);
+    assert_eq!(lab.ask("POST", "/robots/lab/commands", STOP).0, 200);
     drop(open);
     wait_for("there is room again", || (lab.ask_page(&lab.at("/robots"), &[], "GET", "") == 200).then_some(()));
 }
@@ -109,7 +109,7 @@ fn status_of(mut stream: TcpStream, request: &str) -> u16 {
 
 /// Returns the head of an order.
 fn post(lab: &Lab, length: &str) -> String {
-    let path = lab.at("/robots/lab/orders");
+    let path = lab.at("/robots/lab/commands");
     format!("POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n{length}\r\n\r\n")
 }
 
@@ -140,7 +140,7 @@ fn long_requests_are_refused_and_do_not_block_commands() {
     let read: Vec<_> = (0..2).map(|_| status_of_kept(&lab, &long)).collect();
     assert!(read.iter().all(|(_, status)| *status == 100));
     assert_eq!(status_of_kept(&lab, &long).1, 503);
-    assert_eq!(lab.ask_page(&lab.at("/robots/lab/orders"), &[], "POST", STOP), 200);
+    assert_eq!(lab.ask_page(&lab.at("/robots/lab/commands"), &[], "POST", STOP), 200);
     drop(read);
     wait_for("there is a place again", || (status_of_kept(&lab, &long).1 == 100).then_some(()));
     let orders = lab.orders();
@@ -200,15 +200,15 @@ fn only_one_of_several_simultaneous_jobs_begins() {
         assert_eq!(lab.ask("GET", "/robots/lab", "").1["job"], job);
         let (_, jobs) = lab.ask("GET", "/jobs", "");
         assert_eq!(jobs.as_array().unwrap().len(), round + 1, "{jobs}");
-        assert_eq!(lab.ask("POST", "/robots/lab/orders", r#"{"order":"stop"}"#).0, 200);
+        assert_eq!(lab.ask("POST", "/robots/lab/commands", r#"{"command":"stop"}"#).0, 200);
         assert_eq!(lab.wait_for_end(&job)["state"], "interrupted");
         wait_for("it can be given up", || {
-            (lab.ask("POST", "/robots/lab/orders", r#"{"order":"cancel"}"#).0 == 200).then_some(())
+            (lab.ask("POST", "/robots/lab/commands", r#"{"command":"cancel"}"#).0 == 200).then_some(())
         });
     }
     // No refused request begins a job later.
     sleep(Duration::from_secs(1));
     assert_eq!(lab.ask("GET", "/robots/lab", "").1["job"], Value::Null);
-    let of = |order: &str| lab.orders().iter().filter(|of| of["order"] == order && of["refused"].is_null()).count();
+    let of = |order: &str| lab.orders().iter().filter(|of| of["command"] == order && of["error"].is_null()).count();
     assert_eq!((of("grow"), of("cancel")), (9, 4), "four that began, and five answered with the job of the fourth");
 }

@@ -119,7 +119,7 @@ impl Load<'_> {
     fn socket(&self, job: &str) -> Vec<(u64, String)> {
         let headers = "connection: upgrade\r\nupgrade: websocket\r\nsec-websocket-version: 13\r\n\
                        sec-websocket-key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
-        let mut reader = self.open(&format!("/jobs/{job}/events/socket"), headers);
+        let mut reader = self.open(&format!("/jobs/{job}/events/ws"), headers);
         let mut lines = Vec::new();
         loop {
             let (kind, bytes) = frame(&mut reader);

@@ -111,12 +111,12 @@ fn begin(lab: &Lab, goal: &str) -> String {
 }
 
 fn order(lab: &Lab, order: &str) {
-    let (status, said) = lab.ask("POST", "/robots/lab/orders", &json!({ "order": order }).to_string());
+    let (status, said) = lab.ask("POST", "/robots/lab/commands", &json!({ "command": order }).to_string());
     assert_eq!(status, 200, "{said}");
 }
 
 fn wait_for_board(lab: &Lab, state: &str) {
-    wait_for(state, || (lab.ask("GET", "/robots/lab", "").1["board"] == state).then_some(()));
+    wait_for(state, || (lab.ask("GET", "/robots/lab", "").1["board_state"] == state).then_some(()));
 }
 
 /// Waits until no notice is pending. A service that is killed before it has recorded a delivery repeats it.

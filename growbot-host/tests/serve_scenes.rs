@@ -94,7 +94,7 @@ fn each_flag_of_a_job_overrides_one_refusal_and_no_other() {
     }
     let recorded = lab.orders();
     assert_eq!(
-        recorded.iter().filter(|line| line["order"] == "grow, ignoring the scene" && line["refused"].is_null()).count(),
+        recorded.iter().filter(|line| line["command"] == "grow, ignoring the scene" && line["error"].is_null()).count(),
         1,
         "{recorded:?}"
     );

@@ -70,7 +70,7 @@ fn the_page_is_served_only_at_its_secret_address() {
     let nothing = (404, String::new());
     let wrong = path.replace(&path[1..2], if &path[1..2] == "0" { "1" } else { "0" });
     for path in
-        ["/", "/updates", "/orders/stop", &wrong, &path[..33], &format!("{path}x"), &format!("{path}orders/dance")]
+        ["/", "/updates", "/commands/stop", &wrong, &path[..33], &format!("{path}x"), &format!("{path}commands/dance")]
     {
         assert_eq!(ask(address, "GET", path, &[]), nothing, "{path}");
         assert_eq!(ask(address, "POST", path, &[]), nothing, "{path}");
@@ -140,7 +140,7 @@ fn updates_are_streamed_and_the_end_is_last() {
     };
     let first = next().unwrap();
     assert_eq!((&first["state"], &first["layers"]["built"]), (&json!("starting"), &json!("")));
-    let total = first["total"].as_u64().unwrap();
+    let total = first["total_layers"].as_u64().unwrap();
     assert!(total > 50);
     for index in 0..3 {
         watch.ingest(&JobEvent::Laid { index, as_built: Some([index as u8; 12]), measured: None });
@@ -150,11 +150,11 @@ fn updates_are_streamed_and_the_end_is_last() {
         let update = next().unwrap();
         assert_eq!(update["layers"]["from"].as_u64(), Some(laid));
         laid += update["layers"]["built"].as_str().unwrap().len() as u64 / 24;
-        assert_eq!(update["left_s"].as_f64(), Some((total - laid) as f64 * 18.0));
+        assert_eq!(update["remaining_s"].as_f64(), Some((total - laid) as f64 * 18.0));
     }
     watch.end(serde_json::from_value(json!({ "outcome": "stopped" })).unwrap());
     let last = std::iter::from_fn(next).last().unwrap();
-    assert_eq!(last["ended"]["outcome"], "stopped");
+    assert_eq!(last["result"]["outcome"], "stopped");
     assert_eq!(TcpStream::connect(address).unwrap_err().kind(), ErrorKind::ConnectionRefused);
 }
 

@@ -143,7 +143,7 @@ async function breaks(what, board, change, trouble) {
         assertOff(board, what);
         const status = JSON.parse((await run(growbot, ['status', '--json', '--port', port])).stdout);
         assert.equal(status.fault, 'driver-fault', what);
-        assert.deepEqual(status.latest_fault.sensors.driver_trouble, trouble, what);
+        assert.deepEqual(status.latest_fault.sensors.driver_problem, trouble, what);
         assert(!energised, `${what}: a motor was energised`);
         const ms = (off - begun) / 1e6;
         assert(ms < FOUND_MS, `${what}: all is off after ${ms} ms`);

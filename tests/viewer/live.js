@@ -105,12 +105,12 @@ try {
   const drift = { message: "the board's clock is 5.0 % slow (limit 2 %)", remedy: "check the board's crystal" };
   const drifted = await open(browser, controlled.address, {
     state: "stopped",
-    answers: true,
-    total: 10,
-    left_s: 0,
+    board_responding: true,
+    total_layers: 10,
+    remaining_s: 0,
     layers: { from: 0, built: "" },
     readings: { from: 0, taken: [] },
-    ended: { outcome: "clock-drift", clock_drift: drift },
+    result: { outcome: "clock-drift", clock_drift: drift },
   });
   await waitForState(drifted, "clock-drift");
   const problem = await drifted.textContent("#problem");

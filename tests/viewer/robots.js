@@ -39,7 +39,7 @@ async function serve(port) {
   for await (const line of createInterface({ input: service.stdout })) {
     const [kind, url] = line.split(/ +/);
     urls[kind] = url;
-    const { operate: controlUrl, look: viewUrl } = urls;
+    const { control: controlUrl, view: viewUrl } = urls;
     if (controlUrl && viewUrl) return { service, controlUrl, viewUrl };
   }
   throw new Error("the service ended before it printed its URLs");

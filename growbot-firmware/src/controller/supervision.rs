@@ -106,8 +106,8 @@ impl<B: Board> Controller<B> {
         let raw = self.supply.pop_mean();
         // If the pin cannot be read, a fault is assumed.
         let driver_fault = sensors.driver_fault.map(|_| self.parts.driver_fault.is_high().unwrap_or(true));
-        let driver_trouble = self.parts.drivers.problem();
-        let counts = driver_trouble.is_some_and(|trouble| self.is_driver_problem_relevant(trouble.problem));
+        let driver_problem = self.parts.drivers.problem();
+        let counts = driver_problem.is_some_and(|trouble| self.is_driver_problem_relevant(trouble.problem));
         let look = InputSample {
             supply_v: raw.filter(|_| sensors.supply).map(|raw| volts(raw, &description.supply)),
             // If the pin cannot be read, missing filament is assumed.
@@ -123,8 +123,8 @@ impl<B: Board> Controller<B> {
             on_index: handover.on_index(),
             filament_present: look.filament_present,
             filament_pulses,
-            driver_fault: if driver_trouble.is_some() { Some(true) } else { driver_fault },
-            driver_trouble,
+            driver_fault: if driver_problem.is_some() { Some(true) } else { driver_fault },
+            driver_problem,
             emergency_stop,
             gravity_milli_g,
         };

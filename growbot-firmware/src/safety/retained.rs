@@ -203,7 +203,7 @@ pub(crate) mod tests {
             filament_present: Some(true),
             filament_pulses: Some(u32::MAX),
             driver_fault: Some(true),
-            driver_trouble: Some(DriverReport { motor: Motor::Feed, problem: DriverProblem::Stall }),
+            driver_problem: Some(DriverReport { motor: Motor::Feed, problem: DriverProblem::Stall }),
             emergency_stop: Some(true),
             gravity_milli_g: Some([i16::MIN; 3]),
         };

@@ -54,7 +54,7 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
         for (name, entry) in &robots {
             growbot_host::note!("robot {name} at {}", entry.port);
         }
-        print(&format!("operate  {operate}\nlook     {read}\n"))?;
+        print(&format!("control  {operate}\nview     {read}\n"))?;
         bound.serve(Arc::new(service), serve.request()).await.map_err(Failure::request_failed)
     })
 }

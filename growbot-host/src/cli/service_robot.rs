@@ -175,7 +175,7 @@ impl ServiceRobot {
     /// Prints the address of a growth's page, if it is requested.
     fn say_page(&self, job: &Job, page: Option<PageAccess>) -> Result<(), Failure> {
         let Some(page) = page else { return Ok(()) };
-        let PageUrls { control_url: operate, view_url: look } = self.caller.get("/addresses")?;
+        let PageUrls { control_url: operate, view_url: look } = self.caller.get("/page-urls")?;
         let at = if page == PageAccess::Control { operate } else { look };
         growbot_host::note!("watch it at {at}{}/jobs/{}/live/", PREFIX.trim_start_matches('/'), job.id);
         Ok(())
@@ -249,7 +249,7 @@ impl ServiceRobot {
             growbot_host::warning!("stopping; press Ctrl-C again for the emergency stop");
             let orders = [RobotCommand::Stop, RobotCommand::EmergencyStop];
             let order = orders[usize::from(INTERRUPTED.swap(true, std::sync::atomic::Ordering::Relaxed))];
-            let path = format!("/robots/{name}/orders");
+            let path = format!("/robots/{name}/commands");
             // In a thread, so that the second request need not wait for the response to the first.
             std::thread::spawn(move || {
                 let given =
@@ -350,10 +350,10 @@ impl JobProgress {
 fn json_of(robot: &RobotStatus) -> Value {
     json!({
         "robot": robot.robot,
-        "service": robot.name,
+        "name": robot.name,
         "simulated": robot.simulated,
         "connected": robot.state != RobotState::Disconnected,
-        "trouble": robot.connection_error,
+        "problem": robot.connection_error,
         "state": robot.board_state,
         "fault": robot.fault,
         "temperature_c": robot.temperature_c,
@@ -370,7 +370,7 @@ fn text_of(robot: &RobotStatus) -> String {
     let simulated = if robot.simulated { ", simulated" } else { "" };
     let mut text = format!("robot        {}, owned by the service{simulated}\n", robot.name);
     if let Some(trouble) = &robot.connection_error {
-        return text + &format!("trouble      {trouble}\n");
+        return text + &format!("problem      {trouble}\n");
     }
     text += &format!("state        {}\n", robot.board_state.as_deref().unwrap_or("unknown"));
     if let (Some(fault), Some(meaning)) = (&robot.fault, &robot.fault_explanation) {

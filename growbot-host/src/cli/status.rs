@@ -173,7 +173,7 @@ fn json_of_sensors(sensors: &SensorReadings) -> Value {
         "filament_present": sensors.filament_present,
         "filament_pulses": sensors.filament_pulses,
         "driver_fault": sensors.driver_fault,
-        "driver_trouble": sensors.driver_trouble.map(|trouble| json!({
+        "driver_problem": sensors.driver_problem.map(|trouble| json!({
             "motor": trouble.motor.name(),
             "problem": trouble.problem.code(),
         })),
@@ -212,7 +212,7 @@ fn text_of_sensors(sensors: &SensorReadings) -> String {
     if let Some(present) = sensors.filament_present {
         parts.push(if present { "filament" } else { "no filament" }.to_string());
     }
-    match sensors.driver_trouble {
+    match sensors.driver_problem {
         Some(DriverReport { motor, problem }) => parts.push(format!("{} driver {}", motor.name(), problem.code())),
         None if sensors.driver_fault == Some(true) => parts.push("driver fault".to_string()),
         None => {}
@@ -249,7 +249,7 @@ pub fn text_of_record(record: &FaultRecord) -> String {
         f64::from(record.duty) / f64::from(u16::MAX) * 100.0,
         record.laid
     );
-    if let Some(DriverReport { motor, problem }) = record.sensors.driver_trouble {
+    if let Some(DriverReport { motor, problem }) = record.sensors.driver_problem {
         text += &format!("             the {}'s driver {}\n", motor.name(), problem.explanation());
     }
     text
@@ -387,9 +387,9 @@ mod tests {
     #[test]
     fn a_driver_problem_is_reported_with_cause_and_remedy() {
         let trouble = Some(DriverReport { motor: Motor::Feed, problem: DriverProblem::Silent });
-        let sensors = SensorReadings { driver_fault: Some(true), driver_trouble: trouble, ..SensorReadings::default() };
+        let sensors = SensorReadings { driver_fault: Some(true), driver_problem: trouble, ..SensorReadings::default() };
         assert_eq!(text_of_sensors(&sensors), "head off its mark, feed driver silent");
-        assert_eq!(json_of_sensors(&sensors)["driver_trouble"], json!({ "motor": "feed", "problem": "silent" }));
+        assert_eq!(json_of_sensors(&sensors)["driver_problem"], json!({ "motor": "feed", "problem": "silent" }));
         let record = FaultRecord {
             fault: Some(Fault::DriverFault),
             cleared: false,

@@ -93,7 +93,7 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
             ),
         )
         .api_route(
-            "/robots/{robot}/orders",
+            "/robots/{robot}/commands",
             post_with(
                 order,
                 describe("Give an order. An emergency stop is answered once the board says that everything is off."),
@@ -119,18 +119,18 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         .api_route("/jobs", get_with(jobs, describe("The latest jobs, the newest first.")))
         .api_route("/jobs/{job}", get_with(job, describe("One job.")))
         .api_route("/jobs/{job}/resume", post_with(resume, describe("Resume a job that was left unfinished.")))
-        .route("/robots/{robot}/lend", post(lease_port))
-        .route("/addresses", get(addresses))
+        .route("/robots/{robot}/port-lease", post(lease_port))
+        .route("/page-urls", get(addresses))
         .route("/plans/{number}/view", get(view_plan))
         .route("/jobs/{job}/log", get(log))
         .route("/jobs/{job}/view", get(view))
         .route("/jobs/{job}/live/", get(live))
         .route("/jobs/{job}/live/updates", get(live_updates))
-        .route("/jobs/{job}/live/orders/{order}", post(live_order))
+        .route("/jobs/{job}/live/commands/{command}", post(live_order))
         .route("/jobs/{job}/events", get(event_routes::of_job))
-        .route("/jobs/{job}/events/socket", get(event_routes::socket_of_job))
+        .route("/jobs/{job}/events/ws", get(event_routes::socket_of_job))
         .route("/events", get(event_routes::of_robots))
-        .route("/events/socket", get(event_routes::socket_of_robots))
+        .route("/events/ws", get(event_routes::socket_of_robots))
         .fallback(nowhere)
         .layer(DefaultBodyLimit::max(MAX_BODY))
         .finish_api(&mut document);

@@ -169,7 +169,8 @@ impl ServiceClient {
     pub fn lease_port(&self, robot: &str, to: &str) -> Result<LeasedPort, ServiceError> {
         let body = serde_json::to_vec(&LeaseRequest { holder: to.to_owned() }).map_err(ServiceError::silent)?;
         let begun = async {
-            let (status, incoming) = self.send(Method::POST, &format!("/robots/{robot}/lend"), body.into()).await?;
+            let (status, incoming) =
+                self.send(Method::POST, &format!("/robots/{robot}/port-lease"), body.into()).await?;
             if status.is_success() {
                 return Ok(LeasedPort(incoming));
             }

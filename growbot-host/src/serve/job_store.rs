@@ -104,7 +104,7 @@ impl JobState {
             Self::Active => "active",
             Self::Interrupted => "interrupted",
             Self::Done => "done",
-            Self::Failed => "ended",
+            Self::Failed => "failed",
         }
     }
 

@@ -210,7 +210,7 @@ pub async fn limit_concurrency(
 ) -> Response {
     let path = request.uri().path();
     let is = |ends: &[&str]| ends.iter().any(|end| path.ends_with(end));
-    if is(&["/events", "/events/socket", "/updates"]) {
+    if is(&["/events", "/events/ws", "/updates"]) {
         let Ok(place) = Arc::clone(&door.streams).try_acquire_owned() else {
             return Problem::busy(&format!("{STREAMS} streams of events are open")).into_response();
         };

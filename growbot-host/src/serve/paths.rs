@@ -70,7 +70,7 @@ impl ServicePaths {
     /// Returns the path of the record of commands.
     #[must_use]
     pub fn audit(&self) -> PathBuf {
-        self.state.join("orders.jsonl")
+        self.state.join("audit.jsonl")
     }
 
     /// Returns the path of the tokens in the page's addresses.

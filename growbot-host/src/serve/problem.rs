@@ -35,12 +35,12 @@ impl Problem {
 
     /// The request is invalid.
     pub fn bad(detail: impl ToString) -> Self {
-        Self::new(StatusCode::UNPROCESSABLE_ENTITY, "wrong request", detail)
+        Self::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid request", detail)
     }
 
     /// The request cannot be carried out in the current state.
     pub fn conflict(detail: impl ToString) -> Self {
-        Self::new(StatusCode::CONFLICT, "not now", detail)
+        Self::new(StatusCode::CONFLICT, "conflict", detail)
     }
 
     /// The client has read-only access.
@@ -54,7 +54,7 @@ impl Problem {
 
     /// The client is not allowed to send this request.
     pub fn forbidden(detail: impl ToString) -> Self {
-        Self::new(StatusCode::FORBIDDEN, "not from here", detail)
+        Self::new(StatusCode::FORBIDDEN, "forbidden", detail)
     }
 
     /// The request is too long.
@@ -82,7 +82,7 @@ impl Problem {
 
     /// The service has failed.
     pub fn internal(detail: impl ToString) -> Self {
-        Self::new(StatusCode::INTERNAL_SERVER_ERROR, "the service failed", detail)
+        Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal error", detail)
     }
 }
 

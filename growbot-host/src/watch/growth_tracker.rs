@@ -330,7 +330,7 @@ mod tests {
         let mut seen = UpdateCursor::default();
         let first = update_of(&watched, &mut seen);
         assert_eq!(first["layers"]["built"].as_str().unwrap().len(), 2 * 24);
-        assert_eq!((&first["state"], &first["total"]), (&json!("starting"), &json!(total)));
+        assert_eq!((&first["state"], &first["total_layers"]), (&json!("starting"), &json!(total)));
         watched.ingest(&JobEvent::Laid { index: 1, as_built: Some([9; 12]), measured: None });
         watched.ingest(&JobEvent::Laid { index: 2, as_built: Some([1; 12]), measured: None });
         watched.ingest(&JobEvent::Laid { index: 4, as_built: None, measured: None });
@@ -339,7 +339,7 @@ mod tests {
         let commanded = hex_of(&watched.commanded[3..5]);
         assert_eq!(second["layers"], json!({ "from": 2, "built": format!("{}{commanded}", hex_of(&[[1; 12]])) }));
         assert_eq!(second["readings"], json!({ "from": 0, "taken": [[0.0, 200.5, null]] }));
-        assert_eq!(second["left_s"], json!((total - 5) as f64 * 18.0));
+        assert_eq!(second["remaining_s"], json!((total - 5) as f64 * 18.0));
         let third = update_of(&watched, &mut seen);
         assert_eq!((&third["layers"]["built"], &third["readings"]["taken"]), (&json!(""), &json!([])));
         let anew = update_of(&watched, &mut UpdateCursor::default());
@@ -407,9 +407,9 @@ mod tests {
         let mut watched = watched(&[]);
         watched.warn(Some("disk full".to_owned()));
         watched.ingest(&JobEvent::Command(growbot_client::growth::Command::Pause));
-        assert_eq!(update_of(&watched, &mut UpdateCursor::default())["warned"], "disk full");
+        assert_eq!(update_of(&watched, &mut UpdateCursor::default())["warning"], "disk full");
         watched.warn(None);
-        assert_eq!(update_of(&watched, &mut UpdateCursor::default())["warned"], Value::Null);
+        assert_eq!(update_of(&watched, &mut UpdateCursor::default())["warning"], Value::Null);
     }
 
     #[test]
@@ -464,7 +464,7 @@ mod tests {
         watched.ingest(&JobEvent::Laid { index: 3, as_built: None, measured: None });
         assert_eq!(watched.built[1..], [[5; 12], [5; 12], [6; 12]]);
         let update = update_of(&watched, &mut UpdateCursor::default());
-        assert_eq!(update["total"], 20);
+        assert_eq!(update["total_layers"], 20);
         watched.end(serde_json::from_value(json!({ "outcome": "stopped" })).unwrap());
         assert_eq!(watched.ended.unwrap().outcome, OutcomeKind::Stopped);
     }

@@ -48,7 +48,7 @@ fn routes(shared: Arc<WatchState>) -> Router {
     Router::new()
         .route(&format!("/{token}/"), get(page))
         .route(&format!("/{token}/updates"), get(updates))
-        .route(&format!("/{token}/orders/{{order}}"), post(order))
+        .route(&format!("/{token}/commands/{{command}}"), post(order))
         .fallback(not_found)
         .method_not_allowed_fallback(not_found)
         .with_state(shared)

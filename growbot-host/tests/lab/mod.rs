@@ -111,7 +111,7 @@ impl Lab {
 
     /// Returns the recorded orders.
     pub fn orders(&self) -> Vec<Value> {
-        let text = fs::read_to_string(self.directory.path().join("state/growbot/serve/orders.jsonl")).unwrap();
+        let text = fs::read_to_string(self.directory.path().join("state/growbot/serve/audit.jsonl")).unwrap();
         text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
     }
 

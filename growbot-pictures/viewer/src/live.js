@@ -46,7 +46,7 @@ export function showLive(data) {
   const source = new EventSource("updates");
   source.onmessage = ({ data: text }) => {
     const update = JSON.parse(text);
-    const { layers, readings: newReadings, total, ended: result, built_name: builtName } = update;
+    const { layers, readings: newReadings, total_layers: total, result, built_name: builtName } = update;
     const laid = layers.from + layers.built.length / HEX_PER_LAYER;
     readings = [...readings.slice(0, newReadings.from), ...newReadings.taken];
     built = built.slice(0, layers.from * HEX_PER_LAYER) + layers.built;
@@ -81,12 +81,12 @@ export function showLive(data) {
 }
 
 /** Returns the text of the remaining time, with the time of the end if it is known. */
-function remainingText({ left_s: remaining, finish_in_s: finish, state }) {
+function remainingText({ remaining_s: remaining, finish_in_s: finish, state }) {
   const time = `${durationText(remaining)} ${state === "growing" ? "left" : "of growth left"}`;
   return finish === null || finish === undefined ? time : `${time}, done at ${finishText(new Date(), finish)}`;
 }
 
-function showState({ state, answers: isResponding, explanation, refused: commandError, warned: warning }) {
+function showState({ state, board_responding: isResponding, explanation, command_error: commandError, warning }) {
   const badge = find("#state");
   badge.textContent = STATE_NAMES[state] ?? state;
   badge.dataset.state = state;
@@ -133,7 +133,7 @@ function showResult(result) {
 /** Sends a command to the growth. */
 async function sendCommand(command) {
   try {
-    const response = await fetch(`orders/${command}`, { method: "POST" });
+    const response = await fetch(`commands/${command}`, { method: "POST" });
     showProblem(response.ok ? "" : `${command} was rejected: ${await response.text()}`, "#command-problem");
   } catch (error) {
     const remedy = "use the robot's own emergency stop, or `growbot estop`";

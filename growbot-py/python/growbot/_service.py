@@ -202,7 +202,7 @@ class ServiceGrowth:
         if self._log is not None:
             _write(self._log, self._service.bytes(f"/jobs/{self._job}/log"))
         if self._result is None:
-            why = self._service.json(f"/jobs/{self._job}").get("why") or "the service does not say why"
+            why = self._service.json(f"/jobs/{self._job}").get("reason") or "the service gives no reason"
             raise BoardError(f"job {self._job} was left: {why}")
         outcome = self._result["outcome"]
         if outcome not in ("done", "stopped"):
@@ -214,13 +214,13 @@ class ServiceGrowth:
             )
 
     def _send_command(self, command: str) -> None:
-        self._service.json(f"/robots/{self._robot}/orders", {"order": command})
+        self._service.json(f"/robots/{self._robot}/commands", {"command": command})
 
     def send_command(self, name: str) -> None:
         if name in _COMMANDS:
             self._send_command(name)
         elif name in _TASKS:
-            self._service.bytes(f"/jobs/{self._job}/live/orders/{name}", {})
+            self._service.bytes(f"/jobs/{self._job}/live/commands/{name}", {})
         else:
             known = ", ".join(_COMMANDS + _TASKS)
             raise InputError(f"there is no command {name!r}: give one of {known}", name, known)
@@ -250,7 +250,7 @@ class ServiceBoard:
         return self._service
 
     def _send_command(self, command: str) -> None:
-        self._require_service().json(f"/robots/{self._robot}/orders", {"order": command})
+        self._require_service().json(f"/robots/{self._robot}/commands", {"command": command})
 
     def grow(
         self,
@@ -296,7 +296,7 @@ class ServiceBoard:
     def status_json(self) -> str:
         robot = self._require_service().json(f"/robots/{self._robot}")
         values = {key: robot[key] for key in ("laid", "temperature_c", "target_c", "fault")}
-        return json.dumps({"event": "status", "state": robot["board"], **values})
+        return json.dumps({"event": "status", "state": robot["board_state"], **values})
 
     def stop(self) -> str:
         self._send_command("stop")

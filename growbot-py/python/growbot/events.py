@@ -123,7 +123,7 @@ def event_from_dict(raw: dict[str, Any]) -> Event:
     if name == "amendment":
         return Amendment(raw["from"], raw["total"], raw=raw)
     if name == "amendment-rejected":
-        return AmendmentRejected(raw.get("reason", raw.get("why")), raw=raw)
+        return AmendmentRejected(raw.get("reason"), raw=raw)
     if name == "no-response":
         return NoResponse(raw=raw)
     if name == "reconnected":

@@ -383,7 +383,7 @@ pub struct SensorReadings {
     /// True if a stepper driver reports a fault.
     pub driver_fault: Option<bool>,
     /// Problem that a stepper driver reports over its UART. `None` if all drivers are well, or if they have no UART.
-    pub driver_trouble: Option<DriverReport>,
+    pub driver_problem: Option<DriverReport>,
     /// True if the emergency stop is pressed.
     pub emergency_stop: Option<bool>,
     /// Gravity in the tip's frame, thousandths of the earth's. The vector points upwards, as a resting accelerometer

@@ -18,14 +18,14 @@ fn a_driver_problem_during_work_is_a_fault_with_details() {
     for state in State::ALL.into_iter().filter(|state| may_heat(*state)) {
         for problem in DriverProblem::ALL {
             let mut bench = Bench::in_state(state);
-            bench.world.driver_trouble.set(Some(trouble(problem)));
+            bench.world.driver_problem.set(Some(trouble(problem)));
             bench.run_to(State::Fault, 0.25);
             assert_eq!(bench.controller.fault(), Some(Fault::DriverFault));
             let answer = bench.ask(&Message::GetLatestFault(Empty {}));
             let Message::LatestFault(LatestFault { record: Some(record) }) = answer else { panic!("{answer:?}") };
-            assert_eq!(record.sensors.driver_trouble, Some(trouble(problem)));
+            assert_eq!(record.sensors.driver_problem, Some(trouble(problem)));
             assert_eq!(bench.refused(&clear()), Refusal::FaultRemains { fault: Fault::DriverFault });
-            bench.world.driver_trouble.set(None);
+            bench.world.driver_problem.set(None);
             bench.run(0.2);
             bench.accepted(&clear());
         }
@@ -35,12 +35,12 @@ fn a_driver_problem_during_work_is_a_fault_with_details() {
 #[test]
 fn a_driver_problem_at_rest_becomes_a_fault_when_motors_start() {
     let mut bench = Bench::in_state(State::Idle);
-    bench.world.driver_trouble.set(Some(trouble(DriverProblem::Silent)));
+    bench.world.driver_problem.set(Some(trouble(DriverProblem::Silent)));
     bench.run(1.0);
     assert_eq!(bench.controller.state(), State::Idle);
     let Message::SensorReadings(readings) = bench.ask(&Message::GetSensorReadings(Empty {})) else { panic!() };
     assert_eq!(readings.driver_fault, Some(true));
-    assert_eq!(readings.driver_trouble, Some(trouble(DriverProblem::Silent)));
+    assert_eq!(readings.driver_problem, Some(trouble(DriverProblem::Silent)));
     bench.accepted(&start());
     bench.run_to(State::Fault, 0.25);
     assert_eq!(bench.controller.fault(), Some(Fault::DriverFault));
@@ -50,7 +50,7 @@ fn a_driver_problem_at_rest_becomes_a_fault_when_motors_start() {
 fn a_start_without_motor_supply_is_not_a_broken_driver() {
     for problem in DriverProblem::ALL {
         let bench = Bench::in_state(State::Idle);
-        bench.world.driver_trouble.set(Some(trouble(problem)));
+        bench.world.driver_problem.set(Some(trouble(problem)));
         let bench = bench.reset(ResetCause::PowerOn);
         let passes = matches!(problem, DriverProblem::Silent | DriverProblem::NotConfigured);
         let expected = if passes { None } else { Some(Fault::DriverFault) };

@@ -65,7 +65,7 @@ pub struct World {
     /// The drivers are not configured.
     pub drivers_unconfigured: Cell<bool>,
     /// Problem that a driver reports over its line.
-    pub driver_trouble: Cell<Option<DriverReport>>,
+    pub driver_problem: Cell<Option<DriverReport>>,
     /// The drivers' latest poll had the motors in use.
     pub motors_in_use: Cell<bool>,
     /// The crystal does not start.
@@ -98,7 +98,7 @@ impl World {
             retained_writes: RefCell::default(),
             debugging: Cell::new(false),
             drivers_unconfigured: Cell::new(false),
-            driver_trouble: Cell::new(None),
+            driver_problem: Cell::new(None),
             motors_in_use: Cell::new(false),
             without_crystal: Cell::new(false),
             robot: robot.clone(),
@@ -188,7 +188,7 @@ impl hal::StepperDrivers for FakeDrivers {
     }
 
     fn problem(&self) -> Option<DriverReport> {
-        self.0.driver_trouble.get()
+        self.0.driver_problem.get()
     }
 }
 

@@ -89,7 +89,7 @@ async function runAction(card, label, action) {
 
 function sendCommand(card, command) {
   runAction(card, command.replace("-", " "), async () => {
-    showRobots([await request(`robots/${card.robot.name}/orders`, { order: command })]);
+    showRobots([await request(`robots/${card.robot.name}/commands`, { command })]);
   });
 }
 
@@ -124,7 +124,7 @@ function submitGrow(card, event) {
       refreshJobs();
       return `job ${job.id} started`;
     }
-    const { plan, view } = await request(`plans?robot=${encodeURIComponent(card.robot.name)}`, body);
+    const { plan, view_path: viewPath } = await request(`plans?robot=${encodeURIComponent(card.robot.name)}`, body);
     const warnings = plan.warnings.map((warning) => `${warning.code}: ${warning.message}`);
     const { pace } = card.robot;
     const finish = pace ? `, done at ${formatTime(Date.now() + (1000 * plan.duration_s) / pace)}` : "";
@@ -132,7 +132,7 @@ function submitGrow(card, event) {
       `${formatNumber(plan.length_mm, 1)} mm, ${plan.layers} layers, ${formatDuration(plan.duration_s)}${finish}, `
         + `${formatNumber(plan.filament_mm / 1000, 2)} m of filament`,
       ...warnings].join("\n");
-    openPanel(`${API}/${view}`, `${card.robot.name}: preview`, card);
+    openPanel(`${API}/${viewPath}`, `${card.robot.name}: preview`, card);
     return "";
   });
 }
@@ -168,7 +168,7 @@ function closePanel() {
 function robotProperties(robot) {
   const properties = [];
   if (robot.robot) properties.push(["Robot", robot.robot]);
-  if (robot.board) {
+  if (robot.board_state) {
     const temperature = robot.temperature_c === null ? "no reading" : `${formatNumber(robot.temperature_c, 1)} C`;
     const target = robot.target_c === null ? ", heater off" : ` of ${formatNumber(robot.target_c, 1)} C`;
     properties.push(["Nozzle", temperature + target]);
@@ -176,7 +176,7 @@ function robotProperties(robot) {
   if (robot.job) properties.push(["Job", robot.job]);
   if (robot.layers) properties.push(["Layers", `${robot.laid} of ${robot.layers}`]);
   if (robot.finish_utc) properties.push(["Done at", formatTime(robot.finish_utc)]);
-  if (robot.pause) properties.push(["Pause reason", robot.pause]);
+  if (robot.pause_reason) properties.push(["Pause reason", robot.pause_reason]);
   return properties;
 }
 
@@ -198,8 +198,8 @@ function maintenanceBlockedBy(robot) {
 /** Returns whether each command is possible in the robot's state. */
 function allowedCommands(robot) {
   const isConnected = robot.state !== "disconnected";
-  const isPaused = ["paused", "parked"].includes(robot.board);
-  const isOff = robot.fault || robot.board === "emergency-stop";
+  const isPaused = ["paused", "parked"].includes(robot.board_state);
+  const isOff = robot.fault || robot.board_state === "emergency-stop";
   return {
     pause: robot.job && !isPaused, continue: robot.job && isPaused, stop: isConnected, "emergency-stop": true,
     "clear-fault": isConnected && isOff && !robot.job,
@@ -214,10 +214,10 @@ function showRobots(robots) {
     const { find } = card;
     card.robot = robot;
     find(".about").textContent = describePort(robot);
-    const state = robot.state === "disconnected" ? "not connected" : robot.board ?? "unknown";
+    const state = robot.state === "disconnected" ? "not connected" : robot.board_state ?? "unknown";
     // Screen readers announce each change of these texts.
     if (find(".state").textContent !== state) find(".state").textContent = state;
-    const alarm = robot.trouble ?? (robot.fault ? `${robot.fault}: ${robot.fault_explanation}` : robot.refused) ?? "";
+    const alarm = robot.connection_error ?? (robot.fault ? `${robot.fault}: ${robot.fault_explanation}` : robot.command_error) ?? "";
     find(".alarm").hidden = !alarm;
     if (find(".alarm").textContent !== alarm) find(".alarm").textContent = alarm;
     find("progress").hidden = !robot.layers;
@@ -248,7 +248,7 @@ function makeLink(text, url) {
 /** Makes the row of a job. */
 function makeJobRow(job) {
   const row = document.createElement("tr");
-  const state = job.why && job.why !== job.state ? `${job.state}: ${job.why}` : job.state;
+  const state = job.reason && job.reason !== job.state ? `${job.state}: ${job.reason}` : job.state;
   const texts = [formatTime(job.created_utc), job.robot, job.name, `${job.laid} of ${job.layers}`, state];
   for (const text of texts) row.insertCell().textContent = text;
   const actions = row.insertCell();
@@ -275,7 +275,7 @@ function makeJobRow(job) {
 
 /** Requests the latest jobs and shows them. */
 async function refreshJobs() {
-  const jobs = await request(`jobs?max=${MAX_JOBS}`);
+  const jobs = await request(`jobs?limit=${MAX_JOBS}`);
   byId("no-jobs").hidden = jobs.length > 0;
   byId("job-rows").replaceChildren(...jobs.map(makeJobRow));
 }
@@ -291,7 +291,7 @@ function followEvents() {
   events.addEventListener("robots", ({ data }) => {
     const robots = JSON.parse(data);
     showRobots(robots);
-    const states = robots.map((robot) => `${robot.job} ${robot.board}`).join();
+    const states = robots.map((robot) => `${robot.job} ${robot.board_state}`).join();
     if (states !== lastStates) refreshJobs();
     lastStates = states;
   });
@@ -300,7 +300,7 @@ function followEvents() {
 byId("body-close").addEventListener("click", closePanel);
 byId("body-stop").addEventListener("click", () => { sendCommand(openedPanel.card, "emergency-stop"); closePanel(); });
 document.addEventListener("keydown", ({ key }) => { if (key === "Escape") closePanel(); });
-({ operate: canControl } = await request("access"));
+({ can_control: canControl } = await request("access"));
 followEvents();
 refreshJobs();
 setInterval(refreshJobs, JOBS_REFRESH_MS);

@@ -140,7 +140,7 @@ fn heater_line(model: &Model) -> Line<'static> {
         parts.extend(sensors.supply_mv.map(|millivolts| format!("supply {:.1} V", f64::from(millivolts) / 1000.0)));
         parts.extend((sensors.filament_present == Some(false)).then(|| "NO FILAMENT".to_owned()));
         let named = sensors
-            .driver_trouble
+            .driver_problem
             .map(|trouble| format!("{} DRIVER {}", trouble.motor.name(), trouble.problem.code()).to_ascii_uppercase());
         parts.extend(named.or_else(|| (sensors.driver_fault == Some(true)).then(|| "DRIVER FAULT".to_owned())));
         parts.extend((sensors.emergency_stop == Some(true)).then(|| "EMERGENCY STOP PRESSED".to_owned()));
@@ -391,8 +391,8 @@ mod tests {
     #[test]
     fn a_driver_with_a_problem_is_named() {
         let mut model = growing();
-        let driver_trouble = Some(DriverReport { motor: Motor::Feed, problem: DriverProblem::Silent });
-        model.sensors = Some(SensorReadings { driver_fault: Some(true), driver_trouble, ..SensorReadings::default() });
+        let driver_problem = Some(DriverReport { motor: Motor::Feed, problem: DriverProblem::Silent });
+        model.sensors = Some(SensorReadings { driver_fault: Some(true), driver_problem, ..SensorReadings::default() });
         let lines = drawn(&model, 80, 24);
         assert!(lines[2].ends_with("; FEED DRIVER SILENT"), "{}", lines[2]);
     }
