@@ -12,7 +12,7 @@ use growbot_client::robot_file;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerEncoder;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
-use growbot_core::link::frame::{FrameDecoder, Header, encode};
+use growbot_core::link::frame::{FrameDecoder, FrameHeader, encode};
 use growbot_core::link::message::{AppendLayers, BeginJob, Empty, HostSilencePolicy, Message, Resume, Start, State};
 use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
@@ -44,7 +44,7 @@ fn robot() -> Robot {
 fn noise() -> Vec<u8> {
     let mut random = Rng::new(&[1]);
     let mut bytes: Vec<u8> = (0..NOISE).map(|_| random.uniform_between(0.0, 256.0) as u8).collect();
-    let whole = encode(&Header { kind: 4, session: 1, seq: 1, ack: 0 }, &[7; 200]).unwrap();
+    let whole = encode(&FrameHeader { kind: 4, session: 1, seq: 1, ack: 0 }, &[7; 200]).unwrap();
     bytes.extend(&whole[..whole.len() / 2]);
     bytes
 }

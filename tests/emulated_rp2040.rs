@@ -16,7 +16,7 @@ use growbot_core::link::message::{HostSilencePolicy, Message, PlanRequest, Plann
 use growbot_core::path::{Segment, end, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
-use growbot_core::robot::{Board, BoardKind, DriverSettings, PinOverrides, Robot};
+use growbot_core::robot::{BoardDescription, BoardKind, DriverSettings, PinOverrides, Robot};
 use growbot_sim::ground_truth::{SimulatedTip, grow_with_ground_truth};
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::port::rp2040::{HostLink, Rp2040Emulator};
@@ -35,7 +35,7 @@ const WARM_C: f64 = 190.0;
 /// Returns the same robot with an SKR Pico, which has its signals on other pins than a Pico.
 fn on_skr_pico() -> Robot {
     let mut description = robot().description().clone();
-    description.board = Some(Board { kind: BoardKind::SkrPico, pins: PinOverrides::default() });
+    description.board = Some(BoardDescription { kind: BoardKind::SkrPico, pins: PinOverrides::default() });
     // An SKR Pico does not measure its supply.
     description.sensors.supply = false;
     (description.head.driver, description.feed.driver) =

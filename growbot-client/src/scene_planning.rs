@@ -15,7 +15,7 @@ use growbot_scene::centreline::{TipPose, to_path_segments};
 use growbot_scene::clearance::{Clearance, RequiredClearance};
 use growbot_scene::path_clearance::{CLEARANCE_TOLERANCE_MM, clearance, clearance_until, is_path_clear, point_along};
 use growbot_scene::planner::{
-    self, InfeasibleReason, PlanningProblem, Resolution, SearchBudget, SearchOutcome, ViaPath,
+    self, InfeasibleReason, PlanningProblem, SearchBudget, SearchOutcome, SearchResolution, ViaPath,
 };
 use growbot_scene::scene_file::{LoadedScene, SceneError, load};
 
@@ -160,7 +160,7 @@ impl NoPathError {
         }
     }
 
-    fn at(Resolution { step, bend_directions: rolls, position, .. }: Resolution) -> Self {
+    fn at(SearchResolution { step, bend_directions: rolls, position, .. }: SearchResolution) -> Self {
         Self::AtResolution { step, rolls, cell: position }
     }
 }
@@ -400,8 +400,8 @@ impl LegSearch<'_> {
             scene,
             start: TipPose::from(from),
             goal: match goal {
-                Goal::Pose(pose) => planner::Goal::Pose(TipPose::from(pose)),
-                Goal::Position(position) => planner::Goal::Position { at: position.vector(), tolerance: 0.0 },
+                Goal::Pose(pose) => planner::PlannerGoal::Pose(TipPose::from(pose)),
+                Goal::Position(position) => planner::PlannerGoal::Position { at: position.vector(), tolerance: 0.0 },
             },
             radius: self.search.radius,
             required_clearance: need,

@@ -22,7 +22,7 @@ use growbot_core::path;
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_core::shortest::{Candidates, Problem, candidates};
+use growbot_core::shortest::{Candidates, PathProblem, candidates};
 use growbot_core::to_position::planar;
 use growbot_core::trigonometry::hypot;
 use growbot_core::two_plane::two_plane;
@@ -170,7 +170,7 @@ fn leg_to_pose(from: &Pose, to: &Pose, &PlanOptions { radius, planner, .. }: &Pl
         return by_two_planes;
     }
     let mut found = Candidates::new();
-    candidates(&Problem::from_poses(from, to, radius), 0.0, &mut found, &mut || ());
+    candidates(&PathProblem::from_poses(from, to, radius), 0.0, &mut found, &mut || ());
     found.first().map_or(by_two_planes, |shortest| by_two_planes.min(shortest.length() * radius))
 }
 

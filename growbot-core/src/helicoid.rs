@@ -46,7 +46,7 @@ const SHORT: f64 = 0.01;
 const SUBSTEPS: [u32; 5] = [2, 4, 6, 8, 10];
 
 /// A point on a helicoidal arc: position, direction of growth and x axis of the tip, as the columns of a matrix.
-type State = Matrix3<f64>;
+type HelicoidState = Matrix3<f64>;
 
 impl Helicoid {
     /// Returns `m` at a point.
@@ -73,16 +73,16 @@ impl Helicoid {
         walk.frame()
     }
 
-    fn rate(&self, state: &State) -> State {
+    fn rate(&self, state: &HelicoidState) -> HelicoidState {
         let m = self.m(&column::<0>(state));
         let norm = m.norm();
         let w = if norm > 0.0 { m / norm } else { Vector3::zeros() };
         let direction = column::<1>(state);
-        State::from_columns(&[direction, w.cross(&direction), w.cross(&column::<2>(state))])
+        HelicoidState::from_columns(&[direction, w.cross(&direction), w.cross(&column::<2>(state))])
     }
 
     /// Applies the midpoint rule to one step, in a given number of substeps.
-    fn midpoint(&self, state: &State, step: f64, substeps: u32) -> State {
+    fn midpoint(&self, state: &HelicoidState, step: f64, substeps: u32) -> HelicoidState {
         let short = step / f64::from(substeps);
         let (mut before, mut here) = (*state, state + self.rate(state) * short);
         for _ in 1..substeps {
@@ -94,7 +94,7 @@ impl Helicoid {
     }
 
     /// Makes a step that is so short that the classical Runge-Kutta method is exact to the last digits.
-    fn short_step(&self, state: &State, step: f64) -> State {
+    fn short_step(&self, state: &HelicoidState, step: f64) -> HelicoidState {
         let first = self.rate(state);
         let second = self.rate(&(state + first * (0.5 * step)));
         let third = self.rate(&(state + second * (0.5 * step)));
@@ -103,8 +103,8 @@ impl Helicoid {
     }
 
     /// Makes one extrapolated step (Bulirsch and Stoer 1966, with polynomials).
-    fn step(&self, state: &State, step: f64) -> State {
-        let mut row = [State::zeros(); SUBSTEPS.len()];
+    fn step(&self, state: &HelicoidState, step: f64) -> HelicoidState {
+        let mut row = [HelicoidState::zeros(); SUBSTEPS.len()];
         for (index, substeps) in SUBSTEPS.into_iter().enumerate() {
             let mut value = self.midpoint(state, step, substeps);
             // Neville's scheme: `row` holds the previous row, from its left end.
@@ -128,14 +128,14 @@ impl Helicoid {
 #[derive(Debug, Clone)]
 pub struct HelicoidIntegrator {
     curve: Helicoid,
-    state: State,
+    state: HelicoidState,
 }
 
 impl HelicoidIntegrator {
     /// Creates a tip at the start of the curve.
     #[must_use]
     pub fn new(curve: &Helicoid) -> Self {
-        Self { curve: *curve, state: State::from_columns(&[Vector3::zeros(), Vector3::z(), Vector3::x()]) }
+        Self { curve: *curve, state: HelicoidState::from_columns(&[Vector3::zeros(), Vector3::z(), Vector3::x()]) }
     }
 
     /// Advances by this length, radii.
@@ -205,7 +205,7 @@ mod tests {
     }
 
     /// Integrates in many small steps.
-    fn by_small_steps(curve: &Helicoid, length: f64, steps: u32) -> State {
+    fn by_small_steps(curve: &Helicoid, length: f64, steps: u32) -> HelicoidState {
         let step = length / f64::from(steps);
         let mut state = HelicoidIntegrator::new(curve).state;
         for _ in 0..steps {

@@ -6,7 +6,7 @@ use crate::compact_number::CompactNumber;
 use crate::path::{self, Path, PathFull, Segment};
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::robot::Robot;
-use crate::shortest::{self, Candidate, Candidates, Problem};
+use crate::shortest::{self, Candidate, Candidates, PathProblem};
 use crate::two_plane::two_plane;
 
 /// Method of finding a path.
@@ -199,7 +199,7 @@ fn shortest_of_all(
     keep_alive: &mut dyn FnMut(),
 ) -> Result<Option<PlannedPath>, PlanError> {
     let two_plane_length = two_plane_length(start, goal, radius)?;
-    let problem = Problem::from_poses(start, goal, radius);
+    let problem = PathProblem::from_poses(start, goal, radius);
     let mut found = Candidates::new();
     shortest::candidates(&problem, two_plane_length / radius, &mut found, keep_alive);
     let count = found.len() + 1;

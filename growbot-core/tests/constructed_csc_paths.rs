@@ -14,7 +14,7 @@ use core::f64::consts::{PI, TAU};
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::{Frame, tip_direction};
 use growbot_core::random::Rng;
-use growbot_core::shortest::Problem;
+use growbot_core::shortest::PathProblem;
 use growbot_core::shortest::csc::{Csc, paths};
 use nalgebra::{Matrix5, Vector3, Vector5};
 
@@ -279,7 +279,7 @@ fn try_regime(regime: &Regime, number: u64, count: u32) -> Tally {
     for _ in 0..tally.laid {
         let laid = (regime.draw)(&mut draw);
         let (goal, direction) = laid.end();
-        let found = paths(&Problem::new(&goal, &direction));
+        let found = paths(&PathProblem::new(&goal, &direction));
         for path in &found {
             let (at, pointing) = end_of(path);
             let miss = (at - goal).norm().max((pointing - direction).norm());

@@ -15,7 +15,7 @@ use growbot_core::helicoid::Helicoid;
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::{Frame, tip_direction};
 use growbot_core::random::Rng;
-use growbot_core::shortest::{Candidate, Candidates, Problem, candidates};
+use growbot_core::shortest::{Candidate, Candidates, PathProblem, candidates};
 use nalgebra::{Rotation3, Vector3};
 
 /// Max length by which a path may be longer than the constructed one, radii.
@@ -68,7 +68,7 @@ impl Goal {
     /// Returns the shortest path that the search finds, and asserts that it reaches the goal.
     fn shortest(&self) -> Candidate {
         let mut found = Candidates::new();
-        candidates(&Problem::new(&self.position, &self.direction), f64::INFINITY, &mut found, &mut || ());
+        candidates(&PathProblem::new(&self.position, &self.direction), f64::INFINITY, &mut found, &mut || ());
         let best = *found.first().expect("no path");
         let tip: Frame = end(&best.path(1.0).unwrap(), &Frame::identity());
         let miss = (tip.translation.vector - self.position).norm().max((tip_direction(&tip) - self.direction).norm());

@@ -1,7 +1,7 @@
 //! Tests with random bytes, and with frames that were corrupted on the link: a receiver must not accept a frame that
 //! was not sent.
 
-use growbot_core::link::frame::{self, FrameDecoder, Header, MAX_BODY_LEN, MAX_FRAME_LEN};
+use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, MAX_BODY_LEN, MAX_FRAME_LEN};
 use growbot_core::random::Rng;
 
 /// Number of pieces, unless GROWBOT_FRAMES gives another: 100,000,000 take some minutes in a release build.
@@ -17,7 +17,7 @@ fn frames(random: &mut Rng) -> Vec<Vec<u8>> {
     let frame = |length: usize, random: &mut Rng| {
         let body: Vec<u8> = (0..length).map(|_| random.next_u64() as u8).collect();
         let [kind, seq, ack] = [(); 3].map(|()| random.next_u64() as u16);
-        let header = Header { kind: kind as u8, session: random.next_u64() as u32, seq, ack };
+        let header = FrameHeader { kind: kind as u8, session: random.next_u64() as u32, seq, ack };
         frame::encode(&header, &body).unwrap().to_vec()
     };
     (0..=MAX_BODY_LEN).step_by(4).map(|length| frame(length, random)).collect()

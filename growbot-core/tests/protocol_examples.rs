@@ -21,7 +21,9 @@ use growbot_core::job::{job_layers, summarize};
 use growbot_core::layer::{Layer, SECTORS};
 use growbot_core::layer_bytes::{self, LayerBytes, LayerEncoder};
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
-use growbot_core::link::frame::{self, FRAME_VERSION, Frame, FrameDecoder, Header, MAX_BODY_LEN, MAX_FRAME_LEN};
+use growbot_core::link::frame::{
+    self, FRAME_VERSION, FrameDecoder, FrameHeader, LinkFrame, MAX_BODY_LEN, MAX_FRAME_LEN,
+};
 use growbot_core::link::message::{
     Accepted, Amend, AppendLayers, BeginJob, BoardInfo, BootReport, Cancel, Configure, Configured, Empty, Hello,
     HostName, HostSilencePolicy, InterruptedLayer, LatestFault, LayerLaid, LayerReadings, MAX_LAYERS_PER_MESSAGE,
@@ -102,7 +104,7 @@ impl Example {
     }
 
     /// Returns the example that the code makes of a message.
-    fn of(header: &Header, message: &Message) -> Self {
+    fn of(header: &FrameHeader, message: &Message) -> Self {
         assert_eq!(header.kind, message.kind());
         let mut buffer = [0; MAX_BODY_LEN];
         let body = message.encode(&mut buffer).unwrap();
@@ -291,7 +293,7 @@ fn protocol_examples_match_the_code() {
 
     let mut wrong = String::new();
     for ((name, lines), ExampleFrame { session, seq, ack, message, .. }) in blocks.iter().zip(&conversation) {
-        let header = Header { kind: message.kind(), session: *session, seq: *seq, ack: *ack };
+        let header = FrameHeader { kind: message.kind(), session: *session, seq: *seq, ack: *ack };
         let written = Example::parse(name, lines);
         let expected = Example::of(&header, message);
         if written != expected {
@@ -300,7 +302,7 @@ fn protocol_examples_match_the_code() {
         }
         let mut receiver = FrameDecoder::default();
         let frames: Vec<_> = written.wire.iter().filter_map(|byte| receiver.push(*byte)).collect();
-        let [Ok(Frame { header: arrived, body })] = &frames[..] else { panic!("{name}: {frames:?}") };
+        let [Ok(LinkFrame { header: arrived, body })] = &frames[..] else { panic!("{name}: {frames:?}") };
         assert_eq!(*arrived, header, "{name}");
         assert_eq!(body[..], written.body, "{name}");
         assert_eq!(Message::decode(arrived.kind, body).as_ref(), Ok(message), "{name}");
@@ -369,7 +371,7 @@ fn quoted_numbers_match_the_code() {
 
 /// Returns the number of bytes on the link of a message in a request (`seq`) or a response (`ack`).
 fn wire_bytes(seq: u16, ack: u16, message: &Message) -> usize {
-    Example::of(&Header { kind: message.kind(), session: SESSION, seq, ack }, message).wire.len()
+    Example::of(&FrameHeader { kind: message.kind(), session: SESSION, seq, ack }, message).wire.len()
 }
 
 #[test]

@@ -86,7 +86,7 @@ pub struct Controller<B: Board> {
     retained: RetainedState,
     copies: RetainedStore,
     configuring: configuration::ConfigUpload,
-    job: job::Job,
+    job: job::ActiveJob,
     motion: growth::MoveTracker,
     heater: Heater,
     /// Duty of the fan, 0 to 1.
@@ -125,7 +125,7 @@ impl<B: Board> Controller<B> {
             retained: retained.unwrap_or_default(),
             copies,
             configuring: configuration::ConfigUpload::default(),
-            job: job::Job::default(),
+            job: job::ActiveJob::default(),
             motion: growth::MoveTracker::default(),
             heater: Heater::default(),
             fan: 0.0,
@@ -244,7 +244,7 @@ impl<B: Board> Controller<B> {
 
     /// Writes the state that the next start needs into the memory that survives a reset.
     fn retain(&mut self) {
-        let job::Job { plan_id, layers_laid: laid, layers_begun: given, .. } = self.job;
+        let job::ActiveJob { plan_id, layers_laid: laid, layers_begun: given, .. } = self.job;
         let under_way = ActiveWork {
             state: self.state,
             plan_id,

@@ -4,7 +4,7 @@
 //! response as the first time and is not carried out again. The board repeats an event until the host acknowledges it.
 
 use growbot_core::link::frame::{
-    self, Frame, FrameDecoder, FrameError, Header, MAX_BODY_LEN, MAX_FRAME_LEN, is_seq_after, next_seq,
+    self, FrameDecoder, FrameError, FrameHeader, LinkFrame, MAX_BODY_LEN, MAX_FRAME_LEN, is_seq_after, next_seq,
 };
 use growbot_core::link::message::{HostName, LayerLaid, Message, StateChanged, Tuned};
 use heapless::Deque;
@@ -106,7 +106,7 @@ pub struct Link {
 impl Link {
     /// Processes a received byte. Returns the frame that it ends. An error means that the bytes were not a valid frame.
     /// The caller ignores it, because the sender repeats the frame.
-    pub fn receive(&mut self, byte: u8) -> Option<Result<Frame, FrameError>> {
+    pub fn receive(&mut self, byte: u8) -> Option<Result<LinkFrame, FrameError>> {
         self.receiver.push(byte)
     }
 
@@ -116,7 +116,7 @@ impl Link {
     }
 
     /// Opens a session with the request that opens it. An open session is closed.
-    pub fn open(&mut self, header: &Header, host: HostName, now: u64) {
+    pub fn open(&mut self, header: &FrameHeader, host: HostName, now: u64) {
         self.close();
         self.session = Some(Session {
             id: header.session,
@@ -166,7 +166,7 @@ impl Link {
 
     /// Processes the header of a frame: it shows that its host is alive, and acknowledges events. Returns how the frame
     /// is to be handled.
-    pub fn process_header(&mut self, header: &Header, now: u64) -> FrameAction {
+    pub fn process_header(&mut self, header: &FrameHeader, now: u64) -> FrameAction {
         let Some(session) = self.session.as_mut().filter(|session| session.id == header.session) else {
             return FrameAction::NoSession;
         };
@@ -196,7 +196,7 @@ impl Link {
 
     /// Sends the response and caches it for retransmission. If the transmit queue is full the response is not sent,
     /// because the host repeats the request.
-    pub fn respond(&mut self, request: &Header, message: Message) {
+    pub fn respond(&mut self, request: &FrameHeader, message: Message) {
         self.send(request.session, 0, request.seq, &message);
         if self.is_open(request.session) {
             self.cache_response(message);
@@ -254,7 +254,7 @@ impl Link {
     fn send(&mut self, session: u32, seq: u16, ack: u16, message: &Message) {
         let mut buffer = [0; MAX_BODY_LEN];
         let Ok(body) = message.encode_response(&mut buffer) else { return };
-        let header = Header { kind: message.kind(), session, seq, ack };
+        let header = FrameHeader { kind: message.kind(), session, seq, ack };
         let Ok(bytes) = frame::encode(&header, body) else { return };
         if self.outbox.len() + bytes.len() <= OUTBOX {
             for byte in bytes {

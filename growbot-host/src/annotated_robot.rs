@@ -30,12 +30,12 @@ pub struct Section {
     /// Description of the section.
     pub means: String,
     /// Fields of the section.
-    pub fields: Vec<Field>,
+    pub fields: Vec<AnnotatedField>,
 }
 
 /// A field of a description.
 #[derive(Debug)]
-pub struct Field {
+pub struct AnnotatedField {
     /// Full name of the field, for example `geometry.tip_radius_mm`.
     pub path: String,
     /// Value as TOML.
@@ -48,7 +48,7 @@ pub struct Field {
     pub comment: String,
 }
 
-impl Field {
+impl AnnotatedField {
     /// Returns whether the file marks the value as assumed.
     #[must_use]
     pub fn is_assumed(&self) -> bool {
@@ -90,7 +90,7 @@ impl AnnotatedRobot {
     }
 
     /// Returns all fields.
-    pub fn fields(&self) -> impl Iterator<Item = &Field> {
+    pub fn fields(&self) -> impl Iterator<Item = &AnnotatedField> {
         self.sections.iter().flat_map(|section| &section.fields)
     }
 
@@ -109,7 +109,7 @@ impl AnnotatedRobot {
 }
 
 /// Collects the fields below an item.
-fn collect(item: &Item, path: &str, file: &DocumentMut, schema: &serde_json::Value, fields: &mut Vec<Field>) {
+fn collect(item: &Item, path: &str, file: &DocumentMut, schema: &serde_json::Value, fields: &mut Vec<AnnotatedField>) {
     if let Some(table) = item.as_table_like() {
         for (key, item) in table.iter() {
             collect(item, &format!("{path}.{key}"), file, schema, fields);
@@ -126,7 +126,7 @@ fn collect(item: &Item, path: &str, file: &DocumentMut, schema: &serde_json::Val
     if let Some((word, meaning)) = choices.iter().find(|(word, _)| value.trim_matches('"') == *word) {
         means += &format!(" {word}: {meaning}");
     }
-    fields.push(Field { path: path.to_owned(), value, means, in_file, comment: remark });
+    fields.push(AnnotatedField { path: path.to_owned(), value, means, in_file, comment: remark });
 }
 
 /// Returns whether a file has this field, and the comment after it or after its inline table.

@@ -30,7 +30,7 @@ pub enum Key {
 
 /// Origin of a value.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Origin {
+pub enum SettingOrigin {
     /// A variable of the environment.
     Environment(&'static str),
     /// The nearest `growbot.toml`.
@@ -47,7 +47,7 @@ pub struct Setting {
     /// The value.
     pub value: String,
     /// Origin of the value.
-    pub origin: Origin,
+    pub origin: SettingOrigin,
 }
 
 /// Maximum length of a robot's name, letters.
@@ -175,22 +175,24 @@ impl Setting {
     /// [`SettingsError`] of a variable or file that had to be read.
     pub fn load(key: Key) -> Result<Self, SettingsError> {
         match env::var(key.variable()) {
-            Ok(value) if !value.is_empty() => return Ok(Self { value, origin: Origin::Environment(key.variable()) }),
+            Ok(value) if !value.is_empty() => {
+                return Ok(Self { value, origin: SettingOrigin::Environment(key.variable()) });
+            }
             Ok(_) | Err(VarError::NotPresent) => {}
             Err(VarError::NotUnicode(text)) => {
                 return Err(SettingsError::NotText { variable: key.variable(), text });
             }
         }
         let places = [
-            nearest().map(|file| (file.clone(), Origin::Nearest(file))),
-            user_file().map(|file| (file.clone(), Origin::User(file))),
+            nearest().map(|file| (file.clone(), SettingOrigin::Nearest(file))),
+            user_file().map(|file| (file.clone(), SettingOrigin::User(file))),
         ];
         for (file, origin) in places.into_iter().flatten().filter(|(file, _)| file.is_file()) {
             if let Some(value) = value_in(&file, key)? {
                 return Ok(Self { value, origin });
             }
         }
-        Ok(Self { value: key.built_in().to_owned(), origin: Origin::BuiltIn })
+        Ok(Self { value: key.built_in().to_owned(), origin: SettingOrigin::BuiltIn })
     }
 }
 

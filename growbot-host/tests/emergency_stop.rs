@@ -16,7 +16,7 @@ use growbot_client::client::{Client, ClientError, EMERGENCY_LIMIT, EMERGENCY_PAU
 use growbot_client::port::{Port, PortError};
 use growbot_client::robot_file;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
-use growbot_core::link::frame::{Header, encode};
+use growbot_core::link::frame::{FrameHeader, encode};
 use growbot_core::link::message::State;
 use growbot_core::random::Rng;
 use growbot_sim::port::sim::Sim;
@@ -235,7 +235,7 @@ fn the_stop_gets_through_after_a_partial_frame() {
     let bench = Bench::new();
     let growing = Growing::begin(&bench);
     // The line is cut when it has carried half a frame of the growing host. It works again after five stops.
-    let whole = encode(&Header { kind: 4, session: 1, seq: 1, ack: 0 }, &[7; 200]).unwrap();
+    let whole = encode(&FrameHeader { kind: 4, session: 1, seq: 1, ack: 0 }, &[7; 200]).unwrap();
     bench.set(|line| {
         line.inject = whole[..whole.len() / 2].to_vec();
         line.is_cut = true;

@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 
 use growbot_scene::centreline::{TipPose, angle_between};
 use growbot_scene::clearance::{RequiredClearance, min_clearance};
-use growbot_scene::planner::{Goal, PlanningProblem, SearchBudget, SearchOutcome, ViaPath, search};
+use growbot_scene::planner::{PlannerGoal, PlanningProblem, SearchBudget, SearchOutcome, ViaPath, search};
 use growbot_scene::read;
 use growbot_scene::scene::{Cloud, Scene};
 use nalgebra::Vector3;
@@ -108,7 +108,7 @@ fn answer(written: &ProblemSetJson, asked: &QueryJson, points: &[Vector3<f64>], 
     let problem = PlanningProblem {
         scene: &scene,
         start: TipPose { position: start, direction: Vector3::from(asked.start_direction).normalize() },
-        goal: Goal::Position { at: asked.goal_mm.into(), tolerance: written.goal_tolerance_mm },
+        goal: PlannerGoal::Position { at: asked.goal_mm.into(), tolerance: written.goal_tolerance_mm },
         radius: written.radius_mm,
         required_clearance: RequiredClearance { distance: tube, tolerance: 1e-3 * tube },
         max_length: written.length_max_mm,

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use growbot_scene::clearance::RequiredClearance;
-use growbot_scene::planner::{Goal, PlanningProblem, SearchBudget, SearchOutcome, search};
+use growbot_scene::planner::{PlannerGoal, PlanningProblem, SearchBudget, SearchOutcome, search};
 use growbot_scene::random_scenes::{
     FAMILIES, Family, GroundTruth, POINT_RADIUS, RandomScene, TubeLimits, brute_force_clearance, random_scene,
 };
@@ -145,11 +145,11 @@ fn header(drawn: &RandomScene, number: u64, time: Duration) -> Value {
 /// Returns the first path and the time that it took. Every other goal has a direction.
 fn plan(drawn: &RandomScene, number: u64, seconds: u64) -> (SearchOutcome, Duration) {
     let scene = drawn.scene();
-    let free = Goal::Position { at: drawn.goal.position, tolerance: 0.0 };
+    let free = PlannerGoal::Position { at: drawn.goal.position, tolerance: 0.0 };
     let problem = PlanningProblem {
         scene: &scene,
         start: drawn.start,
-        goal: if number.is_multiple_of(2) { free } else { Goal::Pose(drawn.goal) },
+        goal: if number.is_multiple_of(2) { free } else { PlannerGoal::Pose(drawn.goal) },
         radius: BODY.radius,
         required_clearance: RequiredClearance { distance: BODY.clearance, tolerance: 1e-3 * BODY.clearance },
         max_length: 1e5,

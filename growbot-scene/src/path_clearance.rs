@@ -18,12 +18,12 @@ const HELICOID_PIECE: f64 = 0.25;
 
 /// A piece of a body.
 #[derive(Debug, Clone, Copy)]
-enum Piece {
+enum PathPiece {
     Stretch(ArcSegment),
     Helicoid { base_from_start: Frame, curve: Helicoid, radius: f64, length: f64 },
 }
 
-impl Curve for Piece {
+impl Curve for PathPiece {
     fn length(&self) -> f64 {
         match self {
             Self::Stretch(stretch) => stretch.length,
@@ -66,13 +66,15 @@ pub fn point_along(path: &[Segment], base_from_start: &Frame, along: f64) -> Vec
 }
 
 /// Returns the pieces of a path that grows from a frame.
-fn pieces(path: &[Segment], base_from_start: &Frame) -> Vec<Piece> {
+fn pieces(path: &[Segment], base_from_start: &Frame) -> Vec<PathPiece> {
     let mut base_from_tip = *base_from_start;
     let mut pieces = Vec::with_capacity(path.len());
     for segment in path {
         match *segment {
             Segment::Helicoid { curve, radius, length } => divide(&base_from_tip, &curve, radius, length, &mut pieces),
-            plain => pieces.extend(arc_segments(&[plain], &base_from_tip).into_iter().flatten().map(Piece::Stretch)),
+            plain => {
+                pieces.extend(arc_segments(&[plain], &base_from_tip).into_iter().flatten().map(PathPiece::Stretch))
+            }
         }
         base_from_tip *= segment.step();
     }
@@ -81,7 +83,7 @@ fn pieces(path: &[Segment], base_from_start: &Frame) -> Vec<Piece> {
 
 /// Divides a helicoidal arc into short ones: the same curve with m at each point, and p, both in the frame of the tip
 /// there.
-fn divide(base_from_tip: &Frame, curve: &Helicoid, radius: f64, length: f64, pieces: &mut Vec<Piece>) {
+fn divide(base_from_tip: &Frame, curve: &Helicoid, radius: f64, length: f64, pieces: &mut Vec<PathPiece>) {
     let count = (length / radius / HELICOID_PIECE).ceil().max(1.0);
     let short = length / count;
     let mut walk = HelicoidIntegrator::new(curve);
@@ -91,7 +93,12 @@ fn divide(base_from_tip: &Frame, curve: &Helicoid, radius: f64, length: f64, pie
         let m0 = tip_from_start * curve.m(&start_from_tip.translation.vector);
         let curve = Helicoid { m0, p: tip_from_start * curve.p };
         start_from_tip.translation.vector *= radius;
-        pieces.push(Piece::Helicoid { base_from_start: base_from_tip * start_from_tip, curve, radius, length: short });
+        pieces.push(PathPiece::Helicoid {
+            base_from_start: base_from_tip * start_from_tip,
+            curve,
+            radius,
+            length: short,
+        });
         walk.advance(short / radius);
     }
 }

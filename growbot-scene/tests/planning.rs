@@ -2,7 +2,7 @@
 
 use growbot_scene::centreline::{TipPose, angle_between};
 use growbot_scene::clearance::RequiredClearance;
-use growbot_scene::planner::{Goal, PlanningProblem, SearchBudget, SearchOutcome, search};
+use growbot_scene::planner::{PlannerGoal, PlanningProblem, SearchBudget, SearchOutcome, search};
 use growbot_scene::random_scenes::{
     FAMILIES, GroundTruth, RandomScene, TubeLimits, brute_force_clearance, random_scene,
 };
@@ -17,7 +17,7 @@ fn scenes() -> u64 {
     std::env::var("GROWBOT_SCENES").ok().and_then(|count| count.parse().ok()).unwrap_or(10)
 }
 
-fn plan(drawn: &RandomScene, goal: Goal, budget: &SearchBudget) -> SearchOutcome {
+fn plan(drawn: &RandomScene, goal: PlannerGoal, budget: &SearchBudget) -> SearchOutcome {
     let scene = drawn.scene();
     let problem = PlanningProblem {
         scene: &scene,
@@ -36,11 +36,11 @@ fn constructed_paths_are_found_and_sealed_goals_are_infeasible() {
     for family in FAMILIES {
         for number in 0..scenes() {
             let drawn = random_scene(family, number, &BODY);
-            let free = Goal::Position { at: drawn.goal.position, tolerance: 0.0 };
+            let free = PlannerGoal::Position { at: drawn.goal.position, tolerance: 0.0 };
             // If nothing is known there may be no path, so a short search is enough.
             let work = if drawn.known == GroundTruth::Unknown { 100_000 } else { 3_000_000 };
             let budget = SearchBudget { max_queries: work, deadline: None, stop_at_first: true };
-            for goal in [free, Goal::Pose(drawn.goal)] {
+            for goal in [free, PlannerGoal::Pose(drawn.goal)] {
                 let outcome = plan(&drawn, goal, &budget);
                 match (&drawn.known, &outcome) {
                     (GroundTruth::Path(_), SearchOutcome::Found(_))
@@ -59,14 +59,14 @@ fn constructed_paths_are_found_and_sealed_goals_are_infeasible() {
 }
 
 /// Asserts that each stretch begins at the end of the previous one, and that the last ends at the goal.
-fn assert_joined(drawn: &RandomScene, stretches: &[growbot_scene::centreline::ArcSegment], goal: Goal) {
+fn assert_joined(drawn: &RandomScene, stretches: &[growbot_scene::centreline::ArcSegment], goal: PlannerGoal) {
     let mut tip = drawn.start;
     for stretch in stretches {
         assert!(stretch.curvature <= (1.0 + 1e-9) / BODY.radius);
         assert_near(&stretch.from, &tip, 1e-6);
         tip = stretch.end();
     }
-    let direction = if let Goal::Pose(goal) = goal { goal.direction } else { tip.direction };
+    let direction = if let PlannerGoal::Pose(goal) = goal { goal.direction } else { tip.direction };
     assert_near(&tip, &TipPose { position: goal.position(), direction }, 1e-6);
 }
 
@@ -80,7 +80,7 @@ fn results_are_the_same_in_every_run_and_thread() {
     let all = || {
         let budget = SearchBudget { max_queries: 100_000, deadline: None, stop_at_first: false };
         let drawn = FAMILIES.map(|family| random_scene(family, 1, &BODY));
-        drawn.map(|drawn| plan(&drawn, Goal::Pose(drawn.goal), &budget))
+        drawn.map(|drawn| plan(&drawn, PlannerGoal::Pose(drawn.goal), &budget))
     };
     let here = all();
     let threads: Vec<_> = (0..3).map(|_| std::thread::spawn(all)).collect();
@@ -96,7 +96,7 @@ fn more_effort_never_gives_a_longer_path() {
         let mut before = f64::INFINITY;
         for work in [30_000, 100_000, 300_000] {
             let budget = SearchBudget { max_queries: work, deadline: None, stop_at_first: false };
-            let SearchOutcome::Found(chain) = plan(&drawn, Goal::Pose(drawn.goal), &budget) else { continue };
+            let SearchOutcome::Found(chain) = plan(&drawn, PlannerGoal::Pose(drawn.goal), &budget) else { continue };
             // A position fewer on the path is worth a ten-thousandth of the distance.
             let price = 1e-4 * (drawn.goal.position - drawn.start.position).norm();
             let cost = chain.length + price * chain.via.len() as f64;
@@ -115,7 +115,7 @@ fn an_empty_scene_has_the_shortest_path() {
     let problem = PlanningProblem {
         scene: &scene,
         start: drawn.start,
-        goal: Goal::Position { at, tolerance: 2.0 },
+        goal: PlannerGoal::Position { at, tolerance: 2.0 },
         radius: 100.0,
         required_clearance: RequiredClearance { distance: 20.0, tolerance: 0.02 },
         max_length: 1e4,

@@ -52,7 +52,7 @@ pub struct Sealed {
 }
 
 /// A part of an image: its address in flash, and its bytes.
-type Part<'a> = (u32, &'a [u8]);
+type ImagePart<'a> = (u32, &'a [u8]);
 
 /// Joins adjacent parts.
 fn joined(mut parts: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
@@ -105,7 +105,7 @@ pub fn seal(image: &[u8]) -> Result<Sealed, String> {
         return Err(format!("it has {} parts; a seal covers {PARTS}", parts.len()));
     }
 
-    let contents: Vec<Part> = segments.iter().map(|(address, bytes, _)| (*address, *bytes)).collect();
+    let contents: Vec<ImagePart> = segments.iter().map(|(address, bytes, _)| (*address, *bytes)).collect();
     let byte = |address: u32| {
         contents.iter().find_map(|(from, bytes)| bytes.get(address.checked_sub(*from)? as usize).copied())
     };

@@ -5,7 +5,7 @@ use std::os::unix::fs::FileExt;
 use std::time::{Duration, Instant};
 
 use growbot_firmware::emulated_tip as table;
-use growbot_sim::port::emulator::{BoardClock, Emulator};
+use growbot_sim::port::emulator::{EmulatedClock, Emulator};
 use growbot_sim::tip::Motor;
 
 /// Time limit for a reset, a scan of the board's stack, or switching off, s of the board's clock. Each takes about 100
@@ -20,7 +20,7 @@ const STANDING: Duration = Duration::from_secs(300);
 /// Memory that the board shares with its tip, addressed by the byte offsets of `growbot_firmware::emulated_tip`.
 pub struct TipMemoryView {
     memory: File,
-    clock: BoardClock,
+    clock: EmulatedClock,
 }
 
 impl TipMemoryView {

@@ -66,7 +66,7 @@ impl Client {
 mod tests {
     use std::collections::VecDeque;
 
-    use growbot_core::link::frame::{self, Frame, FrameDecoder, Header};
+    use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, LinkFrame};
     use growbot_core::link::message::{PauseCause, Refused, ResetCause, SCHEMA_HASH, State, Status};
 
     use super::*;
@@ -81,7 +81,7 @@ mod tests {
     }
 
     impl TakenAt {
-        fn answer(&self, frame: &Frame) -> Message {
+        fn answer(&self, frame: &LinkFrame) -> Message {
             match Message::decode(frame.header.kind, &frame.body).unwrap() {
                 Message::GetBoardInfo(_) => Message::BoardInfo(board()),
                 Message::Configure(part)
@@ -102,7 +102,7 @@ mod tests {
                 let frame = frame.unwrap();
                 let answer = self.answer(&frame);
                 let mut buffer = [0; frame::MAX_BODY_LEN];
-                let header = Header { kind: answer.kind(), seq: 0, ack: frame.header.seq, ..frame.header };
+                let header = FrameHeader { kind: answer.kind(), seq: 0, ack: frame.header.seq, ..frame.header };
                 self.answers.extend(frame::encode(&header, answer.encode(&mut buffer).unwrap()).unwrap());
             }
             Ok(())

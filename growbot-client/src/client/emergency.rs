@@ -3,7 +3,7 @@
 use std::thread::sleep;
 use std::time::Duration;
 
-use growbot_core::link::frame::Frame;
+use growbot_core::link::frame::LinkFrame;
 use growbot_core::link::message::{Message, State};
 
 use super::exchange::record_command;
@@ -82,7 +82,7 @@ impl Client {
 
 /// Reports whether a board confirms in this frame, to any host, that it has stopped at once. If another program reads
 /// the same line, the event for that program may be the only one that arrives here.
-fn says_stopped(frame: &Frame) -> bool {
+fn says_stopped(frame: &LinkFrame) -> bool {
     let state = match Message::decode(frame.header.kind, &frame.body) {
         Ok(Message::EmergencyStopAck(_)) => return true,
         Ok(Message::StateChanged(change)) => change.state,

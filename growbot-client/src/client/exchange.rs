@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use growbot_core::link::frame::{self, Frame, FrameError, Header, MAX_BODY_LEN, next_seq};
+use growbot_core::link::frame::{self, FrameError, FrameHeader, LinkFrame, MAX_BODY_LEN, next_seq};
 use growbot_core::link::message::{Empty, Message, MessageError, Refused};
 
 use super::timeouts::{FIRST_RETRY_DELAY, MAX_ATTEMPTS, MAX_RETRY_DELAY, PLAN_RETRY_DELAY, PLAN_TIMEOUT, ResponseWait};
@@ -74,7 +74,7 @@ impl Client {
         let mut buffer = [0; MAX_BODY_LEN];
         let too_long = ClientError::Unexpected { request: "a message", kind: message.kind() };
         let Ok(body) = message.encode(&mut buffer) else { return Err(too_long) };
-        let header = Header { kind: message.kind(), session: self.session, seq, ack: self.received };
+        let header = FrameHeader { kind: message.kind(), session: self.session, seq, ack: self.received };
         let Ok(bytes) = frame::encode(&header, body) else { return Err(too_long) };
         self.acknowledged = true;
         if changes_board(message) {
@@ -89,7 +89,7 @@ impl Client {
         is_asked: impl Fn(u16) -> bool,
         patience: Duration,
         wait: &mut ResponseWait,
-    ) -> Result<Option<Frame>, ClientError> {
+    ) -> Result<Option<LinkFrame>, ClientError> {
         let step = patience.min(Duration::from_millis(100));
         let mut waited = Duration::ZERO;
         // Each frame counts as a short time too, so that a board that sends without end does not block this loop for
@@ -162,8 +162,8 @@ impl Client {
     }
 
     /// Stores an event if it is the next one. The board repeats the events after it.
-    pub(super) fn ingest_event(&mut self, frame: &Frame) {
-        let Header { session, seq, ack, .. } = frame.header;
+    pub(super) fn ingest_event(&mut self, frame: &LinkFrame) {
+        let FrameHeader { session, seq, ack, .. } = frame.header;
         // This host or another has stopped the board at once.
         if let (0, 0, 0, Ok(stopped @ Message::EmergencyStopAck(_))) =
             (session, seq, ack, Message::decode(frame.header.kind, &frame.body))
@@ -188,7 +188,10 @@ impl Client {
 
     /// Returns the next frame, or the error of bytes that were not a frame. `None` if nothing arrives within the
     /// timeout.
-    pub(super) fn next_frame(&mut self, timeout: Duration) -> Result<Option<Result<Frame, FrameError>>, ClientError> {
+    pub(super) fn next_frame(
+        &mut self,
+        timeout: Duration,
+    ) -> Result<Option<Result<LinkFrame, FrameError>>, ClientError> {
         let mut taken = 0;
         // Bytes that keep arriving without forming a frame must not block this loop for ever.
         while taken < 2 * frame::MAX_FRAME_LEN {
@@ -227,7 +230,7 @@ impl Client {
 }
 
 /// Decodes the response in a frame. A refusal is returned as an error.
-pub(super) fn decode_response(request: &'static str, frame: &Frame) -> Result<Message, ClientError> {
+pub(super) fn decode_response(request: &'static str, frame: &LinkFrame) -> Result<Message, ClientError> {
     match Message::decode(frame.header.kind, &frame.body) {
         Ok(Message::Refused(Refused { refusal, .. })) => Err(ClientError::Refused { request, refusal }),
         Ok(message) => Ok(message),

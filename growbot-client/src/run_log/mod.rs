@@ -106,7 +106,7 @@ impl RunLogError {
 
 /// Port of a growth and disturbances of its tip, for the first line of its log.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Origin<'a> {
+pub struct RunOrigin<'a> {
     /// The port, as it was given.
     pub port: &'a str,
     /// Disturbances of a simulated tip. `None` for a robot.
@@ -115,7 +115,7 @@ pub struct Origin<'a> {
     pub ignores_scene: bool,
 }
 
-impl<'a> From<&'a str> for Origin<'a> {
+impl<'a> From<&'a str> for RunOrigin<'a> {
     /// Creates the origin from a port. Nothing is known of its tip.
     fn from(port: &'a str) -> Self {
         Self { port, imperfection: None, ignores_scene: false }
@@ -157,7 +157,7 @@ impl RunLog {
         plan: &Plan,
         job: &Job,
         feedback: Option<SensorNoise>,
-        origin: impl Into<Origin<'a>>,
+        origin: impl Into<RunOrigin<'a>>,
     ) -> Result<Self, RunLogError> {
         format_from_extension(path, &ENDINGS)?;
         refuse_inputs(path)?;
@@ -180,7 +180,7 @@ impl RunLog {
         plan: &Plan,
         job: &Job,
         feedback: Option<SensorNoise>,
-        origin: impl Into<Origin<'a>>,
+        origin: impl Into<RunOrigin<'a>>,
     ) -> Result<Self, RunLogError> {
         format_from_extension(path, &ENDINGS)?;
         refuse_inputs(path)?;
@@ -209,7 +209,7 @@ impl RunLog {
         plan: &Plan,
         job: &Job,
         feedback: Option<SensorNoise>,
-        origin: impl Into<Origin<'a>>,
+        origin: impl Into<RunOrigin<'a>>,
     ) -> Result<Self, RunLogError> {
         let mut log = Self::to(Box::new(io::stdout()), "standard output", plan.start.frame());
         if let Some(open) = &mut log.0 {
@@ -234,7 +234,7 @@ impl RunLog {
         plan: &Plan,
         job: &Job,
         feedback: Option<SensorNoise>,
-        Origin { port, imperfection, ignores_scene }: Origin<'_>,
+        RunOrigin { port, imperfection, ignores_scene }: RunOrigin<'_>,
     ) -> Result<Self, RunLogError> {
         let mut log = self;
         let tip = if imperfection.is_some() { TipKind::Simulated } else { TipKind::Robot };

@@ -111,7 +111,7 @@ pub struct RecordedRun {
     /// Number of amendments that the board has accepted.
     amendments: u32,
     /// The part of the job that the latest amendment has replaced.
-    replaced: Option<Replaced>,
+    replaced: Option<ReplacedLayers>,
     /// Result of the growth, if the log contains it.
     pub result: Option<GrowthResult>,
     /// Indices of the layers whose lines are missing, in order. They were laid, but the log has lost their data.
@@ -145,7 +145,7 @@ pub(super) struct CountBefore {
 
 /// The part of a job that an amendment has replaced.
 #[derive(Debug, Clone, PartialEq, Eq)]
-struct Replaced {
+struct ReplacedLayers {
     /// Plan id before.
     plan_id: u64,
     /// Number of layers before.
@@ -316,7 +316,7 @@ impl RecordedRun {
     }
 
     fn revert_amendment(&mut self) {
-        if let Some(Replaced { plan_id, total, from, layers }) = self.replaced.take() {
+        if let Some(ReplacedLayers { plan_id, total, from, layers }) = self.replaced.take() {
             self.layers.truncate(from);
             self.layers.extend(layers);
             (self.plan_id, self.total) = (plan_id, total);
@@ -427,7 +427,7 @@ impl RecordedRun {
     fn amend(&mut self, amendment: Amendment) {
         let Amendment { plan_id, from, total, layers } = amendment;
         if let Some(layers) = self.replace(from as usize, layers) {
-            let before = Replaced { plan_id: self.plan_id, total: self.total, from: from as usize, layers };
+            let before = ReplacedLayers { plan_id: self.plan_id, total: self.total, from: from as usize, layers };
             self.replaced = Some(before);
             (self.plan_id, self.total) = (plan_id, total);
             self.amendments = self.amendments.saturating_add(1);

@@ -24,7 +24,7 @@ fn log(lines: &[Value]) -> Vec<u8> {
 }
 
 /// Like [`log`], but with the origin of the growth.
-fn log_from(origin: Origin, lines: &[Value]) -> Vec<u8> {
+fn log_from(origin: RunOrigin, lines: &[Value]) -> Vec<u8> {
     let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
     let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, avoid_self_collision: false };
@@ -160,7 +160,7 @@ fn all_lines_of_an_event_are_kept_while_the_disk_is_full() {
     let layer = Layer { alpha: 1.0, height: 0.7, tilt: 0.006 };
     let simulated = JobEvent::Simulated { from: 0, layers: vec![layer; 3] };
     let imperfection = ErrorModel::default();
-    let header = log_from(Origin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false }, &[]);
+    let header = log_from(RunOrigin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false }, &[]);
     for room in [0, 10, 300] {
         let disk = Disk::with_room(room);
         let mut log = RunLog::to(Box::new(disk.clone()), "run", Frame::identity());
@@ -252,7 +252,7 @@ fn header_has_command_time_and_disturbances_and_events_have_times() {
     let job = Job::of_plan(&robot, &plan);
     let disturbance = Disturbance { growth_noise: 0.1, tilt_bias: 0.05, ..Disturbance::default() };
     let imperfection = ErrorModel { disturbance, seed: 7, ..ErrorModel::default() };
-    let origin = Origin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false };
+    let origin = RunOrigin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false };
     let mut log = RunLog::create(&path, &plan, &job, None, origin).unwrap();
     log.record(&laid(0)).unwrap();
     log.record(&JobEvent::Simulated { from: 0, layers: vec![Layer { alpha: 1.0, height: 0.7, tilt: 0.004 }] }).unwrap();
@@ -282,7 +282,7 @@ fn header_has_command_time_and_disturbances_and_events_have_times() {
 #[test]
 fn the_kind_of_tip_comes_from_the_header_alone() {
     let imperfection = ErrorModel::default();
-    let simulated = Origin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false };
+    let simulated = RunOrigin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false };
     let told = |layer: u32| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
     let lies = |layer: u32| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": 0.7, "tilt_deg": 0.0 });
     let read = |origin, lines: &[Value]| RecordedRun::read(&log_from(origin, lines), "run").unwrap();
@@ -310,7 +310,7 @@ fn missing_simulated_layers_are_counted_without_the_open_layer() {
     let lies = |layer: u32| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": 0.7, "tilt_deg": 0.0 });
     for (places, missing) in [(&[0, 1, 2][..], 0), (&[0, 2], 1), (&[1], 1), (&[2], 2), (&[0, 1], 0), (&[], 2)] {
         let lines: Vec<Value> = [told(0), told(1)].into_iter().chain(places.iter().map(|layer| lies(*layer))).collect();
-        let origin = Origin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false };
+        let origin = RunOrigin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false };
         let record = RecordedRun::read(&log_from(origin, &lines), "run").unwrap();
         assert_eq!(record.missing_simulated_layers(), missing, "{places:?}");
         assert_eq!(

@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 const HELICOID_PIECE: f64 = 0.25;
 
 /// A stretch of the body that one formula describes: a segment, or a short piece of a helicoidal arc.
-pub(super) struct Piece {
+pub(super) struct BodyPiece {
     pub(super) base_from_start: Frame,
     pub(super) segment: Segment,
     /// Length of the body up to the start of the piece. `turned` is the angle by which it has turned there.
@@ -17,7 +17,7 @@ pub(super) struct Piece {
     pub(super) turned: f64,
 }
 
-impl Piece {
+impl BodyPiece {
     /// Returns the point after this length along the piece.
     pub(super) fn point(&self, along: f64) -> Vector3<f64> {
         let part = match self.segment {
@@ -31,15 +31,15 @@ impl Piece {
     }
 
     /// Returns the node of a part of this piece, at most the whole.
-    fn part(&self, index: usize, from: (f64, Vector3<f64>), to: (f64, Vector3<f64>)) -> Node {
+    fn part(&self, index: usize, from: (f64, Vector3<f64>), to: (f64, Vector3<f64>)) -> BodyNode {
         let length = to.0 - from.0;
         let curvature = self.segment.curvature();
         let turned = |along: f64| self.turned + curvature * along;
-        Node {
+        BodyNode {
             span: Span { from: self.at + from.0, to: self.at + to.0, turned: [turned(from.0), turned(to.0)] },
             // Any point of the part is within half its length of one of the ends.
             reach: (curvature * length * length / 8.0).min(0.5 * length),
-            kind: Kind::Part { piece: index, along: [from.0, to.0], ends: [from.1, to.1] },
+            kind: NodeKind::Part { piece: index, along: [from.0, to.0], ends: [from.1, to.1] },
         }
     }
 }
@@ -60,15 +60,15 @@ impl Span {
 
 /// A node of the tree over the body: a stretch and its bound.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Node {
+pub(super) struct BodyNode {
     pub(super) span: Span,
     /// Maximum distance of the stretch from its chord or centre.
     pub(super) reach: f64,
-    pub(super) kind: Kind,
+    pub(super) kind: NodeKind,
 }
 
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Kind {
+pub(super) enum NodeKind {
     /// Several pieces round a centre, with the indices of two nodes of [`Body::groups`].
     Group { centre: Vector3<f64>, halves: [usize; 2] },
     /// A part of a piece, between two points along it.
@@ -76,31 +76,31 @@ pub(super) enum Kind {
 }
 
 /// A body as a tree of stretches.
-pub(super) struct Body {
-    pieces: Vec<Piece>,
+pub(super) struct CollisionBody {
+    pieces: Vec<BodyPiece>,
     /// All groups and whole pieces; the last is the root.
-    pub(super) groups: Vec<Node>,
+    pub(super) groups: Vec<BodyNode>,
     /// Only points beyond this count as the later one of a pair, mm.
     pub(super) since: f64,
 }
 
-impl Body {
+impl CollisionBody {
     pub(super) fn new(path: &[Segment], since: f64) -> Self {
         let mut pieces = Vec::with_capacity(path.len());
-        let mut end = Piece {
+        let mut end = BodyPiece {
             base_from_start: Frame::identity(),
             segment: Segment::Straight { length: 0.0 },
             at: 0.0,
             turned: 0.0,
         };
         let mut push = |segment: Segment| {
-            let next = Piece {
+            let next = BodyPiece {
                 base_from_start: end.base_from_start * segment.step(),
                 segment,
                 at: end.at + segment.length(),
                 turned: end.turned + segment.bend(),
             };
-            pieces.push(Piece { segment, ..std::mem::replace(&mut end, next) });
+            pieces.push(BodyPiece { segment, ..std::mem::replace(&mut end, next) });
         };
         for segment in path {
             match *segment {
@@ -130,10 +130,10 @@ impl Body {
                 let (ball_a, ball_b) = (a.ball(), b.ball());
                 let centre = (ball_a.0 + ball_b.0) * 0.5;
                 let reach = [ball_a, ball_b].map(|(at, radius)| (at - centre).norm() + radius);
-                Node {
+                BodyNode {
                     span: Span { from: a.span.from, to: b.span.to, turned: [a.span.turned[0], b.span.turned[1]] },
                     reach: reach[0].max(reach[1]),
-                    kind: Kind::Group { centre, halves },
+                    kind: NodeKind::Group { centre, halves },
                 }
             }
         };
@@ -142,10 +142,10 @@ impl Body {
     }
 
     /// Returns the two halves of a node.
-    pub(super) fn halves(&self, node: &Node) -> [Node; 2] {
+    pub(super) fn halves(&self, node: &BodyNode) -> [BodyNode; 2] {
         match node.kind {
-            Kind::Group { halves, .. } => halves.map(|half| self.groups[half]),
-            Kind::Part { piece: index, along: [from, to], ends: [start, end] } => {
+            NodeKind::Group { halves, .. } => halves.map(|half| self.groups[half]),
+            NodeKind::Part { piece: index, along: [from, to], ends: [start, end] } => {
                 let piece = &self.pieces[index];
                 let middle = 0.5 * (from + to);
                 let at_middle = (middle, piece.point(middle));
@@ -170,23 +170,23 @@ fn divide(curve: &Helicoid, radius: f64, length: f64, push: &mut impl FnMut(Segm
     }
 }
 
-impl Node {
+impl BodyNode {
     /// Returns a ball that contains the stretch: centre and radius.
     fn ball(&self) -> (Vector3<f64>, f64) {
         match self.kind {
-            Kind::Group { centre, .. } => (centre, self.reach),
-            Kind::Part { ends: [a, b], .. } => ((a + b) * 0.5, 0.5 * (b - a).norm() + self.reach),
+            NodeKind::Group { centre, .. } => (centre, self.reach),
+            NodeKind::Part { ends: [a, b], .. } => ((a + b) * 0.5, 0.5 * (b - a).norm() + self.reach),
         }
     }
 
     pub(super) fn is_part(&self) -> bool {
-        matches!(self.kind, Kind::Part { .. })
+        matches!(self.kind, NodeKind::Part { .. })
     }
 }
 
 /// Returns a lower bound of the distance between two nodes, and its position on each, 0 to 1.
-pub(super) fn bound(a: &Node, b: &Node) -> (f64, [f64; 2]) {
-    if let (Kind::Part { ends: ends_a, .. }, Kind::Part { ends: ends_b, .. }) = (&a.kind, &b.kind) {
+pub(super) fn bound(a: &BodyNode, b: &BodyNode) -> (f64, [f64; 2]) {
+    if let (NodeKind::Part { ends: ends_a, .. }, NodeKind::Part { ends: ends_b, .. }) = (&a.kind, &b.kind) {
         let (distance, at) = between_chords(ends_a, ends_b);
         return ((distance - a.reach - b.reach).max(0.0), at);
     }

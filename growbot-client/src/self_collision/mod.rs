@@ -15,7 +15,7 @@ use std::f64::consts::FRAC_PI_2;
 
 use growbot_core::path::Segment;
 
-use body_tree::{Body, Node, Span, bound};
+use body_tree::{BodyNode, CollisionBody, Span, bound};
 
 /// Closest approach of a body to itself. Lengths in mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,8 +44,8 @@ pub fn closest_self_approach(path: &[Segment], diameter: f64, since: f64) -> Opt
 
 /// Like [`closest_self_approach`], but also returns the number of pairs of stretches that were examined.
 fn search(path: &[Segment], diameter: f64, since: f64) -> (Option<Collision>, usize) {
-    let body = Body::new(path, since);
-    let mut search = Search {
+    let body = CollisionBody::new(path, since);
+    let mut search = CollisionSearch {
         body: &body,
         neighbourhood: FRAC_PI_2 * diameter,
         sag: 0.5 * TOLERANCE * diameter / 2.0,
@@ -58,8 +58,8 @@ fn search(path: &[Segment], diameter: f64, since: f64) -> (Option<Collision>, us
 }
 
 /// State of a search.
-struct Search<'a> {
-    body: &'a Body,
+struct CollisionSearch<'a> {
+    body: &'a CollisionBody,
     /// Points that are less than this apart along the body are not compared, mm.
     neighbourhood: f64,
     /// A part that stays within this distance of its chord is not halved further, mm.
@@ -70,7 +70,7 @@ struct Search<'a> {
     left: usize,
 }
 
-impl Search<'_> {
+impl CollisionSearch<'_> {
     fn run(&mut self) {
         let Some(root) = self.body.groups.last() else { return };
         // The earlier stretch comes first. A stretch paired with itself stands for all pairs within it.
@@ -110,7 +110,7 @@ impl Search<'_> {
         }
     }
 
-    fn pair(&mut self, a: &Node, b: &Node, pairs: &mut Vec<(Node, Option<Node>)>) {
+    fn pair(&mut self, a: &BodyNode, b: &BodyNode, pairs: &mut Vec<(BodyNode, Option<BodyNode>)>) {
         if !self.may_meet(&a.span, &b.span) {
             return;
         }
@@ -119,19 +119,19 @@ impl Search<'_> {
             return;
         }
         let strangers = b.span.from - a.span.to >= self.neighbourhood;
-        let small = |node: &Node| node.is_part() && node.span.length() <= FINEST_SHARE * self.neighbourhood;
+        let small = |node: &BodyNode| node.is_part() && node.span.length() <= FINEST_SHARE * self.neighbourhood;
         if !strangers && small(a) && small(b) {
             // This is the end of the neighbourhood, where points are still well apart.
             return;
         }
-        let fine = |node: &Node| node.is_part() && node.reach <= self.sag;
+        let fine = |node: &BodyNode| node.is_part() && node.reach <= self.sag;
         if self.left == 0 || (strangers && fine(a) && fine(b)) {
             let along = |span: &Span, share: f64| span.from + share * span.length();
             self.found_at(distance, [along(&a.span, on[0]), along(&b.span, on[1])]);
             return;
         }
         // Halve the node whose position is less certain.
-        let coarseness = |node: &Node| match (node.is_part(), strangers) {
+        let coarseness = |node: &BodyNode| match (node.is_part(), strangers) {
             (false, _) => f64::INFINITY,
             (true, true) => node.reach,
             (true, false) => node.span.length(),

@@ -1,4 +1,4 @@
-use super::body_tree::Piece;
+use super::body_tree::BodyPiece;
 use super::*;
 use growbot_core::helicoid::Helicoid;
 use growbot_core::path;
@@ -99,7 +99,7 @@ proptest! {
             let mut left = at;
             let mut tip = Frame::identity();
             for segment in &path {
-                let piece = Piece { base_from_start: tip, segment: *segment, at: 0.0, turned: 0.0 };
+                let piece = BodyPiece { base_from_start: tip, segment: *segment, at: 0.0, turned: 0.0 };
                 if left <= segment.length() {
                     return piece.point(left);
                 }

@@ -27,7 +27,7 @@ use core::f64::consts::TAU;
 
 use crate::angle::wrap_positive;
 use crate::trigonometry;
-use path_types::{Goal, Tangent, lengths};
+use path_types::{PlanarGoal, Tangent, lengths};
 
 /// A pose in the plane: x, y in radii, heading in radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -158,7 +158,7 @@ const TIE: f64 = 1e-12;
 /// ```
 #[must_use]
 pub fn shortest(goal: &PlanarPose) -> PlanarPath {
-    let goal = Goal::new(goal);
+    let goal = PlanarGoal::new(goal);
     match goal.by_short_arcs() {
         Some(path) => path,
         None => {

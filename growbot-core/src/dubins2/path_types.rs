@@ -16,7 +16,7 @@ const NEAR_AT_DISTANCE: f64 = 9e-13 / 64.0;
 const TAN_PI_8: f64 = 0.414;
 
 /// The goal, in the form that the path types use.
-pub(super) struct Goal {
+pub(super) struct PlanarGoal {
     x: f64,
     y: f64,
     /// Between -pi and pi.
@@ -26,7 +26,7 @@ pub(super) struct Goal {
     versine: f64,
 }
 
-impl Goal {
+impl PlanarGoal {
     #[cfg_attr(not(target_os = "none"), inline(always))]
     pub(super) fn new(pose: &PlanarPose) -> Self {
         let heading = if pose.heading.abs() > TAU { wrap_positive(pose.heading) } else { pose.heading };

@@ -158,7 +158,7 @@ fn any_goal() -> impl Strategy<Value = PlanarPose> {
 
 /// Returns the shortest path with all path types built.
 fn shortest_of_all(goal: &PlanarPose) -> PlanarPath {
-    shortest_within(&Goal::new(goal).tangents(), [0.0; 6])
+    shortest_within(&PlanarGoal::new(goal).tangents(), [0.0; 6])
 }
 
 fn bits(path: &PlanarPath) -> (PathType, [u64; 3]) {
@@ -241,7 +241,7 @@ proptest! {
 
     #[test]
     fn no_path_type_is_shorter_than_its_bound(goal in any_goal()) {
-        let tangents = Goal::new(&goal).tangents();
+        let tangents = PlanarGoal::new(&goal).tangents();
         for (path_type, bound) in PathType::ALL.into_iter().zip(bounds::lower_bounds(&tangents)) {
             let path = PlanarPath { path_type, lengths: lengths(&tangents, path_type) };
             let excludes = f64::from(bound) > path.length();

@@ -31,7 +31,7 @@ impl EmergencyStopDetector {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::link::frame::{Header, MAX_BODY_LEN, encode};
+    use crate::link::frame::{FrameHeader, MAX_BODY_LEN, encode};
     use proptest::prelude::*;
 
     fn found(bytes: &[u8]) -> usize {
@@ -52,7 +52,7 @@ mod tests {
     proptest! {
         #[test]
         fn no_frame_contains_the_stop(bodies in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..=MAX_BODY_LEN), 1..4)) {
-            let header = Header { kind: 4, session: 0x9E70_E500, seq: 0x70E5, ack: 0x009E };
+            let header = FrameHeader { kind: 4, session: 0x9E70_E500, seq: 0x70E5, ack: 0x009E };
             let mut bytes = std::vec![0];
             for mut body in bodies {
                 // The bytes of the emergency stop, as a body.

@@ -35,7 +35,7 @@ pub const MAX_FRAME_LEN: usize = MAX_RAW_LEN + 2;
 
 /// The header of a frame, without the version.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Header {
+pub struct FrameHeader {
     /// Kind of the message ([`super::message::Message::kind`]).
     pub kind: u8,
     /// The session that the host opened with its `Hello`. The session of a response is that of its request.
@@ -65,9 +65,9 @@ pub const fn is_seq_after(seq: u16, other: u16) -> bool {
 
 /// A frame that was received whole.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Frame {
+pub struct LinkFrame {
     /// The header.
-    pub header: Header,
+    pub header: FrameHeader,
     /// The message in postcard form.
     pub body: Vec<u8, MAX_BODY_LEN>,
 }
@@ -98,7 +98,7 @@ pub enum FrameError {
 ///
 /// # Errors
 /// Returns [`FrameError::TooLong`] if the body is longer than [`MAX_BODY_LEN`].
-pub fn encode(header: &Header, body: &[u8]) -> Result<FrameBytes, FrameError> {
+pub fn encode(header: &FrameHeader, body: &[u8]) -> Result<FrameBytes, FrameError> {
     let mut raw: Vec<u8, MAX_RAW_LEN> = Vec::new();
     let mut put = |bytes: &[u8]| raw.extend_from_slice(bytes).map_err(|_| FrameError::TooLong);
     put(&[FRAME_VERSION, header.kind])?;
@@ -120,7 +120,7 @@ pub fn encode(header: &Header, body: &[u8]) -> Result<FrameBytes, FrameError> {
 }
 
 /// Decodes a frame from the bytes between two zeros.
-fn decode(bytes: &[u8]) -> Result<Frame, FrameError> {
+fn decode(bytes: &[u8]) -> Result<LinkFrame, FrameError> {
     let raw = unstuff(bytes).ok_or(FrameError::Garbled)?;
     let (content, checksum) = raw.split_last_chunk::<CHECKSUM_LEN>().ok_or(FrameError::Garbled)?;
     if crc32c(content) != u32::from_le_bytes(*checksum) {
@@ -131,8 +131,8 @@ fn decode(bytes: &[u8]) -> Result<Frame, FrameError> {
     if version != FRAME_VERSION {
         return Err(FrameError::Version { version });
     }
-    Ok(Frame {
-        header: Header {
+    Ok(LinkFrame {
+        header: FrameHeader {
             kind,
             session: u32::from_le_bytes([s0, s1, s2, s3]),
             seq: u16::from_le_bytes([q0, q1]),
@@ -169,7 +169,7 @@ pub struct FrameDecoder {
 
 impl FrameDecoder {
     /// Receives a byte. Returns the frame that the byte completes, if any, or the error of the bytes received.
-    pub fn push(&mut self, byte: u8) -> Option<Result<Frame, FrameError>> {
+    pub fn push(&mut self, byte: u8) -> Option<Result<LinkFrame, FrameError>> {
         if byte != 0 {
             if self.bytes.push(byte).is_err() {
                 self.overrun = true;
@@ -192,13 +192,13 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec as StdVec;
 
-    fn receive(bytes: &[u8]) -> StdVec<Result<Frame, FrameError>> {
+    fn receive(bytes: &[u8]) -> StdVec<Result<LinkFrame, FrameError>> {
         let mut receiver = FrameDecoder::default();
         bytes.iter().filter_map(|byte| receiver.push(*byte)).collect()
     }
 
-    fn header() -> impl Strategy<Value = Header> {
-        (any::<u8>(), any::<u32>(), any::<u16>(), any::<u16>()).prop_map(|(kind, session, seq, ack)| Header {
+    fn header() -> impl Strategy<Value = FrameHeader> {
+        (any::<u8>(), any::<u32>(), any::<u16>(), any::<u16>()).prop_map(|(kind, session, seq, ack)| FrameHeader {
             kind,
             session,
             seq,
@@ -226,7 +226,7 @@ mod tests {
 
         #[test]
         fn a_flipped_bit_is_detected(body in prop::collection::vec(any::<u8>(), 0..=MAX_BODY_LEN), at in any::<prop::sample::Index>(), bit in 0_u8..8) {
-            let header = Header { kind: 1, session: 2, seq: 3, ack: 4 };
+            let header = FrameHeader { kind: 1, session: 2, seq: 3, ack: 4 };
             let mut bytes = encode(&header, &body).unwrap();
             let index = at.index(bytes.len());
             bytes[index] ^= 1_u8 << bit;
@@ -242,7 +242,7 @@ mod tests {
 
         #[test]
         fn a_frame_after_noise_is_received(noise in prop::collection::vec(any::<u8>(), 0..600)) {
-            let header = Header { kind: 9, session: 8, seq: 7, ack: 6 };
+            let header = FrameHeader { kind: 9, session: 8, seq: 7, ack: 6 };
             let mut bytes = noise;
             bytes.push(0);
             bytes.extend_from_slice(&encode(&header, b"body").unwrap());
@@ -261,7 +261,7 @@ mod tests {
 
     #[test]
     fn an_overlong_body_is_refused() {
-        let header = Header { kind: 1, session: 2, seq: 3, ack: 4 };
+        let header = FrameHeader { kind: 1, session: 2, seq: 3, ack: 4 };
         assert_eq!(encode(&header, &[1; MAX_BODY_LEN + 1]), Err(FrameError::TooLong));
         assert_eq!(encode(&header, &[1; MAX_BODY_LEN]).unwrap().len(), MAX_FRAME_LEN);
     }

@@ -30,7 +30,7 @@ pub enum BoardKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct Board {
+pub struct BoardDescription {
     /// Kind of the board. A board of another kind refuses the description.
     pub kind: BoardKind,
     /// Pins that differ from those of the kind.

@@ -3,7 +3,7 @@
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
-use super::Board;
+use super::BoardDescription;
 
 /// A robot as described in its file, before the checks of [`super::Robot::new`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -21,7 +21,7 @@ pub struct RobotDescription {
     pub test_bench: bool,
     /// The controller board and its pins. By default any board, with its own pins.
     #[serde(default)]
-    pub board: Option<Board>,
+    pub board: Option<BoardDescription>,
     /// The sizes that bound the curvature.
     pub geometry: Geometry,
     /// One layer of material and its limits.

@@ -1,6 +1,6 @@
 //! The checks of the settings of stepper drivers that the firmware configures.
 
-use super::validate::Field;
+use super::validate::CheckedField;
 use super::{ChopperMode, DriverSettings, RobotDescription, RobotError};
 
 /// Reason why a driver's settings are not valid: the field, its value, and the remedy.
@@ -77,8 +77,12 @@ pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
 }
 
 fn check_driver(driver: &DriverSettings, fields: &DriverFields) -> Result<(), RobotError> {
-    Field(fields.sense_ohm, driver.sense_ohm).between(0.05, 1.0, "ohm: it is printed on the board, R110 for 0.11")?;
-    Field(fields.current_a, driver.current_a).between(
+    CheckedField(fields.sense_ohm, driver.sense_ohm).between(
+        0.05,
+        1.0,
+        "ohm: it is printed on the board, R110 for 0.11",
+    )?;
+    CheckedField(fields.current_a, driver.current_a).between(
         0.05,
         driver.max_current_a(),
         "A rms: what the driver's sense resistors allow, and less is enough for most motors",
@@ -96,13 +100,13 @@ fn check_driver(driver: &DriverSettings, fields: &DriverFields) -> Result<(), Ro
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot::{Board, BoardKind, PinOverrides, Robot};
+    use crate::robot::{BoardDescription, BoardKind, PinOverrides, Robot};
     use crate::testing::description_a;
 
     fn with(kind: BoardKind, driver: Option<DriverSettings>) -> Result<Robot, RobotError> {
         let mut robot = description_a();
         (robot.sensors.supply, robot.sensors.driver_fault) = (false, None);
-        robot.board = Some(Board { kind, pins: PinOverrides::default() });
+        robot.board = Some(BoardDescription { kind, pins: PinOverrides::default() });
         (robot.head.driver, robot.feed.driver) = (driver, driver);
         Robot::new(robot)
     }

@@ -12,7 +12,7 @@ mod pins;
 mod step_rate;
 mod validate;
 
-pub use board::{Board, BoardKind, PinOverrides, Signal};
+pub use board::{BoardDescription, BoardKind, PinOverrides, Signal};
 pub use description::{
     ChopperMode, DigitalInput, DriverSettings, Fan, Feed, FeedStrategy, Filament, FilamentMotion, Geometry, Head,
     HeadRotation, Heater, LayerDescription, Material, Motion, Pause, RobotDescription, Sensors, Supply, Thermistor,

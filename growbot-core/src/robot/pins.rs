@@ -1,6 +1,6 @@
 //! The checks that the pins of a board can have the functions that a robot needs.
 
-use super::{Board, BoardKind, RobotDescription, Signal};
+use super::{BoardDescription, BoardKind, RobotDescription, Signal};
 
 /// Number of GPIO pins of the RP2040.
 const RP2040_PINS: usize = 30;
@@ -89,7 +89,7 @@ pub enum PinError {
     },
 }
 
-impl Board {
+impl BoardDescription {
     /// Returns the GPIO pin of a signal: the pin that the description gives, or else the default pin of the kind.
     #[must_use]
     pub fn pin(&self, signal: Signal) -> Option<u8> {
@@ -166,7 +166,7 @@ mod tests {
             robot.head.driver = Some(DriverSettings::with_current(0.8));
             robot.feed.driver = robot.head.driver;
         }
-        robot.board = Some(Board { kind, pins });
+        robot.board = Some(BoardDescription { kind, pins });
         Robot::new(robot)
     }
 
@@ -210,7 +210,7 @@ mod tests {
         robot.sensors.supply = true;
         let said = std::format!("{}", Robot::new(robot.clone()).unwrap_err());
         assert!(said.contains("supply") && said.contains("skr-pico"), "{said}");
-        robot.board = Some(Board {
+        robot.board = Some(BoardDescription {
             kind: BoardKind::SkrPico,
             pins: PinOverrides { supply: Some(26), ..PinOverrides::default() },
         });

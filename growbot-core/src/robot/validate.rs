@@ -16,9 +16,9 @@ const MIN_SIZE: f64 = 1e-3;
 const UNLIMITED: f64 = 1e9;
 
 /// A field with its name and value. Its methods check the value.
-pub(super) struct Field(pub &'static str, pub f64);
+pub(super) struct CheckedField(pub &'static str, pub f64);
 
-impl Field {
+impl CheckedField {
     pub(super) fn between(&self, min: f64, max: f64, advice: &'static str) -> Result<(), RobotError> {
         let &Self(field, value) = self;
         if !value.is_finite() {
@@ -65,7 +65,7 @@ pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
 /// numbers reasonable. On a board the step interrupt must leave processor time for everything else, so the limit is
 /// [`MAX_BOARD_TICK_HZ`].
 pub(super) fn check_for_board(robot: &RobotDescription) -> Result<(), RobotError> {
-    Field("motion.tick_hz", f64::from(robot.motion.tick_hz)).between(
+    CheckedField("motion.tick_hz", f64::from(robot.motion.tick_hz)).between(
         0.0,
         f64::from(MAX_BOARD_TICK_HZ),
         "a board's step interrupt runs at 100 kHz at most: lower it; a robot that needs more can only be simulated",
@@ -74,9 +74,9 @@ pub(super) fn check_for_board(robot: &RobotDescription) -> Result<(), RobotError
 
 fn check_geometry(robot: &RobotDescription) -> Result<(), RobotError> {
     let geometry = &robot.geometry;
-    Field("geometry.tip_radius_mm", geometry.tip_radius_mm).size()?;
-    Field("geometry.inner_radius_mm", geometry.inner_radius_mm).size()?;
-    Field("geometry.inner_length_mm", geometry.inner_length_mm).size()?;
+    CheckedField("geometry.tip_radius_mm", geometry.tip_radius_mm).size()?;
+    CheckedField("geometry.inner_radius_mm", geometry.inner_radius_mm).size()?;
+    CheckedField("geometry.inner_length_mm", geometry.inner_length_mm).size()?;
     if geometry.tip_radius_mm <= geometry.inner_radius_mm {
         return Err(RobotError::TooSmall {
             field: "geometry.tip_radius_mm",
@@ -85,7 +85,7 @@ fn check_geometry(robot: &RobotDescription) -> Result<(), RobotError> {
             advice: "the tube (r_t) must be wider than the parts inside it (geometry.inner_radius_mm, r_r)",
         });
     }
-    Field("wall.width_mm", robot.wall.width_mm).between(
+    CheckedField("wall.width_mm", robot.wall.width_mm).between(
         MIN_SIZE,
         geometry.tip_radius_mm,
         "the wall must be thinner than the tip's radius",
@@ -94,44 +94,52 @@ fn check_geometry(robot: &RobotDescription) -> Result<(), RobotError> {
 
 fn check_material(robot: &RobotDescription) -> Result<(), RobotError> {
     let &Material { density_g_per_cm3, youngs_modulus_mpa, strength_mpa } = &robot.material;
-    Field("material.density_g_per_cm3", density_g_per_cm3).between(
+    CheckedField("material.density_g_per_cm3", density_g_per_cm3).between(
         1e-3,
         25.0,
         "grams per cubic centimetre: PLA has 1.24; check the unit",
     )?;
-    Field("material.youngs_modulus_mpa", youngs_modulus_mpa).between(
+    CheckedField("material.youngs_modulus_mpa", youngs_modulus_mpa).between(
         1e-3,
         1e6,
         "MPa, which is N/mm^2: printed PLA has some 2300; check the unit",
     )?;
-    Field("material.strength_mpa", strength_mpa).between(
+    CheckedField("material.strength_mpa", strength_mpa).between(
         1e-3,
         1e5,
         "MPa, which is N/mm^2: printed PLA bears some 30 from layer to layer; check the unit",
     )?;
-    Field("tip.mass_g", robot.tip.mass_g).between(0.0, 1e6, "grams, a tonne at most; 0 for a tip that weighs nothing")
+    CheckedField("tip.mass_g", robot.tip.mass_g).between(
+        0.0,
+        1e6,
+        "grams, a tonne at most; 0 for a tip that weighs nothing",
+    )
 }
 
 fn check_layer(robot: &RobotDescription) -> Result<(), RobotError> {
     let layer = &robot.layer;
-    Field("layer.height_mm", layer.height_mm).size()?;
-    Field("layer.height_min_mm", layer.height_min_mm).between(
+    CheckedField("layer.height_mm", layer.height_mm).size()?;
+    CheckedField("layer.height_min_mm", layer.height_min_mm).between(
         MIN_SIZE,
         layer.height_mm * (1.0 - 1e-6),
         "the min height must be positive and below layer.height_mm",
     )?;
     // 255 mm is the max height that a layer's bytes on the link can hold.
-    Field("layer.height_max_mm", layer.height_max_mm).between(
+    CheckedField("layer.height_max_mm", layer.height_max_mm).between(
         layer.height_mm,
         255.0,
         "the max height lies between layer.height_mm and what the link carries",
     )?;
-    Field("layer.tilt_max_deg", layer.tilt_max_deg).between(
+    CheckedField("layer.tilt_max_deg", layer.tilt_max_deg).between(
         1e-3,
         57.0,
         "a layer's tilt lies between 0.001 and 57 degrees",
     )?;
-    Field("layer.period_s", layer.period_s).between(1e-3, 86_400.0, "a layer takes between a millisecond and a day")
+    CheckedField("layer.period_s", layer.period_s).between(
+        1e-3,
+        86_400.0,
+        "a layer takes between a millisecond and a day",
+    )
 }
 
 fn check_radius(robot: &RobotDescription) -> Result<(), RobotError> {
@@ -145,7 +153,7 @@ fn check_radius(robot: &RobotDescription) -> Result<(), RobotError> {
         layer.height_max_mm,
         radians(layer.tilt_max_deg),
     );
-    Field("planning_radius_mm", robot.planning_radius_mm).between(
+    CheckedField("planning_radius_mm", robot.planning_radius_mm).between(
         by_packaging.max(by_layers),
         MAX_SIZE,
         "the radius of plans cannot be below R_min, the larger of the packaging limit (Eq 7) and the limit by the \
@@ -156,19 +164,19 @@ fn check_radius(robot: &RobotDescription) -> Result<(), RobotError> {
 fn check_motors(robot: &RobotDescription) -> Result<(), RobotError> {
     let motion = &robot.motion;
     // A board has a lower limit, see `check_for_board`.
-    Field("motion.tick_hz", f64::from(motion.tick_hz)).between(
+    CheckedField("motion.tick_hz", f64::from(motion.tick_hz)).between(
         100.0,
         1e6,
         "the step interrupt runs at 100 Hz to 1 MHz in simulations, and at 100 kHz at most on a board",
     )?;
     check_head(motion, &robot.head)?;
     check_feed(motion, &robot.feed)?;
-    Field("filament.spool_mm", robot.filament.spool_mm).between(
+    CheckedField("filament.spool_mm", robot.filament.spool_mm).between(
         1.0,
         1e9,
         "the length of filament on the spool, in mm: a spool of 1 kg of 1.75 mm holds some 330,000",
     )?;
-    Field("filament.heat_j_per_mm3_k", robot.filament.heat_j_per_mm3_k).between(
+    CheckedField("filament.heat_j_per_mm3_k", robot.filament.heat_j_per_mm3_k).between(
         0.0,
         0.01,
         "density times specific heat, in J/(mm^3 K): PLA has 0.0022",
@@ -176,33 +184,33 @@ fn check_motors(robot: &RobotDescription) -> Result<(), RobotError> {
 }
 
 fn check_head(motion: &Motion, head: &Head) -> Result<(), RobotError> {
-    Field("head.steps_per_turn", f64::from(head.steps_per_turn)).between(
+    CheckedField("head.steps_per_turn", f64::from(head.steps_per_turn)).between(
         8.0,
         1e6,
         "a turn takes 8 to 1,000,000 steps",
     )?;
-    Field("head.homing_turns_per_s", head.homing_turns_per_s).between(
+    CheckedField("head.homing_turns_per_s", head.homing_turns_per_s).between(
         1e-4,
         f64::from(motion.tick_hz) / (2.0 * f64::from(head.steps_per_turn)),
         "homing takes a step every two ticks at most: lower it, lower head.steps_per_turn or raise motion.tick_hz",
     )?;
-    Field("head.index_angle_deg", head.index_angle_deg).between(-360.0, 360.0, "an angle within one turn")?;
-    Field("head.index_width_deg", head.index_width_deg).between(
+    CheckedField("head.index_angle_deg", head.index_angle_deg).between(-360.0, 360.0, "an angle within one turn")?;
+    CheckedField("head.index_width_deg", head.index_width_deg).between(
         2.0 * 360.0 / f64::from(head.steps_per_turn),
         180.0,
         "the index mark spans two head steps at least and half a turn at most",
     )?;
-    Field("head.index_tolerance_deg", head.index_tolerance_deg).between(
+    CheckedField("head.index_tolerance_deg", head.index_tolerance_deg).between(
         360.0 / f64::from(head.steps_per_turn),
         90.0,
         "an edge of the mark is a head step off at least, and a quarter of a turn at most",
     )?;
-    Field("head.acceleration_turns_per_s2", head.acceleration_turns_per_s2).between(
+    CheckedField("head.acceleration_turns_per_s2", head.acceleration_turns_per_s2).between(
         1e-4,
         UNLIMITED,
         "turns per second and second; leave it out for no limit",
     )?;
-    Field("head.speed_jump_turns_per_s", head.speed_jump_turns_per_s).between(
+    CheckedField("head.speed_jump_turns_per_s", head.speed_jump_turns_per_s).between(
         head.homing_turns_per_s,
         UNLIMITED,
         "homing stops at an instant, so head.homing_turns_per_s must be within it; leave it out for no limit",
@@ -210,26 +218,30 @@ fn check_head(motion: &Motion, head: &Head) -> Result<(), RobotError> {
 }
 
 fn check_feed(motion: &Motion, feed: &Feed) -> Result<(), RobotError> {
-    Field("feed.steps_per_mm", feed.steps_per_mm).between(1e-3, 1e6, "steps of the feed motor for a mm of filament")?;
-    Field("feed.filament_diameter_mm", feed.filament_diameter_mm).size()?;
-    Field("feed.acceleration_mm_per_s2", feed.acceleration_mm_per_s2).between(
+    CheckedField("feed.steps_per_mm", feed.steps_per_mm).between(
+        1e-3,
+        1e6,
+        "steps of the feed motor for a mm of filament",
+    )?;
+    CheckedField("feed.filament_diameter_mm", feed.filament_diameter_mm).size()?;
+    CheckedField("feed.acceleration_mm_per_s2", feed.acceleration_mm_per_s2).between(
         1e-3,
         UNLIMITED,
         "mm of filament per second and second; leave it out for no limit",
     )?;
-    Field("feed.retract_mm", feed.retract_mm).between(0.0, 100.0, "mm of filament; 0 for none")?;
+    CheckedField("feed.retract_mm", feed.retract_mm).between(0.0, 100.0, "mm of filament; 0 for none")?;
     let mut min_jump = 1e-3;
     // Maintenance uses this speed too, within the limit of the step interrupt.
-    Field("feed.retract_mm_per_s", feed.retract_mm_per_s).between(min_jump, 1e6, "mm of filament a second")?;
+    CheckedField("feed.retract_mm_per_s", feed.retract_mm_per_s).between(min_jump, 1e6, "mm of filament a second")?;
     if feed.retract_mm > 0.0 {
-        Field("feed.retract_mm_per_s", feed.retract_mm_per_s).between(
+        CheckedField("feed.retract_mm_per_s", feed.retract_mm_per_s).between(
             min_jump,
             f64::from(motion.tick_hz) / (2.0 * feed.steps_per_mm),
             "the step interrupt makes a step every two ticks at most: lower it or raise motion.tick_hz",
         )?;
         min_jump = feed.retract_mm_per_s;
     }
-    Field("feed.speed_jump_mm_per_s", feed.speed_jump_mm_per_s).between(
+    CheckedField("feed.speed_jump_mm_per_s", feed.speed_jump_mm_per_s).between(
         min_jump,
         UNLIMITED,
         "filament is pulled back without a ramp, so feed.retract_mm_per_s must be within it; leave it out for no limit",
@@ -238,79 +250,99 @@ fn check_feed(motion: &Motion, feed: &Feed) -> Result<(), RobotError> {
 
 fn check_heater(robot: &RobotDescription) -> Result<(), RobotError> {
     let heater = &robot.heater;
-    Field("heater.max_c", heater.max_c).between(40.0, 500.0, "the limit of the nozzle lies between 40 and 500 C")?;
-    Field("heater.target_c", heater.target_c).between(
+    CheckedField("heater.max_c", heater.max_c).between(
+        40.0,
+        500.0,
+        "the limit of the nozzle lies between 40 and 500 C",
+    )?;
+    CheckedField("heater.target_c", heater.target_c).between(
         30.0,
         heater.max_c - 5.0,
         "the target must stay 5 C below heater.max_c and above 30 C",
     )?;
-    Field("heater.extrusion_min_c", heater.extrusion_min_c).between(
+    CheckedField("heater.extrusion_min_c", heater.extrusion_min_c).between(
         25.0,
         heater.target_c - heater.band_c,
         "filament is fed above this: it must lie below the target by heater.band_c at least",
     )?;
-    Field("heater.band_c", heater.band_c).between(
+    CheckedField("heater.band_c", heater.band_c).between(
         0.1,
         5.0,
         "the band round the target, in degrees: well within what counts as a drop",
     )?;
-    Field("heater.heating_timeout_s", heater.heating_timeout_s).between(1.0, 3600.0, "seconds from cold to hot")?;
-    Field("heater.kp", heater.kp).between(1e-9, 100.0, "duty per degree; heating needs a positive gain")?;
-    Field("heater.ki", heater.ki).between(0.0, 100.0, "duty per degree and second")?;
-    Field("heater.kd", heater.kd).between(0.0, 100.0, "duty per degree a second")?;
-    Field("heater.power_w", heater.power_w).between(0.1, 10_000.0, "watts at full duty")?;
-    Field("heater.heat_capacity_j_per_k", heater.heat_capacity_j_per_k).between(0.01, 1e5, "joules per kelvin")?;
-    Field("heater.loss_w_per_k", heater.loss_w_per_k).between(1e-6, 1e3, "watts per kelvin")
+    CheckedField("heater.heating_timeout_s", heater.heating_timeout_s).between(
+        1.0,
+        3600.0,
+        "seconds from cold to hot",
+    )?;
+    CheckedField("heater.kp", heater.kp).between(1e-9, 100.0, "duty per degree; heating needs a positive gain")?;
+    CheckedField("heater.ki", heater.ki).between(0.0, 100.0, "duty per degree and second")?;
+    CheckedField("heater.kd", heater.kd).between(0.0, 100.0, "duty per degree a second")?;
+    CheckedField("heater.power_w", heater.power_w).between(0.1, 10_000.0, "watts at full duty")?;
+    CheckedField("heater.heat_capacity_j_per_k", heater.heat_capacity_j_per_k).between(
+        0.01,
+        1e5,
+        "joules per kelvin",
+    )?;
+    CheckedField("heater.loss_w_per_k", heater.loss_w_per_k).between(1e-6, 1e3, "watts per kelvin")
 }
 
 fn check_thermistor(robot: &RobotDescription) -> Result<(), RobotError> {
     let thermistor = &robot.thermistor;
     match (thermistor.r25_ohm, thermistor.beta_k, thermistor.steinhart_hart) {
         (Some(r25_ohm), Some(beta_k), None) => {
-            Field("thermistor.r25_ohm", r25_ohm).between(10.0, 1e7, "ohms at 25 C")?;
-            Field("thermistor.beta_k", beta_k).between(500.0, 10_000.0, "kelvin")?;
+            CheckedField("thermistor.r25_ohm", r25_ohm).between(10.0, 1e7, "ohms at 25 C")?;
+            CheckedField("thermistor.beta_k", beta_k).between(500.0, 10_000.0, "kelvin")?;
         }
         (None, None, Some([a, b, c])) => {
             let advice = "a coefficient in 1/K, as data sheets print it: A near 1e-3, B near 2e-4, C near 1e-7";
-            Field("thermistor.steinhart_hart[0]", a).between(-0.01, 0.01, advice)?;
-            Field("thermistor.steinhart_hart[1]", b).between(1e-6, 0.01, advice)?;
-            Field("thermistor.steinhart_hart[2]", c).between(0.0, 1e-4, advice)?;
+            CheckedField("thermistor.steinhart_hart[0]", a).between(-0.01, 0.01, advice)?;
+            CheckedField("thermistor.steinhart_hart[1]", b).between(1e-6, 0.01, advice)?;
+            CheckedField("thermistor.steinhart_hart[2]", c).between(0.0, 1e-4, advice)?;
         }
         _ => return Err(RobotError::ThermistorEquation),
     }
-    Field("thermistor.pull_up_ohm", thermistor.pull_up_ohm).between(10.0, 1e7, "ohms")
+    CheckedField("thermistor.pull_up_ohm", thermistor.pull_up_ohm).between(10.0, 1e7, "ohms")
 }
 
 fn check_fan_and_pause(robot: &RobotDescription) -> Result<(), RobotError> {
     let (fan, pause) = (&robot.fan, &robot.pause);
-    Field("fan.growing_duty", fan.growing_duty).between(0.0, 1.0, "a share of full duty")?;
-    Field("fan.loss_w_per_k", fan.loss_w_per_k).between(0.0, 1e3, "watts per kelvin")?;
-    Field("pause.standby_c", pause.standby_c).between(
+    CheckedField("fan.growing_duty", fan.growing_duty).between(0.0, 1.0, "a share of full duty")?;
+    CheckedField("fan.loss_w_per_k", fan.loss_w_per_k).between(0.0, 1e3, "watts per kelvin")?;
+    CheckedField("pause.standby_c", pause.standby_c).between(
         0.0,
         500.0,
         "degrees Celsius; above heater.target_c it means heater.target_c",
     )?;
-    Field("pause.standby_after_s", pause.standby_after_s).between(0.0, 86_400.0, "seconds, a day at most")?;
-    Field("pause.off_after_s", pause.off_after_s).between(0.0, 86_400.0, "seconds, a day at most")
+    CheckedField("pause.standby_after_s", pause.standby_after_s).between(0.0, 86_400.0, "seconds, a day at most")?;
+    CheckedField("pause.off_after_s", pause.off_after_s).between(0.0, 86_400.0, "seconds, a day at most")
 }
 
 fn check_sensors(robot: &RobotDescription) -> Result<(), RobotError> {
     let (supply, sensors) = (&robot.supply, &robot.sensors);
-    Field("supply.nominal_v", supply.nominal_v).between(1.0, 100.0, "volts")?;
-    Field("supply.min_v", supply.min_v).between(0.5, supply.nominal_v, "the min voltage is below supply.nominal_v")?;
-    Field("supply.max_v", supply.max_v).between(
+    CheckedField("supply.nominal_v", supply.nominal_v).between(1.0, 100.0, "volts")?;
+    CheckedField("supply.min_v", supply.min_v).between(
+        0.5,
+        supply.nominal_v,
+        "the min voltage is below supply.nominal_v",
+    )?;
+    CheckedField("supply.max_v", supply.max_v).between(
         supply.nominal_v,
         200.0,
         "the max voltage is above supply.nominal_v",
     )?;
-    Field("supply.full_scale_v", supply.full_scale_v).between(
+    CheckedField("supply.full_scale_v", supply.full_scale_v).between(
         supply.max_v,
         1000.0,
         "the ADC must be able to measure supply.max_v: give the voltage at which its input is at the reference",
     )?;
     if let Some(motion) = sensors.filament_motion {
-        Field("sensors.filament_motion.mm_per_pulse", motion.mm_per_pulse).between(1e-3, 1e3, "mm of filament")?;
-        Field("sensors.filament_motion.jam_mm", motion.jam_mm).between(
+        CheckedField("sensors.filament_motion.mm_per_pulse", motion.mm_per_pulse).between(
+            1e-3,
+            1e3,
+            "mm of filament",
+        )?;
+        CheckedField("sensors.filament_motion.jam_mm", motion.jam_mm).between(
             2.0 * motion.mm_per_pulse,
             1e4,
             "less than two pulses' worth of filament would be a false alarm",
@@ -330,7 +362,7 @@ fn check_board(robot: &RobotDescription) -> Result<(), RobotError> {
 fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
     let layer = &robot.layer;
     let ticks = layer.period_s * f64::from(robot.motion.tick_hz);
-    Field("layer.period_s * motion.tick_hz", ticks).between(
+    CheckedField("layer.period_s * motion.tick_hz", ticks).between(
         4.0 * f64::from(SECTORS as u32),
         f64::from(u32::MAX / 4),
         "a layer takes at least four ticks a sector: raise motion.tick_hz",
@@ -341,8 +373,8 @@ fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
     let advice = "the step interrupt makes a step every two ticks at most: lower the steps, raise motion.tick_hz or \
         layer.period_s";
     let max = libm::floor(busiest.ticks / 2.0);
-    Field("head steps in the busiest sector", busiest.head).between(0.0, max, advice)?;
-    Field("feed steps in the busiest sector", busiest.feed).between(0.0, max, advice)
+    CheckedField("head steps in the busiest sector", busiest.head).between(0.0, max, advice)?;
+    CheckedField("feed steps in the busiest sector", busiest.feed).between(0.0, max, advice)
 }
 
 /// Checks that the motors can follow the steepest layer of a plan at the planning radius, and can reach its speed.
@@ -350,22 +382,22 @@ fn check_accelerations(robot: &RobotDescription) -> Result<(), RobotError> {
     let height = robot.layer.height_mm;
     let steepest = Layer { alpha: 0.0, height, tilt: height / robot.planning_radius_mm };
     let LayerMotion { head, feed } = LayerMotion::of(robot, &steepest);
-    let check = |motion: &AxisMotion, acceleration: Field, profile: &'static str| {
+    let check = |motion: &AxisMotion, acceleration: CheckedField, profile: &'static str| {
         if motion.is_within_jump() {
             return Ok(());
         }
         let min = 2.0 * motion.speed / MAX_RAMP_S;
         acceleration.between(min, UNLIMITED, "the ramp to the speed of a layer takes ten seconds at most")?;
-        Field(profile, motion.acceleration).between(
+        CheckedField(profile, motion.acceleration).between(
             0.0,
             motion.acceleration_limit,
             "a layer at planning_radius_mm may take half of the axis's acceleration, and a quarter of its speed jump \
              from sector to sector: raise these or layer.period_s",
         )
     };
-    let acceleration = Field("head.acceleration_turns_per_s2", robot.head.acceleration_turns_per_s2);
+    let acceleration = CheckedField("head.acceleration_turns_per_s2", robot.head.acceleration_turns_per_s2);
     check(&head, acceleration, "head acceleration within a layer")?;
-    let acceleration = Field("feed.acceleration_mm_per_s2", robot.feed.acceleration_mm_per_s2);
+    let acceleration = CheckedField("feed.acceleration_mm_per_s2", robot.feed.acceleration_mm_per_s2);
     check(&feed, acceleration, "feed acceleration within a layer")
 }
 

@@ -45,7 +45,7 @@ pub const MAX_CANDIDATES: usize = csc::MAX_PATHS + 2;
 
 /// The goal, as seen from the tip at the start.
 #[derive(Debug, Clone, Copy)]
-pub struct Problem {
+pub struct PathProblem {
     /// Position of the goal, radii.
     goal: Vector3<f64>,
     /// Direction of the goal, a unit vector.
@@ -56,7 +56,7 @@ pub struct Problem {
     scale: f64,
 }
 
-impl Problem {
+impl PathProblem {
     /// Creates the problem from a tip at the origin that grows along z, to this goal (radii) with this direction (a
     /// unit vector).
     #[must_use]
@@ -161,7 +161,7 @@ pub type Candidates = Vec<Candidate, MAX_CANDIDATES>;
 /// known path. That search takes 20 times as long as the others, and is skipped if `longest` is 0. `keep_alive` is
 /// called regularly, so that a board can feed its watchdog.
 #[inline(never)] // Keeps its stack frame out of the caller's.
-pub fn candidates(problem: &Problem, longest: f64, found: &mut Candidates, keep_alive: &mut dyn FnMut()) {
+pub fn candidates(problem: &PathProblem, longest: f64, found: &mut Candidates, keep_alive: &mut dyn FnMut()) {
     let mut overlapping = Vec::new();
     arcs_and_lines(problem, found, &mut overlapping, keep_alive);
     if let Some(planar) = planar(problem) {
@@ -177,7 +177,7 @@ pub fn candidates(problem: &Problem, longest: f64, found: &mut Candidates, keep_
 
 #[inline(never)]
 fn arcs_and_lines(
-    problem: &Problem,
+    problem: &PathProblem,
     found: &mut Candidates,
     overlapping: &mut Overlapping,
     keep_alive: &mut dyn FnMut(),
@@ -191,7 +191,7 @@ fn arcs_and_lines(
 
 #[inline(never)]
 fn helicoidal_arc(
-    problem: &Problem,
+    problem: &PathProblem,
     overlapping: &Overlapping,
     longest: f64,
     found: &mut Candidates,
@@ -238,8 +238,8 @@ fn move_last_behind<T>(list: &mut [T], goes_before: impl Fn(&T) -> bool) {
 }
 
 /// Returns the shortest path in the plane of start and goal. `None` if they are not in one plane.
-fn planar(problem: &Problem) -> Option<Candidate> {
-    let Problem { goal, direction, .. } = problem;
+fn planar(problem: &PathProblem) -> Option<Candidate> {
+    let PathProblem { goal, direction, .. } = problem;
     let start = Vector3::z();
     let (by_goal, by_direction) = (start.cross(goal), start.cross(direction));
     let normal = if by_goal.norm_squared() > by_direction.norm_squared() { by_goal } else { by_direction };
@@ -291,7 +291,7 @@ mod tests {
     /// reach it.
     fn shortest_to_end_of(laid: &[Segment]) -> f64 {
         let (goal, direction) = ends_of(laid);
-        let problem = Problem::new(&goal, &direction);
+        let problem = PathProblem::new(&goal, &direction);
         let mut found = Candidates::new();
         candidates(&problem, f64::INFINITY, &mut found, &mut || ());
         for candidate in &found {
@@ -361,7 +361,7 @@ mod tests {
 
         #[test]
         fn every_goal_is_reached(distance in 0.0..4.0, towards in direction(), pointing in direction()) {
-            let problem = Problem::new(&(towards * distance), &pointing);
+            let problem = PathProblem::new(&(towards * distance), &pointing);
             let mut found = Candidates::new();
             candidates(&problem, f64::INFINITY, &mut found, &mut || ());
             prop_assert!(!found.is_empty());

@@ -33,7 +33,7 @@ const DAMPING: f64 = 1e-13;
 
 /// The correction of a chain of layers.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Correction {
+struct SlicingCorrection {
     /// Force in `u = tilt (force x (end - x) + moment)`, for a layer at `x` that bends in the direction `n` about `b`.
     /// Alpha changes by `n . u`, and the tilt by its fraction `-TILT_WEIGHT^2 b . u`.
     force: Vector3<f64>,
@@ -61,7 +61,7 @@ pub(super) struct HelicoidLayers<'a> {
     layers: Vec<EqualLayers, MAX_TOGETHER>,
     /// The end of the last segment.
     end: Frame,
-    correction: Correction,
+    correction: SlicingCorrection,
     /// Place of the next layer.
     at: Cursor,
 }
@@ -100,7 +100,7 @@ impl<'a> HelicoidLayers<'a> {
 
     /// Returns uncorrected layers.
     pub(super) fn steps(segments: &'a [Segment], layers: Vec<EqualLayers, MAX_TOGETHER>) -> Self {
-        let correction = Correction { force: Vector3::zeros(), moment: Vector3::zeros(), scale: 1.0 };
+        let correction = SlicingCorrection { force: Vector3::zeros(), moment: Vector3::zeros(), scale: 1.0 };
         let at = Cursor::first(segments, &layers);
         Self { segments, layers, end: Frame::identity(), correction, at }
     }
@@ -239,7 +239,7 @@ impl<'a> HelicoidLayers<'a> {
             // `J . lambda` for any layer. The terms that do not depend on the layer are computed once.
             let on_position = Vector3::new(lambda[0], lambda[1], lambda[2]);
             let on_direction = end_x * lambda[3] + end_y * lambda[4];
-            self.correction = Correction {
+            self.correction = SlicingCorrection {
                 force: best.force + on_position,
                 moment: best.moment + on_direction.cross(&end_direction),
                 scale: best.scale + by_scale.dot(&lambda),

@@ -38,7 +38,7 @@ const PIECE_DEVIATION: [f64; 2] = [0.2, 0.2];
 
 /// The shape of a segment.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Shape {
+struct PieceShape {
     /// Direction in which the tip bends, in its own frame, times the curvature, 1/mm.
     curvature: Vector2<f64>,
     /// Length, mm.
@@ -62,12 +62,12 @@ struct Piece {
     /// Length, mm.
     length: f64,
     /// The shape as planned.
-    planned: Shape,
+    planned: PieceShape,
 }
 
 impl Piece {
     fn new(curvature: Vector2<f64>, length: f64) -> Self {
-        Self { curvature, length, planned: Shape { curvature, length } }
+        Self { curvature, length, planned: PieceShape { curvature, length } }
     }
 
     /// Returns the variances that weight deviations of this segment. `radius` is the scale of lengths, mm.
@@ -82,7 +82,7 @@ impl Piece {
     /// Returns the segment without its first `length` mm.
     fn without(self, length: f64) -> Self {
         let share = ((self.length - length) / self.length).max(0.0);
-        let planned = Shape { length: self.planned.length * share, ..self.planned };
+        let planned = PieceShape { length: self.planned.length * share, ..self.planned };
         Self { length: self.length * share, planned, ..self }
     }
 }
@@ -263,7 +263,7 @@ struct Columns {
     /// Variances of the deviation from the plan.
     variances: Variances,
     /// The shape as planned.
-    planned: Shape,
+    planned: PieceShape,
     /// Min length after one step, mm. The linearisation is valid for small steps only.
     min_length: f64,
     /// Max length after one step, mm.
@@ -279,19 +279,19 @@ struct Dual {
 
 impl Columns {
     /// Returns the shape that a pull gives the segment, and the curvature (1/mm) that it would have without the bound.
-    fn give_way(&self, pull: &Constraint) -> (Shape, Vector2<f64>) {
+    fn give_way(&self, pull: &Constraint) -> (PieceShape, Vector2<f64>) {
         let [x, y] = self.by_curvature.map(|column| column.dot(pull));
         let unbounded = self.planned.curvature + Vector2::new(x, y) * self.variances.curvature;
         let tightness = unbounded.norm();
         let is_bounded = tightness > self.max_curvature;
         let curvature = if is_bounded { unbounded * (self.max_curvature / tightness) } else { unbounded };
         let length = self.planned.length + self.by_length.dot(pull) * self.variances.length;
-        (Shape { curvature, length: length.clamp(self.min_length, self.max_length) }, unbounded)
+        (PieceShape { curvature, length: length.clamp(self.min_length, self.max_length) }, unbounded)
     }
 
     /// Adds the segment's part to the dual.
     fn add_to(&self, dual: &mut Dual, pull: &Constraint) {
-        let (Shape { curvature, length }, unbounded) = self.give_way(pull);
+        let (PieceShape { curvature, length }, unbounded) = self.give_way(pull);
         let [by_x, by_y] = &self.by_curvature;
         let (strayed, longer) = (curvature - self.planned.curvature, length - self.planned.length);
         let moved = by_x * strayed.x + by_y * strayed.y + self.by_length * longer;
@@ -390,7 +390,8 @@ impl Linear {
             }
         }
         for (piece, columns) in reference.pieces.iter_mut().rev().zip(&self.columns) {
-            (Shape { curvature: piece.curvature, length: piece.length }, _) = columns.give_way(&reference.multipliers);
+            (PieceShape { curvature: piece.curvature, length: piece.length }, _) =
+                columns.give_way(&reference.multipliers);
         }
     }
 

@@ -5,7 +5,7 @@ use core::sync::atomic::{Ordering, fence};
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
-use growbot_firmware::emulated_tip::{self as table, EncoderMapping, Motor, StepRecord};
+use growbot_firmware::emulated_tip::{self as table, EncoderMapping, RecordedMotor, StepRecord};
 use growbot_firmware::hal::{Adc, GravitySensor, Outputs};
 
 use crate::registers::Register;
@@ -92,11 +92,11 @@ impl Tip {
         count(table::BOOTS);
 
         Tip {
-            head_step: Step { axis: Motor::Head, high: false },
-            head_direction: DirectionPin { axis: Motor::Head },
+            head_step: Step { axis: RecordedMotor::Head, high: false },
+            head_direction: DirectionPin { axis: RecordedMotor::Head },
             head_enable: Switch { offset: table::HEAD_ENABLE },
-            feed_step: Step { axis: Motor::Feed, high: false },
-            feed_direction: DirectionPin { axis: Motor::Feed },
+            feed_step: Step { axis: RecordedMotor::Feed, high: false },
+            feed_direction: DirectionPin { axis: RecordedMotor::Feed },
             feed_enable: Switch { offset: table::FEED_ENABLE },
             heater: Power { offset: table::HEATER_DUTY },
             heater_enable: Switch { offset: table::HEATER_ENABLE },
@@ -209,34 +209,34 @@ pub fn wanted_crash() -> u32 {
     word(table::CRASH).read()
 }
 
-const fn enable_of(axis: Motor) -> usize {
+const fn enable_of(axis: RecordedMotor) -> usize {
     match axis {
-        Motor::Head => table::HEAD_ENABLE,
-        Motor::Feed => table::FEED_ENABLE,
+        RecordedMotor::Head => table::HEAD_ENABLE,
+        RecordedMotor::Feed => table::FEED_ENABLE,
     }
 }
 
-const fn steps_of(axis: Motor) -> usize {
+const fn steps_of(axis: RecordedMotor) -> usize {
     match axis {
-        Motor::Head => table::HEAD_STEPS,
-        Motor::Feed => table::FEED_STEPS,
+        RecordedMotor::Head => table::HEAD_STEPS,
+        RecordedMotor::Feed => table::FEED_STEPS,
     }
 }
 
 /// Levels of the DIR pins. They are not in the shared memory, because the host reads the direction from each step.
 static FORWARD: [core::sync::atomic::AtomicBool; 2] = [const { core::sync::atomic::AtomicBool::new(false) }; 2];
 
-const fn wire_of(axis: Motor) -> &'static core::sync::atomic::AtomicBool {
+const fn wire_of(axis: RecordedMotor) -> &'static core::sync::atomic::AtomicBool {
     let [head, feed] = &FORWARD;
     match axis {
-        Motor::Head => head,
-        Motor::Feed => feed,
+        RecordedMotor::Head => head,
+        RecordedMotor::Feed => feed,
     }
 }
 
 /// A DIR pin.
 pub struct DirectionPin {
-    axis: Motor,
+    axis: RecordedMotor,
 }
 
 impl ErrorType for DirectionPin {
@@ -257,7 +257,7 @@ impl OutputPin for DirectionPin {
 
 /// A STEP pin. Only the step interrupt drives the two STEP pins, because they share the write index of the ring.
 pub struct Step {
-    axis: Motor,
+    axis: RecordedMotor,
     high: bool,
 }
 
@@ -280,7 +280,7 @@ impl OutputPin for Step {
     }
 }
 
-fn rising_edge(axis: Motor) {
+fn rising_edge(axis: RecordedMotor) {
     let forward = wire_of(axis).load(Ordering::Relaxed);
     let enabled = word(enable_of(axis)).read() == 1;
     if enabled {

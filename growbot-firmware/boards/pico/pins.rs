@@ -7,7 +7,7 @@ use core::convert::Infallible;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
-use growbot_core::robot::{Board, BoardKind, DigitalInput, PinOverrides, RobotDescription, Signal};
+use growbot_core::robot::{BoardDescription, BoardKind, DigitalInput, PinOverrides, RobotDescription, Signal};
 use growbot_firmware::hal::Outputs;
 use growbot_firmware::invertible_pin::InvertiblePin;
 use rp2040_pac as pac;
@@ -235,7 +235,7 @@ impl Pins {
         roles.give(Some(LINK_TX), PAD, FUNCTION_UART);
         // Without an adapter the line idles, instead of picking up bytes.
         roles.give(Some(LINK_RX), PAD | PULL_UP, FUNCTION_UART);
-        let board = robot.board.unwrap_or(Board { kind: BoardKind::Pico, pins: PinOverrides::default() });
+        let board = robot.board.unwrap_or(BoardDescription { kind: BoardKind::Pico, pins: PinOverrides::default() });
         if configured && board.kind.has_onboard_drivers() {
             roles.give(Some(DRIVERS_TX), PAD, FUNCTION_UART);
             roles.give(Some(DRIVERS_RX), PAD | PULL_UP, FUNCTION_UART);

@@ -14,7 +14,7 @@ use heapless::Deque;
 
 use super::{Controller, centi};
 use crate::hal::{Board, Watchdog};
-use crate::journal::{self, JobState, JournalError};
+use crate::journal::{self, JournalError, JournalJob};
 use crate::link;
 use crate::safety::retained::ActiveWork;
 use crate::safety::transitions::Event;
@@ -32,7 +32,7 @@ const RETAINED_AGE_S: f64 = 0.25;
 
 /// The current job: its plan and its progress.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Job {
+pub(super) struct ActiveJob {
     /// Identifier of the plan; 0 without a job.
     pub plan_id: u64,
     /// Number of layers of the plan.
@@ -66,7 +66,7 @@ struct MeasuredLayer {
     measured: LayerReadings,
 }
 
-impl Job {
+impl ActiveJob {
     /// Forgets the layers that were handed to the engine and not laid, so that the next layer follows those that were
     /// laid.
     pub fn forget_given(&mut self) {
@@ -125,7 +125,7 @@ impl<B: Board> Controller<B> {
         self.erase_journal_for(layers)?;
         self.parts.journal.begin_job(plan_id, self.robot.hash(), layers).map_err(|_| Refusal::JournalNotWritable)?;
         self.store_mut().restart(0);
-        self.job = Job { plan_id, layer_count: layers, ..Job::default() };
+        self.job = ActiveJob { plan_id, layer_count: layers, ..ActiveJob::default() };
         Ok(())
     }
 
@@ -324,7 +324,7 @@ impl<B: Board> Controller<B> {
         self.abort_layer(handover);
         self.end_job();
         self.store_mut().restart(0);
-        self.job = Job::default();
+        self.job = ActiveJob::default();
         self.apply_event(Event::Cancel);
         Ok(self.accepted())
     }
@@ -358,7 +358,7 @@ impl<B: Board> Controller<B> {
     pub(super) fn restore_job(&mut self) {
         let robot = self.robot.hash();
         // A finished job is restored too, because the host may not have acknowledged its last layers.
-        let is_known = |job: &&JobState| job.robot == robot && (!job.ended || job.layers_laid == job.layer_count);
+        let is_known = |job: &&JournalJob| job.robot == robot && (!job.ended || job.layers_laid == job.layer_count);
         let Some(known) = self.parts.journal.job().filter(is_known).copied() else { return };
         let interrupted = (known.layers_begun > known.layers_laid).then(|| match self.retained.under_way {
             // The retained progress counts only for the layer that was current then. In a later state, for example in
@@ -372,12 +372,12 @@ impl<B: Board> Controller<B> {
             }
             _ => InterruptedLayer { min: 0, max: SECTORS as u8 },
         });
-        self.job = Job {
+        self.job = ActiveJob {
             plan_id: known.plan_id,
             layer_count: known.layer_count,
             layers_laid: known.layers_laid,
             interrupted,
-            ..Job::default()
+            ..ActiveJob::default()
         };
         self.store_mut().restart(known.layers_laid);
         self.job.carry = self.parts.journal.carry();

@@ -4,7 +4,7 @@
 //! index), so that a repetition is recognised and gets the same response as the first time.
 
 use growbot_core::job::job_layers_with_keep_alive;
-use growbot_core::link::frame::{Frame, Header};
+use growbot_core::link::frame::{FrameHeader, LinkFrame};
 use growbot_core::link::message::{
     Accepted, BoardInfo, BootReport, Fault, Hello, LatestFault, LayerBatch, MAX_LAYERS_PER_MESSAGE, Message,
     PauseCause, PlanRequest, Planned, Refusal, Refused, SCHEMA_HASH, State, StoredLayers, Tune,
@@ -30,7 +30,7 @@ const TUNING_MARGIN_C: f64 = 20.0;
 
 impl<B: Board> Controller<B> {
     /// Carries out a request and sends the response.
-    pub(super) fn handle_frame(&mut self, frame: &Frame, handover: &Mailbox) {
+    pub(super) fn handle_frame(&mut self, frame: &LinkFrame, handover: &Mailbox) {
         let header = frame.header;
         let arrival = self.link.process_header(&header, self.now_us);
         if arrival == FrameAction::Ignore {
@@ -50,7 +50,7 @@ impl<B: Board> Controller<B> {
     fn dispatch(
         &mut self,
         request: Message,
-        header: &Header,
+        header: &FrameHeader,
         arrival: FrameAction,
         handover: &Mailbox,
     ) -> Result<Message, Refusal> {
@@ -96,7 +96,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    fn hello(&mut self, hello: Hello, header: &Header) -> Result<Message, Refusal> {
+    fn hello(&mut self, hello: Hello, header: &FrameHeader) -> Result<Message, Refusal> {
         if hello.schema != SCHEMA_HASH {
             return Err(Refusal::SchemaMismatch { board: SCHEMA_HASH });
         }

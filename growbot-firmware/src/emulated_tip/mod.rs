@@ -93,7 +93,7 @@ mod sensors;
 mod step_record;
 
 pub use sensors::{EncoderMapping, encoder_level, index_level};
-pub use step_record::{Motor, StepRecord, step_record_offset};
+pub use step_record::{RecordedMotor, StepRecord, step_record_offset};
 
 /// Address of the memory on the board: the expansion RAM of the mps2 boards.
 pub const ADDRESS: usize = 0x2100_0000;

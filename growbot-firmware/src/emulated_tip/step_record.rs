@@ -13,7 +13,7 @@ use super::{STEP_RING, STEP_RING_RECORDS};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StepRecord {
     /// The motor.
-    pub axis: Motor,
+    pub axis: RecordedMotor,
     /// DIR was high.
     pub forward: bool,
     /// The driver was energised, so that the motor turned.
@@ -24,7 +24,7 @@ pub struct StepRecord {
 
 /// The two motors of the tip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Motor {
+pub enum RecordedMotor {
     /// The motor that turns the print head.
     Head,
     /// The motor that pushes the filament.
@@ -40,8 +40,8 @@ impl StepRecord {
     /// Encodes the record as a word of the ring. Bits of the tick above 28 are dropped.
     pub const fn to_word(self) -> u32 {
         let axis = match self.axis {
-            Motor::Head => 0,
-            Motor::Feed => AXIS_BIT,
+            RecordedMotor::Head => 0,
+            RecordedMotor::Feed => AXIS_BIT,
         };
         let forward = if self.forward { FORWARD_BIT } else { 0 };
         let enabled = if self.enabled { ENABLED_BIT } else { 0 };
@@ -51,7 +51,7 @@ impl StepRecord {
     /// Decodes a word of the ring. Every word is a valid record.
     pub const fn from_word(word: u32) -> Self {
         StepRecord {
-            axis: if word & AXIS_BIT == 0 { Motor::Head } else { Motor::Feed },
+            axis: if word & AXIS_BIT == 0 { RecordedMotor::Head } else { RecordedMotor::Feed },
             forward: word & FORWARD_BIT != 0,
             enabled: word & ENABLED_BIT != 0,
             tick: word & TICK_MASK,
@@ -79,7 +79,7 @@ mod tests {
 
     #[test]
     fn a_step_record_round_trips_through_a_word() {
-        for axis in [Motor::Head, Motor::Feed] {
+        for axis in [RecordedMotor::Head, RecordedMotor::Feed] {
             for (forward, enabled) in [(false, false), (false, true), (true, false), (true, true)] {
                 let record = StepRecord { axis, forward, enabled, tick: 0x1234_5678 & TICK_MASK };
                 assert_eq!(StepRecord::from_word(record.to_word()), record);
@@ -89,7 +89,7 @@ mod tests {
 
     #[test]
     fn ticks_are_extended_across_the_wrap() {
-        let record = |tick| StepRecord { axis: Motor::Head, forward: true, enabled: true, tick };
+        let record = |tick| StepRecord { axis: RecordedMotor::Head, forward: true, enabled: true, tick };
         assert_eq!(record(7).tick_after(7), 7);
         assert_eq!(record(3).tick_after((1 << 29) - 2), (1 << 29) + 3);
         assert_eq!(record(1).tick_after((5 << 29) + 1), (5 << 29) + 1);

@@ -47,7 +47,7 @@ use growbot_core::link::message::Fault;
 use heapless::Deque;
 
 use self::models::{
-    Bounds, Change, Checkpoint, Factors, LAG_S, LOWER, MARK_S, MARKS, UNMEASURED_MAX, UNMEASURED_MIN, UPPER,
+    Change, CheckBounds, Checkpoint, Factors, LAG_S, LOWER, MARK_S, MARKS, UNMEASURED_MAX, UNMEASURED_MIN, UPPER,
 };
 use super::model::NozzleModel;
 use super::temperature_control::{DITHER_PERIOD_S, Dither, dither_at};
@@ -346,7 +346,7 @@ impl Supervision {
         for mark in &self.marks {
             let change = look.reading_c - mark.reading_c;
             let lower = self.lower.since(&mark.lower).min;
-            let Bounds { min: rise, max: fall } = self.nominal.since(&mark.nominal);
+            let CheckBounds { min: rise, max: fall } = self.nominal.since(&mark.nominal);
             if lower > LOWER_C && change < LOWER_SHARE * lower || rise > NOMINAL_C && change < NOMINAL_SHARE * rise {
                 let still = self.moved && self.still.is_some_and(|still| still.seconds > STILL_S);
                 return Some(if still && !has_all_the_power(look) { Fault::ThermistorFrozen } else { lacks(look) });

@@ -4,7 +4,7 @@ use super::record::{LAST_COUNT, LAST_INDEX, Record, RecordKind, join, lean_owed}
 
 /// The latest job in the journal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct JobState {
+pub struct JournalJob {
     /// Id of the plan.
     pub plan_id: u64,
     /// Hash of the robot's description.
@@ -30,7 +30,7 @@ pub struct RoundingCarry {
 
 /// The present job, and its position in the journal.
 pub(super) struct CurrentJob {
-    pub state: JobState,
+    pub state: JournalJob,
     pub carry: RoundingCarry,
     /// Number of its records, as a record counts them.
     pub count: u32,
@@ -52,7 +52,7 @@ pub(super) struct LookupHint {
 impl CurrentJob {
     /// Creates a job from its first record, with this content.
     pub fn new(record: &Record, at: u32, [a, b, c, d, layers]: [u32; 5]) -> Self {
-        let state = JobState {
+        let state = JournalJob {
             plan_id: join(a, b),
             robot: join(c, d),
             layer_count: layers,

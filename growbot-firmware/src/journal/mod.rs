@@ -33,7 +33,7 @@ use embedded_storage::nor_flash::MultiwriteNorFlash;
 use growbot_core::layer_bytes::LayerBytes;
 
 use current_job::{CurrentJob, LookupHint};
-pub use current_job::{JobState, RoundingCarry};
+pub use current_job::{JournalJob, RoundingCarry};
 pub use record::LayerRecord;
 use record::{BLANK, RECORD_BYTES, Record, RecordBytes, RecordKind, STRUCK, split};
 
@@ -124,7 +124,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     }
 
     /// Returns the latest job. `None` if not all of it can be read.
-    pub fn job(&self) -> Option<&JobState> {
+    pub fn job(&self) -> Option<&JournalJob> {
         self.present.as_ref().map(|present| &present.state)
     }
 

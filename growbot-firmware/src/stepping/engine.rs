@@ -82,7 +82,7 @@ enum Finished {
 }
 
 /// Progress of the current turn.
-struct Progress {
+struct TurnProgress {
     /// Sector, by angle.
     sector: usize,
     sectors_left: usize,
@@ -96,7 +96,7 @@ struct Progress {
     feed_made: u32,
 }
 
-impl Progress {
+impl TurnProgress {
     const NONE: Self = Self {
         sector: 0,
         sectors_left: 0,
@@ -118,7 +118,7 @@ pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S, O> {
     settings: EngineConfig,
     mode: Mode,
     turn: TurnHeader,
-    progress: Progress,
+    progress: TurnProgress,
     /// Slot in which the steps made are counted.
     made: Slot,
     clock: VirtualClock,
@@ -159,7 +159,7 @@ where
             settings,
             mode: Mode::Idle,
             turn: TurnHeader::NONE,
-            progress: Progress::NONE,
+            progress: TurnProgress::NONE,
             made: Slot::A,
             clock: VirtualClock::AT_REST,
             watch: IndexMonitor::LOST,

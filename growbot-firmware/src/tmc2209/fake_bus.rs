@@ -71,7 +71,7 @@ impl Chip {
 }
 
 /// The line.
-pub struct Line {
+pub struct FakeLine {
     pub chips: [Chip; 4],
     /// The board receives its own bytes.
     pub echoes: bool,
@@ -84,12 +84,12 @@ pub struct Line {
 }
 
 #[derive(Clone)]
-pub struct FakeWire(pub Rc<RefCell<Line>>);
+pub struct FakeWire(pub Rc<RefCell<FakeLine>>);
 
 impl FakeWire {
     pub fn new() -> Self {
         let chips = [Chip::new(), Chip::new(), Chip::new(), Chip::new()];
-        let line = Line { chips, echoes: true, full: false, incoming: VecDeque::new(), babbles: None };
+        let line = FakeLine { chips, echoes: true, full: false, incoming: VecDeque::new(), babbles: None };
         Self(Rc::new(RefCell::new(line)))
     }
 

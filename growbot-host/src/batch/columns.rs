@@ -55,7 +55,7 @@ fn together(name: &&'static str) -> String {
 
 /// Positions of the columns.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Columns {
+pub struct BatchColumns {
     /// Number of columns.
     pub count: usize,
     /// Index of `id`.
@@ -81,7 +81,7 @@ pub struct Column {
     pub index: usize,
 }
 
-impl Columns {
+impl BatchColumns {
     /// Finds the columns in a header.
     ///
     /// # Errors
@@ -130,8 +130,8 @@ fn all_or_none<const N: usize>(found: &[Column], names: [&'static str; N]) -> Re
 mod tests {
     use super::*;
 
-    fn find(names: &[&str]) -> Result<Columns, HeaderError> {
-        Columns::find(&ByteRecord::from(names.to_vec()))
+    fn find(names: &[&str]) -> Result<BatchColumns, HeaderError> {
+        BatchColumns::find(&ByteRecord::from(names.to_vec()))
     }
 
     #[test]

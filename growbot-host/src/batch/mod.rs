@@ -22,7 +22,7 @@ use serde::de::value::{Error as ValueError, StrDeserializer};
 use serde::de::{Deserialize, IntoDeserializer};
 
 pub use columns::HeaderError;
-use columns::{Column, Columns};
+use columns::{BatchColumns, Column};
 use growbot_pictures::figures::shortest;
 
 /// Errors that end a batch early.
@@ -196,7 +196,7 @@ pub const ANSWERS: &str = "id,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_de
 /// A batch that is being planned.
 pub struct Batch<R> {
     reader: Reader<R>,
-    columns: Columns,
+    columns: BatchColumns,
     record: ByteRecord,
     defaults: Defaults,
 }
@@ -208,7 +208,7 @@ impl<R: Read> Batch<R> {
     /// The header is missing or invalid, or the source cannot be read.
     pub fn open(source: R, defaults: Defaults) -> Result<Self, BatchError> {
         let mut reader = ReaderBuilder::new().flexible(true).from_reader(source);
-        let columns = Columns::find(reader.byte_headers().map_err(BatchError::Reading)?)?;
+        let columns = BatchColumns::find(reader.byte_headers().map_err(BatchError::Reading)?)?;
         Ok(Self { reader, columns, record: ByteRecord::new(), defaults })
     }
 

@@ -6,9 +6,9 @@ use clap::{Args, ValueEnum};
 use growbot_client::atomic_file::{format_from_extension, write_atomic};
 use growbot_client::run_log::BodyKind;
 use growbot_host::output::{is_standard_output, print_bytes, refuse_terminal};
-use growbot_pictures::export::body::Body;
+use growbot_pictures::export::body::ExportedBody;
 use growbot_pictures::export::mcap::Encoding;
-use growbot_pictures::export::mesh::{MeshError, Resolution};
+use growbot_pictures::export::mesh::{MeshError, MeshResolution};
 use growbot_pictures::export::obstacles::scene_view;
 use growbot_pictures::export::{centreline_csv, glb, mcap, stl, tum};
 use growbot_pictures::view::{self, NamedScene};
@@ -46,7 +46,7 @@ pub struct ExportArgs {
     body: PathBuf,
     /// The format [default: by the extension of the file]
     #[arg(long, value_enum)]
-    format: Option<Format>,
+    format: Option<ExportFormat>,
     /// Write to this file [default: standard output]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -81,7 +81,7 @@ Examples:
 
 /// Export formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Format {
+enum ExportFormat {
     /// The wall: binary STL, mm
     Stl,
     /// The wall: glTF 2.0 in one file, metres
@@ -104,7 +104,7 @@ enum BodyChoice {
     Commanded,
 }
 
-impl Format {
+impl ExportFormat {
     const ENDINGS: [&str; 5] = ["stl", "glb", "csv", "tum", "mcap"];
 
     fn ending(self) -> &'static str {
@@ -128,13 +128,13 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     if to.is_none() && is_binary(format) {
         refuse_terminal()?;
     }
-    if args.ros2 && format != Format::Mcap {
+    if args.ros2 && format != ExportFormat::Mcap {
         return Err(Failure::bad_input(format_args!(
             "--ros2 is for MCAP, not for {}: leave it out, or name a file that ends in .mcap",
             format.ending()
         )));
     }
-    if args.scene.is_some() && format != Format::Glb {
+    if args.scene.is_some() && format != ExportFormat::Glb {
         return Err(Failure::bad_input(format_args!(
             "--scene is for GLB, and {} has the body alone: leave it out, or name a file that ends in .glb",
             format.ending()
@@ -157,17 +157,17 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
 }
 
 /// Returns true if the format is not text.
-fn is_binary(format: Format) -> bool {
-    !matches!(format, Format::Csv | Format::Tum)
+fn is_binary(format: ExportFormat) -> bool {
+    !matches!(format, ExportFormat::Csv | ExportFormat::Tum)
 }
 
 impl ExportArgs {
     /// Returns the format of `--format`, or else that of the file's extension.
-    fn format(&self) -> Result<Format, Failure> {
+    fn format(&self) -> Result<ExportFormat, Failure> {
         let asked = self.format.map(|format| [format.ending()]);
-        let formats: &[&str] = asked.as_ref().map_or(&Format::ENDINGS, |format| format);
+        let formats: &[&str] = asked.as_ref().map_or(&ExportFormat::ENDINGS, |format| format);
         let ending = self.output.as_deref().map(|output| format_from_extension(output, formats)).transpose()?.flatten();
-        self.format.or_else(|| Format::from_str(ending?, true).ok()).ok_or_else(|| {
+        self.format.or_else(|| ExportFormat::from_str(ending?, true).ok()).ok_or_else(|| {
             Failure::bad_input(
                 "which format? Name a file that ends in .stl, .glb, .csv, .tum or .mcap with -o, or say --format",
             )
@@ -183,29 +183,29 @@ impl ExportArgs {
         })
     }
 
-    fn encode(&self, format: Format, subject: &PlanOrRun) -> Result<Vec<u8>, Failure> {
+    fn encode(&self, format: ExportFormat, subject: &PlanOrRun) -> Result<Vec<u8>, Failure> {
         let PlanOrRun { robot, plan, run, scene } = subject;
         let record = run.as_ref().map(|(record, _)| record);
         let kind = self.kind(subject);
         let laid = record.filter(|_| kind == Some(BodyKind::Laid));
-        let laid = laid.and_then(|record| Body::simulated(robot, &plan.start, record));
-        let commanded = record.map(|record| Body::as_built(robot, &plan.start, record));
+        let laid = laid.and_then(|record| ExportedBody::simulated(robot, &plan.start, record));
+        let commanded = record.map(|record| ExportedBody::as_built(robot, &plan.start, record));
         let name = kind.map_or("planned", BodyKind::name);
         // The exported body, and a second one beside it if it has layers.
         let (body, beside) = match (laid, commanded) {
             (Some(laid), commanded) => (laid, commanded.filter(|commanded| !commanded.layers.is_empty())),
             (None, Some(commanded)) => (commanded, None),
-            (None, None) => (Body::planned(robot, plan), None),
+            (None, None) => (ExportedBody::planned(robot, plan), None),
         };
-        let resolution = Resolution { segments: self.segments, layers_per_ring: self.every };
+        let resolution = MeshResolution { segments: self.segments, layers_per_ring: self.every };
         match format {
-            Format::Stl => Ok(stl::write(name, &body, resolution)?),
-            Format::Glb => {
+            ExportFormat::Stl => Ok(stl::write(name, &body, resolution)?),
+            ExportFormat::Glb => {
                 // Two walls in one place would only flicker.
                 let beside = beside.as_ref().filter(|beside| body.parts_from(beside, APART));
                 let beside = beside.map(|beside| ("commanded", beside));
                 let name = if record.is_some() { name } else { robot.name() };
-                let bodies: Vec<(&str, &Body)> = [(name, &body)].into_iter().chain(beside).collect();
+                let bodies: Vec<(&str, &ExportedBody)> = [(name, &body)].into_iter().chain(beside).collect();
                 let view = view::Subject {
                     name,
                     robot,
@@ -217,12 +217,12 @@ impl ExportArgs {
                 let around = scene_view(&view).map_err(Failure::bad_input)?;
                 Ok(glb::write(&bodies, around.as_ref(), resolution)?)
             }
-            Format::Csv => Ok(centreline_csv::write(&body, beside.as_ref()).into_bytes()),
-            Format::Tum => {
+            ExportFormat::Csv => Ok(centreline_csv::write(&body, beside.as_ref()).into_bytes()),
+            ExportFormat::Tum => {
                 let log = run.as_ref().map(|(_, log)| &log[..]);
                 Ok(tum::write(name, &body, &tum::times(&body, plan, log)).into_bytes())
             }
-            Format::Mcap => match run {
+            ExportFormat::Mcap => match run {
                 Some((record, log)) => {
                     let encoding = if self.ros2 { Encoding::Ros2 } else { Encoding::Json };
                     mcap::write(robot, plan, record, log, encoding).map_err(Failure::bad_input)

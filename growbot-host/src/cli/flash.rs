@@ -11,7 +11,7 @@ use std::process::Command;
 
 use clap::{Args, ValueEnum};
 use growbot_client::robot_file;
-use growbot_core::robot::{Board, BoardKind, Robot};
+use growbot_core::robot::{BoardDescription, BoardKind, Robot};
 use growbot_host::output::print;
 use growbot_host::{note, warning};
 use growbot_sim::image_seal::{self, SealError};
@@ -79,7 +79,7 @@ impl FlashTarget {
     /// SKR Pico. In that case the image is for no robot, and the board is configured once it runs.
     fn built_for(self, robot: &Robot, name: &Path) -> Result<OsString, Failure> {
         match robot.description().board {
-            Some(Board { kind, .. }) if kind != self.kind() => Err(Failure::bad_input(format!(
+            Some(BoardDescription { kind, .. }) if kind != self.kind() => Err(Failure::bad_input(format!(
                 "{}: its board.kind is {kind}, and --board is {}: name the same one",
                 robot.name(),
                 self.kind()

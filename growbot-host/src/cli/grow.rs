@@ -8,7 +8,7 @@ use growbot_client::feedback::{DEFAULT_SENSOR_NOISE, Feedback, can_measure};
 use growbot_client::growth::{GrowthOptions, Job, grow_job};
 use growbot_client::plan::Plan;
 use growbot_client::robot_file;
-use growbot_client::run_log::{GrowthResult, Origin, OutcomeKind, RunLog, RunLogError};
+use growbot_client::run_log::{GrowthResult, OutcomeKind, RunLog, RunLogError, RunOrigin};
 use growbot_client::warning::BLOCKING;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
@@ -102,14 +102,14 @@ const MAIN_JOB: [&str; 7] =
 
 /// The arguments of `grow` without a subcommand, for [`MAIN_JOB`].
 #[derive(Parser)]
-struct Alone {
+struct MainJobArgs {
     #[command(flatten)]
     grow: GrowArgs,
 }
 
 /// Runs the main job.
 pub fn run_main_job() -> Result<(), Failure> {
-    let Alone { grow } = Alone::try_parse_from(MAIN_JOB).map_err(Failure::bad_input)?;
+    let MainJobArgs { grow } = MainJobArgs::try_parse_from(MAIN_JOB).map_err(Failure::bad_input)?;
     growbot_host::note!("no command given, so the simulated robot A grows {} {}", MAIN_JOB[1], MAIN_JOB[2]);
     growbot_host::note!("`growbot --help` shows what else there is");
     run(&grow)
@@ -186,7 +186,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let shown = scene.as_ref().map(|loaded| NamedScene { file: &file, scene: &loaded.scene });
     let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None, scene: shown };
     let watch = args.watching.begin(&subject, &job, &[], &orders)?;
-    let origin = Origin {
+    let origin = RunOrigin {
         port: port.text(),
         imperfection: port.is_simulated().then_some(&imperfection),
         ignores_scene: scene.is_some() && args.ignore_scene,
@@ -267,7 +267,7 @@ impl GrowArgs {
         plan: &Plan,
         job: &Job,
         noise: Option<SensorNoise>,
-        origin: Origin,
+        origin: RunOrigin,
     ) -> Result<RunLog, RunLogError> {
         match &self.log {
             None => Ok(RunLog::disabled()),
@@ -322,7 +322,7 @@ mod tests {
 
     #[test]
     fn the_main_job_is_a_valid_command() {
-        Alone::command().debug_assert();
-        Alone::try_parse_from(MAIN_JOB).unwrap();
+        MainJobArgs::command().debug_assert();
+        MainJobArgs::try_parse_from(MAIN_JOB).unwrap();
     }
 }

@@ -72,7 +72,7 @@ use growbot_core::robot::Robot;
 use growbot_host::batch::BatchError;
 use growbot_host::messages::{self, Severity};
 use growbot_host::output::OutputError;
-use growbot_host::settings::{FILE_NAME, Key, Origin, Setting, SettingsError};
+use growbot_host::settings::{FILE_NAME, Key, Setting, SettingOrigin, SettingsError};
 use growbot_host::sim_process::SimProcessError;
 use growbot_sim::ground_truth::SimulatedTip;
 use growbot_sim::port::{self, OpenError, OpenPort, PortName, TipSettings};
@@ -86,7 +86,7 @@ struct Cli {
     #[command(flatten)]
     global: global::GlobalArgs,
     #[command(subcommand)]
-    command: Option<Command>,
+    command: Option<CliCommand>,
 }
 
 const AFTER_HELP: &str = "\
@@ -105,13 +105,13 @@ GROWBOT_PORT say, or else growbot.toml: growbot settings shows them.
 Exit codes: 0, done; 1, the request failed; 2, something was wrong before.";
 
 #[derive(Subcommand)]
-enum Command {
+enum CliCommand {
     Robots(robots::RobotsArgs),
     Schema(schema::SchemaArgs),
     NewRobot(new_robot::NewRobotArgs),
     Rmin(rmin::RminArgs),
     Plan(Box<plan::PlanArgs>),
-    Scene(scene::SceneArgs),
+    Scene(scene::DemoSceneArgs),
     Layers(layers::LayersArgs),
     View(view::ViewArgs),
     Workspace(workspace::WorkspaceArgs),
@@ -152,39 +152,39 @@ pub fn run() -> ExitCode {
         Err(error) => return estop::usage_error(&error),
     };
     let done = match cli.command {
-        Some(Command::Robots(args)) => robots::run(&args),
-        Some(Command::Schema(args)) => schema::run(&args),
-        Some(Command::NewRobot(args)) => new_robot::run(&args),
-        Some(Command::Rmin(args)) => rmin::run(&args),
-        Some(Command::Plan(args)) => plan::run(&args),
-        Some(Command::Scene(args)) => scene::run(&args),
-        Some(Command::Layers(args)) => layers::run(&args),
-        Some(Command::View(args)) => view::run(&args),
-        Some(Command::Workspace(args)) => workspace::run(&args),
-        Some(Command::Simulate(args)) => simulate::run(&args),
-        Some(Command::Reproduce(args)) => reproduce::run(&args),
-        Some(Command::Grow(args)) => grow::run(&args),
-        Some(Command::Resume(args)) => resume::run(&args),
-        Some(Command::Replay(args)) => replay::run(&args),
-        Some(Command::Export(args)) => export::run(&args),
-        Some(Command::Status(args)) => status::run(&args),
-        Some(Command::Stop(args)) => stop::run(&args),
-        Some(Command::Cancel(args)) => cancel::run(&args),
-        Some(Command::Estop(args)) => estop::run(&args),
-        Some(Command::Doctor(args)) => doctor::run(&args),
-        Some(Command::Tune(args)) => tune::run(&args),
-        Some(Command::Maintain(args)) => maintain::run(&args),
-        Some(Command::Console(args)) => console::run(&args),
-        Some(Command::Power(args)) => power::run(&args),
-        Some(Command::Serve(args)) => serve::run(&args),
-        Some(Command::Attach(args)) => service_robot::run_attach(&args),
-        Some(Command::Pause(args)) => service_robot::run_pause(&args),
-        Some(Command::Continue(args)) => service_robot::run_continue(&args),
-        Some(Command::Flash(args)) => flash::run(&args),
-        Some(Command::Configure(args)) => configure::run(&args),
-        Some(Command::Settings(args)) => settings::run(&args),
-        Some(Command::Completions(args)) => completions::run(&args),
-        Some(Command::Man(args)) => man::run(&args),
+        Some(CliCommand::Robots(args)) => robots::run(&args),
+        Some(CliCommand::Schema(args)) => schema::run(&args),
+        Some(CliCommand::NewRobot(args)) => new_robot::run(&args),
+        Some(CliCommand::Rmin(args)) => rmin::run(&args),
+        Some(CliCommand::Plan(args)) => plan::run(&args),
+        Some(CliCommand::Scene(args)) => scene::run(&args),
+        Some(CliCommand::Layers(args)) => layers::run(&args),
+        Some(CliCommand::View(args)) => view::run(&args),
+        Some(CliCommand::Workspace(args)) => workspace::run(&args),
+        Some(CliCommand::Simulate(args)) => simulate::run(&args),
+        Some(CliCommand::Reproduce(args)) => reproduce::run(&args),
+        Some(CliCommand::Grow(args)) => grow::run(&args),
+        Some(CliCommand::Resume(args)) => resume::run(&args),
+        Some(CliCommand::Replay(args)) => replay::run(&args),
+        Some(CliCommand::Export(args)) => export::run(&args),
+        Some(CliCommand::Status(args)) => status::run(&args),
+        Some(CliCommand::Stop(args)) => stop::run(&args),
+        Some(CliCommand::Cancel(args)) => cancel::run(&args),
+        Some(CliCommand::Estop(args)) => estop::run(&args),
+        Some(CliCommand::Doctor(args)) => doctor::run(&args),
+        Some(CliCommand::Tune(args)) => tune::run(&args),
+        Some(CliCommand::Maintain(args)) => maintain::run(&args),
+        Some(CliCommand::Console(args)) => console::run(&args),
+        Some(CliCommand::Power(args)) => power::run(&args),
+        Some(CliCommand::Serve(args)) => serve::run(&args),
+        Some(CliCommand::Attach(args)) => service_robot::run_attach(&args),
+        Some(CliCommand::Pause(args)) => service_robot::run_pause(&args),
+        Some(CliCommand::Continue(args)) => service_robot::run_continue(&args),
+        Some(CliCommand::Flash(args)) => flash::run(&args),
+        Some(CliCommand::Configure(args)) => configure::run(&args),
+        Some(CliCommand::Settings(args)) => settings::run(&args),
+        Some(CliCommand::Completions(args)) => completions::run(&args),
+        Some(CliCommand::Man(args)) => man::run(&args),
         None => grow::run_main_job(),
     };
     match done {
@@ -366,7 +366,7 @@ impl RequiredPortArg {
         let text = match &self.port {
             Some(text) => text.clone(),
             None => match Setting::load(Key::Port)? {
-                Setting { origin: Origin::BuiltIn, .. } => {
+                Setting { origin: SettingOrigin::BuiltIn, .. } => {
                     return Err(Failure::bad_input(format!(
                         "no port is given, so it is not known which robot is meant: say --port PORT, or set one \
                          (export {}=PORT, or port in {FILE_NAME})",

@@ -139,14 +139,14 @@ fn run_one(args: &PlanArgs, robot: &Robot, plan: &Plan) -> Result<(), Failure> {
 
 /// Formats of the answers to a batch.
 #[derive(Clone, Copy, PartialEq)]
-enum Format {
+enum PlanFormat {
     Csv,
     JsonLines,
 }
 
 /// Destination of the answers to a batch.
 struct BatchOutput {
-    format: Format,
+    format: PlanFormat,
     file: Option<AtomicFile>,
 }
 
@@ -156,10 +156,10 @@ impl BatchOutput {
         let formats: &[&str] = if args.json { &["json", "jsonl"] } else { &["csv", "json", "jsonl"] };
         let ending = to.map(|path| format_from_extension(path, formats)).transpose()?.flatten();
         let as_json = args.json || matches!(ending, Some("json" | "jsonl"));
-        let format = if as_json { Format::JsonLines } else { Format::Csv };
+        let format = if as_json { PlanFormat::JsonLines } else { PlanFormat::Csv };
         let file = to.map(AtomicFile::begin).transpose()?;
         let mut answers = Self { format, file };
-        if format == Format::Csv {
+        if format == PlanFormat::Csv {
             answers.write(ANSWERS)?;
         }
         Ok(answers)
@@ -175,7 +175,7 @@ impl BatchOutput {
 
     /// Returns the part of the output that reports failed queries.
     fn name_of_errors(&self) -> &'static str {
-        if self.format == Format::Csv { "the column error" } else { "the lines with \"error\"" }
+        if self.format == PlanFormat::Csv { "the column error" } else { "the lines with \"error\"" }
     }
 
     fn finish(self, args: &PlanArgs) -> Result<(), Failure> {
@@ -205,7 +205,7 @@ fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot) -> Result<(), Failu
     while let Some(answer) = batch.next(robot).map_err(named)? {
         done += 1;
         failed += u64::from(answer.outcome.is_err());
-        answers.write(&if answers.format == Format::Csv { answer.to_row() } else { answer.to_line(robot) })?;
+        answers.write(&if answers.format == PlanFormat::Csv { answer.to_row() } else { answer.to_line(robot) })?;
         progress.update(batch.bytes_read(), || format!("{done} planned, {failed} failed"));
     }
     progress.finish();

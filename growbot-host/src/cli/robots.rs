@@ -8,7 +8,7 @@ use growbot_client::robot_file;
 use growbot_client::sanitize::json_line;
 use growbot_core::angle::degrees;
 use growbot_core::robot::{Robot, Signal};
-use growbot_host::annotated_robot::{AnnotatedRobot, Field};
+use growbot_host::annotated_robot::{AnnotatedField, AnnotatedRobot};
 use growbot_host::output::print;
 use growbot_host::robot_questions::{NO_LIMIT, UNLIMITED};
 use growbot_host::schema;
@@ -75,7 +75,7 @@ fn overview(explained: &AnnotatedRobot) -> Value {
 }
 
 fn in_full(explained: &AnnotatedRobot) -> Value {
-    let field = |field: &Field| {
+    let field = |field: &AnnotatedField| {
         json!({
             "field": field.path, "value": field.value, "means": field.means,
             "in_file": field.in_file, "assumed": field.is_assumed(), "remark": field.comment,

@@ -16,10 +16,10 @@ use super::Failure;
 #[derive(Args)]
 #[command(after_help = "Examples:\n  growbot scene pipe-rack -o rack.toml\n  growbot scene rubble-heap --seed 7 -o \
                         heap.toml\n  growbot plan --to 0,0,960 --scene rack.toml -o plan.json")]
-pub struct SceneArgs {
+pub struct DemoSceneArgs {
     /// Kind of scene
     #[arg(value_name = "KIND")]
-    kind: Kind,
+    kind: SceneKind,
     /// Seed of the obstacles: each gives another scene of the kind
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -30,7 +30,7 @@ pub struct SceneArgs {
 
 /// A kind of scene.
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum Kind {
+enum SceneKind {
     /// Levels of pipes between four posts, 0.9 m high
     PipeRack,
     /// Slabs and bricks on a floor, 0.7 m across
@@ -38,10 +38,10 @@ enum Kind {
 }
 
 /// Runs the command.
-pub fn run(args: &SceneArgs) -> Result<(), Failure> {
+pub fn run(args: &DemoSceneArgs) -> Result<(), Failure> {
     let (example, name) = match args.kind {
-        Kind::PipeRack => (DemoScene::PipeRack, "pipe-rack"),
-        Kind::RubbleHeap => (DemoScene::RubbleHeap, "rubble-heap"),
+        SceneKind::PipeRack => (DemoScene::PipeRack, "pipe-rack"),
+        SceneKind::RubbleHeap => (DemoScene::RubbleHeap, "rubble-heap"),
     };
     format_from_extension(&args.output, &["toml"])?;
     let (from, to) = example.endpoints();

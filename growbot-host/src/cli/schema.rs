@@ -14,12 +14,12 @@ use super::Failure;
 pub struct SchemaArgs {
     /// Kind of file
     #[arg(value_name = "KIND")]
-    kind: Kind,
+    kind: SchemaKind,
 }
 
 /// A kind of file.
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum Kind {
+enum SchemaKind {
     /// Robot files, as `growbot robots --schema`
     Robot,
     /// Plans, as `growbot plan` writes them
@@ -39,13 +39,13 @@ enum Kind {
 /// Runs the command.
 pub fn run(args: &SchemaArgs) -> Result<(), Failure> {
     let schema = match args.kind {
-        Kind::Robot => robot_file_schema(),
-        Kind::Plan => formats::plan_schema(),
-        Kind::Scene => formats::scene_schema(),
-        Kind::Run => formats::run_event_schema(),
-        Kind::Result => formats::result_schema(),
-        Kind::Notification => formats::notice_schema(),
-        Kind::Settings => formats::settings_schema(),
+        SchemaKind::Robot => robot_file_schema(),
+        SchemaKind::Plan => formats::plan_schema(),
+        SchemaKind::Scene => formats::scene_schema(),
+        SchemaKind::Run => formats::run_event_schema(),
+        SchemaKind::Result => formats::result_schema(),
+        SchemaKind::Notification => formats::notice_schema(),
+        SchemaKind::Settings => formats::settings_schema(),
     };
     Ok(print(&format!("{schema:#}\n"))?)
 }

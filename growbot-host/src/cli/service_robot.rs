@@ -16,7 +16,7 @@ use growbot_host::progress::{Progress, ResultTiming};
 use growbot_host::serve::api::{MaintenanceRequest, PREFIX, PageUrls};
 use growbot_host::serve::client::{LeasedPort, RESPONSE_TIMEOUT, ServiceClient, ServiceError};
 use growbot_host::serve::commands::{CommandRequest, RobotCommand};
-use growbot_host::serve::grow_request::Wanted;
+use growbot_host::serve::grow_request::GrowRequest;
 use growbot_host::serve::job_store::{Job, JobState};
 use growbot_host::serve::{RobotState, RobotStatus};
 use serde_json::{Value, json};
@@ -136,14 +136,14 @@ impl ServiceRobot {
         options: &ServiceGrowthOptions,
     ) -> Result<(), Failure> {
         let written = PlanFile::with_robot(plan, robot);
-        let wanted = Wanted {
+        let wanted = GrowRequest {
             plan: Some(serde_json::to_value(written).map_err(Failure::bad_input)?),
             scene,
             feedback: options.feedback,
             force: options.force,
             ignore_scene: options.ignore_scene,
             name: Some(name),
-            ..Wanted::default()
+            ..GrowRequest::default()
         };
         let job: Job = self.caller.post(&self.at("jobs"), &wanted)?;
         growbot_host::note!("the service grows it as job {}; it goes on when this command ends", job.id);

@@ -5,7 +5,7 @@ use std::path::Path;
 use clap::Args;
 use growbot_client::sanitize::json_line;
 use growbot_host::output::print;
-use growbot_host::settings::{FILE_NAME, Key, Origin, Setting, nearest, user_file};
+use growbot_host::settings::{FILE_NAME, Key, Setting, SettingOrigin, nearest, user_file};
 use serde_json::{Map, Value, json};
 
 use super::Failure;
@@ -58,20 +58,24 @@ pub fn log_setting(key: Key, setting: Setting) -> String {
 }
 
 /// Returns the origin of a value as text for messages.
-fn in_words(origin: &Origin) -> String {
+fn in_words(origin: &SettingOrigin) -> String {
     match origin {
-        Origin::Environment(variable) => (*variable).to_owned(),
-        Origin::Nearest(file) | Origin::User(file) => file.display().to_string(),
-        Origin::BuiltIn => "built in".to_owned(),
+        SettingOrigin::Environment(variable) => (*variable).to_owned(),
+        SettingOrigin::Nearest(file) | SettingOrigin::User(file) => file.display().to_string(),
+        SettingOrigin::BuiltIn => "built in".to_owned(),
     }
 }
 
 fn json_of(setting: &Setting) -> Value {
     let value = &setting.value;
     match &setting.origin {
-        Origin::Environment(variable) => json!({ "value": value, "origin": "environment", "variable": variable }),
-        Origin::Nearest(file) => json!({ "value": value, "origin": "nearest", "file": file.display().to_string() }),
-        Origin::User(file) => json!({ "value": value, "origin": "user", "file": file.display().to_string() }),
-        Origin::BuiltIn => json!({ "value": value, "origin": "built-in" }),
+        SettingOrigin::Environment(variable) => {
+            json!({ "value": value, "origin": "environment", "variable": variable })
+        }
+        SettingOrigin::Nearest(file) => {
+            json!({ "value": value, "origin": "nearest", "file": file.display().to_string() })
+        }
+        SettingOrigin::User(file) => json!({ "value": value, "origin": "user", "file": file.display().to_string() }),
+        SettingOrigin::BuiltIn => json!({ "value": value, "origin": "built-in" }),
     }
 }

@@ -195,14 +195,14 @@ impl From<AlongName> for XAxis {
 
 /// Formats of the output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Format {
+enum ViewFormat {
     Html,
     Svg,
     Png,
     Pdf,
 }
 
-impl Format {
+impl ViewFormat {
     fn ending(self) -> &'static str {
         match self {
             Self::Html => "html",
@@ -238,17 +238,17 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
     let subjects: Vec<&Subject> = subjects.iter().collect();
     let format = args.format();
     let contents = match format {
-        Format::Html => args.page(&subjects)?.into_bytes(),
-        Format::Svg => args.picture(&subjects, &opened)?.into_bytes(),
-        Format::Png => {
+        ViewFormat::Html => args.page(&subjects)?.into_bytes(),
+        ViewFormat::Svg => args.picture(&subjects, &opened)?.into_bytes(),
+        ViewFormat::Png => {
             png(&args.picture(&subjects, &opened)?, args.width.unwrap_or(WIDTH)).map_err(Failure::bad_input)?
         }
-        Format::Pdf => svg_to_pdf(&args.picture(&subjects, &opened)?).map_err(Failure::bad_input)?,
+        ViewFormat::Pdf => svg_to_pdf(&args.picture(&subjects, &opened)?).map_err(Failure::bad_input)?,
     };
     if !write_to(&output, &contents)? {
         return Ok(());
     }
-    let hint = if format == Format::Html { ": open it in a browser" } else { "" };
+    let hint = if format == ViewFormat::Html { ": open it in a browser" } else { "" };
     growbot_host::note!("view written to {}{hint}", output.display());
     Ok(())
 }
@@ -266,16 +266,16 @@ impl ViewArgs {
     }
 
     /// Returns the format of the options, or else that of the file's extension.
-    fn format(&self) -> Format {
+    fn format(&self) -> ViewFormat {
         let ends_in = |format| self.output.as_deref().is_some_and(|output| ends_in(output, format));
         match (self.svg, self.png, self.pdf) {
-            (true, ..) => Format::Svg,
-            (_, true, _) => Format::Png,
-            (.., true) => Format::Pdf,
-            _ if ends_in(Format::Png) => Format::Png,
-            _ if ends_in(Format::Pdf) => Format::Pdf,
-            _ if ends_in(Format::Svg) || !self.plot.is_empty() => Format::Svg,
-            _ => Format::Html,
+            (true, ..) => ViewFormat::Svg,
+            (_, true, _) => ViewFormat::Png,
+            (.., true) => ViewFormat::Pdf,
+            _ if ends_in(ViewFormat::Png) => ViewFormat::Png,
+            _ if ends_in(ViewFormat::Pdf) => ViewFormat::Pdf,
+            _ if ends_in(ViewFormat::Svg) || !self.plot.is_empty() => ViewFormat::Svg,
+            _ => ViewFormat::Html,
         }
     }
 
@@ -296,7 +296,8 @@ impl ViewArgs {
     fn picture(&self, subjects: &[&Subject], opened: &[Opened]) -> Result<String, Failure> {
         if !self.plot.is_empty() {
             let quantities: Vec<PlotKind> = self.plot.iter().map(|name| PlotKind::from(*name)).collect();
-            let options = plot::Options { quantities: &quantities, along: self.x_axis.into(), title: !self.no_title };
+            let options =
+                plot::PlotOptions { quantities: &quantities, along: self.x_axis.into(), title: !self.no_title };
             let log = |opened: &'_ Opened| opened.run.as_ref().map(|(_, log)| log.clone());
             let logs: Vec<Option<Vec<u8>>> = opened.iter().map(log).collect();
             let plotted: Vec<PlotInput> =
@@ -305,7 +306,7 @@ impl ViewArgs {
         }
         let picture = picture::svg(
             subjects,
-            &picture::Options {
+            &picture::PictureOptions {
                 look: self.viewpoint.unwrap_or(LookName::Corner).into(),
                 palette: self.palette.map(Palette::from).unwrap_or_default(),
                 range: self.range,
@@ -321,7 +322,7 @@ impl ViewArgs {
         match (self.files.len(), self.compare) {
             (1, true) => return Err(Failure::bad_input("--compare takes two plans or run logs: give another one")),
             (2.., false) => return Err(self.several_files()),
-            (3.., true) if self.format() == Format::Html => {
+            (3.., true) if self.format() == ViewFormat::Html => {
                 return Err(Failure::bad_input(
                     "a page has two bodies, pictures any number: add --svg, --png or --pdf",
                 ));
@@ -335,17 +336,17 @@ impl ViewArgs {
             (self.no_title, "--no-title"),
         ];
         match self.format() {
-            Format::Html if self.viewpoint.is_some() => {
+            ViewFormat::Html if self.viewpoint.is_some() => {
                 Err(Failure::bad_input("--viewpoint is for pictures, a page can be turned: add --svg or --png"))
             }
-            Format::Html => match of_pictures.into_iter().find(|(given, _)| *given) {
+            ViewFormat::Html => match of_pictures.into_iter().find(|(given, _)| *given) {
                 Some((_, option)) => {
                     Err(Failure::bad_input(format!("{option} is for pictures: add --svg, --png or --pdf")))
                 }
                 None if self.width.is_some() => Err(Failure::bad_input("--width is for pixels: add --png")),
                 None => Ok(()),
             },
-            Format::Svg | Format::Pdf if self.width.is_some() => {
+            ViewFormat::Svg | ViewFormat::Pdf if self.width.is_some() => {
                 Err(Failure::bad_input("--width is for pixels: add --png"))
             }
             _ => Ok(()),
@@ -357,7 +358,7 @@ impl ViewArgs {
         self.check_options()?;
         if let Some(output) = &self.output {
             format_from_extension(output, self.formats())?;
-            if matches!(self.format(), Format::Png | Format::Pdf) && is_standard_output(output) {
+            if matches!(self.format(), ViewFormat::Png | ViewFormat::Pdf) && is_standard_output(output) {
                 refuse_terminal()?;
             }
         }
@@ -382,8 +383,10 @@ impl ViewArgs {
     /// Returns the error for several files without `--compare`. A picture's name after `--png` or `--svg` counts as a
     /// file.
     fn several_files(&self) -> Failure {
-        let picture =
-            self.files.iter().find(|file| [Format::Svg, Format::Png, Format::Pdf].iter().any(|it| ends_in(file, *it)));
+        let picture = self
+            .files
+            .iter()
+            .find(|file| [ViewFormat::Svg, ViewFormat::Png, ViewFormat::Pdf].iter().any(|it| ends_in(file, *it)));
         match picture {
             Some(file) => Failure::bad_input(format!(
                 "{} would be a second plan or run log: to write a picture there, give -o {0}",
@@ -411,7 +414,7 @@ impl ViewArgs {
     }
 }
 
-fn ends_in(file: &Path, format: Format) -> bool {
+fn ends_in(file: &Path, format: ViewFormat) -> bool {
     file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(format.ending()))
 }
 

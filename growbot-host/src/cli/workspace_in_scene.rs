@@ -8,7 +8,7 @@ use growbot_client::scene_planning::{SceneOptions, ScenePlanError};
 use growbot_core::compact_number::CompactNumber;
 use growbot_host::output::{print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
-use growbot_host::workspace::{Counts, Reachability, SceneWorkspace, WorkspaceQuery, ball, scene_workspace};
+use growbot_host::workspace::{GoalCounts, Reachability, SceneWorkspace, WorkspaceQuery, ball, scene_workspace};
 use growbot_scene::scene_file;
 use serde_json::{Value, json};
 
@@ -84,7 +84,7 @@ fn in_words(name: &str, answer: &SceneWorkspace) -> String {
 }
 
 fn table(question: &WorkspaceQuery, through: &SceneOptions, answer: &SceneWorkspace) -> String {
-    let Counts { reachable: path, none, not_found } = answer.counts();
+    let GoalCounts { reachable: path, none, not_found } = answer.counts();
     let (length, radius) = ((question.length * 10.0).round() / 10.0, question.radius);
     let name = question.robot.name();
     let mut text = format!("{name}: within reach of a body of {length} mm, bends of radius {radius} mm,\n");
@@ -109,7 +109,7 @@ fn table(question: &WorkspaceQuery, through: &SceneOptions, answer: &SceneWorksp
     text += &format!("{not_found:>7}  none found with --effort {}, and there may be one\n", through.effort);
     text += "\ndistance, mm      path    none  not found\n";
     let mut from = 0.0;
-    for (to, Counts { reachable: path, none, not_found }) in answer.bands() {
+    for (to, GoalCounts { reachable: path, none, not_found }) in answer.bands() {
         text += &format!("{:>5} - {:>5} {path:>8} {none:>7} {not_found:>10}\n", f64::round(from), to.round());
         from = to;
     }
@@ -117,7 +117,7 @@ fn table(question: &WorkspaceQuery, through: &SceneOptions, answer: &SceneWorksp
 }
 
 fn json_of(question: &WorkspaceQuery, through: &SceneOptions, answer: &SceneWorkspace) -> Value {
-    let Counts { reachable: path, none, not_found } = answer.counts();
+    let GoalCounts { reachable: path, none, not_found } = answer.counts();
     let (volume, error) = answer.volume(path);
     let reasons: serde_json::Map<_, _> =
         REASONS.into_iter().map(|(name, is_this)| (name.to_owned(), json!(answer.because(is_this)))).collect();

@@ -3,7 +3,7 @@
 use growbot_core::plan::Planner;
 
 use super::differences::{WHY_B, WHY_C, WHY_HEADING, WHY_PITCH, differences};
-use super::experiments::{Experiments, GrowthSet, Quantity};
+use super::experiments::{ErrorQuantity, Experiments, GrowthSet};
 use super::paper::{self, GROUPS, MeanSd, ROBOTS};
 use super::slicing_rule::SlicingRule;
 use super::statistics::{SampleSummary, TestResult, anova, kruskal_wallis};
@@ -121,7 +121,7 @@ fn values(
     members: impl IntoIterator<Item = (usize, usize)>,
     planner: Planner,
     slicing: impl Fn(usize) -> SlicingRule,
-    quantity: Quantity,
+    quantity: ErrorQuantity,
 ) -> Option<Vec<Vec<f64>>> {
     members
         .into_iter()
@@ -165,7 +165,7 @@ fn label(experiments: &Experiments, robot: usize, slicing: SlicingRule) -> Strin
 fn quoted(experiments: &Experiments) -> Vec<QuotedMean> {
     let mut quoted = Vec::new();
     // The paper's value seems to be a mean of the groups' means, because its standard deviation is small.
-    let over_groups = |slicing: SlicingRule, quantity: Quantity| {
+    let over_groups = |slicing: SlicingRule, quantity: ErrorQuantity| {
         let groups = (0..GROUPS.len()).map(|group| (paper::ROBOT_A, group));
         let values = values(experiments, groups, PAPERS_PLANNER, |_| slicing, quantity)?;
         let means: Vec<f64> = values.iter().map(|values| SampleSummary::of(values).mean).collect();
@@ -174,7 +174,7 @@ fn quoted(experiments: &Experiments) -> Vec<QuotedMean> {
     };
     let long = |robot: usize, slicing: SlicingRule, planner: Planner| {
         let groups = LONG.map(|group| (robot, group));
-        let values = values(experiments, groups, planner, |_| slicing, Quantity::Position)?;
+        let values = values(experiments, groups, planner, |_| slicing, ErrorQuantity::Position)?;
         let all = SampleSummary::of(&values.concat());
         let path = if planner == PAPERS_PLANNER { "" } else { ", shortest path" };
         Some(OurMean { label: label(experiments, robot, slicing) + path, mean: all.mean, sd: all.sd })
@@ -189,13 +189,13 @@ fn quoted(experiments: &Experiments) -> Vec<QuotedMean> {
         (
             "pitch error of robot A, degrees, mean of the groups' means",
             paper::PITCH_ERROR_DEG,
-            Quantity::Pitch,
+            ErrorQuantity::Pitch,
             WHY_PITCH,
         ),
         (
             "heading error of robot A, degrees, mean of the groups' means",
             paper::HEADING_ERROR_DEG,
-            Quantity::Heading,
+            ErrorQuantity::Heading,
             WHY_HEADING,
         ),
     ] {
@@ -245,9 +245,9 @@ impl Questions {
     fn over_groups_of_a(&mut self, experiments: &Experiments, planner: Planner) {
         for slicing in WHOLE {
             for (what, quantity, paper) in [
-                ("heading error over the groups of robot A", Quantity::Heading, Some(paper::P_HEADING_A)),
-                ("pitch error over the groups of robot A", Quantity::Pitch, Some(paper::P_PITCH_A)),
-                ("position error over the groups of robot A", Quantity::Position, None),
+                ("heading error over the groups of robot A", ErrorQuantity::Heading, Some(paper::P_HEADING_A)),
+                ("pitch error over the groups of robot A", ErrorQuantity::Pitch, Some(paper::P_PITCH_A)),
+                ("position error over the groups of robot A", ErrorQuantity::Position, None),
             ] {
                 let asked = TestedPaths { slicing: label(experiments, paper::ROBOT_A, slicing), planner };
                 let groups = (0..GROUPS.len()).map(|group| (paper::ROBOT_A, group));
@@ -261,8 +261,8 @@ impl Questions {
         for slicing in WHOLE {
             let of = |robot| if SlicingRule::of_robot(robot).contains(&slicing) { slicing } else { SlicingRule::Table };
             for (what, quantity, paper) in [
-                ("heading error over all robots and groups", Quantity::Heading, Some(paper::P_HEADING_ALL)),
-                ("pitch error over all robots and groups", Quantity::Pitch, Some(paper::P_PITCH_ALL)),
+                ("heading error over all robots and groups", ErrorQuantity::Heading, Some(paper::P_HEADING_ALL)),
+                ("pitch error over all robots and groups", ErrorQuantity::Pitch, Some(paper::P_PITCH_ALL)),
             ] {
                 let everywhere = (0..ROBOTS.len()).flat_map(|robot| (0..GROUPS.len()).map(move |group| (robot, group)));
                 let label = format!("{}; B, C by Table 3", label(experiments, paper::ROBOT_A, slicing));
@@ -282,7 +282,7 @@ impl Questions {
         ] {
             let asked = TestedPaths { slicing: label(experiments, robot, slicing), planner };
             let groups = LONG.map(|group| (robot, group));
-            let values = values(experiments, groups, planner, |_| slicing, Quantity::Position);
+            let values = values(experiments, groups, planner, |_| slicing, ErrorQuantity::Position);
             self.ask(what, asked, Some(paper), values);
         }
     }
@@ -296,7 +296,7 @@ impl Questions {
                     let what = format!("position error over robots of one k, {names}, {distance} R");
                     let asked = TestedPaths { slicing: label(experiments, robots[0], slicing), planner };
                     let members = robots.into_iter().map(|robot| (robot, group));
-                    let values = values(experiments, members, planner, |_| slicing, Quantity::Position);
+                    let values = values(experiments, members, planner, |_| slicing, ErrorQuantity::Position);
                     self.ask(what, asked, None, values);
                 }
             }
@@ -313,7 +313,7 @@ impl Questions {
                         && set.condition.noise > 0.0
                         && !set.condition.feedback
                 });
-                let values: Vec<_> = levels.map(|set| set.values(Quantity::Position)).collect();
+                let values: Vec<_> = levels.map(|set| set.values(ErrorQuantity::Position)).collect();
                 let what = format!("position error over the levels of noise, robot A, {distance} R");
                 let asked =
                     TestedPaths { slicing: label(experiments, paper::ROBOT_A, *slicing), planner: PAPERS_PLANNER };

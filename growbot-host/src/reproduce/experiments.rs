@@ -54,7 +54,7 @@ impl Condition {
 
 /// One growth, with its errors at the goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Growth {
+pub struct ExperimentGrowth {
     /// Index into [`ROBOTS`].
     pub robot: usize,
     /// Index into [`GROUPS`].
@@ -77,7 +77,7 @@ pub struct Growth {
 
 /// Quantity of a growth that is compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Quantity {
+pub enum ErrorQuantity {
     /// Position error over the path's length (Eq 26).
     Position,
     /// Heading error (Eq 27, wrapped), degrees.
@@ -90,13 +90,13 @@ pub enum Quantity {
     Length,
 }
 
-impl Quantity {
+impl ErrorQuantity {
     /// All quantities.
     pub const ALL: [Self; 5] = [Self::Position, Self::Heading, Self::Pitch, Self::Direction, Self::Length];
 
     /// Returns the value of the quantity for a growth.
     #[must_use]
-    pub fn of(self, growth: &Growth) -> f64 {
+    pub fn of(self, growth: &ExperimentGrowth) -> f64 {
         match self {
             Self::Position => growth.arrival.normalized_position_error,
             // The directions are random, and none is exactly vertical.
@@ -130,27 +130,27 @@ pub struct GrowthSet {
     /// Condition of the growths.
     pub condition: Condition,
     /// Growths, in the order of repetitions.
-    pub growths: Vec<Growth>,
+    pub growths: Vec<ExperimentGrowth>,
 }
 
 impl GrowthSet {
     /// Returns the values of a quantity.
     #[must_use]
-    pub fn values(&self, quantity: Quantity) -> Vec<f64> {
+    pub fn values(&self, quantity: ErrorQuantity) -> Vec<f64> {
         self.growths.iter().map(|growth| quantity.of(growth)).collect()
     }
 
     /// Returns summary statistics of a quantity.
     #[must_use]
-    pub fn summary(&self, quantity: Quantity) -> SampleSummary {
+    pub fn summary(&self, quantity: ErrorQuantity) -> SampleSummary {
         SampleSummary::of(&self.values(quantity))
     }
 
     /// Returns the growth whose position error is nearest to the median.
     #[must_use]
-    pub fn representative(&self) -> Option<&Growth> {
-        let median = self.summary(Quantity::Position).median;
-        let off = |growth: &&Growth| (growth.arrival.normalized_position_error - median).abs();
+    pub fn representative(&self) -> Option<&ExperimentGrowth> {
+        let median = self.summary(ErrorQuantity::Position).median;
+        let off = |growth: &&ExperimentGrowth| (growth.arrival.normalized_position_error - median).abs();
         self.growths.iter().min_by(|a, b| off(a).total_cmp(&off(b)))
     }
 }
@@ -159,7 +159,7 @@ impl GrowthSet {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Example {
     /// The growth.
-    pub growth: Growth,
+    pub growth: ExperimentGrowth,
     /// Start and goal.
     pub poses: Endpoints,
     /// Path between start and goal.
@@ -350,7 +350,11 @@ fn noise_seed(names: &[u64]) -> u64 {
 }
 
 /// Returns the growths between one start and one goal.
-fn between_poses(request: &ReproduceRequest, robots: &[Robot], task: &TrialId) -> Result<Vec<Growth>, ExperimentError> {
+fn between_poses(
+    request: &ReproduceRequest,
+    robots: &[Robot],
+    task: &TrialId,
+) -> Result<Vec<ExperimentGrowth>, ExperimentError> {
     let robot = &robots[task.robot];
     let poses = poses_of(request, robot, task)?;
     let seed = noise_seed(&[
@@ -370,7 +374,14 @@ fn between_poses(request: &ReproduceRequest, robots: &[Robot], task: &TrialId) -
 }
 
 /// Simulates one growth.
-fn grow(robot: &Robot, task: &TrialId, poses: &Endpoints, path: &Path, condition: Condition, seed: u64) -> Growth {
+fn grow(
+    robot: &Robot,
+    task: &TrialId,
+    poses: &Endpoints,
+    path: &Path,
+    condition: Condition,
+    seed: u64,
+) -> ExperimentGrowth {
     let Endpoints { start, goal } = poses;
     let disturbance = Disturbance { growth_noise: condition.noise, ..Disturbance::default() };
     let GrownBody { base_from_tip, layers: laid, .. } = if condition.feedback {
@@ -383,7 +394,7 @@ fn grow(robot: &Robot, task: &TrialId, poses: &Endpoints, path: &Path, condition
         grow_open_loop(start, layers, &disturbance, seed, |_| ())
     };
     let path_length = path::length(path);
-    Growth {
+    ExperimentGrowth {
         robot: task.robot,
         group: task.group,
         repetition: task.repetition,
@@ -413,7 +424,7 @@ fn examples(request: &ReproduceRequest, robots: &[Robot], sets: &[GrowthSet]) ->
 }
 
 /// Returns a growth without noise, with its curves.
-fn example(request: &ReproduceRequest, robot: &Robot, growth: &Growth) -> Result<Example, ExperimentError> {
+fn example(request: &ReproduceRequest, robot: &Robot, growth: &ExperimentGrowth) -> Result<Example, ExperimentError> {
     /// Number of intervals along a bend.
     const POINTS: u32 = 40;
     let task = TrialId { robot: growth.robot, group: growth.group, repetition: growth.repetition };
@@ -457,7 +468,7 @@ fn part_of(segment: &path::Segment, share: f64) -> path::Segment {
 
 /// Returns growths of robot A along a representative path, with different noise.
 fn along_example(request: &ReproduceRequest, robot: &Robot, example: &Example, condition: Condition) -> GrowthSet {
-    let Growth { robot: index, group, repetition, .. } = example.growth;
+    let ExperimentGrowth { robot: index, group, repetition, .. } = example.growth;
     let task = TrialId { robot: index, group, repetition };
     let mut set = GrowthSet { robot: index, group, condition, growths: Vec::new() };
     let times = if condition.noise == 0.0 && !condition.feedback { 1 } else { request.repeat_noise };
@@ -465,7 +476,7 @@ fn along_example(request: &ReproduceRequest, robot: &Robot, example: &Example, c
     for repetition in 0..times {
         let names = [request.seed, RandomStream::GrowthWithNoise as u64, group as u64, level, repetition as u64];
         let growth = grow(robot, &task, &example.poses, &example.path, condition, noise_seed(&names));
-        set.growths.push(Growth { repetition, ..growth });
+        set.growths.push(ExperimentGrowth { repetition, ..growth });
     }
     set
 }

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use growbot_core::plan::Planner;
 
 use super::comparison::{ExactErrors, SignificanceTest, capital, p_text};
-use super::experiments::{GrowthSet, NOISE_OF_FEEDBACK, Quantity};
+use super::experiments::{ErrorQuantity, GrowthSet, NOISE_OF_FEEDBACK};
 use super::figures::Figure;
 use super::paper::{self, GROUPS, MeanSd, ROBOTS};
 use super::slicing_rule::SlicingRule;
@@ -330,7 +330,7 @@ fn feedback(page: &mut String, of: &Reproduction) {
     );
     for (group, distance) in GROUPS.iter().enumerate() {
         for (index, set) in noisy.iter().filter(|set| set.group == group && set.robot == paper::ROBOT_A).enumerate() {
-            let (position, direction) = (set.summary(Quantity::Position), set.summary(Quantity::Direction));
+            let (position, direction) = (set.summary(ErrorQuantity::Position), set.summary(ErrorQuantity::Direction));
             let _ = writeln!(
                 page,
                 "<tr class=\"{}\"><td class=\"l\">{}</td><td class=\"l\">{}</td><td class=\"l\">{}</td><td>{} \

@@ -6,7 +6,7 @@ use growbot_core::plan::Planner;
 
 use super::Reproduction;
 use super::comparison::{ExactErrors, OurMean, SignificanceTest, capital, p_text};
-use super::experiments::{NOISE_OF_FEEDBACK, Quantity};
+use super::experiments::{ErrorQuantity, NOISE_OF_FEEDBACK};
 use super::paper::{GROUPS, MeanSd, ROBOTS};
 use super::slicing_rule::SlicingRule;
 use super::statistics::{LEVEL, MeanComparison, TestResult};
@@ -149,7 +149,7 @@ fn noise_text(text: &mut String, of: &Reproduction) {
         );
         let feedback = if first.condition.feedback { ", closed loop" } else { "" };
         let means: String =
-            sets.iter().map(|set| format!("{:>9}", error_text(set.summary(Quantity::Position).mean))).collect();
+            sets.iter().map(|set| format!("{:>9}", error_text(set.summary(ErrorQuantity::Position).mean))).collect();
         let _ = writeln!(text, "{:>2} R {:<27}{means}", GROUPS[first.group], format!("{slicing}{feedback}"));
     }
 }
@@ -170,16 +170,16 @@ fn feedback_text(text: &mut String, of: &Reproduction) {
     let heading: String = GROUPS.iter().map(|group| format!("{:>17}", format!("{group} R"))).collect();
     let _ = writeln!(text, "            {heading}");
     for (name, quantity, feedback) in [
-        ("open", Quantity::Position, false),
-        ("closed", Quantity::Position, true),
-        ("open, deg", Quantity::Direction, false),
-        ("closed, deg", Quantity::Direction, true),
+        ("open", ErrorQuantity::Position, false),
+        ("closed", ErrorQuantity::Position, true),
+        ("open, deg", ErrorQuantity::Direction, false),
+        ("closed, deg", ErrorQuantity::Direction, true),
     ] {
         let _ = write!(text, "{name:<12}");
         for set in sets().filter(|set| set.condition.feedback == feedback) {
             let summary = set.summary(quantity);
             let cell = match quantity {
-                Quantity::Position => format!("{:.5}+-{:.5}", summary.mean, summary.sd),
+                ErrorQuantity::Position => format!("{:.5}+-{:.5}", summary.mean, summary.sd),
                 _ => format!("{:.3}+-{:.3}", summary.mean, summary.sd),
             };
             let _ = write!(text, "{cell:>17}");

@@ -6,7 +6,7 @@
 
 use growbot_core::plan::Planner;
 
-use super::experiments::{Experiments, Quantity};
+use super::experiments::{ErrorQuantity, Experiments};
 use super::paper::{self, MeanSd, ROBOTS};
 use super::slicing_rule::SlicingRule;
 use super::statistics::{LEVEL, MeanComparison, SampleSummary, holm};
@@ -98,7 +98,7 @@ pub(super) fn cells(experiments: &Experiments) -> Vec<Cell> {
                 group: set.group,
                 planner: condition.planner,
                 slicing: condition.slicing,
-                ours: set.summary(Quantity::Position),
+                ours: set.summary(ErrorQuantity::Position),
                 paper: paper[set.group],
                 tests: None,
                 comparisons: 0,

@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::comparison::{ExactErrors, SignificanceTest};
-use super::experiments::{Growth, GrowthSet, PlannedSegment, Quantity, SENSORS};
+use super::experiments::{ErrorQuantity, ExperimentGrowth, GrowthSet, PlannedSegment, SENSORS};
 use super::paper::{self, GROUPS, PaperRobot, ROBOTS};
 use super::statistics::{MeanComparison, SampleSummary};
 use super::table2::Cell;
@@ -234,7 +234,7 @@ fn growth_rows(of: &Reproduction) -> impl Iterator<Item = GrowthRow> {
     })
 }
 
-fn growth_row(experiment: &'static str, growth: &Growth, robot: &Robot) -> GrowthRow {
+fn growth_row(experiment: &'static str, growth: &ExperimentGrowth, robot: &Robot) -> GrowthRow {
     let [start, goal] = [&growth.poses.start, &growth.poses.goal].map(Pose::to_degrees);
     GrowthRow {
         experiment,
@@ -261,7 +261,7 @@ fn growth_row(experiment: &'static str, growth: &Growth, robot: &Robot) -> Growt
         layers: growth.layers,
         position_error_mm: growth.arrival.position_error_mm,
         position_error_over_length: growth.arrival.normalized_position_error,
-        heading_error_deg: Quantity::Heading.of(growth),
+        heading_error_deg: ErrorQuantity::Heading.of(growth),
         pitch_error_deg: growth.arrival.pitch_error_deg,
         direction_error_deg: growth.arrival.direction_error_deg,
     }
@@ -269,11 +269,11 @@ fn growth_row(experiment: &'static str, growth: &Growth, robot: &Robot) -> Growt
 
 fn summary_rows(of: &Reproduction) -> impl Iterator<Item = SummaryRow> {
     sets(of).flat_map(move |(experiment, set)| {
-        Quantity::ALL.into_iter().map(move |quantity| {
+        ErrorQuantity::ALL.into_iter().map(move |quantity| {
             let SampleSummary { n, mean, sd, median, p95 } = set.summary(quantity);
             let condition = &set.condition;
             let is_table2 = experiment == "random-poses"
-                && quantity == Quantity::Position
+                && quantity == ErrorQuantity::Position
                 && condition.noise == 0.0
                 && !condition.feedback;
             let paper = ROBOTS[set.robot].position_error.filter(|_| is_table2).map(|groups| groups[set.group]);

@@ -1,7 +1,7 @@
 //! Tests of whole reproductions: the paper's numbers, equal bytes on any number of threads, valid files.
 
 use super::*;
-use experiments::Quantity;
+use experiments::ErrorQuantity;
 use growbot_core::plan::Planner;
 use table2::Verdicts;
 
@@ -113,7 +113,7 @@ fn feedback_reduces_the_goal_error_with_noise() {
                 && set.condition.feedback == feedback
                 && set.condition.planner == Planner::TwoPlane
         };
-        done.experiments.sets.iter().find(noisy).unwrap().summary(Quantity::Position).mean
+        done.experiments.sets.iter().find(noisy).unwrap().summary(ErrorQuantity::Position).mean
     };
     for group in 0..paper::GROUPS.len() {
         assert!(mean(group, true) < 0.7 * mean(group, false), "{} R", paper::GROUPS[group]);

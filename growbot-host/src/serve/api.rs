@@ -34,7 +34,7 @@ use super::Service;
 use super::audit::CommandSource;
 use super::commands::{COMMAND_TIMEOUT, CommandRequest, RobotCommand, run_command};
 use super::event_routes;
-use super::grow_request::{PlanInScene, Wanted};
+use super::grow_request::{GrowRequest, PlanInScene};
 use super::job_store::{Job, JobState};
 use super::limits::MAX_BODY;
 use super::openapi;
@@ -209,7 +209,7 @@ async fn new_job(
     Extension(access): Extension<Access>,
     Path(name): Path<String>,
     headers: HeaderMap,
-    Json(wanted): Json<Wanted>,
+    Json(wanted): Json<GrowRequest>,
 ) -> Result<(StatusCode, Json<Job>), Problem> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
@@ -227,7 +227,7 @@ async fn new_job(
 fn make_job(
     service: &Service,
     keeper: &RobotWorker,
-    wanted: &Wanted,
+    wanted: &GrowRequest,
     access: Access,
     key: Option<&str>,
 ) -> Result<(StatusCode, Json<Job>), Problem> {
@@ -379,7 +379,7 @@ async fn maintain(
 
 /// The robot to plan for.
 #[derive(Debug, Deserialize, JsonSchema)]
-struct ForRobot {
+struct PlanQuery {
     /// Name of the robot in the service.
     robot: String,
 }
@@ -396,8 +396,8 @@ struct PlanResponse {
 async fn new_plan(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
-    Query(ForRobot { robot }): Query<ForRobot>,
-    Json(wanted): Json<Wanted>,
+    Query(PlanQuery { robot }): Query<PlanQuery>,
+    Json(wanted): Json<GrowRequest>,
 ) -> ApiResult<PlanResponse> {
     let keeper = Arc::clone(find_robot(&service, &robot)?);
     run_blocking(move || {

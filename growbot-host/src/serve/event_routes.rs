@@ -18,12 +18,12 @@ const MAX_HEARD: usize = 1024;
 
 /// Start of a stream of events.
 #[derive(Debug, Deserialize)]
-pub struct After {
+pub struct EventQuery {
     after: Option<u64>,
 }
 
 /// Returns the number of the line after which the stream starts.
-fn after(headers: &HeaderMap, After { after }: After) -> u64 {
+fn after(headers: &HeaderMap, EventQuery { after }: EventQuery) -> u64 {
     let last = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse().ok());
     last.or(after).unwrap_or(0)
 }
@@ -31,7 +31,7 @@ fn after(headers: &HeaderMap, After { after }: After) -> u64 {
 pub async fn of_job(
     State(service): ServiceState,
     Path(id): Path<String>,
-    Query(wanted): Query<After>,
+    Query(wanted): Query<EventQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let job = found_job(&service, &id)?;
@@ -42,7 +42,7 @@ pub async fn socket_of_job(
     State(service): ServiceState,
     Extension(permit): Extension<StreamPermit>,
     Path(id): Path<String>,
-    Query(wanted): Query<After>,
+    Query(wanted): Query<EventQuery>,
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
 ) -> Result<Response, Problem> {

@@ -22,7 +22,7 @@ use super::scene_store;
 /// A request to grow or to plan.
 #[derive(Debug, Clone, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Wanted {
+pub struct GrowRequest {
     /// A plan, in the format that `growbot plan -o` writes. Without it, `to` is required.
     pub plan: Option<Value>,
     /// Goal: X,Y,Z,HEADING,PITCH, or X,Y,Z for any direction.
@@ -59,7 +59,7 @@ pub struct PlanInScene {
     pub scene: Option<LoadedScene>,
 }
 
-impl Wanted {
+impl GrowRequest {
     /// Returns the plan. `robot` is the robot that is to grow it.
     pub fn resolve(&self, robot: &Robot, places: &ServicePaths, access: Access) -> Result<PlanInScene, Problem> {
         let scene = self.scene_file(places, access)?;

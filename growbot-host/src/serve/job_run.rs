@@ -12,7 +12,7 @@ use growbot_client::growth::{
     Outcome, grow_job, resume_job,
 };
 use growbot_client::plan::Plan;
-use growbot_client::run_log::{GrowthResult, Origin, OutcomeKind, RecordedRun, RunLog, utc_text};
+use growbot_client::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog, RunOrigin, utc_text};
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, State};
 use growbot_core::robot::Robot;
@@ -23,14 +23,14 @@ use time::OffsetDateTime;
 
 use super::job_store::{Job, JobState};
 use super::notification::{NotificationContext, NotificationEvent};
-use super::robot_worker::{Connection, LinkState, NewJob, RobotWorker};
+use super::robot_worker::{BoardConnection, LinkState, NewJob, RobotWorker};
 use crate::watch::LiveGrowth;
 
 type Reply = Sender<Result<(), String>>;
 
 impl RobotWorker {
     /// Starts a new job.
-    pub(super) fn start_job(&self, connection: &mut Connection, new: NewJob, reply: Reply) -> LinkState {
+    pub(super) fn start_job(&self, connection: &mut BoardConnection, new: NewJob, reply: Reply) -> LinkState {
         let NewJob { job, plan, robot, scene, feedback } = new;
         let board_job = BoardJob::of_plan(&robot, &plan);
         let noise = feedback.then_some(DEFAULT_SENSOR_NOISE);
@@ -44,7 +44,7 @@ impl RobotWorker {
             return refuse(&reply, &format!("{too_near}: {remedy}"));
         }
         let imperfection = ErrorModel::default();
-        let origin = Origin {
+        let origin = RunOrigin {
             port: &self.entry.port,
             imperfection: self.is_simulated().then_some(&imperfection),
             ignores_scene: job.ignore_scene,
@@ -59,7 +59,7 @@ impl RobotWorker {
         let mut growing = RunningJob::new(self, &job, &board_job, &[], log, Some(reply));
         let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
         let orders = Arc::clone(&growing.orders);
-        let Connection { client, simulation, .. } = connection;
+        let BoardConnection { client, simulation, .. } = connection;
         let grown =
             grow_with_ground_truth(simulation.as_mut(), &board_job, &mut |event| growing.ingest(event), |on_event| {
                 grow_job(client, &board_job, manner, &orders, on_event)
@@ -68,14 +68,14 @@ impl RobotWorker {
     }
 
     /// Resumes an unfinished job at a client's request.
-    pub(super) fn resume(&self, connection: &mut Connection, job: &Job, reply: Reply) -> LinkState {
+    pub(super) fn resume(&self, connection: &mut BoardConnection, job: &Job, reply: Reply) -> LinkState {
         self.continue_job(connection, job, Some(reply), |_| Ok(()))
     }
 
     /// Resumes the job that was active when the service ended or the connection was lost. The board must have continued
     /// the job or be waiting for its host. After a loss of power or a stop the job becomes interrupted, because only a
     /// user may start heating again.
-    pub(super) fn reattach_job(&self, connection: &mut Connection, job: &Job) -> LinkState {
+    pub(super) fn reattach_job(&self, connection: &mut BoardConnection, job: &Job) -> LinkState {
         self.continue_job(connection, job, None, |state| match state {
             State::Heating | State::Homing | State::Growing | State::Paused | State::Parked | State::Done => Ok(()),
             state => Err(format!("the board is {}: resume the job, or cancel it", state.name())),
@@ -84,7 +84,7 @@ impl RobotWorker {
 
     fn continue_job(
         &self,
-        connection: &mut Connection,
+        connection: &mut BoardConnection,
         job: &Job,
         reply: Option<Reply>,
         may: impl FnOnce(State) -> Result<(), String>,
@@ -154,7 +154,7 @@ impl RobotWorker {
     }
 
     /// Stops the job that was active when the connection was lost, because a stop was sent then.
-    pub(super) fn apply_pending_stop(&self, connection: &mut Connection, job: &Job) -> LinkState {
+    pub(super) fn apply_pending_stop(&self, connection: &mut BoardConnection, job: &Job) -> LinkState {
         match connection.client.stop() {
             Ok(_) => {
                 self.update_state(|known| known.stop_on_reconnect = false);

@@ -55,12 +55,12 @@ impl NotificationEvent {
 
 /// Way by which notices are sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Channel {
+pub(super) enum NotificationChannel {
     Webhook,
     Command,
 }
 
-impl Channel {
+impl NotificationChannel {
     fn name(self) -> &'static str {
         match self {
             Self::Webhook => "webhook",
@@ -185,7 +185,7 @@ impl JobStore {
     pub(super) fn enqueue_notification(
         &mut self,
         notice: &Notification,
-        channels: &[Channel],
+        channels: &[NotificationChannel],
         now_ms: i64,
     ) -> Result<(), JobStoreError> {
         let text = json_line(notice);
@@ -224,7 +224,10 @@ impl JobStore {
     }
 
     /// Returns the next notice of a channel.
-    pub(super) fn next_notification(&self, channel: Channel) -> Result<Option<QueuedNotification>, JobStoreError> {
+    pub(super) fn next_notification(
+        &self,
+        channel: NotificationChannel,
+    ) -> Result<Option<QueuedNotification>, JobStoreError> {
         let query = "SELECT id, notice, created_ms, due_ms, attempts FROM notice WHERE channel = ?1 \
                      ORDER BY due_ms, id LIMIT 1";
         let row = self.database.query_row(query, [channel.name()], |row| {
@@ -326,18 +329,18 @@ mod tests {
         let about = NotificationContext { robot: "lab", simulated: false, job: None, laid: 0, layers: 0 };
         let notice = about.notice(NotificationEvent::Finish, None, None);
         for number in 0..i64::from(MAX_QUEUED_PER_CHANNEL) + 5 {
-            jobs.enqueue_notification(&notice, &[Channel::Webhook], number).unwrap();
+            jobs.enqueue_notification(&notice, &[NotificationChannel::Webhook], number).unwrap();
         }
-        let first = jobs.next_notification(Channel::Webhook).unwrap().unwrap();
-        assert_eq!((first.created_ms, jobs.next_notification(Channel::Command).unwrap()), (5, None));
+        let first = jobs.next_notification(NotificationChannel::Webhook).unwrap().unwrap();
+        assert_eq!((first.created_ms, jobs.next_notification(NotificationChannel::Command).unwrap()), (5, None));
         jobs.reschedule_notification(first.id, 5000).unwrap();
-        let second = jobs.next_notification(Channel::Webhook).unwrap().unwrap();
+        let second = jobs.next_notification(NotificationChannel::Webhook).unwrap().unwrap();
         assert_eq!(second.created_ms, 6);
         for _ in 1..MAX_QUEUED_PER_CHANNEL {
-            let next = jobs.next_notification(Channel::Webhook).unwrap().unwrap();
+            let next = jobs.next_notification(NotificationChannel::Webhook).unwrap().unwrap();
             jobs.remove_notification(next.id).unwrap();
         }
-        let last = jobs.next_notification(Channel::Webhook).unwrap().unwrap();
+        let last = jobs.next_notification(NotificationChannel::Webhook).unwrap().unwrap();
         assert_eq!((last.id, last.attempts, last.due_ms), (first.id, 1, 5000));
     }
 }

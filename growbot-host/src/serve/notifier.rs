@@ -20,7 +20,7 @@ use ureq::Agent;
 
 use super::config::NotifyEntry;
 use super::notification::{
-    AlertState, Channel, Notification, NotificationContext, NotificationEvent, QueuedNotification,
+    AlertState, Notification, NotificationChannel, NotificationContext, NotificationEvent, QueuedNotification,
 };
 use super::server::write_secret;
 use super::{JobStoreError, ServiceContext, ServicePaths};
@@ -60,7 +60,7 @@ pub enum NotifyError {
 /// The configured channels, and the events that are sent on them.
 #[derive(Default)]
 pub struct Notifier {
-    channels: Vec<(Channel, Mutex<Sender<()>>)>,
+    channels: Vec<(NotificationChannel, Mutex<Sender<()>>)>,
     events: Vec<NotificationEvent>,
 }
 
@@ -74,7 +74,7 @@ struct Webhook {
 }
 
 /// Threads that send notices, before they are started.
-pub struct NotifierThreads(Vec<(Channel, Receiver<()>, NotificationSink)>);
+pub struct NotifierThreads(Vec<(NotificationChannel, Receiver<()>, NotificationSink)>);
 
 enum NotificationSink {
     Webhook(Box<Webhook>),
@@ -87,7 +87,7 @@ impl Notifier {
         let mut tellers = Vec::new();
         if let Some(address) = &entry.webhook {
             tellers.push((
-                Channel::Webhook,
+                NotificationChannel::Webhook,
                 NotificationSink::Webhook(Box::new(Webhook::new(address, &places.webhook_secret())?)),
             ));
         }
@@ -95,7 +95,7 @@ impl Notifier {
             if command.first().is_none_or(String::is_empty) {
                 return Err(NotifyError::Command);
             }
-            tellers.push((Channel::Command, NotificationSink::Command(command.clone())));
+            tellers.push((NotificationChannel::Command, NotificationSink::Command(command.clone())));
         }
         let mut notify = Self {
             channels: Vec::new(),
@@ -114,7 +114,7 @@ impl Notifier {
         if !self.events.contains(&notice.event) {
             return Ok(());
         }
-        let channels: Vec<Channel> = self.channels.iter().map(|(channel, _)| *channel).collect();
+        let channels: Vec<NotificationChannel> = self.channels.iter().map(|(channel, _)| *channel).collect();
         shared.jobs().enqueue_notification(notice, &channels, now_ms())?;
         for (_, wake) in &self.channels {
             // The thread of the channel runs as long as the service.
@@ -168,7 +168,7 @@ impl NotifierThreads {
     }
 }
 
-fn run(shared: &ServiceContext, channel: Channel, woken: &Receiver<()>, teller: &NotificationSink) {
+fn run(shared: &ServiceContext, channel: NotificationChannel, woken: &Receiver<()>, teller: &NotificationSink) {
     loop {
         let next = shared.jobs().next_notification(channel);
         let wait = match next {

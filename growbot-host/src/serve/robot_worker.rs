@@ -163,7 +163,7 @@ pub struct WorkerState {
 }
 
 /// An open connection to a board.
-pub struct Connection {
+pub struct BoardConnection {
     pub client: Client,
     pub simulation: Option<Box<dyn SimulatedTip>>,
     pub robot: Robot,
@@ -389,7 +389,7 @@ impl RobotWorker {
         }
     }
 
-    fn connect(&self, switches_on: bool) -> Result<Connection, String> {
+    fn connect(&self, switches_on: bool) -> Result<BoardConnection, String> {
         let name = self.port()?;
         let configured = self.entry.robot.as_ref().map(PathBuf::from);
         let mut robot = match &configured {
@@ -424,11 +424,11 @@ impl RobotWorker {
                 .map_err(|_| format!("its board is {}, which is not built in: say `robot` of it", hello.robot_name))?,
         };
         let hello = client.open_session_for(&robot).map_err(|error| error.to_string())?;
-        Ok(Connection { client, simulation, robot, hello })
+        Ok(BoardConnection { client, simulation, robot, hello })
     }
 
     /// Owns a connected board until the connection is lost or the port is leased.
-    fn serve_board(&self, mut connection: Connection, asked: &Receiver<PendingRequest>) -> LinkState {
+    fn serve_board(&self, mut connection: BoardConnection, asked: &Receiver<PendingRequest>) -> LinkState {
         let active = self.shared.jobs().active(&self.name).ok().flatten();
         self.update_state(|known| {
             known.connection_error = None;
@@ -474,7 +474,7 @@ impl RobotWorker {
         }
     }
 
-    fn handle_request(&self, connection: &mut Connection, asked: PendingRequest) -> LinkState {
+    fn handle_request(&self, connection: &mut BoardConnection, asked: PendingRequest) -> LinkState {
         let client = &mut connection.client;
         let done = match asked.ask {
             RobotRequest::Grow(new) => return self.start_job(connection, *new, asked.reply),

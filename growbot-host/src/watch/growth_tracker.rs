@@ -21,7 +21,7 @@ pub struct GrowthTracker {
     /// Number of layers of the job.
     total: usize,
     /// Layers that the latest amendment has replaced.
-    replaced: Option<Replaced>,
+    replaced: Option<LayerReplacement>,
     /// Layers as built. A layer without a report is as commanded.
     built: Vec<LayerBytes>,
     state: &'static str,
@@ -44,7 +44,7 @@ pub struct GrowthTracker {
 }
 
 /// Layers that an amendment has replaced.
-struct Replaced {
+struct LayerReplacement {
     /// Index of the first layer.
     from: u32,
     /// Replaced layers.
@@ -146,7 +146,7 @@ impl GrowthTracker {
             JobEvent::Amendment(amendment) => {
                 let from = self.commanded.len().min(amendment.from as usize);
                 let layers = self.commanded.split_off(from);
-                self.replaced = Some(Replaced { from: from as u32, layers, total: self.total });
+                self.replaced = Some(LayerReplacement { from: from as u32, layers, total: self.total });
                 self.replace(amendment.from, &amendment.layers);
                 self.total = amendment.total as usize;
             }

@@ -48,7 +48,7 @@ pub struct GoalResult {
 
 /// Number of goals with each kind of result.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Counts {
+pub struct GoalCounts {
     /// Goals with a path.
     pub reachable: usize,
     /// Goals without a path, for any reason.
@@ -57,7 +57,7 @@ pub struct Counts {
     pub not_found: usize,
 }
 
-impl Counts {
+impl GoalCounts {
     fn of<'a>(asked: impl IntoIterator<Item = &'a GoalResult>) -> Self {
         let mut counts = Self::default();
         for asked in asked {
@@ -83,8 +83,8 @@ pub struct SceneWorkspace {
 impl SceneWorkspace {
     /// Counts the goals with each kind of result.
     #[must_use]
-    pub fn counts(&self) -> Counts {
-        Counts::of(&self.goals)
+    pub fn counts(&self) -> GoalCounts {
+        GoalCounts::of(&self.goals)
     }
 
     /// Counts the goals whose result satisfies `is_this`.
@@ -106,10 +106,10 @@ impl SceneWorkspace {
 
     /// Returns the counts for each shell, with its outer radius, mm.
     #[must_use]
-    pub fn bands(&self) -> Vec<(f64, Counts)> {
+    pub fn bands(&self) -> Vec<(f64, GoalCounts)> {
         let to = |band: usize| self.length * band as f64 / BANDS as f64;
         let in_band = |band| self.goals.iter().filter(move |asked| (to(band)..to(band + 1)).contains(&asked.distance));
-        (0..BANDS).map(|band| (to(band + 1), Counts::of(in_band(band)))).collect()
+        (0..BANDS).map(|band| (to(band + 1), GoalCounts::of(in_band(band)))).collect()
     }
 
     /// Returns the volume of this share of the ball and its standard error, mm^3.

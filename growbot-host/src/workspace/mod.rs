@@ -24,7 +24,7 @@ use growbot_sim::parallel;
 use nalgebra::{Point3, Vector3};
 
 pub use anywhere::shortest_to;
-pub use in_scene::{Counts, GoalResult, Reachability, SceneWorkspace, scene_workspace};
+pub use in_scene::{GoalCounts, GoalResult, Reachability, SceneWorkspace, scene_workspace};
 pub use picture::svg;
 
 /// Parameters of a workspace.
@@ -58,9 +58,9 @@ pub struct Workspace {
     pub shares: Vec<Band>,
     /// Section through the start, in the plane of its direction and its x axis: the length of the shortest body to each
     /// position, mm. Lengths beyond the given body's may be too short. `None` if it was not requested.
-    pub section: Option<Section>,
+    pub section: Option<WorkspaceSection>,
     /// Share of final directions, in the same plane. `None` if the direction is given.
-    pub share_section: Option<Section>,
+    pub share_section: Option<WorkspaceSection>,
 }
 
 /// Positions in a shell around the start.
@@ -74,7 +74,7 @@ pub struct Band {
 
 /// Values on a grid of positions in a plane.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Section {
+pub struct WorkspaceSection {
     /// Distance between neighbours, mm.
     pub spacing: f64,
     /// Number of positions in a row, along `lateral` from `lateral_from`.
@@ -178,7 +178,7 @@ impl WorkspaceQuery<'_> {
     fn anywhere(&self, mut at: impl FnMut(u64, u64)) -> Workspace {
         let shortest = |axial: f64, lateral: f64| shortest_to(axial, lateral, self.radius);
         let spacing = self.length / FINEST_CLOSED;
-        let section = self.section.then(|| Section::on_a_half_plane(self.length, spacing, shortest));
+        let section = self.section.then(|| WorkspaceSection::on_a_half_plane(self.length, spacing, shortest));
 
         // The cells are rings around the start's direction, as in `share_section`.
         let near = FRAC_PI_2 * self.near() * self.near();
@@ -220,7 +220,7 @@ impl WorkspaceQuery<'_> {
             reach: [Some(self.length), lateral, lateral, furthest(self.length, |distance| shortest(-distance, 0.0))],
             shares: bands.collect(),
             section,
-            share_section: Some(Section {
+            share_section: Some(WorkspaceSection {
                 spacing: coarse,
                 columns: rows as usize,
                 lateral_from: 0.5 * coarse,
@@ -287,7 +287,7 @@ impl WorkspaceQuery<'_> {
         let ball = ball(self.length);
         let error = libm::sqrt(share * (1.0 - share) / POSITIONS as f64);
         let corner = -self.length;
-        let section = Section { spacing, columns, lateral_from: corner, axial_from: corner, values };
+        let section = WorkspaceSection { spacing, columns, lateral_from: corner, axial_from: corner, values };
         Workspace {
             volume: (share * ball, error * ball),
             reach: std::array::from_fn(|axis| reach.get(axis).copied().flatten()),
@@ -298,7 +298,7 @@ impl WorkspaceQuery<'_> {
     }
 }
 
-impl Section {
+impl WorkspaceSection {
     /// Computes a section of the half plane on the side of the x axis.
     fn on_a_half_plane(length: f64, spacing: f64, value: impl Fn(f64, f64) -> f64) -> Self {
         let side = libm::round(length / spacing) as usize;

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use growbot_core::angle::degrees;
 
-use super::{Section, Workspace, WorkspaceQuery};
+use super::{Workspace, WorkspaceQuery, WorkspaceSection};
 use growbot_pictures::drawing::chart::round_step;
 use growbot_pictures::drawing::colours::{VIRIDIS, colour};
 
@@ -91,7 +91,7 @@ impl Plot {
     }
 
     /// Draws filled contours, the widest first, and the lines between them.
-    fn lengths(&self, svg: &mut String, section: &Section) {
+    fn lengths(&self, svg: &mut String, section: &WorkspaceSection) {
         let levels = self.levels();
         for (index, level) in levels.iter().enumerate().rev() {
             let (area, line) = self.contour(section, *level);
@@ -103,7 +103,7 @@ impl Plot {
     }
 
     /// Returns the area where the values are up to this level, and the line that bounds it.
-    fn contour(&self, section: &Section, level: f64) -> (String, String) {
+    fn contour(&self, section: &WorkspaceSection, level: f64) -> (String, String) {
         let (mut area, mut line) = (String::new(), String::new());
         let polygon = |text: &mut String, points: &[(f64, f64)], close: &str| {
             for (index, (lateral, axial)) in points.iter().enumerate() {
@@ -145,7 +145,7 @@ impl Plot {
     }
 
     /// Draws the shares as squares, mirrored to the left. Neighbours of one colour form one rectangle.
-    fn shares(&self, svg: &mut String, shares: &Section) {
+    fn shares(&self, svg: &mut String, shares: &WorkspaceSection) {
         svg.push_str("<g shape-rendering=\"crispEdges\">\n");
         let half = 0.5 * shares.spacing;
         for row in 0..shares.rows() {

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use growbot_client::port::Port;
 use growbot_client::robot_file;
-use growbot_core::link::frame::{self, Frame, FrameDecoder, Header, MAX_BODY_LEN};
+use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, LinkFrame, MAX_BODY_LEN};
 use growbot_core::link::message::{Message, Refusal, Refused};
 use growbot_sim::port::sim::Sim;
 use serialport::{SerialPort, TTYPort};
@@ -59,7 +59,7 @@ impl FakeBoard {
     pub fn of_frame_version(version: u8) -> Self {
         Self::serving(move |mut stream| {
             while matches!(stream.read(&mut [0; 256]), Ok(1..)) {
-                let header = Header { kind: 0x41, session: 1, seq: 1, ack: 1 };
+                let header = FrameHeader { kind: 0x41, session: 1, seq: 1, ack: 1 };
                 let mut raw = [0; 256];
                 let bytes = frame::encode(&header, &[]).unwrap();
                 let length = cobs_decode(&bytes[..bytes.len() - 1], &mut raw);
@@ -84,7 +84,7 @@ impl FakeBoard {
                 let message = Message::Refused(Refused { kind: request.header.kind, refusal });
                 let mut buffer = [0; MAX_BODY_LEN];
                 let body = message.encode(&mut buffer).unwrap();
-                let header = Header { kind: message.kind(), ack: request.header.seq, ..request.header };
+                let header = FrameHeader { kind: message.kind(), ack: request.header.seq, ..request.header };
                 let _ = stream.write_all(&frame::encode(&header, body).unwrap());
             }
         })
@@ -113,7 +113,7 @@ impl FakeBoard {
                 let pauses = told.load(Ordering::Relaxed) >= limit.load(Ordering::Relaxed);
                 if pauses { Duration::from_millis(1) } else { Duration::from_secs(1) }
             };
-            let count = |frame: &Frame| {
+            let count = |frame: &LinkFrame| {
                 if let Ok(Message::LayerLaid(laid)) = Message::decode(frame.header.kind, &frame.body) {
                     told.fetch_max(laid.index + 1, Ordering::Relaxed);
                 }
@@ -167,7 +167,7 @@ impl FakeBoard {
 
 /// Transfers frames between a line and a simulated robot, whose time passes one second for each poll of the line. Only
 /// the robot's frames for which `passes` returns true are transferred.
-fn serve(line: impl Read + Write, robot: &str, passes: impl FnMut(&Frame) -> bool) {
+fn serve(line: impl Read + Write, robot: &str, passes: impl FnMut(&LinkFrame) -> bool) {
     let mut sim = Sim::new(robot_file::load(robot.as_ref()).unwrap());
     serve_sim(&mut sim, line, passes, || Duration::from_secs(1));
 }
@@ -176,7 +176,7 @@ fn serve(line: impl Read + Write, robot: &str, passes: impl FnMut(&Frame) -> boo
 fn serve_sim(
     sim: &mut Sim,
     mut line: impl Read + Write,
-    mut passes: impl FnMut(&Frame) -> bool,
+    mut passes: impl FnMut(&LinkFrame) -> bool,
     look: impl Fn() -> Duration,
 ) {
     let mut receiver = FrameDecoder::default();

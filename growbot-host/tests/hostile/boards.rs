@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::frame::{self, Frame, FrameDecoder, Header};
+use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, LinkFrame};
 use growbot_core::link::message::{BoardInfo, LayerLaid, Message, Refusal, Refused, Status};
 use growbot_core::random::Rng;
 use growbot_sim::port::sim::Sim;
@@ -93,7 +93,7 @@ fn serve(mut line: TcpStream, manner: Manner, mut random: Rng) -> std::io::Resul
                     let body: Vec<u8> = (0..random.below(120)).map(|_| random.next_u64() as u8).collect();
                     let kind =
                         if random.below(2) == 0 { 0x40 + random.below(24) as u8 } else { random.next_u64() as u8 };
-                    let header = Header { kind, ack: request.header.seq, ..request.header };
+                    let header = FrameHeader { kind, ack: request.header.seq, ..request.header };
                     line.write_all(&frame::encode(&header, &body).unwrap())?;
                 }
             }
@@ -133,7 +133,7 @@ fn status(status: &mut Status, random: &mut Rng) {
 }
 
 /// Returns the bytes of a frame, or of a frame with another message.
-fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Rng) -> Vec<u8> {
+fn lie(frame: &LinkFrame, bytes: Vec<u8>, random: &mut Rng) -> Vec<u8> {
     if random.below(3) > 0 {
         return bytes;
     }
@@ -186,7 +186,7 @@ fn lie(frame: &Frame, bytes: Vec<u8>, random: &mut Rng) -> Vec<u8> {
         }
     };
     let mut buffer = [0; frame::MAX_BODY_LEN];
-    let header = Header { kind: told.kind(), ..frame.header };
+    let header = FrameHeader { kind: told.kind(), ..frame.header };
     match told.encode(&mut buffer) {
         Ok(body) => frame::encode(&header, body).map_or(bytes, |frame| frame.to_vec()),
         Err(_) => bytes,

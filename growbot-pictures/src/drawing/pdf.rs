@@ -36,7 +36,7 @@ pub enum PdfError {
 pub fn svg_to_pdf(svg: &str) -> Result<Vec<u8>, PdfError> {
     let tree = read(svg)?;
     let (width, height) = (POINTS * tree.size().width(), POINTS * tree.size().height());
-    let mut page = Page { content: Content::new(), opacities: BTreeMap::new(), gradients: Vec::new() };
+    let mut page = PdfPage { content: Content::new(), opacities: BTreeMap::new(), gradients: Vec::new() };
     // PDF coordinates start at the lower edge.
     let upright = Transform::from_row(POINTS, 0.0, 0.0, -POINTS, 0.0, height);
     page.content.transform(row(upright));
@@ -50,7 +50,7 @@ fn row(transform: Transform) -> [f32; 6] {
 }
 
 /// An unfinished page.
-struct Page {
+struct PdfPage {
     content: Content,
     /// Opacities of fills and strokes, in thousandths, each with its number.
     opacities: BTreeMap<[u16; 2], usize>,
@@ -58,7 +58,7 @@ struct Page {
     gradients: Vec<([f32; 4], Vec<u8>)>,
 }
 
-impl Page {
+impl PdfPage {
     fn group(&mut self, group: &Group, opacity: f32) {
         let opacity = opacity * group.opacity().get();
         for node in group.children() {

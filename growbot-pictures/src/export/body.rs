@@ -45,7 +45,7 @@ pub struct BodyLayer {
 
 /// A body: the wall of one robot, layer by layer.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Body {
+pub struct ExportedBody {
     /// The robot's name.
     pub robot: String,
     /// `base_from_tip` before the first layer, mm.
@@ -60,7 +60,7 @@ pub struct Body {
     pub filament_per_length: f64,
 }
 
-impl Body {
+impl ExportedBody {
     /// Returns the body of a plan, by exact slicing.
     #[must_use]
     pub fn planned(robot: &Robot, plan: &Plan) -> Self {
@@ -140,7 +140,7 @@ impl Body {
 }
 
 #[cfg(test)]
-impl Body {
+impl ExportedBody {
     /// Returns a body of these layers that starts straight up from the origin.
     pub(super) fn of_layers(robot: &Robot, layers: impl IntoIterator<Item = (Layer, LayerSource)>) -> Self {
         let up = growbot_client::pose_text::parse_pose("0,0,0,0,90").unwrap();

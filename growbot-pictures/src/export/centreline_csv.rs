@@ -6,7 +6,7 @@ use growbot_core::layer::Layer;
 use growbot_core::pose::{Frame, tip_direction};
 use nalgebra::Vector3;
 
-use super::body::Body;
+use super::body::ExportedBody;
 use crate::figures::shortest;
 use crate::layer_table::{LAYER_COLUMNS, fields};
 
@@ -21,7 +21,7 @@ pub const COMMANDED: &str = ",commanded_x_mm,commanded_y_mm,commanded_z_mm";
 /// Writes a row for the start, with a layer of height 0, and a row for each layer. Row `n` is the tip after `n` layers,
 /// the last of which is layer `n - 1` of `growbot layers`.
 #[must_use]
-pub fn write(body: &Body, commanded: Option<&Body>) -> String {
+pub fn write(body: &ExportedBody, commanded: Option<&ExportedBody>) -> String {
     let mut text = format!("{TIP},{LAYER_COLUMNS},source{}\n", if commanded.is_some() { COMMANDED } else { "" });
     let beside = |laid: usize| {
         commanded.map(|commanded| match laid.checked_sub(1) {
@@ -73,7 +73,8 @@ mod tests {
     fn rows_contain_the_tip_after_each_layer() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let layer = |tilt| Layer { alpha: 1.5, height: 0.1 + 0.2, tilt };
-        let body = Body::of_layers(&robot, [(layer(0.0), LayerSource::Planned), (layer(0.005), LayerSource::AsBuilt)]);
+        let body =
+            ExportedBody::of_layers(&robot, [(layer(0.0), LayerSource::Planned), (layer(0.005), LayerSource::AsBuilt)]);
         let text = write(&body, None);
         let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
         assert_eq!(rows[0].join(","), format!("{TIP},{LAYER_COLUMNS},source"));
@@ -85,7 +86,7 @@ mod tests {
         assert_eq!([1, 2, 3].map(|column| rows[3][column].parse::<f64>().unwrap()), [end.x, end.y, end.z]);
         assert_eq!(rows[3][10], "as-built");
         assert_eq!(rows.len(), 4);
-        let commanded = Body::of_layers(&robot, [(layer(0.0), LayerSource::AsBuilt)]);
+        let commanded = ExportedBody::of_layers(&robot, [(layer(0.0), LayerSource::AsBuilt)]);
         let text = write(&body, Some(&commanded));
         let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
         assert!(rows.iter().all(|row| row.len() == 14));

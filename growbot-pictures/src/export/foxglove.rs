@@ -91,7 +91,7 @@ impl Topic {
 
 /// Importance of an event, with the numbers of `foxglove.Log`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Level {
+pub enum LogLevel {
     /// Normal.
     Info = 2,
     /// Needs attention.
@@ -136,7 +136,7 @@ pub fn add_known(message: &mut Value, field: &str, value: Option<impl Serialize>
 
 /// Returns an event as text.
 #[must_use]
-pub fn log(ms: u64, level: Level, message: &str) -> Value {
+pub fn log(ms: u64, level: LogLevel, message: &str) -> Value {
     json!({ "timestamp": time(ms), "level": level as u8, "message": message, "name": "growbot", "file": "", "line": 0 })
 }
 

@@ -7,8 +7,8 @@ use growbot_core::layer::Layer;
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 
-use super::body::Body;
-use super::mesh::{Mesh, MeshError, Resolution};
+use super::body::ExportedBody;
+use super::mesh::{BodyMesh, MeshError, MeshResolution};
 use super::obstacles::{mark, surfaces};
 use crate::view::SceneView;
 use crate::view::heights::HeightScale;
@@ -42,9 +42,9 @@ const NARROWEST: [f64; 4] = [0.45, 0.02, 0.01, 1.0];
 /// # Errors
 /// [`MeshError`] if a body has no mesh.
 pub fn write(
-    bodies: &[(&str, &Body)],
+    bodies: &[(&str, &ExportedBody)],
     around: Option<&SceneView>,
-    resolution: Resolution,
+    resolution: MeshResolution,
 ) -> Result<Vec<u8>, MeshError> {
     let mut parts = GltfBuilder::default();
     for (name, body) in bodies {
@@ -81,9 +81,9 @@ struct GltfBuilder {
 
 impl GltfBuilder {
     /// Adds a body. The first, which is shown, is coloured by heights. Any other has a single colour.
-    fn add(&mut self, name: &str, body: &Body, resolution: Resolution) -> Result<(), MeshError> {
+    fn add(&mut self, name: &str, body: &ExportedBody, resolution: MeshResolution) -> Result<(), MeshError> {
         let (index, start) = (self.nodes.len(), body.base_from_start.translation.vector);
-        let mesh = Mesh::of_wall(body, resolution, &start)?;
+        let mesh = BodyMesh::of_wall(body, resolution, &start)?;
         let scale = (index == 0).then(|| {
             let layers: Vec<Layer> = body.layers.iter().map(|laid| laid.layer).collect();
             HeightScale::of_layers(&layers, body.wall_radius)
@@ -138,7 +138,7 @@ impl GltfBuilder {
         }
     }
 
-    fn positions(&mut self, mesh: &Mesh) -> usize {
+    fn positions(&mut self, mesh: &BodyMesh) -> usize {
         let positions: Vec<[f32; 3]> = mesh.vertices.iter().map(metres).collect();
         let bound = |pick: fn(f32, f32) -> f32| {
             let first = positions.first().copied().unwrap_or_default();
@@ -152,14 +152,14 @@ impl GltfBuilder {
         self.numbers(bytes, ARRAY_BUFFER, accessor)
     }
 
-    fn indices(&mut self, mesh: &Mesh) -> usize {
+    fn indices(&mut self, mesh: &BodyMesh) -> usize {
         let count = 3 * mesh.triangles.len();
         let accessor = json!({ "componentType": UNSIGNED_INT, "count": count, "type": "SCALAR" });
         let bytes = mesh.triangles.as_flattened().iter().flat_map(|index| index.to_le_bytes()).collect();
         self.numbers(bytes, ELEMENT_ARRAY_BUFFER, accessor)
     }
 
-    fn colours(&mut self, mesh: &Mesh, scale: &HeightScale) -> usize {
+    fn colours(&mut self, mesh: &BodyMesh, scale: &HeightScale) -> usize {
         let count = mesh.vertices.len();
         let accessor = json!({ "componentType": UNSIGNED_BYTE, "normalized": true, "count": count, "type": "VEC4" });
         let bytes = mesh.heights.iter().flat_map(|height| linear(scale.colour(*height))).collect();
@@ -229,8 +229,8 @@ mod tests {
     fn each_body_vertex_has_the_colour_of_its_layer() {
         let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
         let layer = |tilt| Layer { alpha: 0.0, height: 0.8, tilt };
-        let body = Body::of_layers(&robot, (0..20).map(|_| (layer(0.01), LayerSource::Planned)));
-        let resolution = Resolution { segments: 8, layers_per_ring: 1 };
+        let body = ExportedBody::of_layers(&robot, (0..20).map(|_| (layer(0.01), LayerSource::Planned)));
+        let resolution = MeshResolution { segments: 8, layers_per_ring: 1 };
         let bytes = write(&[("one", &body), ("other", &body)], None, resolution).unwrap();
         let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
         let document: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();

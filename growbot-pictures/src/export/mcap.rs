@@ -22,9 +22,9 @@ use mcap::records::MessageHeader;
 use mcap::{McapError, WriteOptions, Writer};
 use serde_json::json;
 
-use super::body::{Body, BodyLayer};
-use super::foxglove::{self, Level, Topic};
-use super::message::Message;
+use super::body::{BodyLayer, ExportedBody};
+use super::foxglove::{self, LogLevel, Topic};
+use super::message::EncodedMessage;
 use super::ros2;
 
 /// Colours of the smallest and the largest height of a layer, and of the planned centreline.
@@ -52,20 +52,23 @@ pub fn write(
     log: &[u8],
     encoding: Encoding,
 ) -> Result<Vec<u8>, McapError> {
-    let commanded = Body::as_built(robot, &plan.start, record);
-    let simulated = Body::simulated(robot, &plan.start, record);
+    let commanded = ExportedBody::as_built(robot, &plan.start, record);
+    let simulated = ExportedBody::simulated(robot, &plan.start, record);
     let body = simulated.as_ref().unwrap_or(&commanded);
     let hardware = format!("{}{}", robot.name(), if record.is_simulated() { " (simulated)" } else { "" });
     let mut recorder = Recorder::new(robot, encoding, hardware)?;
     recorder.frame(Topic::Start, &plan.start)?;
     recorder.frame(Topic::Goal, &plan.goal)?;
-    let planned = Body::planned(robot, plan);
+    let planned = ExportedBody::planned(robot, plan);
     let frames =
         planned.layers_with_base().map(|(frame, _)| frame).chain(planned.layers.last().map(|last| last.base_from_tip));
-    recorder.write_message(Topic::Plan, &Message::Line { id: "planned", frames: frames.collect(), color: PLANNED })?;
+    recorder.write_message(
+        Topic::Plan,
+        &EncodedMessage::Line { id: "planned", frames: frames.collect(), color: PLANNED },
+    )?;
     recorder.frame(Topic::Tip, &plan.start)?;
     if record.is_simulated() {
-        recorder.event(Level::Info, "the robot is a simulated one")?;
+        recorder.event(LogLevel::Info, "the robot is a simulated one")?;
     }
 
     let mut growing = body.layers_with_base().zip(&record.layers).enumerate().peekable();
@@ -101,7 +104,7 @@ pub fn write(
 }
 
 /// Returns an event as text, without the bytes of layers. `None` if another channel contains the event.
-fn describe(event: &RunEvent) -> Option<(Level, String)> {
+fn describe(event: &RunEvent) -> Option<(LogLevel, String)> {
     let words = match event {
         RunEvent::Board(board) => {
             let [major, minor, patch] = board.firmware;
@@ -146,8 +149,8 @@ fn describe(event: &RunEvent) -> Option<(Level, String)> {
         RunEvent::NoResponse
         | RunEvent::AmendmentRejected { .. }
         | RunEvent::Detour(_)
-        | RunEvent::ClearanceViolation(_) => Level::Warning,
-        _ => Level::Info,
+        | RunEvent::ClearanceViolation(_) => LogLevel::Warning,
+        _ => LogLevel::Info,
     };
     Some((level, words))
 }
@@ -230,7 +233,7 @@ impl Recorder {
         Ok(Self { writer, encoding, channels, clock, told: 0, fault: None, heights, hardware, way })
     }
 
-    fn write_message(&mut self, topic: Topic, message: &Message) -> Result<(), McapError> {
+    fn write_message(&mut self, topic: Topic, message: &EncodedMessage) -> Result<(), McapError> {
         let now = self.clock.now();
         match (self.encoding, ros2_channel(topic)) {
             (Encoding::Json, _) => self.put(topic.name(), message.json(now).to_string().as_bytes()),
@@ -260,7 +263,7 @@ impl Recorder {
 
     /// Records a pose.
     fn at(&mut self, topic: Topic, frame: Frame) -> Result<(), McapError> {
-        self.write_message(topic, &Message::Pose(frame))?;
+        self.write_message(topic, &EncodedMessage::Pose(frame))?;
         if topic == Topic::Tip && self.encoding == Encoding::Ros2 {
             let now = self.clock.now();
             self.way.push((now, frame));
@@ -269,22 +272,22 @@ impl Recorder {
         Ok(())
     }
 
-    fn event(&mut self, level: Level, words: &str) -> Result<(), McapError> {
-        self.write_message(Topic::Events, &Message::Event(level, words))
+    fn event(&mut self, level: LogLevel, words: &str) -> Result<(), McapError> {
+        self.write_message(Topic::Events, &EncodedMessage::Event(level, words))
     }
 
     fn status(&mut self, status: &BoardStatus) -> Result<(), McapError> {
         self.clock.status(status);
-        self.write_message(Topic::Status, &Message::Status(status))?;
+        self.write_message(Topic::Status, &EncodedMessage::Status(status))?;
         self.latched(status.fault.as_deref())
     }
 
     /// Records the end of the growth.
     fn end(&mut self, result: &GrowthResult) -> Result<(), McapError> {
         let level = match result.outcome {
-            OutcomeKind::Done => Level::Info,
-            OutcomeKind::Fault => Level::Error,
-            _ => Level::Warning,
+            OutcomeKind::Done => LogLevel::Info,
+            OutcomeKind::Fault => LogLevel::Error,
+            _ => LogLevel::Warning,
         };
         if let Some(code) = &result.fault {
             self.latched(Some(code))?;
@@ -307,8 +310,8 @@ impl Recorder {
     }
 
     fn fault(&mut self, code: &str, explanation: &str) -> Result<(), McapError> {
-        self.write_message(Topic::Faults, &Message::Fault { code, explanation })?;
-        self.event(Level::Error, &format!("fault {code}: {explanation}"))
+        self.write_message(Topic::Faults, &EncodedMessage::Fault { code, explanation })?;
+        self.event(LogLevel::Error, &format!("fault {code}: {explanation}"))
     }
 
     /// Records a layer. `beside` is the layer as commanded, if it is known to lie otherwise.
@@ -340,17 +343,23 @@ impl Recorder {
             foxglove::add_known(&mut message, "filament_pulses", filament_pulses);
             foxglove::add_known(&mut message, "gravity_milli_g", gravity_milli_g);
         }
-        self.write_message(Topic::Layers, &Message::Layer(message))
+        self.write_message(Topic::Layers, &EncodedMessage::Layer(message))
     }
 
-    fn disc(&mut self, index: usize, base_from_middle: &Frame, layer: &Layer, body: &Body) -> Result<(), McapError> {
+    fn disc(
+        &mut self,
+        index: usize,
+        base_from_middle: &Frame,
+        layer: &Layer,
+        body: &ExportedBody,
+    ) -> Result<(), McapError> {
         let Heights { min, max } = self.heights;
         let share = ((layer.height - min) / (max - min).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         let [low, high] = [LOW, HIGH].map(nalgebra::Vector3::from);
         let color = low.lerp(&high, share).into();
         let diameter = 2.0 * body.wall_radius + body.wall_thickness;
         let (height, base_from_middle) = (layer.height, *base_from_middle);
-        self.write_message(Topic::Body, &Message::Disc { index, base_from_middle, diameter, height, color })
+        self.write_message(Topic::Body, &EncodedMessage::Disc { index, base_from_middle, diameter, height, color })
     }
 
     fn finish(mut self) -> Result<Vec<u8>, McapError> {
@@ -373,7 +382,7 @@ mod tests {
     use growbot_client::growth::Job;
     use growbot_client::pose_text::parse_pose;
     use growbot_client::robot_file;
-    use growbot_client::run_log::{Origin, RunLog};
+    use growbot_client::run_log::{RunLog, RunOrigin};
     use growbot_core::simulation::ErrorModel;
 
     /// Returns the messages of the recording of a log with these lines after its header: topic, time in ms, message.
@@ -382,7 +391,7 @@ mod tests {
     }
 
     /// Like [`recorded`], for a growth with this origin.
-    fn recorded_from(origin: Origin, lines: &[Value]) -> Vec<(String, u64, Value)> {
+    fn recorded_from(origin: RunOrigin, lines: &[Value]) -> Vec<(String, u64, Value)> {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,3,0,90").unwrap());
         let plan = Plan::new(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
@@ -460,7 +469,7 @@ mod tests {
             })
         };
         let imperfection = ErrorModel::default();
-        assert!(says(Origin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false }));
+        assert!(says(RunOrigin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false }));
         assert!(!says("tcp:robot:1".into()));
     }
 

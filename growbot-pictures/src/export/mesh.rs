@@ -13,7 +13,7 @@ use growbot_core::layer::Layer;
 use growbot_core::pose::Frame;
 use nalgebra::{Point3, Vector3};
 
-use super::body::Body;
+use super::body::ExportedBody;
 
 /// Greatest bend from one ring to the next, radians. Layers that bend more (robots B and C) get rings within them, so
 /// that the volume is exact to 0.1 %.
@@ -27,7 +27,7 @@ const MIN_DISTANCE: f64 = 1e-4;
 
 /// Resolution of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Resolution {
+pub struct MeshResolution {
     /// Number of chords around the tube, at least 8.
     pub segments: u32,
     /// Number of layers from ring to ring. It is smaller if the body bends by more than 0.05 rad between them.
@@ -67,7 +67,7 @@ pub enum MeshError {
 
 /// A closed surface of triangles.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Mesh {
+pub struct BodyMesh {
     /// Vertices relative to the mesh's origin, mm.
     pub vertices: Vec<Point3<f64>>,
     /// Height of the layer at each vertex, on the middle of the wall at the vertex's angle, mm.
@@ -76,7 +76,7 @@ pub struct Mesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
-impl Mesh {
+impl BodyMesh {
     /// Returns the wall of a body, relative to an origin (mm, in base axes).
     ///
     /// A boundary gets no ring if 32-bit numbers cannot distinguish it from the ring before. So layers of a few
@@ -84,7 +84,7 @@ impl Mesh {
     ///
     /// # Errors
     /// [`MeshError`].
-    pub fn of_wall(body: &Body, resolution: Resolution, origin: &Vector3<f64>) -> Result<Self, MeshError> {
+    pub fn of_wall(body: &ExportedBody, resolution: MeshResolution, origin: &Vector3<f64>) -> Result<Self, MeshError> {
         let outline = Outline::new(body, resolution);
         let frames = ring_frames(body, resolution, origin);
         let per_ring = 4 * outline.points.len();
@@ -122,7 +122,7 @@ impl Mesh {
 
 /// Returns the possible rings: `origin_from_tip` at the start, then at each boundary that needs a ring. Each has the
 /// layer that ends there.
-fn ring_frames(body: &Body, resolution: Resolution, origin: &Vector3<f64>) -> Vec<(Frame, Layer)> {
+fn ring_frames(body: &ExportedBody, resolution: MeshResolution, origin: &Vector3<f64>) -> Vec<(Frame, Layer)> {
     let from_origin = |mut frame: Frame| {
         frame.translation.vector -= origin;
         frame
@@ -166,7 +166,7 @@ struct Outline {
 }
 
 impl Outline {
-    fn new(body: &Body, resolution: Resolution) -> Self {
+    fn new(body: &ExportedBody, resolution: MeshResolution) -> Self {
         let chord = TAU / f64::from(resolution.segments);
         // A polygon of this radius has the area of the round disc.
         let wider = (chord / libm::sin(chord)).sqrt();
@@ -247,18 +247,18 @@ mod tests {
     use growbot_client::pose_text::parse_pose;
     use growbot_client::robot_file;
 
-    const ROUND: Resolution = Resolution { segments: 64, layers_per_ring: 1 };
+    const ROUND: MeshResolution = MeshResolution { segments: 64, layers_per_ring: 1 };
 
-    fn body(robot: &str, start: &str, goal: &str) -> Body {
+    fn body(robot: &str, start: &str, goal: &str) -> ExportedBody {
         let robot = robot_file::load(robot.as_ref()).unwrap();
         let (start, goal) = (parse_pose(start).unwrap(), parse_pose(goal).unwrap());
         let radius = robot.description().planning_radius_mm;
-        Body::planned(&robot, &Plan::new(&robot, &start, &goal, radius, Planner::TwoPlane).unwrap())
+        ExportedBody::planned(&robot, &Plan::new(&robot, &start, &goal, radius, Planner::TwoPlane).unwrap())
     }
 
     /// Checks the mesh in 32-bit numbers, with equal vertices merged as readers of the file do.
     #[track_caller]
-    fn assert_closed(mesh: &Mesh) {
+    fn assert_closed(mesh: &BodyMesh) {
         let mut welded = HashMap::new();
         let mut edges: HashMap<(usize, usize), usize> = HashMap::new();
         for corners in mesh.corners() {
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[track_caller]
-    fn assert_holds_the_filament(mesh: &Mesh, body: &Body, share: f64) {
+    fn assert_holds_the_filament(mesh: &BodyMesh, body: &ExportedBody, share: f64) {
         let wrong = mesh.volume() / body.filament_volume() - 1.0;
         assert!(wrong.abs() < share, "volume off by {wrong:e}");
     }
@@ -289,8 +289,8 @@ mod tests {
     fn every_robots_wall_is_closed_and_has_the_filament_volume() {
         for robot in robot_file::names() {
             let body = body(robot, "10,20,30,40,50", "300,-200,600,-120,-25");
-            let resolution = Resolution { segments: 12, layers_per_ring: 1 };
-            let mesh = Mesh::of_wall(&body, resolution, &Vector3::zeros()).unwrap();
+            let resolution = MeshResolution { segments: 12, layers_per_ring: 1 };
+            let mesh = BodyMesh::of_wall(&body, resolution, &Vector3::zeros()).unwrap();
             assert_closed(&mesh);
             assert_holds_the_filament(&mesh, &body, 1e-3);
         }
@@ -300,8 +300,8 @@ mod tests {
     fn coarse_meshes_are_closed_and_have_the_filament_volume() {
         let body = body("growbot-a", "0,0,0,0,90", "200,100,600,0,45");
         for (segments, every) in [(8, 1), (9, 7), (24, 1000), (100, 9)] {
-            let mesh =
-                Mesh::of_wall(&body, Resolution { segments, layers_per_ring: every }, &Vector3::zeros()).unwrap();
+            let mesh = BodyMesh::of_wall(&body, MeshResolution { segments, layers_per_ring: every }, &Vector3::zeros())
+                .unwrap();
             assert_closed(&mesh);
             assert_holds_the_filament(&mesh, &body, 1e-3);
             if every == 1000 {
@@ -313,7 +313,7 @@ mod tests {
     #[test]
     fn a_straight_tube_has_the_expected_vertices() {
         let body = body("growbot-a", "1,2,3,0,90", "1,2,103,0,90");
-        let mesh = Mesh::of_wall(&body, ROUND, &Vector3::zeros()).unwrap();
+        let mesh = BodyMesh::of_wall(&body, ROUND, &Vector3::zeros()).unwrap();
         assert_eq!(mesh.vertices.len(), (body.layers.len() + 1) * 2 * 64);
         let heights = mesh.vertices.iter().map(|vertex| vertex.z);
         assert!((heights.clone().fold(f64::MAX, f64::min) - 3.0).abs() < 1e-9);
@@ -333,23 +333,23 @@ mod tests {
             let heights = [0.774, thin, thin, 0.5, thin];
             let layers =
                 heights.map(|height| (Layer { alpha: 1.0, height, tilt: 0.005 * height }, LayerSource::Planned));
-            body = Body::of_layers(&robot, layers);
-            let mesh = Mesh::of_wall(&body, ROUND, &Vector3::zeros()).unwrap();
+            body = ExportedBody::of_layers(&robot, layers);
+            let mesh = BodyMesh::of_wall(&body, ROUND, &Vector3::zeros()).unwrap();
             assert_closed(&mesh);
             assert_eq!(mesh.vertices.len(), 3 * 2 * 64);
             assert_holds_the_filament(&mesh, &body, 1e-3);
         }
         body.layers.clear();
-        assert!(matches!(Mesh::of_wall(&body, ROUND, &Vector3::zeros()), Err(MeshError::TooShort { .. })));
+        assert!(matches!(BodyMesh::of_wall(&body, ROUND, &Vector3::zeros()), Err(MeshError::TooShort { .. })));
     }
 
     #[test]
     fn positions_beyond_f32_are_refused_unless_the_origin_is_near() {
         let body = body("growbot-a", "5000000,0,0,0,90", "5000000,0,100,0,90");
-        assert!(matches!(Mesh::of_wall(&body, ROUND, &Vector3::zeros()), Err(MeshError::TooFar { .. })));
-        assert_closed(&Mesh::of_wall(&body, ROUND, &Vector3::new(5e6, 0.0, 0.0)).unwrap());
-        let fine = Resolution { segments: 100_000, layers_per_ring: 1 };
-        assert!(matches!(Mesh::of_wall(&body, fine, &Vector3::zeros()), Err(MeshError::TooMany { .. })));
+        assert!(matches!(BodyMesh::of_wall(&body, ROUND, &Vector3::zeros()), Err(MeshError::TooFar { .. })));
+        assert_closed(&BodyMesh::of_wall(&body, ROUND, &Vector3::new(5e6, 0.0, 0.0)).unwrap());
+        let fine = MeshResolution { segments: 100_000, layers_per_ring: 1 };
+        assert!(matches!(BodyMesh::of_wall(&body, fine, &Vector3::zeros()), Err(MeshError::TooMany { .. })));
     }
 
     proptest! {
@@ -365,8 +365,8 @@ mod tests {
             let layers = heights.into_iter().map(|(alpha, height, tilt)| {
                 (Layer { alpha, height, tilt }, LayerSource::AsBuilt)
             });
-            let body = Body::of_layers(&robot, layers);
-            let mesh = Mesh::of_wall(&body, Resolution { segments, layers_per_ring: every }, &Vector3::zeros()).unwrap();
+            let body = ExportedBody::of_layers(&robot, layers);
+            let mesh = BodyMesh::of_wall(&body, MeshResolution { segments, layers_per_ring: every }, &Vector3::zeros()).unwrap();
             assert_closed(&mesh);
             assert_holds_the_filament(&mesh, &body, 2e-3);
         }

@@ -5,10 +5,10 @@ use growbot_core::pose::Frame;
 use nalgebra::Point3;
 use serde_json::{Value, json};
 
-use super::foxglove::{self, Level};
+use super::foxglove::{self, LogLevel};
 
 /// Content of a message.
-pub enum Message<'a> {
+pub enum EncodedMessage<'a> {
     /// Position and direction, mm.
     Pose(Frame),
     /// A line through the origins of frames, mm.
@@ -45,10 +45,10 @@ pub enum Message<'a> {
         explanation: &'a str,
     },
     /// Another event, as text.
-    Event(Level, &'a str),
+    Event(LogLevel, &'a str),
 }
 
-impl Message<'_> {
+impl EncodedMessage<'_> {
     /// Returns the message as JSON.
     pub fn json(&self, ms: u64) -> Value {
         match self {

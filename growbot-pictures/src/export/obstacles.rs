@@ -6,7 +6,7 @@ use growbot_scene::obstacle_selection::SelectionLimits;
 use growbot_scene::shapes::Shape;
 use nalgebra::{Point3, Vector3};
 
-use super::mesh::Mesh;
+use super::mesh::BodyMesh;
 use crate::view::{SceneView, Subject, ViewError};
 
 /// Largest part of a scene in a GLB: some 30 MB.
@@ -27,7 +27,7 @@ pub fn scene_view(subject: &Subject) -> Result<Option<SceneView>, ViewError> {
 }
 
 /// Returns the obstacles as triangles, relative to an origin (mm). `None` without obstacles.
-pub fn surfaces(around: &SceneView, origin: &Vector3<f64>) -> Option<Mesh> {
+pub fn surfaces(around: &SceneView, origin: &Vector3<f64>) -> Option<BodyMesh> {
     let shown = &around.obstacles;
     let mut surface = MeshBuilder::new(origin);
     for shape in &shown.shapes {
@@ -53,7 +53,7 @@ pub fn surfaces(around: &SceneView, origin: &Vector3<f64>) -> Option<Mesh> {
 }
 
 /// Returns the mark at the narrowest point, from the body's centreline to the obstacle.
-pub fn mark(around: &SceneView, origin: &Vector3<f64>) -> Option<Mesh> {
+pub fn mark(around: &SceneView, origin: &Vector3<f64>) -> Option<BodyMesh> {
     let (found, _) = around.closest_approach.as_ref()?;
     let mut surface = MeshBuilder::new(origin);
     surface.capsule(&found.on_body, &found.on_obstacle, MARK);
@@ -73,9 +73,9 @@ impl MeshBuilder {
         Self { origin: *origin, vertices: Vec::new(), triangles: Vec::new() }
     }
 
-    fn finish(self) -> Option<Mesh> {
+    fn finish(self) -> Option<BodyMesh> {
         let Self { vertices, triangles, .. } = self;
-        (!triangles.is_empty()).then(|| Mesh { vertices, heights: Vec::new(), triangles })
+        (!triangles.is_empty()).then(|| BodyMesh { vertices, heights: Vec::new(), triangles })
     }
 
     /// Adds corners, with triangles between them.

@@ -3,8 +3,8 @@
 
 use nalgebra::Vector3;
 
-use super::body::Body;
-use super::mesh::{Mesh, MeshError, Resolution};
+use super::body::ExportedBody;
+use super::mesh::{BodyMesh, MeshError, MeshResolution};
 
 /// Length of the header, bytes.
 const HEADER: usize = 80;
@@ -16,11 +16,11 @@ const TRIANGLE: usize = 50;
 ///
 /// # Errors
 /// [`MeshError`] if the body has no mesh.
-pub fn write(name: &str, body: &Body, resolution: Resolution) -> Result<Vec<u8>, MeshError> {
-    Ok(encode(&Mesh::of_wall(body, resolution, &Vector3::zeros())?, &body.robot, name))
+pub fn write(name: &str, body: &ExportedBody, resolution: MeshResolution) -> Result<Vec<u8>, MeshError> {
+    Ok(encode(&BodyMesh::of_wall(body, resolution, &Vector3::zeros())?, &body.robot, name))
 }
 
-fn encode(mesh: &Mesh, robot: &str, name: &str) -> Vec<u8> {
+fn encode(mesh: &BodyMesh, robot: &str, name: &str) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(HEADER + 4 + TRIANGLE * mesh.triangles.len());
     // Text STL begins with "solid", so the header must not. The body's description comes first, so that a long robot
     // name cannot cut it off.
@@ -50,14 +50,14 @@ mod tests {
     fn the_bytes_match_the_format() {
         let vertices = vec![Point3::origin(), Point3::new(2.0, 0.0, 0.0), Point3::new(0.0, 3.0, 0.0)];
         let bytes = encode(
-            &Mesh { vertices, heights: vec![1.0; 3], triangles: vec![[0, 1, 2]] },
+            &BodyMesh { vertices, heights: vec![1.0; 3], triangles: vec![[0, 1, 2]] },
             &"a-very-long-name".repeat(9),
             "planned",
         );
         assert_eq!(bytes.len(), HEADER + 4 + TRIANGLE);
         assert!(bytes.starts_with(b"binary STL, units mm"));
         for kind in [BodyKind::Laid, BodyKind::Commanded, BodyKind::AsBuilt] {
-            let mesh = Mesh { vertices: Vec::new(), heights: Vec::new(), triangles: Vec::new() };
+            let mesh = BodyMesh { vertices: Vec::new(), heights: Vec::new(), triangles: Vec::new() };
             let header = encode(&mesh, &"a-very-long-name".repeat(9), kind.name());
             let header = String::from_utf8_lossy(&header[..HEADER]).into_owned();
             assert!(header.contains(kind.name()), "{header}");

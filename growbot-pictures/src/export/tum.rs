@@ -8,13 +8,13 @@ use growbot_core::layer::Layer;
 use growbot_core::pose::Frame;
 use nalgebra::UnitQuaternion;
 
-use super::body::Body;
+use super::body::ExportedBody;
 use crate::view::plot::series::Timeline;
 
 /// Returns the time at which each layer of a body was laid, s: by the board's clock in the run log of these bytes, or
 /// as planned without one.
 #[must_use]
-pub fn times(body: &Body, plan: &Plan, log: Option<&[u8]>) -> Vec<f64> {
+pub fn times(body: &ExportedBody, plan: &Plan, log: Option<&[u8]>) -> Vec<f64> {
     let layers: Vec<Layer> = body.layers.iter().map(|laid| laid.layer).collect();
     let timeline = log.map_or_else(|| Timeline::planned(&layers, plan), |log| Timeline::from_log(log, &layers, plan));
     timeline.laid
@@ -23,7 +23,7 @@ pub fn times(body: &Body, plan: &Plan, log: Option<&[u8]>) -> Vec<f64> {
 /// Writes the trajectory of a body with this name. `laid` has the time at which each of its layers was laid, s. The
 /// start comes first, unless the first layer was laid at time 0.
 #[must_use]
-pub fn write(name: &str, body: &Body, laid: &[f64]) -> String {
+pub fn write(name: &str, body: &ExportedBody, laid: &[f64]) -> String {
     let mut text = format!(
         "# growbot {}, {}, {name}: tip after each layer, s and m\n# timestamp tx ty tz qx qy qz qw\n",
         env!("CARGO_PKG_VERSION"),
@@ -56,7 +56,7 @@ mod tests {
     fn rows_for_the_start_and_each_layer() {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let layer = Layer { alpha: 0.0, height: 0.5, tilt: 0.0 };
-        let body = Body::of_layers(&robot, [(layer, LayerSource::Planned), (layer, LayerSource::Planned)]);
+        let body = ExportedBody::of_layers(&robot, [(layer, LayerSource::Planned), (layer, LayerSource::Planned)]);
         let text = write("planned", &body, &[18.0, 36.5]);
         let rows: Vec<Vec<f64>> = text
             .lines()

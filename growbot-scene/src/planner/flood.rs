@@ -35,11 +35,11 @@ pub(super) fn separated(
     (share, max_cubes): (f64, usize),
     meter: &mut BudgetTracker,
 ) -> Flood {
-    Grid::new(problem, share * problem.required_clearance.distance).flood(problem, max_cubes, meter)
+    VoxelGrid::new(problem, share * problem.required_clearance.distance).flood(problem, max_cubes, meter)
 }
 
 /// A grid of cubes between two corners, or those that a body of maximum length may reach.
-struct Grid {
+struct VoxelGrid {
     side: f64,
     origin: Vector3<f64>,
     /// Index of the last cube along each axis. The first one is 0.
@@ -48,7 +48,7 @@ struct Grid {
 
 type Cube = [i32; 3];
 
-impl Grid {
+impl VoxelGrid {
     fn new(problem: &PlanningProblem, side: f64) -> Self {
         let goal = Bounds::of(&[problem.goal.position()]).inflated(problem.tolerance());
         let ends = Bounds::of(&[problem.start.position]).with(&goal);
@@ -146,7 +146,7 @@ fn apart(a: &Cube, b: &Cube) -> i64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Goal;
+    use super::super::PlannerGoal;
     use super::*;
     use crate::centreline::TipPose;
     use crate::clearance::RequiredClearance;
@@ -166,7 +166,7 @@ mod tests {
             let problem = PlanningProblem {
                 scene: &scene,
                 start: TipPose { position: Vector3::zeros(), direction: Vector3::z() },
-                goal: Goal::Position { at: Vector3::new(0.0, 0.0, 500.0), tolerance },
+                goal: PlannerGoal::Position { at: Vector3::new(0.0, 0.0, 500.0), tolerance },
                 radius: 100.0,
                 required_clearance: RequiredClearance { distance: 20.0, tolerance: 0.02 },
                 max_length: 1000.0,

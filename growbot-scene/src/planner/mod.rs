@@ -31,7 +31,7 @@ use crate::scene::Scene;
 
 /// Goal of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Goal {
+pub enum PlannerGoal {
     /// A position with any direction.
     Position {
         /// The position, mm.
@@ -43,7 +43,7 @@ pub enum Goal {
     Pose(TipPose),
 }
 
-impl Goal {
+impl PlannerGoal {
     /// Returns the position, mm.
     #[must_use]
     pub fn position(&self) -> Vector3<f64> {
@@ -62,7 +62,7 @@ pub struct PlanningProblem<'a> {
     /// Start of the body.
     pub start: TipPose,
     /// Goal of the body.
-    pub goal: Goal,
+    pub goal: PlannerGoal,
     /// Minimum radius of bends, mm.
     pub radius: f64,
     /// Minimum distance of the centreline from the obstacles.
@@ -75,7 +75,7 @@ pub struct PlanningProblem<'a> {
 
 /// Resolution of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Resolution {
+pub struct SearchResolution {
     /// Length of an arc or line, mm.
     pub step: f64,
     /// Number of directions in which a tip may bend.
@@ -86,7 +86,7 @@ pub struct Resolution {
     pub direction: f64,
 }
 
-impl Resolution {
+impl SearchResolution {
     /// Returns the resolution of a level. Each is twice as fine as the previous one. Two bodies that bend to different
     /// sides for one step end in different cells.
     fn of_level(problem: &PlanningProblem, level: usize) -> Self {
@@ -117,7 +117,7 @@ pub enum SearchOutcome {
     /// No path exists: start or goal is too near to an obstacle, or no gap between them is wide enough.
     Infeasible(InfeasibleReason),
     /// No path exists at this resolution.
-    ExhaustedAt(Resolution),
+    ExhaustedAt(SearchResolution),
     /// No path was found within the budget.
     BudgetExhausted,
 }
@@ -255,7 +255,7 @@ impl Search<'_, '_> {
         for level in 0..LEVELS.min(round as usize + 1) {
             let below = self.below();
             if self.trees.len() == level {
-                self.trees.push(SearchTree::new(self.problem, Resolution::of_level(self.problem, level)));
+                self.trees.push(SearchTree::new(self.problem, SearchResolution::of_level(self.problem, level)));
             }
             let Some(tree) = self.trees.get_mut(level) else { return };
             let doublings = (round / 4).saturating_sub(level as u32).min(10);

@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 
 use super::budget::BudgetTracker;
 use super::via_path::ViaPath;
-use super::{PlanningProblem, Resolution};
+use super::{PlanningProblem, SearchResolution};
 use crate::centreline::{ArcSegment, TipPose, any_perpendicular, arc_and_line_to, length};
 use crate::clearance::is_clear;
 
@@ -24,7 +24,7 @@ const HEURISTIC_WEIGHT: f64 = 1.5;
 const MAX_NODES: usize = 500_000;
 
 /// A tip that has been reached.
-struct Node {
+struct SearchNode {
     tip: TipPose,
     /// Index of the previous node. `way` leads from there to this one.
     parent: u32,
@@ -66,8 +66,8 @@ impl Ord for QueueEntry {
 /// The search at one resolution.
 pub(super) struct SearchTree {
     /// Resolution of the search.
-    pub(super) resolution: Resolution,
-    nodes: Vec<Node>,
+    pub(super) resolution: SearchResolution,
+    nodes: Vec<SearchNode>,
     queue: BinaryHeap<QueueEntry>,
     /// Length of the shortest way to each cell that was reached, mm.
     cells: HashMap<[i32; 6], f64>,
@@ -75,9 +75,9 @@ pub(super) struct SearchTree {
 }
 
 impl SearchTree {
-    pub(super) fn new(problem: &PlanningProblem, resolution: Resolution) -> Self {
+    pub(super) fn new(problem: &PlanningProblem, resolution: SearchResolution) -> Self {
         let way = ArcSegment::line(problem.start, 0.0);
-        let root = Node { tip: problem.start, parent: 0, edge: way, cost_to_come: 0.0 };
+        let root = SearchNode { tip: problem.start, parent: 0, edge: way, cost_to_come: 0.0 };
         let mut tree =
             Self { resolution, nodes: vec![root], queue: BinaryHeap::new(), cells: HashMap::new(), pushed: 0 };
         tree.expand(problem, 0, f64::INFINITY);
@@ -113,7 +113,7 @@ impl SearchTree {
             }
             self.cells.insert(cell, gone);
             let index = self.nodes.len();
-            self.nodes.push(Node { tip: end, parent: next.node, edge: next.way, cost_to_come: gone });
+            self.nodes.push(SearchNode { tip: end, parent: next.node, edge: next.way, cost_to_come: gone });
             if let Some(found) = self.connect(problem, index, below, meter) {
                 return Some(found);
             }
@@ -126,7 +126,7 @@ impl SearchTree {
     fn cell(&self, tip: &TipPose) -> [i32; 6] {
         let at = |value: f64, size: f64| (value / size).floor() as i32;
         let (p, d) = (tip.position, tip.direction);
-        let Resolution { position, direction, .. } = self.resolution;
+        let SearchResolution { position, direction, .. } = self.resolution;
         [
             at(p.x, position),
             at(p.y, position),
@@ -179,7 +179,7 @@ impl SearchTree {
     fn expand(&mut self, problem: &PlanningProblem, index: usize, below: f64) {
         let Some(node) = self.nodes.get(index) else { return };
         let (tip, gone) = (node.tip, node.cost_to_come);
-        let Resolution { step, bend_directions: rolls, .. } = self.resolution;
+        let SearchResolution { step, bend_directions: rolls, .. } = self.resolution;
         let x = any_perpendicular(&tip.direction);
         let y = tip.direction.cross(&x);
         let line = ArcSegment::line(tip, step);

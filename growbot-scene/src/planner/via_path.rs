@@ -7,7 +7,7 @@ use growbot_core::pose::Frame;
 use growbot_core::shortest::{self, Candidates};
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
-use super::{Goal, PlanningProblem};
+use super::{PlannerGoal, PlanningProblem};
 use crate::centreline::{ArcSegment, TipPose, any_perpendicular, arc_and_line_to, arc_segments, length};
 
 /// A body that arrives at the goal, and the positions that it passes.
@@ -48,8 +48,8 @@ impl PlanningProblem<'_> {
     /// Returns the maximum distance from the goal's position at which a body may end, mm.
     pub(super) fn tolerance(&self) -> f64 {
         match self.goal {
-            Goal::Position { tolerance, .. } => tolerance,
-            Goal::Pose(_) => 0.0,
+            PlannerGoal::Position { tolerance, .. } => tolerance,
+            PlannerGoal::Pose(_) => 0.0,
         }
     }
 
@@ -62,22 +62,22 @@ impl PlanningProblem<'_> {
     /// Returns the shortest way from a tip to the goal.
     pub(super) fn shortest_to_goal(&self, tip: &TipPose) -> Option<Vec<ArcSegment>> {
         match self.goal {
-            Goal::Position { at, tolerance } => {
+            PlannerGoal::Position { at, tolerance } => {
                 let mut way = arc_and_line_to(tip, &at, self.radius)?.to_vec();
                 cut(&mut way, tolerance);
                 Some(way)
             }
-            Goal::Pose(_) => self.ways_to_goal(tip).into_iter().next(),
+            PlannerGoal::Pose(_) => self.ways_to_goal(tip).into_iter().next(),
         }
     }
 
     /// Returns all ways from a tip to the goal that have the form of a shortest path, shortest first.
     pub(super) fn ways_to_goal(&self, tip: &TipPose) -> Vec<Vec<ArcSegment>> {
-        let Goal::Pose(goal) = self.goal else { return self.shortest_to_goal(tip).into_iter().collect() };
+        let PlannerGoal::Pose(goal) = self.goal else { return self.shortest_to_goal(tip).into_iter().collect() };
         let base_from_tip = frame(tip);
         let tip_from_base = base_from_tip.rotation.inverse();
         let offset = tip_from_base * ((goal.position - tip.position) / self.radius);
-        let problem = shortest::Problem::new(&offset, &(tip_from_base * goal.direction));
+        let problem = shortest::PathProblem::new(&offset, &(tip_from_base * goal.direction));
         let mut found = Candidates::new();
         shortest::candidates(&problem, 0.0, &mut found, &mut || ());
         let ways =

@@ -25,22 +25,22 @@ const TRIANGLES: u32 = 4;
 struct Document {
     extensions_required: Vec<String>,
     scene: usize,
-    scenes: Vec<Root>,
-    nodes: Vec<Node>,
+    scenes: Vec<GltfRoot>,
+    nodes: Vec<GlbNode>,
     meshes: Vec<MeshOf>,
     accessors: Vec<Accessor>,
-    buffer_views: Vec<View>,
+    buffer_views: Vec<BufferView>,
 }
 
 #[derive(Deserialize, Default)]
 #[serde(default)]
-struct Root {
+struct GltfRoot {
     nodes: Vec<usize>,
 }
 
 #[derive(Deserialize, Default)]
 #[serde(default)]
-struct Node {
+struct GlbNode {
     children: Vec<usize>,
     mesh: Option<usize>,
     matrix: Option<[f64; 16]>,
@@ -80,7 +80,7 @@ struct Accessor {
 
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
-struct View {
+struct BufferView {
     #[serde(default)]
     buffer: usize,
     #[serde(default)]
@@ -224,7 +224,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-impl Node {
+impl GlbNode {
     fn parent_from_node(&self) -> Matrix4<f64> {
         if let Some(matrix) = &self.matrix {
             return Matrix4::from_column_slice(matrix);

@@ -6,7 +6,7 @@ use super::RawGeometry;
 
 /// Position of a coordinate among the fields of a point.
 #[derive(Debug, Clone, Copy)]
-struct Field {
+struct PcdField {
     /// Index of the value in a line of text.
     word: usize,
     /// Offset and size in a binary point. The size is 4 or 8 bytes.
@@ -16,7 +16,7 @@ struct Field {
 
 /// Content of the header.
 #[derive(Debug, Default)]
-struct Header {
+struct PcdHeader {
     names: Vec<String>,
     sizes: Vec<usize>,
     kinds: Vec<String>,
@@ -55,8 +55,8 @@ impl Points {
     }
 }
 
-fn header(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
-    let mut header = Header::default();
+fn header(bytes: &[u8]) -> Result<(PcdHeader, &[u8]), String> {
+    let mut header = PcdHeader::default();
     let mut rest = bytes;
     while let Some(end) = rest.iter().position(|byte| *byte == b'\n') {
         let (line, after) = rest.split_at(end);
@@ -88,7 +88,7 @@ fn header(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
 }
 
 /// Returns the fields x, y and z, and the number of words and of bytes of a point.
-fn fields(header: &Header) -> Result<([Field; 3], usize, usize), String> {
+fn fields(header: &PcdHeader) -> Result<([PcdField; 3], usize, usize), String> {
     let (mut word, mut offset) = (0_usize, 0_usize);
     let mut found = [None; 3];
     for (index, name) in header.names.iter().enumerate() {
@@ -99,7 +99,7 @@ fn fields(header: &Header) -> Result<([Field; 3], usize, usize), String> {
             if kind != "F" || !matches!(size, 4 | 8) || count != 1 {
                 return Err(format!("field {name} is no single number of type F and size 4 or 8"));
             }
-            found[axis] = Some(Field { word, offset, size });
+            found[axis] = Some(PcdField { word, offset, size });
         }
         word = word.checked_add(count).ok_or("COUNT is too large")?;
         offset = count.checked_mul(size).and_then(|bytes| offset.checked_add(bytes)).ok_or("SIZE is too large")?;
@@ -110,12 +110,12 @@ fn fields(header: &Header) -> Result<([Field; 3], usize, usize), String> {
     }
 }
 
-fn text(data: &[u8], fields: &[Field; 3], words: usize) -> Result<Points, String> {
+fn text(data: &[u8], fields: &[PcdField; 3], words: usize) -> Result<Points, String> {
     let mut points = Vec::new();
     for line in data.split(|byte| *byte == b'\n').filter(|line| !line.trim_ascii().is_empty()) {
         let line = std::str::from_utf8(line).map_err(|_| "its points are no text")?;
         let values: Vec<&str> = line.split_ascii_whitespace().collect();
-        let number = |field: &Field| values.get(field.word).and_then(|value| value.parse::<f64>().ok());
+        let number = |field: &PcdField| values.get(field.word).and_then(|value| value.parse::<f64>().ok());
         let [Some(x), Some(y), Some(z)] = fields.each_ref().map(number) else {
             return Err(format!("point {} has no numbers for x, y, z among {words} values", points.len() + 1));
         };
@@ -124,11 +124,11 @@ fn text(data: &[u8], fields: &[Field; 3], words: usize) -> Result<Points, String
     Ok(Points(points))
 }
 
-fn binary(data: &[u8], fields: &[Field; 3], size: usize) -> Result<Points, String> {
+fn binary(data: &[u8], fields: &[PcdField; 3], size: usize) -> Result<Points, String> {
     if size == 0 {
         return Err("a point has no bytes".to_owned());
     }
-    let number = |point: &[u8], field: &Field| {
+    let number = |point: &[u8], field: &PcdField| {
         let bytes = point.get(field.offset..).unwrap_or_default();
         match field.size {
             4 => bytes.first_chunk().map_or(f64::NAN, |bytes| f64::from(f32::from_le_bytes(*bytes))),

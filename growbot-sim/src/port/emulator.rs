@@ -147,8 +147,8 @@ impl Emulator {
 
     /// Returns the clock of this board, for a test that waits without the connection.
     #[must_use]
-    pub fn clock(&self) -> BoardClock {
-        BoardClock(match &self.line {
+    pub fn clock(&self) -> EmulatedClock {
+        EmulatedClock(match &self.line {
             BoardLine::Real { .. } => None,
             BoardLine::Virtual(stepped) => Some(Rc::clone(stepped)),
         })
@@ -208,9 +208,9 @@ impl Port for Emulator {
 
 /// Clock of an emulated board.
 #[derive(Clone)]
-pub struct BoardClock(Option<Rc<RefCell<Stepped>>>);
+pub struct EmulatedClock(Option<Rc<RefCell<Stepped>>>);
 
-impl BoardClock {
+impl EmulatedClock {
     /// Lets this much of the board's time pass. What the board sends is buffered until it is received.
     ///
     /// # Errors
@@ -566,8 +566,8 @@ impl TipFollower {
             for record in records {
                 let record = table::StepRecord::from_word(u32::from_le_bytes(*record));
                 let motor = match record.axis {
-                    table::Motor::Head => Motor::Head,
-                    table::Motor::Feed => Motor::Feed,
+                    table::RecordedMotor::Head => Motor::Head,
+                    table::RecordedMotor::Feed => Motor::Feed,
                 };
                 self.tip.set_enabled(motor, record.enabled);
                 self.tip.set_direction(motor, record.forward);

@@ -17,11 +17,11 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::port::{Port, PortError};
-use growbot_core::robot::{Board, BoardKind, DigitalInput, PinOverrides, Robot};
+use growbot_core::robot::{BoardDescription, BoardKind, DigitalInput, PinOverrides, Robot};
 
 use super::OpenError;
 pub use node_process::{CrashMode, Rp2040Error};
-use node_process::{Edge, NodeProcess, Output, PinState, Run, RunResponse};
+use node_process::{Edge, NodeProcess, PinState, ProcessOutput, Run, RunResponse};
 
 use crate::ground_truth::SimulatedTip;
 use crate::tip::pins::SharedTip;
@@ -134,8 +134,8 @@ impl DutyAccumulator {
 }
 
 /// Returns the robot's board. The default is a Pico with its own pins.
-fn board_of(robot: &Robot) -> Board {
-    robot.description().board.unwrap_or(Board { kind: BoardKind::Pico, pins: PinOverrides::default() })
+fn board_of(robot: &Robot) -> BoardDescription {
+    robot.description().board.unwrap_or(BoardDescription { kind: BoardKind::Pico, pins: PinOverrides::default() })
 }
 
 impl Rp2040Emulator {
@@ -347,15 +347,15 @@ impl Rp2040Emulator {
             tip.advance(self.tick(self.now_ns + u64::from(*after_ns)));
             let on_when = |high: bool| *state == if high { PinState::High } else { PinState::Low };
             match output {
-                Output::Step(motor) => tip.step(*motor),
-                Output::Direction(Motor::Head) => {
+                ProcessOutput::Step(motor) => tip.step(*motor),
+                ProcessOutput::Direction(Motor::Head) => {
                     tip.set_direction(Motor::Head, on_when(self.levels.head_high_is_positive))
                 }
-                Output::Direction(Motor::Feed) => {
+                ProcessOutput::Direction(Motor::Feed) => {
                     tip.set_direction(Motor::Feed, on_when(self.levels.feed_high_is_forward))
                 }
-                Output::Enable(motor) => tip.set_enabled(*motor, on_when(!self.levels.enable_low)),
-                Output::HeaterEnable => {
+                ProcessOutput::Enable(motor) => tip.set_enabled(*motor, on_when(!self.levels.enable_low)),
+                ProcessOutput::HeaterEnable => {
                     let duty = tip.heater_duty();
                     tip.set_heater(duty, on_when(true));
                 }

@@ -24,7 +24,8 @@ use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, St
 use crate::ground_truth::SimulatedTip;
 use crate::tip::flash::Flash;
 use crate::tip::pins::{
-    Adc, DirectionPin, EnablePin, Fan, HeaterEnable, HeaterPower, Input, Orientation, SharedTip, StepPin, TipOutputs,
+    DirectionPin, EnablePin, Fan, HeaterEnable, HeaterPower, Input, Orientation, SharedTip, SimulatedAdc, StepPin,
+    TipOutputs,
 };
 use crate::tip::{Motor, Tip, TipFault, Variation};
 use growbot_core::random::splitmix64;
@@ -359,8 +360,8 @@ fn controller(
         heater_power: HeaterPower(Rc::clone(tip)),
         heater_enable: HeaterEnable(Rc::clone(tip)),
         fan: Fan(Rc::clone(tip)),
-        thermistor: Adc::thermistor(tip),
-        supply: Adc::supply(tip),
+        thermistor: SimulatedAdc::thermistor(tip),
+        supply: SimulatedAdc::supply(tip),
         filament_presence: Input::filament_presence(tip),
         driver_fault: Input::driver_fault(tip),
         drivers: UnmanagedDrivers,
@@ -412,8 +413,8 @@ impl Board for SimBoard {
     type HeaterPower = HeaterPower;
     type HeaterEnable = HeaterEnable;
     type Fan = Fan;
-    type Thermistor = Adc;
-    type Supply = Adc;
+    type Thermistor = SimulatedAdc;
+    type Supply = SimulatedAdc;
     type FilamentPresence = Input;
     type DriverFault = Input;
     type Drivers = UnmanagedDrivers;

@@ -17,7 +17,7 @@ pub(super) enum FeedResult {
 
 /// The filament. Lengths are feed steps.
 #[derive(Debug, Clone)]
-pub(super) struct Filament {
+pub(super) struct SimulatedFilament {
     steps_per_mm: f64,
     /// Half the distance from one rising edge of the encoder to the next. `None` without an encoder.
     half_pulse: Option<f64>,
@@ -35,7 +35,7 @@ pub(super) struct Filament {
     end: i64,
 }
 
-impl Filament {
+impl SimulatedFilament {
     /// Creates a full spool.
     pub fn new(robot: &Robot) -> Self {
         let description = robot.description();
@@ -137,8 +137,8 @@ impl Filament {
 mod tests {
     use super::*;
 
-    fn filament() -> Filament {
-        Filament::new(&growbot_client::robot_file::load("growbot-a".as_ref()).unwrap())
+    fn filament() -> SimulatedFilament {
+        SimulatedFilament::new(&growbot_client::robot_file::load("growbot-a".as_ref()).unwrap())
     }
 
     #[test]

@@ -53,7 +53,7 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
 
-use filament::{FeedResult, Filament};
+use filament::{FeedResult, SimulatedFilament};
 use nozzle::Nozzle;
 use plastic::Plastic;
 use sensors::StuckReading;
@@ -87,7 +87,7 @@ pub struct Tip {
     held: StuckReading,
     /// End of a dip of the supply, ticks. `None` without a dip.
     dip_until: Option<u64>,
-    filament: Filament,
+    filament: SimulatedFilament,
     plastic: Plastic,
     imperfection: ErrorModel,
     /// Index of a layer, and the filament that the encoder detects for each step in it.
@@ -144,7 +144,7 @@ impl Tip {
             warmed: false,
             held: StuckReading::default(),
             dip_until: None,
-            filament: Filament::new(&robot),
+            filament: SimulatedFilament::new(&robot),
             plastic: Plastic::new(&robot, head_steps),
             imperfection: ErrorModel::default(),
             seen_per_step: (0, 1.0),

@@ -41,7 +41,7 @@ pub struct HeaterEnable(pub SharedTip);
 pub struct Fan(pub SharedTip);
 
 /// A channel of the ADC.
-pub struct Adc {
+pub struct SimulatedAdc {
     tip: SharedTip,
     sample: fn(&mut Tip) -> Option<u16>,
 }
@@ -81,7 +81,7 @@ impl Input {
     }
 }
 
-impl Adc {
+impl SimulatedAdc {
     /// Returns the channel of the thermistor's divider.
     #[must_use]
     pub fn thermistor(tip: &SharedTip) -> Self {
@@ -108,7 +108,7 @@ impl hal::Outputs for TipOutputs {
     }
 }
 
-impl hal::Adc for Adc {
+impl hal::Adc for SimulatedAdc {
     fn sample(&mut self) -> Option<u16> {
         (self.sample)(&mut self.tip.borrow_mut())
     }

@@ -10,7 +10,7 @@ use super::{Motor, Tip, TipFault};
 
 /// Channel of the ADC. Each has its own noise.
 #[derive(Debug, Clone, Copy)]
-enum Channel {
+enum SensorChannel {
     Thermistor,
     Supply,
 }
@@ -40,7 +40,7 @@ impl Tip {
 
     /// Returns the thermistor's reading as the ADC converts it now.
     pub(super) fn converted_thermistor(&self) -> u16 {
-        self.convert(self.thermistor_counts(), Channel::Thermistor)
+        self.convert(self.thermistor_counts(), SensorChannel::Thermistor)
     }
 
     /// Returns the thermistor's voltage, counts.
@@ -67,11 +67,11 @@ impl Tip {
     pub fn sample_supply(&mut self) -> Option<u16> {
         self.sync();
         let supply = &self.robot.description().supply;
-        Some(self.convert(self.supply_v() / supply.full_scale_v * f64::from(FULL_SCALE), Channel::Supply))
+        Some(self.convert(self.supply_v() / supply.full_scale_v * f64::from(FULL_SCALE), SensorChannel::Supply))
     }
 
     /// Converts a voltage, given in counts, like the 12-bit ADC, with noise.
-    fn convert(&self, counts: f64, channel: Channel) -> u16 {
+    fn convert(&self, counts: f64, channel: SensorChannel) -> u16 {
         let noisy = counts + self.variation.noise_counts * noise(self.variation.seed, channel as u64, self.now);
         libm::rint(noisy).clamp(0.0, f64::from(FULL_SCALE)) as u16
     }

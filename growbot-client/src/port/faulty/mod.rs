@@ -86,7 +86,7 @@ struct FaultyChannel {
 }
 
 #[derive(Clone, Copy)]
-enum Direction {
+enum LinkDirection {
     ToBoard,
     FromBoard,
 }
@@ -115,15 +115,15 @@ impl<P: Port> FaultyPort<P> {
         &mut self.port
     }
 
-    fn wire(&mut self, direction: Direction) -> &mut FaultyChannel {
+    fn wire(&mut self, direction: LinkDirection) -> &mut FaultyChannel {
         match direction {
-            Direction::ToBoard => &mut self.to_board,
-            Direction::FromBoard => &mut self.from_board,
+            LinkDirection::ToBoard => &mut self.to_board,
+            LinkDirection::FromBoard => &mut self.from_board,
         }
     }
 
     /// Adds bytes to the wire.
-    fn take(&mut self, direction: Direction, bytes: &[u8]) {
+    fn take(&mut self, direction: LinkDirection, bytes: &[u8]) {
         for byte in bytes {
             let wire = self.wire(direction);
             wire.begun.push(*byte);
@@ -135,7 +135,7 @@ impl<P: Port> FaultyPort<P> {
     }
 
     /// Applies the faults to a piece and passes on what is left of it.
-    fn carry(&mut self, direction: Direction, mut piece: Vec<u8>) {
+    fn carry(&mut self, direction: LinkDirection, mut piece: Vec<u8>) {
         let spec = self.spec;
         let draws = &mut self.wire(direction).draws;
         let [reset, stall, drop, truncate, tail, reorder, dup] = [(); 7].map(|()| draws.draw());
@@ -201,7 +201,7 @@ impl<P: Port> FaultyPort<P> {
 
 impl<P: Port> Port for FaultyPort<P> {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.take(Direction::ToBoard, bytes);
+        self.take(LinkDirection::ToBoard, bytes);
         self.deliver()
     }
 
@@ -220,7 +220,7 @@ impl<P: Port> Port for FaultyPort<P> {
             let mut arrived = [0; MAX_FRAME_LEN];
             let step = STEP.min(left);
             let count = self.port.receive(&mut arrived, step)?;
-            self.take(Direction::FromBoard, arrived.get(..count).unwrap_or_default());
+            self.take(LinkDirection::FromBoard, arrived.get(..count).unwrap_or_default());
             swallowed += count;
             if count == 0 {
                 left -= step;

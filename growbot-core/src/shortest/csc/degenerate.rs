@@ -5,8 +5,8 @@ use core::f64::consts::{PI, TAU};
 use nalgebra::{Matrix3, Vector3};
 
 use super::far::FAR;
-use super::{Csc, MAX_NEWTON_START_ERROR, Search, cosine, in_tip};
-use crate::shortest::{ARRIVED, Problem, any_perpendicular, axes_after};
+use super::{Csc, CscSearch, MAX_NEWTON_START_ERROR, cosine, in_tip};
+use crate::shortest::{ARRIVED, PathProblem, any_perpendicular, axes_after};
 use crate::trigonometry;
 
 /// Max error at the goal, radii and radians, of a single arc that nearly leads to the goal.
@@ -16,12 +16,12 @@ const APART: f64 = 0.999_98;
 /// Max angle between half a turn and the arc beside a line that is longer than [`FAR`], radians.
 const LITTLE: f64 = 0.02;
 
-impl Search<'_> {
+impl CscSearch<'_> {
     /// Finds the paths for which the lines through start and goal cross, or nearly cross. Then the plane of the last
     /// arc is undetermined. The corners of both arcs coincide, and the line leaves the plane on one side or the other.
     #[inline(never)]
     pub(super) fn crossing_lines(&mut self) {
-        let Problem { goal, direction, .. } = *self.problem;
+        let PathProblem { goal, direction, .. } = *self.problem;
         let start = Vector3::z();
         let cosine_between = direction.z;
         let det = 1.0 - cosine_between * cosine_between;
@@ -70,7 +70,7 @@ impl Search<'_> {
 
     /// Finds the paths of which one of the two arcs has no length.
     fn one_arc(&mut self) {
-        let Problem { goal, direction, .. } = *self.problem;
+        let PathProblem { goal, direction, .. } = *self.problem;
         for arc in arcs_between(&Vector3::z(), &direction) {
             let rest = goal - arc.offset;
             let towards = || in_tip(&Matrix3::identity(), &arc.towards);
@@ -105,7 +105,7 @@ impl Search<'_> {
     /// the code tries several angles of the other arc, and Newton's method finds the rest.
     #[inline(never)]
     fn almost_one_arc(&mut self) {
-        let Problem { goal, direction, .. } = *self.problem;
+        let PathProblem { goal, direction, .. } = *self.problem;
         let (squared, across) = (goal.norm_squared(), trigonometry::hypot(goal.x, goal.y));
         let off = (squared - 2.0 * across).abs();
         if across < SHORT || off > SHORT {
@@ -136,7 +136,7 @@ impl Search<'_> {
 
     /// Finds the paths of which one of the two arcs is half a turn.
     fn half_turns(&mut self) {
-        let Problem { goal, direction, .. } = *self.problem;
+        let PathProblem { goal, direction, .. } = *self.problem;
         let start = Vector3::z();
         for arc in arcs_between(&-start, &direction) {
             // The first arc is half a turn. The rest of the path determines its plane.
@@ -174,7 +174,7 @@ impl Search<'_> {
     /// Finds the paths of which both arcs are half turns. The angle between their planes depends on the distance
     /// across.
     fn two_half_turns(&mut self) {
-        let Problem { goal, direction, .. } = *self.problem;
+        let PathProblem { goal, direction, .. } = *self.problem;
         let across = 0.25 * trigonometry::hypot(goal.x, goal.y);
         if across <= 1.0 + MAX_NEWTON_START_ERROR && direction.z > 1.0 - MAX_NEWTON_START_ERROR {
             // If both arcs began in one plane, Newton's method would not leave it.

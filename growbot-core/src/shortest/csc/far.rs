@@ -8,7 +8,7 @@ use core::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use super::{Line, Search, any_perpendicular};
+use super::{CscSearch, Line, any_perpendicular};
 
 /// Distance beyond which a goal counts as far, radii. Such a goal has four paths, and the direction of each line hardly
 /// depends on its arcs.
@@ -18,7 +18,7 @@ const PATHS: usize = 4;
 /// Max number of rounds. Each reduces the error by a factor of about the distance.
 const MAX_ROUNDS: u32 = 12;
 
-impl Search<'_> {
+impl CscSearch<'_> {
     /// Finds the paths of each of the four sign pairs, for goals beyond [`FAR`] of which fewer paths are known.
     #[inline(never)]
     pub(super) fn far(&mut self) {

@@ -25,7 +25,7 @@ use core::f64::consts::TAU;
 use heapless::Vec;
 use nalgebra::{Matrix3, Vector3};
 
-use super::{Problem, any_perpendicular, insert_behind};
+use super::{PathProblem, any_perpendicular, insert_behind};
 use crate::trigonometry;
 
 mod degenerate;
@@ -91,7 +91,7 @@ pub(super) type Overlapping = Vec<Csc, MAX_OVERLAPPING>;
 
 /// Returns all paths of this kind, shortest first.
 #[must_use]
-pub fn paths(problem: &Problem) -> Vec<Csc, MAX_PATHS> {
+pub fn paths(problem: &PathProblem) -> Vec<Csc, MAX_PATHS> {
     let (mut paths, mut overlapping) = (Vec::new(), Vec::new());
     search(problem, &mut paths, &mut overlapping, &mut || ());
     paths
@@ -100,25 +100,25 @@ pub fn paths(problem: &Problem) -> Vec<Csc, MAX_PATHS> {
 /// Finds all paths of this kind, shortest first, and the overlapping ones. `keep_alive` is called a few times.
 #[inline(never)] // Keeps its stack frame out of the caller's.
 pub(super) fn search(
-    problem: &Problem,
+    problem: &PathProblem,
     paths: &mut Vec<Csc, MAX_PATHS>,
     overlapping: &mut Overlapping,
     keep_alive: &mut dyn FnMut(),
 ) {
-    let mut search = Search { problem, paths, overlapping };
+    let mut search = CscSearch { problem, paths, overlapping };
     search.roots(keep_alive);
     search.far();
     search.special_lines();
     search.crossing_lines();
 }
 
-struct Search<'a> {
-    problem: &'a Problem,
+struct CscSearch<'a> {
+    problem: &'a PathProblem,
     paths: &'a mut Vec<Csc, MAX_PATHS>,
     overlapping: &'a mut Overlapping,
 }
 
-impl Search<'_> {
+impl CscSearch<'_> {
     /// Inserts a path in order of length if it ends at the goal, after Newton's method if necessary.
     #[inline(never)]
     fn keep(&mut self, path: Csc) {

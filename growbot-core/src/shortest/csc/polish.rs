@@ -11,7 +11,7 @@ use nalgebra::{Matrix5, Vector3, Vector5};
 
 use super::{Csc, MAX_NEWTON_START_ERROR};
 use crate::linalg5::{Cholesky, solve};
-use crate::shortest::{ARRIVED, Problem};
+use crate::shortest::{ARRIVED, PathProblem};
 use crate::trigonometry;
 
 /// Max number of steps.
@@ -37,7 +37,7 @@ enum ShortLineCase {
 }
 
 /// The changes of the five numbers.
-struct Change {
+struct PolishStep {
     first_across: f64,
     first: f64,
     straight: f64,
@@ -45,7 +45,7 @@ struct Change {
     last: f64,
 }
 
-impl Problem {
+impl PathProblem {
     /// Returns a path that ends at the goal to within [`ARRIVED`], after Newton's method if necessary. `None` if the
     /// method does not converge.
     pub(super) fn polished(&self, mut path: Csc) -> Option<Csc> {
@@ -89,7 +89,7 @@ impl Problem {
 
     /// Returns the change of the five numbers that corrects the error at the goal.
     #[inline(never)]
-    fn newton_step(&self, chain: &Chain, lack: &Vector5<f64>, line: ShortLineCase) -> Option<Change> {
+    fn newton_step(&self, chain: &Chain, lack: &Vector5<f64>, line: ShortLineCase) -> Option<PolishStep> {
         let mut jacobian = self.jacobian(chain);
         if line == ShortLineCase::LeftOut {
             jacobian.column_mut(2).fill(0.0);
@@ -106,7 +106,7 @@ impl Problem {
             }
         };
         let [first_across, first, straight, last_across, last] = step.into();
-        Some(Change { first_across, first, straight, last_across, last })
+        Some(PolishStep { first_across, first, straight, last_across, last })
     }
 
     /// Returns the vector of an offset and of a change of direction, the latter in the two axes perpendicular to the
@@ -139,7 +139,7 @@ impl Problem {
 }
 
 /// Returns a path with its five numbers changed. Its length changes by the sum of the three changes of length.
-fn changed(path: Csc, change: &Change) -> Csc {
+fn changed(path: Csc, change: &PolishStep) -> Csc {
     let length = path.length() + change.first + change.straight + change.last;
     let (first_towards, first) =
         arc_changed(path.first_bend_direction, path.first_angle, change.first_across, change.first);

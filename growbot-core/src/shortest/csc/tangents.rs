@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use super::isolation::{Part, Root};
 use super::polynomial::CscPolynomial;
-use super::{Line, MAX_NEWTON_START_ERROR, MAX_OVERLAP, NEAR, Search, cosine};
+use super::{CscSearch, Line, MAX_NEWTON_START_ERROR, MAX_OVERLAP, NEAR, cosine};
 
 /// Max residual of a branch that counts as a path at a certain root.
 const FITS: f64 = 1e-6;
@@ -84,7 +84,7 @@ impl Circle {
     }
 }
 
-impl Search<'_> {
+impl CscSearch<'_> {
     fn corner(&self, tau: f64) -> Corner {
         let to_goal = self.problem.goal - Vector3::z() * tau;
         let along = to_goal.dot(&self.problem.direction);

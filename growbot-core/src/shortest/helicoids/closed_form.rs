@@ -83,7 +83,7 @@ const MAX_STEPS: u32 = 40;
 
 /// A whole curve, in units of the radius.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Curve<T> {
+pub(super) struct ClosedFormCurve<T> {
     /// `nu`, the min of `|m|`.
     min: T,
     /// `rho2 - nu`.
@@ -134,7 +134,7 @@ struct Integrand<T> {
     root: T,
 }
 
-impl<T: Nodes> Curve<T> {
+impl<T: Nodes> ClosedFormCurve<T> {
     /// Creates the curve with these numbers at the neck: `|m|`, and the component of `p` along `m`, at least 0.
     #[inline(never)]
     pub fn new(min: T, twist: T) -> Self {
@@ -336,7 +336,7 @@ mod tests {
         #[test]
         fn points_match_the_integration((min, twist, phase) in curve()) {
             let (min, twist) = (libm::exp(min), libm::exp(twist));
-            let curve = Curve::<f64>::new(min, twist);
+            let curve = ClosedFormCurve::<f64>::new(min, twist);
             let [neck, point] = curve.points([0.0, phase]);
             prop_assume!(point.length < 8.0);
             let along = neck.direction();
@@ -362,8 +362,8 @@ mod tests {
 
         #[test]
         fn single_precision_matches_double_precision((min, twist, phase) in curve()) {
-            let [_, point] = Curve::<f64>::new(libm::exp(min), libm::exp(twist)).points([0.0, phase]);
-            let rough = Curve::<f32>::new(libm::exp(min) as f32, libm::exp(twist) as f32);
+            let [_, point] = ClosedFormCurve::<f64>::new(libm::exp(min), libm::exp(twist)).points([0.0, phase]);
+            let rough = ClosedFormCurve::<f32>::new(libm::exp(min) as f32, libm::exp(twist) as f32);
             let [_, rough] = rough.points([0.0, phase as f32]);
             prop_assume!(point.length < 8.0);
             let off = (point.position() - rough.position().map(f64::from)).norm();

@@ -2,22 +2,22 @@
 
 use nalgebra::{Matrix3, Matrix6x5, Vector3, Vector6};
 
-use super::hybrid_curve::Point;
+use super::hybrid_curve::CurvePoint;
 use super::refine::Precision;
 use super::seed::Seed;
 use crate::float::PortableFloat;
-use crate::shortest::Problem;
+use crate::shortest::PathProblem;
 
 /// Desired end of an arc, as seen from its start.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Goal<T> {
+pub(super) struct FitGoal<T> {
     pub(super) position: Vector3<T>,
     pub(super) direction: Vector3<T>,
 }
 
-impl<T: PortableFloat> Goal<T> {
+impl<T: PortableFloat> FitGoal<T> {
     /// Returns the goal of a problem, and its mirror image.
-    pub(super) fn both(problem: &Problem) -> [Self; 2] {
+    pub(super) fn both(problem: &PathProblem) -> [Self; 2] {
         [1.0, -1.0].map(|side| {
             let turned = |v: &Vector3<f64>| Vector3::new(T::literal(v.x), T::literal(side * v.y), T::literal(v.z));
             Self { position: turned(&problem.goal), direction: turned(&problem.direction) }
@@ -27,7 +27,7 @@ impl<T: PortableFloat> Goal<T> {
 
 /// Returns `curve_from_start`, the axes of a start that grows along the curve, with the roll that minimises the
 /// distance of the goal from the end.
-pub(super) fn axes<T: PortableFloat>(goal: &Goal<T>, start: &Point<T>, end: &Point<T>) -> Matrix3<T> {
+pub(super) fn axes<T: PortableFloat>(goal: &FitGoal<T>, start: &CurvePoint<T>, end: &CurvePoint<T>) -> Matrix3<T> {
     let (zero, one) = (T::literal(0.0), T::literal(1.0));
     let z = start.direction;
     let mut other = Vector3::new(zero, zero, zero);
@@ -49,15 +49,15 @@ pub(super) fn axes<T: PortableFloat>(goal: &Goal<T>, start: &Point<T>, end: &Poi
 
 /// An arc placed between the start and the goal of the problem.
 pub(super) struct Fit<T: PortableFloat> {
-    pub(super) start: Point<T>,
-    pub(super) end: Point<T>,
+    pub(super) start: CurvePoint<T>,
+    pub(super) end: CurvePoint<T>,
     pub(super) axes: Matrix3<T>,
     pub(super) misfit: Vector6<T>,
 }
 
 impl<T: Precision> Fit<T> {
     #[inline(never)]
-    pub(super) fn new(goal: &Goal<T>, seed: &Seed<T>) -> Self {
+    pub(super) fn new(goal: &FitGoal<T>, seed: &Seed<T>) -> Self {
         let curve = seed.curve();
         let [start, end] = seed.ends(&curve);
         let axes = axes(goal, &start, &end);
@@ -75,7 +75,7 @@ impl<T: Precision> Fit<T> {
 
     /// Returns the derivatives of the residual with respect to the five unknowns.
     #[inline(never)]
-    pub(super) fn jacobian(&self, goal: &Goal<T>, seed: &Seed<T>) -> Matrix6x5<T> {
+    pub(super) fn jacobian(&self, goal: &FitGoal<T>, seed: &Seed<T>) -> Matrix6x5<T> {
         let share = T::DERIVATIVE_STEP;
         let twist = seed.twist + seed.twist_by_narrowness() * share;
         let narrower = Seed { narrowness: seed.narrowness + share, twist, ..*seed };
@@ -112,7 +112,12 @@ fn stacked<T: PortableFloat>(offset: &Vector3<T>, turned: &Vector3<T>) -> Vector
 }
 
 /// Returns the residual: the offset of the arc's end from the goal, and the difference of the directions.
-fn misfit<T: PortableFloat>(goal: &Goal<T>, start: &Point<T>, end: &Point<T>, axes: &Matrix3<T>) -> Vector6<T> {
+fn misfit<T: PortableFloat>(
+    goal: &FitGoal<T>,
+    start: &CurvePoint<T>,
+    end: &CurvePoint<T>,
+    axes: &Matrix3<T>,
+) -> Vector6<T> {
     stacked(&(end.position - start.position - axes * goal.position), &(end.direction - axes * goal.direction))
 }
 

@@ -11,7 +11,7 @@ use core::f64::consts::{PI, TAU};
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::closed_form::{Curve, CurvePoint, Nodes};
+use super::closed_form::{ClosedFormCurve, CurvePoint, Nodes};
 use crate::float::PortableFloat;
 
 /// `|m|` at the end of a neck is the sum of two terms: this multiple of its min, and the term of [`TWISTED`].
@@ -22,7 +22,7 @@ const TWISTED: f64 = 32.0;
 
 /// A point of an arc in the axes of its curve.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Point<T: PortableFloat> {
+pub(super) struct CurvePoint<T: PortableFloat> {
     pub(super) position: Vector3<T>,
     pub(super) direction: Vector3<T>,
     /// The axis about which the tip turns, of any length.
@@ -33,7 +33,7 @@ pub(super) struct Point<T: PortableFloat> {
     pub(super) rate: T,
 }
 
-impl<T: PortableFloat> Point<T> {
+impl<T: PortableFloat> CurvePoint<T> {
     pub(super) fn of(point: &CurvePoint<T>) -> Self {
         let CurvePoint { length, rate, .. } = *point;
         Self { position: point.position(), direction: point.direction(), axis: point.axis(), length, rate }
@@ -81,7 +81,7 @@ impl<T: PortableFloat> Point<T> {
 /// the circles they are proportional to the length.
 #[derive(Debug, Clone)]
 pub(super) struct HybridCurve<'a, T: PortableFloat> {
-    curve: &'a Curve<T>,
+    curve: &'a ClosedFormCurve<T>,
     /// Phase at which the neck ends.
     near: T,
     /// Points at the ends of the neck.
@@ -92,7 +92,7 @@ pub(super) struct HybridCurve<'a, T: PortableFloat> {
 }
 
 impl<'a, T: Nodes> HybridCurve<'a, T> {
-    pub(super) fn new(curve: &'a Curve<T>) -> Self {
+    pub(super) fn new(curve: &'a ClosedFormCurve<T>) -> Self {
         let near = curve.end_of_neck(T::literal(NARROW), T::literal(TWISTED));
         let ends = curve.points([-near, near]);
         let [max, _] = curve.points([T::literal(PI); 2]);
@@ -100,13 +100,13 @@ impl<'a, T: Nodes> HybridCurve<'a, T> {
         Self { curve, near, ends, between, rate: between / (T::literal(TAU) - T::literal(2.0) * near) }
     }
 
-    fn on_curve(&self, phase: T) -> Point<T> {
-        Point::of(&self.curve.points([phase; 2])[0])
+    fn on_curve(&self, phase: T) -> CurvePoint<T> {
+        CurvePoint::of(&self.curve.points([phase; 2])[0])
     }
 
     /// Returns the point at a phase.
-    pub(super) fn point(&self, phase: T) -> Point<T> {
-        let [before, after] = self.ends.each_ref().map(Point::of);
+    pub(super) fn point(&self, phase: T) -> CurvePoint<T> {
+        let [before, after] = self.ends.each_ref().map(CurvePoint::of);
         let forward = phase >= T::literal(0.0);
         let (side, enter, leave) =
             if forward { (T::literal(1.0), before, after) } else { (T::literal(-1.0), after, before) };

@@ -21,7 +21,7 @@ use heapless::Vec;
 use nalgebra::Vector3;
 
 use super::csc::Csc;
-use super::{Problem, insert_behind};
+use super::{PathProblem, insert_behind};
 use crate::helicoid::Helicoid;
 
 mod closed_form;
@@ -33,7 +33,7 @@ mod refine;
 mod seed;
 mod table;
 
-use fit::Goal;
+use fit::FitGoal;
 use refine::{Refinement, refine, refined_precisely};
 use seed::Seed;
 
@@ -86,7 +86,7 @@ impl HelicoidalArc {
 /// microcontroller.
 #[inline(never)] // Keeps its stack frame out of the caller's.
 pub(super) fn shortest(
-    problem: &Problem,
+    problem: &PathProblem,
     overlapping: &[Csc],
     longest: f64,
     keep_alive: &mut dyn FnMut(),
@@ -111,15 +111,15 @@ struct RoughArc {
 /// The arcs found so far.
 struct RoughArcs {
     /// The goal, and its mirror image.
-    goals: [Goal<f32>; 2],
+    goals: [FitGoal<f32>; 2],
     longest: f64,
     /// The arcs, in order of length.
     arcs: Vec<RoughArc, MAX_ROUGH>,
 }
 
 impl RoughArcs {
-    fn new(problem: &Problem, longest: f64) -> Self {
-        Self { goals: Goal::both(problem), longest, arcs: Vec::new() }
+    fn new(problem: &PathProblem, longest: f64) -> Self {
+        Self { goals: FitGoal::both(problem), longest, arcs: Vec::new() }
     }
 
     /// Refines the seed of a path whose arcs overlap, and inserts the arc.
@@ -163,8 +163,8 @@ impl RoughArcs {
     /// Refines the arcs precisely, shortest first, until the remaining ones are longer than the shortest that reaches
     /// the goal.
     #[inline(never)]
-    fn shortest(&self, problem: &Problem, keep_alive: &mut dyn FnMut()) -> Option<HelicoidalArc> {
-        let [goal, mirror_image] = &Goal::both(problem);
+    fn shortest(&self, problem: &PathProblem, keep_alive: &mut dyn FnMut()) -> Option<HelicoidalArc> {
+        let [goal, mirror_image] = &FitGoal::both(problem);
         let mut shortest: Option<HelicoidalArc> = None;
         for arc in &self.arcs {
             let longest = shortest.map_or(self.longest, |arc| arc.length);
@@ -195,8 +195,8 @@ struct Invariants {
 
 impl Invariants {
     /// Returns the invariants of a problem. The weights of the numbers were found by trial.
-    fn of(problem: &Problem) -> Self {
-        let Problem { goal, direction, .. } = problem;
+    fn of(problem: &PathProblem) -> Self {
+        let PathProblem { goal, direction, .. } = problem;
         let (along_start, along_goal) = (goal.z, goal.dot(direction));
         let side = Vector3::z().dot(&goal.cross(direction));
         let numbers = [

@@ -10,7 +10,7 @@ use core::f64::consts::TAU;
 use heapless::Vec;
 use nalgebra::Vector3;
 
-use super::closed_form::{Curve, CurvePoint};
+use super::closed_form::{ClosedFormCurve, CurvePoint};
 use super::hybrid_curve::{HybridCurve, Stretch};
 use super::seed::Seed;
 use super::{HelicoidPiece, HelicoidalArc};
@@ -51,7 +51,7 @@ impl HelicoidalArc {
         pieces
     }
 
-    fn cut_at_necks(&self, curve: &Curve<f64>, add: &mut dyn FnMut(Helicoid, f64)) {
+    fn cut_at_necks(&self, curve: &ClosedFormCurve<f64>, add: &mut dyn FnMut(Helicoid, f64)) {
         let [start, end] = curve.points([self.seed.start, self.seed.end]);
         let mut from = start;
         let mut add = |to: CurvePoint<f64>| {
@@ -76,7 +76,7 @@ impl HelicoidalArc {
 
     /// Returns the curve from a point on, in the frame of the tip there. `turned` is the angle by which the axis `w`,
     /// about which the tip turns, has turned about the tip itself since the start.
-    fn in_tip(&self, curve: &Curve<f64>, turned: f64, point: &CurvePoint<f64>) -> Helicoid {
+    fn in_tip(&self, curve: &ClosedFormCurve<f64>, turned: f64, point: &CurvePoint<f64>) -> Helicoid {
         let (sin, cos) = trigonometry::sin_cos(self.towards + turned);
         let (w, beside) = (Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0));
         let [along_w, along_beside, ahead] = curve.p(point);
@@ -107,7 +107,7 @@ fn necks(seed: &Seed<f64>) -> Vec<f64, MAX_NECKS> {
 mod tests {
     use super::*;
     use crate::pose::{Frame, tip_direction};
-    use crate::shortest::helicoids::fit::{Fit, Goal};
+    use crate::shortest::helicoids::fit::{Fit, FitGoal};
     use nalgebra::Rotation3;
     use proptest::prelude::*;
 
@@ -129,7 +129,7 @@ mod tests {
             let start_from_curve = Rotation3::rotation_between(&from.direction, &Vector3::z()).unwrap();
             let [position, direction] =
                 [start_from_curve * (to.position - from.position), start_from_curve * to.direction];
-            let fit = Fit::new(&Goal { position, direction }, &seed);
+            let fit = Fit::new(&FitGoal { position, direction }, &seed);
             let arc = HelicoidalArc { seed, towards: fit.towards(), length: fit.length() };
             let grown = |tip: Frame, piece: &HelicoidPiece| tip * piece.curve.frame_after(piece.length);
             let end = arc.pieces().iter().fold(Frame::identity(), grown);

@@ -6,7 +6,7 @@
 use nalgebra::{Matrix5, Matrix6x5, Vector3, Vector5, Vector6};
 
 use super::closed_form::Nodes;
-use super::fit::{Fit, Goal};
+use super::fit::{Fit, FitGoal};
 use super::seed::Seed;
 use crate::float::PortableFloat;
 use crate::linalg5::{self, Cholesky};
@@ -60,7 +60,7 @@ fn newton<T: PortableFloat>(
     jacobian: &Matrix6x5<T>,
     misfit: &Vector6<T>,
     fit: &Fit<T>,
-    goal: &Goal<T>,
+    goal: &FitGoal<T>,
 ) -> Option<Vector5<T>> {
     let target = fit.axes * goal.direction;
     let mut other = Vector3::new(T::literal(0.0), T::literal(0.0), T::literal(0.0));
@@ -88,7 +88,7 @@ pub(super) enum Refinement<T: PortableFloat> {
 
 /// Refines a seed to the arc that leads to the goal, with the arc's phases counted from a neck.
 pub(super) fn refined_precisely(
-    goal: &Goal<f64>,
+    goal: &FitGoal<f64>,
     seed: &Seed<f64>,
     keep_alive: &mut dyn FnMut(),
 ) -> Option<(Seed<f64>, Fit<f64>)> {
@@ -105,7 +105,7 @@ pub(super) fn refined_precisely(
 
 /// Refines a seed to the arc that leads to the goal.
 #[inline(never)]
-pub(super) fn refine<T: Precision>(goal: &Goal<T>, seed: &Seed<T>, keep_alive: &mut dyn FnMut()) -> Refinement<T> {
+pub(super) fn refine<T: Precision>(goal: &FitGoal<T>, seed: &Seed<T>, keep_alive: &mut dyn FnMut()) -> Refinement<T> {
     let mut seed = *seed;
     let mut fit = Fit::new(goal, &seed);
     let mut damping = T::DAMPING;
@@ -146,7 +146,7 @@ pub(super) fn refine<T: Precision>(goal: &Goal<T>, seed: &Seed<T>, keep_alive: &
 /// it has reduced the remaining step.
 #[inline(never)]
 fn newton_step<T: Precision>(
-    goal: &Goal<T>,
+    goal: &FitGoal<T>,
     seed: &Seed<T>,
     fit: &Fit<T>,
     jacobian: &Matrix6x5<T>,
@@ -175,7 +175,7 @@ fn newton_step<T: Precision>(
 /// Makes a step of the Levenberg-Marquardt method.
 #[inline(never)]
 fn damped_step<T: Precision>(
-    goal: &Goal<T>,
+    goal: &FitGoal<T>,
     seed: &Seed<T>,
     fit: &Fit<T>,
     jacobian: &Matrix6x5<T>,
@@ -212,11 +212,11 @@ mod tests {
     use proptest::prelude::*;
 
     /// Returns the goal at the end of an arc.
-    fn goal_of(arc: &Seed<f64>) -> (Goal<f64>, f64) {
+    fn goal_of(arc: &Seed<f64>) -> (FitGoal<f64>, f64) {
         let [start, end] = arc.ends(&arc.curve());
         let start_from_curve = Rotation3::rotation_between(&start.direction, &Vector3::z()).unwrap();
         let position = start_from_curve * (end.position - start.position);
-        (Goal { position, direction: start_from_curve * end.direction }, end.length - start.length)
+        (FitGoal { position, direction: start_from_curve * end.direction }, end.length - start.length)
     }
 
     proptest! {

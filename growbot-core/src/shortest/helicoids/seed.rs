@@ -4,9 +4,9 @@ use core::f64::consts::PI;
 
 use nalgebra::Vector5;
 
-use super::closed_form::Curve;
+use super::closed_form::ClosedFormCurve;
 use super::fit::Fit;
-use super::hybrid_curve::{HybridCurve, Point};
+use super::hybrid_curve::{CurvePoint, HybridCurve};
 use super::refine::Precision;
 
 /// Logarithms of narrowness and twist below which a curve gets circles.
@@ -34,8 +34,8 @@ pub(super) struct Seed<T> {
 }
 
 impl<T: Precision> Seed<T> {
-    pub(super) fn curve(&self) -> Curve<T> {
-        Curve::new(self.narrowness.exponential(), self.twist.exponential())
+    pub(super) fn curve(&self) -> ClosedFormCurve<T> {
+        ClosedFormCurve::new(self.narrowness.exponential(), self.twist.exponential())
     }
 
     /// Returns the arc after a step, which changes both logarithms and the lengths before and after the neck.
@@ -66,13 +66,13 @@ impl<T: Precision> Seed<T> {
     }
 
     /// Returns the ends of the arc on its curve.
-    pub(super) fn ends(&self, curve: &Curve<T>) -> [Point<T>; 2] {
+    pub(super) fn ends(&self, curve: &ClosedFormCurve<T>) -> [CurvePoint<T>; 2] {
         let phases = [self.start, self.end];
         if self.uses_circles && !T::IS_ROUGH {
             let course = HybridCurve::new(curve);
             phases.map(|phase| course.point(phase))
         } else {
-            curve.points(phases).map(|point| Point::of(&point))
+            curve.points(phases).map(|point| CurvePoint::of(&point))
         }
     }
 
@@ -134,7 +134,7 @@ impl Seed<f64> {
     }
 
     /// Returns the arc of its curve with circles between two lengths, counted from the neck.
-    fn between_lengths(&self, curve: &Curve<f64>, start: f64, end: f64) -> Self {
+    fn between_lengths(&self, curve: &ClosedFormCurve<f64>, start: f64, end: f64) -> Self {
         let course = HybridCurve::new(curve);
         Self { start: course.phase_after(start), end: course.phase_after(end), uses_circles: true, ..*self }
     }

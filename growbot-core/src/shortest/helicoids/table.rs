@@ -15,7 +15,7 @@ use crate::shortest::insert_behind;
 const NEAREST: usize = 10;
 
 /// An arc of the table.
-struct Entry {
+struct TableEntry {
     seed: Seed<f32>,
     /// The numbers of [`Invariants::numbers`].
     invariants: [f32; 5],
@@ -23,25 +23,25 @@ struct Entry {
 
 /// Creates an entry from the logarithms of narrowness and twist with the phases of start and end, from whether the arc
 /// is mirrored, and from the invariants.
-const fn arc([narrowness, twist, start, end]: [f32; 4], mirrored: bool, invariants: [f32; 5]) -> Entry {
-    Entry { seed: Seed { narrowness, twist, mirrored, start, end, uses_circles: false }, invariants }
+const fn arc([narrowness, twist, start, end]: [f32; 4], mirrored: bool, invariants: [f32; 5]) -> TableEntry {
+    TableEntry { seed: Seed { narrowness, twist, mirrored, start, end, uses_circles: false }, invariants }
 }
 
 /// Returns the nearest arcs of the table, nearest first.
 pub(super) fn nearest(asked: &Invariants) -> impl Iterator<Item = Seed<f32>> + use<> {
-    let mut nearest = Vec::<(f32, &'static Entry), NEAREST>::new();
+    let mut nearest = Vec::<(f32, &'static TableEntry), NEAREST>::new();
     for entry in ARCS.iter() {
         let distance = asked.distance(&entry.invariants);
         insert_behind(&mut nearest, (distance, entry), |other| other.0 <= distance);
     }
     let (reversed, mirrored) = (asked.reversed, asked.mirrored);
-    nearest.into_iter().map(move |(_, Entry { seed, .. })| {
+    nearest.into_iter().map(move |(_, TableEntry { seed, .. })| {
         let (start, end) = if reversed { (-seed.end, -seed.start) } else { (seed.start, seed.end) };
         Seed { start, end, mirrored: seed.mirrored != mirrored, ..*seed }
     })
 }
 
-static ARCS: [Entry; 32] = [
+static ARCS: [TableEntry; 32] = [
     arc([-3.675, -0.297, -0.925, 7.074], true, [-0.124, -0.326, -0.512, 0.441, 0.298]),
     arc([-14.353, -0.759, -1.126, 7.002], true, [0.279, -0.243, -0.583, 0.216, 0.000]),
     arc([-21.291, -0.676, -0.922, 6.586], true, [0.063, -0.538, -0.019, 0.379, 0.000]),

@@ -7,7 +7,7 @@ use std::rc::Rc;
 use std::vec::Vec;
 
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::frame::{self, FrameDecoder, Header, MAX_BODY_LEN, next_seq};
+use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, MAX_BODY_LEN, next_seq};
 use growbot_core::link::message::{
     Accepted, Empty, Fault, LayerLaid, MAX_LAYERS_PER_MESSAGE, Message, Refusal, Refused, ResetCause, SCHEMA_HASH,
     State, Status,
@@ -316,14 +316,14 @@ impl Bench {
 
     /// Acknowledges the received events, which also shows that the host is alive.
     fn acknowledge(&mut self) {
-        let header = Header { kind: 0x0E, session: self.session, seq: 0, ack: self.latest_event };
+        let header = FrameHeader { kind: 0x0E, session: self.session, seq: 0, ack: self.latest_event };
         self.send(&frame::encode(&header, &[]).unwrap());
     }
 
     /// Sends a request of any kind and body, in any session, and returns the response.
     pub fn ask_raw(&mut self, session: u32, kind: u8, body: &[u8]) -> Message {
         self.seq = next_seq(self.seq);
-        let header = Header { kind, session, seq: self.seq, ack: self.latest_event };
+        let header = FrameHeader { kind, session, seq: self.seq, ack: self.latest_event };
         let bytes = frame::encode(&header, body).unwrap();
         let mut answer = None;
         for _ in 0..if self.stutters { 2 } else { 1 } {

@@ -183,7 +183,7 @@ fn parts_beyond_the_end_are_refused() {
 fn wired_robot() -> Robot {
     let mut description = fast_robot().description().clone();
     let pins = PinOverrides { index: Some(20), supply: Some(26), driver_fault: Some(24), ..PinOverrides::default() };
-    description.board = Some(growbot_core::robot::Board { kind: BoardKind::SkrPico, pins });
+    description.board = Some(growbot_core::robot::BoardDescription { kind: BoardKind::SkrPico, pins });
     let driver = DriverSettings { stall_threshold: Some(80), ..DriverSettings::with_current(0.8) };
     (description.head.driver, description.feed.driver) = (Some(driver), Some(driver));
     Robot::new(description).unwrap()
@@ -262,7 +262,7 @@ fn unsuitable_pins_and_drivers_are_refused_and_the_old_one_is_kept() {
 fn descriptions_for_another_board_kind_are_refused() {
     let of = |kind| {
         let mut description = fast_robot().description().clone();
-        description.board = Some(growbot_core::robot::Board { kind, pins: PinOverrides::default() });
+        description.board = Some(growbot_core::robot::BoardDescription { kind, pins: PinOverrides::default() });
         Robot::new(description).unwrap()
     };
     let suits = |robot| super::super::configuration::check_board_kind(&[BoardKind::Pico], robot);

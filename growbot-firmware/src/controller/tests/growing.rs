@@ -251,7 +251,7 @@ fn a_host_that_stops_reading_gets_responses_when_it_reads_again() {
     let mut buffer = [0; growbot_core::link::frame::MAX_BODY_LEN];
     let status = Message::GetStatus(growbot_core::link::message::Empty {});
     let body = status.encode(&mut buffer).unwrap();
-    let header = growbot_core::link::frame::Header { kind: status.kind(), session: 1, seq: 1, ack: 0 };
+    let header = growbot_core::link::frame::FrameHeader { kind: status.kind(), session: 1, seq: 1, ack: 0 };
     let request = growbot_core::link::frame::encode(&header, body).unwrap();
     for _ in 0..1000 {
         bench.send(&request);

@@ -1,6 +1,6 @@
 //! Tests of the session's owner, of repeated and late frames, and of a host that falls silent.
 
-use growbot_core::link::frame::{self, Header, MAX_BODY_LEN};
+use growbot_core::link::frame::{self, FrameHeader, MAX_BODY_LEN};
 use growbot_core::link::message::{
     BoardInfo, Empty, Hello, HostName, HostSilencePolicy, Message, PauseCause, Refusal, Refused, SCHEMA_HASH, Start,
     State,
@@ -19,7 +19,7 @@ fn knock(bench: &mut Bench, session: u32) -> Message {
 fn bytes_of(message: &Message, session: u32, seq: u16) -> frame::FrameBytes {
     let mut buffer = [0; MAX_BODY_LEN];
     let body = message.encode(&mut buffer).unwrap();
-    frame::encode(&Header { kind: message.kind(), session, seq, ack: 0 }, body).unwrap()
+    frame::encode(&FrameHeader { kind: message.kind(), session, seq, ack: 0 }, body).unwrap()
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::vec::Vec;
 
-use growbot_core::link::frame::{self, Header, MAX_BODY_LEN, next_seq};
+use growbot_core::link::frame::{self, FrameHeader, MAX_BODY_LEN, next_seq};
 use growbot_core::link::message::{
     Amend, AppendLayers, BeginJob, Cancel, Empty, HostSilencePolicy, MaintenanceTask, Message, PlanRequest, PoseFields,
     ReadLayers, Resume, SCHEMA_HASH, Start, State,
@@ -193,7 +193,7 @@ fn valid_frames_with_random_bodies_change_nothing() {
         let kind = random.one_of(&[1, 2, 3, 4, 5, 7, 9, 0x0b, 0x0c, 0x0d, 0x0e, 0x0f, 0x10, 0x12, 0x43, 0x50, 0xff]);
         // Each frame has the number of a new request.
         seq = next_seq(seq);
-        let header = Header { kind, session: bench.session, seq, ack: random.next() as u16 };
+        let header = FrameHeader { kind, session: bench.session, seq, ack: random.next() as u16 };
         let bytes = frame::encode(&header, &body[..body.len() >> random.below(8)]).unwrap();
         bench.send(&bytes);
         bench.read(None);

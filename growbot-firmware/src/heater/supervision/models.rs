@@ -55,15 +55,15 @@ impl Change {
     }
 
     /// Returns the change since an earlier moment: the smaller and the larger of the changes of the two readings.
-    pub fn since(&self, earlier: &Self) -> Bounds {
+    pub fn since(&self, earlier: &Self) -> CheckBounds {
         let (prompt, late) = (self.prompt - earlier.prompt, self.late - earlier.late);
-        Bounds { min: prompt.min(late), max: prompt.max(late) }
+        CheckBounds { min: prompt.min(late), max: prompt.max(late) }
     }
 }
 
 /// Range of a change, degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Bounds {
+pub struct CheckBounds {
     pub min: f32,
     pub max: f32,
 }

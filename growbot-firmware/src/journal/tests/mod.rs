@@ -32,7 +32,7 @@ enum Deed {
 /// All data about a job that the journal returns.
 #[derive(Debug, Clone, PartialEq)]
 struct Known {
-    state: JobState,
+    state: JournalJob,
     carry: RoundingCarry,
     laid: Vec<StoredLayer>,
 }
@@ -74,8 +74,14 @@ impl Deed {
     /// Returns the expected data about the job after this call.
     fn after(self, before: Option<&Known>) -> Option<Known> {
         if let Deed::Begin(plan_id, layers) = self {
-            let state =
-                JobState { plan_id, robot: ROBOT, layer_count: layers, layers_laid: 0, layers_begun: 0, ended: false };
+            let state = JournalJob {
+                plan_id,
+                robot: ROBOT,
+                layer_count: layers,
+                layers_laid: 0,
+                layers_begun: 0,
+                ended: false,
+            };
             return Some(Known { state, carry: RoundingCarry::default(), laid: Vec::new() });
         }
         let mut known = before?.clone();

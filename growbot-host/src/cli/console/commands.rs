@@ -50,29 +50,41 @@ pub enum BoardRequest {
 }
 
 /// A command in the list of commands.
-struct Entry {
+struct CommandEntry {
     name: &'static str,
     argument: &'static str,
     help: &'static str,
 }
 
-const COMMANDS: [Entry; 12] = [
-    Entry { name: "status", argument: "", help: "who the board is, what it is doing, what its sensors say" },
-    Entry { name: "plan", argument: "POSE", help: "the board plans from 0,0,0,0,90 to POSE and stores the layers" },
-    Entry { name: "start", argument: "", help: "heat, home and grow what the board stores; continue after a pause" },
-    Entry { name: "pause", argument: "", help: "finish the layer under way and wait; `start` continues" },
-    Entry {
+const COMMANDS: [CommandEntry; 12] = [
+    CommandEntry { name: "status", argument: "", help: "who the board is, what it is doing, what its sensors say" },
+    CommandEntry {
+        name: "plan",
+        argument: "POSE",
+        help: "the board plans from 0,0,0,0,90 to POSE and stores the layers",
+    },
+    CommandEntry {
+        name: "start",
+        argument: "",
+        help: "heat, home and grow what the board stores; continue after a pause",
+    },
+    CommandEntry { name: "pause", argument: "", help: "finish the layer under way and wait; `start` continues" },
+    CommandEntry {
         name: "grow",
         argument: "GOAL",
         help: "plan here to POSE or X,Y,Z, hand over, grow, wait until it is done",
     },
-    Entry { name: "layers", argument: "[FROM]", help: "up to 16 of the layers that the board stores" },
-    Entry { name: "wait", argument: "[SECONDS]", help: "show what happens for this time (1)" },
-    Entry { name: "stop", argument: "", help: "heater and steppers off" },
-    Entry { name: "estop", argument: "", help: "emergency stop: the same, ahead of all else, and off until `clear`" },
-    Entry { name: "clear", argument: "", help: "leave a fault or an emergency stop, if its cause is gone" },
-    Entry { name: "help", argument: "", help: "this list" },
-    Entry { name: "quit", argument: "", help: "leave; a robot that grows finishes its layer and pauses" },
+    CommandEntry { name: "layers", argument: "[FROM]", help: "up to 16 of the layers that the board stores" },
+    CommandEntry { name: "wait", argument: "[SECONDS]", help: "show what happens for this time (1)" },
+    CommandEntry { name: "stop", argument: "", help: "heater and steppers off" },
+    CommandEntry {
+        name: "estop",
+        argument: "",
+        help: "emergency stop: the same, ahead of all else, and off until `clear`",
+    },
+    CommandEntry { name: "clear", argument: "", help: "leave a fault or an emergency stop, if its cause is gone" },
+    CommandEntry { name: "help", argument: "", help: "this list" },
+    CommandEntry { name: "quit", argument: "", help: "leave; a robot that grows finishes its layer and pauses" },
 ];
 
 /// Poses that completion offers: straight up, to the side, and bent in both planes.

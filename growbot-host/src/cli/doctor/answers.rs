@@ -23,7 +23,7 @@ pub enum AnswerKind {
 
 /// A parsed answer.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Answer {
+pub enum OperatorAnswer {
     /// Done, or yes.
     Yes,
     /// No.
@@ -50,15 +50,15 @@ impl AnswerKind {
     ///
     /// # Errors
     /// Returns a message about the mistake, with the choices.
-    pub fn read(self, line: &str) -> Result<Answer, String> {
+    pub fn read(self, line: &str) -> Result<OperatorAnswer, String> {
         let line = line.trim();
         match (self, line.to_lowercase().as_str()) {
-            (_, "skip" | "s") => Ok(Answer::Skip),
-            (_, "quit" | "q") => Ok(Answer::Quit),
-            (Self::Ready, "") | (Self::Ready | Self::YesOrNo, "yes" | "y") => Ok(Answer::Yes),
-            (Self::YesOrNo, "no" | "n") => Ok(Answer::No),
+            (_, "skip" | "s") => Ok(OperatorAnswer::Skip),
+            (_, "quit" | "q") => Ok(OperatorAnswer::Quit),
+            (Self::Ready, "") | (Self::Ready | Self::YesOrNo, "yes" | "y") => Ok(OperatorAnswer::Yes),
+            (Self::YesOrNo, "no" | "n") => Ok(OperatorAnswer::No),
             (Self::Number, _) if parse_number(line).is_some_and(|number| number.is_finite() && number > 0.0) => {
-                Ok(parse_number(line).map_or(Answer::Skip, Answer::Number))
+                Ok(parse_number(line).map_or(OperatorAnswer::Skip, OperatorAnswer::Number))
             }
             _ => Err(format!("{line:?} is no answer here: type {}", self.choices())),
         }

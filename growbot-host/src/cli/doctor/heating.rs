@@ -6,7 +6,7 @@ use growbot_core::link::message::{Fault, MaintenanceTask, State, Status};
 use growbot_host::note;
 use growbot_sim::tip::manual_action::ManualAction;
 
-use super::answers::{Answer, AnswerKind};
+use super::answers::{AnswerKind, OperatorAnswer};
 use super::report::Finding;
 use super::session::{DoctorSession, in_words};
 use crate::cli::Failure;
@@ -132,7 +132,7 @@ pub fn check_lamp(session: &mut DoctorSession) -> Result<Finding, Failure> {
             "do the step again, and answer sooner",
         ));
     }
-    if lit != Answer::Yes {
+    if lit != OperatorAnswer::Yes {
         return Ok(Finding::failed(
             "the lamp stayed dark",
             "check the supply at the terminals, both switches and their wires; a lamp of another voltage stays dark, too",
@@ -140,7 +140,7 @@ pub fn check_lamp(session: &mut DoctorSession) -> Result<Finding, Failure> {
     }
     Ok(match session.ask("The emergency stop was given. Is the lamp dark now?", AnswerKind::YesOrNo)? {
         None => Finding::skipped(),
-        Some(Answer::Yes) => Finding::passed("it lights, and the emergency stop switches it off"),
+        Some(OperatorAnswer::Yes) => Finding::passed("it lights, and the emergency stop switches it off"),
         Some(_) => Finding::failed(
             "the lamp is lit after the emergency stop",
             "cut the power: the power stage or the second switch conducts by itself; replace it, connect no heater",

@@ -80,7 +80,7 @@ pub fn index(session: &mut DoctorSession) -> Result<Finding, Failure> {
 }
 
 /// An input with a switch. The person is guided to both positions.
-struct Switch {
+struct SwitchInput {
     close: (&'static str, ManualAction),
     open: (&'static str, ManualAction),
     level: fn(&SensorReadings) -> Option<bool>,
@@ -89,7 +89,7 @@ struct Switch {
     remedy: &'static str,
 }
 
-impl Switch {
+impl SwitchInput {
     fn run(&self, session: &mut DoctorSession) -> Result<Finding, Failure> {
         for (wanted, (question, hand)) in [(true, self.close), (false, self.open)] {
             if !session.confirm(question)? {
@@ -112,7 +112,7 @@ pub fn filament(session: &mut DoctorSession) -> Result<Finding, Failure> {
     if session.robot.description().sensors.filament_presence.is_none() {
         return Ok(Finding::absent("sensors.filament_presence"));
     }
-    let switch = Switch {
+    let switch = SwitchInput {
         close: ("Put filament into its switch.", ManualAction::TakeFilament(false)),
         open: ("Take the filament out of its switch.", ManualAction::TakeFilament(true)),
         level: |sensors| sensors.filament_present,
@@ -129,7 +129,7 @@ pub fn emergency_stop(session: &mut DoctorSession) -> Result<Finding, Failure> {
     if session.robot.description().sensors.emergency_stop.is_none() {
         return Ok(Finding::absent("sensors.emergency_stop"));
     }
-    let switch = Switch {
+    let switch = SwitchInput {
         close: ("Press the emergency stop, and leave it pressed.", ManualAction::PressEmergencyStop(true)),
         open: ("Release the emergency stop.", ManualAction::PressEmergencyStop(false)),
         level: |sensors| sensors.emergency_stop,

@@ -5,7 +5,7 @@ use std::time::Duration;
 use growbot_core::link::message::MaintenanceTask;
 use growbot_sim::tip::manual_action::ManualAction;
 
-use super::answers::{Answer, AnswerKind};
+use super::answers::{AnswerKind, OperatorAnswer};
 use super::report::Finding;
 use super::session::{DoctorSession, in_words};
 use crate::cli::Failure;
@@ -77,7 +77,7 @@ pub fn head(session: &mut DoctorSession) -> Result<Finding, Failure> {
                         that counter-clockwise, by a quarter of a turn?";
         Ok(match session.ask(question, AnswerKind::YesOrNo)? {
             None => Finding::skipped(),
-            Some(Answer::Yes) => Finding::passed("homed, and turned counter-clockwise by 90 degrees"),
+            Some(OperatorAnswer::Yes) => Finding::passed("homed, and turned counter-clockwise by 90 degrees"),
             Some(_) => Finding::failed(
                 "homed, and turned the wrong way or by another angle",
                 "invert head.direction_high_is_positive, or compare head.steps_per_turn with the driver's microsteps",
@@ -103,7 +103,7 @@ pub fn feed(session: &mut DoctorSession) -> Result<Finding, Failure> {
             return Ok(failed);
         }
         match session.ask("By how many mm has the filament moved forwards?", AnswerKind::Number)? {
-            Some(Answer::Number(mm)) => Ok(judge(session, mm)),
+            Some(OperatorAnswer::Number(mm)) => Ok(judge(session, mm)),
             _ => Ok(Finding::skipped()),
         }
     });

@@ -126,7 +126,7 @@ pub struct RecordedAnswer {
 
 /// A step in the report.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct StepRecord {
+struct DoctorStep {
     step: String,
     #[serde(flatten)]
     finding: Finding,
@@ -148,7 +148,7 @@ pub struct CommissioningReport {
     description: String,
     port: String,
     simulated: bool,
-    steps: Vec<StepRecord>,
+    steps: Vec<DoctorStep>,
 }
 
 impl Default for CommissioningReport {
@@ -231,7 +231,7 @@ impl CommissioningReport {
     /// Adds a step, or replaces an earlier result of it.
     pub fn add(&mut self, step: &str, finding: Finding, answers: Vec<RecordedAnswer>) {
         let done =
-            StepRecord { step: step.to_owned(), finding, answers, utc: now(), description: self.description.clone() };
+            DoctorStep { step: step.to_owned(), finding, answers, utc: now(), description: self.description.clone() };
         match self.steps.iter_mut().find(|known| known.step == step) {
             Some(known) => *known = done,
             None => self.steps.push(done),

@@ -12,7 +12,7 @@ use growbot_host::messages::print_prompt as ask_line;
 use growbot_sim::ground_truth::SimulatedTip;
 use growbot_sim::tip::manual_action::ManualAction;
 
-use super::answers::{Answer, AnswerKind, AnswerReadError, OperatorInput};
+use super::answers::{AnswerKind, AnswerReadError, OperatorAnswer, OperatorInput};
 use super::report::{RecordedAnswer, now};
 use crate::cli::Failure;
 
@@ -44,7 +44,7 @@ pub struct BoardSample {
 
 impl DoctorSession {
     /// Prints a question and waits for the answer. `None` if the step is skipped.
-    pub fn ask(&mut self, question: &str, wanted: AnswerKind) -> Result<Option<Answer>, Failure> {
+    pub fn ask(&mut self, question: &str, wanted: AnswerKind) -> Result<Option<OperatorAnswer>, Failure> {
         loop {
             for line in wrapped(question) {
                 ask_line(format_args!("{line}"));
@@ -62,8 +62,8 @@ impl DoctorSession {
             let typed = one_line(line.trim()).into_owned();
             self.recorded_answers.push(RecordedAnswer { question: question.to_owned(), answer: typed, utc: now() });
             return match answer {
-                Answer::Skip => Ok(None),
-                Answer::Quit => Err(Failure::request_failed("left by choice; run it again to go on")),
+                OperatorAnswer::Skip => Ok(None),
+                OperatorAnswer::Quit => Err(Failure::request_failed("left by choice; run it again to go on")),
                 answer => Ok(Some(answer)),
             };
         }

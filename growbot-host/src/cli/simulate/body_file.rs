@@ -13,11 +13,11 @@ use growbot_core::simulation::DisturbedLayer;
 use growbot_host::output::is_standard_output;
 use growbot_pictures::drawing::pdf::svg_to_pdf;
 use growbot_pictures::drawing::png::png;
-use growbot_pictures::export::body::Body;
-use growbot_pictures::export::mesh::Resolution;
+use growbot_pictures::export::body::ExportedBody;
+use growbot_pictures::export::mesh::MeshResolution;
 use growbot_pictures::export::obstacles::scene_view;
 use growbot_pictures::export::{centreline_csv, glb, stl};
-use growbot_pictures::view::picture::{self, Options};
+use growbot_pictures::view::picture::{self, PictureOptions};
 use growbot_pictures::view::{NamedScene, Subject, page};
 
 use super::super::Failure;
@@ -37,7 +37,7 @@ pub enum BodyFormat {
 /// All extensions of `-o`.
 const ENDINGS: [&str; 8] = ["csv", "stl", "glb", "html", "svg", "png", "pdf", "json"];
 /// Chords round a wall, and layers per ring, of a mesh.
-const RESOLUTION: Resolution = Resolution { segments: 64, layers_per_ring: 1 };
+const RESOLUTION: MeshResolution = MeshResolution { segments: 64, layers_per_ring: 1 };
 /// Width of a PNG, pixels.
 const WIDTH: u32 = 1600;
 
@@ -72,9 +72,9 @@ pub fn write(file: &Path, format: BodyFormat, grown: &BodyToWrite) -> Result<(),
     let BodyToWrite { name, robot, plan, laid, scene } = *grown;
     let layers = untwisted(laid);
     let kind = BodyKind::Laid.name();
-    let body = || Body::laid(robot, &plan.start, &layers);
+    let body = || ExportedBody::laid(robot, &plan.start, &layers);
     let subject = Subject { name, robot, plan, run: None, laid: Some(&layers), scene };
-    let picture = || picture::svg(&[&subject], &Options::default()).map_err(Failure::bad_input);
+    let picture = || picture::svg(&[&subject], &PictureOptions::default()).map_err(Failure::bad_input);
     let bytes = match format {
         BodyFormat::Csv => centreline_csv::write(&body(), None).into_bytes(),
         BodyFormat::Stl => stl::write(kind, &body(), RESOLUTION)?,

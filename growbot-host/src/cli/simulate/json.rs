@@ -22,9 +22,9 @@ pub struct SimulatedGrowth {
     length_mm: f64,
     path_length_mm: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
-    feedback: Option<WrittenEstimate>,
+    feedback: Option<EstimateJson>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    sag: Option<WrittenSag>,
+    sag: Option<SagJson>,
     #[serde(skip_serializing_if = "Option::is_none")]
     scene: Option<SceneResultJson>,
     disturbances: DisturbanceReport,
@@ -42,8 +42,8 @@ impl SimulatedGrowth {
             path_length_mm: simulation.path_length(),
             disturbances: DisturbanceReport::of(simulation, seed),
             seed,
-            feedback: grown.estimate.as_ref().map(WrittenEstimate::from),
-            sag: hung.as_ref().map(WrittenSag::from),
+            feedback: grown.estimate.as_ref().map(EstimateJson::from),
+            sag: hung.as_ref().map(SagJson::from),
             scene: among.as_ref().map(SceneResultJson::from),
         }
     }
@@ -51,7 +51,7 @@ impl SimulatedGrowth {
 
 /// Estimate of feedback.
 #[derive(Serialize)]
-struct WrittenEstimate {
+struct EstimateJson {
     estimate: TipPoseJson,
     position_sd_mm: f64,
     direction_sd_deg: f64,
@@ -61,7 +61,7 @@ struct WrittenEstimate {
     twist_bias_deg: f64,
 }
 
-impl From<&Estimate> for WrittenEstimate {
+impl From<&Estimate> for EstimateJson {
     fn from(estimate: &Estimate) -> Self {
         let bias = &estimate.systematic_errors;
         Self {
@@ -82,18 +82,18 @@ pub struct SimulatedCampaign {
     repeat: u64,
     seed: u64,
     path_length_mm: f64,
-    layers: WrittenStatistics,
-    position_error_mm: WrittenStatistics,
-    normalized_position_error: WrittenStatistics,
+    layers: StatisticsJson,
+    position_error_mm: StatisticsJson,
+    normalized_position_error: StatisticsJson,
     /// Null if no growth has a heading error.
-    heading_error_deg: Option<WrittenStatistics>,
-    pitch_error_deg: WrittenStatistics,
-    direction_error_deg: WrittenStatistics,
+    heading_error_deg: Option<StatisticsJson>,
+    pitch_error_deg: StatisticsJson,
+    direction_error_deg: StatisticsJson,
     worst_seed: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    max_sag: Option<WrittenSag>,
+    max_sag: Option<SagJson>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    scene: Option<WrittenManyAmong>,
+    scene: Option<RepeatedContactsJson>,
     disturbances: DisturbanceReport,
 }
 
@@ -111,8 +111,8 @@ impl SimulatedCampaign {
             pitch_error_deg: (&campaign.pitch_error_deg).into(),
             direction_error_deg: (&campaign.direction_error_deg).into(),
             worst_seed: campaign.farthest.map(|farthest| farthest.seed),
-            max_sag: campaign.hung.as_ref().map(WrittenSag::from),
-            scene: campaign.among.as_ref().map(WrittenManyAmong::from),
+            max_sag: campaign.hung.as_ref().map(SagJson::from),
+            scene: campaign.among.as_ref().map(RepeatedContactsJson::from),
             disturbances: DisturbanceReport::of(simulation, seed),
         }
     }
@@ -120,7 +120,7 @@ impl SimulatedCampaign {
 
 /// The distribution of an error.
 #[derive(Serialize)]
-struct WrittenStatistics {
+struct StatisticsJson {
     mean: f64,
     sd: f64,
     min: f64,
@@ -129,7 +129,7 @@ struct WrittenStatistics {
     max: f64,
 }
 
-impl From<&Statistics> for WrittenStatistics {
+impl From<&Statistics> for StatisticsJson {
     fn from(statistics: &Statistics) -> Self {
         Self {
             mean: statistics.mean(),
@@ -144,13 +144,13 @@ impl From<&Statistics> for WrittenStatistics {
 
 /// Sag of a body under its weight.
 #[derive(Serialize)]
-struct WrittenSag {
+struct SagJson {
     deflection_mm: f64,
     root_stress_mpa: f64,
     root_moment_n_mm: f64,
 }
 
-impl From<&SagResult> for WrittenSag {
+impl From<&SagResult> for SagJson {
     fn from(hung: &SagResult) -> Self {
         Self { deflection_mm: hung.deflection, root_stress_mpa: hung.root.stress, root_moment_n_mm: hung.root.moment }
     }
@@ -158,7 +158,7 @@ impl From<&SagResult> for WrittenSag {
 
 /// First contact of a body with an obstacle.
 #[derive(Serialize)]
-struct WrittenContact {
+struct ContactJson {
     #[serde(skip_serializing_if = "Option::is_none")]
     seed: Option<u64>,
     layer: u64,
@@ -167,7 +167,7 @@ struct WrittenContact {
     obstacle: Option<String>,
 }
 
-impl WrittenContact {
+impl ContactJson {
     fn new(contact: &Contact, seed: Option<u64>) -> Self {
         let Contact { layer, at, point, obstacle } = contact;
         let obstacle = obstacle.map(|obstacle| obstacle.to_string());
@@ -177,7 +177,7 @@ impl WrittenContact {
 
 /// Place at which a growth paused.
 #[derive(Serialize)]
-struct WrittenPause {
+struct PauseJson {
     layers: u64,
     at_mm: f64,
     clearance_mm: f64,
@@ -188,23 +188,23 @@ struct WrittenPause {
 #[derive(Serialize)]
 struct SceneResultJson {
     /// Null if the body touches nothing.
-    contact: Option<WrittenContact>,
+    contact: Option<ContactJson>,
     clearance_mm: f64,
     detours: u32,
     /// Null if the growth does not pause.
-    paused: Option<WrittenPause>,
+    paused: Option<PauseJson>,
 }
 
 impl From<&ObstacleReport> for SceneResultJson {
     fn from(ObstacleReport { contact, clearance, detours, paused }: &ObstacleReport) -> Self {
-        let pause = |&ClearancePause { layers, at, clearance, deviation }: &ClearancePause| WrittenPause {
+        let pause = |&ClearancePause { layers, at, clearance, deviation }: &ClearancePause| PauseJson {
             layers,
             at_mm: at,
             clearance_mm: clearance,
             deviation_mm: deviation,
         };
         Self {
-            contact: contact.as_ref().map(|contact| WrittenContact::new(contact, None)),
+            contact: contact.as_ref().map(|contact| ContactJson::new(contact, None)),
             clearance_mm: *clearance,
             detours: *detours,
             paused: paused.as_ref().map(pause),
@@ -214,22 +214,22 @@ impl From<&ObstacleReport> for SceneResultJson {
 
 /// Results of many growths in a scene.
 #[derive(Serialize)]
-struct WrittenManyAmong {
+struct RepeatedContactsJson {
     contacts: u64,
     /// Contact of the first growth that touches an obstacle. Null if none does.
-    first_contact: Option<WrittenContact>,
+    first_contact: Option<ContactJson>,
     min_clearance_mm: f64,
     with_detours: u64,
     pauses: u64,
 }
 
-impl From<&ObstacleStatistics> for WrittenManyAmong {
+impl From<&ObstacleStatistics> for RepeatedContactsJson {
     fn from(
         ObstacleStatistics { contacts, first_contact, clearance, with_detours, pauses }: &ObstacleStatistics,
     ) -> Self {
         Self {
             contacts: *contacts,
-            first_contact: first_contact.as_ref().map(|(seed, contact)| WrittenContact::new(contact, Some(*seed))),
+            first_contact: first_contact.as_ref().map(|(seed, contact)| ContactJson::new(contact, Some(*seed))),
             min_clearance_mm: *clearance,
             with_detours: *with_detours,
             pauses: *pauses,

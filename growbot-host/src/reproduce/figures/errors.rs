@@ -4,7 +4,7 @@ use growbot_core::plan::Planner;
 
 use super::super::Reproduction;
 use super::super::comparison::open_set;
-use super::super::experiments::Quantity;
+use super::super::experiments::ErrorQuantity;
 use super::super::paper::{self, GROUPS, MeanSd, ROBOTS};
 use super::super::slicing_rule::SlicingRule;
 use super::chart::{CanvasExt, Mark, PAPER, PanelExt, TABLE_STEP, TEXT_STEP, figure};
@@ -35,10 +35,10 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
     );
     canvas.legend(next, 102.0, &[(Mark::Diamond, PAPER, "the paper's mean and SD".to_owned())]);
     let panels = [
-        (Quantity::Position, "A. Position error", "distance from the goal / path length"),
-        (Quantity::Heading, "B. Heading error", "degrees"),
-        (Quantity::Pitch, "C. Pitch error", "degrees"),
-        (Quantity::Length, "D. Length of the path", "path length / R"),
+        (ErrorQuantity::Position, "A. Position error", "distance from the goal / path length"),
+        (ErrorQuantity::Heading, "B. Heading error", "degrees"),
+        (ErrorQuantity::Pitch, "C. Pitch error", "degrees"),
+        (ErrorQuantity::Length, "D. Length of the path", "path length / R"),
     ];
     for (index, (quantity, head, y_name)) in panels.into_iter().enumerate() {
         let area = [94.0 + 490.0 * (index % 2) as f64, 148.0 + 400.0 * (index / 2) as f64, 400.0, 310.0];
@@ -52,10 +52,10 @@ pub fn group_ticks() -> Vec<(f64, String)> {
     GROUPS.iter().enumerate().map(|(place, group)| (place as f64, format!("{group} R"))).collect()
 }
 
-fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quantity, head: &str, y_name: &str) {
+fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: ErrorQuantity, head: &str, y_name: &str) {
     let clouds: &[(SlicingRule, f64, &str)] = match quantity {
         // The path is the same for every slicing rule.
-        Quantity::Length => &[(SlicingRule::Text, 0.0, TEXT_STEP)],
+        ErrorQuantity::Length => &[(SlicingRule::Text, 0.0, TEXT_STEP)],
         _ => &[(SlicingRule::Text, -0.24, TEXT_STEP), (SlicingRule::Table, 0.0, TABLE_STEP)],
     };
     let values = |slicing: SlicingRule, group: usize| {
@@ -81,21 +81,21 @@ fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quant
         panel.means(canvas, &means, colour);
     }
     match quantity {
-        Quantity::Position => {
+        ErrorQuantity::Position => {
             for (group, number) in ROBOTS[paper::ROBOT_A].position_error.into_iter().flatten().enumerate() {
                 panel.whisker(canvas, group as f64 + 0.24, number, Mark::Diamond, PAPER);
             }
         }
-        Quantity::Heading => over_groups(canvas, &panel, paper::HEADING_ERROR_DEG),
-        Quantity::Pitch => over_groups(canvas, &panel, paper::PITCH_ERROR_DEG),
-        Quantity::Length => {
+        ErrorQuantity::Heading => over_groups(canvas, &panel, paper::HEADING_ERROR_DEG),
+        ErrorQuantity::Pitch => over_groups(canvas, &panel, paper::PITCH_ERROR_DEG),
+        ErrorQuantity::Length => {
             let straight: Vec<(f64, f64)> =
                 GROUPS.iter().enumerate().map(|(place, group)| (place as f64, f64::from(*group))).collect();
             panel.means(canvas, &straight, PAPER);
             let (x, y) = panel.place(2.2, 12.0);
             canvas.text(x, y, "note", "straight to the goal");
         }
-        Quantity::Direction => {}
+        ErrorQuantity::Direction => {}
     }
     if let Some(max) = limit {
         let beyond = all.iter().filter(|value| **value > max).count();
@@ -117,8 +117,8 @@ fn over_groups(canvas: &mut Canvas, panel: &Panel, number: MeanSd) {
 
 /// Returns the scale of a quantity, and the limit above which values are cut off. Single heading errors at steep pitch
 /// would otherwise hide all others.
-fn scale(quantity: Quantity, values: &[f64]) -> (Scale, Option<f64>) {
-    if quantity != Quantity::Heading {
+fn scale(quantity: ErrorQuantity, values: &[f64]) -> (Scale, Option<f64>) {
+    if quantity != ErrorQuantity::Heading {
         return (Scale::from_zero(values.iter().copied()), None);
     }
     let max = 2.0 * super::super::statistics::SampleSummary::of(values).p95;

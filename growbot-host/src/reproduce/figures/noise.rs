@@ -1,7 +1,7 @@
 //! Figure 6: position error by noise of the growth, along the representative path of each group.
 
 use super::super::Reproduction;
-use super::super::experiments::{GrowthSet, Quantity};
+use super::super::experiments::{ErrorQuantity, GrowthSet};
 use super::super::paper::{GROUPS, NOISE};
 use super::super::slicing_rule::SlicingRule;
 use super::chart::{CLOSED, CanvasExt, EXACT, Mark, PanelExt, TABLE_STEP, TEXT_STEP, figure};
@@ -53,7 +53,7 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
     let sets = &of.experiments.noise;
     canvas.legend(24.0, 118.0, &legend(sets));
     let shown = |set: &GrowthSet| {
-        let mut values = set.values(Quantity::Position);
+        let mut values = set.values(ErrorQuantity::Position);
         values.retain(|value| *value > ROUNDING);
         values
     };
@@ -79,7 +79,7 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
             if values.is_empty() {
                 continue;
             }
-            let mean = (x, set.summary(Quantity::Position).mean);
+            let mean = (x, set.summary(ErrorQuantity::Position).mean);
             match lines.iter_mut().find(|(other, _)| *other == colour) {
                 Some((_, line)) => line.push(mean),
                 None => lines.push((colour, vec![mean])),

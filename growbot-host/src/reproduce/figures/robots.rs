@@ -4,7 +4,7 @@ use growbot_core::plan::Planner;
 
 use super::super::Reproduction;
 use super::super::comparison::open_set;
-use super::super::experiments::Quantity;
+use super::super::experiments::ErrorQuantity;
 use super::super::paper::{self, GROUPS, MeanSd, ROBOTS};
 use super::super::slicing_rule::SlicingRule;
 use super::super::statistics::SampleSummary;
@@ -41,9 +41,9 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
         ],
     );
     let panels = [
-        (Quantity::Heading, "A. Heading error", "degrees"),
-        (Quantity::Pitch, "B. Pitch error", "degrees"),
-        (Quantity::Position, "C. Position error", "distance from the goal / path length"),
+        (ErrorQuantity::Heading, "A. Heading error", "degrees"),
+        (ErrorQuantity::Pitch, "B. Pitch error", "degrees"),
+        (ErrorQuantity::Position, "C. Position error", "distance from the goal / path length"),
     ];
     for (index, (quantity, head, y_name)) in panels.into_iter().enumerate() {
         by_group(&mut canvas, of, area(index), quantity, head, y_name);
@@ -56,14 +56,14 @@ fn area(index: usize) -> [f64; 4] {
     [94.0 + 490.0 * (index % 2) as f64, 148.0 + 412.0 * (index / 2) as f64, 400.0, 310.0]
 }
 
-fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Quantity, head: &str, y_name: &str) {
+fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: ErrorQuantity, head: &str, y_name: &str) {
     let summary = |robot: usize, group: usize| {
         open_set(&of.experiments, robot, group, Planner::TwoPlane, SlicingRule::of_paper(robot))
             .map(|set| set.summary(quantity))
     };
     let everywhere = SHOWN.iter().flat_map(|robot| (0..GROUPS.len()).filter_map(|group| summary(*robot, group)));
     let quoted: Vec<f64> = match quantity {
-        Quantity::Position => {
+        ErrorQuantity::Position => {
             let of_a = ROBOTS[paper::ROBOT_A].position_error.into_iter().flatten().map(|MeanSd { mean, sd }| mean - sd);
             of_a.chain([paper::LONG_PATHS_B.mean, paper::LONG_PATHS_C.mean]).collect()
         }
@@ -77,7 +77,7 @@ fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Qu
         canvas.line([panel.place(from, mean), panel.place(3.5, mean)], dashed(colour));
     };
     match quantity {
-        Quantity::Position => {
+        ErrorQuantity::Position => {
             across(canvas, paper::LONG_PATHS_B.mean, 0.5, ROBOT[1]);
             across(canvas, paper::LONG_PATHS_C.mean, 0.5, ROBOT[2]);
             for (group, number) in ROBOTS[paper::ROBOT_A].position_error.into_iter().flatten().enumerate() {
@@ -85,7 +85,7 @@ fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Qu
             }
         }
         // The paper quotes about the same value for all robots.
-        Quantity::Heading => across(canvas, paper::HEADING_ERROR_DEG.mean, -0.5, PAPER),
+        ErrorQuantity::Heading => across(canvas, paper::HEADING_ERROR_DEG.mean, -0.5, PAPER),
         _ => across(canvas, paper::PITCH_ERROR_DEG.mean, -0.5, PAPER),
     }
     for (robot, colour) in SHOWN.into_iter().zip(ROBOT) {
@@ -119,7 +119,7 @@ fn by_k(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4]) {
             .clone()
             .map(|group| {
                 open_set(&of.experiments, robot, group, Planner::TwoPlane, slicing)
-                    .map(|set| set.summary(Quantity::Position).mean)
+                    .map(|set| set.summary(ErrorQuantity::Position).mean)
             })
             .collect();
         means.map(|means| SampleSummary::of(&means).mean)

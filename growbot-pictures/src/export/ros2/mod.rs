@@ -10,8 +10,8 @@ use growbot_core::pose::Frame;
 use nalgebra::{Point3, UnitQuaternion};
 
 use self::cdr::Cdr;
-use super::foxglove::{FRAME, Level};
-use super::message::Message;
+use super::foxglove::{FRAME, LogLevel};
+use super::message::EncodedMessage;
 
 /// The frame that moves with the tip.
 const TIP: &str = "tip";
@@ -32,24 +32,24 @@ pub const DIAGNOSTICS: &str = "diagnostic_msgs/msg/DiagnosticArray";
 
 /// Returns a message at this time, in the type of its topic. `None` if ROS 2 has no type for it. `hardware` is the name
 /// of the robot.
-pub fn encode(ms: u64, message: &Message, hardware: &str) -> Option<Vec<u8>> {
+pub fn encode(ms: u64, message: &EncodedMessage, hardware: &str) -> Option<Vec<u8>> {
     let bytes = match message {
-        Message::Pose(frame) => {
+        EncodedMessage::Pose(frame) => {
             let mut cdr = Cdr::new();
             pose_stamped(&mut cdr, ms, frame);
             cdr.finish()
         }
-        Message::Line { frames, .. } => path(ms, frames.iter().map(|frame| (ms, *frame))),
-        Message::Disc { index, base_from_middle, diameter, height, color } => {
+        EncodedMessage::Line { frames, .. } => path(ms, frames.iter().map(|frame| (ms, *frame))),
+        EncodedMessage::Disc { index, base_from_middle, diameter, height, color } => {
             marker(ms, *index, base_from_middle, [*diameter, *diameter, *height], *color)
         }
-        Message::Status(status) => {
-            let level = if status.fault.is_some() { Level::Error } else { Level::Info };
+        EncodedMessage::Status(status) => {
+            let level = if status.fault.is_some() { LogLevel::Error } else { LogLevel::Info };
             let state = status.state.as_deref().unwrap_or("unknown");
             diagnostic(ms, level, ["growbot: board", state, hardware], &values(status))
         }
-        Message::Event(level, words) => diagnostic(ms, *level, ["growbot: event", words, hardware], &[]),
-        Message::Layer(_) | Message::Fault { .. } => return None,
+        EncodedMessage::Event(level, words) => diagnostic(ms, *level, ["growbot: event", words, hardware], &[]),
+        EncodedMessage::Layer(_) | EncodedMessage::Fault { .. } => return None,
     };
     Some(bytes)
 }
@@ -128,14 +128,14 @@ fn marker(ms: u64, index: usize, middle: &Frame, size: [f64; 3], color: [f64; 3]
     cdr.finish()
 }
 
-fn diagnostic(ms: u64, level: Level, [name, message, hardware]: [&str; 3], values: &[(&str, String)]) -> Vec<u8> {
+fn diagnostic(ms: u64, level: LogLevel, [name, message, hardware]: [&str; 3], values: &[(&str, String)]) -> Vec<u8> {
     let mut cdr = Cdr::new();
     header(&mut cdr, ms);
     cdr.u32(1);
     cdr.u8(match level {
-        Level::Info => 0,
-        Level::Warning => 1,
-        Level::Error => 2,
+        LogLevel::Info => 0,
+        LogLevel::Warning => 1,
+        LogLevel::Error => 2,
     });
     [name, message, hardware].iter().for_each(|text| cdr.string(text));
     cdr.u32(values.len() as u32);

@@ -4,7 +4,7 @@ use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
 use super::WIDE;
-use super::projection::{Bounds, Projection, solid};
+use super::projection::{Projection, ScreenBounds, solid};
 use crate::drawing::canvas::Canvas;
 
 /// Axes of the tip: names and colours.
@@ -166,7 +166,7 @@ pub struct Floor {
 
 impl Floor {
     /// Returns a floor at a height under these bounds (x and y), with squares of this side, mm.
-    pub fn under(bounds: &Bounds, height: f64, side: f64) -> Self {
+    pub fn under(bounds: &ScreenBounds, height: f64, side: f64) -> Self {
         let squares = bounds.size().map(|size| libm::ceil(size / side).max(1.0));
         let [x, y] = bounds.centre();
         let corner = Vector3::new(x - 0.5 * side * squares[0], y - 0.5 * side * squares[1], height);

@@ -40,7 +40,7 @@ use nalgebra::Vector3;
 use self::axes::Axes;
 use self::camera::Camera;
 use self::marks::{FREE_SIDE, LineStyle, key};
-use self::projection::{Bounds, Projection};
+use self::projection::{Projection, ScreenBounds};
 use self::stage::Stage;
 use self::tube::Detail;
 use super::heights::{HeightScale, LEGEND};
@@ -79,7 +79,7 @@ const LESS_FINE: Detail = Detail { rings: 80, faces: 36 };
 
 /// Options of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Options {
+pub struct PictureOptions {
     /// The viewpoint.
     pub look: Viewpoint,
     /// Colours of heights.
@@ -92,7 +92,7 @@ pub struct Options {
     pub axes: bool,
 }
 
-impl Default for Options {
+impl Default for PictureOptions {
     fn default() -> Self {
         Self { look: Viewpoint::Corner, palette: Palette::default(), range: None, title: true, axes: false }
     }
@@ -102,21 +102,21 @@ impl Default for Options {
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
-pub fn svg(subjects: &[&Subject], options: &Options) -> Result<String, ViewError> {
+pub fn svg(subjects: &[&Subject], options: &PictureOptions) -> Result<String, ViewError> {
     let layers = subjects.iter().map(|subject| subject.layers()).collect::<Result<Vec<_>, _>>()?;
     let all: Vec<(&Subject, &Layers)> = subjects.iter().copied().zip(&layers).collect();
-    let grid = Grid::of(all.len());
+    let grid = AxisGrid::of(all.len());
     let stages: Vec<Stage> = all.iter().map(|(subject, layers)| Stage::new(subject, layers, grid.detail)).collect();
     let camera = Camera::new(options.look, &facing(&stages));
     let heights = height_scale(&all, options);
     let square = stages.iter().map(Stage::square).fold(0.0, f64::max);
     let margin = MARGIN.map(|margin| margin + if options.axes { AXES_ROOM } else { 0.0 });
     let boxes: Vec<Option<Axes>> = stages.iter().map(|stage| options.axes.then(|| stage.axes(square))).collect();
-    let mut bounds: Vec<Bounds> =
+    let mut bounds: Vec<ScreenBounds> =
         stages.iter().zip(&boxes).map(|(stage, axes)| stage.bounds(&camera, square, axes.as_ref())).collect();
     // Bodies with the same start and goal share one frame, so that equal points appear at equal points.
     if stages.iter().all(|stage| stages.first().is_some_and(|first| stage.has_ends_of(first))) {
-        let together = bounds.iter().fold(Bounds::NONE, |all, one| all.and(*one));
+        let together = bounds.iter().fold(ScreenBounds::NONE, |all, one| all.and(*one));
         bounds.fill(together);
     }
     let fitting_scale = |bounds| scale(bounds, [grid.width, grid.max_high], margin);
@@ -156,7 +156,7 @@ pub fn svg(subjects: &[&Subject], options: &Options) -> Result<String, ViewError
 }
 
 /// Arrangement of bodies in a picture.
-struct Grid {
+struct AxisGrid {
     columns: usize,
     rows: usize,
     /// Width of a column, and greatest height of a body's area, units of the drawing.
@@ -165,7 +165,7 @@ struct Grid {
     detail: Detail,
 }
 
-impl Grid {
+impl AxisGrid {
     /// Returns the grid for `count` bodies.
     fn of(count: usize) -> Self {
         let columns = match count {
@@ -184,7 +184,7 @@ impl Grid {
 }
 
 /// Returns the colours of the layers of all bodies.
-fn height_scale(all: &[(&Subject, &Layers)], options: &Options) -> HeightScale {
+fn height_scale(all: &[(&Subject, &Layers)], options: &PictureOptions) -> HeightScale {
     let bodies: Vec<(&[LayerBytes], f64)> =
         all.iter().map(|(subject, layers)| (layers.body(), subject.robot.tip_radius())).collect();
     HeightScale::of(&bodies, options.palette, options.range)
@@ -228,7 +228,7 @@ fn facing(stages: &[Stage]) -> Vec<Vector3<f64>> {
 }
 
 /// Returns the units for a mm at which these bounds fit into an area of this width and height.
-fn scale(bounds: &Bounds, [width, max_high]: [f64; 2], margin: [f64; 2]) -> f64 {
+fn scale(bounds: &ScreenBounds, [width, max_high]: [f64; 2], margin: [f64; 2]) -> f64 {
     let [wide, high] = bounds.size().map(|size| size.max(1.0));
     ((width - 2.0 * margin[0]) / wide).min((max_high - 2.0 * margin[1]) / high)
 }

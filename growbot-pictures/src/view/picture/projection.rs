@@ -9,14 +9,14 @@ use super::camera::Camera;
 
 /// A rectangle of the picture: min and max, to the right and up, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Bounds {
+pub struct ScreenBounds {
     /// Smallest coordinates, to the right and up.
     pub min: [f64; 2],
     /// Greatest coordinates.
     pub max: [f64; 2],
 }
 
-impl Bounds {
+impl ScreenBounds {
     /// Empty bounds.
     pub const NONE: Self = Self { min: [f64::INFINITY; 2], max: [f64::NEG_INFINITY; 2] };
 

@@ -8,7 +8,7 @@ use super::axes::Axes;
 use super::camera::Camera;
 use super::marks::{Arrow, Floor, LineStyle, arrow, disc, draw_axes, draw_label, word_at_free_side, word_beyond};
 use super::obstacles::{self, ClipRect, LIMITS};
-use super::projection::{Bounds, Projection};
+use super::projection::{Projection, ScreenBounds};
 use super::tube::{Detail, Tube};
 use crate::drawing::canvas::Canvas;
 use crate::drawing::chart::round_below;
@@ -133,12 +133,12 @@ impl Stage {
     }
 
     /// Returns the bounds of the body with its marks, and with the axes or a floor of squares of this side, mm.
-    pub fn bounds(&self, camera: &Camera, square: f64, axes: Option<&Axes>) -> Bounds {
+    pub fn bounds(&self, camera: &Camera, square: f64, axes: Option<&Axes>) -> ScreenBounds {
         let centrelines = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
         let lines = centrelines.chain(self.commanded.iter().chain(&self.estimated).flatten().copied());
         // A part of the scene is visible next to the body.
         let room = if self.around.is_some() { 2.0 * self.reach } else { self.outer };
-        let seen = lines.fold(Bounds::NONE, |seen, point| seen.with(camera.see(&point), room));
+        let seen = lines.fold(ScreenBounds::NONE, |seen, point| seen.with(camera.see(&point), room));
         let [start, goal] = [self.start_arrow(), self.goal_arrow()];
         let marks = [start.from, goal.from + goal.length * goal.along].into_iter().chain(self.reached);
         let seen = marks.fold(seen, |seen, point| seen.with(camera.see(&point), 0.2 * self.outer));
@@ -155,10 +155,10 @@ impl Stage {
     }
 
     /// Returns the bounds of the area under the body, x and y.
-    fn ground(&self) -> Option<Bounds> {
+    fn ground(&self) -> Option<ScreenBounds> {
         let points = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
         let points = points.chain([self.goal.position()]).map(|point| [point.x, point.y]);
-        points.map(|point| Bounds::NONE.with(point, self.outer)).reduce(Bounds::and)
+        points.map(|point| ScreenBounds::NONE.with(point, self.outer)).reduce(ScreenBounds::and)
     }
 
     /// Returns a suitable side of the floor's squares, mm.

@@ -80,7 +80,7 @@ pub struct PlotInput<'a> {
 
 /// Options of a plot.
 #[derive(Debug, Clone, Copy)]
-pub struct Options<'a> {
+pub struct PlotOptions<'a> {
     /// Quantities, each with a panel.
     pub quantities: &'a [PlotKind],
     /// Quantity of the horizontal axis.
@@ -93,8 +93,8 @@ pub struct Options<'a> {
 ///
 /// # Errors
 /// [`ViewError`] if a body has too many layers or lacks a quantity.
-pub fn svg(plotted: &[PlotInput], options: &Options) -> Result<String, ViewError> {
-    let curves = plotted.iter().map(Curve::of).collect::<Result<Vec<_>, _>>()?;
+pub fn svg(plotted: &[PlotInput], options: &PlotOptions) -> Result<String, ViewError> {
+    let curves = plotted.iter().map(PlotCurve::of).collect::<Result<Vec<_>, _>>()?;
     let axis = Axis::new(options.along, &curves);
     let panels: Vec<Vec<PanelData>> = options
         .quantities
@@ -104,7 +104,7 @@ pub fn svg(plotted: &[PlotInput], options: &Options) -> Result<String, ViewError
     let names = names(plotted);
     let head = head_height(&curves, options.title);
     let height = head + (GAP + HIGH) * panels.len() as f64 + FOOT;
-    let spoken = |curve: &Curve| format!("{}: {}", curve.subject.name, caption(curve.subject, &curve.layers, ""));
+    let spoken = |curve: &PlotCurve| format!("{}: {}", curve.subject.name, caption(curve.subject, &curve.layers, ""));
     let spoken: Vec<String> = curves.iter().map(spoken).collect();
     let mut canvas = Canvas::new(WIDTH, height, &escape(&spoken.join("; ")));
     match &curves[..] {
@@ -126,7 +126,7 @@ fn names<'a>(plotted: &[PlotInput<'a>]) -> Vec<&'a str> {
 }
 
 /// Returns the space above the panels.
-fn head_height(curves: &[Curve], title: bool) -> f64 {
+fn head_height(curves: &[PlotCurve], title: bool) -> f64 {
     match curves {
         [_] if !title => UNTITLED,
         [one] => HEAD + if measured(one.subject).is_some() { 19.0 } else { 0.0 },
@@ -135,7 +135,7 @@ fn head_height(curves: &[Curve], title: bool) -> f64 {
 }
 
 /// Writes the texts above the panels of one body.
-fn title(canvas: &mut Canvas, curve: &Curve) {
+fn title(canvas: &mut Canvas, curve: &PlotCurve) {
     let subject = curve.subject;
     canvas.text(EDGE, 42.0, "title", escape(subject.stem()));
     canvas.text(EDGE, 64.0, "", escape(&caption(subject, &curve.layers, subject.stem())));
@@ -164,14 +164,14 @@ fn line_style(index: usize) -> String {
 }
 
 /// A body with everything that is plotted of it.
-struct Curve<'a> {
+struct PlotCurve<'a> {
     subject: &'a Subject<'a>,
     layers: Layers,
     layered: LayerSeries,
     timeline: Timeline,
 }
 
-impl<'a> Curve<'a> {
+impl<'a> PlotCurve<'a> {
     fn of(plotted: &PlotInput<'a>) -> Result<Self, ViewError> {
         let PlotInput { subject, log } = *plotted;
         let layers = subject.layers()?;
@@ -201,8 +201,8 @@ struct Axis {
 }
 
 impl Axis {
-    fn new(along: XAxis, curves: &[Curve]) -> Self {
-        let longest = curves.iter().map(Curve::longest).fold(0.0, f64::max);
+    fn new(along: XAxis, curves: &[PlotCurve]) -> Self {
+        let longest = curves.iter().map(PlotCurve::longest).fold(0.0, f64::max);
         let (unit, name) = match along {
             XAxis::Path => (1.0, "along the body, mm"),
             XAxis::Time if longest > 7200.0 => (3600.0, "time, h"),
@@ -217,7 +217,7 @@ impl Axis {
     }
 
     /// Returns the position of each layer on the axis.
-    fn layers(&self, curve: &Curve) -> Vec<f64> {
+    fn layers(&self, curve: &PlotCurve) -> Vec<f64> {
         match self.along {
             XAxis::Path => curve.layered.lengths.clone(),
             XAxis::Time => curve.timeline.laid.iter().map(|at| at / self.unit).collect(),
@@ -225,7 +225,7 @@ impl Axis {
     }
 
     /// Returns the position of a reading on the axis.
-    fn of(&self, reading: &TemperatureReading, curve: &Curve) -> f64 {
+    fn of(&self, reading: &TemperatureReading, curve: &PlotCurve) -> f64 {
         match self.along {
             XAxis::Path => {
                 let lengths = &curve.layered.lengths;
@@ -245,7 +245,7 @@ impl PlotKind {
         }
     }
 
-    fn lines(self, curve: &Curve, axis: &Axis) -> Result<PanelData, ViewError> {
+    fn lines(self, curve: &PlotCurve, axis: &Axis) -> Result<PanelData, ViewError> {
         match self {
             Self::Heights => Ok(heights(curve, axis)),
             Self::Tilt => Ok(PanelData {
@@ -347,7 +347,7 @@ fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
     })
 }
 
-fn heights(curve: &Curve, axis: &Axis) -> PanelData {
+fn heights(curve: &PlotCurve, axis: &Axis) -> PanelData {
     let (mut band, mut line) = (Vec::new(), Vec::new());
     for (at, heights) in stretches(&axis.layers(curve), &curve.layered.heights) {
         let min = heights.iter().map(|[min, ..]| *min).fold(f64::INFINITY, f64::min);
@@ -359,8 +359,8 @@ fn heights(curve: &Curve, axis: &Axis) -> PanelData {
     PanelData { head, band, line, ..PanelData::default() }
 }
 
-fn error(curve: &Curve, axis: &Axis) -> Result<PanelData, ViewError> {
-    let Curve { subject, layers, .. } = curve;
+fn error(curve: &PlotCurve, axis: &Axis) -> Result<PanelData, ViewError> {
+    let PlotCurve { subject, layers, .. } = curve;
     let Some(built) = &layers.built else {
         return Err(ViewError::NotMeasured {
             name: subject.name.to_owned(),
@@ -380,7 +380,7 @@ fn error(curve: &Curve, axis: &Axis) -> Result<PanelData, ViewError> {
     Ok(PanelData { head, line: off(built), dashed, ..PanelData::default() })
 }
 
-fn temperature(curve: &Curve, axis: &Axis) -> Result<PanelData, ViewError> {
+fn temperature(curve: &PlotCurve, axis: &Axis) -> Result<PanelData, ViewError> {
     let (subject, readings) = (curve.subject, &curve.timeline.temperatures);
     let name = || subject.name.to_owned();
     if subject.run.is_none() {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 use growbot_client::port::PortError;
-use growbot_core::robot::{Board, Signal};
+use growbot_core::robot::{BoardDescription, Signal};
 
 use super::HostLink;
 use crate::tip::Motor;
@@ -84,12 +84,12 @@ pub(super) struct RunResponse {
 pub(super) struct Edge {
     /// Time since the beginning of the run, ns.
     pub after_ns: u32,
-    pub output: Output,
+    pub output: ProcessOutput,
     pub state: PinState,
 }
 
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Output {
+pub(super) enum ProcessOutput {
     Step(Motor),
     Direction(Motor),
     Enable(Motor),
@@ -115,18 +115,18 @@ pub enum CrashMode {
 }
 
 /// Outputs in the order of the messages.
-const OUTPUTS: [Output; 7] = [
-    Output::Step(Motor::Head),
-    Output::Direction(Motor::Head),
-    Output::Enable(Motor::Head),
-    Output::Step(Motor::Feed),
-    Output::Direction(Motor::Feed),
-    Output::Enable(Motor::Feed),
-    Output::HeaterEnable,
+const OUTPUTS: [ProcessOutput; 7] = [
+    ProcessOutput::Step(Motor::Head),
+    ProcessOutput::Direction(Motor::Head),
+    ProcessOutput::Enable(Motor::Head),
+    ProcessOutput::Step(Motor::Feed),
+    ProcessOutput::Direction(Motor::Feed),
+    ProcessOutput::Enable(Motor::Feed),
+    ProcessOutput::HeaterEnable,
 ];
 
 /// Returns the pins of a board in the script's format.
-fn pins(board: &Board) -> serde_json::Value {
+fn pins(board: &BoardDescription) -> serde_json::Value {
     let number = |signal: Signal| Some((signal.name().to_owned(), board.pin(signal)?.into()));
     serde_json::Value::Object(Signal::ALL.into_iter().filter_map(number).collect())
 }
@@ -148,7 +148,12 @@ impl Drop for NodeProcess {
 impl NodeProcess {
     /// Starts Node with the firmware's image on a board with these pins. If `figures` is given, the costs of the step
     /// interrupt and the stack are written to that file.
-    pub fn start(firmware: &Path, board: &Board, line: HostLink, figures: Option<&Path>) -> Result<Self, Rp2040Error> {
+    pub fn start(
+        firmware: &Path,
+        board: &BoardDescription,
+        line: HostLink,
+        figures: Option<&Path>,
+    ) -> Result<Self, Rp2040Error> {
         if !firmware.is_file() {
             return Err(Rp2040Error::NoFirmware(firmware.to_path_buf()));
         }

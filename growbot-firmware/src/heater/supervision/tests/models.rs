@@ -22,7 +22,7 @@ fn three_models_are_updated() {
             // The late change lags by 4 s of its rate.
             assert_near(change.late, 8.0 * rate - 4.0 * change.late_rate);
             let earlier = by(1.0);
-            assert_eq!(change.since(&earlier), Bounds { min: change.late - 1.0, max: change.prompt - 1.0 });
+            assert_eq!(change.since(&earlier), CheckBounds { min: change.late - 1.0, max: change.prompt - 1.0 });
         }
         assert_near(supervision.fall_c, 8.0 * 1.6 * 12.0 / 12.0);
         assert_eq!(supervision.unpowered_s, 0.0);

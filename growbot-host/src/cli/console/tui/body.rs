@@ -9,17 +9,17 @@ use growbot_core::pose::{Frame, Pose};
 const MAX_UNREPORTED: usize = 65_536;
 
 /// Coordinates of a point: x, y, z, mm.
-pub type Point = [f64; 3];
+pub type ScreenPoint = [f64; 3];
 
 /// The body of one job.
 pub struct TrackedBody {
     plan_id: u64,
     planned: Vec<Layer>,
-    planned_points: Vec<Point>,
+    planned_points: Vec<ScreenPoint>,
     /// Index of the first layer whose report was received. Earlier layers are not known.
     first: u32,
     built: Vec<Layer>,
-    points: Vec<Point>,
+    points: Vec<ScreenPoint>,
     tip: Frame,
     unreported: u32,
 }
@@ -104,12 +104,12 @@ impl TrackedBody {
     }
 
     /// Returns the positions of the tip: before the first known layer, and after each layer.
-    pub fn points(&self) -> &[Point] {
+    pub fn points(&self) -> &[ScreenPoint] {
         &self.points
     }
 
     /// Returns the planned positions of the tip: before the first layer, and after each layer of a known plan.
-    pub fn planned_points(&self) -> &[Point] {
+    pub fn planned_points(&self) -> &[ScreenPoint] {
         &self.planned_points
     }
 
@@ -119,7 +119,7 @@ impl TrackedBody {
     }
 }
 
-fn point(frame: &Frame) -> Point {
+fn point(frame: &Frame) -> ScreenPoint {
     frame.translation.vector.into()
 }
 

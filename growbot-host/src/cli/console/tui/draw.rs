@@ -15,7 +15,7 @@ use ratatui::widgets::canvas::{Canvas, Line as Stroke, Points};
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, Paragraph, Wrap};
 use time::OffsetDateTime;
 
-use super::body::Point;
+use super::body::ScreenPoint;
 use super::keys::KEYS;
 use super::model::{Model, explanation};
 use crate::cli::console::commands::hint;
@@ -255,7 +255,7 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
     let [left, right] = Layout::horizontal([Constraint::Fill(1), Constraint::Fill(1)]).areas(area);
     let points = || model.body.points().iter().chain(model.body.planned_points());
     let range = |axis: usize, seen: f64| {
-        let of = |point: &Point| point.get(axis).copied().unwrap_or_default();
+        let of = |point: &ScreenPoint| point.get(axis).copied().unwrap_or_default();
         points().map(of).fold((0.0, seen), |(a, b): (f64, f64), v| (a.min(v), b.max(v)))
     };
     let (x, y, z) = (range(0, 0.0), range(1, 0.0), range(2, MIN_SEEN_MM));
@@ -274,7 +274,7 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
             [low, low + scale * (dots - 1.0)]
         };
         let (wide, tall) = (bounds(range, dots(part.width, 2.0)), bounds(z, down));
-        let flat = |point: &Point| (point.get(axis).copied().unwrap_or_default(), point[2]);
+        let flat = |point: &ScreenPoint| (point.get(axis).copied().unwrap_or_default(), point[2]);
         let planned: Vec<(f64, f64)> = model.body.planned_points().iter().step_by(apart.max(1)).map(flat).collect();
         let built: Vec<(f64, f64)> = model.body.points().iter().map(flat).collect();
         let canvas = Canvas::default()
