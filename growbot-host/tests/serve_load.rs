@@ -140,7 +140,7 @@ impl Load<'_> {
     /// Sends requests at a steady rate on one connection. Returns the duration of each response, and how many came
     /// before any body was finished.
     fn ask(&self, client: usize) -> (Vec<Duration>, usize) {
-        let paths = ["/robots", "/jobs?max=20", "/robots/lab", "/openapi.json"].map(|path| self.lab.at(path));
+        let paths = ["/robots", "/jobs?limit=20", "/robots/lab", "/openapi.json"].map(|path| self.lab.at(path));
         let (mut took, mut early) = (Vec::new(), 0);
         let mut stream = BufReader::new(self.lab.page());
         let pause = Duration::from_secs(1) * CLIENTS as u32 / RATE as u32;

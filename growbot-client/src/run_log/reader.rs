@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     fn reading_continues_after_an_invalid_line() {
-        let log = b"{\"event\":\"silent\"}\n{\"b\":\n\n7\n{\"event\":\"back\"}\r\n\xff\xfe\n{\"event\":\"state\",\"state\":\"idle\"}\n{\"e\":";
+        let log = b"{\"event\":\"no-response\"}\n{\"b\":\n\n7\n{\"event\":\"reconnected\"}\r\n\xff\xfe\n{\"event\":\"state\",\"state\":\"idle\"}\n{\"e\":";
         let mut events = Events::of(log);
         let read: Vec<RunEvent> = events.by_ref().collect();
         assert_eq!(read, [RunEvent::NoResponse, RunEvent::Reconnected, RunEvent::State { state: "idle".to_owned() }]);
@@ -132,12 +132,12 @@ mod tests {
         assert!(words.contains("3 lines of run, the first is line 2") && words.contains("last 5 bytes"), "{words}");
         assert_eq!(Damage::default().message("run"), None);
         // A last line that only lacks its newline is complete.
-        assert_eq!(Events::of(b"{\"event\":\"silent\"}").count(), 1);
+        assert_eq!(Events::of(b"{\"event\":\"no-response\"}").count(), 1);
     }
 
     #[test]
     fn unknown_or_invalid_events_are_skipped_without_counting_as_damage() {
-        let log = b"{}\n{\"event\":\"dance\"}\n{\"event\":3}\n{\"event\":\"laid\",\"layer\":-1}\n{\"event\":\"back\",\"new\":[1]}\n";
+        let log = b"{}\n{\"event\":\"dance\"}\n{\"event\":3}\n{\"event\":\"laid\",\"layer\":-1}\n{\"event\":\"reconnected\",\"new\":[1]}\n";
         let mut events = Events::of(log);
         assert_eq!(events.by_ref().collect::<Vec<_>>(), [RunEvent::Reconnected]);
         assert_eq!(events.damage, Damage::default());

@@ -46,7 +46,7 @@ impl FlashTarget {
     /// Returns the alias by which cargo builds the image.
     fn build(self) -> &'static str {
         match self {
-            Self::Stm32f405 => "build-robot",
+            Self::Stm32f405 => "build-stm32f405",
             Self::Pico | Self::SkrPico => "build-pico",
         }
     }

@@ -91,7 +91,7 @@ impl ServiceRobot {
     }
 
     fn send_command(&self, order: RobotCommand) -> Result<RobotStatus, ServiceError> {
-        self.caller.post(&self.at("orders"), &CommandRequest { command: order })
+        self.caller.post(&self.at("commands"), &CommandRequest { command: order })
     }
 
     /// Prints the status of the robot.
@@ -116,7 +116,7 @@ impl ServiceRobot {
     /// Sends the emergency stop. Returns false if the service does not confirm it at once.
     pub fn emergency_stop(&self) -> bool {
         let given = CommandRequest { command: RobotCommand::EmergencyStop };
-        self.caller.post_within::<Value>(&self.at("orders"), &given, EMERGENCY).is_ok()
+        self.caller.post_within::<Value>(&self.at("commands"), &given, EMERGENCY).is_ok()
     }
 
     /// Runs a maintenance task.
@@ -153,7 +153,7 @@ impl ServiceRobot {
 
     /// Resumes the latest unfinished job of this robot, or follows the one under way.
     pub fn resume(&self, plan_id: Option<u64>, options: &ServiceGrowthOptions) -> Result<(), Failure> {
-        let jobs: Vec<Job> = self.caller.get("/jobs?max=1000")?;
+        let jobs: Vec<Job> = self.caller.get("/jobs?limit=1000")?;
         let plan_id = plan_id.map(|id| format!("{id:016x}"));
         let is_wanted = |job: &Job| plan_id.as_ref().is_none_or(|id| job.plan_id == *id);
         let is_open = |job: &Job| job.state == JobState::Interrupted || self.robot.job.as_ref() == Some(&job.id);
