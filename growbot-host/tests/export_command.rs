@@ -165,7 +165,7 @@ fn what_cannot_be_exported_is_refused_in_one_line_and_leaves_nothing() {
         (vec![&log, "-o", &bodies.path("a.stl"), "--ros2"], "--ros2 is for MCAP"),
         (vec![&bodies.path("empty.jsonl"), "-o", &kept], "0 mm long"),
         (vec![&bodies.path("old.jsonl"), "-o", &kept], "growbot-run/1"),
-        (vec![&kept, "-o", &bodies.path("a.glb")], "no JSON"),
+        (vec![&kept, "-o", &bodies.path("a.glb")], "not JSON"),
         (vec![&bodies.path("missing"), "-o", &kept], "missing"),
         (vec![&plan, "-o", &bodies.path("missing/a.stl")], "no directory"),
         (vec![&log, "-o", &kept, "--robot", "growbot-b"], "robot"),

@@ -332,9 +332,9 @@ fn files_that_are_no_plan_of_this_robot_are_refused() {
         layers(&good.replacen(from, to, 1))
     };
     assert_refused_in_a_line(&growbot(&["layers", "none.json"]), 2, &["cannot read none.json"]);
-    assert_refused_in_a_line(&layers(&good[..400]), 2, &["p.json", "stops in the middle", "line 1"]);
-    assert_refused_in_a_line(&layers(""), 2, &["stops in the middle"]);
-    assert_refused_in_a_line(&layers("solid cube"), 2, &["no JSON", "line 1 column 1"]);
+    assert_refused_in_a_line(&layers(&good[..400]), 2, &["p.json", "ends in the middle", "line 1"]);
+    assert_refused_in_a_line(&layers(""), 2, &["ends in the middle"]);
+    assert_refused_in_a_line(&layers("solid cube"), 2, &["not JSON", "line 1 column 1"]);
     assert_refused_in_a_line(&layers("{\"a\":1}"), 2, &["no plan", "format"]);
     assert_refused_in_a_line(
         &changed("plan/1", "plan/2"),
@@ -518,7 +518,7 @@ fn no_plan_is_longer_than_it_may_be() {
     assert_refused_in_a_line(
         &refused,
         1,
-        &["the shortest path found is 64", "--length-max is 640 mm", "allow a longer"],
+        &["the shortest path found is 64", "--length-max is 640 mm", "raise --length-max"],
     );
     assert_refused(&growbot(&with(&goal, &["--length-max", "0"])), 2, &["above 0"]);
     // In a batch the limit applies to each query.

@@ -71,7 +71,7 @@ fn read_request(stream: &mut TcpStream) -> Got {
             }
         }
         let read = stream.read(&mut part).unwrap();
-        assert!(read > 0, "the request broke off: {text}");
+        assert!(read > 0, "the request was interrupted: {text}");
         bytes.extend_from_slice(&part[..read]);
     }
 }
@@ -157,10 +157,10 @@ fn a_webhook_is_signed_and_tried_again_until_it_is_taken() {
     assert_eq!((&notice["version"], &notice["simulated"]), (&json!(1), &json!(true)));
     let message = notice["message"].as_str().unwrap();
     assert!(
-        message.starts_with("simulated robot lab pauses after layer ") && message.ends_with("as asked"),
+        message.starts_with("simulated robot lab pauses after layer ") && message.ends_with("on request"),
         "{message}"
     );
-    assert!(lab.heard().contains("http://127.0.0.1 has not taken a notice (it has answered 500)"), "{}", lab.heard());
+    assert!(lab.heard().contains("http://127.0.0.1 has not taken a notice (it responded 500)"), "{}", lab.heard());
     nothing_is_given_away(&lab);
 }
 
@@ -172,7 +172,7 @@ fn what_could_not_be_told_is_told_after_a_restart() {
     lab.wait_until_ready();
     let job = begin(&lab, GOAL);
     assert_eq!(lab.wait_for_end(&job)["state"], "done");
-    wait_for("it is tried", || lab.heard().contains("has not taken a notice").then_some(()));
+    wait_for("it is tried", || lab.heard().contains("did not accept a notification").then_some(()));
     nothing_is_given_away(&lab);
     lab.kill();
     let got = receive(TcpListener::bind(("127.0.0.1", port)).unwrap(), &[204]);
@@ -239,8 +239,9 @@ fn a_command_is_run_again_until_it_succeeds_and_a_loss_of_power_is_told() {
     let lab_settings = "[serve.notify]\ncommand = [\"./tell.sh\", \"told\"]\nevents = [\"finish\", \"interrupted\"]\n";
     let mut lab = Lab::with(100.0, lab_settings);
     let path = |name: &str| lab.directory.path().join(name);
-    let script = "#!/bin/sh\ncd \"$(dirname \"$0\")\"\n[ -e tried ] || { touch tried; exit 3; }\n\
-                  echo \"$GROWBOT_NOTICE_EVENT $GROWBOT_NOTICE_ROBOT $GROWBOT_NOTICE_MESSAGE\" >>$1.env\ncat >>$1\necho >>$1\n";
+    let script = "#!/bin/sh\ncd \"$(dirname \"$0\")\"\n[ -e tried ] || { touch tried; exit 3; }\necho \
+                  \"$GROWBOT_NOTICE_EVENT $GROWBOT_NOTICE_ROBOT $GROWBOT_NOTICE_MESSAGE\" >>$1.env\ncat >>$1\necho \
+                  >>$1\n";
     fs::write(path("tell.sh"), script).unwrap();
     fs::set_permissions(path("tell.sh"), fs::Permissions::from_mode(0o755)).unwrap();
     let (told, env) = (path("told"), path("told.env"));
@@ -281,7 +282,7 @@ fn a_command_is_run_again_until_it_succeeds_and_a_loss_of_power_is_told() {
 #[test]
 fn what_cannot_be_told_is_refused_when_the_service_starts() {
     for (settings, wanted) in [
-        ("webhook = \"hooks.example/s3cret\"", "no address"),
+        ("webhook = \"hooks.example/s3cret\"", "not a URL"),
         ("command = []", "the command of [serve.notify] is empty"),
         ("events = [\"dance\"]", "dance"),
         ("webhok = \"http://localhost/\"", "webhok"),

@@ -146,7 +146,7 @@ fn what_is_neither_plan_nor_log_leaves_no_page() {
     let whole = fs::read_to_string(&plan).unwrap();
     for (name, contents, parts) in [
         ("cut.json", &whole[..whole.len() / 2], &["cut.json", "middle"][..]),
-        ("cube.stl", "solid cube", &["cube.stl", "no run log", "no plan"]),
+        ("cube.stl", "solid cube", &["cube.stl", "neither a run log nor a plan"]),
         ("empty", "", &["empty"]),
         ("other.json", &whole.replace("growbot-plan/1", "growbot-plan/9"), &["growbot-plan/9"]),
         ("robot.json", &whole.replace("\"growbot-a\"", "\"mine\""), &["mine", "--robot"]),
@@ -219,7 +219,11 @@ fn a_comparison_is_of_two_files_that_are_bodies() {
     let view = |args: &[&str]| growbot(&[&["view", "-o", text(&page)], args].concat());
     assert_refused(&view(&["--compare", text(&plan)]), &["two plans"], &page);
     assert_refused(&view(&[text(&plan), text(&plan)]), &["--compare"], &page);
-    assert_refused(&view(&["--compare", text(&plan), text(&path("cube.stl"))]), &["cube.stl", "no run log"], &page);
+    assert_refused(
+        &view(&["--compare", text(&plan), text(&path("cube.stl"))]),
+        &["cube.stl", "neither a run log nor a plan"],
+        &page,
+    );
     assert_refused(&view(&["--compare", "-", "-"]), &["standard input"], &page);
     assert_refused(&growbot(&["view", "--compare", text(&plan), "-"]), &["-o"], &page);
     assert_refused(&growbot(&["view", "--compare", "-o", text(&plan), "-", text(&plan)]), &["end it in .html"], &page);

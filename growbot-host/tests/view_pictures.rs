@@ -241,7 +241,7 @@ fn a_picture_for_a_paper_has_axes_a_range_a_palette_and_no_title() {
     let five = svg(&["--compare", text(&plan), text(&run), text(&plan), text(&plan), text(&run)]);
     assert_eq!((five.matches("class=\"title\"").count(), five.matches("gc-heights").count()), (5, 2));
     for (args, part) in [
-        (&["--range", "1,0.5"][..], "give the smaller one first"),
+        (&["--range", "1,0.5"][..], "give the smaller height first"),
         (&["--range", "1"], "give two heights in mm"),
         (&["--palette", "jet"], "viridis"),
         (&["--axes", "--plot", "tilt"], "cannot be used with"),
@@ -252,7 +252,7 @@ fn a_picture_for_a_paper_has_axes_a_range_a_palette_and_no_title() {
     let ran = growbot(&["view", text(&plan), "--axes"]);
     assert!(ran.code == Some(2) && ran.err.contains("--axes is for pictures"), "{}", ran.err);
     let ran = growbot(&["view", "--compare", text(&plan), text(&run), text(&plan)]);
-    assert!(ran.code == Some(2) && ran.err.contains("a page has two bodies"), "{}", ran.err);
+    assert!(ran.code == Some(2) && ran.err.contains("a page shows two bodies"), "{}", ran.err);
 }
 
 #[test]

@@ -9,25 +9,26 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use growbot_client::clearance_guard::SceneContext;
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
-use growbot_client::growth::{GrowthError, Job, GrowthOptions, Command, CommandQueue, OnParked, grow_job};
-use growbot_client::clearance_guard::SceneContext;
+use growbot_client::growth::{Command, CommandQueue, GrowthError, GrowthOptions, Job, OnParked, grow_job};
 use growbot_client::run_log::{
-    BoardRecord as WrittenBoard, BoardStatus, GrowthResult, Origin, OutcomeKind, RunEvent, RunLog, RunLogError, to_run_events,
+    BoardRecord as WrittenBoard, BoardStatus, GrowthResult, Origin, OutcomeKind, RunEvent, RunLog, RunLogError,
+    to_run_events,
 };
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::robot::Robot as Described;
 use growbot_core::simulation::{Disturbance, ErrorModel};
-use growbot_sim::port::{OpenPort, PortName, TipSettings, open};
 use growbot_sim::ground_truth::{SimulatedTip, grow_with_ground_truth};
+use growbot_sim::port::{OpenPort, PortName, TipSettings, open};
 use pyo3::prelude::*;
 
 use crate::arguments::{flag, path, word, wrong_type};
 use crate::conditions::Conditions;
-use crate::preconditions::{check_growable, scene_for_growth};
+use crate::error::{Error, ErrorKind};
 use crate::plan::Plan;
-use crate::error::{ErrorKind, Error};
+use crate::preconditions::{check_growable, scene_for_growth};
 use crate::robot::robot_of;
 use crate::run::json_of;
 use crate::scene::Scene;
@@ -130,7 +131,7 @@ impl BoardWorker {
         if self.line.is_none() {
             self.open(&TipSettings::default())?;
         }
-        self.line.as_mut().ok_or_else(|| board_error("the line is closed: connect again"))
+        self.line.as_mut().ok_or_else(|| board_error("the connection is closed: connect again"))
     }
 
     fn hello(&mut self) -> Result<String, Error> {
@@ -140,7 +141,8 @@ impl BoardWorker {
 
     fn status(&mut self) -> Result<String, Error> {
         let client = &mut self.line()?.client;
-        let status = client.status().or_else(|_| client.open_session().and_then(|_| client.status())).map_err(board_error)?;
+        let status =
+            client.status().or_else(|_| client.open_session().and_then(|_| client.status())).map_err(board_error)?;
         Ok(json_of(RunEvent::Status(BoardStatus::from(&status))))
     }
 
@@ -175,7 +177,8 @@ impl BoardWorker {
             around.iter().fold(feedback, Feedback::obstacles)
         });
         if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
-            let message = format!("{too_near}: plan with a larger margin_mm or another radius_mm, or set ignore_scene=True");
+            let message =
+                format!("{too_near}: plan with a larger margin_mm or another radius_mm, or set ignore_scene=True");
             return Err(Error::new(ErrorKind::Input, message));
         }
         let imperfection =
@@ -187,7 +190,8 @@ impl BoardWorker {
         let (port, line) = (self.name.clone(), self.line()?);
         let job = Job::of_plan(robot, plan);
         let fed_back = conditions.feedback().then_some(noise);
-        let origin = Origin { port: &port, imperfection: simulated.then_some(&imperfection), ignores_scene: task.ignores_scene };
+        let origin =
+            Origin { port: &port, imperfection: simulated.then_some(&imperfection), ignores_scene: task.ignores_scene };
         let begun = match &task.log {
             None => Ok(RunLog::disabled()),
             Some(file) if task.replace => RunLog::replace(file, plan, &job, fed_back, origin),
@@ -198,7 +202,7 @@ impl BoardWorker {
                 ErrorKind::File,
                 format!(
                     "{}; or set overwrite=True",
-                    error.to_string().split("; --log alone").next().unwrap_or_default()
+                    error.to_string().split("; --log without").next().unwrap_or_default()
                 ),
             ),
             error => Error::new(ErrorKind::File, error),
@@ -256,7 +260,7 @@ fn outcome_error(result: &GrowthResult) -> Option<Error> {
         (_, _) => {
             let of_fault = result.fault.as_ref().map_or_else(String::new, |fault| format!(" ({fault})"));
             let robot = if result.simulated { "simulated robot" } else { "robot" };
-            format!("the growth ended with {outcome}{of_fault}: look at the {robot}; `growbot resume` resumes a body")
+            format!("the growth ended with {outcome}{of_fault}: check the {robot}; `growbot resume` resumes a body")
         }
     };
     Some(Error::with(ErrorKind::Board, why, outcome, "done"))
@@ -295,7 +299,9 @@ impl Board {
             match py.detach(|| lock(&receiver).recv_timeout(LOOK)) {
                 Ok(answer) => return answer,
                 Err(RecvTimeoutError::Timeout) => py.check_signals()?,
-                Err(RecvTimeoutError::Disconnected) => return Err(board_error("the line is closed: connect again")),
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(board_error("the connection is closed: connect again"));
+                }
             }
         }
     }
@@ -323,8 +329,9 @@ impl Board {
         let thread = thread::Builder::new().name("growbot".to_owned()).spawn(move || {
             BoardWorker { robot, port, name, take_over, line: None }.serve(&asked);
         });
-        let thread =
-            thread.map_err(|error| board_error(format!("no thread for the line ({error}): end other programs")))?;
+        let thread = thread.map_err(|error| {
+            board_error(format!("cannot start a thread for the connection ({error}): end other programs"))
+        })?;
         let board = Self {
             asks: Mutex::new(Some(asks)),
             thread: Mutex::new(Some(thread)),
@@ -447,7 +454,7 @@ impl Growth {
                 }
                 Some(Err(RecvTimeoutError::Timeout)) => {}
                 Some(Err(RecvTimeoutError::Disconnected)) => {
-                    self.end(None, Some(board_error("the line is closed: connect again")))?;
+                    self.end(None, Some(board_error("the connection is closed: connect again")))?;
                 }
             }
             if let Err(error) = py.check_signals() {
@@ -474,7 +481,12 @@ impl Growth {
         let name = word("name", name)?;
         let order = Move::ALL.into_iter().find(|order| order.name() == name).ok_or_else(|| {
             let known = Move::ALL.map(Move::name).join(", ");
-            Error::with(ErrorKind::Input, format!("there is no order {name:?}: give one of {known}"), name.as_str(), known)
+            Error::with(
+                ErrorKind::Input,
+                format!("unknown command {name:?}: give one of {known}"),
+                name.as_str(),
+                known,
+            )
         })?;
         self.orders.send_command(order);
         Ok(())

@@ -77,7 +77,12 @@ impl Error {
     }
 
     /// Returns an error with value and limit.
-    pub fn with(kind: ErrorKind, message: impl ToString, value: impl Into<ErrorValue>, limit: impl Into<ErrorValue>) -> Self {
+    pub fn with(
+        kind: ErrorKind,
+        message: impl ToString,
+        value: impl Into<ErrorValue>,
+        limit: impl Into<ErrorValue>,
+    ) -> Self {
         Self::Growbot { kind, message: message.to_string(), value: Some(value.into()), limit: Some(limit.into()) }
     }
 
@@ -93,7 +98,13 @@ impl Error {
 }
 
 /// Returns the exception of an error.
-fn exception(py: Python<'_>, kind: ErrorKind, message: String, value: Option<ErrorValue>, limit: Option<ErrorValue>) -> PyResult<PyErr> {
+fn exception(
+    py: Python<'_>,
+    kind: ErrorKind,
+    message: String,
+    value: Option<ErrorValue>,
+    limit: Option<ErrorValue>,
+) -> PyResult<PyErr> {
     static CLASSES: [PyOnceLock<Py<PyType>>; 5] = [const { PyOnceLock::new() }; 5];
     let name = ["InputError", "InputTypeError", "FileError", "NoPathError", "BoardError"];
     let class = CLASSES[kind as usize].import(py, "growbot._errors", name[kind as usize])?;
@@ -129,7 +140,9 @@ impl From<PlanError> for Error {
             PlanError::RadiusTooSmall { radius, limit } | PlanError::RadiusTooLarge { radius, limit } => {
                 Self::with(ErrorKind::Input, message, radius, limit)
             }
-            PlanError::GoalNotReached { distance, limit, .. } => Self::with(ErrorKind::NoPath, message, distance, limit),
+            PlanError::GoalNotReached { distance, limit, .. } => {
+                Self::with(ErrorKind::NoPath, message, distance, limit)
+            }
             PlanError::NoPath | PlanError::TooManySegments(_) => Self::new(ErrorKind::NoPath, message),
         }
     }
@@ -161,9 +174,13 @@ impl From<ScenePlanError> for Error {
                     }
                     NoPathError::TooFar { distance, left } => Self::with(ErrorKind::NoPath, message, distance, left),
                     NoPathError::Separated { need } => Self::with(ErrorKind::NoPath, message, "none", need),
-                    NoPathError::AtResolution { step, .. } => Self::with(ErrorKind::NoPath, message, error.code(), step),
+                    NoPathError::AtResolution { step, .. } => {
+                        Self::with(ErrorKind::NoPath, message, error.code(), step)
+                    }
                     NoPathError::NotClear => Self::with(ErrorKind::NoPath, message, "two-plane", "shortest"),
-                    NoPathError::NotFound => Self::with(ErrorKind::NoPath, message, error.code(), "effort and time_limit_s"),
+                    NoPathError::NotFound => {
+                        Self::with(ErrorKind::NoPath, message, error.code(), "effort and time_limit_s")
+                    }
                 }
             }
         }
@@ -174,6 +191,6 @@ impl From<ScenePlanError> for Error {
 pub fn outside(name: &str, value: f64, [min, max]: [f64; 2], unit: &str) -> Error {
     let limit = if value < min { min } else { max };
     let message =
-        format!("{name} is {} {unit}, and may be {} to {}: give one within", CompactNumber(&value), CompactNumber(&min), CompactNumber(&max));
+        format!("{name} is {} {unit}: give {} to {}", CompactNumber(&value), CompactNumber(&min), CompactNumber(&max));
     Error::with(ErrorKind::Input, message, value, limit)
 }

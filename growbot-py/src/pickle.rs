@@ -1,6 +1,6 @@
 //! A plan as plain values, exact to the bit, for pickle. (In a plan's JSON, angles are in degrees.)
 
-use growbot_client::plan::{SearchSummary, Plan, SceneClearance};
+use growbot_client::plan::{Plan, SceneClearance, SearchSummary};
 use growbot_client::warning::warnings;
 use growbot_core::helicoid::Helicoid;
 use growbot_core::path::{Leg, Segment};
@@ -8,8 +8,8 @@ use growbot_core::plan::{Planner, requirements};
 use growbot_core::robot::Robot;
 use nalgebra::Vector3;
 
+use crate::error::{Error, ErrorKind};
 use crate::pose::{pose_from, state_of};
-use crate::error::{ErrorKind, Error};
 
 type Numbers = (f64, f64, f64, f64, f64);
 /// Goal of a leg, number of its segments, statistics of its search, and whether its direction was free.
@@ -77,6 +77,6 @@ fn segment(numbers: &[f64]) -> Result<Segment, Error> {
             radius,
             length,
         }),
-        _ => Err(Error::new(ErrorKind::Input, "the pickled plan has a segment that is none: pickle it again")),
+        _ => Err(Error::new(ErrorKind::Input, "the pickled plan has an invalid segment: pickle it again")),
     }
 }

@@ -4,8 +4,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use growbot_client::degrees::degrees_below_turn;
 use growbot_client::atomic_file::write_atomic;
+use growbot_client::degrees::degrees_below_turn;
 use growbot_client::plan::{self as client, Goal, PlanOptions, planner_name};
 use growbot_client::plan_file::{self, PlanFile, SegmentJson};
 use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
@@ -20,15 +20,15 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyType};
 
-use crate::arguments::{self, Rows, check_rows, flag, number, text, threads, integer, within, word, wrong_type};
+use crate::arguments::{self, Rows, check_rows, flag, integer, number, text, threads, within, word, wrong_type};
+use crate::error::{Error, ErrorKind};
 use crate::path_frames::frames;
-use crate::preconditions::page_of;
+use crate::pickle::{self, PlanState};
 use crate::pose::{Pose, as_goal, as_pose, goal_of, pose_of, rows_of};
-use crate::error::{ErrorKind, Error};
+use crate::preconditions::page_of;
 use crate::robot::{Robot, robot_of};
 use crate::scene::Scene;
 use crate::simulate::{Simulated, interruptible};
-use crate::pickle::{self, PlanState};
 
 /// Greatest number of rows of a table of layers.
 const MAX_LAYERS: usize = 20_000_000;
@@ -189,7 +189,7 @@ fn room_of(
         return if limit.is_some() || given.is_some() {
             Err(Error::new(
                 ErrorKind::Input,
-                "effort and time_limit_s are for plans through a scene: give scene, or leave them out",
+                "effort and time_limit_s apply only to plans through a scene: give scene, or remove them",
             ))
         } else {
             Ok(None)
@@ -291,8 +291,9 @@ pub fn plan_many<'py>(
     let starts = starts_of(starts, goals.len())?;
     let tasks: Vec<(CorePose, Goal)> =
         goals.iter().enumerate().map(|(row, goal)| (starts[row.min(starts.len() - 1)], *goal)).collect();
-    let planned =
-        interruptible(py, threads, &tasks, |(start, goal)| client::Plan::through_waypoints(&robot, start, &[], goal, &search))?;
+    let planned = interruptible(py, threads, &tasks, |(start, goal)| {
+        client::Plan::through_waypoints(&robot, start, &[], goal, &search)
+    })?;
     let plans = planned
         .into_iter()
         .enumerate()
@@ -316,7 +317,10 @@ fn starts_of(starts: &Bound<PyAny>, goals: usize) -> Result<Vec<CorePose>, Error
     }
     let rows = Rows::read("starts", starts, &[5])?;
     if rows.count != goals || goals == 0 {
-        let message = format!("starts has {} rows and goals {goals}: give as many, or one start for all", rows.count);
+        let message = format!(
+            "starts has {} rows, but goals has {goals}: give the same number, or one start for all",
+            rows.count
+        );
         return Err(Error::with(ErrorKind::Type, message, rows.count as f64, goals as f64));
     }
     let pose = |row: &[f64]| pose_of([row[0], row[1], row[2], row[3], row[4]]);
@@ -416,7 +420,9 @@ impl Plan {
     }
 
     fn __hash__(&self) -> u64 {
-        self.inner.robot_hash ^ self.inner.requirements.length.to_bits() ^ (self.inner.requirements.layers as u64).rotate_left(32)
+        self.inner.robot_hash
+            ^ self.inner.requirements.length.to_bits()
+            ^ (self.inner.requirements.layers as u64).rotate_left(32)
     }
 
     fn __repr__(&self) -> String {

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyType};
 
 use crate::arguments::{path, text, text_of_file, wrong_type};
-use crate::error::{ErrorKind, Error};
+use crate::error::{Error, ErrorKind};
 use growbot_core::robot::Robot as Described;
 
 /// Greatest number of letters of a quoted reason.
@@ -98,7 +98,10 @@ impl Robot {
         let description = serde_json::from_str(&json).map_err(|error| {
             // The reason may quote the input, which can be long.
             let reason: String = error.to_string().chars().take(MAX_REASON).collect();
-            Error::new(ErrorKind::Input, format!("it is no description ({reason}): give one as Robot.description has it"))
+            Error::new(
+                ErrorKind::Input,
+                format!("it is not a description ({reason}): give one in the form of Robot.description"),
+            )
         })?;
         let robot = Described::new(description).map_err(|error| Error::new(ErrorKind::Input, error))?;
         Ok(Self { inner: Arc::new(robot) })

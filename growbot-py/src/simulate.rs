@@ -9,17 +9,17 @@ use growbot_core::layer::Layer;
 use growbot_core::robot::Robot as Described;
 use growbot_pictures::view::Subject;
 use growbot_sim::parallel;
-use growbot_sim::simulation::{SimulationResult, Simulation};
+use growbot_sim::simulation::{Simulation, SimulationResult};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyAnyMethods;
 
-use crate::arguments::{check_rows, threads, integer, wrong_type};
+use crate::arguments::{check_rows, integer, threads, wrong_type};
 use crate::conditions::Conditions;
-use crate::preconditions::page_of;
-use crate::plan::{Plan, framed, structured, layer_array};
+use crate::error::{Error, ErrorKind};
+use crate::plan::{Plan, framed, layer_array, structured};
 use crate::pose::Pose;
-use crate::error::{ErrorKind, Error};
+use crate::preconditions::page_of;
 
 /// Interval at which Ctrl-C is polled.
 const LOOK: Duration = Duration::from_millis(50);
@@ -293,7 +293,11 @@ pub fn simulate_many<'py>(
 }
 
 /// Returns the outcomes as a structured array.
-pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[SimulationResult]) -> Result<Bound<'py, PyAny>, Error> {
+pub fn rows<'py>(
+    py: Python<'py>,
+    tasks: &[(usize, u64)],
+    grown: &[SimulationResult],
+) -> Result<Bound<'py, PyAny>, Error> {
     let array = structured(py, grown.len(), &FIELDS)?;
     let set = |name: &str, of: &dyn Fn(&SimulationResult) -> f64| {
         array.set_item(name, PyArray1::from_vec(py, grown.iter().map(of).collect()))
@@ -355,6 +359,7 @@ fn plans_of(plans: &Bound<PyAny>, seeds: usize) -> Result<Vec<Plan>, Error> {
     if all.len() == seeds {
         return Ok(all);
     }
-    let message = format!("plans has {} entries and seeds {seeds}: give as many, or one plan for all", all.len());
+    let message =
+        format!("plans has {} entries, but seeds has {seeds}: give the same number, or one plan for all", all.len());
     Err(Error::with(ErrorKind::Type, message, all.len() as f64, seeds as f64))
 }

@@ -9,10 +9,10 @@ use growbot_sim::simulation::statistics::Statistics;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyType};
 
-use crate::arguments::{check_rows, text, threads, integer, wrong_type};
+use crate::arguments::{check_rows, integer, text, threads, wrong_type};
 use crate::conditions::Conditions;
+use crate::error::{Error, ErrorKind};
 use crate::plan::Plan;
-use crate::error::{ErrorKind, Error};
 use crate::simulate::{interruptible, rows, seed_of};
 
 /// Number of growths whose outcomes are stored at a time. Ctrl-C is polled after each batch.
@@ -150,7 +150,7 @@ impl Summary {
     fn from_json(_cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Error> {
         let json = text("json", json)?;
         let inner = serde_json::from_str(&json).map_err(|error| {
-            Error::new(ErrorKind::Input, format!("json is no summary ({error}): give what Summary.to_json has written"))
+            Error::new(ErrorKind::Input, format!("json is not a summary ({error}): give the output of Summary.to_json"))
         })?;
         Ok(Self { inner })
     }

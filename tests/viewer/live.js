@@ -89,7 +89,7 @@ try {
   await page.click("#order-pause");
   await isIn(page, "paused");
   const held = await laid(page);
-  assert.match(await page.textContent("#explanation"), /as it was asked to/);
+  assert.match(await page.textContent("#explanation"), /paused on request/);
   assert.ok(await page.isVisible("[data-order=purge]"), "filament can be changed in a pause");
   await page.click("#order-continue");
   await comesTo(page, held + 3);

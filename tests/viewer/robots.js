@@ -123,7 +123,7 @@ try {
   const before = await laid();
   const port = new URL(addresses.operate).port;
   await kill(service);
-  await page.getByText("the service does not answer").waitFor();
+  await page.getByText("Connection lost").waitFor();
   ({ service, addresses } = await serve(port));
   await page.locator("#connection", { hasText: /^connected$/ }).waitFor();
   await state("growing");

@@ -38,10 +38,10 @@ pub struct PowerArgs {
     foreground: bool,
 }
 
-const AFTER_HELP: &str = "\
-Examples:
+const AFTER_HELP: &str = "Examples:
   growbot power on --port sim:lab --robot growbot-a2 --pace 100
-  growbot grow --robot growbot-a2 --to 0,0,50,0,90 --port sim:lab
+  growbot grow \
+                          --robot growbot-a2 --to 0,0,50,0,90 --port sim:lab
   growbot power off --port sim:lab";
 
 /// Actions of the switch.
@@ -62,7 +62,7 @@ pub fn run(args: &PowerArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
     let PortName::SimDaemon(name) = port.name() else {
         return Err(Failure::bad_input(format!(
-            "port {} has no switch that growbot knows: it is for simulated robots that stay on, sim:NAME",
+            "growbot cannot switch the power of port {}: `growbot power` is for persistent simulated robots, sim:NAME",
             port.text()
         )));
     };

@@ -29,8 +29,7 @@ pub struct ServeArgs {
     page_port: Option<u16>,
 }
 
-const AFTER_HELP: &str = "\
-Examples:
+const AFTER_HELP: &str = "Examples:
   growbot serve
   growbot serve --page-port 9000";
 
@@ -42,7 +41,9 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
     let (robots, serve) = load_service()?;
     let robots = if robots.is_empty() { practising()? } else { robots };
     let places = ServicePaths::for_user().ok_or_else(|| {
-        Failure::bad_input("neither XDG_STATE_HOME nor HOME is set: the service has no place for its files")
+        Failure::bad_input(
+            "neither XDG_STATE_HOME nor HOME is set: set one, because the service needs a directory for its files",
+        )
     })?;
     places.create().map_err(Failure::bad_input)?;
     let port = args.page_port.or(serve.port).unwrap_or(PAGE_PORT);
@@ -62,6 +63,6 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
 /// Returns a simulated robot, because the user has configured none.
 fn practising() -> Result<BTreeMap<String, RobotEntry>, Failure> {
     let robot = settings::log_setting(Key::Robot, Setting::load(Key::Robot)?);
-    growbot_host::note!("no robots are configured: {PRACTICE} is a simulated one, 60 times as fast as real time");
+    growbot_host::note!("no robots are configured: {PRACTICE} is a simulated robot, 60 times as fast as real time");
     Ok(practice(&robot))
 }

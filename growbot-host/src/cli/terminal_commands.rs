@@ -88,8 +88,8 @@ fn parse_command(line: &str) -> Result<Option<Command>, String> {
         "load" => Ok(Some(Command::Load)),
         "purge" => Ok(Some(Command::Purge)),
         other => Err(format!(
-            "{other:?} is no order: type `continue` or `stop`; or, to change filament, `preheat`, `unload`, `load`, \
-             `purge`"
+            "unknown command {other:?}: type `continue` or `stop`; or, to change filament, `preheat`, `unload`, \
+             `load`, `purge`"
         )),
     }
 }
@@ -97,8 +97,8 @@ fn parse_command(line: &str) -> Result<Option<Command>, String> {
 /// Returns instructions for a robot that waits, if the user has a keyboard or a page that controls the robot.
 pub fn waiting_hint(state: State, keyboard: bool, page: bool) -> Option<String> {
     let goes_on = match state {
-        State::Paused => "goes on",
-        State::Parked => "heats up, homes and goes on",
+        State::Paused => "continues",
+        State::Parked => "heats up, homes and continues",
         _ => return None,
     };
     match (keyboard, page) {

@@ -82,13 +82,15 @@ pub struct WorkspaceArgs {
     output: Option<PathBuf>,
 }
 
-const AFTER_HELP: &str = "\
-Examples:
+const AFTER_HELP: &str = "Examples:
   growbot workspace --length 1000 -o reach.svg
-  growbot workspace --length 1000 -o reach.png
+  growbot workspace --length 1000 \
+                          -o reach.png
   growbot workspace --length 800 --heading 0 --pitch -90
-  growbot workspace --robot growbot-b --length 20000 --json
-  growbot workspace --length 800 --scene room.toml -o goals.csv";
+  growbot workspace \
+                          --robot growbot-b --length 20000 --json
+  growbot workspace --length 800 --scene room.toml \
+                          -o goals.csv";
 
 /// Extensions of pictures.
 const FORMATS: [&str; 3] = ["svg", "png", "pdf"];
@@ -103,10 +105,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
     let length = args.length.unwrap_or_else(|| robot.description().filament.spool_mm / robot.filament_per_length());
     if !(1.0..=LONGEST).contains(&length) {
-        return Err(Failure::bad_input(format!(
-            "length is {} mm: give one from 1 to {LONGEST} mm",
-            CompactNumber(&length)
-        )));
+        return Err(Failure::bad_input(format!("length is {} mm: give 1 to {LONGEST} mm", CompactNumber(&length))));
     }
     let direction = match (args.heading, args.pitch) {
         (Some(heading), Some(pitch)) => {
@@ -117,7 +116,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     };
     if let Some(output) = args.output.as_deref() {
         if args.json && is_standard_output(output) {
-            return Err(Failure::bad_input("-o - and --json both go to standard output: leave one of them out"));
+            return Err(Failure::bad_input("-o - and --json both go to standard output: remove one of them"));
         }
         format_from_extension(output, if args.scene.is_some() { &["csv"] } else { &FORMATS })?;
         refuse_inputs(output)?;

@@ -107,13 +107,13 @@ impl NotificationContext<'_> {
     pub fn notice(&self, event: Happening, fault: Option<Fault>, why: Option<&str>) -> Notice {
         let robot = format!("{} {}", if self.simulated { "simulated robot" } else { "robot" }, self.robot);
         let at = format!("after layer {} of {}", self.laid, self.layers);
-        let why = why.unwrap_or("look at it");
+        let why = why.unwrap_or("check the robot");
         let message = match event {
             Happening::Finish => format!("{robot} has laid all {} layers", self.layers),
-            Happening::Fault => format!("{robot} has stopped with a fault {at}: {why}"),
+            Happening::Fault => format!("{robot} stopped with a fault {at}: {why}"),
             Happening::Pause => format!("{robot} pauses {at}: {why}"),
             Happening::FilamentRunout => format!("{robot} pauses {at}: {why}"),
-            Happening::Interrupted => format!("{robot} has left its job {at}: {why}"),
+            Happening::Interrupted => format!("{robot} abandoned its job {at}: {why}"),
         };
         Notice {
             version: VERSION,
@@ -196,8 +196,8 @@ impl JobStore {
                 named_params! { ":channel": channel.name(), ":notice": text.trim_end(), ":now": now_ms },
             )?;
             transaction.execute(
-                "DELETE FROM notice WHERE channel = ?1 AND id NOT IN \
-                 (SELECT id FROM notice WHERE channel = ?1 ORDER BY id DESC LIMIT ?2)",
+                "DELETE FROM notice WHERE channel = ?1 AND id NOT IN (SELECT id FROM notice WHERE channel = ?1 ORDER \
+                 BY id DESC LIMIT ?2)",
                 (channel.name(), MAX_QUEUED_PER_CHANNEL),
             )?;
         }
@@ -277,7 +277,7 @@ mod tests {
         assert_eq!(tell(None, None), []);
         assert_eq!(
             tell(None, asked),
-            [(Happening::Pause, "simulated robot lab pauses after layer 12 of 78: as asked".to_owned())]
+            [(Happening::Pause, "simulated robot lab pauses after layer 12 of 78: on request".to_owned())]
         );
         assert_eq!(tell(None, asked), [], "as after a restart");
         assert_eq!(tell(None, None), []);

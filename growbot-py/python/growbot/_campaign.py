@@ -338,6 +338,6 @@ def _whole(name: str, value: Any, least: int, most: int) -> int:
         raise InputTypeError(f"{name} is of type {given}: give a whole number", given, "int") from None
     if not least <= number <= most:
         told = number if abs(number) < 2**64 else float("inf") if number > 0 else -float("inf")
-        message = f"{name} is {told}, and may be {least} to {most}: give one within"
+        message = f"{name} is {told}: give {least} to {most}"
         raise InputError(message, told, least if number < least else most)
     return number

@@ -105,7 +105,7 @@ class Service:
         try:
             return self._bytes(path, body)
         except (OSError, http.client.HTTPException) as error:
-            raise BoardError(f"the service does not answer ({error}): is `growbot serve` running?") from error
+            raise BoardError(f"cannot reach the growbot service ({error}): is `growbot serve` running?") from error
 
     def json(self, path: str, body: Any = None) -> Any:
         """Like bytes, but parses the response as JSON."""
@@ -202,7 +202,7 @@ class ServedGrowth:
         if self._log is not None:
             _write(self._log, self._service.bytes(f"/jobs/{self._job}/log"))
         if self._result is None:
-            why = self._service.json(f"/jobs/{self._job}").get("why") or "the service does not say why"
+            why = self._service.json(f"/jobs/{self._job}").get("why") or "the service gave no reason"
             raise BoardError(f"job {self._job} was left: {why}")
         outcome = self._result["outcome"]
         if outcome not in ("done", "stopped"):
@@ -223,7 +223,7 @@ class ServedGrowth:
             self._service.bytes(f"/jobs/{self._job}/live/orders/{name}", {})
         else:
             known = ", ".join(_ORDERS + _TASKS)
-            raise InputError(f"there is no order {name!r}: give one of {known}", name, known)
+            raise InputError(f"unknown command {name!r}: give one of {known}", name, known)
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -290,7 +290,7 @@ class ServedBoard:
     def attach(self) -> ServedGrowth:
         robot = self._asked().json(f"/robots/{self._robot}")
         if robot["job"] is None:
-            raise BoardError(f"robot {self._robot} has no job under way: grow one", "none", "a job")
+            raise BoardError(f"robot {self._robot} has no active job: grow one", "none", "a job")
         return ServedGrowth(self._asked(), self._robot, robot["job"], None)
 
     def status_json(self) -> str:

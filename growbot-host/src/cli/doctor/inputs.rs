@@ -21,7 +21,7 @@ pub fn temperature(session: &mut DoctorSession) -> Result<Finding, Failure> {
     };
     let [min, max] = ROOM_C;
     let celsius = f64::from(centi_c) / 100.0;
-    let found = format!("{celsius:.1} C; a room has {min} to {max} C");
+    let found = format!("{celsius:.1} C; room temperature is {min} to {max} C");
     if (min..=max).contains(&celsius) {
         return Ok(Finding::passed(found));
     }
@@ -64,7 +64,7 @@ impl BothLevels {
 
 /// Checks that the index sensor detects its mark at one place of a turn, and not at another.
 pub fn index(session: &mut DoctorSession) -> Result<Finding, Failure> {
-    if !session.confirm("Turn the head by hand, slowly, by more than a turn, from now until it is seen.")? {
+    if !session.confirm("Turn the head slowly by hand, by more than a turn, until the board has seen the mark.")? {
         return Ok(Finding::skipped());
     }
     let mut levels = BothLevels([false; 2]);
@@ -180,7 +180,7 @@ pub fn orientation(session: &mut DoctorSession) -> Result<Finding, Failure> {
     session.act(ManualAction::LayDown(false));
     Ok(match tilted {
         Some(_) => Finding::passed(format!("gravity of {length:.2}, tilted by {most:.0} degrees")),
-        None => Finding::failed(format!("tilted by {most:.0} degrees, more than {TILT_DEG} was to be seen"), remedy),
+        None => Finding::failed(format!("tilted by {most:.0} degrees; more than {TILT_DEG} was expected"), remedy),
     })
 }
 

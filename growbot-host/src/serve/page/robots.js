@@ -239,7 +239,7 @@ async function jobs() {
 function follow() {
   const events = new EventSource(`${api}/events`);
   events.addEventListener("open", () => { byId("connection").textContent = "connected"; });
-  events.addEventListener("error", () => { byId("connection").textContent = "the service does not answer: robots go on with what they have; connecting again"; });
+  events.addEventListener("error", () => { byId("connection").textContent = "Connection lost. Robots continue their jobs. Reconnecting…"; });
   let known = "";
   events.addEventListener("robots", ({ data }) => {
     const robots = JSON.parse(data);
