@@ -206,7 +206,7 @@ fn two_stand_side_by_side_on_one_page() {
     let ran = growbot(&["view", text(&plan), text(&log), "--compare", "-o", text(&path("c.html"))]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let pair = data(&path("c.html"));
-    assert_eq!(pair["difference"], "a.json and run.jsonl are of one length");
+    assert_eq!(pair["difference"], "a.json and run.jsonl have the same length");
     assert_eq!(pair["numbers"][1][0], "Laid (simulated)");
 }
 

@@ -139,7 +139,7 @@ try {
   assert.ok(await look.getByRole("button", { name: "Emergency stop" }).isVisible());
   await look.close();
   const phone = await open(addresses.operate, { viewport: { width: 375, height: 740 } });
-  await phone.getByRole("button", { name: "Show the body" }).click();
+  await phone.getByRole("button", { name: "Show body" }).click();
   await phone.getByRole("button", { name: "Emergency stop" }).last().click({ trial: true });
   await picture(phone, "phone-body");
   await phone.close();

@@ -135,7 +135,7 @@ pub const SEND_DESCRIPTION: &str = "the robot description";
 fn explain_description(why: DescriptionError) -> String {
     match why {
         DescriptionError::VersionMismatch { board } => format!(
-            "it reads descriptions of version {board}, and this one has version {ENCODING_VERSION}: flash the firmware \
+            "it reads descriptions of version {board}, but this one has version {ENCODING_VERSION}: flash the firmware \
              of this release"
         ),
         DescriptionError::Unreadable => {

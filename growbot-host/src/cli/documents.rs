@@ -133,7 +133,7 @@ fn every_command_within_a_line_has_its_name_and_options() {
                         match root.find_subcommand(word) {
                             Some(found) => command = found,
                             None if word == "COMMAND" => {}
-                            None => fault(&format!("there is no command {word}")),
+                            None => fault(&format!("unknown command {word}")),
                         }
                     }
                 }

@@ -56,7 +56,7 @@ pub fn usage_error(error: &clap::Error) -> ExitCode {
     if !is_estop {
         return Failure::bad_input(usage::message(error)).report();
     }
-    unacknowledged(format_args!("none was sent: {}", usage::message(error))).report()
+    unacknowledged(format_args!("no emergency stop was sent: {}", usage::message(error))).report()
 }
 
 /// Stops the board. Returns the reason if the board did not acknowledge the stop.

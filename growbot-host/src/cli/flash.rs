@@ -251,7 +251,7 @@ impl ToolRun {
             Self {
                 tool: "probe-rs",
                 remedy: "install it with `cargo install probe-rs-tools --locked`",
-                failed: "the board was not flashed, or its log broke off; is the probe connected, and the board \
+                failed: "flashing the board failed, or its log was interrupted; is the probe connected and the board \
                          powered?",
                 arguments: arguments.chain(image.map(|image| image.as_os_str().to_owned())).collect(),
                 robot: None,

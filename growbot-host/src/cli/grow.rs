@@ -58,7 +58,7 @@ pub struct GrowArgs {
     /// Behaviour of the board when it loses contact with this program
     #[arg(long, value_name = "WHAT", default_value = "pause")]
     on_silence: OnHostSilence,
-    /// Measure each layer, and plan the rest again from the measured pose of the tip
+    /// Measure each layer and replan the rest from the measured pose of the tip
     ///
     /// The filament's encoder measures the growth. The orientation sensor measures the tip's direction by gravity, and
     /// so no heading. --odometry-noise and --direction-noise set the accuracy of the sensors. On a robot the defaults

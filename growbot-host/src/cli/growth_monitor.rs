@@ -340,7 +340,7 @@ impl GrowthProgress {
             JobEvent::Amendment(amendment) => {
                 self.layers_before = std::mem::replace(&mut self.layers, amendment.total as usize);
             }
-            JobEvent::Crash(_) => self.progress.warn("the board's firmware crashed: `growbot status` says where"),
+            JobEvent::Crash(_) => self.progress.warn("the board's firmware crashed: `growbot status` shows where"),
             JobEvent::Board(_)
             | JobEvent::EncoderReference(_)
             | JobEvent::LayersSent { .. }

@@ -89,7 +89,7 @@ struct Cli {
     command: Option<Command>,
 }
 
-const AFTER_HELP: &str = "Lengths are in mm, angles in degrees, unless they say m, mm, deg or rad (0.6m).
+const AFTER_HELP: &str = "Lengths are in mm and angles in degrees, unless given with a unit: 0.6m, 1.57rad.
 A pose is \
                           X,Y,Z,HEADING,PITCH: pitch 90 is straight up, heading 0 is along x.
 Results go to standard \

@@ -168,7 +168,7 @@ fn ask_for(path: &str, proposed: Option<&str>, schema: &Value) {
     ask_line(format_args!("{}", schema::meaning(schema, path)));
     match proposed {
         Some(proposed) => ask_line(format_args!("  {path}{words} [{}]:", in_brackets(proposed))),
-        None => ask_line(format_args!("  {path}{words}, {BACK} where nothing goes with the answers before:")),
+        None => ask_line(format_args!("  {path}{words}, {BACK} because no value fits the previous answers:")),
     }
 }
 

@@ -152,7 +152,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let laid = board.status.layers_laid as usize;
     let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan, around.as_ref()));
     if feedback.is_some() {
-        growbot_host::note!("with feedback, as it was begun");
+        growbot_host::note!("with feedback, as it was started");
     }
     let simulated = port.is_simulated();
     let following = GrowthMonitor {

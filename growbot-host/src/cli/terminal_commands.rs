@@ -102,9 +102,9 @@ pub fn waiting_hint(state: State, keyboard: bool, page: bool) -> Option<String> 
         _ => return None,
     };
     match (keyboard, page) {
-        (true, true) => Some(format!("type `continue` or press Continue on the page, and the robot {goes_on}")),
-        (true, false) => Some(format!("type `continue`, and the robot {goes_on}; `stop` stops it")),
-        (false, true) => Some(format!("press Continue on the page, and the robot {goes_on}")),
+        (true, true) => Some(format!("type `continue` or press Continue on the page: the robot then {goes_on}")),
+        (true, false) => Some(format!("type `continue`: the robot then {goes_on}; `stop` stops it")),
+        (false, true) => Some(format!("press Continue on the page: the robot then {goes_on}")),
         (false, false) => None,
     }
 }

@@ -229,9 +229,9 @@ impl Draft {
         let name = robot.name();
         let mut text = self.directives.clone();
         text += &comment(&format!(
-            "{name}: begun by `growbot new-robot` from {}. \"given\" marks what was answered, \"adapted\" what had to \
-             follow from it, \"assumed\" what nobody has measured: measure it before you rely on it. Other remarks \
-             are those of {}:",
+            "{name}: created by `growbot new-robot` from {}. \"given\" marks an answer, \"adapted\" a value adjusted \
+             to the answers, \"assumed\" a value that has not been measured: measure it before relying on it. Other \
+             remarks are from {}:",
             self.base, self.base
         ));
         text += "#\n";

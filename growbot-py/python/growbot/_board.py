@@ -129,7 +129,7 @@ class Board:
         """
         self._must_be_idle()
         if ignore_scene and (scene is not None or json.loads(plan.to_json()).get("scene") is not None):
-            message = "ignore_scene: neither the plan nor its corrections are kept clear of the scene"
+            message = "ignore_scene: neither the plan nor its corrections are checked against the scene"
             warnings.warn(message, RuntimeWarning, stacklevel=2)
         growth = Growth(self._inner.grow(plan, conditions, seed, log, overwrite, force, ignore_scene, scene))
         # A growth that the program has dropped stops by itself, unless a service owns the robot.
@@ -139,18 +139,21 @@ class Board:
     def attach(self) -> Growth:
         """Returns the current growth of a robot that a service owns, from its first event on."""
         self._must_be_idle()
-        growth = Growth(self._served("attach to").attach())
+        growth = Growth(self._served("attach to it").attach())
         self._growth = lambda: growth
         return growth
 
     def leave(self) -> None:
         """Leaves the growth to the service. It continues after the end of the with block and of this program."""
-        self._served("leave it to")
+        self._served("leave the growth")
         self._growth = lambda: None
 
     def _served(self, what: str) -> ServedBoard:
         if not isinstance(self._inner, ServedBoard):
-            raise BoardError(f"there is no service to {what}: start `growbot serve` with this robot, and connect again")
+            raise BoardError(
+                f"no service owns this robot, so the program cannot {what}: start `growbot serve` with this robot, and connect "
+                "again"
+            )
         return self._inner
 
     def _under_way(self) -> Optional[Growth]:
@@ -159,7 +162,7 @@ class Board:
 
     def _must_be_idle(self) -> None:
         if self._under_way() is not None:
-            raise BoardError("a growth is under way: read its events to the end, or stop it", "growing", "idle")
+            raise BoardError("a growth is in progress: read its events to the end, or stop it", "growing", "idle")
 
     def status(self) -> Status:
         """Returns the status of the board."""

@@ -220,7 +220,7 @@ def campaign(
         partials = _by_dask(scheduler, spec, samples)
     else:
         given = type(scheduler).__name__
-        message = f"scheduler is of type {given}: give a dask.distributed.Client, or none for threads"
+        message = f"scheduler is of type {given}: give a dask.distributed.Client, or None for threads"
         raise InputTypeError(message, given, "dask.distributed.Client")
     result = CampaignResult(spec)
     for done, partial in enumerate(partials, start=1):
@@ -270,7 +270,7 @@ def _by_dask(client: Any, spec: CampaignSpec, samples: Optional[Any]) -> Iterato
             # Dask blames a task if three of its workers were lost. A chunk is not to blame.
             losses[chunk] = losses.get(chunk, 0) + 1
             if losses[chunk] > _LOSSES:
-                message = f"chunk {chunk} was on {_LOSSES} workers that were lost: look at their memory and logs"
+                message = f"chunk {chunk} was on {_LOSSES} workers that were lost: check their memory and logs"
                 raise BoardError(message, losses[chunk], _LOSSES) from error
             running.add(submit(chunk))
             continue
@@ -315,7 +315,7 @@ def _listed(name: str, value: Any) -> tuple[Any, ...]:
     if len(items) > 1_000_000:
         raise InputError(f"{name} has more than 1000000 entries: split the campaign", len(items), 1_000_000)
     if not items:
-        raise InputError(f"{name} is empty: give one at least", 0, 1)
+        raise InputError(f"{name} is empty: give at least one", 0, 1)
     return items
 
 

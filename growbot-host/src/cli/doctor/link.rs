@@ -54,7 +54,7 @@ pub fn check_description(session: &mut DoctorSession) -> Result<Finding, Failure
     }
     if hello.robot_hash != hash {
         return Ok(Finding::failed(
-            format!("the board has {}, and the robot file is {name} ({hash:016x})", described(&hello)),
+            format!("the board has {}, but the robot file is {name} ({hash:016x})", described(&hello)),
             format!("{configure}; or choose the board's robot with --robot"),
         ));
     }

@@ -6,7 +6,7 @@ const cards = new Map();
 let may = false;
 const byId = (id) => document.getElementById(id);
 const units = {
-  preheat: "Temperature in C, or a material; empty for that of growth", cooldown: "", home: "",
+  preheat: "Temperature in C, or a material; empty for the growth temperature", cooldown: "", home: "",
   load: "Length in mm, or a material", unload: "Length in mm, or a material", purge: "Length in mm, or a material",
   rotate: "Angle in degrees", jog: "Length in mm, negative to pull",
 };
@@ -21,7 +21,7 @@ async function ask(path, what) {
   const text = await answer.text();
   let said;
   try { said = JSON.parse(text); } catch { said = { detail: text }; }
-  if (!answer.ok) throw new Error(said.detail ?? `the service answers ${answer.status}`);
+  if (!answer.ok) throw new Error(said.detail ?? `the service responded ${answer.status}`);
   return said;
 }
 
@@ -103,7 +103,7 @@ function grow(of, event) {
     if (!preview) {
       const job = await ask(`robots/${of.robot.name}/jobs`, body);
       jobs();
-      return `job ${job.id} is under way`;
+      return `job ${job.id} has started`;
     }
     const { plan, view } = await ask(`plans?robot=${encodeURIComponent(of.robot.name)}`, body);
     const warnings = plan.warnings.map((warning) => `${warning.code}: ${warning.message}`);
@@ -162,9 +162,9 @@ function facts(robot) {
 
 /** Returns the reason why maintenance is not possible now, empty if it is possible. */
 function unsafe(robot) {
-  if (!may) return "This address may only look.";
+  if (!may) return "This URL is read-only.";
   if (robot.state === "disconnected") return "The robot is not connected.";
-  if (robot.job) return "A body grows: pause it, and use its page.";
+  if (robot.job) return "A job is active: pause it and use its page.";
   if (robot.fault) return "A fault is latched: clear it first.";
   return "";
 }

@@ -220,7 +220,7 @@ impl NodeProcess {
 
     fn request(&mut self, request: &[u8]) -> Result<RunResponse, Rp2040Error> {
         let answer = self.exchange(request).map_err(|error| self.last_words(&error))?;
-        RunResponse::parse(&answer).ok_or_else(|| Rp2040Error::Ended("its answer cannot be read".to_owned()))
+        RunResponse::parse(&answer).ok_or_else(|| Rp2040Error::Ended("its response cannot be read".to_owned()))
     }
 
     fn exchange(&mut self, request: &[u8]) -> io::Result<Vec<u8>> {
