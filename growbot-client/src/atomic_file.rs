@@ -415,7 +415,7 @@ mod tests {
     fn the_ending_says_the_format_or_is_refused_and_the_formats_are_listed() {
         for wrong in ["a.pdf", "a.PNG", "a.b.svg", "a.plan", "a."] {
             let error = format_from_extension(wrong.as_ref(), &["json", "csv", "stl"]).unwrap_err().to_string();
-            assert!(error.contains("end it in .json, .csv or .stl"), "{error}");
+            assert!(error.contains("use .json, .csv or .stl"), "{error}");
         }
         for (name, format) in
             [("a", None), ("-", None), (".pdf", None), ("a.json", Some("json")), ("a.CSV", Some("csv"))]

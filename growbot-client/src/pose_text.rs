@@ -292,7 +292,7 @@ mod tests {
             ("1,2,3,4,90.01", "pitch is 90.01 deg"),
             ("1;2;3;4;5", "this is 1"),
             ("1,2mm,3deg,4,5", "z is \"3deg\", which is not a length: write it like -120, 600mm or 0.6m"),
-            ("1,2,3,4m,5", "heading is \"4m\", which is no angle"),
+            ("1,2,3,4m,5", "heading is \"4m\", which is not an angle"),
             ("1,2,3,4,2rad", "pitch is 114.59"),
         ] {
             let message = parse_pose(text).unwrap_err().to_string();

@@ -192,7 +192,7 @@ mod tests {
             ("x,y,z\n1,2,inf\n", "line 2: z is inf: give a finite number"),
             ("x,y,z\n1,2,1e8\n", "line 2: z is 100000000 mm: keep coordinates within"),
             ("x,y,z,heading,pitch\n1,2,3,4,91\n", "line 2: pitch is 91 deg"),
-            ("x,y,z,heading,pitch\n1,2,3,4,\n", "line 2: pitch is empty, and the other angle is not"),
+            ("x,y,z,heading,pitch\n1,2,3,4,\n", "line 2: pitch is empty, but the other angle is not"),
         ] {
             let message = read(text).unwrap_err().to_string();
             assert!(message.contains(part), "{text:?}: {message}");

@@ -147,7 +147,7 @@ fn an_emergency_stop_is_cleared_as_soon_as_it_was_given() {
 fn a_line_that_is_no_text_ends_a_script() {
     let ran = growbot_reading_bytes(&["console"], b"sta\xfftus\nstatus\n");
     assert_eq!(ran.code, Some(1));
-    assert!(ran.err.contains("no UTF-8 text (at byte 3)") && ran.err.contains("line 1 failed"), "{}", ran.err);
+    assert!(ran.err.contains("not UTF-8 text (at byte 3)") && ran.err.contains("line 1 failed"), "{}", ran.err);
     assert_eq!(ran.out.matches("state        idle").count(), 1, "{}", ran.out);
 }
 
@@ -182,7 +182,7 @@ fn what_is_unsafe_is_refused_with_value_limit_and_remedy() {
         ("load\n", &["this is not allowed in state idle"][..]),
         ("preheat 300\n", &["between 50 and 235 C"]),
         ("preheat 200\nload\n", &["22", "must have 180 C", "preheat, and wait"]),
-        ("preheat 200\nwait 120\nrotate 400\n", &["by 360 degrees at a time at most"]),
+        ("preheat 200\nwait 120\nrotate 400\n", &["by at most 360 degrees per command"]),
         ("preheat 200\nwait 120\njog 1e5\n", &["mm of filament per command"]),
         ("preheat 200\nwait 120\njog 50\njog 1\n", &["still moving"]),
         ("plan 0,0,60,0,90\nstart\npreheat\n", &["this is not allowed in state heating"]),

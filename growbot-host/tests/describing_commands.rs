@@ -34,7 +34,7 @@ fn a_new_robot_that_is_a_bench_or_too_fast_for_a_board_says_so() {
     fs::write(&bench, text).unwrap();
     for (base, says) in [
         (bench.to_str().unwrap(), Some("heats although a debug probe is attached")),
-        ("growbot-c", Some("no board drives it: motion.tick_hz is 1000000, above 100000")),
+        ("growbot-c", Some("no board can drive it: motion.tick_hz is 1000000, above 100000")),
         ("growbot-b", None),
     ] {
         let output = folder.path().join("new.toml");
@@ -227,7 +227,7 @@ fn an_answer_that_cannot_be_leaves_no_file() {
     for (answers, part) in [
         ("mine\n14\n60\n10\n", "geometry.tip_radius_mm is 10, below 14"),
         ("mine\nfourteen\n", "give a number"),
-        ("growbot-a\n", "growbot-a is built in"),
+        ("growbot-a\n", "growbot-a is a built-in robot"),
         ("mine\n1e400\n", "finite"),
     ] {
         let ran = growbot_reading(&["new-robot", "-o", path.to_str().unwrap()], answers);

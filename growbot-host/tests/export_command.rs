@@ -160,7 +160,7 @@ fn what_cannot_be_exported_is_refused_in_one_line_and_leaves_nothing() {
     let before = names(bodies.0.path());
     for (args, said) in [
         (vec![plan.as_str(), "-o", &bodies.path("a.mcap")], "run log"),
-        (vec![&plan, "-o", &bodies.path("a.obj")], "end it in .stl, .glb, .csv, .tum or .mcap"),
+        (vec![&plan, "-o", &bodies.path("a.obj")], "use .stl, .glb, .csv, .tum or .mcap"),
         (vec![&plan], "--format"),
         (vec![&log, "-o", &bodies.path("a.stl"), "--ros2"], "--ros2 is for MCAP"),
         (vec![&bodies.path("empty.jsonl"), "-o", &kept], "0 mm long"),

@@ -120,7 +120,7 @@ fn what_cannot_be_is_refused_before_the_job() {
             "its tip is not simulated: remove the noise and bias options",
         ),
         (vec!["--odometry-noise", "2", "--port", "tcp:localhost:1"], "add --feedback"),
-        (vec!["--robot", "growbot-a2", "--feedback"], "robot growbot-a2 has nothing to measure layers by"),
+        (vec!["--robot", "growbot-a2", "--feedback"], "robot growbot-a2 has no sensor that measures layers"),
     ] {
         let ran = growbot(&[&["grow", "--to", "0,0,30,0,90"][..], &args].concat());
         assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);

@@ -177,7 +177,7 @@ fn directories_are_made_and_their_parents_are_not() {
             assert!(count > 0 && err.contains(&format!("{count} files written to {new}")), "{args:?}: {err}");
         }
         let (code, _, err) = place.run(&[args, &["missing/new"]].concat());
-        assert!(code == Some(2) && err.contains("there is no directory missing"), "{args:?}: {err}");
+        assert!(code == Some(2) && err.contains("directory missing does not exist"), "{args:?}: {err}");
         let (code, _, err) = place.run(&[args, &["file"]].concat());
         assert!(code == Some(2) && err.contains("file is a file"), "{args:?}: {err}");
     }

@@ -205,8 +205,8 @@ fn what_is_missing_is_named_with_its_remedy() {
         &bench.flash("tree", &["--firmware", &image]),
         &["probe-rs", "cargo install probe-rs-tools --locked"],
     );
-    assert_refused(&bench.flash("tree", &["--firmware", "nothing.elf"]), &["no firmware image nothing.elf"]);
-    assert_refused(&bench.flash("tree", &[]), &["there is no cargo", "rustup.rs"]);
+    assert_refused(&bench.flash("tree", &["--firmware", "nothing.elf"]), &["firmware image nothing.elf not found"]);
+    assert_refused(&bench.flash("tree", &[]), &["cargo is not on the PATH", "rustup.rs"]);
     assert_refused(&bench.flash("elsewhere", &[]), &["source tree", "--firmware"]);
     assert_refused(&bench.flash("tree", &["--robot", "growbot-z"]), &["growbot-z"]);
     assert_eq!(bench.calls(), "");

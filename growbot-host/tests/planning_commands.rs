@@ -506,7 +506,7 @@ fn a_workspace_is_a_table_a_line_or_a_picture() {
     refused(&["--radius", "50"], &["50 mm", "R_min = 98.2 mm"]);
     refused(&["--heading", "0", "--pitch", "91"], &["pitch is 91 deg"]);
     refused(&["--length", "100", "-o", "-", "--json"], &["both go to standard output"]);
-    refused(&["--length", "100", "-o", "/no/such/place.svg"], &["no directory /no/such"]);
+    refused(&["--length", "100", "-o", "/no/such/place.svg"], &["directory /no/such does not exist"]);
     assert_refused(&growbot(&["workspace", "--heading", "0"]), 2, &["--pitch"]);
 }
 
@@ -535,5 +535,5 @@ fn no_plan_is_longer_than_it_may_be() {
     let goal = ["plan", "--to", "0,0,700", "--effort", "1", "--scene", &scene];
     assert_eq!(growbot(&with(&goal, &["--length-max", "800"])).code, Some(0));
     let refused = growbot(&with(&goal, &["--length-max", "600"]));
-    assert_refused_in_a_line(&refused, 1, &["the goal is 700 mm from", "--length-max 600 mm"]);
+    assert_refused_in_a_line(&refused, 1, &["the goal is 700 mm from the start of its leg", "only 600 mm of --length-max"]);
 }

@@ -291,9 +291,9 @@ fn a_command_that_talks_to_the_board_itself_borrows_its_line() {
         (trouble() == "its port is in use by growbot console, which must end first").then_some(())
     });
     let (status, problem) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
-    assert!(status == 409 && problem["detail"].as_str().unwrap().contains("lent to growbot console"), "{problem}");
+    assert!(status == 409 && problem["detail"].as_str().unwrap().contains("in use by growbot console"), "{problem}");
     let (code, said) = lab.run(&["tune"]);
-    assert!(code == Some(1) && said.contains("lent to growbot console"), "{said}");
+    assert!(code == Some(1) && said.contains("in use by growbot console"), "{said}");
     let (status, said) = lab.ask("POST", "/robots/lab/orders", r#"{"order":"emergency-stop"}"#);
     assert_eq!(status, 200, "{said}");
     console.stdin.take().unwrap().write_all(b"status\nclear\nquit\n").unwrap();

@@ -160,7 +160,11 @@ fn a_webhook_is_signed_and_tried_again_until_it_is_taken() {
         message.starts_with("simulated robot lab pauses after layer ") && message.ends_with("on request"),
         "{message}"
     );
-    assert!(lab.heard().contains("http://127.0.0.1 has not taken a notice (it responded 500)"), "{}", lab.heard());
+    assert!(
+        lab.heard().contains("http://127.0.0.1 did not accept a notification (it responded 500)"),
+        "{}",
+        lab.heard()
+    );
     nothing_is_given_away(&lab);
 }
 
@@ -205,7 +209,7 @@ fn by_https_nothing_is_said_before_the_receiver_has_shown_who_it_is() {
     stream.write_all(b"HTTP/1.1 200 OK\r\ncontent-length: 0\r\n\r\n").unwrap();
     let text = String::from_utf8_lossy(&hello);
     assert!(!text.contains("s3cret") && !text.contains("finish") && text.contains("localhost"), "{text}");
-    wait_for("it is tried", || lab.heard().contains("https://localhost has not taken a notice").then_some(()));
+    wait_for("it is tried", || lab.heard().contains("https://localhost did not accept a notification").then_some(()));
     assert_eq!(lab.wait_for_end(&job)["state"], "done");
     nothing_is_given_away(&lab);
     assert!(!lab.heard().contains("panicked"), "{}", lab.heard());

@@ -158,7 +158,7 @@ fn what_is_neither_plan_nor_log_leaves_no_page() {
     assert_refused(&view(directory.path()), &["cannot read"], &page);
     assert_refused(&growbot(&["view", text(&plan), "-o", text(&path("no/page.html"))]), &["no directory"], &page);
     assert_refused(&growbot_reading(&["view", "-"], &whole), &["-o"], &page);
-    assert_refused(&growbot(&["view", text(&plan), "-o", text(&plan)]), &["end it in .html"], &page);
+    assert_refused(&growbot(&["view", text(&plan), "-o", text(&plan)]), &["use .html"], &page);
     assert_eq!(fs::read_to_string(&plan).unwrap(), whole);
 
     let ran = growbot_reading(&["view", "-", "-o", text(&page)], &whole);
@@ -226,5 +226,5 @@ fn a_comparison_is_of_two_files_that_are_bodies() {
     );
     assert_refused(&view(&["--compare", "-", "-"]), &["standard input"], &page);
     assert_refused(&growbot(&["view", "--compare", text(&plan), "-"]), &["-o"], &page);
-    assert_refused(&growbot(&["view", "--compare", "-o", text(&plan), "-", text(&plan)]), &["end it in .html"], &page);
+    assert_refused(&growbot(&["view", "--compare", "-o", text(&plan), "-", text(&plan)]), &["use .html"], &page);
 }

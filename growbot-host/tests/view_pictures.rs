@@ -311,10 +311,10 @@ fn what_cannot_be_drawn_is_said_and_leaves_no_file() {
     let cold: String =
         lines.lines().filter(|line| !line.contains("temperature_c")).map(|line| format!("{line}\n")).collect();
     fs::write(directory.path().join("cold.jsonl"), cold).unwrap();
-    view(&[text(&directory.path().join("cold.jsonl")), "--plot", "temperature"], &["cold.jsonl tells no temperature"]);
+    view(&[text(&directory.path().join("cold.jsonl")), "--plot", "temperature"], &["cold.jsonl has no temperature"]);
     view(&[text(&directory.path().join("none.json")), "--svg"], &["none.json", "cannot read"]);
     view(&[text(&plan), text(&run), "--svg"], &["--compare"]);
-    view(&[text(&plan), "--png"], &["out.svg", "end it in .png"]);
+    view(&[text(&plan), "--png"], &["out.svg", "use .png"]);
     // Errors of the options' own parser take more lines.
     for args in [
         &["--plot", "heigth"][..],
@@ -327,7 +327,7 @@ fn what_cannot_be_drawn_is_said_and_leaves_no_file() {
         assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);
     }
     let refused = growbot(&["view", text(&plan), "--plot", "tilt", "-o", text(&directory.path().join("tilt.html"))]);
-    assert!(refused.code == Some(2) && refused.err.contains("end it in .svg, .png or .pdf"), "{}", refused.err);
+    assert!(refused.code == Some(2) && refused.err.contains("use .svg, .png or .pdf"), "{}", refused.err);
     let refused = growbot(&["view", text(&plan), "--width", "800"]);
     assert!(refused.code == Some(2) && refused.err.contains("--png"), "{}", refused.err);
     let refused = growbot(&["view", text(&plan), "--look", "top"]);

@@ -205,7 +205,7 @@ mod tests {
     fn what_is_no_image_of_an_rp2040_is_refused() {
         for (image, part) in [
             (b"no image".to_vec(), "not a 32-bit ELF"),
-            (elf(0x0800_0000, &[1; 8]), "0x08000000, which is no flash"),
+            (elf(0x0800_0000, &[1; 8]), "0x08000000, which is not flash"),
             (elf(0x10FF_FFFC, &[1; 8]), "not flash"),
             (elf(0x1000_0000, &[]), "nothing to write"),
         ] {

@@ -151,8 +151,8 @@ class Board:
     def _served(self, what: str) -> ServedBoard:
         if not isinstance(self._inner, ServedBoard):
             raise BoardError(
-                f"no service owns this robot, so the program cannot {what}: start `growbot serve` with this robot, and connect "
-                "again"
+                f"no service owns this robot, so the program cannot {what}: start `growbot serve` with this robot, and "
+                "connect again"
             )
         return self._inner
 

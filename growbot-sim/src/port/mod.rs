@@ -245,7 +245,10 @@ mod tests {
         assert!(open(&PortName::Sim, &robot, &settings).is_ok());
         let Err(refused) = open(&PortName::Emulator(None), &robot, &settings) else { panic!("it is emulated") };
         let said = refused.to_string();
-        assert!(said.starts_with("growbot-c cannot be grown by a board") && said.contains("above 100000"), "{said}");
+        assert!(
+            said.starts_with("no board, real or emulated, can run robot growbot-c") && said.contains("above 100000"),
+            "{said}"
+        );
     }
 
     #[test]

@@ -210,12 +210,12 @@ mod tests {
     #[test]
     fn what_is_no_fault_is_refused_with_what_it_was() {
         for (text, parts) in [
-            ("", ["no fault \"\"", "drop, flip"]),
+            ("", ["unknown fault \"\"", "drop, flip"]),
             ("dorp=1%", ["\"dorp\"", "did you mean drop?"]),
             ("drop", ["drop has no value", "drop=1%"]),
             ("drop=", ["drop is \"\"", "100%"]),
-            ("drop=1%,", ["no fault \"\"", "seed"]),
-            ("drop=1%,drop=2%", ["drop is there twice", "remove"]),
+            ("drop=1%,", ["unknown fault \"\"", "seed"]),
+            ("drop=1%,drop=2%", ["drop is given twice", "remove"]),
             ("drop=101%", ["\"101%\"", "0% to 100%"]),
             ("flip=-1e-9", ["flip is \"-1e-9\"", "0 to 1"]),
             ("flip=nan", ["\"nan\"", "not a probability"]),

@@ -200,7 +200,7 @@ mod tests {
     fn what_is_too_much_or_no_command_is_named() {
         for (line, part) in [
             ("stop now", "`stop` takes no arguments: remove \"now\""),
-            ("status 1 2", "leave \"1 2\" away"),
+            ("status 1 2", "remove \"1 2\""),
             ("quit please", "`quit` takes nothing"),
             ("plam 0,0,100,0,90", "unknown command \"plam\" (did you mean plan?)"),
             ("layers 1 2", "\"1 2\" is not a layer number"),
