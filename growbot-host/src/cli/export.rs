@@ -70,16 +70,14 @@ pub struct ExportArgs {
     scene: Option<PathBuf>,
 }
 
-const AFTER_HELP: &str = "Examples:
+const AFTER_HELP: &str = "\
+Examples:
   growbot export plan.json -o body.stl
-  growbot export run.jsonl -o body.glb \
-                          --segments 32 --every 4
+  growbot export run.jsonl -o body.glb --segments 32 --every 4
   growbot export run.jsonl -o run.mcap
-  growbot export run.jsonl -o \
-                          bag.mcap --ros2
+  growbot export run.jsonl -o bag.mcap --ros2
   growbot export run.jsonl -o tip.tum
-  growbot plan --to 0,0,500,0,90 \
-                          --json | growbot export - --format csv";
+  growbot plan --to 0,0,500,0,90 --json | growbot export - --format csv";
 
 /// Export formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

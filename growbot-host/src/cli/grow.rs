@@ -83,22 +83,18 @@ pub struct GrowArgs {
     disturbance: DisturbanceArgs,
 }
 
-const AFTER_HELP: &str = "Examples:
+const AFTER_HELP: &str = "\
+Examples:
   growbot grow --to 200,100,600,0,45
-  growbot grow plan.json --port /dev/ttyACM0 \
-                          --log run.jsonl
+  growbot grow plan.json --port /dev/ttyACM0 --log run.jsonl
   growbot grow plan.json --log
-  growbot grow --robot growbot-a2 --to \
-                          0,60,120,90,30 --port emulator
+  growbot grow --robot growbot-a2 --to 0,60,120,90,30 --port emulator
   growbot grow --to 200,100,600,0,45 --noise 10 --feedback
-  \
-                          growbot grow --to 200,100,600,0,45 --watch --control
-  growbot grow --to 0,0,800 --scene \
-                          room.toml --noise 10 --feedback
+  growbot grow --to 200,100,600,0,45 --watch --control
+  growbot grow --to 0,0,800 --scene room.toml --noise 10 --feedback
 
-Exit codes: 0, the body is grown; 1, stopped, refused or a \
-                          fault; 2, something
-was wrong before the job.";
+Exit codes: 0, the body is grown; 1, stopped, refused or a fault; 2, invalid
+arguments or input.";
 
 /// Arguments of the main job of `growbot` alone: 1 m of robot A to a pose that needs both planes.
 const MAIN_JOB: [&str; 7] =

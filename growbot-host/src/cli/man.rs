@@ -12,10 +12,10 @@ use super::{Cli, Failure, output_dir};
 
 /// Print a page of the manual, or write all of them
 #[derive(Args)]
-#[command(after_help = "Examples:
+#[command(after_help = "\
+Examples:
   growbot man plan | man -l -
-  mkdir -p ~/.local/share/man && growbot man -o \
-                        ~/.local/share/man/man1")]
+  mkdir -p ~/.local/share/man && growbot man -o ~/.local/share/man/man1")]
 pub struct ManArgs {
     /// Command that the page describes [default: growbot itself]
     #[arg(value_name = "COMMAND", conflicts_with = "output")]

@@ -89,25 +89,20 @@ struct Cli {
     command: Option<Command>,
 }
 
-const AFTER_HELP: &str = "Lengths are in mm and angles in degrees, unless given with a unit: 0.6m, 1.57rad.
-A pose is \
-                          X,Y,Z,HEADING,PITCH: pitch 90 is straight up, heading 0 is along x.
-Results go to standard \
-                          output, messages to standard error.
+const AFTER_HELP: &str = "\
+Lengths are in mm, angles in degrees. A number may have a unit: 0.6m, 1.57rad.
+A pose is X,Y,Z,HEADING,PITCH: pitch 90 is straight up, heading 0 is along x.
+Results go to standard output, messages to standard error.
 
 Examples:
-  growbot                                   a \
-                          simulated robot grows 1 m
+  growbot                                   a simulated robot grows 1 m
   growbot plan --to 200,100,600,0,45 -o plan.json
-  growbot grow \
-                          plan.json --port /dev/ttyACM0
+  growbot grow plan.json --port /dev/ttyACM0
 
-Commands without --robot or --port use GROWBOT_ROBOT and \
-                          GROWBOT_PORT, or else
+Commands without --robot or --port use GROWBOT_ROBOT and GROWBOT_PORT, or else
 growbot.toml: growbot config shows them.
 
-Exit codes: 0, success; 1, \
-                          the request failed; 2, invalid arguments or input.";
+Exit codes: 0, success; 1, the request failed; 2, invalid arguments or input.";
 
 #[derive(Subcommand)]
 enum Command {

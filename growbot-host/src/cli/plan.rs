@@ -70,37 +70,27 @@ pub struct PlanArgs {
 const USAGE: &str = "growbot plan [--from <POSE>] --to <POSE> [OPTIONS]
        growbot plan --batch <CSV> [OPTIONS]";
 
-const AFTER_HELP: &str = "Examples:
+const AFTER_HELP: &str = "\
+Examples:
   growbot plan --to 200,100,600,0,45 -o plan.json
-  growbot plan --from 0,0,0,0,90 \
-                          --to -120,0,400,180,0 --radius 120 --json
-  growbot plan --via 200,0,400,0,0 --via \
-                          600,0,300,0,-45 --to 800,0,0,0,-90
+  growbot plan --from 0,0,0,0,90 --to -120,0,400,180,0 --radius 120 --json
+  growbot plan --via 200,0,400,0,0 --via 600,0,300,0,-45 --to 800,0,0,0,-90
   growbot plan --to 0,0,-300,0,90 --clear-of-self
-  \
-                          growbot plan --to 200,100,600
-  growbot plan --to 200,100,600 --scene room.toml --time-limit \
-                          5
+  growbot plan --to 200,100,600
+  growbot plan --to 200,100,600 --scene room.toml --time-limit 5
   growbot plan --to 200,100,600 --scene room.toml --length-max 900
-  growbot plan \
-                          --via-csv stations.csv --to 0.8m,0,0,0deg,-90deg
-  growbot plan --batch queries.csv -o \
-                          answers.csv
+  growbot plan --via-csv stations.csv --to 0.8m,0,0,0deg,-90deg
+  growbot plan --batch queries.csv -o answers.csv
   growbot plan --batch queries.csv --json > plans.jsonl
 
-A batch has the columns \
-                          id,to_x_mm,to_y_mm,to_z_mm in any order, and perhaps
-  to_heading_deg,to_pitch_deg    \
-                          without them, or empty: any direction
-  \
-                          from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg
+A batch has the columns id,to_x_mm,to_y_mm,to_z_mm in any order, and perhaps
+  to_heading_deg,to_pitch_deg    without them, or empty: any direction
+  from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg
   radius_mm, planner
-An option \
-                          applies to a query that leaves its column out or empty. There are no columns for poses \
-                          on
-the way. Each query gives one line: its plan, or its id and an error.
-The exit code is 1 \
-                          if any failed.";
+An option applies to a query that leaves its column out or empty. There are no
+columns for poses on the way. Each query gives one line: its plan, or its id
+and an error.
+The exit code is 1 if any failed.";
 
 /// Runs the command.
 pub fn run(args: &PlanArgs) -> Result<(), Failure> {

@@ -38,10 +38,10 @@ pub struct PowerArgs {
     foreground: bool,
 }
 
-const AFTER_HELP: &str = "Examples:
+const AFTER_HELP: &str = "\
+Examples:
   growbot power on --port sim:lab --robot growbot-a2 --pace 100
-  growbot grow \
-                          --robot growbot-a2 --to 0,0,50,0,90 --port sim:lab
+  growbot grow --robot growbot-a2 --to 0,0,50,0,90 --port sim:lab
   growbot power off --port sim:lab";
 
 /// Actions of the switch.

@@ -61,15 +61,13 @@ pub struct ResumeArgs {
     json: bool,
 }
 
-const AFTER_HELP: &str = "Examples:
+const AFTER_HELP: &str = "\
+Examples:
   growbot resume run.jsonl --port /dev/ttyACM0
-  growbot resume --port \
-                          /dev/ttyACM0      # its latest job, where a service owns it
-  growbot resume plan.json \
-                          --port /dev/ttyACM0 --interrupted-layer let-be --yes
+  growbot resume --port /dev/ttyACM0      # its latest job, where a service owns it
+  growbot resume plan.json --port /dev/ttyACM0 --interrupted-layer let-be --yes
 
-Exit codes: 0, the body is grown; 1, \
-                          nothing to resume, stopped, refused or a
+Exit codes: 0, the body is grown; 1, nothing to resume, stopped, refused or a
 fault; 2, invalid arguments or input.";
 
 /// Maximum length of an answer, bytes.

@@ -216,23 +216,18 @@ impl Format {
 /// Default width of a PNG, pixels.
 const WIDTH: u32 = 1600;
 
-const AFTER_HELP: &str = "Examples:
+const AFTER_HELP: &str = "\
+Examples:
   growbot view plan.json
   growbot view run.jsonl -o growth.html
-  growbot view \
-                          --compare two-plane.json shortest.json
+  growbot view --compare two-plane.json shortest.json
   growbot view plan.json --scene room.toml
-  growbot \
-                          view plan.json --svg
+  growbot view plan.json --svg
   growbot view plan.json --png --width 2400 --look side -o side.png
-  \
-                          growbot view run.jsonl --plot heights,error,temperature --along time
-  growbot view \
-                          --compare a.jsonl b.jsonl c.jsonl --plot error --pdf -o error.pdf
-  growbot view plan.json \
-                          --pdf --no-title --axes --palette viridis --range 0.6,1
-  growbot plan --to 0,0,500,0,90 \
-                          --json | growbot view - -o plan.html";
+  growbot view run.jsonl --plot heights,error,temperature --along time
+  growbot view --compare a.jsonl b.jsonl c.jsonl --plot error --pdf -o error.pdf
+  growbot view plan.json --pdf --no-title --axes --palette viridis --range 0.6,1
+  growbot plan --to 0,0,500,0,90 --json | growbot view - -o plan.html";
 
 /// Runs the command.
 pub fn run(args: &ViewArgs) -> Result<(), Failure> {

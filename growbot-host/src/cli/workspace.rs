@@ -82,15 +82,13 @@ pub struct WorkspaceArgs {
     output: Option<PathBuf>,
 }
 
-const AFTER_HELP: &str = "Examples:
+const AFTER_HELP: &str = "\
+Examples:
   growbot workspace --length 1000 -o reach.svg
-  growbot workspace --length 1000 \
-                          -o reach.png
+  growbot workspace --length 1000 -o reach.png
   growbot workspace --length 800 --heading 0 --pitch -90
-  growbot workspace \
-                          --robot growbot-b --length 20000 --json
-  growbot workspace --length 800 --scene room.toml \
-                          -o goals.csv";
+  growbot workspace --robot growbot-b --length 20000 --json
+  growbot workspace --length 800 --scene room.toml -o goals.csv";
 
 /// Extensions of pictures.
 const FORMATS: [&str; 3] = ["svg", "png", "pdf"];

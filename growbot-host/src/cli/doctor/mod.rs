@@ -58,15 +58,14 @@ pub struct DoctorArgs {
     json: bool,
 }
 
-const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = "\
+Examples:
   growbot doctor --port /dev/ttyACM0 --robot mine.toml -o doctor.json
-  yes skip | \
-                        growbot doctor --port /dev/ttyACM0     # the steps that need no hands
+  yes skip | growbot doctor --port /dev/ttyACM0     # the steps that need no hands
 
-Exit codes: 0, every \
-                        step passed, was left out by choice, or is for a part that
-the robot does not have; 1, one \
-                        failed or was not reached; 2, invalid arguments or input.";
+Exit codes: 0, every step passed, was left out by choice, or is for a part that
+the robot does not have; 1, one failed or was not reached; 2, invalid arguments
+or input.";
 
 /// A step: its name in the report, and its function.
 struct Step {

@@ -98,17 +98,14 @@ pub struct SimulateArgs {
     disturbance: DisturbanceArgs,
 }
 
-const AFTER_HELP: &str = "Examples:
+const AFTER_HELP: &str = "\
+Examples:
   growbot simulate plan.json --noise 10
-  growbot simulate plan.json --noise 10 \
-                          --feedback --repeat 1000
-  growbot simulate plan.json --noise 10 --repeat 1000 --samples \
-                          growths.csv
+  growbot simulate plan.json --noise 10 --feedback --repeat 1000
+  growbot simulate plan.json --noise 10 --repeat 1000 --samples growths.csv
   growbot simulate plan.json --noise 10 --seed 7 -o body.stl
-  growbot simulate \
-                          --to 800,0,0,0,0 --from 0,0,0,0,0 --sag
-  growbot simulate plan.json --noise 10 --repeat \
-                          1000 --scene room.toml
+  growbot simulate --to 800,0,0,0,0 --from 0,0,0,0,0 --sag
+  growbot simulate plan.json --noise 10 --repeat 1000 --scene room.toml
   growbot simulate plan.json --slice whole --step 3.096 --json";
 
 /// Slicing of a path on the command line.
