@@ -535,5 +535,9 @@ fn no_plan_is_longer_than_it_may_be() {
     let goal = ["plan", "--to", "0,0,700", "--effort", "1", "--scene", &scene];
     assert_eq!(growbot(&with(&goal, &["--length-max", "800"])).code, Some(0));
     let refused = growbot(&with(&goal, &["--length-max", "600"]));
-    assert_refused_in_a_line(&refused, 1, &["the goal is 700 mm from the start of its leg", "only 600 mm of --length-max"]);
+    assert_refused_in_a_line(
+        &refused,
+        1,
+        &["the goal is 700 mm from the start of its leg", "only 600 mm of --length-max"],
+    );
 }
