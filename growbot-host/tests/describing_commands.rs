@@ -270,8 +270,7 @@ fn each_command_has_a_page_of_the_manual_with_examples_and_exit_codes() {
 fn completed(script: &str, words: &[&str]) -> Vec<String> {
     let (last, before) = (words[words.len() - 1], words[words.len() - 2]);
     let line = format!(
-        "source {script}; COMP_WORDS=({}); COMP_CWORD={}; _growbot growbot '{last}' '{before}'; echo \
-         \"${{COMPREPLY[@]}}\"",
+        "source {script}; COMP_WORDS=({}); COMP_CWORD={}; _growbot growbot '{last}' '{before}'; echo \"${{COMPREPLY[@]}}\"",
         words.join(" "),
         words.len() - 1,
     );

@@ -243,9 +243,8 @@ fn a_command_is_run_again_until_it_succeeds_and_a_loss_of_power_is_told() {
     let lab_settings = "[serve.notify]\ncommand = [\"./tell.sh\", \"told\"]\nevents = [\"finish\", \"interrupted\"]\n";
     let mut lab = Lab::with(100.0, lab_settings);
     let path = |name: &str| lab.directory.path().join(name);
-    let script = "#!/bin/sh\ncd \"$(dirname \"$0\")\"\n[ -e tried ] || { touch tried; exit 3; }\necho \
-                  \"$GROWBOT_NOTICE_EVENT $GROWBOT_NOTICE_ROBOT $GROWBOT_NOTICE_MESSAGE\" >>$1.env\ncat >>$1\necho \
-                  >>$1\n";
+    let script = "#!/bin/sh\ncd \"$(dirname \"$0\")\"\n[ -e tried ] || { touch tried; exit 3; }\n\
+                  echo \"$GROWBOT_NOTICE_EVENT $GROWBOT_NOTICE_ROBOT $GROWBOT_NOTICE_MESSAGE\" >>$1.env\ncat >>$1\necho >>$1\n";
     fs::write(path("tell.sh"), script).unwrap();
     fs::set_permissions(path("tell.sh"), fs::Permissions::from_mode(0o755)).unwrap();
     let (told, env) = (path("told"), path("told.env"));

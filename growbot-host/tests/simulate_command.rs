@@ -222,9 +222,11 @@ fn repetitions_are_summed_up() {
 #[test]
 fn every_disturbance_is_told_with_its_distribution() {
     let off = ["--noise", "7", "--tilt-bias", "-2", "--twist-noise", "0.1", "--feedback", "--direction-noise", "0.3"];
-    let words = "noise     growth of each layer: uniform, half-width 7 %\nbias      tilt: -2 %\nnoise     twist of \
-                 each layer: uniform, half-width 0.1 deg\nnoise     odometry of each layer: normal, SD 1 %\nnoise     \
-                 measured direction, about either axis: normal, SD 0.3 deg\n";
+    let words = "noise     growth of each layer: uniform, half-width 7 %\n\
+                 bias      tilt: -2 %\n\
+                 noise     twist of each layer: uniform, half-width 0.1 deg\n\
+                 noise     odometry of each layer: normal, SD 1 %\n\
+                 noise     measured direction, about either axis: normal, SD 0.3 deg\n";
     for repeat in [&[][..], &["--repeat", "3"]] {
         let more = [&off[..], repeat].concat();
         let ran = growbot(&with(&GOAL, &more));

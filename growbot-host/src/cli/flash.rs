@@ -152,8 +152,7 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
     let is_uf2 = args.firmware.as_ref().is_some_and(|file| fs::read(file).is_ok_and(|bytes| uf2::is_uf2(&bytes)));
     if is_uf2 && (args.seal_only || !is_drive) {
         return Err(Failure::bad_input(format!(
-            "{} is a UF2 file, which only --board pico and skr-pico take, and which cannot be sealed: give the ELF \
-             image",
+            "{} is a UF2 file, which only --board pico and skr-pico take, and which cannot be sealed: give the ELF image",
             image.display()
         )));
     }

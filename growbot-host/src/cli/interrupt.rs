@@ -24,7 +24,8 @@ pub fn stop_on_interrupt(client: &mut Client, port: &SelectedPort) -> Arc<Comman
             std::process::exit(1);
         }
         growbot_host::warning!(
-            "stopping; press Ctrl-C again for the emergency stop, and to leave without waiting for the {kind}robot"
+            "stopping; press Ctrl-C again for the emergency stop, and to leave without waiting for the \
+             {kind}robot"
         );
     });
     if let Err(error) = installed {

@@ -249,8 +249,8 @@ fn arrived(name: &str, arrival: &Arrival, by: &str) -> String {
     let [x, y, z, ..] = arrival.final_pose.to_degrees().map(|number| fixed(number, 3));
     let direction = direction_text(&arrival.final_pose, 3);
     format!(
-        "{name:<10}{x}, {y}, {z} mm, {direction}{by}\nerror     {:.3} mm from the goal, {:.3} deg between the \
-         directions\n",
+        "{name:<10}{x}, {y}, {z} mm, {direction}{by}\n\
+         error     {:.3} mm from the goal, {:.3} deg between the directions\n",
         arrival.position_error_mm, arrival.direction_error_deg
     )
 }

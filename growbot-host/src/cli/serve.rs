@@ -29,7 +29,8 @@ pub struct ServeArgs {
     page_port: Option<u16>,
 }
 
-const AFTER_HELP: &str = "Examples:
+const AFTER_HELP: &str = "\
+Examples:
   growbot serve
   growbot serve --page-port 9000";
 

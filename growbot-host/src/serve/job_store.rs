@@ -394,8 +394,8 @@ mod tests {
         let database = Connection::open(places.database()).unwrap();
         database.execute_batch(TABLES).unwrap();
         database.pragma_update(None, "user_version", version).unwrap();
-        let job = "INSERT INTO job VALUES ('20261123T014500123_lab', 'lab', 'a body', 'done', '00000000000000ff', 78, \
-                   78, 60.0, 1, 0, '2026-11-23T01:45:00.123Z', '2026-11-23T02:45:00Z', 'done', 'a key')";
+        let job = "INSERT INTO job VALUES ('20261123T014500123_lab', 'lab', 'a body', 'done', '00000000000000ff', 78, 78, \
+                   60.0, 1, 0, '2026-11-23T01:45:00.123Z', '2026-11-23T02:45:00Z', 'done', 'a key')";
         database.execute(job, []).unwrap();
         (directory, places)
     }

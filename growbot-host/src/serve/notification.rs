@@ -196,8 +196,8 @@ impl JobStore {
                 named_params! { ":channel": channel.name(), ":notice": text.trim_end(), ":now": now_ms },
             )?;
             transaction.execute(
-                "DELETE FROM notice WHERE channel = ?1 AND id NOT IN (SELECT id FROM notice WHERE channel = ?1 ORDER \
-                 BY id DESC LIMIT ?2)",
+                "DELETE FROM notice WHERE channel = ?1 AND id NOT IN \
+                 (SELECT id FROM notice WHERE channel = ?1 ORDER BY id DESC LIMIT ?2)",
                 (channel.name(), MAX_QUEUED_PER_CHANNEL),
             )?;
         }

@@ -32,8 +32,8 @@ const PAGE: &str = include_str!("page/robots.html");
 const SCRIPT: &str = include_str!("page/robots.js");
 const STYLE: &str = include_str!("page/robots.css");
 /// Content security policy of the page. The page can load content from the service only.
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self'; \
-                      frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self'; frame-src 'self'; \
+                      form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 
 /// Maximum length of the reason in a response that is converted to problem details, bytes.
 const MAX_REASON: usize = 4096;
