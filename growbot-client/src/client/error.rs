@@ -219,8 +219,8 @@ fn explain(request: &str, refusal: &Refusal) -> String {
         }
         Refusal::StillMoving => "head or feed are still moving: try again when they have stopped".to_string(),
         Refusal::NoFilament => {
-            "there is no filament at its switch, or too much of it was pulled back: push it in up to the feed, `load` \
-             and `purge`"
+            "there is no filament at its switch, or too much of it was pulled back: push it in up to the feed, then \
+             `load` and `purge`"
                 .to_string()
         }
         Refusal::NotConfigured => "it is not configured: it has no robot description and only communicates; send it \

@@ -300,8 +300,9 @@ struct GrowthProgress {
 }
 
 /// Instructions for a robot that waits for filament.
-const OUT_OF_FILAMENT: &str = "out of filament: push the new one in up to the feed, then `preheat`, `load`, `purge` (here \
-                               or on the page), and `continue`; the robot waits for an hour with its nozzle at standby";
+const OUT_OF_FILAMENT: &str = "out of filament: push new filament in up to the feed, then `preheat`, `load`, `purge` \
+                               (here or on the page), and `continue`; the robot waits for an hour at standby \
+                               temperature";
 
 impl GrowthProgress {
     fn new(layers: usize, laid: u64, forecast: Option<Forecast>) -> Self {

@@ -381,7 +381,7 @@ fn text_of(robot: &RobotView) -> String {
         None => "job          none\n".to_owned(),
     };
     if let Some(pause) = &robot.pause {
-        text += &format!("waits        {pause}\n");
+        text += &format!("paused       {pause}\n");
     }
     if let Some(refused) = &robot.refused {
         text += &format!("refused      {refused}\n");

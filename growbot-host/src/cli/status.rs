@@ -363,7 +363,7 @@ fn text_of(hello: &BoardInfo, is_simulated: bool) -> String {
         text += &format!("interrupted  layer {}: {}\n", status.layers_laid, made(interrupted));
     }
     if is_paused(status.state) {
-        text += &format!("waits        {}\n", pause_cause(status.pause_cause));
+        text += &format!("paused       {}\n", pause_cause(status.pause_cause));
     }
     if !status.is_resumable {
         text += "journal      failed: this body cannot be resumed after a reset\n";

@@ -220,10 +220,12 @@ impl GrowthTracker {
             (None, "paused", PauseCause::Requested) => Some("paused on request"),
             (None, "paused", PauseCause::HostSilent) => Some("paused until its host is connected again"),
             (None, "paused", PauseCause::FilamentOut) => {
-                Some("out of filament: push the new one in up to the feed; preheat, load and purge it, then continue")
+                Some("out of filament: push new filament in up to the feed; preheat, load and purge it, then continue")
             }
             (None, "paused", PauseCause::LayersExhausted) => Some("paused until it has more layers"),
-            (None, "parked", _) => Some("a long pause has switched the heater off: Continue heats up and homes first"),
+            (None, "parked", _) => {
+                Some("the heater was switched off after a long pause: Continue heats and homes first")
+            }
             (None, "emergency-stop", _) => {
                 Some("stays off until the emergency stop is cleared (`clear` in `growbot console`)")
             }
