@@ -55,7 +55,9 @@ impl Load<'_> {
             let path = format!("/robots/{}/jobs", name(robot));
             let (status, job) = self.lab.ask("POST", &path, &json!({ "to": GOAL }).to_string());
             // The journal is full after some growths.
-            if status == 409 && job["detail"].as_str().is_some_and(|why| why.ends_with("wait until it has cooled")) {
+            if status == 409
+                && job["detail"].as_str().is_some_and(|why| why.ends_with("wait until the nozzle has cooled"))
+            {
                 sleep(Duration::from_millis(100));
                 continue;
             }

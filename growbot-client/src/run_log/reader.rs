@@ -26,13 +26,11 @@ impl Damage {
         let Self { lines, first, cut_off } = self;
         let skipped = match lines {
             0 => None,
-            1 => Some(format!("line {first} of {file} is no event and was skipped: what it told is missing")),
-            _ => Some(format!(
-                "{lines} lines of {file}, the first is line {first}, are no events and were skipped: what they told is missing"
-            )),
+            1 => Some(format!("skipped line {first} of {file}: not a valid event")),
+            _ => Some(format!("skipped {lines} lines of {file}, the first is line {first}: not valid events")),
         };
         let cut = (*cut_off > 0)
-            .then(|| format!("the last {cut_off} bytes of {file} are no whole line: the log was cut off there"));
+            .then(|| format!("the last {cut_off} bytes of {file} are not a complete line: the log was cut off there"));
         match (skipped, cut) {
             (Some(skipped), Some(cut)) => Some(format!("{skipped}; {cut}")),
             (skipped, cut) => skipped.or(cut),
