@@ -241,8 +241,8 @@ fn every_disturbance_is_printed_with_its_distribution() {
     }
     let help = growbot(&["simulate", "--help"]).out;
     let help = help.split_whitespace().collect::<Vec<_>>().join(" ");
-    assert_eq!(help.matches("uniform, of this half-width").count(), 4, "{help}");
-    assert_eq!(help.matches("normal, of this standard deviation").count(), 2, "{help}");
+    assert_eq!(help.matches("Half-width of the uniform noise").count(), 4, "{help}");
+    assert_eq!(help.matches("Standard deviation of the normal noise").count(), 2, "{help}");
 }
 
 #[test]

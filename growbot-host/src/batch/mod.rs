@@ -95,7 +95,7 @@ pub enum QueryError {
 /// Error of a path that is longer than allowed.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error(
-    "the shortest path found is {found:.1} mm long, but --max-length is {} mm: raise --length-max, or choose a smaller \
+    "the shortest path found is {found:.1} mm long, but --max-length is {} mm: raise --max-length, or choose a smaller \
      radius or another goal", CompactNumber(.max)
 )]
 pub struct PathTooLong {

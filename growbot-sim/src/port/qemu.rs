@@ -84,7 +84,11 @@ impl fmt::Display for QemuError {
             Self::TooOld(version) => write!(f, "{PROGRAM} is version {version}: version {OLDEST} or newer is needed"),
             Self::UnknownVersion(said) => write!(f, "cannot determine the version of {PROGRAM}; it printed: {said}"),
             Self::NoFirmware(path) => {
-                write!(f, "no firmware at {}: build it with `cargo build-an386` or `cargo build-stm32f405`", path.display())
+                write!(
+                    f,
+                    "no firmware at {}: build it with `cargo build-an386` or `cargo build-stm32f405`",
+                    path.display()
+                )
             }
             Self::ExitedAtStart(said) => write!(f, "{PROGRAM} ended while starting the board: {}", or_nothing(said)),
             Self::ExitedWhileRunning(said) => write!(
