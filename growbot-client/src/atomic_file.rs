@@ -14,7 +14,7 @@ use std::sync::{Mutex, PoisonError};
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
     /// The directory for a file does not exist.
-    #[error("cannot write {file}: there is no directory {directory}; create it, or choose another place")]
+    #[error("cannot write {file}: directory {directory} does not exist; create it, or choose another directory")]
     NoDirectory {
         /// The file.
         file: String,
@@ -22,14 +22,14 @@ pub enum FileError {
         directory: String,
     },
     /// The file is an input of the command.
-    #[error("cannot write {file}: it is an input of this command, which would be lost; choose another file")]
+    #[error("cannot write {file}: it is an input of this command and would be lost; choose another file")]
     Input {
         /// The file.
         file: String,
     },
     /// Standard output is redirected to an input of the command.
     #[error(
-        "cannot read {file}: standard output is redirected onto it, and what is printed would destroy it; redirect to \
+        "cannot read {file}: standard output is redirected to it, and the output would overwrite it; redirect to \
          another file"
     )]
     OntoInput {
@@ -37,7 +37,7 @@ pub enum FileError {
         file: String,
     },
     /// The file's extension is not one of the formats.
-    #[error("cannot write {file}: its ending .{ending} is none of the formats here; end it in {formats}")]
+    #[error("cannot write {file}: its extension .{ending} is not supported here; use {formats}")]
     UnknownExtension {
         /// The file.
         file: String,
@@ -415,7 +415,7 @@ mod tests {
     fn an_unknown_extension_is_refused_with_the_list_of_formats() {
         for wrong in ["a.pdf", "a.PNG", "a.b.svg", "a.plan", "a."] {
             let error = format_from_extension(wrong.as_ref(), &["json", "csv", "stl"]).unwrap_err().to_string();
-            assert!(error.contains("end it in .json, .csv or .stl"), "{error}");
+            assert!(error.contains("use .json, .csv or .stl"), "{error}");
         }
         for (name, format) in
             [("a", None), ("-", None), (".pdf", None), ("a.json", Some("json")), ("a.CSV", Some("csv"))]

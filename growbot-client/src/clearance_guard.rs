@@ -75,12 +75,12 @@ impl std::fmt::Display for ClearanceViolation {
         let Self { layer, point_mm: [x, y, z], obstacle, clearance_mm, deviation_mm, no_detour } = self;
         write!(
             f,
-            "layer {layer}, at {x:.1}, {y:.1}, {z:.1} mm, would {} {obstacle}, and must keep off by \
+            "layer {layer}, at {x:.1}, {y:.1}, {z:.1} mm, would {} {obstacle}, but must stay clear by \
              {deviation_mm:.2} mm, 3 standard deviations of the position there",
             describe_clearance(*clearance_mm)
         )?;
         if let Some(why) = no_detour {
-            write!(f, "; no other way was found: {why}")?;
+            write!(f, "; no detour was found: {why}")?;
         }
         Ok(())
     }
@@ -300,7 +300,7 @@ impl<'a> ClearanceGuard<'a> {
     fn detour(&mut self, tracker: &Tracker<'a>, under_way: &[Layer]) -> Result<(Tracker<'a>, f64, f64), String> {
         let around = self.scene;
         let Some(slot) = around.detours.iter().find(|slot| slot.get().is_none()) else {
-            return Err(format!("the body has taken {MAX_DETOURS} detours already, which is the most; plan it anew"));
+            return Err(format!("the body has already taken {MAX_DETOURS} detours, the maximum; plan it again"));
         };
         let estimate = tracker.estimate();
         let start = Pose::from_frame(tracker.reference_start());
@@ -502,7 +502,7 @@ mod tests {
         let paused = paused.unwrap();
         assert!(detours.is_empty() && least > 0.0, "{detours:?} {least}");
         let words = paused.to_string();
-        assert!(words.contains("the ball at 0, 70, 600") && words.contains("no other way was found: "), "{words}");
+        assert!(words.contains("the ball at 0, 70, 600") && words.contains("no detour was found: "), "{words}");
     }
 
     #[test]

@@ -28,7 +28,7 @@ pub enum InputError {
         error: io::Error,
     },
     /// The input is longer than the limit for its kind.
-    #[error("{name} is longer than {max} bytes, more than any {}: is it the right file?", kind(.max))]
+    #[error("{name} is longer than {max} bytes, the limit for a {}: is it the right file?", kind(.max))]
     TooLong {
         /// Name of the input.
         name: String,
@@ -37,7 +37,7 @@ pub enum InputError {
     },
     /// A named pipe, a device or a socket. Reading it might wait for ever.
     #[error(
-        "cannot read {name}: it is {what}, and might never end; give a file, or send it to standard input (-), as in \
+        "cannot read {name}: it is {what} and may never end; give a file, or send it to standard input (-), as in \
          `growbot COMMAND - < FILE`"
     )]
     NotAFile {
@@ -47,7 +47,7 @@ pub enum InputError {
         what: &'static str,
     },
     /// Standard input is already read by another argument.
-    #[error("standard input (-) gives one file only: give the other one as a file")]
+    #[error("standard input (-) holds only one file: give the other as a file")]
     ReadAlready,
     /// Standard output would destroy the input.
     #[error(transparent)]
@@ -173,8 +173,7 @@ impl<R: Read> Read for BoundedLines<R> {
         for byte in buffer.get(..count).unwrap_or_default() {
             self.length = if *byte == b'\n' { 0 } else { self.length + 1 };
             if self.length > MAX_TEXT_BYTES {
-                let said =
-                    format!("a line is longer than {MAX_TEXT_BYTES} bytes, more than any: is it the right file?");
+                let said = format!("a line is longer than {MAX_TEXT_BYTES} bytes, the limit: is it the right file?");
                 return Err(io::Error::new(io::ErrorKind::InvalidData, said));
             }
         }

@@ -39,7 +39,7 @@ fn length<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     if mm.is_finite() && mm >= 0.0 {
         Ok(mm)
     } else {
-        Err(D::Error::custom(format!("{mm} mm is no length: give 0 or more")))
+        Err(D::Error::custom(format!("{mm} mm is not a length: give 0 or more")))
     }
 }
 
@@ -93,10 +93,12 @@ impl MaterialPresets {
     /// A message with the fault of the command.
     pub fn task(&self, word: &str, rest: &str, robot: &Robot) -> Option<Result<MaintenanceTask, String>> {
         let rest = rest.trim();
-        let alone =
-            |task| if rest.is_empty() { Ok(task) } else { Err(format!("`{word}` takes nothing: leave {rest:?} away")) };
+        let alone = |task| {
+            if rest.is_empty() { Ok(task) } else { Err(format!("`{word}` takes no arguments: remove {rest:?}")) }
+        };
         let parse_number = |text: &str| parse_number(text).filter(|number| number.is_finite());
-        let number = || parse_number(rest).ok_or_else(|| format!("{rest:?} is no number: give one, as `{word} 10`"));
+        let number =
+            || parse_number(rest).ok_or_else(|| format!("{rest:?} is not a number: give one, for example `{word} 10`"));
         let feed = |mm: f64| MaintenanceTask::Feed { um: (mm * 1000.0).round() as i32 };
         let of_preset = |of: fn(&MaterialPreset) -> f64| match (rest, parse_number(rest)) {
             ("", _) => Ok(of(&MaterialPreset::default())),
@@ -145,7 +147,7 @@ pub fn request_name(task: MaintenanceTask) -> &'static str {
 pub fn task_message(task: MaintenanceTask) -> String {
     match task {
         MaintenanceTask::Preheat { target_centi_c } => format!(
-            "heats to {} C; it goes off by itself when nobody gives commands for long",
+            "heats to {} C; the heater switches off by itself after a long time without commands",
             f64::from(target_centi_c) / 100.0
         ),
         MaintenanceTask::CoolDown => "heater and steppers are off".to_owned(),
@@ -190,9 +192,9 @@ mod tests {
         for (line, part) in [
             ("preheat plaa", "did you mean pla?"),
             ("load -3", "takes 0 or more"),
-            ("rotate", "is no number"),
-            ("jog far", "is no number"),
-            ("home 3", "takes nothing"),
+            ("rotate", "is not a number"),
+            ("jog far", "is not a number"),
+            ("home 3", "takes no arguments"),
         ] {
             assert!(task(line).unwrap_err().contains(part), "{line}: {:?}", task(line));
         }
@@ -215,7 +217,7 @@ mod tests {
         for length in ["-60.0", "nan", "inf"] {
             let wrong = format!("{text}\n[materials.pla]\nload_mm = {length}\n");
             let message = robot_file::materials(&wrong, "mine.toml").unwrap_err().to_string();
-            assert!(message.contains("is no length: give 0 or more"), "{message}");
+            assert!(message.contains("is not a length: give 0 or more"), "{message}");
         }
     }
 }

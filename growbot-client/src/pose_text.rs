@@ -12,7 +12,7 @@ use crate::plan::Goal;
 pub enum PoseTextError {
     /// The number of values is not five.
     #[error(
-        "a pose is five numbers, X,Y,Z,HEADING,PITCH in mm and degrees, and this is {found}: with spaces, put it in \
+        "a pose is five numbers, X,Y,Z,HEADING,PITCH in mm and degrees, but this is {found}: put a pose with spaces in \
          quotes"
     )]
     Count {
@@ -21,8 +21,8 @@ pub enum PoseTextError {
     },
     /// The number of values is neither three nor five.
     #[error(
-        "a goal is X,Y,Z,HEADING,PITCH in mm and degrees, or X,Y,Z where any direction will do, and this is {found}: \
-         with spaces, put it in quotes"
+        "a goal is X,Y,Z,HEADING,PITCH in mm and degrees, or X,Y,Z for any direction, but this is {found}: put a pose \
+         with spaces in quotes"
     )]
     GoalCount {
         /// Number of values found.
@@ -48,10 +48,10 @@ pub enum PoseTextError {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum QuantityError {
     /// The text is not a length.
-    #[error("which is no length: write it like -120, 600mm or 0.6m")]
+    #[error("which is not a length: write it like -120, 600mm or 0.6m")]
     Length,
     /// The text is not an angle.
-    #[error("which is no angle: write it like -45, 90deg or 1.57rad")]
+    #[error("which is not an angle: write it like -45, 90deg or 1.57rad")]
     Angle,
 }
 
@@ -291,8 +291,8 @@ mod tests {
             ("1,2,3,4,-1e300", "pitch is -1e300 deg"),
             ("1,2,3,4,90.01", "pitch is 90.01 deg"),
             ("1;2;3;4;5", "this is 1"),
-            ("1,2mm,3deg,4,5", "z is \"3deg\", which is no length: write it like -120, 600mm or 0.6m"),
-            ("1,2,3,4m,5", "heading is \"4m\", which is no angle"),
+            ("1,2mm,3deg,4,5", "z is \"3deg\", which is not a length: write it like -120, 600mm or 0.6m"),
+            ("1,2,3,4m,5", "heading is \"4m\", which is not an angle"),
             ("1,2,3,4,2rad", "pitch is 114.59"),
         ] {
             let message = parse_pose(text).unwrap_err().to_string();

@@ -38,7 +38,7 @@ const BUILT_IN: [(&str, &str); 11] = [
 pub enum RobotFileError {
     /// The name is neither a built-in name nor a file.
     #[error(
-        "there is no robot and no file {name:?}{}; built in are {}",
+        "no robot or file {name:?}{}; built-in robots are {}",
         did_you_mean(.name, names()), names().collect::<Vec<_>>().join(", ")
     )]
     Unknown {

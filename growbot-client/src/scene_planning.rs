@@ -70,7 +70,7 @@ pub struct SceneOptions<'a> {
 pub enum NoPathError {
     /// The start is too near to an obstacle.
     #[error(
-        "the start is {}, and the centreline needs {} mm, which is half the tube and the margin: start elsewhere, or \
+        "the start is {}, but the centreline needs {} mm (half the tube plus the margin): choose another start, or \
          lower margin_mm", place(.distance), CompactNumber(.need)
     )]
     Start {
@@ -81,8 +81,8 @@ pub enum NoPathError {
     },
     /// The goal is too near to an obstacle.
     #[error(
-        "the goal is {}, and the centreline needs {} mm, which is half the tube and the margin: choose another goal, \
-         or lower margin_mm", place(.distance), CompactNumber(.need)
+        "the goal is {}, but the centreline needs {} mm (half the tube plus the margin): choose another goal, or lower \
+         margin_mm", place(.distance), CompactNumber(.need)
     )]
     Goal {
         /// Distance of the goal, mm.
@@ -92,8 +92,8 @@ pub enum NoPathError {
     },
     /// The goal is farther away than the maximum length of the body.
     #[error(
-        "the goal is {} mm from where the leg to it starts, and of --max-length {} mm are left there: allow a longer \
-         body, or choose a nearer goal", CompactNumber(.distance), CompactNumber(.left)
+        "the goal is {} mm from the start of its leg, but only {} mm of --max-length remain: raise --max-length, or \
+         choose a nearer goal", CompactNumber(.distance), CompactNumber(.left)
     )]
     TooFar {
         /// Distance of the goal from the start of its leg, mm.
@@ -103,8 +103,8 @@ pub enum NoPathError {
     },
     /// No gap between start and goal is wide enough.
     #[error(
-        "no body gets there, however it bends: every way between start and goal is narrower than the {} mm that \
-         the centreline needs on each side; open the scene, or lower margin_mm", CompactNumber(.need)
+        "no body can reach the goal: every passage between start and goal is narrower than the {} mm that the \
+         centreline needs on each side; open the scene, or lower margin_mm", CompactNumber(.need)
     )]
     Separated {
         /// Required distance, mm.
@@ -112,7 +112,7 @@ pub enum NoPathError {
     },
     /// No path was found at this resolution.
     #[error(
-        "there is no path at this resolution: arcs and lines of {} mm in {rolls} directions, cells of {} mm; give a \
+        "no path exists at this resolution: arcs and lines of {} mm in {rolls} directions, cells of {} mm; give a \
          smaller --radius, or another goal", CompactNumber(.step), CompactNumber(.cell)
     )]
     AtResolution {
@@ -125,14 +125,12 @@ pub enum NoPathError {
     },
     /// The two-plane planner has no clear path.
     #[error(
-        "no path that the planner two-plane makes is clear of everything, and it searches for no other: use the \
-         planner shortest, which does"
+        "no path of the planner two-plane is clear of the scene, and it does not search for others: use the planner \
+         shortest, which does"
     )]
     NotClear,
     /// No path was found with the effort, or within the time.
-    #[error(
-        "no path was found with this effort and in this time, and there may be one: raise --effort or --time-limit"
-    )]
+    #[error("no path was found with this effort and time limit; one may exist: raise --effort or --time-limit")]
     NotFound,
 }
 
@@ -181,13 +179,14 @@ pub enum ScenePlanError {
 pub enum SceneCheckError {
     /// The scene cannot be read.
     #[error(
-        "the plan leads through a scene: {0}; put the scene beside the plan (`grow` and `simulate` take it with \
-         --scene, too)"
+        "the plan leads through a scene: {0}; put the scene next to the plan, or pass it to `grow` or `simulate` with \
+         --scene"
     )]
     Scene(#[from] SceneError),
     /// The scene has changed.
     #[error(
-        "the plan leads through {file} of hash {plan}, and that has hash {here}: the scene has changed; plan again"
+        "the plan was made for {file} with hash {plan}, but the file has hash {here}: the scene has changed; plan \
+         again"
     )]
     OtherScene {
         /// The scene's file.
@@ -199,7 +198,8 @@ pub enum SceneCheckError {
     },
     /// The body comes nearer than the scene allows.
     #[error(
-        "the plan would {} {obstacle} in {file}, {at:.0} mm along the body, and margin_mm asks for {margin} mm: plan through the scene (`growbot plan --scene`), or lower margin_mm",
+        "the plan would {} {obstacle} in {file}, {at:.0} mm along the body, but margin_mm requires {margin} mm: plan \
+         through the scene (`growbot plan --scene`), or lower margin_mm",
         describe_clearance(*found), margin = CompactNumber(margin)
     )]
     MarginViolated {
@@ -215,7 +215,7 @@ pub enum SceneCheckError {
         obstacle: String,
     },
     /// The body comes nearer than the plan claims.
-    #[error("the plan says that it keeps {claimed} mm from everything in {file}, and {found} mm is proven: plan again")]
+    #[error("the plan claims {claimed} mm of clearance in {file}, but only {found} mm could be verified: plan again")]
     ClearanceOverstated {
         /// The scene's file.
         file: String,

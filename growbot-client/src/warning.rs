@@ -71,7 +71,7 @@ fn filament_short(needs: &Requirements, robot: &Robot) -> Option<Warning> {
         let (takes, holds) = (value / 1000.0, limit / 1000.0);
         let enough = needs.length * limit / value;
         let message = format!(
-            "the body takes {takes:.1} m of filament, and the spool holds {holds:.1} m: enough for {enough:.0} mm of \
+            "the body takes {takes:.1} m of filament, but the spool holds {holds:.1} m, enough for {enough:.0} mm of \
              {:.0}",
             needs.length
         );

@@ -53,12 +53,12 @@ pub enum LayerError {
         height: f64,
     },
     /// Head or feed would have to make more than one step in two ticks of the step interrupt.
-    #[error("the layer asks for more than one step in two ticks: raise motion.tick_hz or lower the steps")]
+    #[error("the layer needs more than one step in two ticks: raise motion.tick_hz or lower the steps")]
     StepRate,
     /// The speed of an axis would have to change faster, from sector to sector, than its motor can follow.
     #[error(
-        "the layer asks for an acceleration of {value} of the {axis}, over {limit}: it leans too much for its \
-         period, or raise the axis's acceleration and speed jump"
+        "the layer needs an acceleration of {value} of the {axis}, above {limit}: tilt it less, lengthen its period, \
+         or raise the axis's acceleration and speed jump"
     )]
     Acceleration {
         /// Name of the axis, with the unit of the acceleration.

@@ -35,7 +35,7 @@ pub struct PlannedPath {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// The radius is below R_min.
-    #[error("radius is {} mm, below R_min = {limit} mm of this robot: ask for at least that", CompactNumber(.radius))]
+    #[error("radius is {} mm, below R_min = {limit} mm of this robot: give at least R_min", CompactNumber(.radius))]
     RadiusTooSmall {
         /// Requested radius, mm.
         radius: f64,
@@ -52,8 +52,8 @@ pub enum PlanError {
     },
     /// The path found does not end at the goal.
     #[error(
-        "the path found ends {distance} mm and {angle} rad from the goal, more than {limit} mm: please report these \
-         poses"
+        "the path ends {distance} mm and {angle} rad from the goal (tolerance {limit} mm): this is a bug, please \
+         report the poses"
     )]
     GoalNotReached {
         /// Distance from the goal, mm.
@@ -64,7 +64,7 @@ pub enum PlanError {
         limit: f64,
     },
     /// No path was found.
-    #[error("no path was found: please report these poses")]
+    #[error("no path was found: this is a bug, please report the poses")]
     NoPath,
     /// The path has more segments than a [`Path`] can hold.
     #[error(transparent)]

@@ -57,7 +57,7 @@ const MAX_NAME: usize = 64;
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
     /// A variable of the environment is not UTF-8.
-    #[error("{variable} is {text:?}, which is no UTF-8 text: set it anew, or unset it")]
+    #[error("{variable} is not valid UTF-8 ({text:?}): set it again, or unset it")]
     NotText {
         /// Name of the variable.
         variable: &'static str,
@@ -71,7 +71,7 @@ pub enum SettingsError {
     #[error(transparent)]
     Toml(#[from] RobotFileError),
     /// A value is empty.
-    #[error("{file}: {key} is empty: give a value, or take the line out")]
+    #[error("{file}: {key} is empty: give a value, or remove the line")]
     Empty {
         /// Name of the file.
         file: String,

@@ -17,13 +17,13 @@ const LIMIT: Duration = Duration::from_secs(10);
 #[derive(Debug, thiserror::Error)]
 pub enum SimProcessError {
     /// The process cannot be started.
-    #[error("the process of a simulated robot cannot be started: {0}")]
+    #[error("cannot start the process of a simulated robot: {0}")]
     Process(#[from] io::Error),
     /// The process has ended at once or does not respond.
-    #[error("the simulated robot sim:{0} did not come on: `growbot power on --foreground --port sim:{0}` says why")]
+    #[error("the simulated robot sim:{0} did not start: `growbot power on --foreground --port sim:{0}` shows why")]
     NotStarted(String),
     /// The process does not end.
-    #[error("the process of the simulated robot sim:{0} does not end: end it by hand")]
+    #[error("the process of the simulated robot sim:{0} does not exit: end it by hand")]
     NotStopped(String),
 }
 

@@ -35,10 +35,10 @@ pub enum ViaError {
         name: &'static str,
     },
     /// No line follows the header.
-    #[error("there is no line behind the header: write a line for each position on the way")]
+    #[error("there is no line after the header: write a line for each position on the way")]
     NoRows,
     /// The file has more lines than a plan can have legs.
-    #[error("there are more than {MAX_GOALS} lines behind the header: leave some out, or plan in several parts")]
+    #[error("there are more than {MAX_GOALS} lines after the header: remove some, or plan in several parts")]
     TooManyRows,
     /// A line is invalid.
     #[error("line {line}: {error}")]
@@ -58,7 +58,7 @@ pub enum ViaError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LineError {
     /// The line has more or fewer fields than the header.
-    #[error("it has {found} fields, and the header has {expected}: write as many")]
+    #[error("it has {found} fields, but the header has {expected}: write as many")]
     Fields {
         /// Number of fields of the line.
         found: usize,
@@ -66,7 +66,7 @@ pub enum LineError {
         expected: usize,
     },
     /// A field is not a number.
-    #[error("{column} is {text:?}, which is no number: write it like -120 or 0.5")]
+    #[error("{column} is {text:?}, which is not a number: write it like -120 or 0.5")]
     NotANumber {
         /// Name of the column.
         column: &'static str,
@@ -74,7 +74,7 @@ pub enum LineError {
         text: String,
     },
     /// Only one of the two angles is given.
-    #[error("{column} is empty, and the other angle is not: write both, or leave both empty for any direction")]
+    #[error("{column} is empty, but the other angle is not: write both, or leave both empty for any direction")]
     IncompleteDirection {
         /// Name of the column that is empty.
         column: &'static str,
@@ -186,13 +186,13 @@ mod tests {
             ("x,y,z,pitch\n", "the header has no column heading"),
             ("x,y,z,headin\n", "unknown column \"headin\" (did you mean heading?)"),
             ("x,y,z,x_mm\n", "the header has column x twice"),
-            ("x,y,z\n", "there is no line behind the header"),
-            ("x,y,z\n1,2,3\n\n1,2\n", "line 4: it has 2 fields, and the header has 3"),
-            ("x,y,z\n1,2,\n", "line 2: z is \"\", which is no number"),
+            ("x,y,z\n", "there is no line after the header"),
+            ("x,y,z\n1,2,3\n\n1,2\n", "line 4: it has 2 fields, but the header has 3"),
+            ("x,y,z\n1,2,\n", "line 2: z is \"\", which is not a number"),
             ("x,y,z\n1,2,inf\n", "line 2: z is inf: give a finite number"),
             ("x,y,z\n1,2,1e8\n", "line 2: z is 100000000 mm: keep coordinates within"),
             ("x,y,z,heading,pitch\n1,2,3,4,91\n", "line 2: pitch is 91 deg"),
-            ("x,y,z,heading,pitch\n1,2,3,4,\n", "line 2: pitch is empty, and the other angle is not"),
+            ("x,y,z,heading,pitch\n1,2,3,4,\n", "line 2: pitch is empty, but the other angle is not"),
         ] {
             let message = read(text).unwrap_err().to_string();
             assert!(message.contains(part), "{text:?}: {message}");

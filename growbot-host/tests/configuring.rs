@@ -70,7 +70,7 @@ fn a_description_is_sent_stored_and_reported() {
     let done = robot.run(&["configure", mine]);
     assert!(done.out.starts_with("the simulated board is configured as mine ("), "{}", done.out);
     assert!(done.out.ends_with(&format!("before: growbot-a ({hash})\n")), "{}", done.out);
-    assert!(done.err.contains("note: name this robot in commands, too: --robot "), "{}", done.err);
+    assert!(done.err.contains("note: name this robot in other commands, too: --robot "), "{}", done.err);
     let configured = robot.described();
     assert_eq!(configured.0, "mine");
     assert!(done.out.contains(&configured.1), "{}", done.out);
@@ -108,7 +108,7 @@ fn failed_configuration_is_reported_and_changes_nothing() {
     robot.run(&["maintain", "preheat", "200"]);
     let hot = robot.try_to(&["configure", "growbot-b"]);
     assert_eq!(hot.code, Some(1), "{}", hot.err);
-    assert!(hot.err.contains("the board refused the robot description: not while it is in state"), "{}", hot.err);
+    assert!(hot.err.contains("the board refused the robot description: this is not allowed in state"), "{}", hot.err);
     assert_eq!(robot.described(), before);
 }
 

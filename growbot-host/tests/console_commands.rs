@@ -66,7 +66,7 @@ fn a_script_ends_at_the_first_failing_line() {
         ("start", "stores no plan"),
         ("wait soon", "\"soon\""),
         ("layers -1", "\"-1\""),
-        ("stop now", "`stop` takes nothing: leave \"now\" away"),
+        ("stop now", "`stop` takes no arguments: remove \"now\""),
         ("grow 0,0,9,0,95", "pitch is 95"),
     ] {
         // The next line would heat.
@@ -102,15 +102,15 @@ fn a_failed_script_reports_skipped_commands_and_the_robot_state() {
         "plan 0,0,60,0,90\nstart\nwait 5\ndance\nstatus\n\nstop\nquit\nstart\n",
         &[
             "line 4 failed",
-            "2 more commands are not carried out, among them `stop` in line 7",
-            "the simulated robot is heating, and ends with this program",
+            "2 more commands are not executed, among them `stop` in line 7",
+            "the simulated robot is heating and ends with this program",
         ],
     );
     told(
         "stop\ndance\nestop\n",
-        &["1 more command is not carried out, among them `estop` in line 3", "(it is in state stopped)"],
+        &["1 more command is not executed, among them `estop` in line 3", "(it is in state stopped)"],
     );
-    told("dance", &["no more commands came after it", "heater and steppers of the simulated robot are off"]);
+    told("dance", &["there were no commands after it", "heater and steppers of the simulated robot are off"]);
 }
 
 #[cfg(unix)]
@@ -121,7 +121,7 @@ fn a_script_fails_if_standard_output_is_closed() {
     assert_eq!(ran.code, Some(1), "{}", ran.err);
     for part in [
         "standard output was closed by its reader",
-        "4 more commands are not carried out, among them `stop` in line 4",
+        "4 more commands are not executed, among them `stop` in line 4",
         "heater and steppers of the simulated robot are off",
     ] {
         assert!(ran.err.contains(part), "no {part:?}: {}", ran.err);
@@ -147,7 +147,7 @@ fn an_emergency_stop_can_be_cleared_at_once() {
 fn an_invalid_utf8_line_ends_a_script() {
     let ran = growbot_reading_bytes(&["console"], b"sta\xfftus\nstatus\n");
     assert_eq!(ran.code, Some(1));
-    assert!(ran.err.contains("no UTF-8 text (at byte 3)") && ran.err.contains("line 1 failed"), "{}", ran.err);
+    assert!(ran.err.contains("not UTF-8 text (at byte 3)") && ran.err.contains("line 1 failed"), "{}", ran.err);
     assert_eq!(ran.out.matches("state        idle").count(), 1, "{}", ran.out);
 }
 
@@ -179,13 +179,13 @@ fn a_nozzle_is_preheated_loaded_and_cooled_down_without_a_job() {
 #[test]
 fn unsafe_requests_are_refused_with_value_limit_and_remedy() {
     for (commands, parts) in [
-        ("load\n", &["not while it is in state idle"][..]),
+        ("load\n", &["this is not allowed in state idle"][..]),
         ("preheat 300\n", &["between 50 and 235 C"]),
         ("preheat 200\nload\n", &["22", "must have 180 C", "preheat, and wait"]),
-        ("preheat 200\nwait 120\nrotate 400\n", &["by 360 degrees at a time at most"]),
-        ("preheat 200\nwait 120\njog 1e5\n", &["mm of filament at a time at most"]),
-        ("preheat 200\nwait 120\njog 50\njog 1\n", &["still move"]),
-        ("plan 0,0,60,0,90\nstart\npreheat\n", &["not while it is in state heating"]),
+        ("preheat 200\nwait 120\nrotate 400\n", &["by at most 360 degrees per command"]),
+        ("preheat 200\nwait 120\njog 1e5\n", &["mm of filament per command"]),
+        ("preheat 200\nwait 120\njog 50\njog 1\n", &["still moving"]),
+        ("plan 0,0,60,0,90\nstart\npreheat\n", &["this is not allowed in state heating"]),
         ("preheat pla\n", &["\"pla\" is neither a number nor a material", "[materials.pla]"]),
     ] {
         let ran = growbot_reading(&["console"], commands);

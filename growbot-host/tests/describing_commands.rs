@@ -34,7 +34,7 @@ fn new_robot_reports_a_test_bench_or_excess_speed() {
     fs::write(&bench, text).unwrap();
     for (base, says) in [
         (bench.to_str().unwrap(), Some("heats although a debug probe is attached")),
-        ("growbot-c", Some("no board drives it: motion.tick_hz is 1000000, above 100000")),
+        ("growbot-c", Some("no board can drive it: motion.tick_hz is 1000000, above 100000")),
         ("growbot-b", None),
     ] {
         let output = folder.path().join("new.toml");
@@ -94,7 +94,7 @@ fn robots_explains_a_robot() {
     let words = growbot(&["robots", "growbot-b"]).out;
     assert!(words.lines().all(|line| line.chars().count() <= 80), "{words}");
     for part in [
-        "R_min, the tightest bend, is 594.11 mm",
+        "R_min, the radius of the tightest bend, is 594.11 mm",
         "[heater] The nozzle's heater.",
         "  tip_radius_mm = 57.5 # r_t, Table 3\n      r_t: distance from the centreline to where material is laid, mm.",
         "  height_min_mm = 25.0 # assumed\n",
@@ -227,7 +227,7 @@ fn an_invalid_answer_leaves_no_file() {
     for (answers, part) in [
         ("mine\n14\n60\n10\n", "geometry.tip_radius_mm is 10, below 14"),
         ("mine\nfourteen\n", "give a number"),
-        ("growbot-a\n", "growbot-a is built in"),
+        ("growbot-a\n", "growbot-a is a built-in robot"),
         ("mine\n1e400\n", "finite"),
     ] {
         let ran = growbot_reading(&["new-robot", "-o", path.to_str().unwrap()], answers);
@@ -239,7 +239,7 @@ fn an_invalid_answer_leaves_no_file() {
     let nowhere = directory.path().join("none").join("mine.toml");
     let ran = growbot_reading(&["new-robot", "-o", nowhere.to_str().unwrap()], "");
     assert_eq!(ran.code, Some(2));
-    assert!(ran.err.contains("there is no directory"), "{}", ran.err);
+    assert!(ran.err.contains("does not exist"), "{}", ran.err);
 }
 
 #[test]

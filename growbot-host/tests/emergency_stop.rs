@@ -197,7 +197,7 @@ fn ctrl_c_stops_the_robot_of_a_waiting_script() {
 #[test]
 fn a_script_that_ends_while_heating_reports_it() {
     for (line, code, parts) in [
-        ("dance", 1, &["line 4 failed", "2 more commands are not carried out, among them `stop` in line 6"][..]),
+        ("dance", 1, &["line 4 failed", "2 more commands are not executed, among them `stop` in line 6"][..]),
         ("quit", 0, &[][..]),
     ] {
         let bench = Bench::new();
@@ -205,7 +205,7 @@ fn a_script_that_ends_while_heating_reports_it() {
         let ran = Growing::run(&["console", "--port", &bench.name], &script).end();
         assert_eq!(ran.code, Some(code), "{}", ran.err);
         let remedy = format!("`growbot stop --port {}`", bench.name);
-        for part in [&["the robot is heating", "pauses after the layer under way", "300 s", &remedy], parts].concat() {
+        for part in [&["the robot is heating", "pauses after the current layer", "300 s", &remedy], parts].concat() {
             assert!(ran.err.contains(part), "no {part:?}: {}", ran.err);
         }
         assert!(bench.seen().heats);
@@ -274,7 +274,7 @@ fn the_second_ctrl_c_stops(bench: &Bench) {
         line.heals_after = Some(3);
     });
     growing.interrupt("stopping");
-    growing.interrupt("giving the emergency stop");
+    growing.interrupt("sending the emergency stop");
     let grown = growing.end();
     assert_eq!(grown.code, Some(1), "{}", grown.err);
     assert!(grown.err.contains("emergency stop: heater and steppers are off"), "{}", grown.err);
@@ -291,7 +291,7 @@ fn the_second_ctrl_c_overtakes_unsent_bytes_of_a_stalled_link() {
     bench.set(|line| line.is_stalled = true);
     let queued = bench.fill();
     growing.interrupt("stopping");
-    growing.interrupt("giving the emergency stop");
+    growing.interrupt("sending the emergency stop");
     until("the stop is ahead of the queue", || bench.takes_bytes());
     bench.set(|line| line.is_stalled = false);
     let grown = growing.end();
@@ -310,7 +310,7 @@ fn the_second_ctrl_c_on_a_dead_link_asks_to_cut_the_power() {
     let mut growing = Growing::begin(&bench);
     bench.set(|line| line.is_cut = true);
     growing.interrupt("stopping");
-    growing.interrupt("giving the emergency stop");
+    growing.interrupt("sending the emergency stop");
     assert_power_to_be_cut(&growing.end(), &[&bench.name]);
     assert!(bench.seen().stops > 1);
 }
@@ -318,7 +318,7 @@ fn the_second_ctrl_c_on_a_dead_link_asks_to_cut_the_power() {
 #[test]
 fn every_failed_emergency_stop_asks_to_cut_the_power() {
     let estop = |port: &str| growbot(&["estop", "--port", port]);
-    assert_power_to_be_cut(&growbot(&["estop"]), &["no port is given", "GROWBOT_PORT"]);
+    assert_power_to_be_cut(&growbot(&["estop"]), &["no port given", "GROWBOT_PORT"]);
     assert_power_to_be_cut(&growbot(&["estop", "--bogus"]), &["--bogus"]);
     assert_power_to_be_cut(&growbot(&["estop", "--port"]), &["--port"]);
     assert_power_to_be_cut(&growbot(&["estop", "--port", "sim", "--link-fault", "drop=200%"]), &["200%"]);
@@ -340,14 +340,14 @@ fn every_failed_emergency_stop_asks_to_cut_the_power() {
         ];
         tried.map(|tried| tried.join().unwrap())
     });
-    assert_power_to_be_cut(&missing, &["/dev/ttyNONE7", "not there"]);
+    assert_power_to_be_cut(&missing, &["/dev/ttyNONE7", "not found"]);
     assert_power_to_be_cut(&no_device, &["/proc/self/status"]);
-    assert_power_to_be_cut(&refused, &["nobody answers", "refused", "; tried ", " times in "]);
-    assert_power_to_be_cut(&lost, &["(sim has not answered for 3 s; tried ", " times in 3."]);
+    assert_power_to_be_cut(&refused, &["no response at", "refused", "; tried ", " times in "]);
+    assert_power_to_be_cut(&lost, &["(sim has not responded for 3 s; tried ", " times in 3."]);
     assert_power_to_be_cut(&held, &["one program at a time"]);
     for ran in [&refused, &lost] {
         assert!(!ran.err.contains("no connection within"), "{}", ran.err);
-        assert_eq!((ran.err.matches("NOBODY").count(), ran.err.lines().count()), (1, 1), "{}", ran.err);
+        assert_eq!((ran.err.matches("DID NOT CONFIRM").count(), ran.err.lines().count()), (1, 1), "{}", ran.err);
     }
     // Help is not an emergency.
     assert_eq!(growbot(&["estop", "--help"]).code, Some(0));
@@ -361,5 +361,5 @@ fn an_exclusively_locked_port_is_reported() {
     drop(slave);
     let mut locked = TTYPort::open(&serialport::new(&name, 115_200)).unwrap();
     locked.set_exclusive(true).unwrap();
-    assert_power_to_be_cut(&without_privilege(&["estop", "--port", &name]), &[&name, "closed to other programs by"]);
+    assert_power_to_be_cut(&without_privilege(&["estop", "--port", &name]), &[&name, "locked by"]);
 }

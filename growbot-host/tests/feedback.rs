@@ -99,7 +99,7 @@ fn a_growth_with_feedback_is_replayed_from_its_log() {
         assert_eq!(replayed["feedback"][same], result["feedback"][same], "{same}");
     }
     let told = growbot(&["replay", &log]);
-    assert!(told.out.contains("as the steps say\n") && told.out.contains("estimate  "), "{}", told.out);
+    assert!(told.out.contains("from the steps\n") && told.out.contains("estimate  "), "{}", told.out);
 
     // A log of a robot without a robot file is replayed nevertheless. A robot that `--robot` names must exist.
     let elsewhere = fs::read_to_string(&log).unwrap().replace("\"growbot-a\"", "\"my-robot\"");
@@ -114,10 +114,13 @@ fn a_growth_with_feedback_is_replayed_from_its_log() {
 #[test]
 fn invalid_requests_are_refused_before_the_job() {
     for (args, part) in [
-        (vec!["--noise", "95"], "it is 95 percent, and may be 0 to 90"),
-        (vec!["--bias", "2", "--port", "tcp:localhost:1"], "no simulated tip: leave out noises and biases"),
+        (vec!["--noise", "95"], "it is 95 percent: give 0 to 90"),
+        (
+            vec!["--bias", "2", "--port", "tcp:localhost:1"],
+            "its tip is not simulated: remove the noise and bias options",
+        ),
         (vec!["--odometry-noise", "2", "--port", "tcp:localhost:1"], "add --feedback"),
-        (vec!["--robot", "growbot-a2", "--feedback"], "robot growbot-a2 has nothing to measure layers by"),
+        (vec!["--robot", "growbot-a2", "--feedback"], "robot growbot-a2 has no sensor that measures layers"),
     ] {
         let ran = growbot(&[&["grow", "--to", "0,0,30,0,90"][..], &args].concat());
         assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);

@@ -247,7 +247,7 @@ fn standard_output_onto_an_input_is_refused_and_the_input_kept() {
         for onto in [">>\"$IN\"", "1<>\"$IN\""] {
             let ran = in_shell(&format!("\"$0\" {command} {onto}"), &[("IN", input)]);
             assert_eq!(ran.code, Some(2), "{command} {onto}: {}", ran.err);
-            assert!(ran.err.contains("standard output is redirected onto it"), "{command} {onto}: {}", ran.err);
+            assert!(ran.err.contains("standard output is redirected to it"), "{command} {onto}: {}", ran.err);
             let after: Vec<Vec<u8>> = [&run, &plan, &robot, &queries].map(|file| fs::read(file).unwrap()).into();
             assert!(after == before, "{command} {onto}");
         }

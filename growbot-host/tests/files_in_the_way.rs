@@ -49,7 +49,7 @@ fn a_run_log_is_replaced_only_with_overwrite_and_a_started_growth() {
     fs::write(place.path("run.jsonl"), "before\n").unwrap();
     let log = ["--log", "run.jsonl"];
     let (code, _, err) = place.run(&[&SHORT[..], &log].concat());
-    assert!(code == Some(2) && err.contains("run.jsonl is there already") && err.contains("--overwrite"), "{err}");
+    assert!(code == Some(2) && err.contains("run.jsonl already exists") && err.contains("--overwrite"), "{err}");
     assert_eq!(fs::read_to_string(place.path("run.jsonl")).unwrap(), "before\n");
     // No board responds there, so the growth does not begin.
     let (code, ..) = place.run(&[&SHORT[..], &log, &["--overwrite", "--port", "tcp:127.0.0.1:1"]].concat());
@@ -154,7 +154,7 @@ fn a_dash_means_standard_input_for_at_most_one_input_file() {
     let ran = growbot_reading(&["resume", "-", "--yes"], &plan);
     assert!(ran.code == Some(1) && ran.err.contains("no unfinished body"), "{}", ran.err);
     let ran = growbot_reading(&["resume", "-", "--yes"], &log);
-    assert!(ran.code == Some(2) && ran.err.contains("continued where it is"), "{}", ran.err);
+    assert!(ran.code == Some(2) && ran.err.contains("continued in place"), "{}", ran.err);
     for args in [&["layers", "-", "--robot", "-"][..], &["view", "--compare", "-", "-", "-o", "-"]] {
         let ran = growbot_reading(args, &plan);
         assert!(ran.code == Some(2) && ran.err.contains("gives one"), "{args:?}: {}", ran.err);
@@ -177,7 +177,7 @@ fn directories_are_created_but_not_their_parents() {
             assert!(count > 0 && err.contains(&format!("{count} files written to {new}")), "{args:?}: {err}");
         }
         let (code, _, err) = place.run(&[args, &["missing/new"]].concat());
-        assert!(code == Some(2) && err.contains("there is no directory missing"), "{args:?}: {err}");
+        assert!(code == Some(2) && err.contains("directory missing does not exist"), "{args:?}: {err}");
         let (code, _, err) = place.run(&[args, &["file"]].concat());
         assert!(code == Some(2) && err.contains("file is a file"), "{args:?}: {err}");
     }
@@ -198,7 +198,10 @@ fn layers_are_written_in_the_format_of_the_file() {
         (&["export", "plan.json", "--format", "stl", "-o", "body.solid"], ".stl"),
     ] {
         let (code, out, err) = place.run(args);
-        assert!(code == Some(2) && out.is_empty() && err.contains(&format!("end it in {listed}")), "{args:?}: {err}");
+        assert!(
+            code == Some(2) && out.is_empty() && err.contains(&format!("is not supported here; use {listed}")),
+            "{args:?}: {err}"
+        );
     }
     assert_eq!(growbot(&["layers", &place.path("plan.json"), "-o", "/dev/null"]).code, Some(0));
 }

@@ -118,7 +118,7 @@ fn each_flag_overrides_one_refusal_and_no_other() {
     for (arguments, flag, refusal) in [
         (vec!["grow", &warns, "--log", &new], "--force", "self-collision"),
         (vec!["grow", &plain, "--scene", &near, "--log", &new], "--ignore-scene", "into the ball"),
-        (vec!["grow", &plain, "--log", &old], "--overwrite", "is there already"),
+        (vec!["grow", &plain, "--log", &old], "--overwrite", "already exists"),
     ] {
         let others: Vec<_> =
             ["--force", "--ignore-scene", "--overwrite"].into_iter().filter(|other| *other != flag).collect();
@@ -201,15 +201,15 @@ fn the_log_of_a_job_that_did_not_begin_is_deleted() {
 fn missing_ports_are_reported() {
     let status = |port: &str| growbot(&["status", "--port", port]);
     assert_refused(&status("simulator"), &["simulator", "emulator", "tcp:HOST:PORT"]);
-    assert_refused(&status("/dev/ttyNONE7"), &["/dev/ttyNONE7", "not there"]);
+    assert_refused(&status("/dev/ttyNONE7"), &["/dev/ttyNONE7", "not found"]);
     assert_refused(&status("emulator:/no/such.elf"), &["/no/such.elf", "build-an386"]);
     assert_refused(
         &status("emulator:/etc/passwd"),
-        &["qemu-system-arm ended under the board: ", "qemu", "build-an386"],
+        &["qemu-system-arm ended while the board was running: ", "qemu", "build-an386"],
     );
     // A port that was free just before.
     let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    assert_refused(&status(&format!("tcp:127.0.0.1:{free}")), &["nobody answers"]);
+    assert_refused(&status(&format!("tcp:127.0.0.1:{free}")), &["no response at"]);
 }
 
 #[test]
@@ -217,7 +217,7 @@ fn link_faults_are_set_by_option() {
     let status = |spec: &str| growbot(&["status", "--port", "sim", "--link-fault", spec]);
     assert_refused(&status("drop=200%"), &["--link-fault", "\"200%\"", "0% to 100%"]);
     assert_refused(&status("dorp=1%"), &["did you mean drop?"]);
-    assert_refused(&status("drop=100%"), &["does not answer"]);
+    assert_refused(&status("drop=100%"), &["has not responded"]);
     let doubled = status("dup=100%,stall=500ms@20%,seed=3");
     assert_eq!(doubled.code, Some(0), "{}", doubled.err);
     assert!(doubled.out.contains("growbot-a"), "{}", doubled.out);
@@ -226,8 +226,8 @@ fn link_faults_are_set_by_option() {
 #[test]
 fn invalid_responses_of_boards_are_reported() {
     let status = |board: &FakeBoard| growbot(&["status", "--port", &board.port()]);
-    assert_refused(&status(&FakeBoard::silent()), &["does not answer", "power"]);
-    assert_refused(&status(&FakeBoard::garbage()), &["no growbot frame", "115200"]);
+    assert_refused(&status(&FakeBoard::silent()), &["has not responded", "power"]);
+    assert_refused(&status(&FakeBoard::garbage()), &["no valid frame", "115200"]);
     assert_refused(&status(&FakeBoard::of_frame_version(9)), &["version 9", "this one 2"]);
     assert_refused(&status(&FakeBoard::of_schema(0x1234)), &["0000000000001234", "flash"]);
     assert_refused(&status(&FakeBoard::that_hangs_up()), &["broke", "closed"]);
@@ -459,10 +459,10 @@ fn growbot_configured(port: &str, args: &[&str]) -> Ran {
 #[test]
 fn commands_for_a_physical_robot_require_a_port() {
     for command in ["stop", "cancel", "status", "tune"] {
-        let remedy = ["no port is given", "--port PORT", "export GROWBOT_PORT=PORT"];
+        let remedy = ["no port given", "--port PORT", "set GROWBOT_PORT"];
         assert_refused(&growbot(&[command]), &remedy);
         assert_refused(&growbot_configured("", &[command]), &remedy);
-        assert_refused(&growbot_configured("/dev/ttyNONE7", &[command]), &["/dev/ttyNONE7", "not there"]);
+        assert_refused(&growbot_configured("/dev/ttyNONE7", &[command]), &["/dev/ttyNONE7", "not found"]);
         // The option overrides the configured port.
         let ran = growbot_configured("/dev/ttyNONE7", &[command, "--port", "sim"]);
         assert_eq!(ran.code, Some(0), "{}", ran.err);

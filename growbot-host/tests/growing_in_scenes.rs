@@ -56,7 +56,7 @@ fn a_plan_without_clearance_is_refused_with_value_limit_and_remedy() {
     let refused = growbot(&["grow", &straight, "--scene", &room, "--json"]);
     assert_eq!(refused.code, Some(1), "{}", refused.err);
     let words = refused.err.replace("\n    ", " ");
-    for part in ["run 82.80 mm into the ball at 0, 0, 300", "margin_mm asks for 5 mm", "`growbot plan --scene`"] {
+    for part in ["run 82.80 mm into the ball at 0, 0, 300", "margin_mm requires 5 mm", "`growbot plan --scene`"] {
         assert!(words.contains(part), "{part}: {words}");
     }
     assert_eq!(words.matches("error: ").count(), 1);

@@ -333,9 +333,9 @@ fn plan_files_of_other_robots_and_other_files_are_refused() {
         layers(&good.replacen(from, to, 1))
     };
     assert_refused_in_a_line(&growbot(&["layers", "none.json"]), 2, &["cannot read none.json"]);
-    assert_refused_in_a_line(&layers(&good[..400]), 2, &["p.json", "stops in the middle", "line 1"]);
-    assert_refused_in_a_line(&layers(""), 2, &["stops in the middle"]);
-    assert_refused_in_a_line(&layers("solid cube"), 2, &["no JSON", "line 1 column 1"]);
+    assert_refused_in_a_line(&layers(&good[..400]), 2, &["p.json", "ends in the middle", "line 1"]);
+    assert_refused_in_a_line(&layers(""), 2, &["ends in the middle"]);
+    assert_refused_in_a_line(&layers("solid cube"), 2, &["not JSON", "line 1 column 1"]);
     assert_refused_in_a_line(&layers("{\"a\":1}"), 2, &["no plan", "format"]);
     assert_refused_in_a_line(
         &changed("plan/1", "plan/2"),
@@ -507,7 +507,7 @@ fn workspace_prints_a_table_a_line_or_a_picture() {
     refused(&["--radius", "50"], &["50 mm", "R_min = 98.2 mm"]);
     refused(&["--heading", "0", "--pitch", "91"], &["pitch is 91 deg"]);
     refused(&["--length", "100", "-o", "-", "--json"], &["both go to standard output"]);
-    refused(&["--length", "100", "-o", "/no/such/place.svg"], &["no directory /no/such"]);
+    refused(&["--length", "100", "-o", "/no/such/place.svg"], &["directory /no/such does not exist"]);
     assert_refused(&growbot(&["workspace", "--heading", "0"]), 2, &["--pitch"]);
 }
 
@@ -519,7 +519,7 @@ fn no_plan_exceeds_the_maximum_length() {
     assert_refused_in_a_line(
         &refused,
         1,
-        &["the shortest path found is 64", "--max-length is 640 mm", "allow a longer"],
+        &["the shortest path found is 64", "--max-length is 640 mm", "raise --max-length"],
     );
     assert_refused(&growbot(&with(&goal, &["--max-length", "0"])), 2, &["above 0"]);
     // In a batch the limit applies to each query.
@@ -536,5 +536,9 @@ fn no_plan_exceeds_the_maximum_length() {
     let goal = ["plan", "--to", "0,0,700", "--effort", "1", "--scene", &scene];
     assert_eq!(growbot(&with(&goal, &["--max-length", "800"])).code, Some(0));
     let refused = growbot(&with(&goal, &["--max-length", "600"]));
-    assert_refused_in_a_line(&refused, 1, &["the goal is 700 mm from", "--max-length 600 mm"]);
+    assert_refused_in_a_line(
+        &refused,
+        1,
+        &["the goal is 700 mm from the start of its leg", "only 600 mm of --max-length"],
+    );
 }

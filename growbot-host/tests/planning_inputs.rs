@@ -124,7 +124,7 @@ fn units_are_converted_to_mm_and_degrees() {
     let workspace = |more: &[&str]| growbot(&[&["workspace", "--json"], more].concat()).out;
     assert_eq!(workspace(&["--length", "1000"]), workspace(&["--length", "1m"]));
     assert_refused(&growbot(&["plan", "--to", "1,2,3deg"]), &["z is \"3deg\"", "0.6m"]);
-    assert_refused(&growbot(&["plan", "--to", "1,2,3", "--radius", "1rad"]), &["--radius", "\"1rad\"", "no length"]);
+    assert_refused(&growbot(&["plan", "--to", "1,2,3", "--radius", "1rad"]), &["--radius", "\"1rad\"", "not a length"]);
 }
 
 #[test]

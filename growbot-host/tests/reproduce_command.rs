@@ -74,7 +74,7 @@ fn bad_input_is_refused_before_any_work() {
         (&["--seed", "-1"], "--seed"),
         (&["-o", file_text], "is a file"),
         (&["--pdf"], "--output"),
-        (&["-o", missing], "there is no directory"),
+        (&["-o", missing], "does not exist"),
     ] {
         assert_refused(&growbot(&[&["reproduce"], args].concat()), part);
     }

@@ -133,7 +133,7 @@ fn settings_and_notices_match_their_schemas_and_errors_do_not() {
     assert_slip(&settings, &written, |written| written["serve"]["request_s"] = json!(0));
     assert_slip(&settings, &written, |written| written["robots"]["lab"]["baud"] = json!(9600));
     assert_slip(&settings, &written, |written| written["robots"]["other"] = json!({ "pace": 1.0 }));
-    let notices = schema("notice");
+    let notices = schema("notification");
     // The example of book/src/notify.md.
     let notice = json!({
         "version": 1, "event": "filament-runout", "time_utc": "2026-11-23T01:45:00.123Z", "robot": "lab",

@@ -48,7 +48,8 @@ fn a_killed_service_resumes_and_lays_each_layer_once() {
         let job = wait_for("the body is begun", || {
             let (status, job) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
             // The journal is full after some growths.
-            let is_too_hot = job["detail"].as_str().is_some_and(|why| why.ends_with("wait until it has cooled"));
+            let is_too_hot =
+                job["detail"].as_str().is_some_and(|why| why.ends_with("wait until the nozzle has cooled"));
             assert!(status == 201 || is_too_hot, "{status} {job}");
             (status == 201).then_some(job)
         });
@@ -108,10 +109,10 @@ fn commands_go_through_the_service_that_owns_the_robot() {
     };
     state("growing");
     let (code, said) = lab.run(&["grow", "--to", GOAL]);
-    assert!(code == Some(1) && said.contains("has a job"), "{said}");
+    assert!(code == Some(1) && said.contains("has an active job"), "{said}");
     assert_eq!(lab.run(&["pause"]).0, Some(0));
     let paused = state("paused");
-    assert!(paused["pause_cause"] == "as asked" && paused["laid"].as_u64() > Some(0), "{paused}");
+    assert!(paused["pause_cause"] == "on request" && paused["laid"].as_u64() > Some(0), "{paused}");
     assert_eq!(lab.run(&["continue"]).0, Some(0));
     state("growing");
     let (code, said) = lab.run(&["estop"]);
@@ -126,7 +127,7 @@ fn commands_go_through_the_service_that_owns_the_robot() {
     assert_eq!(lab.run(&["maintain", "preheat", "120"]).0, Some(0));
     assert_eq!(lab.run(&["cancel"]).0, Some(0));
     let (code, said) = lab.run(&["serve", "--page-port", "0"]);
-    assert!(code == Some(2) && said.contains("another growbot serve"), "{said}");
+    assert!(code == Some(2) && said.contains("already runs `growbot serve`"), "{said}");
 }
 
 #[test]
@@ -169,7 +170,7 @@ fn ended_jobs_do_not_change() {
     assert!(code == Some(1) && said.contains("no unfinished job"), "{said}");
     for given in [["--interrupted-layer", "keep"], ["--on-host-silence", "continue"], ["--scene", "none.toml"]] {
         let (code, said) = lab.run(&["resume", given[0], given[1]]);
-        assert!(code == Some(2) && said.contains(given[0]) && said.contains("does not know"), "{said}");
+        assert!(code == Some(2) && said.contains(given[0]) && said.contains("does not support"), "{said}");
     }
 }
 
@@ -287,18 +288,21 @@ fn a_direct_command_leases_the_link_of_the_service() {
     let mut console = console.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let trouble = || lab.ask("GET", "/robots/lab", "").1["connection_error"].clone();
     wait_for("the line is lent", || {
-        (trouble() == "its line is lent to growbot console, which has to end first").then_some(())
+        (trouble() == "its port is in use by growbot console, which must end first").then_some(())
     });
     let (status, problem) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
-    assert!(status == 409 && problem["detail"].as_str().unwrap().contains("lent to growbot console"), "{problem}");
+    assert!(status == 409 && problem["detail"].as_str().unwrap().contains("in use by growbot console"), "{problem}");
     let (code, said) = lab.run(&["tune"]);
-    assert!(code == Some(1) && said.contains("lent to growbot console"), "{said}");
+    assert!(code == Some(1) && said.contains("in use by growbot console"), "{said}");
     let (status, said) = lab.ask("POST", "/robots/lab/commands", r#"{"command":"emergency-stop"}"#);
     assert_eq!(status, 200, "{said}");
     console.stdin.take().unwrap().write_all(b"status\nclear\nquit\n").unwrap();
     let output = console.wait_with_output().unwrap();
     let text = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
-    assert!(output.status.success() && text.contains("lends the line of simulated robot lab"), "{text}");
+    assert!(
+        output.status.success() && text.contains("released the port of simulated robot lab to this command"),
+        "{text}"
+    );
     assert!(text.contains("emergency-stop") && text.contains("cleared"), "{text}");
     lab.wait_until_ready();
     // A console that is killed returns the line too.

@@ -286,7 +286,7 @@ fn refusals_are_problem_details_and_foreign_pages_open_no_socket() {
         ("POST", "/robots/lab/commands", "{", 400),
         ("POST", "/robots/lab/commands", r#"{"command":"dance"}"#, 422),
         ("PUT", "/robots/lab/commands", "", 405),
-        ("GET", "/jobs?max=many", "", 400),
+        ("GET", "/jobs?limit=many", "", 400),
         ("GET", "/jobs/none", "", 404),
     ] {
         let (status, problem) = lab.ask(method, path, body);

@@ -73,7 +73,7 @@ fn authenticated_connections_are_limited_and_commands_get_through() {
     assert!(open.iter().all(|(_, answer)| answer == "HTTP/1.1 200"));
     assert_eq!(keep().1, "HTTP/1.1 503");
     let (status, problem) = http(lab.page(), "GET", &lab.at("/robots"), &[], "");
-    assert!(status == 503 && problem.contains("256 connections are open: try again"), "{problem}");
+    assert!(status == 503 && problem.contains("256 connections are already open: try again"), "{problem}");
     assert_eq!(lab.ask("POST", "/robots/lab/commands", STOP).0, 200);
     drop(open);
     wait_for("there is room again", || (lab.ask_page(&lab.at("/robots"), &[], "GET", "") == 200).then_some(()));

@@ -55,7 +55,9 @@ impl Load<'_> {
             let path = format!("/robots/{}/jobs", name(robot));
             let (status, job) = self.lab.ask("POST", &path, &json!({ "to": GOAL }).to_string());
             // The journal is full after some growths.
-            if status == 409 && job["detail"].as_str().is_some_and(|why| why.ends_with("wait until it has cooled")) {
+            if status == 409
+                && job["detail"].as_str().is_some_and(|why| why.ends_with("wait until the nozzle has cooled"))
+            {
                 sleep(Duration::from_millis(100));
                 continue;
             }
@@ -140,7 +142,7 @@ impl Load<'_> {
     /// Sends requests at a steady rate on one connection. Returns the duration of each response, and how many came
     /// before any body was finished.
     fn ask(&self, client: usize) -> (Vec<Duration>, usize) {
-        let paths = ["/robots", "/jobs?max=20", "/robots/lab", "/openapi.json"].map(|path| self.lab.at(path));
+        let paths = ["/robots", "/jobs?limit=20", "/robots/lab", "/openapi.json"].map(|path| self.lab.at(path));
         let (mut took, mut early) = (Vec::new(), 0);
         let mut stream = BufReader::new(self.lab.page());
         let pause = Duration::from_secs(1) * CLIENTS as u32 / RATE as u32;

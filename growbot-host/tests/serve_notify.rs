@@ -71,7 +71,7 @@ fn read_request(stream: &mut TcpStream) -> Got {
             }
         }
         let read = stream.read(&mut part).unwrap();
-        assert!(read > 0, "the request broke off: {text}");
+        assert!(read > 0, "the request was interrupted: {text}");
         bytes.extend_from_slice(&part[..read]);
     }
 }
@@ -157,10 +157,14 @@ fn a_webhook_is_signed_and_retried_until_accepted() {
     assert_eq!((&notice["version"], &notice["simulated"]), (&json!(1), &json!(true)));
     let message = notice["message"].as_str().unwrap();
     assert!(
-        message.starts_with("simulated robot lab pauses after layer ") && message.ends_with("as asked"),
+        message.starts_with("simulated robot lab pauses after layer ") && message.ends_with("on request"),
         "{message}"
     );
-    assert!(lab.heard().contains("http://127.0.0.1 has not taken a notice (it has answered 500)"), "{}", lab.heard());
+    assert!(
+        lab.heard().contains("http://127.0.0.1 did not accept a notification (it responded 500)"),
+        "{}",
+        lab.heard()
+    );
     nothing_is_given_away(&lab);
 }
 
@@ -172,7 +176,7 @@ fn undelivered_notifications_are_sent_after_a_restart() {
     lab.wait_until_ready();
     let job = begin(&lab, GOAL);
     assert_eq!(lab.wait_for_end(&job)["state"], "done");
-    wait_for("it is tried", || lab.heard().contains("has not taken a notice").then_some(()));
+    wait_for("it is tried", || lab.heard().contains("did not accept a notification").then_some(()));
     nothing_is_given_away(&lab);
     lab.kill();
     let got = receive(TcpListener::bind(("127.0.0.1", port)).unwrap(), &[204]);
@@ -205,7 +209,7 @@ fn https_sends_nothing_before_the_certificate_is_verified() {
     stream.write_all(b"HTTP/1.1 200 OK\r\ncontent-length: 0\r\n\r\n").unwrap();
     let text = String::from_utf8_lossy(&hello);
     assert!(!text.contains("s3cret") && !text.contains("finish") && text.contains("localhost"), "{text}");
-    wait_for("it is tried", || lab.heard().contains("https://localhost has not taken a notice").then_some(()));
+    wait_for("it is tried", || lab.heard().contains("https://localhost did not accept a notification").then_some(()));
     assert_eq!(lab.wait_for_end(&job)["state"], "done");
     nothing_is_given_away(&lab);
     assert!(!lab.heard().contains("panicked"), "{}", lab.heard());
@@ -281,7 +285,7 @@ fn a_command_is_retried_until_success_and_a_power_loss_is_notified() {
 #[test]
 fn invalid_notification_settings_are_refused_at_startup() {
     for (settings, wanted) in [
-        ("webhook = \"hooks.example/s3cret\"", "no address"),
+        ("webhook = \"hooks.example/s3cret\"", "not a URL"),
         ("command = []", "the command of [serve.notify] is empty"),
         ("events = [\"dance\"]", "dance"),
         ("webhok = \"http://localhost/\"", "webhok"),

@@ -53,7 +53,10 @@ fn the_service_keeps_bodies_clear_of_their_scene() {
     fs::write(&scene, format!("format = \"growbot-scene/1\"\n{}", balls.concat())).unwrap();
     let wanted = json!({ "to": "0,0,60,0,90", "scene": scene, "feedback": true });
     let (status, problem) = lab.ask("POST", "/robots/lab/jobs", &wanted.to_string());
-    assert!(status == 409 && problem["detail"].as_str().unwrap().contains("nothing to measure"), "{status} {problem}");
+    assert!(
+        status == 409 && problem["detail"].as_str().unwrap().contains("no sensor that measures layers"),
+        "{status} {problem}"
+    );
     let (status, problem) = lab.ask("POST", "/robots/sensed/jobs", &wanted.to_string());
     let detail = problem["detail"].as_str().unwrap_or_default();
     assert!(status == 409 && detail.contains("larger margin_mm"), "{status} {problem}");
@@ -102,7 +105,7 @@ fn each_flag_of_a_job_overrides_one_refusal_and_no_other() {
     for (arguments, flag, others, refusal) in [
         (vec!["warns.json"], "--force", ["--ignore-scene", "--overwrite"], "self-collision"),
         (vec!["plain.json", "--scene", "near.toml"], "--ignore-scene", ["--force", "--overwrite"], "into the ball"),
-        (vec!["plain.json", "--log", "old.jsonl"], "--overwrite", ["--force", "--ignore-scene"], "exists already"),
+        (vec!["plain.json", "--log", "old.jsonl"], "--overwrite", ["--force", "--ignore-scene"], "already exists"),
     ] {
         let grow = |flags: &[&str]| lab.run(&[&["grow", "--port", "sim:lab"], &arguments[..], flags].concat());
         let (code, said) = grow(&others);
@@ -165,8 +168,8 @@ fn a_page_sends_its_scenes_and_cannot_name_local_files() {
     }
     let points = "format = \"growbot-scene/1\"\n[[points]]\nfile = \"/etc/passwd\"\nradius_mm = 1\n";
     for (name, body, why) in [
-        ("room.exe", BALL, "by its ending"),
-        ("no-ending", BALL, "by its ending"),
+        ("room.exe", BALL, "no extension of a scene"),
+        ("no-ending", BALL, "no extension of a scene"),
         ("points.toml", points, "which was not sent"),
         ("wrong.toml", "ball", "wrong.toml"),
         ("wrong.stl", "ball", "wrong.stl"),

@@ -146,7 +146,7 @@ fn a_file_that_is_neither_plan_nor_log_gives_no_page() {
     let whole = fs::read_to_string(&plan).unwrap();
     for (name, contents, parts) in [
         ("cut.json", &whole[..whole.len() / 2], &["cut.json", "middle"][..]),
-        ("cube.stl", "solid cube", &["cube.stl", "no run log", "no plan"]),
+        ("cube.stl", "solid cube", &["cube.stl", "neither a run log nor a plan"]),
         ("empty", "", &["empty"]),
         ("other.json", &whole.replace("growbot-plan/1", "growbot-plan/9"), &["growbot-plan/9"]),
         ("robot.json", &whole.replace("\"growbot-a\"", "\"mine\""), &["mine", "--robot"]),
@@ -158,7 +158,7 @@ fn a_file_that_is_neither_plan_nor_log_gives_no_page() {
     assert_refused(&view(directory.path()), &["cannot read"], &page);
     assert_refused(&growbot(&["view", text(&plan), "-o", text(&path("no/page.html"))]), &["no directory"], &page);
     assert_refused(&growbot_reading(&["view", "-"], &whole), &["-o"], &page);
-    assert_refused(&growbot(&["view", text(&plan), "-o", text(&plan)]), &["end it in .html"], &page);
+    assert_refused(&growbot(&["view", text(&plan), "-o", text(&plan)]), &["use .html"], &page);
     assert_eq!(fs::read_to_string(&plan).unwrap(), whole);
 
     let ran = growbot_reading(&["view", "-", "-o", text(&page)], &whole);
@@ -206,7 +206,7 @@ fn two_files_are_compared_on_one_page() {
     let ran = growbot(&["view", text(&plan), text(&log), "--compare", "-o", text(&path("c.html"))]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     let pair = data(&path("c.html"));
-    assert_eq!(pair["difference"], "a.json and run.jsonl are of one length");
+    assert_eq!(pair["difference"], "a.json and run.jsonl have the same length");
     assert_eq!(pair["numbers"][1][0], "Laid (simulated)");
 }
 
@@ -219,8 +219,12 @@ fn a_comparison_needs_two_body_files() {
     let view = |args: &[&str]| growbot(&[&["view", "-o", text(&page)], args].concat());
     assert_refused(&view(&["--compare", text(&plan)]), &["two plans"], &page);
     assert_refused(&view(&[text(&plan), text(&plan)]), &["--compare"], &page);
-    assert_refused(&view(&["--compare", text(&plan), text(&path("cube.stl"))]), &["cube.stl", "no run log"], &page);
+    assert_refused(
+        &view(&["--compare", text(&plan), text(&path("cube.stl"))]),
+        &["cube.stl", "neither a run log nor a plan"],
+        &page,
+    );
     assert_refused(&view(&["--compare", "-", "-"]), &["standard input"], &page);
     assert_refused(&growbot(&["view", "--compare", text(&plan), "-"]), &["-o"], &page);
-    assert_refused(&growbot(&["view", "--compare", "-o", text(&plan), "-", text(&plan)]), &["end it in .html"], &page);
+    assert_refused(&growbot(&["view", "--compare", "-o", text(&plan), "-", text(&plan)]), &["use .html"], &page);
 }

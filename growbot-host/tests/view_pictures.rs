@@ -250,7 +250,7 @@ fn a_picture_for_a_paper_has_axes_a_range_a_palette_and_no_title() {
     let five = svg(&["--compare", text(&plan), text(&run), text(&plan), text(&plan), text(&run)]);
     assert_eq!((five.matches("class=\"title\"").count(), five.matches("gc-heights").count()), (5, 2));
     for (args, part) in [
-        (&["--range", "1,0.5"][..], "give the smaller one first"),
+        (&["--range", "1,0.5"][..], "give the smaller height first"),
         (&["--range", "1"], "give two heights in mm"),
         (&["--palette", "jet"], "viridis"),
         (&["--axes", "--plot", "tilt"], "cannot be used with"),
@@ -261,7 +261,7 @@ fn a_picture_for_a_paper_has_axes_a_range_a_palette_and_no_title() {
     let ran = growbot(&["view", text(&plan), "--axes"]);
     assert!(ran.code == Some(2) && ran.err.contains("--axes is for pictures"), "{}", ran.err);
     let ran = growbot(&["view", "--compare", text(&plan), text(&run), text(&plan)]);
-    assert!(ran.code == Some(2) && ran.err.contains("a page has two bodies"), "{}", ran.err);
+    assert!(ran.code == Some(2) && ran.err.contains("a page shows two bodies"), "{}", ran.err);
 }
 
 #[test]
@@ -320,10 +320,10 @@ fn failed_drawings_are_reported_and_leave_no_file() {
     let cold: String =
         lines.lines().filter(|line| !line.contains("temperature_c")).map(|line| format!("{line}\n")).collect();
     fs::write(directory.path().join("cold.jsonl"), cold).unwrap();
-    view(&[text(&directory.path().join("cold.jsonl")), "--plot", "temperature"], &["cold.jsonl tells no temperature"]);
+    view(&[text(&directory.path().join("cold.jsonl")), "--plot", "temperature"], &["cold.jsonl has no temperature"]);
     view(&[text(&directory.path().join("none.json")), "--svg"], &["none.json", "cannot read"]);
     view(&[text(&plan), text(&run), "--svg"], &["--compare"]);
-    view(&[text(&plan), "--png"], &["out.svg", "end it in .png"]);
+    view(&[text(&plan), "--png"], &["out.svg", "use .png"]);
     // Errors of the options' own parser take more lines.
     for args in [
         &["--plot", "heigth"][..],
@@ -336,7 +336,7 @@ fn failed_drawings_are_reported_and_leave_no_file() {
         assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);
     }
     let refused = growbot(&["view", text(&plan), "--plot", "tilt", "-o", text(&directory.path().join("tilt.html"))]);
-    assert!(refused.code == Some(2) && refused.err.contains("end it in .svg, .png or .pdf"), "{}", refused.err);
+    assert!(refused.code == Some(2) && refused.err.contains("use .svg, .png or .pdf"), "{}", refused.err);
     let refused = growbot(&["view", text(&plan), "--width", "800"]);
     assert!(refused.code == Some(2) && refused.err.contains("--png"), "{}", refused.err);
     let refused = growbot(&["view", text(&plan), "--viewpoint", "top"]);

@@ -76,7 +76,7 @@ fn the_page_is_served_only_at_its_secret_address() {
         assert_eq!(ask(address, "POST", path, &[]), nothing, "{path}");
     }
     let update = format!("{path}updates");
-    let stop = format!("{path}orders/stop");
+    let stop = format!("{path}commands/stop");
     for other in [
         ("Host", "evil.example"),
         ("Origin", "http://evil.example"),
@@ -115,14 +115,14 @@ fn commands_need_control_access() {
     let controlling = watch(Some(Arc::clone(&orders)));
     let (address, path) = parts(&controlling);
     let origin = format!("http://{address}");
-    assert_eq!(ask(address, "GET", &format!("{path}orders/stop"), &[]).0, 404);
+    assert_eq!(ask(address, "GET", &format!("{path}commands/stop"), &[]).0, 404);
     assert!(!orders.stop_requested());
-    assert_eq!(ask(address, "POST", &format!("{path}orders/stop"), &[("Origin", &origin)]).0, 202);
+    assert_eq!(ask(address, "POST", &format!("{path}commands/stop"), &[("Origin", &origin)]).0, 202);
     assert!(orders.stop_requested());
 
     let looking = watch(None);
     let (address, path) = parts(&looking);
-    let (status, why) = ask(address, "POST", &format!("{path}orders/stop"), &[]);
+    let (status, why) = ask(address, "POST", &format!("{path}commands/stop"), &[]);
     assert_eq!(status, 403);
     assert!(why.contains("--control"), "{why}");
     assert!(ask(address, "GET", &path, &[]).1.contains("\"live\":{\"control\":false}"));

@@ -33,7 +33,7 @@ fn every_goal_has_one_of_three_results() {
 
     let ran = growbot(&[&asked[..], &["-o", &goals]].concat());
     assert_eq!(ran.code, Some(0), "{}", ran.err);
-    for part in ["1000 goals", "a path, proven to be clear", "every way there is too narrow", "--effort 1"] {
+    for part in ["1000 goals", "a path, proven to be clear", "every passage to it is too narrow", "--effort 1"] {
         assert!(ran.out.contains(part), "no {part:?} in {}", ran.out);
     }
     let ran = growbot(&[&asked[..], &["--json"]].concat());
@@ -64,7 +64,7 @@ fn every_goal_has_one_of_three_results() {
     }
     let separated = rows.iter().find(|row| row[4] == "separated").unwrap()[..3].join(",");
     let plan = growbot(&["plan", "--to", &separated, "--scene", &room]);
-    assert!(plan.code == Some(1) && plan.err.contains("every way between start and goal"), "{}", plan.err);
+    assert!(plan.code == Some(1) && plan.err.contains("every passage between start and goal"), "{}", plan.err);
 }
 
 #[test]

@@ -64,7 +64,7 @@ pub fn integer(name: &str, value: &Bound<PyAny>, min: u64, max: u64) -> Result<u
         Ok(number) if (min..=max).contains(&number) => Ok(number),
         _ => {
             let limit = if given < i128::from(min) { min } else { max };
-            let message = format!("{name} is {given}, and may be {min} to {max}: give one within");
+            let message = format!("{name} is {given}: give {min} to {max}");
             Err(Error::with(ErrorKind::Input, message, given as f64, limit as f64))
         }
     }
@@ -123,7 +123,7 @@ const LONGEST_TEXT: u64 = 64 << 20;
 pub fn text_of_file(path: &Path) -> Result<(String, String), Error> {
     let (bytes, name) = bytes_of_file(path, LONGEST_TEXT)?;
     let text = String::from_utf8(bytes)
-        .map_err(|_| Error::new(ErrorKind::File, format!("{name} is no text in UTF-8: give another file")))?;
+        .map_err(|_| Error::new(ErrorKind::File, format!("{name} is not UTF-8 text: give another file")))?;
     Ok((text, name))
 }
 
@@ -131,11 +131,11 @@ pub fn text_of_file(path: &Path) -> Result<(String, String), Error> {
 pub fn bytes_of_file(path: &Path, longest: u64) -> Result<(Vec<u8>, String), Error> {
     let name = path.display().to_string();
     let failed = |error: std::io::Error| {
-        Error::new(ErrorKind::File, format!("cannot read {name}: {error}; give a file that is there"))
+        Error::new(ErrorKind::File, format!("cannot read {name}: {error}; give a file that exists"))
     };
     let about = fs::metadata(path).map_err(failed)?;
     if !about.is_file() {
-        return Err(Error::new(ErrorKind::File, format!("{name} is no file: give one")));
+        return Err(Error::new(ErrorKind::File, format!("{name} is not a file: give a file")));
     }
     let mut bytes = Vec::new();
     fs::File::open(path).map_err(failed)?.take(longest + 1).read_to_end(&mut bytes).map_err(failed)?;
@@ -207,7 +207,7 @@ pub fn check_rows(name: &str, count: usize) -> Result<(), Error> {
     if count <= MAX_ROWS {
         return Ok(());
     }
-    let message = format!("{name} asks for {count} rows, above {MAX_ROWS}: split the work into several calls");
+    let message = format!("{name} needs {count} rows, above {MAX_ROWS}: split the work into several calls");
     Err(Error::with(ErrorKind::Input, message, count as f64, MAX_ROWS as f64))
 }
 
@@ -237,7 +237,7 @@ fn numbers(name: &str, array: &Bound<PyUntypedArray>, wanted: &str) -> Result<Ve
     Ok(array
         .readonly()
         .as_slice()
-        .map_err(|_| Error::new(ErrorKind::Type, format!("{name} is no plain array")))?
+        .map_err(|_| Error::new(ErrorKind::Type, format!("{name} is not a plain array")))?
         .to_vec())
 }
 

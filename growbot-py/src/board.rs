@@ -201,7 +201,7 @@ impl BoardWorker {
                 ErrorKind::File,
                 format!(
                     "{}; or set overwrite=True",
-                    error.to_string().split("; --log alone").next().unwrap_or_default()
+                    error.to_string().split("; --log without").next().unwrap_or_default()
                 ),
             ),
             error => Error::new(ErrorKind::File, error),
@@ -259,7 +259,7 @@ fn outcome_error(result: &GrowthResult) -> Option<Error> {
         (_, _) => {
             let of_fault = result.fault.as_ref().map_or_else(String::new, |fault| format!(" ({fault})"));
             let robot = if result.simulated { "simulated robot" } else { "robot" };
-            format!("the growth ended with {outcome}{of_fault}: look at the {robot}; `growbot resume` resumes a body")
+            format!("the growth ended with {outcome}{of_fault}: check the {robot}; `growbot resume` resumes a body")
         }
     };
     Some(Error::with(ErrorKind::Board, why, outcome, "done"))

@@ -67,7 +67,7 @@ impl Conditions {
         if !feedback && (gravity_only || scale != 0.0) {
             return Err(Error::new(
                 ErrorKind::Input,
-                "gravity_only and odometry_scale_percent are for closed loop: set feedback=True, or leave them out",
+                "gravity_only and odometry_scale_percent apply only with feedback: set feedback=True, or remove them",
             ));
         }
         let sensors = feedback.then(|| SimulatedSensors {
@@ -84,13 +84,13 @@ impl Conditions {
             ("exact", Some(_)) => {
                 return Err(Error::new(
                     ErrorKind::Input,
-                    "step_mm is the height of whole steps: set slicing=\"whole\", or leave it out",
+                    "step_mm is the height of whole steps: set slicing=\"whole\", or remove step_mm",
                 ));
             }
             ("whole", _) if feedback => {
                 return Err(Error::new(
                     ErrorKind::Input,
-                    "feedback plans each layer by itself, and slicing=\"whole\" would not be heeded: leave one of them out",
+                    "feedback plans each layer separately, so slicing=\"whole\" has no effect: remove one of them",
                 ));
             }
             ("whole", step) => Some(step),

@@ -191,7 +191,7 @@ impl From<ScenePlanError> for Error {
 pub fn outside(name: &str, value: f64, [min, max]: [f64; 2], unit: &str) -> Error {
     let limit = if value < min { min } else { max };
     let message = format!(
-        "{name} is {} {unit}, and may be {} to {}: give one within",
+        "{name} is {} {unit}: give {} to {}",
         CompactNumber(&value),
         CompactNumber(&min),
         CompactNumber(&max)

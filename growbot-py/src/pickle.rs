@@ -77,6 +77,6 @@ fn segment(numbers: &[f64]) -> Result<Segment, Error> {
             radius,
             length,
         }),
-        _ => Err(Error::new(ErrorKind::Input, "the pickled plan has a segment that is none: pickle it again")),
+        _ => Err(Error::new(ErrorKind::Input, "the pickled plan has an invalid segment: pickle it again")),
     }
 }

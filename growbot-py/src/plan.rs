@@ -189,7 +189,7 @@ fn scene_search_options(
         return if limit.is_some() || given.is_some() {
             Err(Error::new(
                 ErrorKind::Input,
-                "effort and time_limit_s are for plans through a scene: give scene, or leave them out",
+                "effort and time_limit_s apply only to plans through a scene: give scene, or remove them",
             ))
         } else {
             Ok(None)
@@ -317,7 +317,10 @@ fn starts_of(starts: &Bound<PyAny>, goals: usize) -> Result<Vec<CorePose>, Error
     }
     let rows = Rows::read("starts", starts, &[5])?;
     if rows.count != goals || goals == 0 {
-        let message = format!("starts has {} rows and goals {goals}: give as many, or one start for all", rows.count);
+        let message = format!(
+            "starts has {} rows, but goals has {goals}: give the same number, or one start for all",
+            rows.count
+        );
         return Err(Error::with(ErrorKind::Type, message, rows.count as f64, goals as f64));
     }
     let pose = |row: &[f64]| pose_of([row[0], row[1], row[2], row[3], row[4]]);

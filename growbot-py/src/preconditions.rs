@@ -38,7 +38,7 @@ fn through(plan: &client::Plan) -> Result<Option<Scene>, Error> {
         return Ok(Some(found));
     }
     let message =
-        format!("{} is not the scene that was planned through: plan again, or give that one as scene=", through.file);
+        format!("{} is not the scene of the plan: plan again, or give the plan's scene as scene=", through.file);
     Err(Error::with(ErrorKind::File, message, format_hash(found.loaded.hash), format_hash(through.hash)))
 }
 
@@ -64,24 +64,26 @@ pub fn check_growable(plan: &Plan, conditions: &Conditions, simulated: bool, for
         warnings.map(|warning| warning.code.as_str()).filter(|code| BLOCKING.contains(code)).collect();
     if !preventing.is_empty() && !force {
         let codes = preventing.join(", ");
-        let message = format!("not grown because of {codes}: change the plan, or grow it all the same with force=True");
+        let message = format!("not grown because of {codes}: change the plan, or ignore the warnings with force=True");
         return Err(Error::with(ErrorKind::Input, message, codes, "no such warning"));
     }
     if conditions.needs_simulation() {
         return Err(Error::new(
             ErrorKind::Input,
-            "sag, whole steps, gravity_only and odometry_scale_percent are for growths without a board: use Plan.simulate, or leave them out",
+            "sag, whole steps, gravity_only and odometry_scale_percent apply only without a board: use Plan.simulate, \
+             or remove them",
         ));
     }
     if !simulated && conditions.disturbance() != Disturbance::default() {
         return Err(Error::new(
             ErrorKind::Input,
-            "layers of a robot cannot be disturbed: leave out noises and biases, or connect to \"sim\"",
+            "layers of a real robot cannot be disturbed: remove noises and biases, or connect to \"sim\"",
         ));
     }
     if conditions.feedback() && !can_measure(&plan.robot) {
         let message = format!(
-            "robot {} has nothing to measure layers by: give it sensors.filament_motion or sensors.orientation, or leave out feedback",
+            "robot {} has no sensor that measures layers: give it sensors.filament_motion or sensors.orientation, or \
+             remove feedback",
             plan.robot.name()
         );
         return Err(Error::new(ErrorKind::Input, message));

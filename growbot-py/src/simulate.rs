@@ -355,6 +355,7 @@ fn plans_of(plans: &Bound<PyAny>, seeds: usize) -> Result<Vec<Plan>, Error> {
     if all.len() == seeds {
         return Ok(all);
     }
-    let message = format!("plans has {} entries and seeds {seeds}: give as many, or one plan for all", all.len());
+    let message =
+        format!("plans has {} entries, but seeds has {seeds}: give the same number, or one plan for all", all.len());
     Err(Error::with(ErrorKind::Type, message, all.len() as f64, seeds as f64))
 }

@@ -152,7 +152,7 @@ impl SimulationSummary {
         let inner = serde_json::from_str(&json).map_err(|error| {
             Error::new(
                 ErrorKind::Input,
-                format!("json is no summary ({error}): give what SimulationSummary.to_json has written"),
+                format!("json is not a summary ({error}): give the output of SimulationSummary.to_json"),
             )
         })?;
         Ok(Self { inner })

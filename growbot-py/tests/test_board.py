@@ -46,7 +46,7 @@ def test_a_growth_is_its_events(tmp_path: Path) -> None:
     assert pickle.loads(pickle.dumps(run)) == run
     # The board lays the same layers as the command's. Without one the noise is the same, but layers are not in steps.
     assert abs(PLAN.simulate(seed=3, conditions=conditions).position_error_mm - result["position_error_mm"]) < 0.5
-    with growbot.connect() as board, pytest.raises(growbot.FileError, match="there already.*overwrite=True"):
+    with growbot.connect() as board, pytest.raises(growbot.FileError, match="already exists.*overwrite=True"):
         board.grow(PLAN, log=log, force=True, ignore_scene=True).wait()
     with growbot.connect() as board:
         assert board.grow(PLAN, log=log, overwrite=True).wait()["outcome"] == "done"
@@ -67,14 +67,14 @@ def test_orders_and_leaving_stop_it() -> None:
             if isinstance(event, growbot.events.LayerLaid) and event.layer == 3:
                 growth.send_command("stop")
         assert growth.result is not None and growth.result["outcome"] == "stopped"
-        with pytest.raises(growbot.InputError, match="there is no command"):
+        with pytest.raises(growbot.InputError, match="unknown command"):
             growth.send_command("jump")
         for event in board.grow(PLAN):
             break
         assert board.status().state is not None
         growth = board.grow(PLAN)
         next(growth)
-        with pytest.raises(growbot.BoardError, match="under way"):
+        with pytest.raises(growbot.BoardError, match="in progress"):
             board.status()
     assert growth.ended and growth.result is not None and growth.result["outcome"] == "stopped"
     with pytest.raises(growbot.BoardError, match="disconnected"):
@@ -166,7 +166,7 @@ def test_bodies_among_obstacles_are_kept_clear(tmp_path: Path) -> None:
         assert board.grow(through).wait()["outcome"] == "done"
         assert "far.toml" in through.html() and "far.toml" in through.simulate(seed=1).html()
         far.write_text(text.format(401))
-        with pytest.raises(growbot.FileError, match="not the scene that was planned through.*scene="):
+        with pytest.raises(growbot.FileError, match="not the scene of the plan.*scene="):
             board.grow(through)
         far.unlink()
         with pytest.raises(growbot.FileError, match="scene="):

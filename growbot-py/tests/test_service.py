@@ -63,7 +63,7 @@ def test_a_robot_of_the_service_is_a_board_like_others(lab: Path) -> None:
             board.grow(PLAN, log=log)
         with pytest.raises(growbot.InputError, match="no noise"):
             board.grow(PLAN, conditions=growbot.Conditions(noise_percent=5))
-        with pytest.raises(growbot.BoardError, match="no job under way"):
+        with pytest.raises(growbot.BoardError, match="no active job"):
             board.attach()
     assert [event.layer for event in seen if isinstance(event, growbot.events.LayerLaid)] == list(range(PLAN.layer_count))
     assert growbot.RunLog(log).outcome == "done"

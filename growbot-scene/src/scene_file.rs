@@ -153,7 +153,7 @@ pub enum SceneError {
         reason: String,
     },
     /// The scene has another format version.
-    #[error("{file} has format {found:?}, and this version of growbot reads {FORMAT:?}: change the file's first line")]
+    #[error("{file} has format {found:?}, but this version of growbot reads {FORMAT:?}: change the file's first line")]
     UnsupportedFormat {
         /// The file.
         file: String,
@@ -173,7 +173,7 @@ pub enum SceneError {
         limit: &'static str,
     },
     /// The file has too many entries of one kind.
-    #[error("{file} has {count} entries of [[{kind}]], and may have {MAX_ENTRIES}: make a mesh of them")]
+    #[error("{file} has {count} entries of [[{kind}]], but the maximum is {MAX_ENTRIES}: combine them into a mesh")]
     TooMany {
         /// The file.
         file: String,
@@ -184,8 +184,8 @@ pub enum SceneError {
     },
     /// A solid mesh has a hole, so it encloses no volume.
     #[error(
-        "{file} is an open mesh, with {open} edges that only one face has, and cannot be solid: close it, or say \
-         `solid = false` in its [[mesh]] to have its faces alone as obstacles"
+        "{file} is an open mesh, with {open} edges that only one face has, and cannot be solid: close it, or set \
+         `solid = false` in its [[mesh]] to use only its faces as obstacles"
     )]
     OpenMesh {
         /// File of the mesh.
@@ -197,7 +197,7 @@ pub enum SceneError {
     #[error(
         "{file} is a mesh with {flipped} edges whose two faces name their corners in the same direction, so that one \
          of the two is inside out, and cannot be solid: turn its faces to one side (in Blender: Mesh > Normals > \
-         Recalculate Outside), or say `solid = false` in its [[mesh]] to have its faces alone as obstacles"
+         Recalculate Outside), or set `solid = false` in its [[mesh]] to use only its faces as obstacles"
     )]
     FlippedFaces {
         /// File of the mesh.
@@ -207,8 +207,8 @@ pub enum SceneError {
     },
     /// The meshes and clouds of a scene exceed the total size limit.
     #[error(
-        "the meshes and clouds of {file} are longer than {MAX_GEOMETRY_BYTES} bytes together, the most that is read: \
-         make them smaller, or leave some out"
+        "the meshes and clouds of {file} are longer than {MAX_GEOMETRY_BYTES} bytes together, the maximum: make them \
+         smaller, or remove some"
     )]
     TooLarge {
         /// File of the scene.

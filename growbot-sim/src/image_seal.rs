@@ -30,9 +30,7 @@ pub enum SealError {
         reason: String,
     },
     /// The image has a seal that does not match its content.
-    #[error(
-        "{file} is sealed, and differs from what was sealed: it was damaged or changed since; build it anew, or get it again"
-    )]
+    #[error("{file} does not match its seal: it was damaged or changed; build it again, or download it again")]
     Damaged {
         /// The file.
         file: String,
@@ -73,7 +71,7 @@ fn joined(mut parts: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
 /// # Errors
 /// A message with the reason why the image cannot be sealed.
 pub fn seal(image: &[u8]) -> Result<Sealed, String> {
-    let file: ElfFile32 = ElfFile32::parse(image).map_err(|error| format!("it is no 32-bit ELF file ({error})"))?;
+    let file: ElfFile32 = ElfFile32::parse(image).map_err(|error| format!("it is not a 32-bit ELF file ({error})"))?;
     let symbol = file.symbols().find(|symbol| symbol.name() == Ok(SYMBOL));
     let place = symbol.ok_or_else(|| format!("it has no {SYMBOL}"))?.address() as u32;
     let loaded = |header: &<FileHeader32<Endianness> as object::read::elf::FileHeader>::ProgramHeader| {
@@ -82,7 +80,7 @@ pub fn seal(image: &[u8]) -> Result<Sealed, String> {
             .then(|| Some((header.p_paddr(endian), header.data(endian, image).ok()?, header.p_offset(endian))))
     };
     let segments: Option<Vec<(u32, &[u8], u32)>> = file.elf_program_headers().iter().filter_map(loaded).collect();
-    let segments = segments.ok_or("a segment lies outside of the file")?;
+    let segments = segments.ok_or("a segment lies outside the file")?;
 
     // The place of the seal itself, which belongs to no part.
     let seal_bytes = 4 * SEAL_WORDS as u32;
@@ -90,7 +88,7 @@ pub fn seal(image: &[u8]) -> Result<Sealed, String> {
     let holder = segments.iter().find(|(address, bytes, _)| {
         place >= *address && u64::from(place) + u64::from(seal_bytes) <= u64::from(*address) + bytes.len() as u64
     });
-    let &(holder_address, _, holder_offset) = holder.ok_or("its seal is in no segment")?;
+    let &(holder_address, _, holder_offset) = holder.ok_or("its seal is not in a segment")?;
     let mut parts: Vec<(u32, u32)> = Vec::new();
     for &(address, bytes, _) in &segments {
         let length = u32::try_from(bytes.len()).map_err(|_| "a segment is too long")?;
@@ -119,7 +117,7 @@ pub fn seal(image: &[u8]) -> Result<Sealed, String> {
 
     let at = holder_offset as usize + (place - holder_address) as usize;
     let mut bytes = image.to_vec();
-    let into = bytes.get_mut(at..at + 4 * SEAL_WORDS).ok_or("its seal lies outside of the file")?;
+    let into = bytes.get_mut(at..at + 4 * SEAL_WORDS).ok_or("its seal lies outside the file")?;
     for (into, word) in into.as_chunks_mut::<4>().0.iter_mut().zip(words) {
         *into = word.to_le_bytes();
     }

@@ -128,7 +128,7 @@ struct Stalled {
 impl Port for Stalled {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         if self.is_stalled.get() {
-            return Err(PortError::Lost("sim".to_string(), "it takes no more bytes".to_string()));
+            return Err(PortError::Lost("sim".to_string(), "it accepts no more bytes".to_string()));
         }
         self.sim.send(bytes)
     }
@@ -333,7 +333,7 @@ fn a_growth_without_filament_waits_and_continues_its_layer() {
     assert_eq!(tells(&told, &JobEvent::State(State::Paused)), 1);
     assert!(told.iter().filter(|event| matches!(event, JobEvent::Laid { .. })).count() == 20);
     assert!(
-        refused.iter().all(|why| why.contains("still move")) && !refused.is_empty(),
+        refused.iter().all(|why| why.contains("still moving")) && !refused.is_empty(),
         "one after the other: {refused:?}"
     );
 }

@@ -42,8 +42,8 @@ pub struct ClockDrift {
 
 impl ClockDrift {
     /// Advice for the user.
-    pub const REMEDY: &str =
-        "check the board's crystal and its solder joints; heating, speeds and time limits are off by as much";
+    pub const REMEDY: &str = "check the board's crystal and its solder joints; heating, speeds and time limits are \
+                              wrong by the same percentage";
 
     /// Returns by how much the board's clock runs faster than the host's, percent: the bound nearer to 0.
     #[must_use]

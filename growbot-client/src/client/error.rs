@@ -12,8 +12,8 @@ use crate::port::PortError;
 pub enum ClientError {
     /// No byte was received.
     #[error(
-        "the board at {port} does not answer (for {} s): check power, cable and baud rate, and that growbot's \
-         firmware is on it", SILENCE_TIMEOUT.as_secs()
+        "the board at {port} has not responded for {} s: check power, cable and baud rate, and that it runs growbot \
+         firmware", SILENCE_TIMEOUT.as_secs()
     )]
     NoResponse {
         /// The port.
@@ -21,15 +21,15 @@ pub enum ClientError {
     },
     /// Bytes were received, but no frame.
     #[error(
-        "what the board at {port} sends is no growbot frame: check the port, the baud rate (115200) and that \
-         growbot's firmware is on it"
+        "received data from {port} but no valid frame: check the port, the baud rate (115200) and that the board runs \
+         growbot firmware"
     )]
     Garbage {
         /// The port.
         port: String,
     },
     /// The frames have another version.
-    #[error("the board at {port} speaks another version of the link: {source}")]
+    #[error("the board at {port} uses another version of the link protocol: {source}")]
     Version {
         /// The port.
         port: String,
@@ -38,8 +38,8 @@ pub enum ClientError {
     },
     /// The messages have another schema.
     #[error(
-        "the board's messages (schema {board:016x}) differ from mine ({host:016x}): flash the firmware of this \
-         release (`cargo run-stm32f405`), or use the growbot that belongs to the board's"
+        "the board's messages (schema {board:016x}) differ from this program's ({host:016x}): flash the firmware of \
+         this release (`cargo run-stm32f405`), or use the growbot release of the board's firmware"
     )]
     Schema {
         /// Schema hash of the board.
@@ -49,8 +49,8 @@ pub enum ClientError {
     },
     /// The board belongs to another robot.
     #[error(
-        "the board is {board_name} ({board:016x}), and not {host_name} ({host:016x}): choose the board's robot with \
-         --robot, or send the board the description of this one (`growbot configure`)"
+        "the board's robot is {board_name} ({board:016x}), not {host_name} ({host:016x}): choose the board's robot \
+         with --robot, or send the board this robot's description (`growbot configure`)"
     )]
     OtherRobot {
         /// Name of the board's robot.
@@ -64,7 +64,7 @@ pub enum ClientError {
     },
     /// The board has no robot description.
     #[error(
-        "the board at {port} is not configured: it has no robot description, and only communicates: send it one with \
+        "the board at {port} is not configured: it has no robot description and only communicates; send it one with \
          `growbot configure`"
     )]
     NotConfigured {
@@ -76,8 +76,8 @@ pub enum ClientError {
     Description(RobotError),
     /// The board accepted a description but did not restart with it.
     #[error(
-        "the board at {port} has taken the description, but has not restarted with it within 10 s: reset it, and see \
-         what `growbot status` says"
+        "the board at {port} stored the description, but did not restart with it within 10 s: reset the board, and run \
+         `growbot status`"
     )]
     NotRestarted {
         /// The port.
@@ -85,8 +85,8 @@ pub enum ClientError {
     },
     /// Another host owns the board.
     #[error(
-        "the board at {port} is owned by {host}, last received {silent_s:.1} s ago: end that program, wait until it has been \
-         silent for 10 s, or take the board over (--take-over)"
+        "the board at {port} is owned by {host}, last received {silent_s:.1} s ago: end that program, wait until it \
+         has been silent for 10 s, or take over the board (--take-over)"
     )]
     Owned {
         /// The port.
@@ -97,7 +97,7 @@ pub enum ClientError {
         silent_s: f64,
     },
     /// The board did not confirm the emergency stop.
-    #[error("NOBODY HAS ACKNOWLEDGED THE EMERGENCY STOP at {port}: cut the power of the robot now")]
+    #[error("THE BOARD DID NOT CONFIRM THE EMERGENCY STOP at {port}: cut the robot's power now")]
     StopNotAcknowledged {
         /// The port.
         port: String,
@@ -111,7 +111,9 @@ pub enum ClientError {
         refusal: Refusal,
     },
     /// The board sent an unexpected response.
-    #[error("the board answered {request} with something else (kind {kind:#04x}): flash the firmware of this release")]
+    #[error(
+        "the board sent an unexpected response to {request} (kind {kind:#04x}): flash the firmware of this release"
+    )]
     Unexpected {
         /// Name of the request.
         request: &'static str,
@@ -133,27 +135,25 @@ pub const SEND_DESCRIPTION: &str = "the robot description";
 fn explain_description(why: DescriptionError) -> String {
     match why {
         DescriptionError::VersionMismatch { board } => format!(
-            "it reads descriptions of version {board}, and this one has version {ENCODING_VERSION}: flash the firmware \
+            "it reads descriptions of version {board}, but this one has version {ENCODING_VERSION}: flash the firmware \
              of this release"
         ),
         DescriptionError::Unreadable => {
-            "what arrived is no description: flash the firmware of this release".to_string()
+            "it received an invalid description: flash the firmware of this release".to_string()
         }
         DescriptionError::HashMismatch { found } => {
-            format!("what arrived is another description ({found:016x}): try again")
+            format!("it received another description ({found:016x}): try again")
         }
         DescriptionError::TooLong => "the description is too long: shorten the name".to_string(),
-        DescriptionError::Number => "a number is out of its range: flash the firmware of this release".to_string(),
-        DescriptionError::Name => "the name is not one that a robot may have: rename the robot".to_string(),
-        DescriptionError::Pins => "its pins do not suit: flash the firmware of this release".to_string(),
-        DescriptionError::Drivers => {
-            "its drivers' settings do not suit: flash the firmware of this release".to_string()
-        }
+        DescriptionError::Number => "a number is out of range: flash the firmware of this release".to_string(),
+        DescriptionError::Name => "the name is not a valid robot name: rename the robot".to_string(),
+        DescriptionError::Pins => "its pins are invalid: flash the firmware of this release".to_string(),
+        DescriptionError::Drivers => "its driver settings are invalid: flash the firmware of this release".to_string(),
         DescriptionError::BoardMismatch { asked, board } => format!(
-            "the description is for {asked}, and the firmware is for {board}: set board.kind, or flash the firmware \
+            "the description is for {asked}, but the firmware is for {board}: set board.kind, or flash the firmware \
              for {asked}"
         ),
-        DescriptionError::Thermistor => "the thermistor has no equation, or two: give one".to_string(),
+        DescriptionError::Thermistor => "the thermistor has no equation, or two: give exactly one".to_string(),
     }
 }
 
@@ -162,21 +162,23 @@ fn explain(request: &str, refusal: &Refusal) -> String {
     match *refusal {
         Refusal::UnknownRequest => "it does not understand the request".to_string(),
         Refusal::SchemaMismatch { board } => format!("its messages have schema {board:016x}"),
-        Refusal::NoSession => "another host has taken over, or the board has restarted".to_string(),
+        Refusal::NoSession => "another host has taken it over, or it has restarted".to_string(),
         Refusal::RobotMismatch { board } => format!("it is another robot ({board:016x})"),
-        Refusal::PlanMismatch { board: 0 } => "it stores no plan: hand one over first".to_string(),
+        Refusal::PlanMismatch { board: 0 } => "it stores no plan: send one first".to_string(),
         Refusal::PlanMismatch { board } => format!("it stores another plan ({board:016x})"),
         Refusal::OutOfOrder { expected } if request == SEND_DESCRIPTION => {
             format!("it expects byte {expected} of the description next: try again")
         }
         Refusal::OutOfOrder { expected } => format!("it expects layer {expected} next"),
-        Refusal::LayerStoreFull => "it has no room for more layers now".to_string(),
+        Refusal::LayerStoreFull => "its layer buffer is full".to_string(),
         Refusal::LayerOutOfLimits { index } => format!("layer {index} is beyond the robot's limits or the plan's end"),
-        Refusal::WrongState { state } => format!("not while it is in state {}", state.name()),
-        Refusal::FaultRemains { fault } => format!("{} is still there: {}", fault.code(), fault.explanation()),
-        Refusal::PlanningFailed => "there is no plan for these poses and this radius".to_string(),
+        Refusal::WrongState { state } => format!("this is not allowed in state {}", state.name()),
+        Refusal::FaultRemains { fault } => {
+            format!("the cause of {} is still present: {}", fault.code(), fault.explanation())
+        }
+        Refusal::PlanningFailed => "it found no plan for these poses and this radius".to_string(),
         Refusal::PlanTooLong { layers, capacity } => {
-            format!("the plan has {layers} layers, it can take {capacity}")
+            format!("the plan has {layers} layers, but it can store {capacity}")
         }
         Refusal::TemperatureOutOfRange { min, max } => format!(
             "the temperature must lie between {} and {} C, the limits of its description",
@@ -186,53 +188,54 @@ fn explain(request: &str, refusal: &Refusal) -> String {
         Refusal::EmergencyStop => "the emergency stop is pressed: release it first".to_string(),
         Refusal::OwnedByOtherHost { silent_ms } => format!("another host owns it, last received {silent_ms} ms ago"),
         Refusal::LayerAlreadyBegun { first } => {
-            format!("those layers have been begun; the first that can be replaced is {first}")
+            format!("those layers have been started; the first that can be replaced is {first}")
         }
         Refusal::NozzleTooHot { below } if request == SEND_DESCRIPTION => format!(
-            "it writes to its flash only with the nozzle below {} C, or after 20 minutes at rest: wait until it has \
-             cooled",
+            "it writes to its flash only while the nozzle is below {} C, or after 20 minutes at rest: wait until the \
+             nozzle has cooled",
             f64::from(below) / 100.0
         ),
         Refusal::NozzleTooHot { below } => format!(
-            "it must make room in its journal, which it does only with the nozzle below {} C: wait until it has cooled",
+            "it must free space in its journal, which it does only while the nozzle is below {} C: wait until the \
+             nozzle has cooled",
             f64::from(below) / 100.0
         ),
         Refusal::JournalNotWritable => {
-            "its journal cannot be written, and it must not begin what it could not resume".to_string()
+            "it cannot write its journal, and it does not start a job that it could not resume".to_string()
         }
         Refusal::NozzleTooCold { now, min } => format!(
-            "the nozzle is at {:.1} C and must have {} C before anything moves: preheat, and wait until it is hot",
+            "the nozzle is at {:.1} C and must reach {} C before anything moves: preheat, and wait until it is hot",
             f64::from(now) / 100.0,
             f64::from(min) / 100.0
         ),
         Refusal::MoveTooLong { max } if request == MOVE_FILAMENT => {
-            format!("it moves {} mm of filament at a time at most: ask for less, and again", f64::from(max) / 1000.0)
+            format!("it moves at most {} mm of filament per command: move less, and repeat", f64::from(max) / 1000.0)
         }
         Refusal::MoveTooLong { max } => {
             format!(
-                "it turns the head by {} degrees at a time at most: ask for less, and again",
+                "it turns the head by at most {} degrees per command: turn less, and repeat",
                 f64::from(max) / 100.0
             )
         }
-        Refusal::StillMoving => "head or feed still move: ask again once they stand".to_string(),
+        Refusal::StillMoving => "head or feed are still moving: try again when they have stopped".to_string(),
         Refusal::NoFilament => {
-            "there is no filament at its switch, or too much of it was pulled back: push it in up to the feed, `load` \
-             and `purge`"
+            "there is no filament at its switch, or too much of it was pulled back: push it in up to the feed, then \
+             `load` and `purge`"
                 .to_string()
         }
-        Refusal::NotConfigured => "it is not configured: it has no robot description, and only communicates: send it \
+        Refusal::NotConfigured => "it is not configured: it has no robot description and only communicates; send it \
                                    one with `growbot configure`"
             .to_string(),
         Refusal::JobNotDone { plan_id } => format!(
-            "it has a body that is not done (plan {plan_id:016x}), which would be lost: grow it to its end, or give \
-             it up with `growbot cancel`"
+            "it has an unfinished body (plan {plan_id:016x}), which would be lost: finish the body, or discard it with \
+             `growbot cancel`"
         ),
         Refusal::InvalidDescription { error: why } => {
-            format!("{}; it keeps the one that it has", explain_description(why))
+            format!("{}; it keeps its current description", explain_description(why))
         }
         Refusal::DescriptionNotStored => {
-            "its flash does not take the description; it keeps the one that it has: try again, and if it fails again \
-             replace the board"
+            "it cannot write the description to its flash; it keeps its current description: try again, and if it \
+             fails again replace the board"
                 .to_string()
         }
         Refusal::DebugProbe => format!("it does not heat: {}", Fault::DebugProbe.explanation()),

@@ -32,7 +32,8 @@ impl StopOutcome {
         match self {
             Self::ByRequest => format!("stopped: heater and steppers of the {kind}robot are off"),
             Self::ByEmergencyStop => format!(
-                "emergency stop, as the request to stop was not answered: heater and steppers of the {kind}robot are off, until it is cleared (`clear` in `growbot console`)"
+                "emergency stop, because the board did not respond to the stop request: heater and steppers of the \
+                 {kind}robot are off, until it is cleared (`clear` in `growbot console`)"
             ),
         }
     }

@@ -92,7 +92,7 @@ impl Command {
     /// Returns the message for an order that may have been executed and is not repeated.
     pub(super) fn uncertain_message(self) -> String {
         format!(
-            "the line was lost, so it is not known whether `{}` was carried out: look before you order it again",
+            "the connection was lost, so it is unknown whether `{}` was executed: check before sending it again",
             self.name()
         )
     }

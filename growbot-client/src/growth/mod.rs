@@ -176,7 +176,7 @@ pub enum GrowthError {
     #[error(transparent)]
     NotStarted(ClientError),
     /// The board was lost during the growth. It may still be growing.
-    #[error("{0}; the robot may still be growing: see `growbot status`, and cut its power if that does not answer")]
+    #[error("{0}; the robot may still be growing: run `growbot status`, and if that fails cut the robot's power")]
     Interrupted(ClientError),
     /// There is nothing to resume.
     #[error("the board has no unfinished body of this plan ({plan_id:016x}); it has {stored}")]
@@ -188,7 +188,8 @@ pub enum GrowthError {
     },
     /// An unfinished body is attached to the robot.
     #[error(
-        "the board has an unfinished body of plan {plan_id:016x}, {laid} of {layers} layers laid: resume it (`growbot resume`), or give it up (`growbot cancel`)"
+        "the board has an unfinished body of plan {plan_id:016x}, {laid} of {layers} layers laid: resume it (`growbot \
+         resume`), or discard it (`growbot cancel`)"
     )]
     Unfinished {
         /// Plan id of the body.

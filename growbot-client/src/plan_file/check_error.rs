@@ -12,7 +12,8 @@ pub(super) const MAX_SEGMENTS: usize = 10_000;
 pub enum PlanCheckError {
     /// The plan is for a robot of another name.
     #[error(
-        "the plan is for robot {plan:?}, not for {robot:?}: plan again for this robot, or choose that one with --robot"
+        "the plan is for robot {plan:?}, not for {robot:?}: plan again for this robot, or choose the plan's robot with \
+         --robot"
     )]
     OtherRobot {
         /// Name in the plan.
@@ -22,8 +23,8 @@ pub enum PlanCheckError {
     },
     /// The robot's description has changed since the plan was made.
     #[error(
-        "the plan is for {robot} of hash {plan}, and this {robot} has hash {here}: the description has changed; plan \
-         again, or give the old one with --robot FILE"
+        "the plan is for {robot} with hash {plan}, but this {robot} has hash {here}: the description has changed; plan \
+         again, or give the old description with --robot FILE"
     )]
     OtherHash {
         /// Name of the robot.
@@ -75,8 +76,8 @@ pub enum PlanCheckError {
     },
     /// The tip of a helicoidal arc would twist as well as bend.
     #[error(
-        "m0 of segment {segment} is not perpendicular to the tip there: {value} of it points ahead, {limit} may; plan \
-         again"
+        "m0 of segment {segment} is not perpendicular to the tip there: its forward component is {value}, the limit is \
+         {limit}; plan again"
     )]
     NotPerpendicular {
         /// Index of the segment, from 0.
@@ -88,7 +89,7 @@ pub enum PlanCheckError {
     },
     /// A total does not match the sum of the segments.
     #[error(
-        "{what} is {}, and the segments give {}: the plan was changed by hand; plan again",
+        "{what} is {}, but the segments give {}: the plan was edited by hand; plan again",
         CompactNumber(.value), CompactNumber(.expected)
     )]
     Total {
@@ -100,7 +101,7 @@ pub enum PlanCheckError {
         expected: f64,
     },
     /// The path type does not match the segments.
-    #[error("path_type is {found:?}, and the segments give {expected:?}: the plan was changed by hand; plan again")]
+    #[error("path_type is {found:?}, but the segments give {expected:?}: the plan was edited by hand; plan again")]
     PathType {
         /// Path type in the file.
         found: String,
@@ -108,9 +109,7 @@ pub enum PlanCheckError {
         expected: String,
     },
     /// The number of legs does not match the waypoints.
-    #[error(
-        "the plan has {found} legs, and its via poses ask for {expected}: the plan was changed by hand; plan again"
-    )]
+    #[error("the plan has {found} legs, but its via poses require {expected}: the plan was edited by hand; plan again")]
     Legs {
         /// Number of legs.
         found: usize,
@@ -119,8 +118,8 @@ pub enum PlanCheckError {
     },
     /// The segments do not end at the goal or waypoint.
     #[error(
-        "the segments end {} mm and {} rad from {which}, more than {} mm and {} rad: the plan was changed by hand; \
-         plan again",
+        "the segments end {} mm and {} rad from {which}, more than {} mm and {} rad: the plan was edited by hand; plan \
+         again",
         .miss.distance, .miss.angle, .limit.distance, .limit.angle
     )]
     Missed {

@@ -32,7 +32,7 @@ pub enum PlanFileError {
     Input(#[from] InputError),
     /// The JSON ends in the middle.
     #[error(
-        "{file} stops in the middle of the plan, at line {line}: it was not written whole; copy it again, or plan again"
+        "{file} ends in the middle of the plan, at line {line}: the file is incomplete; copy it again, or plan again"
     )]
     Truncated {
         /// The file.
@@ -41,7 +41,7 @@ pub enum PlanFileError {
         line: usize,
     },
     /// The file is not JSON.
-    #[error("{file} is no JSON ({reason}): give a file that `growbot plan -o` wrote")]
+    #[error("{file} is not JSON ({reason}): give a file that `growbot plan -o` wrote")]
     NotJson {
         /// The file.
         file: String,
@@ -49,7 +49,7 @@ pub enum PlanFileError {
         reason: String,
     },
     /// The plan has another format version.
-    #[error("{file} has format {found:?}, and this version of growbot reads {FORMAT:?}: plan again with this version")]
+    #[error("{file} has format {found:?}, but this version of growbot reads {FORMAT:?}: plan again with this version")]
     OtherFormat {
         /// The file.
         file: String,
@@ -57,7 +57,7 @@ pub enum PlanFileError {
         found: String,
     },
     /// The JSON is not a plan.
-    #[error("{file} is no plan ({reason}): give a file that `growbot plan -o` wrote")]
+    #[error("{file} is not a plan ({reason}): give a file that `growbot plan -o` wrote")]
     NoPlan {
         /// The file.
         file: String,
@@ -66,7 +66,8 @@ pub enum PlanFileError {
     },
     /// The plan's robot is unknown.
     #[error(
-        "{file} is of robot {robot:?}, which it does not describe and which is not built in: give its file with --robot"
+        "{file} is for robot {robot:?}, which it does not describe and which is not built in: give the robot's file \
+         with --robot"
     )]
     UnknownRobot {
         /// The file.

@@ -120,25 +120,25 @@ pub fn time_since_boot() -> Duration {
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
     /// The device does not exist.
-    #[error("port {0} is not there: check the cable and the name{1}")]
+    #[error("port {0} not found: check the cable and the name{1}")]
     Missing(String, String),
     /// Another program uses the device.
     #[error(
-        "port {0} is busy: {1} uses it; close that first (in an emergency: `growbot estop --port {0}`, which does \
+        "port {0} is in use by {1}: close that program first (in an emergency: `growbot estop --port {0}`, which does \
          not wait for it)"
     )]
     Busy(String, String),
     /// Another program has opened the device for exclusive use.
-    #[error("port {0} is closed to other programs by {1}: end that")]
+    #[error("port {0} is locked by {1}: end that program")]
     Exclusive(String, String),
     /// This user has no permission to use it.
-    #[error("port {0} may not be used by this user: join its group (often `dialout`) and log in again")]
+    #[error("no permission to use port {0}: join its group (often `dialout`) and log in again")]
     Forbidden(String),
     /// No program listens at the address.
-    #[error("nobody answers at {0} ({1}): check the address and that the robot is on")]
+    #[error("no response at {0} ({1}): check the address and that the robot is on")]
     Unreachable(String, String),
     /// The line worked before and broke.
-    #[error("the line to {0} broke ({1}): check the cable; what the robot has laid stays laid")]
+    #[error("lost the connection to {0} ({1}): check the cable; laid layers are kept")]
     Lost(String, String),
     /// The time of a simulated board does not advance.
     #[error(transparent)]

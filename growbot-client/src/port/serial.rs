@@ -131,7 +131,7 @@ impl Serial {
                 }
                 Err(error) if is_passing(&error) => {
                     if since.elapsed() > STALLED || gives_up() {
-                        return Err(io::Error::new(ErrorKind::TimedOut, "it takes no more bytes"));
+                        return Err(io::Error::new(ErrorKind::TimedOut, "it accepts no more bytes"));
                     }
                     self.wait(PollFlags::OUT, EMERGENCY_WAIT)?;
                 }
@@ -158,7 +158,7 @@ impl Serial {
             sent => sent,
         };
         if sent? < bytes.len() {
-            return Err(io::Error::new(ErrorKind::TimedOut, "it takes no more bytes"));
+            return Err(io::Error::new(ErrorKind::TimedOut, "it accepts no more bytes"));
         }
         Ok(())
     }
@@ -246,5 +246,9 @@ fn found_holder(device: &str) -> Option<String> {
 fn available_ports_hint() -> String {
     let names: Vec<String> =
         serialport::available_ports().unwrap_or_default().into_iter().map(|port| port.port_name).collect();
-    if names.is_empty() { "; I see no serial device".to_string() } else { format!("; I see {}", names.join(", ")) }
+    if names.is_empty() {
+        "; no serial devices found".to_string()
+    } else {
+        format!("; available devices are {}", names.join(", "))
+    }
 }

@@ -160,7 +160,7 @@ impl Port for Stream {
         };
         self.block_if_yielded();
         match received {
-            Ok(0) => Err(PortError::Lost(self.name.clone(), "the other side closed it".to_string())),
+            Ok(0) => Err(PortError::Lost(self.name.clone(), "the other side closed the connection".to_string())),
             Ok(count) => Ok(count),
             Err(error) if is_timeout(&error) => Ok(0),
             Err(error) => Err(self.lost(&error)),

@@ -44,7 +44,7 @@ pub mod layers {
 
     /// Deserializes layers.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<LayerBytes>, D::Error> {
-        super::unhex(&String::deserialize(from)?).ok_or_else(|| D::Error::custom("\"layers\" that are no layers"))
+        super::unhex(&String::deserialize(from)?).ok_or_else(|| D::Error::custom("\"layers\" that are not layers"))
     }
 }
 
@@ -80,7 +80,7 @@ pub mod hash {
     /// Deserializes a hash.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<u64, D::Error> {
         let text = String::deserialize(from)?;
-        u64::from_str_radix(&text, 16).map_err(|_| D::Error::custom(format!("{text:?}, which is no hash")))
+        u64::from_str_radix(&text, 16).map_err(|_| D::Error::custom(format!("{text:?}, which is not a hash")))
     }
 }
 
@@ -98,7 +98,7 @@ pub mod hash_or_none {
     /// Deserializes a hash.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<u64>, D::Error> {
         let read = |text: String| {
-            u64::from_str_radix(&text, 16).map_err(|_| D::Error::custom(format!("{text:?}, which is no hash")))
+            u64::from_str_radix(&text, 16).map_err(|_| D::Error::custom(format!("{text:?}, which is not a hash")))
         };
         Option::<String>::deserialize(from)?.map(read).transpose()
     }

@@ -61,7 +61,7 @@ const ENDINGS: [&str; 2] = ["jsonl", "json"];
 #[derive(Debug, thiserror::Error)]
 pub enum RunLogError {
     /// The log cannot be created or resumed.
-    #[error("cannot write the run log {file}: {error}; choose another place with --log")]
+    #[error("cannot write the run log {file}: {error}; choose another file with --log")]
     Begin {
         /// The file.
         file: String,
@@ -70,7 +70,8 @@ pub enum RunLogError {
     },
     /// A line cannot be written and waits in memory.
     #[error(
-        "cannot write the run log {file}: {error}; its lines wait in memory and are written as soon as it can be: make room there, the growth continues"
+        "cannot write the run log {file}: {error}; its lines are kept in memory and written when possible: free space \
+         there, the growth continues"
     )]
     Write {
         /// The file.
@@ -80,8 +81,8 @@ pub enum RunLogError {
     },
     /// The file exists already.
     #[error(
-        "the run log {file} is there already, and may be the only record of a body: choose another name, or replace \
-         it with --overwrite; --log alone takes a name of its own"
+        "the run log {file} already exists and may be the only record of a body: choose another name, or replace it \
+         with --overwrite; --log without a name chooses a new one"
     )]
     Exists {
         /// The file.

@@ -26,13 +26,11 @@ impl Damage {
         let Self { lines, first, cut_off } = self;
         let skipped = match lines {
             0 => None,
-            1 => Some(format!("line {first} of {file} is no event and was skipped: what it told is missing")),
-            _ => Some(format!(
-                "{lines} lines of {file}, the first is line {first}, are no events and were skipped: what they told is missing"
-            )),
+            1 => Some(format!("skipped line {first} of {file}: not a valid event")),
+            _ => Some(format!("skipped {lines} lines of {file}, the first is line {first}: not valid events")),
         };
         let cut = (*cut_off > 0)
-            .then(|| format!("the last {cut_off} bytes of {file} are no whole line: the log was cut off there"));
+            .then(|| format!("the last {cut_off} bytes of {file} are not a complete line: the log was cut off there"));
         match (skipped, cut) {
             (Some(skipped), Some(cut)) => Some(format!("{skipped}; {cut}")),
             (skipped, cut) => skipped.or(cut),
@@ -123,7 +121,7 @@ mod tests {
 
     #[test]
     fn reading_continues_after_an_invalid_line() {
-        let log = b"{\"event\":\"silent\"}\n{\"b\":\n\n7\n{\"event\":\"back\"}\r\n\xff\xfe\n{\"event\":\"state\",\"state\":\"idle\"}\n{\"e\":";
+        let log = b"{\"event\":\"no-response\"}\n{\"b\":\n\n7\n{\"event\":\"reconnected\"}\r\n\xff\xfe\n{\"event\":\"state\",\"state\":\"idle\"}\n{\"e\":";
         let mut events = Events::of(log);
         let read: Vec<RunEvent> = events.by_ref().collect();
         assert_eq!(read, [RunEvent::NoResponse, RunEvent::Reconnected, RunEvent::State { state: "idle".to_owned() }]);
@@ -132,12 +130,12 @@ mod tests {
         assert!(words.contains("3 lines of run, the first is line 2") && words.contains("last 5 bytes"), "{words}");
         assert_eq!(Damage::default().message("run"), None);
         // A last line that only lacks its newline is complete.
-        assert_eq!(Events::of(b"{\"event\":\"silent\"}").count(), 1);
+        assert_eq!(Events::of(b"{\"event\":\"no-response\"}").count(), 1);
     }
 
     #[test]
     fn unknown_or_invalid_events_are_skipped_without_counting_as_damage() {
-        let log = b"{}\n{\"event\":\"dance\"}\n{\"event\":3}\n{\"event\":\"laid\",\"layer\":-1}\n{\"event\":\"back\",\"new\":[1]}\n";
+        let log = b"{}\n{\"event\":\"dance\"}\n{\"event\":3}\n{\"event\":\"laid\",\"layer\":-1}\n{\"event\":\"reconnected\",\"new\":[1]}\n";
         let mut events = Events::of(log);
         assert_eq!(events.by_ref().collect::<Vec<_>>(), [RunEvent::Reconnected]);
         assert_eq!(events.damage, Damage::default());

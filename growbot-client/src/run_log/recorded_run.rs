@@ -38,7 +38,7 @@ pub enum ReadRunLogError {
     #[error("no run log to read: {0}")]
     File(#[from] InputError),
     /// The first line is not the header of a run log.
-    #[error("{file} is no run log ({reason}): give a file that `growbot grow --log` has written")]
+    #[error("{file} is not a run log ({reason}): give a file that `growbot grow --log` wrote")]
     Header {
         /// The file.
         file: String,
@@ -176,7 +176,7 @@ impl RecordedRun {
         }
         let mut events = Events::of(bytes);
         let first = events.next_line().filter(|_| events.damage == Damage::default());
-        let mut record = match first.ok_or_else(|| wrong("its first line is no whole line of JSON"))? {
+        let mut record = match first.ok_or_else(|| wrong("its first line is not a complete line of JSON"))? {
             LogLine::Event(RunEvent::Header(header))
                 if header.format == FORMAT && header.plan.format == plan_file::FORMAT =>
             {
@@ -491,7 +491,7 @@ fn wrong_header(fields: &Value, file: &str) -> ReadRunLogError {
         Some(format) => {
             let by = fields.get("growbot").and_then(Value::as_str).unwrap_or("of its time");
             return wrong(format!(
-                "its format is {format:?}, I read {FORMAT:?}: use growbot {by}, which has written it"
+                "its format is {format:?}, but this version reads {FORMAT:?}: use growbot {by}, which wrote it"
             ));
         }
     }
@@ -502,6 +502,6 @@ fn wrong_header(fields: &Value, file: &str) -> ReadRunLogError {
             Some(field) => format!("its header has no {field}"),
             None => format!("its header has {}", error.to_string().replace('`', "\"")),
         }),
-        (Ok(_), Ok(_)) => wrong("its first line is no header".to_string()),
+        (Ok(_), Ok(_)) => wrong("its first line is not a header".to_string()),
     }
 }

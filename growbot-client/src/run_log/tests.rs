@@ -211,7 +211,7 @@ fn a_log_is_resumed_without_losing_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.jsonl");
     let good = format!("{}\n", json!({ "event": "laid", "layer": 0, "as_built": hex(&[1; 12]) }));
-    for end in ["", "{\"event\":\"la", "{\"event\":\"la\n{\"event\":\"silent\"}\n"] {
+    for end in ["", "{\"event\":\"la", "{\"event\":\"la\n{\"event\":\"no-response\"}\n"] {
         let before = [&header_of_three()[..], good.as_bytes(), end.as_bytes()].concat();
         fs::write(&path, &before).unwrap();
         let record = RecordedRun::open(&path).unwrap();
@@ -261,7 +261,7 @@ fn header_has_command_time_and_disturbances_and_events_have_times() {
     let lines: Vec<Value> =
         bytes.split(|byte| *byte == b'\n').filter_map(|line| serde_json::from_slice(line).ok()).collect();
     let header = &lines[0];
-    assert!(!header["command"].as_array().unwrap().is_empty() && header["tip"] == "simulated");
+    assert!(!header["command_line"].as_array().unwrap().is_empty() && header["tip"] == "simulated");
     assert_eq!(header["disturbances"]["seed"], 7);
     let noise = &header["disturbances"]["growth_noise"];
     assert_eq!((&noise["distribution"], &noise["max"]), (&json!("uniform"), &json!(10.0)));

@@ -92,18 +92,21 @@ impl DriverProblem {
     pub const fn explanation(self) -> &'static str {
         match self {
             Self::Silent => {
-                "does not answer: check the motors' supply, without which it is off, and that the motor is at its terminal"
+                "does not respond: check the motors' supply, without which the driver is off, and that the motor is \
+                 connected"
             }
-            Self::NotConfigured => "does not take its configuration: look for noise on the drivers' line",
-            Self::Reset => "started anew while its motor was in use: check the motors' supply and its wires",
+            Self::NotConfigured => "does not accept its configuration: check the drivers' line for noise",
+            Self::Reset => "restarted while its motor was in use: check the motors' supply and its wires",
             Self::Undervoltage => "has too little voltage at its charge pump: check the motors' supply",
             Self::Hot => "is nearly too hot: cool it, or lower the motor's current",
             Self::OverTemperature => "is too hot and has switched itself off: cool it, or lower the motor's current",
-            Self::ShortToGround => "finds a wire of the motor at ground: check the motor's wires",
-            Self::ShortToSupply => "finds a wire of the motor at the supply or another wire: check the motor's wires",
+            Self::ShortToGround => "detects a motor wire shorted to ground: check the motor's wires",
+            Self::ShortToSupply => {
+                "detects a motor wire shorted to the supply or another wire: check the motor's wires"
+            }
             Self::ShutDown => "has switched itself off: check its temperature and the motor's wires",
-            Self::OpenLoad => "finds a wire of the motor open: check the motor's connector",
-            Self::Stall => "finds the motor stalled: look for what blocks it, or lower stall_threshold",
+            Self::OpenLoad => "detects an open motor wire: check the motor's connector",
+            Self::Stall => "detects a motor stall: remove what blocks the motor, or lower stall_threshold",
         }
     }
 }

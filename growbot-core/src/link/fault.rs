@@ -156,8 +156,8 @@ impl Fault {
     #[must_use]
     pub const fn explanation(self) -> &'static str {
         match self {
-            Self::ThermistorOpen => "the thermistor reads as if its wire were cut: check its connector",
-            Self::ThermistorShort => "the thermistor reads as if its wires touched: check its insulation",
+            Self::ThermistorOpen => "the thermistor reads like an open circuit: check its connector",
+            Self::ThermistorShort => "the thermistor reads like a short circuit: check its insulation",
             Self::ThermistorSilent => "no temperature reading for half a second: check the board",
             Self::OverTemperature => {
                 "the nozzle got hotter than heater.max_c: check the heater's switches and the thermistor's seat"
@@ -172,12 +172,11 @@ impl Fault {
                 "the head turned one and a half turns without passing its index mark: check the sensor, the motor \
                  and its driver"
             }
-            Self::StepRate => {
-                "a layer asks for more than one step in two ticks: raise motion.tick_hz or lower the steps"
-            }
+            Self::StepRate => "a layer needs more than one step in two ticks: raise motion.tick_hz or lower the steps",
             Self::Hardware => "a pin or the heater's output refused a command: check the board",
             Self::ThermistorFrozen => {
-                "the thermistor's reading stands still though the heater's power varies: check the ADC and the board"
+                "the thermistor's reading does not change although the heater's power varies: check the ADC and the \
+                 board"
             }
             Self::ThermistorDetached => {
                 "the reading fell faster than the nozzle can cool: check that the thermistor sits in its place"
@@ -187,15 +186,15 @@ impl Fault {
                  and draught"
             }
             Self::HeaterStuckOn => {
-                "the nozzle gets hotter, or does not cool, with the power at nothing: the heater's power stage \
-                 conducts by itself, or the thermistor does not follow; replace it"
+                "the nozzle gets hotter, or does not cool, at zero power: the heater's power stage conducts by itself, \
+                 or the thermistor does not follow; replace it"
             }
             Self::HeaterSwitchWelded => {
-                "the nozzle gets hotter though the heater's second switch is open: it conducts by itself; replace it"
+                "the nozzle gets hotter although the heater's second switch is open: the switch conducts by itself; \
+                 replace it"
             }
             Self::HeaterEnergy => {
-                "the heater takes more energy than the nozzle can need: check the thermistor's seat, the fan and \
-                 draught"
+                "the heater takes more energy than the nozzle needs: check the thermistor's seat, the fan and draught"
             }
             Self::IndexMissing => {
                 "a turn of the head passed without the index mark: check the head's motor, its driver and the index \
@@ -203,46 +202,46 @@ impl Fault {
             }
             Self::IndexStuck => "the index sensor sees its mark everywhere: check the sensor and its wire",
             Self::HeadStepsLost => {
-                "the index mark came in another place, so the head has lost or gained steps: look for what blocks \
-                 it, check the motor's current and raise it, or lower the speed"
+                "the index mark is at another position, so the head has lost or gained steps: remove what blocks the \
+                 head, raise the motor's current, or lower the speed"
             }
             Self::FilamentOut => "there is no filament: load a spool",
             Self::FilamentJam => {
-                "filament is fed and does not move: look for a knot, a clogged nozzle, or a feed that grinds"
+                "the feed turns, but the filament does not move: check for a knot, a clogged nozzle, or a feed that \
+                 grinds"
             }
             Self::DriverFault => {
                 "a stepper driver reports a fault: check its temperature, its supply and the motor's wires; \
-                 `growbot status` says more of drivers with a serial line"
+                 `growbot status` shows more for drivers with a UART"
             }
             Self::SupplyLow => "the supply's voltage fell below supply.min_v: check the supply and its wires",
             Self::SupplyHigh => "the supply's voltage rose above supply.max_v: check the supply",
             Self::MotionOverdue => {
-                "a layer or the homing was not done in its time: the step interrupt is late or has stopped; check \
-                 the board"
+                "a layer or the homing took too long: the step interrupt is late or has stopped; check the board"
             }
             Self::StepsStalled => "the step interrupt has stopped: check the board",
-            Self::BrownOut => "the board's supply sagged while it was working and it started anew: check the supply",
+            Self::BrownOut => "the supply dropped during operation and the board restarted: check the supply",
             Self::WatchdogReset => {
-                "the firmware hung while it was working and the watchdog started it anew: please report it"
+                "the firmware hung during operation and the watchdog restarted the board: please report it"
             }
-            Self::ProcessorFault => "the processor faulted and the board started anew: please report it",
-            Self::StackOverflow => "the stack overflowed and the board started anew: please report it",
+            Self::ProcessorFault => "the processor faulted and the board restarted: please report it",
+            Self::StackOverflow => "the stack overflowed and the board restarted: please report it",
             Self::ImageCorrupt => {
-                "the firmware in the board's flash is not what was sealed: flash the board again; if it comes back, \
-                 replace the board"
+                "the firmware in the board's flash does not match its seal: flash the board again; if the fault \
+                 returns, replace the board"
             }
             Self::PowerLost => {
-                "the board was reset or lost its power while it was working: the nozzle may have stood still on the \
-                 body; check the layer"
+                "the board was reset or lost power during operation: the nozzle may have stood still on the body; \
+                 check the layer"
             }
             Self::ClockFailed => {
-                "the board's crystal has stopped or did not start, and its other oscillator is too inexact to heat \
-                 by: check the crystal, then reset the board"
+                "the board's crystal has stopped or did not start, and its other oscillator is too inaccurate for \
+                 heating: check the crystal, then reset the board"
             }
             Self::DebugProbe => {
-                "a debug probe is attached, or was: in debug mode the processor may halt with the heater on. Detach \
-                 the probe and take the board's power away for a moment; a test bench says so in its file \
-                 (test_bench = true)"
+                "a debug probe is or was attached: in debug mode the processor may halt with the heater on. Detach the \
+                 probe and disconnect the board's power for a moment; for a test bench set test_bench = true in the \
+                 robot file"
             }
         }
     }

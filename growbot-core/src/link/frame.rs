@@ -79,14 +79,15 @@ pub type FrameBytes = Vec<u8, MAX_FRAME_LEN>;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
     /// The bytes are not COBS, or too short, or the checksum does not match.
-    #[error("garbled frame: noise on the wire, a wrong baud rate, or no growbot at the other end")]
+    #[error("garbled frame: noise on the wire, a wrong baud rate, or no growbot firmware at the other end")]
     Garbled,
     /// More bytes arrived without a zero than a frame can have.
     #[error("{MAX_FRAME_LEN} bytes without the end of a frame: a wrong baud rate, or no growbot at the other end")]
     TooLong,
     /// The frame is whole, but of another version.
     #[error(
-        "the other side speaks version {version} of the link, this one {FRAME_VERSION}: flash or install the same release"
+        "the other side uses version {version} of the link protocol, this side {FRAME_VERSION}: flash or install the \
+         same release"
     )]
     Version {
         /// The version of the frame.

@@ -7,21 +7,21 @@ use super::{ChopperMode, DriverSettings, RobotDescription, RobotError};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum DriverError {
     /// Settings are given for a driver of a board that has no configurable drivers.
-    #[error("{field} is given, and only skr-pico has drivers that are configured: set board.kind, or leave it out")]
+    #[error("{field} is set, but only skr-pico has configurable drivers: set board.kind, or remove {field}")]
     NotSupported {
         /// Name of the table in a robot file.
         field: &'static str,
     },
     /// The board has drivers that need settings, but none are given.
     #[error(
-        "{field} is missing, and the drivers of skr-pico do nothing without: give their current, as `current_a = 0.6`"
+        "{field} is missing, but the drivers of skr-pico need it: give their current, for example `current_a = 0.6`"
     )]
     Missing {
         /// Name of the table in a robot file.
         field: &'static str,
     },
     /// The driver does not support this number of microsteps.
-    #[error("{field} is {value}, and a TMC2209 makes 1, 2, 4, 8, 16, 32, 64, 128 or 256 of a full step")]
+    #[error("{field} is {value}, but a TMC2209 divides a full step by 1, 2, 4, 8, 16, 32, 64, 128 or 256")]
     Microsteps {
         /// Name of the field in a robot file.
         field: &'static str,
@@ -30,7 +30,8 @@ pub enum DriverError {
     },
     /// A stall threshold is given for a mode in which the driver cannot detect stalls.
     #[error(
-        "{field} is given, and a TMC2209 tells stalls in StealthChop only: leave it out, or set mode = \"stealthchop\""
+        "{field} is set, but a TMC2209 detects stalls only in StealthChop: remove {field}, or set mode = \
+         \"stealthchop\""
     )]
     StallMode {
         /// Name of the field in a robot file.
@@ -123,7 +124,7 @@ mod tests {
             (BoardKind::SkrPico, Some(DriverSettings::with_current(f64::NAN)), "finite"),
             (BoardKind::SkrPico, Some(DriverSettings { microsteps: 12, ..driver }), "12"),
             (BoardKind::SkrPico, Some(DriverSettings { microsteps: 512, ..driver }), "512"),
-            (BoardKind::SkrPico, Some(stalls), "StealthChop only"),
+            (BoardKind::SkrPico, Some(stalls), "only in StealthChop"),
         ] {
             let said = std::format!("{}", with(kind, driver).unwrap_err());
             assert!(said.contains(why), "{said}");

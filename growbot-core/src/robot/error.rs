@@ -45,7 +45,8 @@ pub enum RobotError {
     Name,
     /// The thermistor has no equation, or two.
     #[error(
-        "thermistor needs r25_ohm and beta_k, or steinhart_hart, and not both: its data sheet gives one or the other"
+        "thermistor needs either r25_ohm and beta_k, or steinhart_hart, but not both: its data sheet gives one or the \
+         other"
     )]
     ThermistorEquation,
     /// The board's pins are not valid.
@@ -59,8 +60,8 @@ pub enum RobotError {
     TooLong,
     /// The description is in another version of the encoding than this release reads.
     #[error(
-        "the description has version {version} of its encoding, this release reads {ENCODING_VERSION}: use firmware \
-         and desktop of the same release"
+        "the description has encoding version {version}, but this release reads {ENCODING_VERSION}: use firmware and \
+         desktop of the same release"
     )]
     VersionMismatch {
         /// Version of the encoding of the description.
@@ -68,7 +69,8 @@ pub enum RobotError {
     },
     /// The bytes are not a description of this version.
     #[error(
-        "the bytes are no robot description of this version: build the firmware and the desktop from the same source"
+        "the bytes are not a robot description of this version: build the firmware and the desktop from the same \
+         source"
     )]
     Unreadable,
 }

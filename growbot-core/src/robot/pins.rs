@@ -13,9 +13,7 @@ pub const STEP_SLICE: u8 = 7;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PinError {
     /// A pin is given for a signal whose pin is fixed.
-    #[error(
-        "board.pins.{signal} is given, and on {kind} that pin is fixed: leave it out, and wire it as WIRING.md says"
-    )]
+    #[error("board.pins.{signal} is set, but that pin is fixed on {kind}: remove it, and wire it as in WIRING.md")]
     Fixed {
         /// The signal.
         signal: Signal,
@@ -23,7 +21,7 @@ pub enum PinError {
         kind: BoardKind,
     },
     /// The board has no default pin for a signal that the robot uses, and the description gives none.
-    #[error("{kind} has no place of its own for {signal}: give board.pins.{signal}, or leave its sensor out")]
+    #[error("{kind} has no default pin for {signal}: set board.pins.{signal}, or remove the sensor")]
     Missing {
         /// The signal.
         signal: Signal,
@@ -31,7 +29,7 @@ pub enum PinError {
         kind: BoardKind,
     },
     /// The pin does not exist.
-    #[error("board.pins.{signal} is {pin}, and GPIO pins are 0 to 29")]
+    #[error("board.pins.{signal} is {pin}, but GPIO pins are 0 to 29")]
     Unknown {
         /// The signal.
         signal: Signal,
@@ -39,7 +37,7 @@ pub enum PinError {
         pin: u8,
     },
     /// The board uses the pin itself.
-    #[error("board.pins.{signal} is {pin}, which is {what} on {kind}: take another pin")]
+    #[error("board.pins.{signal} is {pin}, which is {what} on {kind}: use another pin")]
     Reserved {
         /// The signal.
         signal: Signal,
@@ -51,7 +49,7 @@ pub enum PinError {
         what: &'static str,
     },
     /// Two signals have the same pin.
-    #[error("{first} and {second} are both at pin {pin}: give one of them another in board.pins")]
+    #[error("{first} and {second} both use pin {pin}: give one of them another pin in board.pins")]
     Conflict {
         /// Number of the pin.
         pin: u8,
@@ -61,7 +59,7 @@ pub enum PinError {
         second: Signal,
     },
     /// The pin has no channel of the analog-to-digital converter.
-    #[error("board.pins.{signal} is {pin}, and the converter measures at pins 26 to 29: take one of these")]
+    #[error("board.pins.{signal} is {pin}, but the ADC measures at pins 26 to 29: use one of these")]
     NotAnalog {
         /// The signal.
         signal: Signal,
@@ -69,7 +67,7 @@ pub enum PinError {
         pin: u8,
     },
     /// The PWM slice of the pin makes the ticks of the step interrupt.
-    #[error("board.pins.{signal} is {pin}, whose PWM slice is the step interrupt's: take another than 14 and 15")]
+    #[error("board.pins.{signal} is {pin}, but the step interrupt uses that PWM slice: use a pin other than 14 and 15")]
     UsesStepSlice {
         /// The signal.
         signal: Signal,
@@ -78,8 +76,8 @@ pub enum PinError {
     },
     /// Heater and fan share a PWM slice.
     #[error(
-        "heater at pin {heater} and fan at pin {fan} share a PWM slice, as pins 0 and 1 do, 2 and 3, and so on, and 16 \
-         as 0: take another for one of them"
+        "heater at pin {heater} and fan at pin {fan} share a PWM slice, like pins 0 and 1, 2 and 3, and so on, or 16 \
+         and 0: use another pin for one of them"
     )]
     SharedSlice {
         /// Pin of the heater.

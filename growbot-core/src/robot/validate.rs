@@ -102,17 +102,17 @@ fn check_material(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("material.youngs_modulus_mpa", youngs_modulus_mpa).between(
         1e-3,
         1e6,
-        "MPa, which is N/mm^2: printed PLA has some 2300; check the unit",
+        "MPa, which is N/mm^2: printed PLA has about 2300; check the unit",
     )?;
     CheckedField("material.strength_mpa", strength_mpa).between(
         1e-3,
         1e5,
-        "MPa, which is N/mm^2: printed PLA bears some 30 from layer to layer; check the unit",
+        "MPa, which is N/mm^2: printed PLA bears about 30 between layers; check the unit",
     )?;
     CheckedField("tip.mass_g", robot.tip.mass_g).between(
         0.0,
         1e6,
-        "grams, a tonne at most; 0 for a tip that weighs nothing",
+        "grams, at most a tonne; 0 for a weightless tip",
     )
 }
 
@@ -208,12 +208,12 @@ fn check_head(motion: &Motion, head: &Head) -> Result<(), RobotError> {
     CheckedField("head.acceleration_turns_per_s2", head.acceleration_turns_per_s2).between(
         1e-4,
         UNLIMITED,
-        "turns per second and second; leave it out for no limit",
+        "turns per second and second; remove it for no limit",
     )?;
     CheckedField("head.speed_jump_turns_per_s", head.speed_jump_turns_per_s).between(
         head.homing_turns_per_s,
         UNLIMITED,
-        "homing stops at an instant, so head.homing_turns_per_s must be within it; leave it out for no limit",
+        "homing stops at an instant, so head.homing_turns_per_s must be within it; remove it for no limit",
     )
 }
 
@@ -227,7 +227,7 @@ fn check_feed(motion: &Motion, feed: &Feed) -> Result<(), RobotError> {
     CheckedField("feed.acceleration_mm_per_s2", feed.acceleration_mm_per_s2).between(
         1e-3,
         UNLIMITED,
-        "mm of filament per second and second; leave it out for no limit",
+        "mm of filament per second and second; remove it for no limit",
     )?;
     CheckedField("feed.retract_mm", feed.retract_mm).between(0.0, 100.0, "mm of filament; 0 for none")?;
     let mut min_jump = 1e-3;
@@ -244,7 +244,7 @@ fn check_feed(motion: &Motion, feed: &Feed) -> Result<(), RobotError> {
     CheckedField("feed.speed_jump_mm_per_s", feed.speed_jump_mm_per_s).between(
         min_jump,
         UNLIMITED,
-        "filament is pulled back without a ramp, so feed.retract_mm_per_s must be within it; leave it out for no limit",
+        "filament is pulled back without a ramp, so feed.retract_mm_per_s must be within it; remove it for no limit",
     )
 }
 

@@ -32,7 +32,7 @@ pub enum BatchError {
     #[error(transparent)]
     Header(#[from] HeaderError),
     /// The source cannot be read any further.
-    #[error("reading broke off: {0}")]
+    #[error("reading failed: {0}")]
     Reading(#[source] csv::Error),
 }
 
@@ -40,7 +40,7 @@ pub enum BatchError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum QueryError {
     /// The line has more or fewer fields than the header.
-    #[error("the line has {found} fields, and the header has {expected}")]
+    #[error("the line has {found} fields, but the header has {expected}")]
     Fields {
         /// Number of fields of the line.
         found: usize,
@@ -48,7 +48,7 @@ pub enum QueryError {
         expected: usize,
     },
     /// A field is not UTF-8.
-    #[error("field {field} of the line is no UTF-8 text (at its byte {position}): save the batch as UTF-8")]
+    #[error("field {field} of the line is not UTF-8 text (at its byte {position}): save the batch as UTF-8")]
     NotText {
         /// Number of the field, from 1.
         field: usize,
@@ -56,7 +56,7 @@ pub enum QueryError {
         position: usize,
     },
     /// A field is not a number.
-    #[error("{column} is {text:?}, which is no number: write it like -120 or 0.5")]
+    #[error("{column} is {text:?}, which is not a number: write it like -120 or 0.5")]
     NotANumber {
         /// Name of the column.
         column: &'static str,
@@ -70,7 +70,7 @@ pub enum QueryError {
         reason: String,
     },
     /// Only one of the two angles is given.
-    #[error("{column} is empty, and the other angle is not: write both, or leave both empty for any direction")]
+    #[error("{column} is empty, but the other angle is not: write both, or leave both empty for any direction")]
     HalfADirection {
         /// Name of the column that is empty.
         column: &'static str,
@@ -95,8 +95,8 @@ pub enum QueryError {
 /// Error of a path that is longer than allowed.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error(
-    "the shortest path found is {found:.1} mm long, and --max-length is {} mm: allow a longer body, a smaller radius, \
-     or another goal", CompactNumber(.max)
+    "the shortest path found is {found:.1} mm long, but --max-length is {} mm: raise --max-length, or choose a smaller \
+     radius or another goal", CompactNumber(.max)
 )]
 pub struct PathTooLong {
     /// Length of the path, mm.
@@ -358,7 +358,7 @@ mod tests {
         for (index, part) in [
             (1, "to: pitch is 95 deg"),
             (3, "to_z_mm is \"5oo\""),
-            (4, "6 fields, and the header has 13"),
+            (4, "6 fields, but the header has 13"),
             (5, "radius is 50 mm, below R_min = 98.2 mm"),
             (6, "unknown variant `teleport`, expected `two-plane`"),
             (7, "to: z is NaN"),
@@ -373,7 +373,7 @@ mod tests {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let (plan, error) = (answers[0].to_line(&robot), answers[1].to_line(&robot));
         assert!(plan.starts_with("{\"id\":\"7\",\"format\":\"growbot-plan/1\"") && plan.ends_with("}\n"));
-        assert_eq!(error, "{\"id\":\"8\",\"error\":\"the line has 2 fields, and the header has 11\"}\n");
+        assert_eq!(error, "{\"id\":\"8\",\"error\":\"the line has 2 fields, but the header has 11\"}\n");
         assert_eq!(plan.matches('\n').count(), 1);
     }
 
@@ -392,7 +392,7 @@ mod tests {
         assert_eq!(plan(1).start, parse_pose("1,2,3,4,5").unwrap());
         let error = |index: usize| mixed[index].outcome.as_ref().unwrap_err().to_string();
         assert!(error(2).contains("from_y_mm is \"\""), "{}", error(2));
-        assert!(error(3).contains("to_pitch_deg is empty, and the other angle is not"), "{}", error(3));
+        assert!(error(3).contains("to_pitch_deg is empty, but the other angle is not"), "{}", error(3));
     }
 
     #[test]

@@ -31,11 +31,11 @@ pub fn run(args: &CancelArgs) -> Result<(), Failure> {
     let hello = client.open_session()?;
     let plan_id = hello.status.plan_id;
     if plan_id == 0 {
-        return Ok(print(&format!("the {}board stores no body\n", port.kind()))?);
+        return Ok(print(&format!("the {}board does not store a body\n", port.kind()))?);
     }
-    client.request("to give the body up", &Message::Cancel(Cancel { plan_id }))?;
+    client.request("to discard the body", &Message::Cancel(Cancel { plan_id }))?;
     Ok(print(&format!(
-        "given up by the {}board: plan {plan_id:016x}, {} layers laid\n",
+        "plan {plan_id:016x} discarded by the {}board after {} layers\n",
         port.kind(),
         hello.status.layers_laid
     ))?)

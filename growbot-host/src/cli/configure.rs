@@ -61,12 +61,12 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
     };
     if port.is_in_process() {
         warning!(
-            "the robot at {} ends with this command, and its board with it: for one that stays, use sim:NAME \
+            "the robot at {} and its board exist only while this command runs: for a persistent robot use sim:NAME \
              (`growbot power on --port sim:NAME`)",
             port.text()
         );
     } else if before.robot_hash != now.robot_hash {
-        note!("name this robot in commands, too: --robot {}, or growbot.toml", args.robot.display());
+        note!("name this robot in other commands, too: --robot {}, or growbot.toml", args.robot.display());
     }
     let had = is_configured(&before).then(|| format!("{} ({:016x})", before.robot_name, before.robot_hash));
     print(&if args.json {

@@ -110,21 +110,17 @@ fn signed_deg(text: &str) -> Result<f64, String> {
 }
 
 fn percentage(text: &str) -> Result<f64, String> {
-    parse_number(text).ok_or_else(|| "it is no number: give percent, such as 0.5".to_owned())
+    parse_number(text).ok_or_else(|| "it is not a number: give percent, such as 0.5".to_owned())
 }
 
 fn angle(text: &str) -> Result<f64, String> {
     parse_angle(text)
         .map(|angle| angle.value)
-        .map_err(|_| "it is no number: give degrees, such as 0.5, or 0.01rad".to_owned())
+        .map_err(|_| "it is not a number: give degrees, such as 0.5, or 0.01rad".to_owned())
 }
 
 fn within(number: f64, min: f64, max: f64, unit: &str) -> Result<f64, String> {
-    if (min..=max).contains(&number) {
-        Ok(number)
-    } else {
-        Err(format!("it is {number} {unit}, and may be {min} to {max}: give one within"))
-    }
+    if (min..=max).contains(&number) { Ok(number) } else { Err(format!("it is {number} {unit}: give {min} to {max}")) }
 }
 
 #[cfg(test)]
@@ -167,12 +163,12 @@ mod tests {
     #[test]
     fn out_of_range_values_are_refused_with_value_and_limit() {
         for (args, part) in [
-            (["--noise", "-1"], "it is -1 percent, and may be 0 to 90"),
+            (["--noise", "-1"], "it is -1 percent: give 0 to 90"),
             (["--noise", "90.5"], "it is 90.5 percent"),
-            (["--bias", "nan"], "it is NaN percent, and may be -90 to 90"),
+            (["--bias", "nan"], "it is NaN percent: give -90 to 90"),
             (["--bias", "-inf"], "it is -inf percent"),
-            (["--alpha-bias", "91"], "it is 91 degrees, and may be -90 to 90"),
-            (["--twist-noise", "ten"], "it is no number: give degrees, such as 0.5"),
+            (["--alpha-bias", "91"], "it is 91 degrees: give -90 to 90"),
+            (["--twist-noise", "ten"], "it is not a number: give degrees, such as 0.5"),
             (["--seed", "-1"], "invalid value '-1' for '--seed <N>'"),
         ] {
             let message = parsed(&args).unwrap_err();

@@ -133,7 +133,7 @@ fn every_inline_command_has_valid_name_and_options() {
                         match root.find_subcommand(word) {
                             Some(found) => command = found,
                             None if word == "COMMAND" => {}
-                            None => fault(&format!("there is no command {word}")),
+                            None => fault(&format!("unknown command {word}")),
                         }
                     }
                 }

@@ -20,10 +20,8 @@ use super::{Failure, RequiredPortArg, RobotArg, SelectedPort, usage};
 /// board acknowledges them. It works beside another host or program that owns the board or the port, and ahead of all
 /// queued bytes. The board stays off until the stop is cleared (`clear` in `growbot console`).
 #[derive(Args)]
-#[command(
-    after_help = "Example:\n  growbot estop --port /dev/ttyACM0\n\nExit codes: 0, the board has said that everything \
-                  is off; 1, it has not,\nfor any reason: cut its power."
-)]
+#[command(after_help = "Example:\n  growbot estop --port /dev/ttyACM0\n\nExit codes: 0, the board has confirmed that \
+                        everything is off; 1, it has not,\nfor any reason: cut its power.")]
 pub struct EstopArgs {
     #[command(flatten)]
     port: RequiredPortArg,
@@ -49,9 +47,7 @@ pub fn run(args: &EstopArgs) -> Result<(), Failure> {
 
 /// Returns the failure for a stop that the board did not acknowledge, with the advice to cut the power.
 fn unacknowledged(why: impl Display) -> Failure {
-    Failure::request_failed(format!(
-        "NOBODY HAS ACKNOWLEDGED THE EMERGENCY STOP: cut the power of the robot now ({why})"
-    ))
+    Failure::request_failed(format!("THE BOARD DID NOT CONFIRM THE EMERGENCY STOP: cut the robot's power now ({why})"))
 }
 
 /// Reports a command line that cannot be parsed. For an emergency stop, the message states that none was sent.
@@ -60,7 +56,7 @@ pub fn usage_error(error: &clap::Error) -> ExitCode {
     if !is_estop {
         return Failure::bad_input(usage::message(error)).report();
     }
-    unacknowledged(format_args!("none was sent: {}", usage::message(error))).report()
+    unacknowledged(format_args!("no emergency stop was sent: {}", usage::message(error))).report()
 }
 
 /// Stops the board. Returns the reason if the board did not acknowledge the stop.
@@ -119,9 +115,9 @@ fn tried(why: &str, attempts: u32, time: Duration) -> String {
 
 /// Returns the reason for a stop that was sent for the whole time without a response.
 fn unheard(port: &SelectedPort) -> String {
-    let mut why = format!("{} has not answered for {} s", port.text(), EMERGENCY_LIMIT.as_secs());
+    let mut why = format!("{} has not responded for {} s", port.text(), EMERGENCY_LIMIT.as_secs());
     if matches!(port.name(), PortName::Tcp(_)) {
-        why += "; a robot behind TCP hears one program at a time, and another one may be connected";
+        why += "; a robot behind TCP serves one program at a time, and another program may be connected";
     }
     why
 }

@@ -130,13 +130,13 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     }
     if args.ros2 && format != ExportFormat::Mcap {
         return Err(Failure::bad_input(format_args!(
-            "--ros2 is for MCAP, not for {}: leave it out, or name a file that ends in .mcap",
+            "--ros2 is for MCAP, not for {}: remove it, or name a file that ends in .mcap",
             format.ending()
         )));
     }
     if args.scene.is_some() && format != ExportFormat::Glb {
         return Err(Failure::bad_input(format_args!(
-            "--scene is for GLB, and {} has the body alone: leave it out, or name a file that ends in .glb",
+            "--scene is for GLB, and {} holds only the body: remove it, or name a file that ends in .glb",
             format.ending()
         )));
     }
@@ -169,7 +169,7 @@ impl ExportArgs {
         let ending = self.output.as_deref().map(|output| format_from_extension(output, formats)).transpose()?.flatten();
         self.format.or_else(|| ExportFormat::from_str(ending?, true).ok()).ok_or_else(|| {
             Failure::bad_input(
-                "which format? Name a file that ends in .stl, .glb, .csv, .tum or .mcap with -o, or say --format",
+                "no format given: name a file that ends in .stl, .glb, .csv, .tum or .mcap with -o, or pass --format",
             )
         })
     }
@@ -228,7 +228,7 @@ impl ExportArgs {
                     mcap::write(robot, plan, record, log, encoding).map_err(Failure::bad_input)
                 }
                 None => Err(Failure::bad_input(format!(
-                    "{} is a plan, and MCAP is a recording of a growth: give a run log, as `growbot grow --log` \
+                    "{} is a plan, but MCAP holds the recording of a growth: give a run log, as `growbot grow --log` \
                      writes it",
                     growbot_client::input::display_name(&self.body)
                 ))),

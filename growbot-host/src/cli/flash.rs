@@ -25,8 +25,8 @@ const CHIP: &str = "STM32F405RGTx";
 /// board could not make the tip safe.
 const NO_VECTOR_CATCH: [&str; 2] = ["--no-catch-reset", "--no-catch-hardfault"];
 /// Note about the last step, which the user does by hand.
-const POWER_CYCLE: &str = "once it is flashed, unplug the probe and take the board's power away for a \
-                           moment: a probe leaves the processor in debug mode, in which the firmware does not heat";
+const POWER_CYCLE: &str = "after flashing, unplug the probe and disconnect the board's power for a moment: a probe \
+                           leaves the processor in debug mode, in which the firmware does not heat";
 /// Path of the firmware image in cargo's target directory.
 const IMAGE: &str = "thumbv7em-none-eabihf/firmware/stm32f405";
 
@@ -46,7 +46,7 @@ impl FlashTarget {
     /// Returns the alias by which cargo builds the image.
     fn build(self) -> &'static str {
         match self {
-            Self::Stm32f405 => "build-robot",
+            Self::Stm32f405 => "build-stm32f405",
             Self::Pico | Self::SkrPico => "build-pico",
         }
     }
@@ -80,7 +80,7 @@ impl FlashTarget {
     fn built_for(self, robot: &Robot, name: &Path) -> Result<OsString, Failure> {
         match robot.description().board {
             Some(BoardDescription { kind, .. }) if kind != self.kind() => Err(Failure::bad_input(format!(
-                "{}: its board.kind is {kind}, and --board is {}: name the same one",
+                "{}: its board.kind is {kind}, but --board is {}: give the same board in both",
                 robot.name(),
                 self.kind()
             ))),
@@ -103,7 +103,8 @@ impl FlashTarget {
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  growbot flash --robot growbot-b\n  growbot flash --firmware stm32f405 --no-log\n  \
-                  growbot flash --board skr-pico\n  growbot flash --board pico --firmware pico.uf2\n\nWhat it needs: a debug probe, and probe-rs (cargo install probe-rs-tools --locked)."
+                  growbot flash --board skr-pico\n  growbot flash --board pico --firmware pico.uf2\n\nRequires a \
+                  debug probe and probe-rs (cargo install probe-rs-tools --locked)."
 )]
 pub struct FlashArgs {
     #[command(flatten)]
@@ -136,7 +137,7 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
     let is_drive = args.board != FlashTarget::Stm32f405;
     if !is_drive && (args.uf2.is_some() || args.drive.is_some()) {
         return Err(Failure::bad_input(
-            "--uf2 and --drive are for boards that take UF2 files: say --board pico or skr-pico",
+            "--uf2 and --drive are for boards that take UF2 files: pass --board pico or skr-pico",
         ));
     }
     let (build, image) = match &args.firmware {
@@ -167,14 +168,14 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
         build.run()?;
     }
     if !image.is_file() {
-        let what = if args.firmware.is_some() { "give the image that cargo makes" } else { "cargo made none" };
-        return Err(Failure::bad_input(format!("there is no firmware image {}: {what}", image.display())));
+        let what = if args.firmware.is_some() { "give the image that cargo builds" } else { "cargo built none" };
+        return Err(Failure::bad_input(format!("firmware image {} not found: {what}", image.display())));
     }
     if !is_uf2 {
         match image_seal::seal_in_place(&image) {
             Ok(crc) => note!("sealed {}, CRC {crc:08x}", image.display()),
             Err(error @ SealError::NoImage { .. }) if !args.seal_only => {
-                warning!("{error}; it is flashed as it is, and the board does not check it");
+                warning!("{error}; the image is flashed as it is, and the board does not check it");
             }
             Err(error) => return Err(Failure::bad_input(error)),
         }
@@ -228,14 +229,14 @@ impl ToolRun {
         let built_for = board.built_for(&robot, &name)?;
         let directory = source_tree().ok_or_else(|| {
             Failure::bad_input(
-                "this is not growbot's source tree, so there is nothing to build: give an image with \
-                                --firmware, or go there",
+                "this directory is not growbot's source tree, so there is nothing to build: give an image with \
+                 --firmware, or change to the source tree",
             )
         })?;
         Ok(Self {
             tool: "cargo",
             remedy: "install Rust, https://rustup.rs",
-            failed: "the firmware was not built",
+            failed: "building the firmware failed",
             arguments: vec![board.build().into()],
             robot: Some(built_for),
             directory: Some(directory),
@@ -249,7 +250,7 @@ impl ToolRun {
             Self {
                 tool: "probe-rs",
                 remedy: "install it with `cargo install probe-rs-tools --locked`",
-                failed: "the board was not flashed, or its log broke off; is the probe connected, and the board \
+                failed: "flashing the board failed, or its log was interrupted; is the probe connected and the board \
                          powered?",
                 arguments: arguments.chain(image.map(|image| image.as_os_str().to_owned())).collect(),
                 robot: None,
@@ -288,7 +289,7 @@ impl ToolRun {
             }
             Ok(status) => Err(Failure::bad_input(format!("{tool} failed ({status}): {failed}"))),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                Err(Failure::bad_input(format!("there is no {tool} on the path: {remedy}")))
+                Err(Failure::bad_input(format!("{tool} is not on the PATH: {remedy}")))
             }
             Err(error) => Err(Failure::bad_input(format!("cannot run {tool}: {error}"))),
         }

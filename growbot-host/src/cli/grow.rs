@@ -58,7 +58,7 @@ pub struct GrowArgs {
     /// Behaviour of the board when it loses contact with this program
     #[arg(long, value_name = "WHAT", default_value = "pause")]
     on_host_silence: OnHostSilence,
-    /// Measure each layer, and plan the rest again from the measured pose of the tip
+    /// Measure each layer and replan the rest from the measured pose of the tip
     ///
     /// The filament's encoder measures the growth. The orientation sensor measures the tip's direction by gravity, and
     /// so no heading. --odometry-noise and --direction-noise set the accuracy of the sensors. On a robot the defaults
@@ -93,8 +93,8 @@ Examples:
   growbot grow --to 200,100,600,0,45 --watch --control
   growbot grow --to 0,0,800 --scene room.toml --noise 10 --feedback
 
-Exit codes: 0, the body is grown; 1, stopped, refused or a fault; 2, something
-was wrong before the job.";
+Exit codes: 0, the body is grown; 1, stopped, refused or a fault; 2, invalid
+arguments or input.";
 
 /// Arguments of the main job of `growbot` alone: 1 m of robot A to a pose that needs both planes.
 const MAIN_JOB: [&str; 7] =
@@ -111,7 +111,7 @@ struct MainJobArgs {
 pub fn run_main_job() -> Result<(), Failure> {
     let MainJobArgs { grow } = MainJobArgs::try_parse_from(MAIN_JOB).map_err(Failure::bad_input)?;
     growbot_host::note!("no command given, so the simulated robot A grows {} {}", MAIN_JOB[1], MAIN_JOB[2]);
-    growbot_host::note!("`growbot --help` shows what else there is");
+    growbot_host::note!("`growbot --help` lists the other commands");
     run(&grow)
 }
 
@@ -133,16 +133,16 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     if !preventing.is_empty() && !args.force {
         let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
         return Err(refused(format!(
-            "not grown because of {}: change the plan, or grow it all the same with --force",
+            "not grown because of {}: change the plan, or ignore the warnings with --force",
             codes.join(", ")
         )));
     }
     if let Some(unclear) = unclear.filter(|_| !args.ignore_scene) {
-        return Err(refused(format!("{unclear}; or grow it all the same with --ignore-scene")));
+        return Err(refused(format!("{unclear}; or ignore the scene with --ignore-scene")));
     }
     args.check_options(&port, &robot)?;
     if args.ignore_scene && scene.is_some() {
-        growbot_host::warning!("--ignore-scene: neither the plan nor its corrections are kept clear of the scene");
+        growbot_host::warning!("--ignore-scene: neither the plan nor its corrections are checked against the scene");
     }
     if let Some(owned) = find_service_robot(&port)? {
         let at = args.goal.place_of_scene(&plan)?;
@@ -169,8 +169,8 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     });
     if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
         return Err(refused(format!(
-            "{too_near}: give a larger margin_mm or another --radius to `growbot plan --scene`, a better sensor, or grow \
-             it all the same with --ignore-scene"
+            "{too_near}: give a larger margin_mm or another --radius to `growbot plan --scene`, use a better sensor, \
+             or ignore the scene with --ignore-scene"
         )));
     }
     let imperfection = ErrorModel {
@@ -221,7 +221,7 @@ impl GrowArgs {
     fn print(&self) -> Result<ResultFormat, Failure> {
         match (&self.log, self.json) {
             (Some(Some(log)), true) if is_standard_output(log) => Err(Failure::bad_input(
-                "--log - and --json both go to standard output: leave one of them out, the log ends with the result",
+                "--log - and --json both go to standard output: remove one of them; the log ends with the result",
             )),
             (Some(Some(log)), false) if is_standard_output(log) => Ok(ResultFormat::Nothing),
             (_, json) => Ok(ResultFormat::of(json)),
@@ -232,18 +232,18 @@ impl GrowArgs {
     fn by_service(&self, print: ResultFormat) -> Result<ServiceGrowthOptions, Failure> {
         if self.disturbance.has_disturbance() || self.disturbance.has_sensor_noise() {
             return Err(Failure::bad_input(
-                "a service grows without disturbances: leave noises and biases out, or use --port sim",
+                "the service cannot disturb layers: remove the noise and bias options, or use --port sim",
             ));
         }
         let log = match &self.log {
             Some(Some(path)) if is_standard_output(path) => {
                 return Err(Failure::bad_input(
-                    "the service keeps the run log: name a file for its copy, or leave --log out",
+                    "the service keeps the run log: name a file for the copy, or remove --log",
                 ));
             }
             Some(Some(path)) if path.exists() && !self.overwrite => {
                 return Err(Failure::bad_input(format!(
-                    "run log {} exists already: name another file, or replace it with --overwrite",
+                    "run log {} already exists: name another file, or replace it with --overwrite",
                     path.display()
                 )));
             }
@@ -287,29 +287,32 @@ impl GrowArgs {
     fn check_options(&self, port: &SelectedPort, robot: &Robot) -> Result<(), Failure> {
         if self.disturbance.has_disturbance() && !port.is_simulated() {
             return Err(Failure::bad_input(format!(
-                "layers cannot be disturbed at {}, which is no simulated tip: leave out noises and biases, or use --port sim, emulator or rp2040",
+                "layers cannot be disturbed at {}, because its tip is not simulated: remove the noise and bias \
+                 options, or use --port sim, emulator or rp2040",
                 port.text()
             )));
         }
         if self.disturbance.has_sensor_noise() && !port.is_simulated() && !self.feedback {
             return Err(Failure::bad_input(
-                "how well a robot's sensors measure matters to feedback alone: add --feedback, or leave out --odometry-noise and --direction-noise",
+                "only feedback uses the noise of the robot's sensors: add --feedback, or remove --odometry-noise and \
+                 --direction-noise",
             ));
         }
         let sensors = &robot.description().sensors;
         if self.feedback && !can_measure(robot) {
             return Err(Failure::bad_input(format!(
-                "robot {} has nothing to measure layers by: give it sensors.filament_motion or sensors.orientation, or leave out --feedback",
+                "robot {} has no sensor that measures layers: give it sensors.filament_motion or sensors.orientation, \
+                 or remove --feedback",
                 robot.name()
             )));
         }
         if self.feedback && sensors.filament_motion.is_none() {
             growbot_host::note!(
-                "without sensors.filament_motion feedback sees no growth, but where the tip points alone"
+                "without sensors.filament_motion feedback measures only the tip's direction, not its growth"
             );
         }
         if self.feedback && !sensors.orientation {
-            growbot_host::note!("without sensors.orientation feedback sees no bends, but growth alone");
+            growbot_host::note!("without sensors.orientation feedback measures only growth, not bends");
         }
         Ok(())
     }

@@ -209,7 +209,7 @@ fn off_text(simulated: bool) -> &'static str {
 pub fn growth_failure(error: GrowthError, simulated: bool) -> Failure {
     match error {
         GrowthError::Interrupted(error) if simulated => {
-            Failure::request_failed(format_args!("{error}; the robot is a simulated one"))
+            Failure::request_failed(format_args!("{error}; the robot is simulated"))
         }
         error => Failure::request_failed(error),
     }
@@ -230,16 +230,18 @@ pub fn outcome_result(outcome: Outcome, emergency: bool, simulated: bool) -> Res
         }
         Outcome::ClockDrift(drift) => Err(clock_drift_failure(&drift, simulated)),
         Outcome::Parked => Err(Failure::request_failed(format!(
-            "a long pause has switched the heater of the {kind}robot off: `growbot resume` resumes the body"
+            "the heater of the {kind}robot was switched off after a long pause: resume the body with `growbot resume`"
         ))),
         Outcome::Interrupted => Err(Failure::request_failed(format!(
-            "the {kind}board has started anew, or another host has taken it: `growbot status` shows what it knows, `growbot resume` resumes the body",
+            "the {kind}board has restarted, or another host has taken it over: `growbot status` shows its state, \
+             `growbot resume` resumes the body",
         ))),
         Outcome::Lost if simulated => {
-            Err(Failure::request_failed("the simulated board does not answer any more: the robot is a simulated one"))
+            Err(Failure::request_failed("lost the connection to the simulated board; the robot is simulated"))
         }
         Outcome::Lost => Err(Failure::request_failed(
-            "the board does not answer any more; the robot may still be growing: see `growbot status`, and cut its power if that does not answer",
+            "lost the connection to the board; the robot may still be growing: run `growbot status`, and if that fails \
+             cut the robot's power",
         )),
     }
 }
@@ -261,8 +263,8 @@ impl LogHealth {
         let was = std::mem::replace(&mut self.fails, written.is_err());
         let words = match (was, written) {
             (false, Err(error)) => Some(error.to_string()),
-            (true, Ok(())) if missing == 0 => Some("the run log can be written again: no line is missing".to_owned()),
-            (true, Ok(())) => Some(format!("the run log can be written again: {missing} lines are missing")),
+            (true, Ok(())) if missing == 0 => Some("the run log is writable again: no line is missing".to_owned()),
+            (true, Ok(())) => Some(format!("the run log is writable again: {missing} lines are missing")),
             _ => None,
         };
         let Some(words) = words else { return };
@@ -298,8 +300,9 @@ struct GrowthProgress {
 }
 
 /// Instructions for a robot that waits for filament.
-const OUT_OF_FILAMENT: &str = "out of filament: push the new one in up to the feed, then `preheat`, `load`, `purge` (here \
-                               or on the page), and `continue`; the robot waits for an hour with its nozzle at standby";
+const OUT_OF_FILAMENT: &str = "out of filament: push new filament in up to the feed, then `preheat`, `load`, `purge` \
+                               (here or on the page), and `continue`; the robot waits for an hour at standby \
+                               temperature";
 
 impl GrowthProgress {
     fn new(layers: usize, laid: u64, forecast: Option<Forecast>) -> Self {
@@ -337,7 +340,7 @@ impl GrowthProgress {
             JobEvent::Amendment(amendment) => {
                 self.layers_before = std::mem::replace(&mut self.layers, amendment.total as usize);
             }
-            JobEvent::Crash(_) => self.progress.warn("the board's firmware crashed: `growbot status` says where"),
+            JobEvent::Crash(_) => self.progress.warn("the board's firmware crashed: `growbot status` shows where"),
             JobEvent::Board(_)
             | JobEvent::EncoderReference(_)
             | JobEvent::LayersSent { .. }
@@ -347,18 +350,18 @@ impl GrowthProgress {
                 self.progress.note(&format!("ordered: {}", order.name()));
             }
             JobEvent::Detour(Detour { from, clearance_mm, instead_of, .. }) => self.progress.warn(&format!(
-                "{instead_of}: from layer {from} on the body takes another path, {clearance_mm:.2} mm clear"
+                "{instead_of}: from layer {from} the body takes another path, {clearance_mm:.2} mm clear"
             )),
             JobEvent::ClearanceViolation(too_near) => self.progress.warn(&format!(
-                "{too_near}; the robot pauses: take the obstacle away, or stop and plan another body from where it is"
+                "{too_near}; the robot pauses: remove the obstacle, or stop and plan another body from here"
             )),
             JobEvent::CommandFailed(why) => self.progress.warn(why),
-            JobEvent::NoResponse => self.progress.warn("the board does not answer: calling it again"),
-            JobEvent::Reconnected => self.progress.note("the board answers again"),
+            JobEvent::NoResponse => self.progress.warn("the board does not respond: retrying"),
+            JobEvent::Reconnected => self.progress.note("the board responds again"),
             JobEvent::AmendmentRejected(why) => {
                 self.layers = self.layers_before;
                 if let Some(why) = why.as_ref().filter(|why| self.not_amended.as_ref() != Some(why)) {
-                    self.progress.warn(&format!("{why}; it continues with the layers that it has"));
+                    self.progress.warn(&format!("{why}; the robot continues with the layers that it has"));
                     self.not_amended = Some(why.clone());
                 }
             }
@@ -443,7 +446,7 @@ mod tests {
         }
         let silent =
             || GrowthError::Interrupted(ClientError::StopNotAcknowledged { port: "sim (simulated)".to_owned() });
-        assert!(growth_failure(silent(), true).message().ends_with("the robot is a simulated one"));
+        assert!(growth_failure(silent(), true).message().ends_with("the robot is simulated"));
         assert!(growth_failure(silent(), false).message().contains("cut its power"));
     }
 }

@@ -74,9 +74,7 @@ fn feedback(plan: &Plan, grown: &GrowthReport, fed_back: &FeedbackReport) -> Str
             let PoseDifference { position_mm, direction_deg } = fed_back.arrival(plan).difference_from(&grown.arrival);
             format!("estimate  {position_mm:.3} mm and {direction_deg:.3} deg from where the tip is\n")
         }
-        MeasuredBy::Estimate | MeasuredBy::Steps => {
-            "final     is the estimate by the sensors; nobody has looked\n".to_string()
-        }
+        MeasuredBy::Estimate | MeasuredBy::Steps => "final     estimated from the sensors, not measured\n".to_string(),
     };
     let (position, direction) = (estimate.position_sd, degrees(estimate.direction_sd));
     format!(
@@ -89,7 +87,7 @@ fn feedback(plan: &Plan, grown: &GrowthReport, fed_back: &FeedbackReport) -> Str
 pub fn made(cut: InterruptedLayer) -> String {
     let degrees = |sectors: u8| f64::from(sectors) / SECTORS as f64 * 360.0;
     if cut.min == 0 && usize::from(cut.max) == SECTORS {
-        "how much of it was made is not known".to_string()
+        "it is unknown how much of it was made".to_string()
     } else {
         format!("made from 0 to {:.1} or {:.1} degrees of its turn", degrees(cut.min), degrees(cut.max))
     }

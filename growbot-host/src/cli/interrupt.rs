@@ -29,14 +29,14 @@ pub fn stop_on_interrupt(client: &mut Client, port: &SelectedPort) -> Arc<Comman
         );
     });
     if let Err(error) = installed {
-        growbot_host::warning!("Ctrl-C will end this program without stopping the robot ({error})");
+        growbot_host::warning!("Ctrl-C will end this program, but will not stop the robot ({error})");
     }
     orders
 }
 
 /// Gives the emergency stop, and prints the result.
 fn stop_at_once(line: Option<Box<dyn Port + Send>>, name: &str) {
-    growbot_host::warning!("giving the emergency stop");
+    growbot_host::warning!("sending the emergency stop");
     let stopped = line.is_some_and(|line| Client::new(line, name).emergency_stop().is_ok());
     if stopped {
         growbot_host::warning!(

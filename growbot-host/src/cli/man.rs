@@ -49,7 +49,7 @@ pub fn run(args: &ManArgs) -> Result<(), Failure> {
 
 fn unknown(name: &str, root: &Command) -> Failure {
     let suggestion = did_you_mean(name, root.get_subcommands().map(Command::get_name));
-    Failure::bad_input(format!("there is no command {name:?}{suggestion}: growbot help lists them"))
+    Failure::bad_input(format!("unknown command {name:?}{suggestion}: `growbot help` lists the commands"))
 }
 
 /// Returns the page of a command as roff: the text of `--help`, with examples and exit codes in sections of their own.

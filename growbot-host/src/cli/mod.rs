@@ -90,7 +90,7 @@ struct Cli {
 }
 
 const AFTER_HELP: &str = "\
-Lengths are in mm, angles in degrees, unless they say m, mm, deg or rad (0.6m).
+Lengths are in mm, angles in degrees. A number may have a unit: 0.6m, 1.57rad.
 A pose is X,Y,Z,HEADING,PITCH: pitch 90 is straight up, heading 0 is along x.
 Results go to standard output, messages to standard error.
 
@@ -99,10 +99,10 @@ Examples:
   growbot plan --to 200,100,600,0,45 -o plan.json
   growbot grow plan.json --port /dev/ttyACM0
 
-Commands that are given no --robot or --port take what GROWBOT_ROBOT and
-GROWBOT_PORT say, or else growbot.toml: growbot settings shows them.
+Commands without --robot or --port use GROWBOT_ROBOT and GROWBOT_PORT, or else
+growbot.toml: growbot settings shows them.
 
-Exit codes: 0, done; 1, the request failed; 2, something was wrong before.";
+Exit codes: 0, success; 1, the request failed; 2, invalid arguments or input.";
 
 #[derive(Subcommand)]
 enum CliCommand {
@@ -368,8 +368,7 @@ impl RequiredPortArg {
             None => match Setting::load(Key::Port)? {
                 Setting { origin: SettingOrigin::BuiltIn, .. } => {
                     return Err(Failure::bad_input(format!(
-                        "no port is given, so it is not known which robot is meant: say --port PORT, or set one \
-                         (export {}=PORT, or port in {FILE_NAME})",
+                        "no port given: pass --port PORT, set {}, or set `port` in {FILE_NAME}",
                         Key::Port.variable()
                     )));
                 }

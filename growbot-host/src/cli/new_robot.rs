@@ -49,7 +49,7 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
         refuse_to_overwrite(output, args.overwrite)?;
     }
     if is_standard_input(&args.base) {
-        return Err(Failure::bad_input("the answers come from standard input: give the robot to start from as a file"));
+        return Err(Failure::bad_input("answers are read from standard input: give the robot to start from as a file"));
     }
     let (text, file) = robot_file::text_of(&args.base)?;
     let name = name_in(args.output.as_deref());
@@ -66,22 +66,19 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
     let mut notes = String::new();
     if robot.description().test_bench {
         notes += "\ntest_bench is true, as in the robot that this one starts from: it heats although a debug probe is \
-                  attached. Take the line out before it works with nobody watching.\n";
+                  attached. Remove the line before the robot works unattended.\n";
     }
     if let Err(error) = robot.check_for_board() {
-        notes += &format!("\nIt can be planned and simulated, but no board drives it: {error}.\n");
+        notes += &format!("\nThe robot can be planned for and simulated, but no board can drive it: {error}.\n");
     }
     Ok(print(&format!(
-        "{name}, written to {output}\n\
-         R_min     {r_min:.2} mm: {by_geometry:.2} by its mechanics, {by_layers:.2} by its layers\n\
-         plans at  {radius} mm\n\
-         \n\
-         Measure next, before the heater is switched on ({assumed} lines are still assumed):\n  layer.height_min_mm, \
-           height_max_mm, tilt_max_deg: print bends; they decide R_min\n  feed.steps_per_mm: how much filament a \
-           revolution pushes\n  head.index_angle_deg: where the mark is\n  thermistor, heater.max_c: what the data \
-           sheets of your parts say\n  heater.kp, ki, kd: growbot tune --robot {output} --port PORT, on the robot \
-           itself: a simulated one has other gains\n\
-         growbot robots {output} explains all of it.\n{notes}",
+        "{name}, written to {output}\nR_min     {r_min:.2} mm: {by_geometry:.2} by its mechanics, {by_layers:.2} by \
+         its layers\nplans at  {radius} mm\n\nMeasure next, before the heater is switched on ({assumed} lines are \
+         still assumed):\n  layer.height_min_mm, height_max_mm, tilt_max_deg: print bends; they decide R_min\n  \
+         feed.steps_per_mm: how much filament a revolution pushes\n  head.index_angle_deg: where the mark is\n  \
+         thermistor, heater.max_c: what the data sheets of your parts say\n  heater.kp, ki, kd: growbot tune --robot \
+         {output} --port PORT, on the real robot: a simulated robot has other gains\ngrowbot robots {output} explains \
+         all of it.\n{notes}",
         name = robot.name(),
         r_min = robot.min_radius(),
         by_geometry = robot.min_radius_by_packaging(),
@@ -93,7 +90,7 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
 fn refuse_to_overwrite(output: &Path, overwrite: bool) -> Result<(), Failure> {
     if !overwrite && !is_standard_output(output) && output.symlink_metadata().is_ok() {
         return Err(Failure::bad_input(format!(
-            "{} is there already: choose another name with -o, or replace it with --overwrite",
+            "{} already exists: choose another name with -o, or replace it with --overwrite",
             output.display()
         )));
     }
@@ -171,7 +168,7 @@ fn ask_for(path: &str, proposed: Option<&str>, schema: &Value) {
     ask_line(format_args!("{}", schema::meaning(schema, path)));
     match proposed {
         Some(proposed) => ask_line(format_args!("  {path}{words} [{}]:", in_brackets(proposed))),
-        None => ask_line(format_args!("  {path}{words}, {BACK} where nothing goes with the answers before:")),
+        None => ask_line(format_args!("  {path}{words}, {BACK} because no value fits the previous answers:")),
     }
 }
 
@@ -198,7 +195,7 @@ impl Interview<'_> {
             Ok(adapted) => {
                 for change in adapted {
                     growbot_host::note!(
-                        "{} was {}, which does not go with that: it is {} now",
+                        "{} was {}, which is not possible with that answer: it is {} now",
                         change.path,
                         change.from,
                         change.to
@@ -234,7 +231,7 @@ impl AnswerReader {
         io::stdin().lock().take(LONGEST_ANSWER).read_until(b'\n', &mut line).map_err(unreadable)?;
         if line.is_empty() {
             self.ended = true;
-            growbot_host::note!("the answers end here: the rest is as in brackets, or as it was");
+            growbot_host::note!("the answers end here: the other values are those in brackets, or unchanged");
             return Ok(None);
         }
         if line.len() as u64 >= LONGEST_ANSWER {

@@ -15,7 +15,7 @@ pub fn make(directory: &Path) -> Result<(), Failure> {
         return Ok(());
     }
     if is_standard_output(directory) {
-        return Err(Failure::bad_input("-o takes a directory: several files do not fit into standard output"));
+        return Err(Failure::bad_input("-o takes a directory: several files cannot go to standard output"));
     }
     if directory.exists() {
         return Err(Failure::bad_input(format!("-o takes a directory; {} is a file", directory.display())));

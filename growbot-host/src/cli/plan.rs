@@ -87,8 +87,9 @@ A batch has the columns id,to_x_mm,to_y_mm,to_z_mm in any order, and perhaps
   to_heading_deg,to_pitch_deg    without them, or empty: any direction
   from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg
   radius_mm, planner
-The options apply where a query does not say. There are no columns for poses on
-the way. Each query is answered by one line: its plan, or its id and an error.
+An option applies to a query that leaves its column out or empty. There are no
+columns for poses on the way. Each query gives one line: its plan, or its id
+and an error.
 The exit code is 1 if any failed.";
 
 /// Runs the command.
@@ -120,7 +121,7 @@ fn length(text: &str) -> Result<f64, String> {
     if length > 0.0 && length <= MAX_LENGTH_MM {
         return Ok(length);
     }
-    Err(format!("it is {length} mm: give a length above 0 and of at most {MAX_LENGTH_MM} mm"))
+    Err(format!("it is {length} mm: give a length above 0 and at most {MAX_LENGTH_MM} mm"))
 }
 
 fn run_one(args: &PlanArgs, robot: &Robot, plan: &Plan) -> Result<(), Failure> {

@@ -54,7 +54,7 @@ impl PlanOrRun {
             return Ok(Self { robot, plan, run: Some((record, bytes)), scene });
         }
         match plan_file::read_in_scene(&text_of(bytes, file)?, &display_name(file), robot, given) {
-            Err(PlanFileError::NotJson { file, reason }) => Err(neither(&file, &format!("no JSON: {reason}"))),
+            Err(PlanFileError::NotJson { file, reason }) => Err(neither(&file, &format!("not JSON: {reason}"))),
             Err(PlanFileError::NoPlan { file, reason }) => Err(neither(&file, &reason)),
             Err(error) => Err(error.into()),
             Ok(OpenedPlan { robot, plan, scene }) => {
@@ -72,8 +72,8 @@ fn called(given: Option<&Path>, named: Option<&String>) -> String {
 
 fn neither(file: &str, reason: &str) -> Failure {
     Failure::bad_input(format_args!(
-        "{file} is no run log and no plan ({reason}): give a file that `growbot grow --log` or `growbot plan -o` has \
-         written"
+        "{file} is neither a run log nor a plan ({reason}): give a file that `growbot grow --log` or `growbot plan -o` \
+         wrote"
     ))
 }
 

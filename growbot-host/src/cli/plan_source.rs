@@ -92,7 +92,7 @@ impl PlanSourceArgs {
         let goal = self
             .to
             .as_ref()
-            .ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan's file, or a goal with --to"))?;
+            .ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan file, or a goal with --to"))?;
         if let Some(file) = given {
             let ends = self.search.start_and_goals(&robot, goal)?;
             let loaded = scene_file::load(file)?;

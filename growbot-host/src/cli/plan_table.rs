@@ -26,7 +26,7 @@ pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
         text += &wrapped(&format!("  {name:<9} "), &goal, 12);
     }
     if plan.path.is_empty() {
-        text += "\nThe tip is there already: nothing to grow.\n";
+        text += "\nThe tip is already at the goal: nothing to grow.\n";
         return text;
     }
     text += "\nsegment  kind      length, mm  bend, deg  material at, deg\n";

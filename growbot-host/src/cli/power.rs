@@ -62,7 +62,7 @@ pub fn run(args: &PowerArgs) -> Result<(), Failure> {
     let port = args.port.choose()?;
     let PortName::SimDaemon(name) = port.name() else {
         return Err(Failure::bad_input(format!(
-            "port {} has no switch that growbot knows: it is for simulated robots that stay on, sim:NAME",
+            "growbot cannot switch the power of port {}: `growbot power` is for persistent simulated robots, sim:NAME",
             port.text()
         )));
     };

@@ -161,15 +161,15 @@ impl<'a> ReplayedBody<'a> {
         let by = match &arrivals.commanded {
             Some(_) => ", laid (simulated)",
             None if record.is_simulated() => ", commanded (simulated)",
-            None if feedback.is_some() => ", as the steps say",
+            None if feedback.is_some() => ", from the steps",
             None => "",
         };
         text += &arrived("final", &arrivals.body, by);
         if let Some(commanded) = &arrivals.commanded {
-            text += &arrived("commanded", commanded, ", as the steps say");
+            text += &arrived("commanded", commanded, ", from the steps");
         }
         if let Some(ReplayedFeedback { fed_back, plan }) = feedback {
-            text += &arrived("estimate", &fed_back.arrival(plan), ", by feedback");
+            text += &arrived("estimate", &fed_back.arrival(plan), ", from feedback");
         }
         text + &self.cautions()
     }
@@ -186,14 +186,13 @@ impl<'a> ReplayedBody<'a> {
             );
         }
         if lost > 0 {
-            text +=
-                &format!("caution   the lines of {lost} layers are missing in the log: they are counted as planned\n");
+            text += &format!("caution   the log lacks the lines of {lost} layers: they are counted as planned\n");
         }
         match record.missing_simulated_layers() {
             0 => {}
             layers => {
                 text += &format!(
-                    "caution   the log does not say where {layers} layers lie: they are counted as commanded\n"
+                    "caution   the log does not have the positions of {layers} layers: they are counted as commanded\n"
                 );
             }
         }

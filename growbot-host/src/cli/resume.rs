@@ -68,7 +68,7 @@ Examples:
   growbot resume plan.json --port /dev/ttyACM0 --interrupted-layer keep --yes
 
 Exit codes: 0, the body is grown; 1, nothing to resume, stopped, refused or a
-fault; 2, something was wrong before.";
+fault; 2, invalid arguments or input.";
 
 /// Maximum length of an answer, bytes.
 const LONGEST_ANSWER: u64 = 4096;
@@ -106,8 +106,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     }
     let Some((file, Opened { robot, plan, run, mut scene })) = opened else {
         return Err(Failure::bad_input(
-            "no service owns this robot, so that its latest job is not known: give the run log of the growth, or its \
-             plan",
+            "no service owns this robot, so its latest job is unknown: give the run log of the growth, or its plan",
         ));
     };
     let mut record = run.map(|(record, _)| record);
@@ -151,7 +150,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let laid = board.status.layers_laid as usize;
     let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan, around.as_ref()));
     if feedback.is_some() {
-        growbot_host::note!("with feedback, as it was begun");
+        growbot_host::note!("with feedback, as it was started");
     }
     let simulated = port.is_simulated();
     let following = GrowthMonitor {
@@ -183,7 +182,7 @@ impl ResumeArgs {
         match given.into_iter().find(|(_, is_given)| *is_given) {
             None => Ok(()),
             Some((option, _)) => Err(Failure::bad_input(format!(
-                "a service owns this robot, and does not know {option}: leave it out, or end `growbot serve` first"
+                "a service owns this robot and does not support {option}: remove it, or end `growbot serve` first"
             ))),
         }
     }
@@ -193,14 +192,14 @@ impl ResumeArgs {
         let opened = Opened::open(file, self.robot.as_deref(), self.scene.as_deref())?;
         if let (None, Some(scene)) = (&opened.plan.scene, &self.scene) {
             return Err(Failure::bad_input(format_args!(
-                "the plan of {} leads through no scene, so that {} proves nothing: leave --scene out",
+                "the plan of {} was made without a scene, so {} cannot be checked: remove --scene",
                 display_name(file),
                 scene.display()
             )));
         }
         if opened.run.is_some() && !fs::metadata(file).is_ok_and(|file| file.is_file()) {
             return Err(Failure::bad_input(format_args!(
-                "{} is no file, and a run log is continued where it is: give the file itself",
+                "{} is not a file, and a run log is continued in place: give the file itself",
                 display_name(file)
             )));
         }
@@ -213,8 +212,7 @@ fn show(board: &BoardInfo, plan_id: u64, port: &SelectedPort) -> Result<(), Fail
     let status = &board.status;
     if status.plan_id != plan_id || status.plan_id == 0 {
         let nothing = GrowthError::nothing_to_resume(plan_id, status);
-        let anew =
-            if port.is_in_process() { "; it is a simulated one, which starts anew with each command" } else { "" };
+        let anew = if port.is_in_process() { "; it is simulated and restarts with each command" } else { "" };
         return Err(Failure::request_failed(format_args!("{nothing}{anew}")));
     }
     growbot_host::note!(
@@ -231,7 +229,7 @@ fn show(board: &BoardInfo, plan_id: u64, port: &SelectedPort) -> Result<(), Fail
     }
     if let Some(fault) = status.fault {
         return Err(Failure::request_failed(format!(
-            "fault {} is latched: {}; mend it and clear it (`clear` in `growbot console`) first",
+            "fault {} is latched: {}; fix the cause and clear the fault (`clear` in `growbot console`) first",
             fault.code(),
             fault.explanation()
         )));
@@ -246,9 +244,11 @@ fn ask(board: &BoardInfo) -> Result<(), Failure> {
         return Ok(());
     }
     if !io::stdin().is_terminal() {
-        return Err(Failure::bad_input("there is nobody to ask whether to heat and resume: say so with --yes"));
+        return Err(Failure::bad_input(
+            "cannot ask for confirmation without a terminal: pass --yes to heat and resume",
+        ));
     }
-    eprint!("heat the nozzle, find the head's index and resume? [y/N] ");
+    eprint!("Heat the nozzle, find the head's index and resume? [y/N] ");
     let _ = io::stderr().flush();
     let mut answer = String::new();
     io::stdin().lock().take(LONGEST_ANSWER).read_line(&mut answer).map_err(Failure::bad_input)?;

@@ -105,8 +105,8 @@ fn table() -> Result<String, Failure> {
         );
         text += &indented(&explained.what_and_source(), 4);
     }
-    text += "\nplans at: the radius of the bends in plans; R_min: the least that there can be.\n";
-    text += "growbot robots NAME explains one; --robot takes a name or a file.\n";
+    text += "\nplans at: the radius of the bends in plans; R_min: the smallest possible radius.\n";
+    text += "`growbot robots NAME` explains a robot; --robot takes a name or a file.\n";
     Ok(text)
 }
 
@@ -116,8 +116,8 @@ fn in_words(explained: &AnnotatedRobot) -> String {
     let mut text = format!("{}\n{}\n", robot.name(), indented(&explained.about, 2));
     for line in [
         format!(
-            "R_min, the tightest bend, is {:.2} mm: the packaging limit is {:.2} mm, that by the layers {:.2} mm. At the radius \
-             of plans, {} mm, a layer leans by {:.3} degrees.",
+            "R_min, the radius of the tightest bend, is {:.2} mm: the packaging limit is {:.2} mm, the limit from the \
+             layers {:.2} mm. At the radius of plans, {} mm, a layer tilts by {:.3} degrees.",
             robot.min_radius(),
             robot.min_radius_by_packaging(),
             robot.min_radius_by_layers(),
@@ -159,7 +159,7 @@ fn in_words(explained: &AnnotatedRobot) -> String {
     text.push('\n');
     text += &indented(
         &format!(
-            "{assumed} of {} values are assumed (# assumed): measure them on your robot before you rely on them.",
+            "{assumed} of {} values are assumed (# assumed): measure them on your robot before relying on them.",
             explained.fields().count()
         ),
         0,

@@ -47,7 +47,7 @@ pub fn run(args: &DemoSceneArgs) -> Result<(), Failure> {
     let (from, to) = example.endpoints();
     let comments = [
         format!("Written by `growbot scene {name} --seed {}`.", args.seed),
-        format!("Through it: growbot plan --from {from} --to {to} --scene FILE"),
+        format!("To plan through it: growbot plan --from {from} --to {to} --scene FILE"),
     ];
     let scene = to_toml(&example.scene(args.seed), &comments);
     if write_to(&args.output, scene.as_bytes())? {

@@ -42,7 +42,9 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
     let (robots, serve) = load_service()?;
     let robots = if robots.is_empty() { practising()? } else { robots };
     let places = ServicePaths::for_user().ok_or_else(|| {
-        Failure::bad_input("neither XDG_STATE_HOME nor HOME is set: the service has no place for its files")
+        Failure::bad_input(
+            "neither XDG_STATE_HOME nor HOME is set: set one, because the service needs a directory for its files",
+        )
     })?;
     places.create().map_err(Failure::bad_input)?;
     let port = args.page_port.or(serve.port).unwrap_or(PAGE_PORT);
@@ -62,6 +64,6 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
 /// Returns a simulated robot, because the user has configured none.
 fn practising() -> Result<BTreeMap<String, RobotEntry>, Failure> {
     let robot = settings::log_setting(Key::Robot, Setting::load(Key::Robot)?);
-    growbot_host::note!("no robots are configured: {PRACTICE} is a simulated one, 60 times as fast as real time");
+    growbot_host::note!("no robots are configured: {PRACTICE} is a simulated robot, 60 times as fast as real time");
     Ok(practice(&robot))
 }

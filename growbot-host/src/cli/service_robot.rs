@@ -73,7 +73,7 @@ pub fn lease_port(port: &SelectedPort, command: &str) -> Result<Option<PortLease
     let Some(ServiceRobot { caller, robot }) = find_service_robot(port)? else { return Ok(None) };
     let line = caller.lease_port(&robot.name, command)?;
     growbot_host::note!(
-        "the service lends the line of {}robot {}",
+        "the service released the port of {}robot {} to this command",
         super::simulated_prefix(robot.simulated),
         robot.name
     );
@@ -91,7 +91,7 @@ impl ServiceRobot {
     }
 
     fn send_command(&self, order: RobotCommand) -> Result<RobotStatus, ServiceError> {
-        self.caller.post(&self.at("orders"), &CommandRequest { command: order })
+        self.caller.post(&self.at("commands"), &CommandRequest { command: order })
     }
 
     /// Prints the status of the robot.
@@ -110,13 +110,13 @@ impl ServiceRobot {
     /// Discards the unfinished body of the robot.
     pub fn cancel(&self) -> Result<(), Failure> {
         self.send_command(RobotCommand::Cancel)?;
-        Ok(print(&format!("given up by the {}board\n", self.kind()))?)
+        Ok(print(&format!("body discarded by the {}board\n", self.kind()))?)
     }
 
     /// Sends the emergency stop. Returns false if the service does not confirm it at once.
     pub fn emergency_stop(&self) -> bool {
         let given = CommandRequest { command: RobotCommand::EmergencyStop };
-        self.caller.post_within::<Value>(&self.at("orders"), &given, EMERGENCY).is_ok()
+        self.caller.post_within::<Value>(&self.at("commands"), &given, EMERGENCY).is_ok()
     }
 
     /// Runs a maintenance task.
@@ -146,24 +146,21 @@ impl ServiceRobot {
             ..GrowRequest::default()
         };
         let job: Job = self.caller.post(&self.at("jobs"), &wanted)?;
-        growbot_host::note!("the service grows it as job {}; it goes on when this command ends", job.id);
+        growbot_host::note!("the service runs it as job {}; the job continues after this command ends", job.id);
         self.say_page(&job, options.page)?;
         self.follow(&job, options)
     }
 
     /// Resumes the latest unfinished job of this robot, or follows the one under way.
     pub fn resume(&self, plan_id: Option<u64>, options: &ServiceGrowthOptions) -> Result<(), Failure> {
-        let jobs: Vec<Job> = self.caller.get("/jobs?max=1000")?;
+        let jobs: Vec<Job> = self.caller.get("/jobs?limit=1000")?;
         let plan_id = plan_id.map(|id| format!("{id:016x}"));
         let is_wanted = |job: &Job| plan_id.as_ref().is_none_or(|id| job.plan_id == *id);
         let is_open = |job: &Job| job.state == JobState::Interrupted || self.robot.job.as_ref() == Some(&job.id);
         let job = jobs.into_iter().find(|job| job.robot == self.robot.name && is_open(job) && is_wanted(job));
         let job = job.ok_or_else(|| {
             let of_plan = plan_id.map_or_else(String::new, |id| format!(" of plan {id}"));
-            Failure::request_failed(format!(
-                "the service knows no unfinished job{of_plan} on robot {}",
-                self.robot.name
-            ))
+            Failure::request_failed(format!("the service has no unfinished job{of_plan} on robot {}", self.robot.name))
         })?;
         if self.robot.job.as_ref() != Some(&job.id) {
             let _: Job = self.caller.post(&format!("/jobs/{}/resume", job.id), &json!({}))?;
@@ -211,8 +208,8 @@ impl ServiceRobot {
         }
         let now: Job = self.caller.get(&format!("/jobs/{}", job.id))?;
         let Some(result) = result else {
-            let why = now.reason.unwrap_or_else(|| "the service does not say why".to_owned());
-            return Err(Failure::request_failed(format!("job {} was left: {why}", job.id)));
+            let why = now.reason.unwrap_or_else(|| "the service gave no reason".to_owned());
+            return Err(Failure::request_failed(format!("job {} was abandoned: {why}", job.id)));
         };
         match options.print {
             ResultFormat::Json => print(&json_line(&result))?,
@@ -256,13 +253,13 @@ impl ServiceRobot {
                     ServiceClient::find().map(|caller| caller.post::<Value>(&path, &CommandRequest { command: order }));
                 if !matches!(given, Some(Ok(_))) {
                     growbot_host::error!(
-                        "the service has not confirmed the stop: `growbot estop`, or cut the robot's power"
+                        "the service has not confirmed the stop: run `growbot estop`, or cut the robot's power"
                     );
                 }
             });
         });
         if let Err(error) = installed {
-            growbot_host::warning!("Ctrl-C will end this program without stopping the robot ({error})");
+            growbot_host::warning!("Ctrl-C will end this program, but will not stop the robot ({error})");
         }
     }
 }
@@ -310,7 +307,7 @@ impl JobProgress {
     /// Processes a line of the run log. Returns the result if the line is the last one.
     fn ingest(&mut self, event: RunEvent) -> Option<GrowthResult> {
         if std::mem::take(&mut self.is_silent) {
-            self.progress.note("the service answers again");
+            self.progress.note("the service responds again");
         }
         match event {
             RunEvent::State { state } => {
@@ -326,8 +323,8 @@ impl JobProgress {
             RunEvent::Amendment(amendment) => self.layers = amendment.total,
             RunEvent::Command { command } => self.progress.note(&format!("command: {}", command.name())),
             RunEvent::CommandFailed { reason } => self.progress.warn(&reason),
-            RunEvent::NoResponse => self.progress.warn("the board does not answer: the service calls it again"),
-            RunEvent::Reconnected => self.progress.note("the board answers again"),
+            RunEvent::NoResponse => self.progress.warn("the board does not respond: the service retries"),
+            RunEvent::Reconnected => self.progress.note("the board responds again"),
             RunEvent::End { result } => return Some(*result),
             _ => {}
         }
@@ -341,7 +338,8 @@ impl JobProgress {
 
     fn wait_for_service(&mut self) {
         if !std::mem::replace(&mut self.is_silent, true) {
-            self.progress.warn("the service does not answer: the robot goes on with the layers that it has; waiting");
+            self.progress
+                .warn("the service does not respond: the robot continues with the layers that it has; waiting");
         }
         std::thread::sleep(Duration::from_millis(500));
     }
@@ -384,7 +382,7 @@ fn text_of(robot: &RobotStatus) -> String {
         None => "job          none\n".to_owned(),
     };
     if let Some(pause) = &robot.pause_reason {
-        text += &format!("waits        {pause}\n");
+        text += &format!("paused       {pause}\n");
     }
     if let Some(refused) = &robot.command_error {
         text += &format!("refused      {refused}\n");
@@ -426,7 +424,8 @@ fn owned(port: &RequiredPortArg, what: &str) -> Result<ServiceRobot, Failure> {
     let port = port.choose()?;
     find_service_robot(&port)?.ok_or_else(|| {
         Failure::bad_input(format!(
-            "no service owns the {}robot at {}: {what} it where it is grown, or begin it with `growbot serve` running",
+            "no service owns the {}robot at {}: {what} the growth in its own terminal or page, or start it while \
+             `growbot serve` runs",
             port.kind(),
             port.text()
         ))
@@ -451,7 +450,7 @@ pub fn run_continue(args: &ContinueArgs) -> Result<(), Failure> {
 pub fn run_attach(args: &AttachArgs) -> Result<(), Failure> {
     let owned = owned(&args.port, "follow")?;
     let Some(id) = &owned.robot.job else {
-        return Err(Failure::request_failed(format!("robot {} has no job under way", owned.robot.name)));
+        return Err(Failure::request_failed(format!("robot {} has no active job", owned.robot.name)));
     };
     let job: Job = owned.caller.get(&format!("/jobs/{id}"))?;
     let options = ServiceGrowthOptions {

@@ -98,7 +98,8 @@ impl BoardReport {
         {
             let other = image.crc().map_or_else(|| "none".to_string(), |crc| format!("{crc:08x}"));
             return Err(Failure::bad_input(format!(
-                "the image given with --elf is not the one that crashed: its CRC is {other}, that of the crash {crc:08x}; give the image that the board was flashed with"
+                "the image given with --elf is not the one that crashed: its CRC is {other}, the CRC in the crash \
+                 record is {crc:08x}; give the image that the board was flashed with"
             )));
         }
         let built = || {
@@ -152,7 +153,7 @@ fn text_of_image(image: ImageCheck) -> String {
         ImageCheck::Unsealed => "not sealed: the board has not checked it".to_string(),
         ImageCheck::Valid { crc } => format!("checked at the start, CRC {crc:08x}"),
         ImageCheck::Corrupt { sealed, found } => {
-            format!("corrupt: its CRC is {found:08x}, that of its seal {sealed:08x}; flash the board again")
+            format!("corrupt: its CRC is {found:08x}, the CRC in its seal {sealed:08x}; flash the board again")
         }
     }
 }
@@ -299,7 +300,7 @@ pub fn described(hello: &BoardInfo) -> String {
     if is_configured(hello) {
         format!("{} ({:016x})", hello.robot_name, hello.robot_hash)
     } else {
-        "none: the board is not configured, send it a description with `growbot configure`".to_string()
+        "none: the board is not configured; send it a description with `growbot configure`".to_string()
     }
 }
 
@@ -309,10 +310,10 @@ fn is_paused(state: State) -> bool {
 
 fn pause_cause(cause: PauseCause) -> &'static str {
     match cause {
-        PauseCause::LayersExhausted => "for layers",
-        PauseCause::Requested => "as asked",
-        PauseCause::FilamentOut => "for filament: load a spool, and continue",
-        PauseCause::HostSilent => "for its host, which has fallen silent",
+        PauseCause::LayersExhausted => "waiting for layers",
+        PauseCause::Requested => "on request",
+        PauseCause::FilamentOut => "out of filament: load a spool, and continue",
+        PauseCause::HostSilent => "no message from the host",
     }
 }
 
@@ -362,7 +363,7 @@ fn text_of(hello: &BoardInfo, is_simulated: bool) -> String {
         text += &format!("interrupted  layer {}: {}\n", status.layers_laid, made(interrupted));
     }
     if is_paused(status.state) {
-        text += &format!("waits        {}\n", pause_cause(status.pause_cause));
+        text += &format!("paused       {}\n", pause_cause(status.pause_cause));
     }
     if !status.is_resumable {
         text += "journal      failed: this body cannot be resumed after a reset\n";
@@ -404,7 +405,7 @@ mod tests {
             layers_begun: 0,
         };
         let text = text_of_record(&record);
-        let said = "the feed's driver does not answer: check the motors' supply, without which it is off";
+        let said = "the feed's driver does not respond: check the motors' supply, without which the driver is off";
         assert!(text.contains(said), "{text}");
     }
 }

@@ -32,9 +32,8 @@ pub fn run(args: &StopArgs) -> Result<(), Failure> {
     client.request("to stop", &Message::Stop(Empty {})).map_err(|error| match error {
         ClientError::Refused { .. } => error.into(),
         error => Failure::bad_input(format!(
-            "{error}; the robot may still be hot or moving: give the emergency stop (`growbot estop --port {}`), or \
-             cut \
-             its power",
+            "{error}; the robot may still be hot or moving: send the emergency stop (`growbot estop --port {}`), or \
+             cut its power",
             port.text()
         )),
     })?;

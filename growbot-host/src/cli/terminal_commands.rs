@@ -88,8 +88,8 @@ fn parse_command(line: &str) -> Result<Option<Command>, String> {
         "load" => Ok(Some(Command::Load)),
         "purge" => Ok(Some(Command::Purge)),
         other => Err(format!(
-            "{other:?} is no order: type `continue` or `stop`; or, to change filament, `preheat`, `unload`, `load`, \
-             `purge`"
+            "unknown command {other:?}: type `continue` or `stop`; or, to change filament, `preheat`, `unload`, \
+             `load`, `purge`"
         )),
     }
 }
@@ -97,14 +97,14 @@ fn parse_command(line: &str) -> Result<Option<Command>, String> {
 /// Returns instructions for a robot that waits, if the user has a keyboard or a page that controls the robot.
 pub fn waiting_hint(state: State, keyboard: bool, page: bool) -> Option<String> {
     let goes_on = match state {
-        State::Paused => "goes on",
-        State::Parked => "heats up, homes and goes on",
+        State::Paused => "continues",
+        State::Parked => "heats up, homes and continues",
         _ => return None,
     };
     match (keyboard, page) {
-        (true, true) => Some(format!("type `continue` or press Continue on the page, and the robot {goes_on}")),
-        (true, false) => Some(format!("type `continue`, and the robot {goes_on}; `stop` stops it")),
-        (false, true) => Some(format!("press Continue on the page, and the robot {goes_on}")),
+        (true, true) => Some(format!("type `continue` or press Continue on the page: the robot then {goes_on}")),
+        (true, false) => Some(format!("type `continue`: the robot then {goes_on}; `stop` stops it")),
+        (false, true) => Some(format!("press Continue on the page: the robot then {goes_on}")),
         (false, false) => None,
     }
 }

@@ -44,9 +44,9 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
     let target = match &args.target {
         None => robot.description().heater.target_c,
-        Some(text) => parse_number(text)
-            .filter(|celsius| (-1000.0..=1000.0).contains(celsius))
-            .ok_or_else(|| Failure::bad_input(format!("--target {text:?} is no temperature: give degrees Celsius")))?,
+        Some(text) => parse_number(text).filter(|celsius| (-1000.0..=1000.0).contains(celsius)).ok_or_else(|| {
+            Failure::bad_input(format!("--target {text:?} is not a temperature: give degrees Celsius"))
+        })?,
     };
     let _lent = lease_port(&port, "growbot tune")?;
     let mut client = port.client(&robot)?;
@@ -63,7 +63,7 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
         }))
     } else {
         let caution = if port.is_simulated() {
-            "# found on a simulated robot: they suit no real one, which finds its own\n"
+            "# found on a simulated robot: do not use them on a real robot, tune that instead\n"
         } else {
             ""
         };
@@ -92,7 +92,7 @@ fn lost(error: ClientError) -> Failure {
     match error {
         ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => error.into(),
         error => Failure::request_failed(format!(
-            "{error}; the robot may still be heating: see `growbot status`, and cut its power if that does not answer"
+            "{error}; the robot may still be heating: run `growbot status`, and if that fails cut the robot's power"
         )),
     }
 }
@@ -121,7 +121,8 @@ fn follow(client: &mut Client, orders: &CommandQueue, is_simulated: bool) -> Res
                     }
                     (state, None) => {
                         return Err(Failure::request_failed(format!(
-                            "the board is {} and has told no gains: it was stopped, or the event was lost; tune again",
+                            "the board is {} and has not reported gains: tuning was stopped, or the event was lost; \
+                             tune again",
                             state.name()
                         )));
                     }

@@ -32,11 +32,12 @@ pub fn write(image: &Path, file: Option<&Path>, drive: Option<&Path>, way: &str)
     let bytes = fs::read(image).map_err(|error| failed(error.to_string()))?;
     let uf2 = if uf2::is_uf2(&bytes) {
         let checked = uf2::check(&bytes);
-        checked.map_err(|reason| failed(format!("{reason}; get the file again, or give the ELF image")))?;
+        checked.map_err(|reason| failed(format!("{reason}; download the file again, or give the ELF image")))?;
         bytes
     } else {
-        uf2::of_image(&bytes)
-            .map_err(|reason| failed(format!("{reason}; give the image that cargo build-pico makes, or a UF2 file")))?
+        uf2::of_image(&bytes).map_err(|reason| {
+            failed(format!("{reason}; give the image that `cargo build-pico` builds, or a UF2 file"))
+        })?
     };
     if let Some(file) = file {
         write_atomic(file, &uf2)?;
@@ -49,7 +50,8 @@ pub fn write(image: &Path, file: Option<&Path>, drive: Option<&Path>, way: &str)
     };
     let Some(drive) = drive else {
         return Err(Failure::bad_input(format!(
-            "there is no drive {DRIVE} with a file {MARK}: {way}, and see that the drive is mounted; name it with --drive DIR, or write a file with --uf2 FILE and copy it yourself"
+            "no drive {DRIVE} with a file {MARK} found: {way}, and check that the drive is mounted; name it with \
+             --drive DIR, or write a file with --uf2 FILE and copy it yourself"
         )));
     };
     put(&uf2, &drive)?;
@@ -63,7 +65,7 @@ fn put(uf2: &[u8], drive: &Path) -> Result<(), Failure> {
     let onto = drive.join("growbot.uf2");
     let failed = |error: io::Error| {
         Failure::request_failed(format!(
-            "cannot write {}: {error}; the board may have a part of it: make it a drive again, and repeat",
+            "cannot write {}: {error}; the board may have received a part of it: make it a drive again, and repeat",
             onto.display()
         ))
     };

@@ -24,8 +24,8 @@ pub fn warn_of_metres<'a>(start: &Pose, goals: impl Iterator<Item = &'a Goal>, r
     // A path that leads back to its start is intended.
     if farthest > 0.0 && farthest < width {
         growbot_host::warning!(
-            "the goal is {farthest:.2} mm from the start, and the tube is {width:.1} mm wide: did you mean \
-             metres? Write them as 0.6m"
+            "the goal is {farthest:.2} mm from the start, but the tube is {width:.1} mm wide: did you mean metres? \
+             Write them as 0.6m"
         );
     }
 }

@@ -145,9 +145,9 @@ fn range(text: &str) -> Result<[f64; 2], String> {
     match numbers[..] {
         [Some(min), Some(max)] if min < max && (max - min).is_finite() => Ok([min, max]),
         [Some(min), Some(max)] => {
-            Err(format!("it goes from {min} to {max} mm: give the smaller one first, such as 0.5,1"))
+            Err(format!("it goes from {min} to {max} mm: give the smaller height first, such as 0.5,1"))
         }
-        _ => Err("it is no range: give two heights in mm, such as 0.5,1".to_owned()),
+        _ => Err("it is not a range: give two heights in mm, such as 0.5,1".to_owned()),
     }
 }
 
@@ -320,11 +320,11 @@ impl ViewArgs {
     /// Checks that the options are compatible.
     fn check_options(&self) -> Result<(), Failure> {
         match (self.files.len(), self.compare) {
-            (1, true) => return Err(Failure::bad_input("--compare takes two plans or run logs: give another one")),
+            (1, true) => return Err(Failure::bad_input("--compare takes two plans or run logs: give a second file")),
             (2.., false) => return Err(self.several_files()),
             (3.., true) if self.format() == ViewFormat::Html => {
                 return Err(Failure::bad_input(
-                    "a page has two bodies, pictures any number: add --svg, --png or --pdf",
+                    "a page shows two bodies, a picture any number: add --svg, --png or --pdf",
                 ));
             }
             _ => {}
@@ -337,7 +337,7 @@ impl ViewArgs {
         ];
         match self.format() {
             ViewFormat::Html if self.viewpoint.is_some() => {
-                Err(Failure::bad_input("--viewpoint is for pictures, a page can be turned: add --svg or --png"))
+                Err(Failure::bad_input("--viewpoint is for pictures, because a page can be turned: add --svg or --png"))
             }
             ViewFormat::Html => match of_pictures.into_iter().find(|(given, _)| *given) {
                 Some((_, option)) => {
@@ -363,7 +363,7 @@ impl ViewArgs {
             }
         }
         if self.files.iter().filter(|file| is_standard_input(file)).count() > 1 {
-            return Err(Failure::bad_input("standard input gives one plan or run log only: give the other as a file"));
+            return Err(Failure::bad_input("standard input holds only one plan or run log: give the other as a file"));
         }
         let output = match &self.output {
             Some(output) => output.clone(),
@@ -374,7 +374,7 @@ impl ViewArgs {
                 fs::canonicalize(&output).is_ok_and(|output| fs::canonicalize(file).is_ok_and(|file| file == output));
             if same {
                 let file = file.display();
-                return Err(Failure::bad_input(format!("the view would replace {file}: choose another place with -o")));
+                return Err(Failure::bad_input(format!("the view would replace {file}: choose another file with -o")));
             }
         }
         Ok(output)
@@ -399,9 +399,7 @@ impl ViewArgs {
     /// Returns the default output: beside the first file, with the names of all.
     fn beside(&self) -> Result<PathBuf, Failure> {
         if self.files.iter().any(|file| is_standard_input(file)) {
-            return Err(Failure::bad_input(
-                "what comes from standard input has no name: say where the view goes with -o",
-            ));
+            return Err(Failure::bad_input("standard input has no file name: choose the output file with -o"));
         }
         let stems: Vec<_> = self.files.iter().filter_map(|file| file.file_stem()).collect();
         // A plan and its log may have the same name.

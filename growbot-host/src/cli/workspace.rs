@@ -103,10 +103,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
     let length = args.length.unwrap_or_else(|| robot.description().filament.spool_mm / robot.filament_per_length());
     if !(1.0..=LONGEST).contains(&length) {
-        return Err(Failure::bad_input(format!(
-            "length is {} mm: give one from 1 to {LONGEST} mm",
-            CompactNumber(&length)
-        )));
+        return Err(Failure::bad_input(format!("length is {} mm: give 1 to {LONGEST} mm", CompactNumber(&length))));
     }
     let direction = match (args.heading, args.pitch) {
         (Some(heading), Some(pitch)) => {
@@ -117,7 +114,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     };
     if let Some(output) = args.output.as_deref() {
         if args.json && is_standard_output(output) {
-            return Err(Failure::bad_input("-o - and --json both go to standard output: leave one of them out"));
+            return Err(Failure::bad_input("-o - and --json both go to standard output: remove one of them"));
         }
         format_from_extension(output, if args.scene.is_some() { &["csv"] } else { &FORMATS })?;
         refuse_inputs(output)?;

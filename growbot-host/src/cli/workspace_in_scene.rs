@@ -72,9 +72,9 @@ const REASONS: [Reason; 5] = [
 /// Returns a reason as text.
 fn in_words(name: &str, answer: &SceneWorkspace) -> String {
     match name {
-        "too_far" => "farther than the body is long, even without obstacles".to_owned(),
-        "too_near" => "in an obstacle, or too near to one".to_owned(),
-        "separated" => "every way there is too narrow".to_owned(),
+        "too_far" => "farther away than the body's length, even without obstacles".to_owned(),
+        "too_near" => "inside an obstacle, or too near to one".to_owned(),
+        "separated" => "every passage to it is too narrow".to_owned(),
         "at_resolution" => {
             let step = answer.resolution().map_or(0.0, |step| (step * 100.0).round() / 100.0);
             format!("none of arcs and lines of {} mm", CompactNumber(&step))
@@ -106,7 +106,7 @@ fn table(question: &WorkspaceQuery, through: &SceneOptions, answer: &SceneWorksp
             text += &format!("{count:>15}  {}\n", in_words(name, answer));
         }
     }
-    text += &format!("{not_found:>7}  none found with --effort {}, and there may be one\n", through.effort);
+    text += &format!("{not_found:>7}  none found with --effort {}; one may exist\n", through.effort);
     text += "\ndistance, mm      path    none  not found\n";
     let mut from = 0.0;
     for (to, GoalCounts { reachable: path, none, not_found }) in answer.bands() {

@@ -62,7 +62,7 @@ const IN_PROPORTION: [(&str, &str); 3] = [
 #[derive(Debug, thiserror::Error)]
 pub enum AnswerError {
     /// The answer has the wrong type.
-    #[error("{path} cannot be {text:?}: give {kind}")]
+    #[error("invalid value {text:?} for {path}: expected {kind}")]
     Kind {
         /// Path of the field.
         path: &'static str,
@@ -72,7 +72,7 @@ pub enum AnswerError {
         kind: &'static str,
     },
     /// The name is that of a built-in robot.
-    #[error("{name} is built in, and plans tell robots apart by name: choose another name")]
+    #[error("{name} is a built-in robot, and plans identify robots by name: choose another name")]
     BuiltIn {
         /// The name.
         name: String,
@@ -229,9 +229,9 @@ impl Draft {
         let name = robot.name();
         let mut text = self.directives.clone();
         text += &comment(&format!(
-            "{name}: begun by `growbot new-robot` from {}. \"given\" marks what was answered, \"adapted\" what had to \
-             follow from it, \"assumed\" what nobody has measured: measure it before you rely on it. Other remarks \
-             are those of {}:",
+            "{name}: created by `growbot new-robot` from {}. \"given\" marks an answer, \"adapted\" a value adjusted \
+             to the answers, \"assumed\" a value that has not been measured: measure it before relying on it. Other \
+             remarks are from {}:",
             self.base, self.base
         ));
         text += "#\n";
@@ -275,7 +275,7 @@ impl Draft {
             }
             Some(Value::Float(_)) if text == NO_LIMIT => Ok(1e9.into()),
             Some(Value::Float(_)) => {
-                let number: f64 = text.parse().map_err(|_| refused("a number, say 1.5"))?;
+                let number: f64 = text.parse().map_err(|_| refused("a number such as 1.5"))?;
                 Ok(number.into())
             }
             _ => Ok(text.trim_matches('"').into()),

@@ -17,7 +17,7 @@ use crate::settings::SettingsToml;
 /// Returns the schema of plan files.
 #[must_use]
 pub fn plan_schema() -> Value {
-    of::<PlanFile>("growbot plan", "A path with what it takes to grow it. Lengths are in mm: names carry the unit.")
+    of::<PlanFile>("growbot plan", "A path and the data needed to grow it. Lengths are in mm: names carry the unit.")
 }
 
 /// Returns the schema of scene files.
@@ -38,7 +38,7 @@ pub fn run_event_schema() -> Value {
 /// Returns the schema of results, as `grow`, `resume` and `replay` print them with `--json`.
 #[must_use]
 pub fn result_schema() -> Value {
-    of::<GrowthResult>("growbot result", "What a growth came to. Lengths are in mm: names carry the unit.")
+    of::<GrowthResult>("growbot result", "Result of a growth. Lengths are in mm: names carry the unit.")
 }
 
 /// Returns the schema of the notices that webhooks and commands of the service receive.
@@ -46,14 +46,14 @@ pub fn result_schema() -> Value {
 pub fn notice_schema() -> Value {
     of::<Notification>(
         "growbot notice",
-        "What `growbot serve` tells who does not look. Receivers skip fields that they do not know.",
+        "Notification that `growbot serve` sends. Receivers skip fields that they do not know.",
     )
 }
 
 /// Returns the schema of `growbot.toml`.
 #[must_use]
 pub fn settings_schema() -> Value {
-    of_read::<SettingsToml>("growbot.toml", "What is set for all commands of growbot.")
+    of_read::<SettingsToml>("growbot.toml", "Settings for all commands of growbot.")
 }
 
 fn of<T: JsonSchema>(title: &str, description: &str) -> Value {

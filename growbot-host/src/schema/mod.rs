@@ -44,7 +44,8 @@ pub fn robot_file_schema_without_bounds() -> Value {
     let materials = SchemaSettings::draft07().with(|settings| settings.inline_subschemas = true);
     let preset = materials.into_generator().into_root_schema_for::<MaterialPreset>().to_value();
     schema["properties"]["materials"] = json!({
-        "description": "Presets of materials for maintenance, by name: the host's alone, and no part of what the robot is.",
+        "description": "Material presets for maintenance, by name. They stay on the host and are not part of the robot \
+                        description.",
         "type": "object",
         "additionalProperties": without_head(preset),
     });
@@ -53,7 +54,7 @@ pub fn robot_file_schema_without_bounds() -> Value {
         root.insert("title".into(), json!("growbot robot file"));
         root.insert(
             "description".into(),
-            json!("A robot that moves by growing. Lengths are in mm: names carry the unit."),
+            json!("Description of a robot that moves by growing. Lengths are in mm: names carry the unit."),
         );
     }
     schema

@@ -71,9 +71,9 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         info: Info {
             title: "growbot serve".to_owned(),
             description: Some(
-                "Robots that grow, their jobs, and orders to them. Lengths are in mm, angles in degrees, temperatures \
-                 in C: names carry the unit. Every address begins with a secret, which `growbot serve` prints; on the \
-                 socket of the user's runtime directory there is none."
+                "Robots, their jobs, and commands to them. Lengths are in mm, angles in degrees, temperatures in C: \
+                 names carry the unit. URLs contain an access token, which `growbot serve` prints; requests on the \
+                 Unix socket in the user's runtime directory need none."
                     .to_owned(),
             ),
             version: "1".to_owned(),
@@ -82,21 +82,27 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         ..OpenApi::default()
     };
     let router = ApiRouter::new()
-        .api_route("/access", get_with(access, describe("What this address may do.")))
+        .api_route("/access", get_with(access, describe("Permissions of this URL.")))
         .api_route("/robots", get_with(robots, describe("All robots.")))
         .api_route("/robots/{robot}", get_with(robot, describe("One robot.")))
         .api_route(
             "/robots/{robot}/jobs",
             post_with(
                 new_job,
-                describe("Grow a body: a plan, or straight to a goal. The same Idempotency-Key begins no second job."),
+                describe(
+                    "Start a job from a plan or a goal. A repeated request with the same Idempotency-Key returns the \
+                     existing job.",
+                ),
             ),
         )
         .api_route(
             "/robots/{robot}/commands",
             post_with(
                 order,
-                describe("Give an order. An emergency stop is answered once the board says that everything is off."),
+                describe(
+                    "Send a command. The response to an emergency stop is sent after the board has confirmed that \
+                     everything is off.",
+                ),
             ),
         )
         .api_route(
@@ -112,13 +118,13 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
             post_with(
                 new_scene,
                 describe(
-                    "Keep a scene, to plan through it: a scene file that names no others, a mesh or a cloud of points.",
+                    "Store a scene for planning: a scene file that names no other files, a mesh or a point cloud.",
                 ),
             ),
         )
-        .api_route("/jobs", get_with(jobs, describe("The latest jobs, the newest first.")))
+        .api_route("/jobs", get_with(jobs, describe("The latest jobs, newest first.")))
         .api_route("/jobs/{job}", get_with(job, describe("One job.")))
-        .api_route("/jobs/{job}/resume", post_with(resume, describe("Resume a job that was left unfinished.")))
+        .api_route("/jobs/{job}/resume", post_with(resume, describe("Resume an unfinished job.")))
         .route("/robots/{robot}/port-lease", post(lease_port))
         .route("/page-urls", get(addresses))
         .route("/plans/{number}/view", get(view_plan))
@@ -185,7 +191,7 @@ pub struct PageUrls {
 async fn addresses(State(service): ServiceState, Extension(access): Extension<Access>) -> ApiResult<PageUrls> {
     match access {
         Access::Control(CommandSource::Socket) => Ok(Json(service.addresses.get().cloned().unwrap_or_default())),
-        _ => Err(Problem::forbidden("addresses are told to commands on the machine of the service alone")),
+        _ => Err(Problem::forbidden("only commands on the service's machine may read the URLs")),
     }
 }
 
@@ -234,7 +240,7 @@ fn make_job(
     let before =
         || match key.map_or(Ok(None), |key| service.shared.jobs().find_by_key(key)).map_err(Problem::internal)? {
             Some(job) if job.robot != keeper.name => Err(Problem::bad(format!(
-                "the idempotency key was used for job {} on robot {}: take another one for each job",
+                "the idempotency key was used for job {} on robot {}: use a new key for each job",
                 job.id, job.robot
             ))),
             job => Ok(job),
@@ -245,8 +251,8 @@ fn make_job(
     let robot = keeper.description().map_err(Problem::conflict)?;
     if wanted.feedback && !can_measure(&robot) {
         return Err(Problem::conflict(format!(
-            "robot {} has nothing to measure layers by: give it sensors.filament_motion or sensors.orientation, or leave \
-             out feedback",
+            "robot {} has no sensor that measures layers: give it sensors.filament_motion or sensors.orientation, or \
+             remove feedback",
             robot.name()
         )));
     }
@@ -321,7 +327,7 @@ fn ensure_resumable(job: &Job) -> Result<(), String> {
     match job.state {
         JobState::Active | JobState::Interrupted => Ok(()),
         JobState::Done => Err(format!("job {} is done: there is nothing to resume", job.id)),
-        JobState::Failed => Err(format!("job {} has ended before it had begun: grow its plan again", job.id)),
+        JobState::Failed => Err(format!("job {} ended before it started: grow its plan again", job.id)),
     }
 }
 
@@ -365,9 +371,9 @@ async fn maintain(
         let robot = keeper.description().map_err(Problem::conflict)?;
         let understood = keeper.presets().task(&task, &value, &robot);
         let asked = match (understood, keeper.status().job) {
-            (None, _) => return Err(Problem::bad(format!("{task:?} is no task of maintenance"))),
+            (None, _) => return Err(Problem::bad(format!("unknown maintenance task {task:?}"))),
             (Some(Err(why)), _) => return Err(Problem::bad(why)),
-            (Some(Ok(_)), Some(_)) => Err(format!("robot {name} has a job under way: pause it, and use its page")),
+            (Some(Ok(_)), Some(_)) => Err(format!("robot {name} has an active job: pause the job and use its page")),
             (Some(Ok(task)), None) => keeper.request(RobotRequest::Task(task), COMMAND_TIMEOUT),
         };
         service.shared.audit.note(by, &name, &task, asked.as_ref().err().map(String::as_str));
@@ -484,7 +490,7 @@ async fn live(
 
 fn live_of(service: &Service, job: &Job) -> Result<Arc<LiveGrowth>, Problem> {
     let live = find_robot(service, &job.robot)?.live(&job.id);
-    live.ok_or_else(|| Problem::conflict(format!("job {} is not under way", job.id)))
+    live.ok_or_else(|| Problem::conflict(format!("job {} is not active", job.id)))
 }
 
 async fn live_updates(State(service): ServiceState, Path(id): Path<String>) -> Result<Response, Problem> {

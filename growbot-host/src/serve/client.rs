@@ -25,7 +25,7 @@ use super::robot_worker::RobotStatus;
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
     /// The service does not respond.
-    #[error("the service does not answer ({0}): is `growbot serve` running?")]
+    #[error("cannot reach the growbot service ({0}): is `growbot serve` running?")]
     Unreachable(String),
     /// The service has rejected the request.
     #[error("{detail}")]
@@ -143,7 +143,7 @@ impl ServiceClient {
             }
             serde_json::from_slice(&bytes).map_err(ServiceError::silent)
         };
-        let late = |_| ServiceError::Unreachable(format!("no answer within {:.1} s", limit.as_secs_f64()));
+        let late = |_| ServiceError::Unreachable(format!("no response within {:.1} s", limit.as_secs_f64()));
         timeout(limit, asked).await.map_err(late)?
     }
 
@@ -177,7 +177,7 @@ impl ServiceClient {
             let bytes = incoming.collect().await.map_err(ServiceError::silent)?.to_bytes();
             Err(refused(status, &bytes))
         };
-        let late = |_| ServiceError::Unreachable(format!("no answer within {:.1} s", RESPONSE_TIMEOUT.as_secs_f64()));
+        let late = |_| ServiceError::Unreachable(format!("no response within {:.1} s", RESPONSE_TIMEOUT.as_secs_f64()));
         self.runtime.block_on(async { timeout(RESPONSE_TIMEOUT, begun).await.map_err(late)? })
     }
 

@@ -18,7 +18,7 @@ const ESTOP_OUT_OF_BAND_DELAY: Duration = Duration::from_millis(60);
 /// Time within which a robot without a growth carries out an emergency stop, unless it is busy with another request.
 const ESTOP_IDLE_TIMEOUT: Duration = Duration::from_millis(250);
 /// Message after an emergency stop that failed.
-const ESTOP_UNCONFIRMED: &str = "nobody has acknowledged the emergency stop: cut the power of the robot now";
+const ESTOP_UNCONFIRMED: &str = "the board did not confirm the emergency stop: cut the robot's power now";
 
 /// A command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
@@ -80,11 +80,11 @@ pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand) -> Result<(
         (RobotCommand::Stop, _) => keeper.request(RobotRequest::Stop, COMMAND_TIMEOUT),
         (RobotCommand::ClearFault, _) => keeper.request(RobotRequest::ClearFault, COMMAND_TIMEOUT),
         (RobotCommand::Cancel, _) if keeper.status().job.is_some() => {
-            Err(format!("robot {} has a job under way: stop it first", keeper.name))
+            Err(format!("robot {} has an active job: stop the job first", keeper.name))
         }
         (RobotCommand::Cancel, _) => keeper.request(RobotRequest::Cancel, COMMAND_TIMEOUT),
         (RobotCommand::Pause | RobotCommand::Continue, _) => {
-            Err(format!("robot {} has no job under way, so there is nothing to {}", keeper.name, order.name()))
+            Err(format!("robot {} has no active job, so there is nothing to {}", keeper.name, order.name()))
         }
     }
 }
@@ -118,8 +118,8 @@ fn wait_until_stopped(keeper: &RobotWorker) -> Result<(), String> {
         let view = keeper.status();
         if let Some(trouble) = view.connection_error {
             return Err(format!(
-                "the stop is given when the robot {} is there again ({trouble}): give the emergency stop, or cut its \
-                 power, if it must be off now",
+                "the stop will be sent when robot {} is connected again ({trouble}): if it must be off now, send the \
+                 emergency stop or cut its power",
                 keeper.name
             ));
         }
@@ -129,7 +129,7 @@ fn wait_until_stopped(keeper: &RobotWorker) -> Result<(), String> {
         if began.elapsed() > COMMAND_TIMEOUT {
             let (robot, limit) = (&keeper.name, COMMAND_TIMEOUT.as_secs());
             return Err(format!(
-                "robot {robot} has not confirmed the stop within {limit} s: give the emergency stop, or cut its power"
+                "robot {robot} did not confirm the stop within {limit} s: send the emergency stop, or cut its power"
             ));
         }
         std::thread::sleep(Duration::from_millis(5));

@@ -64,7 +64,7 @@ impl GrowRequest {
     pub fn resolve(&self, robot: &Robot, places: &ServicePaths, access: Access) -> Result<PlanInScene, Problem> {
         let scene = self.scene_file(places, access)?;
         match (&self.plan, &self.to) {
-            (Some(_), Some(_)) => Err(Problem::bad("both plan and to are given: leave one of them out")),
+            (Some(_), Some(_)) => Err(Problem::bad("both plan and to are given: remove one of them")),
             (None, None) => Err(Problem::bad("there is nothing to grow: give plan, or to")),
             (Some(plan), None) => self.given(plan, robot, scene.as_deref()),
             (None, Some(goal)) => self.to_goal(goal, robot, scene.as_deref()),
@@ -86,7 +86,7 @@ impl GrowRequest {
         let LoadedPlan { robot: of, mut plan, scene: within } = opened.map_err(Problem::bad)?;
         if of.hash() != robot.hash() {
             return Err(Problem::conflict(format!(
-                "the plan is for {} ({:016x}), and the robot is {} ({:016x}): plan for that one",
+                "the plan is for {} ({:016x}), but the robot is {} ({:016x}): plan for that robot",
                 of.name(),
                 of.hash(),
                 robot.name(),

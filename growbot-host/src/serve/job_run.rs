@@ -40,7 +40,7 @@ impl RobotWorker {
             around.iter().fold(feedback, Feedback::with_scene)
         });
         if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
-            let remedy = "give the scene a larger margin_mm or the plan another radius, or set ignore_scene";
+            let remedy = "set a larger margin_mm in the scene or another radius for the plan, or set ignore_scene";
             return refuse(&reply, &format!("{too_near}: {remedy}"));
         }
         let imperfection = ErrorModel::default();
@@ -158,7 +158,11 @@ impl RobotWorker {
         match connection.client.stop() {
             Ok(_) => {
                 self.update_state(|known| known.stop_on_reconnect = false);
-                self.set_job_state(job, JobState::Interrupted, Some("stopped, as ordered when its line was lost"));
+                self.set_job_state(
+                    job,
+                    JobState::Interrupted,
+                    Some("stopped, as requested while the board was disconnected"),
+                );
                 LinkState::Ready
             }
             Err(error) => LinkState::Lost(error.to_string()),
@@ -281,7 +285,7 @@ impl<'a> RunningJob<'a> {
         self.keeper.update_state(|known| (known.commands, known.live_growth, known.finish_utc) = (None, None, None));
         let simulated = self.keeper.is_simulated();
         match grown {
-            Ok(grown) if grown.outcome == Outcome::Lost => self.detach("the board has not answered for too long"),
+            Ok(grown) if grown.outcome == Outcome::Lost => self.detach("the board has not responded for too long"),
             Ok(grown) => {
                 let mut result = GrowthResult::new(&grown, plan, None, simulated);
                 let missing = self.log.missing_lines();

@@ -52,7 +52,7 @@ const TABLES: &str = "
 #[derive(Debug, thiserror::Error)]
 pub enum JobStoreError {
     /// A file or directory cannot be used.
-    #[error("cannot use {path}: {reason}; the service needs a directory of its own that it can write to", path = .path.display())]
+    #[error("cannot use {path}: {reason}; the service needs its own writable directory", path = .path.display())]
     File {
         /// Path of the file.
         path: PathBuf,
@@ -61,8 +61,8 @@ pub enum JobStoreError {
     },
     /// Another release has written the database.
     #[error(
-        "{path} was written by {} release of growbot (tables {found}, this release uses {VERSION}): use that release, or \
-         move the file away, because the list is then rebuilt from the run logs beside it",
+        "{path} was written by {} release of growbot (tables {found}, this release uses {VERSION}): use that release, \
+         or move the file away, and the service rebuilds the list from the run logs next to it",
         if *found > VERSION { "a later" } else { "an earlier" },
         path = .path.display()
     )]
@@ -73,7 +73,7 @@ pub enum JobStoreError {
         found: i64,
     },
     /// SQLite has failed.
-    #[error("the list of jobs: {0}; it is made anew from the run logs when jobs.sqlite is moved away")]
+    #[error("the list of jobs: {0}; move jobs.sqlite away, and the service rebuilds the list from the run logs")]
     Database(#[from] rusqlite::Error),
 }
 
@@ -176,7 +176,7 @@ impl JobStore {
             let aside = path.with_extension("damaged");
             fs::rename(&path, &aside).map_err(|error| JobStoreError::of(&path, &error))?;
             crate::warning!(
-                "the list of jobs is damaged: it is made anew from the run logs, and kept as {}",
+                "the list of jobs is damaged: it was rebuilt from the run logs, and the old file is kept as {}",
                 aside.display()
             );
             jobs.database = Connection::open(&path)?;
@@ -199,7 +199,7 @@ impl JobStore {
         let active: Vec<String> = statement.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
         let mut never_begun = active.iter().filter(|id| !self.log_path(id).exists());
         never_begun
-            .try_for_each(|id| self.set_state(id, JobState::Failed, Some("the service ended before it had begun")))
+            .try_for_each(|id| self.set_state(id, JobState::Failed, Some("the service ended before the job started")))
     }
 
     /// Creates the tables and enters a job for each run log, all of them or none.
@@ -232,7 +232,7 @@ impl JobStore {
             let record = match RecordedRun::open(&path) {
                 Ok(record) => record,
                 Err(error) => {
-                    crate::warning!("a job is missing in the list, whose run log cannot be read: {error}");
+                    crate::warning!("a job is missing from the list, because its run log cannot be read: {error}");
                     continue;
                 }
             };
@@ -421,7 +421,7 @@ mod tests {
         let ended = JobStore::open(&places).unwrap().get("20261123T014500123_lab").unwrap().unwrap();
         assert_eq!(
             (ended.state, ended.reason.as_deref()),
-            (JobState::Failed, Some("the service ended before it had begun"))
+            (JobState::Failed, Some("the service ended before the job started"))
         );
     }
 

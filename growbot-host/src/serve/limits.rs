@@ -42,7 +42,7 @@ const WRITE_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Returns the HTTP response to a connection beyond the limit.
 fn too_many() -> Vec<u8> {
-    let problem = Problem::busy(&format!("{CONNECTIONS} connections are open"));
+    let problem = Problem::busy(&format!("{CONNECTIONS} connections are already open"));
     let body = serde_json::to_string(&problem).unwrap_or_default();
     format!(
         "HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\nretry-after: 1\r\ncontent-type: \
@@ -187,13 +187,15 @@ pub async fn buffer_body(State(door): State<Arc<ConnectionLimiter>>, request: Re
     if length.upper().is_none_or(|length| length > SHORT_BODY) {
         match Arc::clone(&door.long_bodies).try_acquire_owned() {
             Ok(place) => _place = Some(place),
-            Err(_) => return Problem::busy(&format!("{LONG_BODIES} long requests are being read")).into_response(),
+            Err(_) => {
+                return Problem::busy(&format!("{LONG_BODIES} long requests are already being read")).into_response();
+            }
         }
     }
     match timeout(door.request, to_bytes(body, MAX_BODY)).await {
         Ok(Ok(bytes)) => next.run(Request::from_parts(parts, bytes.into())).await,
         Ok(Err(error)) if is_too_long(&error) => Problem::too_long(MAX_BODY).into_response(),
-        Ok(Err(error)) => Problem::bad(format!("the request broke off: {error}")).into_response(),
+        Ok(Err(error)) => Problem::bad(format!("the request was interrupted: {error}")).into_response(),
         Err(_) => Problem::too_slow(door.request).into_response(),
     }
 }
@@ -212,7 +214,7 @@ pub async fn limit_concurrency(
     let is = |ends: &[&str]| ends.iter().any(|end| path.ends_with(end));
     if is(&["/events", "/events/ws", "/updates"]) {
         let Ok(place) = Arc::clone(&door.streams).try_acquire_owned() else {
-            return Problem::busy(&format!("{STREAMS} streams of events are open")).into_response();
+            return Problem::busy(&format!("{STREAMS} event streams are already open")).into_response();
         };
         let permit = StreamPermit(Arc::new(place));
         request.extensions_mut().insert(permit.clone());

@@ -107,13 +107,13 @@ impl NotificationContext<'_> {
     pub fn notice(&self, event: NotificationEvent, fault: Option<Fault>, why: Option<&str>) -> Notification {
         let robot = format!("{} {}", if self.simulated { "simulated robot" } else { "robot" }, self.robot);
         let at = format!("after layer {} of {}", self.laid, self.layers);
-        let why = why.unwrap_or("look at it");
+        let why = why.unwrap_or("check the robot");
         let message = match event {
             NotificationEvent::Finish => format!("{robot} has laid all {} layers", self.layers),
-            NotificationEvent::Fault => format!("{robot} has stopped with a fault {at}: {why}"),
+            NotificationEvent::Fault => format!("{robot} stopped with a fault {at}: {why}"),
             NotificationEvent::Pause => format!("{robot} pauses {at}: {why}"),
             NotificationEvent::FilamentRunout => format!("{robot} pauses {at}: {why}"),
-            NotificationEvent::Interrupted => format!("{robot} has left its job {at}: {why}"),
+            NotificationEvent::Interrupted => format!("{robot} abandoned its job {at}: {why}"),
         };
         Notification {
             version: VERSION,
@@ -280,7 +280,7 @@ mod tests {
         assert_eq!(tell(None, None), []);
         assert_eq!(
             tell(None, asked),
-            [(NotificationEvent::Pause, "simulated robot lab pauses after layer 12 of 78: as asked".to_owned())]
+            [(NotificationEvent::Pause, "simulated robot lab pauses after layer 12 of 78: on request".to_owned())]
         );
         assert_eq!(tell(None, asked), [], "as after a restart");
         assert_eq!(tell(None, None), []);

@@ -42,13 +42,16 @@ const SECRET: &str = "whsec_";
 #[derive(Debug, thiserror::Error)]
 pub enum NotifyError {
     /// The address is invalid. The message does not repeat it, because it may contain a secret.
-    #[error("the webhook of [serve.notify] is no address: give one that begins with https:// or http://, and a host")]
+    #[error("the webhook of [serve.notify] is not a URL: give one with https:// or http:// and a host")]
     Address,
     /// The command is empty.
-    #[error("the command of [serve.notify] is empty: give a list of a program and its arguments, or take the line out")]
+    #[error("the command of [serve.notify] is empty: give a list of a program and its arguments, or remove the line")]
     Command,
     /// The webhook's secret cannot be used.
-    #[error("cannot use the webhook's secret in {path}: {reason}; delete the file, and another secret is drawn")]
+    #[error(
+        "cannot use the webhook's secret in {path}: {reason}; delete the file, and the service generates another \
+         secret"
+    )]
     Secret {
         /// Path of the secret's file.
         path: String,
@@ -131,7 +134,7 @@ impl ServiceContext {
             return;
         }
         if let Err(error) = self.notifier.tell(self, &about.notice(event, None, why)) {
-            crate::warning!("nobody can be told that {event:?}: {error}");
+            crate::warning!("cannot queue the notification {event:?}: {error}");
         }
     }
 
@@ -148,7 +151,7 @@ impl ServiceContext {
             self.jobs().set_notified(about.robot, condition)
         };
         if let Err(error) = told() {
-            crate::warning!("nobody can be told of robot {}: {error}", about.robot);
+            crate::warning!("cannot queue notifications of robot {}: {error}", about.robot);
         }
     }
 }
@@ -162,7 +165,7 @@ impl NotifierThreads {
                 .name(format!("{channel:?}"))
                 .spawn(move || run(&shared, channel, &woken, &teller));
             if let Err(error) = spawned {
-                crate::warning!("nobody is told anything by {channel:?}: the system gives it no thread: {error}");
+                crate::warning!("notifications by {channel:?} are off: cannot start a thread: {error}");
             }
         }
     }
@@ -205,11 +208,14 @@ fn deliver(shared: &ServiceContext, next: &QueuedNotification, teller: &Notifica
     let pause = FIRST_RETRY_DELAY.saturating_mul(1 << next.attempts.min(12)).min(MAX_RETRY_DELAY);
     let due_ms = now_ms() + as_ms(pause);
     if due_ms > next.created_ms + as_ms(MAX_AGE) {
-        crate::warning!("{by} has not taken a notice ({why}): after {} h it is given up", MAX_AGE.as_secs() / 3600);
+        crate::warning!(
+            "{by} did not accept a notification ({why}): it was dropped after {} h",
+            MAX_AGE.as_secs() / 3600
+        );
         return shared.jobs().remove_notification(next.id);
     }
     if next.attempts == 0 {
-        crate::warning!("{by} has not taken a notice ({why}): it is told again later");
+        crate::warning!("{by} did not accept a notification ({why}): it will be retried");
     }
     shared.jobs().reschedule_notification(next.id, due_ms)
 }
@@ -243,8 +249,8 @@ impl Webhook {
             .send(&next.notice);
         match answer {
             Ok(answer) if answer.status().is_success() => Ok(()),
-            Ok(answer) => Err(format!("it has answered {}", answer.status().as_u16())),
-            Err(ureq::Error::BadUri(_)) => Err("its address is none".to_owned()),
+            Ok(answer) => Err(format!("it responded {}", answer.status().as_u16())),
+            Err(ureq::Error::BadUri(_)) => Err("its URL is invalid".to_owned()),
             Err(error) => Err(error.to_string()),
         }
     }
@@ -270,7 +276,7 @@ fn secret_of(path: &Path) -> Result<Vec<u8>, NotifyError> {
         Err(why) => return Err(error(why.to_string())),
     };
     let encoded = text.trim().strip_prefix(SECRET).ok_or_else(|| error(format!("it does not begin with {SECRET}")))?;
-    let bytes = STANDARD.decode(encoded).map_err(|_| error("it is no base64".to_owned()))?;
+    let bytes = STANDARD.decode(encoded).map_err(|_| error("it is not base64".to_owned()))?;
     match bytes.len() {
         24..=64 => Ok(bytes),
         length => Err(error(format!("it has {length} bytes, and needs 24 to 64"))),
@@ -298,14 +304,14 @@ fn call(command: &[String], notice: &str) -> Result<(), String> {
     loop {
         match child.try_wait() {
             Ok(Some(status)) if status.success() => return Ok(()),
-            Ok(Some(status)) => return Err(format!("it has ended with {status}")),
+            Ok(Some(status)) => return Err(format!("it ended with {status}")),
             Ok(None) if began.elapsed() < COMMAND => sleep(Duration::from_millis(20)),
             Ok(None) => {
                 if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
                     let _ = kill_process_group(group, Signal::KILL);
                 }
                 let _ = child.wait();
-                return Err(format!("it had not ended after {} s", COMMAND.as_secs()));
+                return Err(format!("it did not end within {} s", COMMAND.as_secs()));
             }
             Err(error) => return Err(error.to_string()),
         }
@@ -335,7 +341,10 @@ mod tests {
         for wrong in ["", "whsec_", "whsec_????", "c2VjcmV0", "whsec_c2hvcnQ="] {
             fs::write(&path, wrong).unwrap();
             let said = secret_of(&path).unwrap_err().to_string();
-            assert!(said.contains("another secret is drawn") && (wrong.is_empty() || !said.contains(wrong)), "{said}");
+            assert!(
+                said.contains("the service generates another secret") && (wrong.is_empty() || !said.contains(wrong)),
+                "{said}"
+            );
         }
     }
 

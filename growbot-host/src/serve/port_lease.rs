@@ -63,7 +63,7 @@ pub async fn lease_port(
     Json(LeaseRequest { holder: to }): Json<LeaseRequest>,
 ) -> Result<Response, Problem> {
     if access != Access::Control(CommandSource::Socket) {
-        return Err(Problem::forbidden("a line is lent to commands on the machine of the service alone"));
+        return Err(Problem::forbidden("the service releases a port only to commands on its own machine"));
     }
     let keeper = Arc::clone(service.robot(&name).ok_or_else(|| Problem::not_found("robot", &name))?);
     let held = LeaseEndGuard(Arc::default());
@@ -91,7 +91,7 @@ pub async fn lease_port(
 impl RobotWorker {
     /// Waits until a lease of the closed port ends. Rejects all requests in the meantime, except for an emergency stop.
     pub(super) fn wait_for_lease_end(&self, loan: &PortLease, asked: &Receiver<PendingRequest>) {
-        let lent = format!("its line is lent to {}, which has to end first", loan.to);
+        let lent = format!("its port is in use by {}, which must end first", loan.to);
         self.update_state(|known| known.connection_error = Some(lent.clone()));
         while !loan.is_over.load(Ordering::Acquire) {
             let Ok(asked) = asked.recv_timeout(LEASE_POLL_INTERVAL) else { continue };
@@ -110,7 +110,9 @@ impl RobotWorker {
         let mut client = Client::new(port, &self.entry.port);
         match client.emergency_stop_within(ESTOP_CONFIRM_TIMEOUT, &mut 0) {
             Ok(true) => Ok(()),
-            Ok(false) => Err(format!("no answer at {} within {} s", self.entry.port, ESTOP_CONFIRM_TIMEOUT.as_secs())),
+            Ok(false) => {
+                Err(format!("no response at {} within {} s", self.entry.port, ESTOP_CONFIRM_TIMEOUT.as_secs()))
+            }
             Err(error) => Err(error.to_string()),
         }
     }

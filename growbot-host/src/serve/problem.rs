@@ -30,7 +30,7 @@ impl Problem {
 
     /// The requested object does not exist.
     pub fn not_found(what: &str, name: &str) -> Self {
-        Self::new(StatusCode::NOT_FOUND, "not found", format!("there is no {what} {name:?}"))
+        Self::new(StatusCode::NOT_FOUND, "not found", format!("no {what} {name:?}"))
     }
 
     /// The request is invalid.
@@ -48,7 +48,7 @@ impl Problem {
         Self::new(
             StatusCode::FORBIDDEN,
             "read-only",
-            "this address may only look: use the one with the operating token",
+            "this URL is read-only: use the control URL that `growbot serve` prints",
         )
     }
 
@@ -59,19 +59,19 @@ impl Problem {
 
     /// The request is too long.
     pub fn too_long(max: usize) -> Self {
-        let detail = format!("the request is longer than {max} bytes: send less");
+        let detail = format!("the request is longer than {max} bytes: send a shorter one");
         Self::new(StatusCode::PAYLOAD_TOO_LARGE, "too long", detail)
     }
 
     /// The request takes too long to arrive.
     pub fn too_slow(max: Duration) -> Self {
-        let detail = format!("the request was not whole within {} s: send it faster", max.as_secs());
+        let detail = format!("the request was not complete within {} s: send it faster", max.as_secs());
         Self::new(StatusCode::REQUEST_TIMEOUT, "too slow", detail)
     }
 
     /// A limit of the service is reached.
     pub fn busy(why: &str) -> Self {
-        Self::new(StatusCode::SERVICE_UNAVAILABLE, "busy", format!("{why}: try again when one of them has ended"))
+        Self::new(StatusCode::SERVICE_UNAVAILABLE, "busy", format!("{why}: try again after one of them has ended"))
     }
 
     /// An HTTP error with its status and text, for requests that were rejected before a handler ran.

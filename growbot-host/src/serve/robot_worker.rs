@@ -198,8 +198,7 @@ impl RobotWorker {
         let own = Arc::clone(&keeper);
         let spawned = thread::Builder::new().name(format!("robot {name}")).spawn(move || own.run(&asked));
         if let Err(error) = spawned {
-            keeper
-                .update_state(|known| known.connection_error = Some(format!("the system gives it no thread: {error}")));
+            keeper.update_state(|known| known.connection_error = Some(format!("cannot start its thread: {error}")));
         }
         keeper
     }
@@ -332,8 +331,9 @@ impl RobotWorker {
             let job = self.shared.jobs_to_read().get(id);
             job.is_ok_and(|job| job.is_some_and(|job| job.state == JobState::Active))
         };
-        job.filter(is_active)
-            .map_or(Ok(()), |job| Err(format!("robot {} has a job, {job}: wait for its end, or stop it", self.name)))
+        job.filter(is_active).map_or(Ok(()), |job| {
+            Err(format!("robot {} has an active job, {job}: wait until it ends, or stop it", self.name))
+        })
     }
 
     /// Sends a request to the robot's thread and waits for the response.
@@ -350,9 +350,14 @@ impl RobotWorker {
             // A request that times out is given up, because it would otherwise run later, when the user no longer
             // expects it.
             Err(match settled.swap(true, Ordering::AcqRel) {
-                false => format!("robot {robot} has not taken it on for {limit:.0} s, and it was given up: try again"),
+                false => {
+                    format!("robot {robot} did not accept the request within {limit:.0} s; it was cancelled: try again")
+                }
                 true => {
-                    format!("robot {robot} has taken it on, and not ended it within {limit:.0} s: look at its state")
+                    format!(
+                        "robot {robot} accepted the request, but did not finish it within {limit:.0} s: check the \
+                         robot's state"
+                    )
                 }
             })
         })
@@ -420,8 +425,12 @@ impl RobotWorker {
         let hello = client.identify().map_err(|error| error.to_string())?;
         let robot = match robot {
             Some(robot) => robot,
-            None => robot_file::load(hello.robot_name.as_str().as_ref())
-                .map_err(|_| format!("its board is {}, which is not built in: say `robot` of it", hello.robot_name))?,
+            None => robot_file::load(hello.robot_name.as_str().as_ref()).map_err(|_| {
+                format!(
+                    "its board's robot is {}, which is not built in: set `robot` for it in growbot.toml",
+                    hello.robot_name
+                )
+            })?,
         };
         let hello = client.open_session_for(&robot).map_err(|error| error.to_string())?;
         Ok(BoardConnection { client, simulation, robot, hello })
@@ -482,7 +491,7 @@ impl RobotWorker {
             RobotRequest::Lend(loan) => return LinkState::Leased(loan, asked.reply),
             RobotRequest::Cancel => client.status().and_then(|status| {
                 let cancel = Message::Cancel(Cancel { plan_id: status.plan_id });
-                client.request("to give the body up", &cancel).map(drop)
+                client.request("to discard the body", &cancel).map(drop)
             }),
             RobotRequest::Stop => client.stop().map(drop),
             RobotRequest::EmergencyStop => client.emergency_stop(),
@@ -501,9 +510,9 @@ impl RobotWorker {
 /// Returns an explanation of the pause.
 pub(super) fn pause_reason(cause: PauseCause) -> &'static str {
     match cause {
-        PauseCause::LayersExhausted => "it waits for layers",
-        PauseCause::Requested => "as asked",
-        PauseCause::FilamentOut => "the filament has run out: load a spool, and continue",
-        PauseCause::HostSilent => "nobody was there to look after it",
+        PauseCause::LayersExhausted => "waiting for layers",
+        PauseCause::Requested => "on request",
+        PauseCause::FilamentOut => "out of filament: load a spool, and continue",
+        PauseCause::HostSilent => "the board lost contact with its host",
     }
 }

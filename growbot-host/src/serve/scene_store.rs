@@ -24,7 +24,7 @@ pub fn store(places: &ServicePaths, name: &str, bytes: &[u8]) -> Result<String, 
     let is_scene_file = ending == "toml";
     if !is_scene_file && !is_geometry(Path::new(&format!("scene.{ending}"))) {
         return Err(Problem::bad(format!(
-            "{name:?} is no scene by its ending: send a .toml, .stl, .obj, .ply, .glb or .pcd"
+            "{name:?} has no extension of a scene: send a .toml, .stl, .obj, .ply, .glb or .pcd"
         )));
     }
     if is_scene_file {
@@ -33,8 +33,8 @@ pub fn store(places: &ServicePaths, name: &str, bytes: &[u8]) -> Result<String, 
             || written.meshes.iter().map(|mesh| &mesh.file).chain(written.clouds.iter().map(|cloud| &cloud.file));
         if let Some(other) = files().next() {
             return Err(Problem::bad(format!(
-                "{name} names {other}, which was not sent: send a scene of one file, or give it to `growbot grow \
-                 --scene` on the machine of the service"
+                "{name} refers to {other}, which was not sent: send a scene of a single file, or use `growbot grow \
+                 --scene` on the service's machine"
             )));
         }
     }
@@ -46,7 +46,7 @@ pub fn store(places: &ServicePaths, name: &str, bytes: &[u8]) -> Result<String, 
         .sum();
     if kept + bytes.len() as u64 > MAX_KEPT {
         return Err(Problem::conflict(format!(
-            "scenes of {MAX_KEPT} bytes are kept: remove those that no job needs from {}",
+            "the service already stores {MAX_KEPT} bytes of scenes: remove those that no job needs from {}",
             directory.display()
         )));
     }
@@ -67,5 +67,5 @@ pub fn find(places: &ServicePaths, name: &str) -> Result<PathBuf, Problem> {
     if is_name && path.is_file() {
         return Ok(path);
     }
-    Err(Problem::bad(format!("scene {name:?} is not here: send it to /scenes first, and name it as that answers")))
+    Err(Problem::bad(format!("no scene {name:?}: send it to /scenes first, and use the name in the response")))
 }

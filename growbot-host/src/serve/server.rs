@@ -50,7 +50,7 @@ pub enum ServerError {
         error: io::Error,
     },
     /// Another service listens on the socket.
-    #[error("another growbot serve of this user is running: its socket is {0}; end that one first")]
+    #[error("this user already runs `growbot serve` (socket {0}): end it first")]
     Running(String),
     /// A file cannot be used.
     #[error("cannot use {path}: {error}")]

@@ -217,13 +217,15 @@ impl GrowthTracker {
     fn explanation(&self) -> Option<&'static str> {
         match (self.fault, self.state, self.pause_cause) {
             (Some(fault), ..) => Some(fault.explanation()),
-            (None, "paused", PauseCause::Requested) => Some("paused as it was asked to"),
-            (None, "paused", PauseCause::HostSilent) => Some("paused until its host is back"),
+            (None, "paused", PauseCause::Requested) => Some("paused on request"),
+            (None, "paused", PauseCause::HostSilent) => Some("paused until its host is connected again"),
             (None, "paused", PauseCause::FilamentOut) => {
-                Some("out of filament: push the new one in up to the feed; preheat, load and purge it, then continue")
+                Some("out of filament: push new filament in up to the feed; preheat, load and purge it, then continue")
             }
             (None, "paused", PauseCause::LayersExhausted) => Some("paused until it has more layers"),
-            (None, "parked", _) => Some("a long pause has switched the heater off: Continue heats up and homes first"),
+            (None, "parked", _) => {
+                Some("the heater was switched off after a long pause: Continue heats and homes first")
+            }
             (None, "emergency-stop", _) => {
                 Some("stays off until the emergency stop is cleared (`clear` in `growbot console`)")
             }
@@ -437,8 +439,8 @@ mod tests {
         let JobEvent::Status(growing) = status(1) else { unreachable!() };
         let pause = |pause_cause| Status { state: State::Paused, pause_cause, ..growing.clone() };
         for (waits, explanation) in [
-            (PauseCause::Requested, "paused as it was asked to"),
-            (PauseCause::HostSilent, "paused until its host is back"),
+            (PauseCause::Requested, "paused on request"),
+            (PauseCause::HostSilent, "paused until its host is connected again"),
         ] {
             watched.ingest(&JobEvent::State(State::Paused));
             assert_eq!(shown(&watched), (json!("growing"), Value::Null), "not yet known why");

@@ -36,9 +36,7 @@ const LAST_WORDS: Duration = Duration::from_secs(3);
 #[derive(Debug, thiserror::Error)]
 pub enum WatchError {
     /// The address cannot be bound.
-    #[error(
-        "cannot serve the page at 127.0.0.1:{port} ({error}): choose another port with --watch-port, or leave it out"
-    )]
+    #[error("cannot serve the page at 127.0.0.1:{port} ({error}): choose another port with --watch-port, or remove it")]
     Address {
         /// Requested port, 0 for any.
         port: u16,
@@ -46,10 +44,10 @@ pub enum WatchError {
         error: io::Error,
     },
     /// The operating system provides no random numbers for the address.
-    #[error("the system gives no random numbers for a secret address ({0}): leave --watch out")]
+    #[error("cannot get random numbers for a secret address ({0}): remove --watch")]
     Random(getrandom::Error),
     /// The server does not start.
-    #[error("cannot start the page's server ({0}): leave --watch out")]
+    #[error("cannot start the page's server ({0}): remove --watch")]
     Server(io::Error),
     /// The page cannot be created.
     #[error(transparent)]

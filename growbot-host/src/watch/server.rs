@@ -105,7 +105,7 @@ async fn order(State(shared): State<Arc<WatchState>>, Path(name): Path<String>) 
 /// Queues a command with this name, which a page has sent.
 pub async fn send_command(live: &LiveGrowth, name: &str) -> Response {
     let Some(orders) = &live.orders else {
-        return (StatusCode::FORBIDDEN, "this page may only look: start growbot with --control").into_response();
+        return (StatusCode::FORBIDDEN, "this page is read-only: start growbot with --control").into_response();
     };
     let Some(order) = Command::ALL.into_iter().find(|order| order.name() == name) else { return not_found().await };
     orders.push(order);

@@ -22,10 +22,10 @@ const SAMPLES: u16 = 256;
 #[derive(Debug, thiserror::Error)]
 pub enum PdfError {
     /// The drawing is not valid SVG.
-    #[error("the picture cannot be drawn as PDF: {0}; take it as SVG")]
+    #[error("cannot draw the picture as PDF: {0}; write it as SVG")]
     Svg(#[from] usvg::Error),
     /// Compression of the page failed.
-    #[error("the picture cannot be packed as PDF: {0}; take it as SVG")]
+    #[error("cannot write the picture as PDF: {0}; write it as SVG")]
     Packing(#[from] std::io::Error),
 }
 

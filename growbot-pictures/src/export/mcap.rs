@@ -68,7 +68,7 @@ pub fn write(
     )?;
     recorder.frame(Topic::Tip, &plan.start)?;
     if record.is_simulated() {
-        recorder.event(LogLevel::Info, "the robot is a simulated one")?;
+        recorder.event(LogLevel::Info, "the robot is simulated")?;
     }
 
     let mut growing = body.layers_with_base().zip(&record.layers).enumerate().peekable();
@@ -292,7 +292,7 @@ impl Recorder {
         if let Some(code) = &result.fault {
             self.latched(Some(code))?;
         } else if result.outcome == OutcomeKind::Fault && self.fault.is_none() {
-            self.fault("unknown", "the log says that a fault ended the growth, not which")?;
+            self.fault("unknown", "the log does not name the fault that ended the growth")?;
         }
         self.event(level, &format!("end: {}", result.outcome))
     }

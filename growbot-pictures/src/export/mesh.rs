@@ -38,24 +38,21 @@ pub struct MeshResolution {
 #[derive(Debug, thiserror::Error)]
 pub enum MeshError {
     /// The body has almost no length.
-    #[error("the body is {length} mm long: that is no wall to make a mesh of")]
+    #[error("the body is {length} mm long: it has no wall to mesh")]
     TooShort {
         /// Length of the body, mm.
         length: f64,
     },
     /// The file would be too large.
-    #[error(
-        "the mesh would have {triangles} triangles, over {MAX_TRIANGLES}: take fewer --segments, or a ring --every so \
-         many layers"
-    )]
+    #[error("the mesh would have {triangles} triangles, more than {MAX_TRIANGLES}: lower --segments, or raise --every")]
     TooMany {
         /// Number of triangles.
         triangles: usize,
     },
     /// Numbers of 32 bits cannot distinguish the sides of the wall at this distance from the origin.
     #[error(
-        "the body lies up to {reach} mm out, where the 32-bit numbers of this format are {spacing} mm apart, too \
-         coarse for its wall: plan from nearer to the origin"
+        "the body reaches {reach} mm from the origin, where the 32-bit numbers of this format are {spacing} mm apart, \
+         too coarse for its wall: plan nearer to the origin"
     )]
     TooFar {
         /// Greatest coordinate, mm.

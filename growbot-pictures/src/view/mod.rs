@@ -59,7 +59,7 @@ const MAX_POLYLINE_POINTS: usize = 500;
 #[derive(Debug, thiserror::Error)]
 pub enum ViewError {
     /// The body has more layers than a browser can show.
-    #[error("{name} has {found} layers; a view shows {MAX_LAYERS} at most: split the plan")]
+    #[error("{name} has {found} layers, but a view shows at most {MAX_LAYERS}: split the plan")]
     TooManyLayers {
         /// Name of the body.
         name: String,
@@ -75,7 +75,7 @@ pub enum ViewError {
         what: &'static str,
     },
     /// A run log contains no temperatures.
-    #[error("{name} tells no temperature: leave it out of --plot")]
+    #[error("{name} has no temperature: remove it from --plot")]
     NoTemperatures {
         /// Name of the log.
         name: String,

@@ -40,7 +40,7 @@ pub fn difference(pair: [(&str, &Layers); 2]) -> String {
     let (longer, long, shorter, short) = if a >= b { (one, a, other, b) } else { (other, b, one, a) };
     let by = long - short;
     if by < 0.05 {
-        return format!("{one} and {other} are of one length");
+        return format!("{one} and {other} have the same length");
     }
     let share = if short > 0.0 { format!(" ({:.1} %)", 100.0 * by / short) } else { String::new() };
     format!("{longer} is {by:.1} mm{share} longer than {shorter}")

@@ -142,7 +142,7 @@ class Board:
         """
         self._must_be_idle()
         if ignore_scene and (scene is not None or json.loads(plan.to_json()).get("scene") is not None):
-            message = "ignore_scene: neither the plan nor its corrections are kept clear of the scene"
+            message = "ignore_scene: neither the plan nor its corrections are checked against the scene"
             warnings.warn(message, RuntimeWarning, stacklevel=2)
         growth = Growth(self._inner.grow(plan, conditions, seed, log, overwrite, force, ignore_scene, scene))
         # A growth that the program has dropped stops by itself, unless a service owns the robot.
@@ -172,7 +172,7 @@ class Board:
 
     def _must_be_idle(self) -> None:
         if self._under_way() is not None:
-            raise BoardError("a growth is under way: read its events to the end, or stop it", "growing", "idle")
+            raise BoardError("a growth is in progress: read its events to the end, or stop it", "growing", "idle")
 
     def status(self) -> Status:
         """Returns the status of the board."""

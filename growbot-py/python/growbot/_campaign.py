@@ -221,7 +221,7 @@ def run_campaign(
         chunks = _by_dask(scheduler, spec, samples)
     else:
         given = type(scheduler).__name__
-        message = f"scheduler is of type {given}: give a dask.distributed.Client, or none for threads"
+        message = f"scheduler is of type {given}: give a dask.distributed.Client, or None for threads"
         raise InputTypeError(message, given, "dask.distributed.Client")
     result = CampaignResult(spec)
     for done, chunk in enumerate(chunks, start=1):
@@ -271,7 +271,7 @@ def _by_dask(client: Any, spec: CampaignSpec, samples: Optional[Any]) -> Iterato
             # Dask blames a task if three of its workers were lost. A chunk is not to blame.
             losses[chunk] = losses.get(chunk, 0) + 1
             if losses[chunk] > _LOSSES:
-                message = f"chunk {chunk} was on {_LOSSES} workers that were lost: look at their memory and logs"
+                message = f"chunk {chunk} was on {_LOSSES} workers that were lost: check their memory and logs"
                 raise BoardError(message, losses[chunk], _LOSSES) from error
             running.add(submit(chunk))
             continue
@@ -316,7 +316,7 @@ def _listed(name: str, value: Any) -> tuple[Any, ...]:
     if len(items) > 1_000_000:
         raise InputError(f"{name} has more than 1000000 entries: split the campaign", len(items), 1_000_000)
     if not items:
-        raise InputError(f"{name} is empty: give one at least", 0, 1)
+        raise InputError(f"{name} is empty: give at least one", 0, 1)
     return items
 
 
@@ -339,6 +339,6 @@ def _whole(name: str, value: Any, least: int, most: int) -> int:
         raise InputTypeError(f"{name} is of type {given}: give a whole number", given, "int") from None
     if not least <= number <= most:
         value = number if abs(number) < 2**64 else float("inf") if number > 0 else -float("inf")
-        message = f"{name} is {value}, and may be {least} to {most}: give one within"
+        message = f"{name} is {value}: give {least} to {most}"
         raise InputError(message, value, least if number < least else most)
     return number

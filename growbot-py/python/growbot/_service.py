@@ -208,7 +208,7 @@ class ServiceGrowth:
         if outcome not in ("done", "stopped"):
             fault = f" ({self._result['fault']})" if self._result.get("fault") else ""
             raise BoardError(
-                f"the growth ended with {outcome}{fault}: look at robot {self._robot}; `growbot resume` resumes a body",
+                f"the growth ended with {outcome}{fault}: check robot {self._robot}; `growbot resume` resumes a body",
                 outcome,
                 "done",
             )
@@ -233,7 +233,7 @@ def _write(path: Path, content: bytes) -> None:
         beside.write_bytes(content)
         os.replace(beside, path)
     except OSError as error:
-        raise FileError(f"{path} cannot be written ({error.strerror}): name another file") from error
+        raise FileError(f"cannot write {path} ({error.strerror}): name another file") from error
 
 
 class ServiceBoard:
@@ -266,12 +266,12 @@ class ServiceBoard:
         feedback = conditions is not None and conditions.feedback
         if conditions not in (None, Conditions(), Conditions(feedback=True)) or seed not in (None, 1):
             raise InputError(
-                f"robot {self._robot} is owned by the service, which takes no noise, bias or seed: leave them out, or "
+                f"robot {self._robot} is owned by the service, which accepts no noise, bias or seed: remove them, or "
                 'connect to "sim"'
             )
         path = None if log is None else Path(log)
         if path is not None and path.exists() and not overwrite:
-            raise FileError(f"{path} is there already: name another file, or set overwrite=True")
+            raise FileError(f"{path} already exists: name another file, or set overwrite=True")
         written = json.loads(plan.to_json())
         request = {
             "plan": written,

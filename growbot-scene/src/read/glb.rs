@@ -93,14 +93,14 @@ struct BufferView {
 pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     let word = |at: usize| bytes.get(at..).and_then(|rest| rest.first_chunk()).map(|word| u32::from_le_bytes(*word));
     if bytes.get(..4) != Some(b"glTF") || word(4) != Some(2) {
-        return Err("it is no glTF 2.0 in binary form".to_owned());
+        return Err("not a binary glTF 2.0 file".to_owned());
     }
-    let length = word(12).ok_or("it stops in its header")? as usize;
-    let json = bytes.get(20..).and_then(|rest| rest.get(..length)).ok_or("it stops in its JSON")?;
+    let length = word(12).ok_or("it ends in its header")? as usize;
+    let json = bytes.get(20..).and_then(|rest| rest.get(..length)).ok_or("it ends in its JSON")?;
     let data = bytes.get(20 + length..).and_then(|rest| rest.get(8..)).unwrap_or_default();
     let document: Document = serde_json::from_slice(json).map_err(|error| format!("its JSON: {error}"))?;
     if let Some(extension) = document.extensions_required.first() {
-        return Err(format!("it needs the extension {extension}, which is not read: export it without"));
+        return Err(format!("it needs the extension {extension}, which is not supported: export the file without it"));
     }
     let mut reader = Reader { document: &document, data, geometry: RawGeometry::default(), visits: 0 };
     match document.scenes.get(document.scene) {
@@ -126,7 +126,7 @@ impl<'a> Reader<'a> {
         let node = self.document.nodes.get(index).ok_or_else(|| format!("it has no node {index}"))?;
         self.visits += 1;
         if depth > MAX_DEPTH || self.visits > MAX_VISITS {
-            return Err(format!("it shows more than {MAX_VISITS} nodes, or more than {MAX_DEPTH} within each other"));
+            return Err(format!("it has more than {MAX_VISITS} nodes, or nodes nested deeper than {MAX_DEPTH}"));
         }
         let world_from_node = world_from_parent * node.parent_from_node();
         if let Some(mesh) = node.mesh {
@@ -174,7 +174,7 @@ impl<'a> Reader<'a> {
         let mirrored = world_from_node.fixed_view::<3, 3>(0, 0).determinant() < 0.0;
         for face in indices.as_chunks::<3>().0 {
             if let Some(index) = face.iter().find(|index| **index >= count as i64) {
-                return Err(format!("a face has the corner {index}, and there are {count} points, counted from 0"));
+                return Err(format!("a face has corner {index}, but there are {count} points, counted from 0"));
             }
             let [a, b, c] = face.map(|index| first as i64 + index);
             fan(&if mirrored { [a, c, b] } else { [a, b, c] }, &mut self.geometry)?;
@@ -201,7 +201,7 @@ impl<'a> Reader<'a> {
             return Err(format!("accessor {index} has numbers of kind {}", accessor.component_type));
         }
         if accessor.sparse.is_some() {
-            return Err(format!("accessor {index} is sparse, which is not read: export it in full"));
+            return Err(format!("accessor {index} is sparse, which is not supported: export it in full"));
         }
         let view = accessor.buffer_view.and_then(|view| self.document.buffer_views.get(view));
         let view = view.ok_or_else(|| format!("accessor {index} has no bytes"))?;
@@ -213,12 +213,12 @@ impl<'a> Reader<'a> {
         }
         let bytes = self.data.get(view.byte_offset..).and_then(|rest| rest.get(..view.byte_length));
         let bytes = bytes.and_then(|bytes| bytes.get(accessor.byte_offset..));
-        let bytes = bytes.ok_or_else(|| format!("the bytes of accessor {index} are not all there"))?;
+        let bytes = bytes.ok_or_else(|| format!("accessor {index} extends beyond the data"))?;
         let stride = view.byte_stride.unwrap_or(size).max(size);
         let items: Vec<&'a [u8]> =
             bytes.chunks(stride).take(accessor.count).filter_map(|item| item.get(..size)).collect();
         if items.len() < accessor.count {
-            return Err(format!("accessor {index} has {} items, and says {}", items.len(), accessor.count));
+            return Err(format!("accessor {index} has {} items, but declares {}", items.len(), accessor.count));
         }
         Ok(items)
     }

@@ -56,7 +56,7 @@ pub enum ReadError {
         error: std::io::Error,
     },
     /// The file exceeds the size limit.
-    #[error("{file} is longer than {limit} bytes, the most that is read: make it smaller")]
+    #[error("{file} is longer than {limit} bytes, the maximum: make it smaller")]
     TooLong {
         /// The file.
         file: String,
@@ -64,13 +64,13 @@ pub enum ReadError {
         limit: u64,
     },
     /// The file extension is unknown.
-    #[error("{file} has an ending that is not known: give a file that ends in .stl, .obj, .ply, .glb or .pcd")]
+    #[error("{file}: unknown file extension; use .stl, .obj, .ply, .glb or .pcd")]
     UnknownExtension {
         /// The file.
         file: String,
     },
     /// The content does not match the extension, or is damaged.
-    #[error("{file} cannot be understood: {reason}; write it again")]
+    #[error("cannot parse {file}: {reason}; export the file again")]
     Malformed {
         /// The file.
         file: String,
@@ -99,7 +99,7 @@ pub fn bytes(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
     let unreadable = |error| ReadError::Unreadable { file: file(), error };
     // A pipe or a device might never end.
     if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
-        return Err(unreadable(std::io::Error::other("it is no file")));
+        return Err(unreadable(std::io::Error::other("it is not a file")));
     }
     let mut bytes = Vec::new();
     File::open(path).map_err(unreadable)?.take(limit + 1).read_to_end(&mut bytes).map_err(unreadable)?;
@@ -141,7 +141,7 @@ fn fan(corners: &[i64], geometry: &mut RawGeometry) -> Result<(), String> {
     let points = geometry.points.len();
     let corner = |index: i64| match usize::try_from(index) {
         Ok(found) if found < points => Ok(found as u32),
-        _ => Err(format!("a face has the corner {index}, and there are {points} points, counted from 0")),
+        _ => Err(format!("a face has corner {index}, but there are {points} points, counted from 0")),
     };
     let [first, rest @ ..] = corners else { return Ok(()) };
     let first = corner(*first)?;

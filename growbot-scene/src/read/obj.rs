@@ -9,8 +9,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
         let number = number + 1;
         match words.as_slice() {
             ["v", coordinates @ ..] => {
-                let point =
-                    parse_point(coordinates).ok_or_else(|| format!("line {number} has no three numbers after `v`"))?;
+                let point = parse_point(coordinates)
+                    .ok_or_else(|| format!("line {number} does not have three numbers after `v`"))?;
                 geometry.points.push(point);
             }
             ["f", corners @ ..] => {
@@ -21,7 +21,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
                     Some(if index < 0 { points.checked_add(index)? } else { index - 1 })
                 };
                 let corners: Option<Vec<i64>> = corners.iter().map(index).collect();
-                let corners = corners.ok_or_else(|| format!("line {number} has a corner that is no number"))?;
+                let corners = corners.ok_or_else(|| format!("line {number} has a corner that is not a number"))?;
                 fan(&corners, &mut geometry).map_err(|reason| format!("line {number}: {reason}"))?;
             }
             _ => {}

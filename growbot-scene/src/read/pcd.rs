@@ -46,7 +46,7 @@ impl Points {
     fn take_exactly(mut self, announced: usize) -> Result<Vec<Vector3<f64>>, String> {
         let found = self.0.len();
         if announced > found {
-            return Err(format!("it announces {announced} points, and has {found}"));
+            return Err(format!("its header declares {announced} points, but it has {found}"));
         }
         self.0.truncate(announced);
         // A point that a scanner did not detect is NaN.
@@ -61,14 +61,14 @@ fn header(bytes: &[u8]) -> Result<(PcdHeader, &[u8]), String> {
     while let Some(end) = rest.iter().position(|byte| *byte == b'\n') {
         let (line, after) = rest.split_at(end);
         rest = after.get(1..).unwrap_or_default();
-        let line = std::str::from_utf8(line).map_err(|_| "its header is no text")?;
+        let line = std::str::from_utf8(line).map_err(|_| "its header is not text")?;
         let mut words = line.split_ascii_whitespace();
         let key = words.next().unwrap_or("#");
         let words: Vec<&str> = words.collect();
         let numbers = || -> Result<Vec<usize>, String> {
             words
                 .iter()
-                .map(|word| word.parse().map_err(|_| format!("{key} has {word:?}, which is no number")))
+                .map(|word| word.parse().map_err(|_| format!("{key} has {word:?}, which is not a number")))
                 .collect()
         };
         match key {
@@ -97,7 +97,7 @@ fn fields(header: &PcdHeader) -> Result<([PcdField; 3], usize, usize), String> {
         let kind = header.kinds.get(index).ok_or("TYPE has fewer values than FIELDS")?;
         if let Some(axis) = ["x", "y", "z"].iter().position(|axis| axis == name) {
             if kind != "F" || !matches!(size, 4 | 8) || count != 1 {
-                return Err(format!("field {name} is no single number of type F and size 4 or 8"));
+                return Err(format!("field {name} is not a single number of type F and size 4 or 8"));
             }
             found[axis] = Some(PcdField { word, offset, size });
         }
@@ -106,14 +106,14 @@ fn fields(header: &PcdHeader) -> Result<([PcdField; 3], usize, usize), String> {
     }
     match found {
         [Some(x), Some(y), Some(z)] => Ok(([x, y, z], word, offset)),
-        _ => Err("its fields are without x, y or z".to_owned()),
+        _ => Err("its header lacks a field x, y or z".to_owned()),
     }
 }
 
 fn text(data: &[u8], fields: &[PcdField; 3], words: usize) -> Result<Points, String> {
     let mut points = Vec::new();
     for line in data.split(|byte| *byte == b'\n').filter(|line| !line.trim_ascii().is_empty()) {
-        let line = std::str::from_utf8(line).map_err(|_| "its points are no text")?;
+        let line = std::str::from_utf8(line).map_err(|_| "its points are not text")?;
         let values: Vec<&str> = line.split_ascii_whitespace().collect();
         let number = |field: &PcdField| values.get(field.word).and_then(|value| value.parse::<f64>().ok());
         let [Some(x), Some(y), Some(z)] = fields.each_ref().map(number) else {

@@ -73,7 +73,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     let mut geometry = RawGeometry::default();
     for (name, element) in &header.elements {
         if element.properties.is_empty() || element.count > bytes.len() {
-            return Err(format!("it announces {} of {name:?}, more than it has bytes", element.count));
+            return Err(format!("it declares {} of {name:?}, more than it has bytes", element.count));
         }
         match name.as_str() {
             "vertex" => {

@@ -18,9 +18,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     let is_text = bytes.trim_ascii_start().starts_with(b"solid");
     match (is_text, announced) {
         (true, _) => text(bytes),
-        (false, Some(announced)) => {
-            Err(format!("by its header it is {announced} bytes long, and it is {}", bytes.len()))
-        }
+        (false, Some(announced)) => Err(format!("its header declares {announced} bytes, but it has {}", bytes.len())),
         (false, None) => Err(format!("it has {} bytes, less than an STL file's header", bytes.len())),
     }
 }
@@ -46,7 +44,7 @@ fn text(bytes: &[u8]) -> Result<RawGeometry, String> {
         match words.as_slice() {
             ["vertex", coordinates @ ..] => corners.push(
                 parse_point(coordinates)
-                    .ok_or_else(|| format!("line {} has no three numbers after `vertex`", number + 1))?,
+                    .ok_or_else(|| format!("line {} does not have three numbers after `vertex`", number + 1))?,
             ),
             ["endfacet", ..] => {
                 let found = corners.len();
@@ -57,7 +55,7 @@ fn text(bytes: &[u8]) -> Result<RawGeometry, String> {
             _ => {}
         }
     }
-    if corners.is_empty() { Ok(geometry) } else { Err("it stops in the middle of a facet".to_owned()) }
+    if corners.is_empty() { Ok(geometry) } else { Err("it ends in the middle of a facet".to_owned()) }
 }
 
 fn push(geometry: &mut RawGeometry, triangle: [Vector3<f64>; 3]) {

@@ -53,7 +53,7 @@ impl Debugger {
                         return Ok(true);
                     }
                     None | Some(b'O') => {}
-                    _ => return Err(io::Error::other(format!("QEMU said {}", String::from_utf8_lossy(&packet)))),
+                    _ => return Err(io::Error::other(format!("QEMU reported {}", String::from_utf8_lossy(&packet)))),
                 }
             }
             match self.line.read(&mut buffer) {

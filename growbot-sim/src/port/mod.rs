@@ -33,14 +33,15 @@ use growbot_core::simulation::ErrorModel;
 pub enum OpenError {
     /// The port's name is not valid.
     #[error(
-        "port `{0}` is unknown: use sim, sim:NAME, emulator, emulator:ELF, rp2040, rp2040:ELF, rp2040:ELF,usb, tcp:HOST:PORT or a serial device such as /dev/ttyACM0"
+        "unknown port `{0}`: use sim, sim:NAME, emulator, emulator:ELF, rp2040, rp2040:ELF, rp2040:ELF,usb, \
+         tcp:HOST:PORT or a serial device such as /dev/ttyACM0"
     )]
     Unknown(String),
     /// A simulated robot can be reached only through its own program.
-    #[error("this simulated robot has no line of its own: it ends with its program; sim:NAME stays on")]
+    #[error("this simulated robot has no port, because it ends with its program: use sim:NAME, which is persistent")]
     NoEmergencyPort,
     /// A board cannot control this robot.
-    #[error("{0} cannot be grown by a board, nor by an emulated one: {1}")]
+    #[error("no board, real or emulated, can run robot {0}: {1}")]
     UnsupportedRobot(String, RobotError),
     /// Error of a resident simulated robot.
     #[error(transparent)]
@@ -244,7 +245,10 @@ mod tests {
         assert!(open(&PortName::Sim, &robot, &settings).is_ok());
         let Err(refused) = open(&PortName::Emulator(None), &robot, &settings) else { panic!("it is emulated") };
         let said = refused.to_string();
-        assert!(said.starts_with("growbot-c cannot be grown by a board") && said.contains("above 100000"), "{said}");
+        assert!(
+            said.starts_with("no board, real or emulated, can run robot growbot-c") && said.contains("above 100000"),
+            "{said}"
+        );
     }
 
     #[test]

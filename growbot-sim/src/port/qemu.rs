@@ -82,18 +82,19 @@ impl fmt::Display for QemuError {
                 write!(f, "{PROGRAM} is not installed: install QEMU {OLDEST} or newer (package qemu-system-arm)")
             }
             Self::TooOld(version) => write!(f, "{PROGRAM} is version {version}: version {OLDEST} or newer is needed"),
-            Self::UnknownVersion(said) => write!(f, "cannot tell the version of {PROGRAM}; it says: {said}"),
+            Self::UnknownVersion(said) => write!(f, "cannot determine the version of {PROGRAM}; it printed: {said}"),
             Self::NoFirmware(path) => {
                 write!(
                     f,
-                    "there is no firmware at {}: build it with `cargo build-an386` or `cargo build-stm32f405`",
+                    "no firmware at {}: build it with `cargo build-an386` or `cargo build-stm32f405`",
                     path.display()
                 )
             }
             Self::ExitedAtStart(said) => write!(f, "{PROGRAM} ended while starting the board: {}", or_nothing(said)),
             Self::ExitedWhileRunning(said) => write!(
                 f,
-                "{PROGRAM} ended under the board: {}; check that the image is growbot's firmware for the emulated board (`cargo build-an386`)",
+                "{PROGRAM} ended while the board was running: {}; check that the image is growbot's firmware for the \
+                 emulated board (`cargo build-an386`)",
                 first_line(said)
             ),
             Self::NotConnected(line, said) => {
@@ -115,7 +116,7 @@ impl std::error::Error for QemuError {
 }
 
 fn or_nothing(said: &str) -> &str {
-    if said.trim().is_empty() { "it said nothing" } else { said.trim() }
+    if said.trim().is_empty() { "it printed nothing" } else { said.trim() }
 }
 
 /// Returns the first line of QEMU's output. Registers may follow it.

@@ -27,21 +27,21 @@ pub use self::state_dir::StateDir;
 #[derive(Debug, thiserror::Error)]
 pub enum SimDaemonError {
     /// No directory for simulated robots is defined.
-    #[error("neither XDG_STATE_HOME nor HOME is set, so there is no place for simulated robots: say sim:./NAME")]
+    #[error("neither XDG_STATE_HOME nor HOME is set, so simulated robots have no directory: use sim:./NAME")]
     NoHome,
     /// The robot is off.
     #[error("the simulated robot sim:{0} is off: switch it on with `growbot power on --port sim:{0}`")]
     NotRunning(String),
     /// The robot is on already.
-    #[error("the simulated robot sim:{0} is on already: switch it off with `growbot power off --port sim:{0}`")]
+    #[error("the simulated robot sim:{0} is already on: switch it off with `growbot power off --port sim:{0}`")]
     AlreadyRunning(String),
     /// Another program uses the line of the robot.
-    #[error("the simulated robot sim:{0} is in use by another program: end that, or go through it")]
+    #[error("the simulated robot sim:{0} is in use by another program: end that program, or work through it")]
     Busy(String),
     /// The directory belongs to another robot.
     #[error(
-        "sim:{name} is {stored}, and not {requested}: choose another name, or leave --robot out; {directory} holds what it \
-         knows"
+        "sim:{name} already belongs to robot {stored}, not {requested}: choose another name, or omit --robot (its \
+         state is in {directory})"
     )]
     OtherRobot {
         /// Name of the simulated robot.
@@ -64,6 +64,6 @@ pub enum SimDaemonError {
         error: io::Error,
     },
     /// The messages of the robot's process cannot be parsed.
-    #[error("the process of the simulated robot sim:{0} is of another release: switch the robot off, and on again")]
+    #[error("the process of the simulated robot sim:{0} is from another release: switch the robot off and on again")]
     OtherRelease(String),
 }

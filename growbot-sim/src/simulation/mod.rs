@@ -189,8 +189,9 @@ impl<'a> Simulation<'a> {
         let (stress, strength) = (hung.root.stress, self.task.robot.description().material.strength_mpa);
         if stress > strength {
             let message = format!(
-                "the root fails: with {:.0} mm of body it bears {stress:.1} MPa, over the {strength:.1} MPa of material.strength_mpa: \
-                 grow less far sideways, support the body, or make the wall thicker (wall.width_mm)",
+                "the root fails: with {:.0} mm of body it bears {stress:.1} MPa, more than the {strength:.1} MPa of \
+                 material.strength_mpa: grow less far sideways, support the body, or make the wall thicker \
+                 (wall.width_mm)",
                 hung.root.length
             );
             found.push(Warning { code: ROOT_FAILS.to_owned(), message, value: stress, limit: strength });
@@ -198,7 +199,8 @@ impl<'a> Simulation<'a> {
         let small = SMALL_SAG * self.path_length;
         if hung.deflection > small {
             let message = format!(
-                "the tip sags by {:.0} mm, over a tenth of the path: the model is of small sags, take it for no more than a sign",
+                "the tip sags by {:.0} mm, more than 10 % of the path: this exceeds the range of the small-deflection \
+                 model, so treat it as a rough estimate",
                 hung.deflection
             );
             found.push(Warning { code: LARGE_SAG.to_owned(), message, value: hung.deflection, limit: small });

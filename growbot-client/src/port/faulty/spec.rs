@@ -19,7 +19,7 @@ const NAMES: [&str; 8] = ["drop", "flip", "dup", "reorder", "truncate", "stall",
 pub enum FaultSpecError {
     /// The fault is unknown.
     #[error(
-        "there is no fault {name:?}{}: give some of {}, with commas between",
+        "unknown fault {name:?}{}: give one or more of {}, separated by commas",
         did_you_mean(.name, NAMES), NAMES.join(", ")
     )]
     Unknown {
@@ -27,7 +27,7 @@ pub enum FaultSpecError {
         name: String,
     },
     /// A fault is given twice.
-    #[error("{name} is there twice: remove one")]
+    #[error("{name} is given twice: remove one")]
     Twice {
         /// Name of the fault.
         name: &'static str,
@@ -41,7 +41,7 @@ pub enum FaultSpecError {
         example: &'static str,
     },
     /// The probability is not between 0 and 1.
-    #[error("{name} is {text:?}, which is no chance: give 0% to 100%, or 0 to 1")]
+    #[error("{name} is {text:?}, which is not a probability: give 0% to 100%, or 0 to 1")]
     Chance {
         /// Name of the fault.
         name: &'static str,
@@ -49,13 +49,13 @@ pub enum FaultSpecError {
         text: String,
     },
     /// The value is not a valid time of a stall.
-    #[error("stall is {text:?}, which is no time: give 0.01s to {LONGEST_STALL_S}s, as in 2s or 500ms@0.1%")]
+    #[error("stall is {text:?}, which is not a time: give 0.01s to {LONGEST_STALL_S}s, for example 2s or 500ms@0.1%")]
     Time {
         /// Value in the text.
         text: String,
     },
     /// The value is not a valid seed.
-    #[error("seed is {text:?}, which is no seed: give a whole number from 0 to {}", u64::MAX)]
+    #[error("seed is {text:?}, which is not a seed: give a whole number from 0 to {}", u64::MAX)]
     Seed {
         /// Value in the text.
         text: String,
@@ -210,22 +210,22 @@ mod tests {
     #[test]
     fn invalid_fault_specs_are_refused_and_quoted() {
         for (text, parts) in [
-            ("", ["no fault \"\"", "drop, flip"]),
+            ("", ["unknown fault \"\"", "drop, flip"]),
             ("dorp=1%", ["\"dorp\"", "did you mean drop?"]),
             ("drop", ["drop has no value", "drop=1%"]),
             ("drop=", ["drop is \"\"", "100%"]),
-            ("drop=1%,", ["no fault \"\"", "seed"]),
-            ("drop=1%,drop=2%", ["drop is there twice", "remove"]),
+            ("drop=1%,", ["unknown fault \"\"", "seed"]),
+            ("drop=1%,drop=2%", ["drop is given twice", "remove"]),
             ("drop=101%", ["\"101%\"", "0% to 100%"]),
             ("flip=-1e-9", ["flip is \"-1e-9\"", "0 to 1"]),
-            ("flip=nan", ["\"nan\"", "no chance"]),
-            ("reorder=often", ["reorder is \"often\"", "no chance"]),
+            ("flip=nan", ["\"nan\"", "not a probability"]),
+            ("reorder=often", ["reorder is \"often\"", "not a probability"]),
             ("stall", ["stall has no value", "2s@0.1%"]),
             ("stall=2", ["stall is \"2\"", "3600s"]),
             ("stall=1ms", ["\"1ms\"", "0.01s"]),
             ("stall=2h", ["\"2h\"", "500ms"]),
             ("stall=1e9s", ["\"1e9s\"", "3600s"]),
-            ("stall=2s@2", ["stall is \"2\"", "no chance"]),
+            ("stall=2s@2", ["stall is \"2\"", "not a probability"]),
             ("seed=-1", ["seed is \"-1\"", "whole number"]),
             ("seed", ["seed has no value", "seed=7"]),
         ] {

@@ -30,7 +30,7 @@ pub fn send(
         BoardRequest::Start => start_stored(client),
         BoardRequest::Pause => {
             client.request("to pause", &Message::Pause(Empty {}))?;
-            Ok("pauses after the layer under way; `start` continues\n".to_owned())
+            Ok("pauses after the current layer; `start` continues\n".to_owned())
         }
         BoardRequest::Layers(first) => layers(client, *first),
         BoardRequest::Stop => {
@@ -74,12 +74,12 @@ pub fn maintain(
     rest: &str,
 ) -> Result<String, Failure> {
     let Some(task) = presets.task(word, rest, robot) else {
-        return Err(Failure::request_failed(format!("there is no command {word:?} of maintenance")));
+        return Err(Failure::request_failed(format!("unknown maintenance command {word:?}")));
     };
     let task = task.map_err(Failure::request_failed)?;
     client.maintain(task).map_err(|error| match error {
         ClientError::Refused { refusal: Refusal::WrongState { state: State::Idle }, .. } => {
-            Failure::request_failed(format!("{error}: motors turn when the nozzle is hot; `preheat` first"))
+            Failure::request_failed(format!("{error}: motors turn only while the nozzle is hot; run `preheat` first"))
         }
         error => error.into(),
     })?;

@@ -57,7 +57,7 @@ struct CommandEntry {
 }
 
 const COMMANDS: [CommandEntry; 12] = [
-    CommandEntry { name: "status", argument: "", help: "who the board is, what it is doing, what its sensors say" },
+    CommandEntry { name: "status", argument: "", help: "identity and state of the board, sensor readings" },
     CommandEntry {
         name: "plan",
         argument: "POSE",
@@ -66,25 +66,25 @@ const COMMANDS: [CommandEntry; 12] = [
     CommandEntry {
         name: "start",
         argument: "",
-        help: "heat, home and grow what the board stores; continue after a pause",
+        help: "heat, home and grow the stored layers; continue after a pause",
     },
-    CommandEntry { name: "pause", argument: "", help: "finish the layer under way and wait; `start` continues" },
+    CommandEntry { name: "pause", argument: "", help: "finish the current layer and wait; `start` continues" },
     CommandEntry {
         name: "grow",
         argument: "GOAL",
-        help: "plan here to POSE or X,Y,Z, hand over, grow, wait until it is done",
+        help: "plan on this computer to POSE or X,Y,Z, send, grow, wait until done",
     },
-    CommandEntry { name: "layers", argument: "[FROM]", help: "up to 16 of the layers that the board stores" },
-    CommandEntry { name: "wait", argument: "[SECONDS]", help: "show what happens for this time (1)" },
+    CommandEntry { name: "layers", argument: "[FROM]", help: "list up to 16 of the stored layers" },
+    CommandEntry { name: "wait", argument: "[SECONDS]", help: "show events for SECONDS (1)" },
     CommandEntry { name: "stop", argument: "", help: "heater and steppers off" },
     CommandEntry {
         name: "estop",
         argument: "",
-        help: "emergency stop: the same, ahead of all else, and off until `clear`",
+        help: "emergency stop: off at once, and off until `clear`",
     },
-    CommandEntry { name: "clear", argument: "", help: "leave a fault or an emergency stop, if its cause is gone" },
+    CommandEntry { name: "clear", argument: "", help: "clear a fault or an emergency stop whose cause is gone" },
     CommandEntry { name: "help", argument: "", help: "this list" },
-    CommandEntry { name: "quit", argument: "", help: "leave; a robot that grows finishes its layer and pauses" },
+    CommandEntry { name: "quit", argument: "", help: "quit; a growing robot finishes its layer and pauses" },
 ];
 
 /// Poses that completion offers: straight up, to the side, and bent in both planes.
@@ -108,7 +108,7 @@ pub fn parse(line: &str) -> Result<ConsoleCommand, String> {
     let rest = rest.trim();
     let alone = |command: ConsoleCommand| match rest {
         "" => Ok(command),
-        _ => Err(format!("`{word}` takes nothing: leave {rest:?} away")),
+        _ => Err(format!("`{word}` takes no arguments: remove {rest:?}")),
     };
     match word {
         "" => Ok(ConsoleCommand::Nothing),
@@ -121,12 +121,12 @@ pub fn parse(line: &str) -> Result<ConsoleCommand, String> {
         "layers" => rest
             .parse()
             .map(|first| ConsoleCommand::Board(BoardRequest::Layers(Some(first))))
-            .map_err(|_| format!("{rest:?} is no layer: give a whole number from 0 on")),
+            .map_err(|_| format!("{rest:?} is not a layer number: give a whole number, 0 or more")),
         "wait" if rest.is_empty() => Ok(ConsoleCommand::Wait(1.0)),
         "wait" => parse_number(rest)
             .filter(|seconds| (0.0..=LONGEST_WAIT_S).contains(seconds))
             .map(ConsoleCommand::Wait)
-            .ok_or_else(|| format!("{rest:?} is no time: give seconds, 0 to {LONGEST_WAIT_S}")),
+            .ok_or_else(|| format!("{rest:?} is not a time: give seconds, 0 to {LONGEST_WAIT_S}")),
         "stop" => alone(ConsoleCommand::Board(BoardRequest::Stop)),
         // The rest of the line is ignored, so that a typing error does not prevent an emergency stop.
         "estop" => Ok(ConsoleCommand::Board(BoardRequest::EmergencyStop)),
@@ -138,7 +138,7 @@ pub fn parse(line: &str) -> Result<ConsoleCommand, String> {
                 return Ok(ConsoleCommand::Board(BoardRequest::Maintain(name, rest.to_owned())));
             }
             let suggestion = did_you_mean(word, names());
-            Err(format!("there is no command {word:?}{suggestion}: `help` lists them"))
+            Err(format!("unknown command {word:?}{suggestion}: `help` lists the commands"))
         }
     }
 }
@@ -178,7 +178,7 @@ pub fn hint(line: &str) -> Option<&'static str> {
     let word = line.strip_suffix(' ')?;
     match argument(word.trim()) {
         "POSE" => Some("X,Y,Z,HEADING,PITCH in mm and degrees"),
-        "GOAL" => Some("X,Y,Z,HEADING,PITCH in mm and degrees, or X,Y,Z where any direction will do"),
+        "GOAL" => Some("X,Y,Z,HEADING,PITCH in mm and degrees, or X,Y,Z for any direction"),
         _ => None,
     }
 }
@@ -211,15 +211,15 @@ mod tests {
     #[test]
     fn unknown_commands_and_extra_arguments_are_quoted() {
         for (line, part) in [
-            ("stop now", "`stop` takes nothing: leave \"now\" away"),
-            ("status 1 2", "leave \"1 2\" away"),
+            ("stop now", "`stop` takes no arguments: remove \"now\""),
+            ("status 1 2", "remove \"1 2\""),
             ("quit please", "`quit` takes nothing"),
-            ("plam 0,0,100,0,90", "no command \"plam\" (did you mean plan?)"),
-            ("layers 1 2", "\"1 2\" is no layer"),
-            ("layers -1", "\"-1\" is no layer"),
-            ("wait 1 2", "\"1 2\" is no time"),
-            ("wait 1e9", "\"1e9\" is no time: give seconds, 0 to 1000000"),
-            ("wait nan", "no time"),
+            ("plam 0,0,100,0,90", "unknown command \"plam\" (did you mean plan?)"),
+            ("layers 1 2", "\"1 2\" is not a layer number"),
+            ("layers -1", "\"-1\" is not a layer number"),
+            ("wait 1 2", "\"1 2\" is not a time"),
+            ("wait 1e9", "\"1e9\" is not a time: give seconds, 0 to 1000000"),
+            ("wait nan", "not a time"),
             ("plan", "five numbers"),
             ("plan 0,0,100", "five numbers"),
             ("grow", "X,Y,Z"),

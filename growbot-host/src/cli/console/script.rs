@@ -45,17 +45,17 @@ pub fn is_active(state: State) -> bool {
 pub fn still_active_text(state: State, robot: &Robot, port: &SelectedPort) -> String {
     let name = if state == State::Maintenance { "in maintenance" } else { state.name() };
     if port.is_in_process() {
-        return format!("the simulated robot is {name}, and ends with this program");
+        return format!("the simulated robot is {name} and ends with this program");
     }
     let future = if state == State::Tuning {
-        "it heats on until it is tuned".to_owned()
+        "it continues to heat until tuning is done".to_owned()
     } else if state == State::Maintenance {
         "its heater goes off 10 minutes after the latest command".to_owned()
     } else {
         let off_after = robot.description().pause.off_after_s;
         format!(
-            "left alone it pauses after the layer under way and has its heater on for {off_after} s more, or \
-             continues if it was started so"
+            "without a host it pauses after the current layer and switches its heater off after {off_after} s more, or \
+             continues if it was started that way"
         )
     };
     format!("the robot is {name}: {future}; to stop it: `growbot stop --port {}`", port.text())
@@ -124,11 +124,11 @@ impl SkippedCommands {
         let (count, some) = (self.commands, if self.continues { "at least " } else { "" });
         let commands = if count == 1 { "command is" } else { "commands are" };
         match self.stop {
-            _ if self.is_nothing() => "no more commands came after it".to_owned(),
-            None if count == 0 => "commands that come after it are not carried out".to_owned(),
-            None => format!("{some}{count} more {commands} not carried out"),
+            _ if self.is_nothing() => "there were no commands after it".to_owned(),
+            None if count == 0 => "later commands are not executed".to_owned(),
+            None => format!("{some}{count} more {commands} not executed"),
             Some(StopCommand { name, line }) => {
-                format!("{some}{count} more {commands} not carried out, among them `{name}` in line {line}")
+                format!("{some}{count} more {commands} not executed, among them `{name}` in line {line}")
             }
         }
     }
@@ -154,20 +154,20 @@ mod tests {
     #[test]
     fn skipped_commands_are_counted_and_the_first_stop_is_named() {
         let text = |lines: &[&str]| left_out(lines, true).text();
-        assert_eq!(text(&[]), "no more commands came after it");
-        assert_eq!(text(&["", "status", " "]), "1 more command is not carried out");
+        assert_eq!(text(&[]), "there were no commands after it");
+        assert_eq!(text(&["", "status", " "]), "1 more command is not executed");
         assert_eq!(
             text(&["wait 5", "", "stop", "estop", "quit", "start"]),
-            "3 more commands are not carried out, among them `stop` in line 5"
+            "3 more commands are not executed, among them `stop` in line 5"
         );
-        assert_eq!(text(&["dance", "estop now"]), "2 more commands are not carried out, among them `estop` in line 4");
+        assert_eq!(text(&["dance", "estop now"]), "2 more commands are not executed, among them `estop` in line 4");
         assert!(left_out(&["", "quit", "start"], true).is_nothing());
     }
 
     #[test]
     fn skipped_commands_of_an_open_script_are_a_lower_bound() {
         let told = left_out(&["status"], false);
-        assert_eq!(told.text(), "at least 1 more command is not carried out");
+        assert_eq!(told.text(), "at least 1 more command is not executed");
         assert!(!left_out(&[], false).is_nothing());
     }
 }

@@ -137,7 +137,7 @@ impl ConsoleSession {
             let done = match String::from_utf8(bytes) {
                 Ok(text) => self.command(&text),
                 Err(error) => Err(Failure::request_failed(format!(
-                    "the line {:?} is no UTF-8 text (at byte {}): it is not carried out; send UTF-8",
+                    "the line {:?} is not UTF-8 text (at byte {}) and was not executed: send UTF-8",
                     String::from_utf8_lossy(error.as_bytes()),
                     error.utf8_error().valid_up_to()
                 ))),
@@ -162,9 +162,9 @@ impl ConsoleSession {
         if !failure.is_stdout_closed() {
             let message = failure.message();
             if failed {
-                growbot_host::error!("{message}; line {line} failed, and those after it are not carried out");
+                growbot_host::error!("{message}; line {line} failed, and the lines after it are not executed");
             } else {
-                growbot_host::error!("{message}; no command after line {line} is carried out");
+                growbot_host::error!("{message}; no command after line {line} is executed");
             }
         }
         let left_out = SkippedCommands::after(line, lines);
@@ -182,8 +182,8 @@ impl ConsoleSession {
                 status.state.name()
             ),
             (Ok(()), Err(error)) => format!(
-                "what the {}robot is doing is not known ({error}): see `growbot status`, and cut its power if that \
-                 does not answer",
+                "the state of the {}robot is unknown ({error}): run `growbot status`, and if that fails cut the \
+                 robot's power",
                 self.port.kind()
             ),
         };
@@ -214,8 +214,8 @@ impl ConsoleSession {
             }
             Ok(_) => Ok(()),
             Err(error) => Err(Failure::request_failed(format!(
-                "{error}; the robot may still be hot or moving: see `growbot status`, and cut its power if that does \
-                 not answer"
+                "{error}; the robot may still be hot or moving: run `growbot status`, and if that fails cut the \
+                 robot's power"
             ))),
         }
     }
@@ -305,7 +305,7 @@ impl ConsoleSession {
                 Some(Message::LayerLaid(laid)) => {
                     print(&match &laid.as_built {
                         Some(bytes) => format!("layer {}: {:.4} mm\n", laid.index, decode(bytes).height),
-                        None => format!("layer {}: interrupted and let be\n", laid.index),
+                        None => format!("layer {}: interrupted and kept as it is\n", laid.index),
                     })?;
                 }
                 _ => {}

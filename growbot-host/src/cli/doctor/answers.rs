@@ -60,7 +60,7 @@ impl AnswerKind {
             (Self::Number, _) if parse_number(line).is_some_and(|number| number.is_finite() && number > 0.0) => {
                 Ok(parse_number(line).map_or(OperatorAnswer::Skip, OperatorAnswer::Number))
             }
-            _ => Err(format!("{line:?} is no answer here: type {}", self.choices())),
+            _ => Err(format!("{line:?} is not a valid answer: type {}", self.choices())),
         }
     }
 }

@@ -34,8 +34,8 @@ fn patience(session: &DoctorSession) -> Duration {
 
 /// Checks with no heater connected that the board detects that the nozzle stays cold, and switches off.
 pub fn without_heater(session: &mut DoctorSession) -> Result<Finding, Failure> {
-    let question = "Disconnect both wires of the heater from the board; the thermistor stays. The board is going to \
-                    heat, with nothing that could get warm, until it finds that out.";
+    let question = "Disconnect both wires of the heater from the board; the thermistor stays. The board will drive the \
+                    heater output with nothing connected until it detects that the nozzle stays cold.";
     if !session.confirm(question)? {
         return Ok(Finding::skipped());
     }
@@ -65,15 +65,15 @@ fn heat_nothing(session: &mut DoctorSession) -> Result<Finding, Failure> {
         }
         Some((Some(fault), _)) => Finding::failed(
             format!("switched off by {}", in_words(fault)),
-            "expected was that the nozzle does not get warmer; nothing may be connected to the heater's terminals",
+            "the nozzle must not get warmer here; disconnect everything from the heater's terminals",
         ),
         Some((None, degrees)) => Finding::failed(
-            format!("the nozzle got warmer by {degrees:.1} degrees, and {WARMER_C} is the limit"),
+            format!("the nozzle got warmer by {degrees:.1} degrees; the limit is {WARMER_C}"),
             "cut the power: the heater is still connected, or the thermistor sits on something else that heats",
         ),
         None => Finding::failed(
             format!("no fault in {} s", time.as_secs()),
-            "do not connect a heater: the board does not find that its nozzle stays cold",
+            "do not connect a heater: the board does not detect that its nozzle stays cold",
         ),
     })
 }
@@ -81,7 +81,7 @@ fn heat_nothing(session: &mut DoctorSession) -> Result<Finding, Failure> {
 /// Checks with a lamp that the power reaches the terminals, and that the emergency stop cuts it.
 pub fn lamp(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let question = "Connect a lamp for the supply's voltage, 5 to 20 W, in place of the heater; the thermistor stays. \
-                    It is dark while the switches are proved, some 20 s, and then lights.";
+                    It stays dark for some 20 s while the board tests the switches, and then lights.";
     if !session.confirm(question)? {
         return Ok(Finding::skipped());
     }
@@ -119,8 +119,10 @@ fn light(session: &mut DoctorSession) -> Result<Finding, Failure> {
 
 /// Checks with the person that the lamp is lit, and that the emergency stop switches it off.
 pub fn check_lamp(session: &mut DoctorSession) -> Result<Finding, Failure> {
-    let lit =
-        session.ask("Is the lamp lit? Answer soon: the board finds that the nozzle stays cold.", AnswerKind::YesOrNo);
+    let lit = session.ask(
+        "Is the lamp lit? Answer soon: the board will detect that the nozzle stays cold and switch off.",
+        AnswerKind::YesOrNo,
+    );
     // The status is read first, because the emergency stop changes it. Without an answer the stop is sent at once.
     let status = matches!(lit, Ok(Some(_))).then(|| session.status());
     session.emergency_stop()?;
@@ -129,21 +131,23 @@ pub fn check_lamp(session: &mut DoctorSession) -> Result<Finding, Failure> {
     if let Some(by) = switched_off_by(&status?) {
         return Ok(Finding::failed(
             format!("the board switched off before you answered, by {by}"),
-            "do the step again, and answer sooner",
+            "repeat the step and answer sooner",
         ));
     }
     if lit != OperatorAnswer::Yes {
         return Ok(Finding::failed(
             "the lamp stayed dark",
-            "check the supply at the terminals, both switches and their wires; a lamp of another voltage stays dark, too",
+            "check the supply at the terminals, both switches and their wires; a lamp for another voltage stays dark, \
+             too",
         ));
     }
-    Ok(match session.ask("The emergency stop was given. Is the lamp dark now?", AnswerKind::YesOrNo)? {
+    Ok(match session.ask("The emergency stop was sent. Is the lamp dark now?", AnswerKind::YesOrNo)? {
         None => Finding::skipped(),
         Some(OperatorAnswer::Yes) => Finding::passed("it lights, and the emergency stop switches it off"),
         Some(_) => Finding::failed(
             "the lamp is lit after the emergency stop",
-            "cut the power: the power stage or the second switch conducts by itself; replace it, connect no heater",
+            "cut the power: the power stage or the second switch conducts by itself; replace it, and do not connect a \
+             heater",
         ),
     })
 }
@@ -160,8 +164,8 @@ fn switched_off_by(status: &Status) -> Option<String> {
 /// Heats the nozzle itself, to a low temperature.
 pub fn nozzle(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let question = format!(
-        "Connect the nozzle's heater in place of the lamp, with its thermal cut-off, the thermistor in its seat, your \
-         hand at the supply's switch. It is going to be heated to {LOW_C} C."
+        "Connect the nozzle's heater in place of the lamp, with its thermal cut-off and the thermistor in its seat, \
+         and keep your hand at the supply's switch. The board will heat the nozzle to {LOW_C} C."
     );
     if !session.confirm(&question)? {
         return Ok(Finding::skipped());

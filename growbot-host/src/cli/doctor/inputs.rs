@@ -17,17 +17,17 @@ const TILT_DEG: f64 = 20.0;
 /// Checks that a nozzle that was not heated has the temperature of the room.
 pub fn temperature(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let Some(centi_c) = session.sample()?.status.temperature_centi_c else {
-        return Ok(Finding::failed("there is no reading", "check the thermistor's wires"));
+        return Ok(Finding::failed("no reading", "check the thermistor's wires"));
     };
     let [min, max] = ROOM_C;
     let celsius = f64::from(centi_c) / 100.0;
-    let found = format!("{celsius:.1} C; a room has {min} to {max} C");
+    let found = format!("{celsius:.1} C; room temperature is {min} to {max} C");
     if (min..=max).contains(&celsius) {
         return Ok(Finding::passed(found));
     }
     Ok(Finding::failed(
         found,
-        "let the nozzle cool; if it is cold, compare [thermistor] in the robot file with the part, and its pull-up",
+        "let the nozzle cool; if it is cold, compare [thermistor] in the robot file with the part and its pull-up",
     ))
 }
 
@@ -39,7 +39,7 @@ pub fn supply(session: &mut DoctorSession) -> Result<Finding, Failure> {
         return Ok(Finding::absent("sensors.supply"));
     }
     let Some(mv) = session.sample()?.sensors.supply_mv else {
-        return Ok(Finding::failed("there is no reading", "check the divider of the supply"));
+        return Ok(Finding::failed("no reading", "check the divider of the supply"));
     };
     let volts = f64::from(mv) / 1000.0;
     let found = format!("{volts:.1} V, supply.min_v to max_v is {min} to {max} V");
@@ -64,7 +64,7 @@ impl BothLevels {
 
 /// Checks that the index sensor detects its mark at one place of a turn, and not at another.
 pub fn index(session: &mut DoctorSession) -> Result<Finding, Failure> {
-    if !session.confirm("Turn the head by hand, slowly, by more than a turn, from now until it is seen.")? {
+    if !session.confirm("Turn the head slowly by hand, by more than a turn, until the board has seen the mark.")? {
         return Ok(Finding::skipped());
     }
     let mut levels = BothLevels([false; 2]);
@@ -161,7 +161,7 @@ pub fn orientation(session: &mut DoctorSession) -> Result<Finding, Failure> {
     }
     let remedy = "check SDA, SCL, the sensor's 3.3 V and how it is fixed to the tip";
     let Some(first) = session.sample()?.sensors.gravity_milli_g.map(earths) else {
-        return Ok(Finding::failed("there is no reading", remedy));
+        return Ok(Finding::failed("no reading", remedy));
     };
     let [min, max] = GRAVITY;
     let length = length(first);
@@ -180,7 +180,7 @@ pub fn orientation(session: &mut DoctorSession) -> Result<Finding, Failure> {
     session.act(ManualAction::LayDown(false));
     Ok(match tilted {
         Some(_) => Finding::passed(format!("gravity of {length:.2}, tilted by {most:.0} degrees")),
-        None => Finding::failed(format!("tilted by {most:.0} degrees, more than {TILT_DEG} was to be seen"), remedy),
+        None => Finding::failed(format!("tilted by {most:.0} degrees; more than {TILT_DEG} was expected"), remedy),
     })
 }
 

@@ -16,7 +16,7 @@ pub fn check_link(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let boot = boot(&mut session.client)?;
     if let Some(BootReport { image: ImageCheck::Corrupt { sealed, found: crc }, .. }) = &boot {
         return Ok(Finding::failed(
-            format!("the image in flash is corrupt: its CRC is {crc:08x}, that of its seal {sealed:08x}"),
+            format!("the image in flash is corrupt: its CRC is {crc:08x}, the CRC in its seal {sealed:08x}"),
             "flash the board again",
         ));
     }
@@ -54,8 +54,8 @@ pub fn check_description(session: &mut DoctorSession) -> Result<Finding, Failure
     }
     if hello.robot_hash != hash {
         return Ok(Finding::failed(
-            format!("the board has {}, and the robot file is {name} ({hash:016x})", described(&hello)),
-            format!("{configure}; or name the board's robot with --robot"),
+            format!("the board has {}, but the robot file is {name} ({hash:016x})", described(&hello)),
+            format!("{configure}; or choose the board's robot with --robot"),
         ));
     }
     Ok(Finding::passed(described(&hello)))

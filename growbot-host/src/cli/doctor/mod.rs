@@ -61,11 +61,11 @@ pub struct DoctorArgs {
 const EXAMPLES: &str = "\
 Examples:
   growbot doctor --port /dev/ttyACM0 --robot mine.toml -o doctor.json
-  yes skip | growbot doctor --port /dev/ttyACM0     # what needs nobody's hand
+  yes skip | growbot doctor --port /dev/ttyACM0     # the steps that need no hands
 
 Exit codes: 0, every step passed, was left out by choice, or is for a part that
-the robot does not have; 1, one failed or was not reached; 2, something was
-wrong before.";
+the robot does not have; 1, one failed or was not reached; 2, invalid arguments
+or input.";
 
 /// A step: its name in the report, and its function.
 struct Step {
@@ -130,12 +130,12 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
         port: port.text().to_owned(),
     };
     if session.simulated {
-        note!("a simulated robot: what is asked for is done to it by the simulation, answer as you see fit");
+        note!("simulated robot: the simulation does what each step requests; answer as you like");
     } else if !io::stdin().is_terminal() {
-        note!("the answers come from standard input, a line each: yes, no, skip, quit or a number");
+        note!("answers are read from standard input, one per line: yes, no, skip, quit or a number");
     }
     let manner = RunOptions { file: args.output.as_deref(), again: args.again, prints: !args.json };
-    let remark = if session.simulated { ", simulated: it says nothing of a real one" } else { "" };
+    let remark = if session.simulated { ", simulated: the results do not apply to a real robot" } else { "" };
     manner.print(&format!("{} at {}{remark}\n\n", session.robot.name(), session.port))?;
     let done = commission(&mut session, &mut report, manner);
     // In every case, heater and motors are off at the end.
@@ -157,7 +157,7 @@ fn commission(
 ) -> Result<(), Failure> {
     let gates: Vec<&str> = STEPS.iter().filter(|step| step.gates).map(|step| step.name).collect();
     for outdated in report.outdate(&gates) {
-        note!("{outdated}: it is done again");
+        note!("{outdated}: this step is repeated");
     }
     for step in &STEPS {
         if step.asks
@@ -213,6 +213,6 @@ fn conclude(report: &CommissioningReport, manner: RunOptions, port: &SelectedPor
     manner.print(&if report.passed_at("nozzle").is_some() {
         format!("next     growbot tune --port {}, then the first layer\n", port.text())
     } else {
-        format!("next     growbot doctor --port {}, for what was left out\n", port.text())
+        format!("next     growbot doctor --port {}, for the steps left out\n", port.text())
     })
 }

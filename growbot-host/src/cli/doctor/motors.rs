@@ -58,7 +58,7 @@ fn in_dry_run(
 
 /// Checks that the head finds its mark and turns the right way.
 pub fn head(session: &mut DoctorSession) -> Result<Finding, Failure> {
-    if !session.confirm("The head is going to turn, up to three turns: hands off, nothing in its way.")? {
+    if !session.confirm("The head will make up to three turns: keep your hands off and clear its way.")? {
         return Ok(Finding::skipped());
     }
     in_dry_run(session, |session| {
@@ -73,8 +73,8 @@ pub fn head(session: &mut DoctorSession) -> Result<Finding, Failure> {
         {
             return Ok(failed);
         }
-        let question = "It has found its mark and turned by 90 degrees. Seen from ahead, looking at the nozzle: was \
-                        that counter-clockwise, by a quarter of a turn?";
+        let question = "The head has found its mark and turned by 90 degrees. Seen from the front, looking at the \
+                        nozzle: did it make a quarter turn counter-clockwise?";
         Ok(match session.ask(question, AnswerKind::YesOrNo)? {
             None => Finding::skipped(),
             Some(OperatorAnswer::Yes) => Finding::passed("homed, and turned counter-clockwise by 90 degrees"),
@@ -90,7 +90,7 @@ pub fn head(session: &mut DoctorSession) -> Result<Finding, Failure> {
 pub fn feed(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let question = format!(
         "Take the filament out of the nozzle, so that it moves freely, and mark it where it enters the feed. The feed \
-         is going to push {FEED_MM} mm."
+         will push {FEED_MM} mm."
     );
     if !session.confirm(&question)? {
         return Ok(Finding::skipped());
@@ -133,6 +133,6 @@ fn judge(session: &DoctorSession, mm: f64) -> Finding {
     let right = now * FEED_MM / mm;
     Finding::failed(
         found,
-        format!("set feed.steps_per_mm = {right:.2} (it is {now}) in the robot file, and configure the board again"),
+        format!("set feed.steps_per_mm = {right:.2} (now {now}) in the robot file, and configure the board again"),
     )
 }

@@ -168,7 +168,10 @@ impl CommissioningReport {
     /// Reads the report from this file, or creates one if the file does not exist.
     pub fn open(file: &Path) -> Result<Self, Failure> {
         let unusable = |what: &str| {
-            Failure::bad_input(format!("{} is no report of growbot doctor: {what}; name another file", file.display()))
+            Failure::bad_input(format!(
+                "{} is not a report of growbot doctor: {what}; name another file",
+                file.display()
+            ))
         };
         let mut text = String::new();
         match fs::File::open(file) {
@@ -192,7 +195,7 @@ impl CommissioningReport {
         if !is_new && (self.robot != name || self.simulated != simulated) {
             let kind = |simulated| if simulated { "simulated " } else { "" };
             return Err(Failure::bad_input(format!(
-                "the report is about the {}robot {:?}, and this is the {}robot {name:?}: name another file with -o",
+                "the report is for the {}robot {:?}, but this is the {}robot {name:?}: name another file with -o",
                 kind(self.simulated),
                 self.robot,
                 kind(simulated)
@@ -284,7 +287,7 @@ impl Summary {
         };
         let parts = [part(StepOutcome::Failed, "failed"), part(StepOutcome::NotDone, "not done")];
         let parts: Vec<String> = parts.into_iter().flatten().collect();
-        format!("{}; mend that, and run growbot doctor again", parts.join("; "))
+        format!("{}; fix this and run `growbot doctor` again", parts.join("; "))
     }
 }
 

@@ -63,7 +63,7 @@ impl DoctorSession {
             self.recorded_answers.push(RecordedAnswer { question: question.to_owned(), answer: typed, utc: now() });
             return match answer {
                 OperatorAnswer::Skip => Ok(None),
-                OperatorAnswer::Quit => Err(Failure::request_failed("left by choice; run it again to go on")),
+                OperatorAnswer::Quit => Err(Failure::request_failed("stopped by choice; run the command again to continue")),
                 answer => Ok(Some(answer)),
             };
         }
@@ -91,7 +91,7 @@ impl DoctorSession {
             }
         }
         Err(Failure::request_failed(
-            "the answers have ended before the steps: give a line for each question on standard input, or use a terminal",
+            "the answers ended before the steps: give a line for each question on standard input, or use a terminal",
         ))
     }
 
@@ -201,7 +201,7 @@ fn lost(error: ClientError) -> Failure {
     match error {
         ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => error.into(),
         error => Failure::request_failed(format!(
-            "{error}; the robot may be heating: see `growbot status`, and cut its power if that does not answer"
+            "{error}; the robot may be heating: run `growbot status`, and if that fails cut the robot's power"
         )),
     }
 }

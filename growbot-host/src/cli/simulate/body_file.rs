@@ -49,7 +49,8 @@ impl BodyFormat {
             Some(ending) => Ok(Self::from_str(ending, true).ok()),
             None if is_standard_output(file) => Ok(None),
             None => Err(Failure::bad_input(format!(
-                "which format? End {} in .csv, .stl, .glb, .html, .svg, .png or .pdf, or in .json for the result",
+                "unknown format of {}: end the name in .csv, .stl, .glb, .html, .svg, .png or .pdf, or in .json for \
+                 the result",
                 file.display()
             ))),
         }

@@ -123,11 +123,7 @@ const STEPS_MM: [f64; 2] = [0.01, 1e4];
 fn step_mm(text: &str) -> Result<f64, String> {
     let [min, max] = STEPS_MM;
     let number = mm(text)?;
-    if (min..=max).contains(&number) {
-        Ok(number)
-    } else {
-        Err(format!("it is {number} mm, and may be {min} to {max}: give one within"))
-    }
+    if (min..=max).contains(&number) { Ok(number) } else { Err(format!("it is {number} mm: give {min} to {max}")) }
 }
 
 /// Runs the command.
@@ -191,12 +187,12 @@ impl SimulateArgs {
     fn slicing(&self, height: f64) -> Result<Slicing, Failure> {
         match (self.slice, self.step) {
             (Slice::Whole, _) if self.feedback => Err(Failure::bad_input(
-                "--feedback plans each layer by itself, and --slice whole would not be heeded: leave one of them out",
+                "--feedback plans each layer separately, so --slice whole has no effect: remove one of them",
             )),
             (Slice::Whole, step) => Ok(Slicing::Whole { step: step.unwrap_or(height) }),
             (Slice::Exact, None) => Ok(Slicing::Exact),
             (Slice::Exact, Some(_)) => {
-                Err(Failure::bad_input("--step is the height of whole steps: add --slice whole, or leave it out"))
+                Err(Failure::bad_input("--step is the height of whole steps: add --slice whole, or remove --step"))
             }
         }
     }
@@ -217,12 +213,12 @@ impl SimulateArgs {
         refuse_inputs(file)?;
         match format {
             Some(_) if self.repeat.is_some() => Err(Failure::bad_input(
-                "--repeat grows many bodies, and -o takes one: leave --repeat out and name the growth by --seed, or \
-                 end the file in .json",
+                "--repeat grows many bodies, but -o holds one: remove --repeat and choose the growth by --seed, or end \
+                 the file in .json",
             )),
             Some(_) if self.sag => Err(Failure::bad_input(
-                "-o has the body as it was laid, and --sag tells only where the tip of the hanging one is: leave one \
-                 of them out, or end the file in .json",
+                "-o holds the body as laid, but --sag computes only the tip of the sagging body: remove one of them, \
+                 or end the file in .json",
             )),
             format => Ok(format),
         }
@@ -248,7 +244,7 @@ impl SimulateArgs {
         let Disturbance { growth_noise, tilt_noise, alpha_noise, twist_noise, .. } = simulation.disturbance;
         let even = [growth_noise, tilt_noise, alpha_noise, twist_noise].iter().all(|noise| *noise == 0.0);
         if even && !self.feedback && runs > 1 {
-            growbot_host::note!("nothing is drawn by chance, so all {runs} growths are the same");
+            growbot_host::note!("nothing is random, so all {runs} growths are the same");
         }
         let threads = self.threads.map_or_else(|| thread::available_parallelism().map_or(1, usize::from), usize::from);
         let mut progress = Progress::start(Some(runs), ResultTiming::AtEnd);

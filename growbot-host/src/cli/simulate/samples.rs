@@ -63,7 +63,7 @@ impl Samples<'_> {
         if is_standard_output(path) {
             return match json {
                 true => Err(Failure::bad_input(
-                    "--samples - and --json both go to standard output: leave one of them out, or name a file",
+                    "--samples - and --json both go to standard output: remove one of them, or name a file",
                 )),
                 false => Ok(()),
             };

@@ -52,12 +52,12 @@ fn went(among: &ObstacleReport) -> String {
         None => format!("scene     no contact; the true body is {clearance:.2} mm clear\n"),
     };
     if *detours > 0 {
-        text += &format!("          {detours} times another path was taken, to keep off\n");
+        text += &format!("          {detours} detours were taken to stay clear\n");
     }
     if let Some(ClearancePause { layers, at, clearance, deviation }) = paused {
         text += &format!(
-            "          pauses after {layers} layers, {at:.1} mm: ahead it would be {clearance:.2} mm clear, known to \
-             {deviation:.2} mm (3 sd)\n"
+            "          pauses after {layers} layers, {at:.1} mm: ahead it would be {clearance:.2} mm clear, \
+             uncertainty {deviation:.2} mm (3 sd)\n"
         );
     }
     text

@@ -28,13 +28,13 @@ const NO_GRAVITY: [i16; 3] = [i16::MIN; 3];
 #[derive(Debug, thiserror::Error)]
 pub enum Rp2040Error {
     /// The image does not exist. The field is its path.
-    #[error("there is no firmware at {}: build it with `cargo build-pico`", .0.display())]
+    #[error("no firmware at {}: build it with `cargo build-pico`", .0.display())]
     NoFirmware(PathBuf),
     /// The script does not exist. The field is the expected path.
-    #[error("there is no {}: the port rp2040 works in growbot's source directory", .0.display())]
+    #[error("{} not found: the port rp2040 works only in growbot's source directory", .0.display())]
     NoScript(PathBuf),
     /// The emulator does not exist. The field is the expected path.
-    #[error("there is no emulator at {}: install it with `npm ci --prefix tests/rp2040`", .0.display())]
+    #[error("no emulator at {}: install it with `npm ci --prefix tests/rp2040`", .0.display())]
     NoEmulator(PathBuf),
     /// Node cannot be run.
     #[error("cannot run `node` ({0}): install Node 18 or newer (package nodejs)")]
@@ -225,7 +225,7 @@ impl NodeProcess {
 
     fn request(&mut self, request: &[u8]) -> Result<RunResponse, Rp2040Error> {
         let answer = self.exchange(request).map_err(|error| self.last_words(&error))?;
-        RunResponse::parse(&answer).ok_or_else(|| Rp2040Error::Ended("its answer cannot be read".to_owned()))
+        RunResponse::parse(&answer).ok_or_else(|| Rp2040Error::Ended("its response cannot be read".to_owned()))
     }
 
     fn exchange(&mut self, request: &[u8]) -> io::Result<Vec<u8>> {

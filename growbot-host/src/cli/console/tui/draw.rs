@@ -28,7 +28,7 @@ const PLANNED_APART: f64 = 4.0;
 const MIN_SEEN_MM: f64 = 50.0;
 
 /// Help in the command line while it is empty.
-const TYPING: &str = "a command, `help` lists them; Tab completes, Esc gives up, ^E EMERGENCY STOP";
+const TYPING: &str = "a command, `help` lists them; Tab completes, Esc cancels, ^E EMERGENCY STOP";
 
 const TITLE: Style = Style::new().fg(Color::Cyan).add_modifier(Modifier::BOLD);
 const DIM: Style = Style::new().fg(Color::DarkGray);
@@ -69,10 +69,10 @@ fn draw(frame: &mut Frame, model: &Model) {
         frame.render_widget(Paragraph::new(text).style(BAD).wrap(Wrap { trim: true }), trouble);
     }
     if let Some(sheet) = &model.popup {
-        let block = Block::bordered().title_bottom(Span::styled(" any key takes this away ", DIM));
+        let block = Block::bordered().title_bottom(Span::styled(" any key closes this ", DIM));
         frame.render_widget(Paragraph::new(sheet.as_str()).block(block), pictures);
     } else if area.width < MIN_SIZE.0 || area.height < MIN_SIZE.1 {
-        let said = format!("no room for pictures: {}x{} is needed", MIN_SIZE.0, MIN_SIZE.1);
+        let said = format!("terminal too small: {}x{} is needed", MIN_SIZE.0, MIN_SIZE.1);
         frame.render_widget(Paragraph::new(said).style(DIM), pictures);
     } else {
         draw_pictures(frame, pictures, model);
@@ -154,7 +154,7 @@ fn tip_line(model: &Model) -> Line<'static> {
     let [x, y, z, heading, pitch] = model.body.tip().to_degrees().map(|number| (number * 10.0).round() / 10.0 + 0.0);
     let late = match model.body.first() {
         0 => "",
-        _ => " (without the layers laid before we came)",
+        _ => " (without the layers laid earlier)",
     };
     let direction = match pitch {
         // A vertical tip has no heading.
@@ -168,7 +168,7 @@ fn tip_line(model: &Model) -> Line<'static> {
 /// Returns a text about a lost connection or a fault. `None` without either.
 fn problem_text(model: &Model) -> Option<String> {
     if let Some(why) = &model.link_error {
-        return Some(format!("NO ANSWER: {why}"));
+        return Some(format!("NO RESPONSE: {why}"));
     }
     let fault = model.status.as_ref()?.fault?;
     Some(format!("{}: {}", fault.code(), fault.explanation()))
@@ -439,7 +439,7 @@ mod tests {
             ..status(State::Fault, 800.0)
         });
         let lines = drawn(&model, 80, 24);
-        assert_eq!(lines[1], "FAULT  heater and steppers are off; mend it, then c clears it");
+        assert_eq!(lines[1], "FAULT  heater and steppers are off; fix the cause, then c clears the fault");
         assert!(lines[2].starts_with("filament-jam: "), "{}", lines[2]);
         assert!(lines.iter().any(|line| line.starts_with("nozzle 200.0 C, heater off")), "{lines:?}");
         assert!(lines.iter().any(|line| line.contains("fault: filament-jam, ")), "{lines:?}");
@@ -465,11 +465,11 @@ mod tests {
     fn an_unresponsive_board_is_reported() {
         let mut model = growing();
         model.apply_loss(
-            "the board at sim does not answer (4 requests, 1 s each): check power, cable and baud rate, and more",
+            "the board at sim has not responded (4 requests, 1 s each): check power, cable and baud rate, and more",
         );
         let lines = drawn(&model, 80, 24);
         assert!(lines[1].starts_with("last known: GROWING"), "{}", lines[1]);
-        assert!(lines[2].starts_with("NO ANSWER: the board at sim") && lines[3].ends_with("more"), "{lines:?}");
+        assert!(lines[2].starts_with("NO RESPONSE: the board at sim") && lines[3].ends_with("more"), "{lines:?}");
     }
 
     #[test]
@@ -492,6 +492,6 @@ mod tests {
             drawn(&growing(), width, height);
             drawn(&model(), width, height);
         }
-        assert!(drawn(&growing(), 60, 15)[4].starts_with("no room for pictures"));
+        assert!(drawn(&growing(), 60, 15)[4].starts_with("terminal too small"));
     }
 }

@@ -60,7 +60,7 @@ pub fn check_terminal() -> Result<(), Failure> {
     {
         if !is_terminal {
             return Err(Failure::bad_input(format!(
-                "--tui needs a terminal, and {what} is none: leave --tui away and give commands line by line"
+                "--tui needs a terminal, and {what} is not one: remove --tui and give commands line by line"
             )));
         }
     }
@@ -83,7 +83,7 @@ pub fn run(
     let mut model = Model::new(robot, &place, start, watch.speed());
     if hello.robot_hash != model.robot.hash() {
         model.log_error(&format!(
-            "the board is {}, the limits shown are those of {}: choose it with --robot",
+            "the board's robot is {}, but the limits shown are for {}: choose the board's robot with --robot",
             hello.robot_name,
             model.robot.name()
         ));
@@ -128,7 +128,7 @@ impl Screen {
         // After a panic, ratatui restores the terminal.
         ratatui::try_init().map(Self).map_err(|error| {
             ratatui::restore();
-            Failure::bad_input(format!("cannot use the whole screen ({error}): leave --tui away"))
+            Failure::bad_input(format!("cannot use the whole screen ({error}): remove --tui"))
         })
     }
 }
@@ -158,7 +158,7 @@ struct TuiApp {
 impl TuiApp {
     fn run(&mut self, screen: &mut Screen, leave: &AtomicBool) -> Result<(), Failure> {
         let gone =
-            |error: io::Error| Failure::bad_input(format!("the terminal is gone ({error}); the robot continues"));
+            |error: io::Error| Failure::bad_input(format!("the terminal was closed ({error}); the robot continues"));
         let mut last = Instant::now();
         while !self.quit && !leave.load(Ordering::Relaxed) {
             screen.0.draw(|frame| draw::screen(frame, &self.model)).map_err(gone)?;
@@ -209,8 +209,8 @@ impl TuiApp {
     fn change_speed(&mut self, faster: bool) {
         if !self.watch.change_speed(faster) {
             self.model.log(match self.watch.speed() {
-                Some(_) => "that is as far as the speed goes",
-                None => "a real robot has one speed only",
+                Some(_) => "the speed is at its limit",
+                None => "the speed of a real robot cannot be changed",
             });
         }
         self.model.speed = self.watch.speed();
@@ -231,7 +231,7 @@ impl TuiApp {
                 }
             }
             Ok(ConsoleCommand::Wait(_)) => {
-                self.model.log("here time passes by itself: + and - change its speed on sim")
+                self.model.log("this port runs in real time: + and - change the speed on sim only")
             }
             Ok(ConsoleCommand::Help) => self.model.popup = Some(help()),
             Ok(ConsoleCommand::Quit) => self.quit = true,

@@ -76,7 +76,7 @@ impl Model {
     /// Applies a status of the board.
     pub fn apply_status(&mut self, status: Status) {
         if self.link_error.take().is_some() {
-            self.log("the board answers again");
+            self.log("the board responds again");
         }
         self.clock_s = status.uptime_ms as f64 / 1000.0;
         self.readings.add(self.clock_s, status.temperature_centi_c, status.target_centi_c);
@@ -155,10 +155,10 @@ impl Model {
 /// Returns the meaning of a state, and the possible actions.
 pub fn explanation(state: State) -> &'static str {
     match state {
-        State::SelfTest => "just started, looking at its sensors",
+        State::SelfTest => "just started, reading its sensors",
         State::Idle => "heater and steppers are off",
-        State::Heating => "the nozzle warms up, nothing moves yet",
-        State::Homing => "the head looks for its index mark",
+        State::Heating => "the nozzle is heating, nothing moves yet",
+        State::Homing => "the head searches for its index mark",
         State::Growing => "laying layers",
         State::Paused => "hot, waiting between layers; g continues",
         State::Parked => "after a long pause, the heater is off; g continues",
@@ -166,7 +166,7 @@ pub fn explanation(state: State) -> &'static str {
         State::Stopped => "stopped on request, heater and steppers are off",
         State::Maintenance => "hot for maintenance; off 10 minutes after the latest command",
         State::Tuning => "the nozzle is driven round a temperature",
-        State::Fault => "heater and steppers are off; mend it, then c clears it",
+        State::Fault => "heater and steppers are off; fix the cause, then c clears the fault",
         State::EmergencyStop => "everything is off; release the button, then c clears it",
     }
 }
@@ -198,7 +198,7 @@ mod tests {
         model.apply_loss("the board does not answer");
         model.apply_status(status(State::Idle, 9.0));
         let said: Vec<&str> = model.log.iter().map(|line| line.text.as_str()).collect();
-        assert_eq!(said, ["idle", "the board does not answer", "the board answers again"]);
+        assert_eq!(said, ["idle", "the board does not answer", "the board responds again"]);
         assert!(model.log.iter().map(|line| line.is_error).eq([false, true, false]));
     }
 

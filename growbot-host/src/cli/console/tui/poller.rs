@@ -126,7 +126,7 @@ impl BoardPoller {
         if status.uptime_ms < self.latest_ms {
             // The board has restarted, and does not know the session.
             status = self.client.open_session()?.status;
-            model.log("the board has started anew");
+            model.log("the board has restarted");
         }
         self.latest_ms = status.uptime_ms;
         model.apply_status(status);
