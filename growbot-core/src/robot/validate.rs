@@ -109,11 +109,7 @@ fn check_material(robot: &RobotDescription) -> Result<(), RobotError> {
         1e5,
         "MPa, which is N/mm^2: printed PLA bears about 30 between layers; check the unit",
     )?;
-    CheckedField("tip.mass_g", robot.tip.mass_g).between(
-        0.0,
-        1e6,
-        "grams, at most a tonne; 0 for a weightless tip",
-    )
+    CheckedField("tip.mass_g", robot.tip.mass_g).between(0.0, 1e6, "grams, at most a tonne; 0 for a weightless tip")
 }
 
 fn check_layer(robot: &RobotDescription) -> Result<(), RobotError> {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Matrix6x5, Vector3, Vector6};
 
-use super::hybrid_curve::CurvePoint;
+use super::hybrid_curve::HybridPoint;
 use super::refine::Precision;
 use super::seed::Seed;
 use crate::float::PortableFloat;
@@ -27,7 +27,7 @@ impl<T: PortableFloat> FitGoal<T> {
 
 /// Returns `curve_from_start`, the axes of a start that grows along the curve, with the roll that minimises the
 /// distance of the goal from the end.
-pub(super) fn axes<T: PortableFloat>(goal: &FitGoal<T>, start: &CurvePoint<T>, end: &CurvePoint<T>) -> Matrix3<T> {
+pub(super) fn axes<T: PortableFloat>(goal: &FitGoal<T>, start: &HybridPoint<T>, end: &HybridPoint<T>) -> Matrix3<T> {
     let (zero, one) = (T::literal(0.0), T::literal(1.0));
     let z = start.direction;
     let mut other = Vector3::new(zero, zero, zero);
@@ -49,8 +49,8 @@ pub(super) fn axes<T: PortableFloat>(goal: &FitGoal<T>, start: &CurvePoint<T>, e
 
 /// An arc placed between the start and the goal of the problem.
 pub(super) struct Fit<T: PortableFloat> {
-    pub(super) start: CurvePoint<T>,
-    pub(super) end: CurvePoint<T>,
+    pub(super) start: HybridPoint<T>,
+    pub(super) end: HybridPoint<T>,
     pub(super) axes: Matrix3<T>,
     pub(super) misfit: Vector6<T>,
 }
@@ -114,8 +114,8 @@ fn stacked<T: PortableFloat>(offset: &Vector3<T>, turned: &Vector3<T>) -> Vector
 /// Returns the residual: the offset of the arc's end from the goal, and the difference of the directions.
 fn misfit<T: PortableFloat>(
     goal: &FitGoal<T>,
-    start: &CurvePoint<T>,
-    end: &CurvePoint<T>,
+    start: &HybridPoint<T>,
+    end: &HybridPoint<T>,
     axes: &Matrix3<T>,
 ) -> Vector6<T> {
     stacked(&(end.position - start.position - axes * goal.position), &(end.direction - axes * goal.direction))

@@ -22,7 +22,7 @@ const TWISTED: f64 = 32.0;
 
 /// A point of an arc in the axes of its curve.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct CurvePoint<T: PortableFloat> {
+pub(super) struct HybridPoint<T: PortableFloat> {
     pub(super) position: Vector3<T>,
     pub(super) direction: Vector3<T>,
     /// The axis about which the tip turns, of any length.
@@ -33,7 +33,7 @@ pub(super) struct CurvePoint<T: PortableFloat> {
     pub(super) rate: T,
 }
 
-impl<T: PortableFloat> CurvePoint<T> {
+impl<T: PortableFloat> HybridPoint<T> {
     pub(super) fn of(point: &CurvePoint<T>) -> Self {
         let CurvePoint { length, rate, .. } = *point;
         Self { position: point.position(), direction: point.direction(), axis: point.axis(), length, rate }
@@ -100,13 +100,13 @@ impl<'a, T: Nodes> HybridCurve<'a, T> {
         Self { curve, near, ends, between, rate: between / (T::literal(TAU) - T::literal(2.0) * near) }
     }
 
-    fn on_curve(&self, phase: T) -> CurvePoint<T> {
-        CurvePoint::of(&self.curve.points([phase; 2])[0])
+    fn on_curve(&self, phase: T) -> HybridPoint<T> {
+        HybridPoint::of(&self.curve.points([phase; 2])[0])
     }
 
     /// Returns the point at a phase.
-    pub(super) fn point(&self, phase: T) -> CurvePoint<T> {
-        let [before, after] = self.ends.each_ref().map(CurvePoint::of);
+    pub(super) fn point(&self, phase: T) -> HybridPoint<T> {
+        let [before, after] = self.ends.each_ref().map(HybridPoint::of);
         let forward = phase >= T::literal(0.0);
         let (side, enter, leave) =
             if forward { (T::literal(1.0), before, after) } else { (T::literal(-1.0), after, before) };

@@ -6,7 +6,7 @@ use nalgebra::Vector5;
 
 use super::closed_form::ClosedFormCurve;
 use super::fit::Fit;
-use super::hybrid_curve::{CurvePoint, HybridCurve};
+use super::hybrid_curve::{HybridCurve, HybridPoint};
 use super::refine::Precision;
 
 /// Logarithms of narrowness and twist below which a curve gets circles.
@@ -66,13 +66,13 @@ impl<T: Precision> Seed<T> {
     }
 
     /// Returns the ends of the arc on its curve.
-    pub(super) fn ends(&self, curve: &ClosedFormCurve<T>) -> [CurvePoint<T>; 2] {
+    pub(super) fn ends(&self, curve: &ClosedFormCurve<T>) -> [HybridPoint<T>; 2] {
         let phases = [self.start, self.end];
         if self.uses_circles && !T::IS_ROUGH {
             let course = HybridCurve::new(curve);
             phases.map(|phase| course.point(phase))
         } else {
-            curve.points(phases).map(|point| CurvePoint::of(&point))
+            curve.points(phases).map(|point| HybridPoint::of(&point))
         }
     }
 

@@ -63,11 +63,7 @@ const COMMANDS: [CommandEntry; 12] = [
         argument: "POSE",
         help: "the board plans from 0,0,0,0,90 to POSE and stores the layers",
     },
-    CommandEntry {
-        name: "start",
-        argument: "",
-        help: "heat, home and grow the stored layers; continue after a pause",
-    },
+    CommandEntry { name: "start", argument: "", help: "heat, home and grow the stored layers; continue after a pause" },
     CommandEntry { name: "pause", argument: "", help: "finish the current layer and wait; `start` continues" },
     CommandEntry {
         name: "grow",
@@ -77,11 +73,7 @@ const COMMANDS: [CommandEntry; 12] = [
     CommandEntry { name: "layers", argument: "[FROM]", help: "list up to 16 of the stored layers" },
     CommandEntry { name: "wait", argument: "[SECONDS]", help: "show events for SECONDS (1)" },
     CommandEntry { name: "stop", argument: "", help: "heater and steppers off" },
-    CommandEntry {
-        name: "estop",
-        argument: "",
-        help: "emergency stop: off at once, and off until `clear`",
-    },
+    CommandEntry { name: "estop", argument: "", help: "emergency stop: off at once, and off until `clear`" },
     CommandEntry { name: "clear", argument: "", help: "clear a fault or an emergency stop whose cause is gone" },
     CommandEntry { name: "help", argument: "", help: "this list" },
     CommandEntry { name: "quit", argument: "", help: "quit; a growing robot finishes its layer and pauses" },

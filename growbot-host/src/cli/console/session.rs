@@ -318,7 +318,7 @@ impl ConsoleSession {
 struct Help;
 
 impl Completer for Help {
-    type PlanCandidate = String;
+    type Candidate = String;
 
     fn complete(&self, line: &str, pos: usize, _: &Context<'_>) -> rustyline::Result<(usize, Vec<String>)> {
         Ok(complete(line.get(..pos).unwrap_or(line)))

@@ -63,7 +63,9 @@ impl DoctorSession {
             self.recorded_answers.push(RecordedAnswer { question: question.to_owned(), answer: typed, utc: now() });
             return match answer {
                 OperatorAnswer::Skip => Ok(None),
-                OperatorAnswer::Quit => Err(Failure::request_failed("stopped by choice; run the command again to continue")),
+                OperatorAnswer::Quit => {
+                    Err(Failure::request_failed("stopped by choice; run the command again to continue"))
+                }
                 answer => Ok(Some(answer)),
             };
         }
