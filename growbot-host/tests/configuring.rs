@@ -84,7 +84,7 @@ fn a_description_is_sent_stored_and_reported() {
     // A command for another robot is refused with a remedy.
     let other = robot.try_to(&["grow", "--to", "0,0,20,0,90", "--robot", "growbot-a"]);
     assert_eq!(other.code, Some(2), "{}", other.err);
-    for part in ["the board is mine (", "and not growbot-a (", "growbot configure"] {
+    for part in ["the board's robot is mine (", ", not growbot-a (", "growbot configure"] {
         assert!(other.err.contains(part), "{part}: {}", other.err);
     }
     let again = json(&robot.run(&["configure", "growbot-a", "--json"]));

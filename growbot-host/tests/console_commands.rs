@@ -181,7 +181,7 @@ fn unsafe_requests_are_refused_with_value_limit_and_remedy() {
     for (commands, parts) in [
         ("load\n", &["this is not allowed in state idle"][..]),
         ("preheat 300\n", &["between 50 and 235 C"]),
-        ("preheat 200\nload\n", &["22", "must have 180 C", "preheat, and wait"]),
+        ("preheat 200\nload\n", &["22", "must reach 180 C", "preheat, and wait"]),
         ("preheat 200\nwait 120\nrotate 400\n", &["by at most 360 degrees per command"]),
         ("preheat 200\nwait 120\njog 1e5\n", &["mm of filament per command"]),
         ("preheat 200\nwait 120\njog 50\njog 1\n", &["still moving"]),

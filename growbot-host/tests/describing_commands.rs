@@ -226,7 +226,7 @@ fn an_invalid_answer_leaves_no_file() {
     let path = directory.path().join("mine.toml");
     for (answers, part) in [
         ("mine\n14\n60\n10\n", "geometry.tip_radius_mm is 10, below 14"),
-        ("mine\nfourteen\n", "give a number"),
+        ("mine\nfourteen\n", "expected a number"),
         ("growbot-a\n", "growbot-a is a built-in robot"),
         ("mine\n1e400\n", "finite"),
     ] {

@@ -33,7 +33,7 @@ const A_SECOND: u32 = 6;
 fn assert_power_to_be_cut(ran: &Ran, parts: &[&str]) {
     assert_eq!(ran.code, Some(1), "{}", ran.err);
     assert!(ran.out.is_empty(), "{}", ran.out);
-    for part in [&["cut the power"], parts].concat() {
+    for part in [&["cut the robot's power"], parts].concat() {
         assert!(ran.err.contains(part), "{part:?} is not in {:?}", ran.err);
     }
 }
@@ -154,7 +154,7 @@ fn the_stop_reaches_a_board_whose_port_is_held_by_grow() {
     // Other commands respect the lock of a port.
     let status = growbot(&["status", "--port", &bench.name]);
     assert_eq!(status.code, Some(2), "{}", status.err);
-    assert!(status.err.contains("busy") && status.err.contains("growbot estop --port"), "{}", status.err);
+    assert!(status.err.contains("is in use by") && status.err.contains("growbot estop --port"), "{}", status.err);
     // A missing robot file does not delay the stop. Without the privilege, a port that is closed to others could not be
     // opened.
     let ran = without_privilege(&["estop", "--port", &bench.name, "--robot", "/no/such.toml"]);

@@ -167,7 +167,7 @@ fn failed_exports_give_one_line_and_leave_no_file() {
         (vec![&bodies.path("old.jsonl"), "-o", &kept], "growbot-run/1"),
         (vec![&kept, "-o", &bodies.path("a.glb")], "not JSON"),
         (vec![&bodies.path("missing"), "-o", &kept], "missing"),
-        (vec![&plan, "-o", &bodies.path("missing/a.stl")], "no directory"),
+        (vec![&plan, "-o", &bodies.path("missing/a.stl")], "does not exist"),
         (vec![&log, "-o", &kept, "--robot", "growbot-b"], "robot"),
         (vec![&plan, "-o", &kept, "--segments", "7"], "8..=1024"),
     ] {

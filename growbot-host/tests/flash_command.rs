@@ -222,7 +222,7 @@ fn a_failing_tool_ends_the_command() {
     let bench = Bench::new();
     bench.tool("probe-rs", "exit 1");
     bench.tool("cargo", "exit 101");
-    assert_refused(&bench.flash("tree", &[]), &["cargo failed", "101", "not built"]);
+    assert_refused(&bench.flash("tree", &[]), &["cargo failed", "101", "building the firmware failed"]);
     assert_eq!(bench.calls(), "robot growbot-a: cargo build-stm32f405\n");
     bench.tool("cargo", "");
     assert_refused(&bench.flash("tree", &[]), &["firmware image", "not found", "cargo built none"]);

@@ -228,7 +228,7 @@ fn invalid_responses_of_boards_are_reported() {
     let status = |board: &FakeBoard| growbot(&["status", "--port", &board.port()]);
     assert_refused(&status(&FakeBoard::silent()), &["has not responded", "power"]);
     assert_refused(&status(&FakeBoard::garbage()), &["no valid frame", "115200"]);
-    assert_refused(&status(&FakeBoard::of_frame_version(9)), &["version 9", "this one 2"]);
+    assert_refused(&status(&FakeBoard::of_frame_version(9)), &["version 9", "this side 2"]);
     assert_refused(&status(&FakeBoard::of_schema(0x1234)), &["0000000000001234", "flash"]);
     assert_refused(&status(&FakeBoard::that_hangs_up()), &["broke", "closed"]);
 }
@@ -522,6 +522,6 @@ mod serial {
         open.try_lock().unwrap();
         // This test process holds the port.
         let holder = format!("(process {})", std::process::id());
-        assert_refused(&growbot(&["status", "--port", &name]), &[&name, "busy", &holder]);
+        assert_refused(&growbot(&["status", "--port", &name]), &[&name, "is in use by", &holder]);
     }
 }

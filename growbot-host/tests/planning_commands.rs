@@ -315,7 +315,7 @@ fn an_unwritable_plan_is_refused_and_leaves_no_file() {
     let directory = tempfile::tempdir().unwrap();
     let missing = directory.path().join("missing/plan.json").display().to_string();
     let ran = growbot(&with(&TO, &["-o", &missing]));
-    assert_refused_in_a_line(&ran, 2, &["cannot write", "plan.json", "no directory", "missing"]);
+    assert_refused_in_a_line(&ran, 2, &["cannot write", "plan.json", "does not exist", "missing"]);
     let here = directory.path().display().to_string();
     assert_refused_in_a_line(&growbot(&with(&TO, &["-o", &here])), 2, &["cannot write", "directory"]);
     assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 0);
@@ -336,7 +336,7 @@ fn plan_files_of_other_robots_and_other_files_are_refused() {
     assert_refused_in_a_line(&layers(&good[..400]), 2, &["p.json", "ends in the middle", "line 1"]);
     assert_refused_in_a_line(&layers(""), 2, &["ends in the middle"]);
     assert_refused_in_a_line(&layers("solid cube"), 2, &["not JSON", "line 1 column 1"]);
-    assert_refused_in_a_line(&layers("{\"a\":1}"), 2, &["no plan", "format"]);
+    assert_refused_in_a_line(&layers("{\"a\":1}"), 2, &["is not a plan", "format"]);
     assert_refused_in_a_line(
         &changed("plan/1", "plan/2"),
         2,

@@ -131,7 +131,7 @@ fn units_are_converted_to_mm_and_degrees() {
 fn values_that_look_like_metres_or_radians_give_a_warning() {
     let said = |args: &[&str]| growbot(&[&["plan"], args].concat()).err;
     assert!(
-        said(&["--to", "0.2,0.1,0.6"]).contains("warning: the goal is 0.64 mm from the start, and the tube is 45.6")
+        said(&["--to", "0.2,0.1,0.6"]).contains("warning: the goal is 0.64 mm from the start, but the tube is 45.6")
     );
     assert!(said(&["--to", "0.2,0.1,0.6"]).contains("did you mean metres?"));
     assert!(said(&["--to", "200,100,600,0,0.785"]).contains("did you mean radians?"));

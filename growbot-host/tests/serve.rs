@@ -195,7 +195,10 @@ fn an_emergency_stop_of_a_silent_robot_is_reported_as_failed() {
     // The robot stays silent until the service responds.
     let (status, problem) = lab.ask("POST", "/robots/lab/commands", r#"{"command":"emergency-stop"}"#);
     assert!(command("kill").args(["-CONT", &pid]).status().unwrap().success());
-    assert!(status == 409 && problem["detail"].as_str().unwrap().contains("cut the power"), "{status} {problem}");
+    assert!(
+        status == 409 && problem["detail"].as_str().unwrap().contains("cut the robot's power"),
+        "{status} {problem}"
+    );
 }
 
 #[test]
@@ -274,7 +277,9 @@ fn the_job_list_is_rebuilt_from_the_run_logs() {
         assert_eq!((&jobs[0]["id"], &jobs[0]["state"], &jobs[0]["laid"]), (&json!(id), &json!("done"), &json!(LAYERS)));
         let heard = lab.heard().replace("\n    ", " ");
         assert!(
-            heard.contains("its format is \"growbot-run/5\", I read \"growbot-run/4\": use growbot 0.1.0"),
+            heard.contains(
+                "its format is \"growbot-run/5\", but this version reads \"growbot-run/4\": use growbot 0.1.0"
+            ),
             "{heard}"
         );
     }

@@ -156,7 +156,7 @@ fn a_file_that_is_neither_plan_nor_log_gives_no_page() {
     }
     assert_refused(&view(&path("none.json")), &["none.json", "cannot read"], &page);
     assert_refused(&view(directory.path()), &["cannot read"], &page);
-    assert_refused(&growbot(&["view", text(&plan), "-o", text(&path("no/page.html"))]), &["no directory"], &page);
+    assert_refused(&growbot(&["view", text(&plan), "-o", text(&path("no/page.html"))]), &["does not exist"], &page);
     assert_refused(&growbot_reading(&["view", "-"], &whole), &["-o"], &page);
     assert_refused(&growbot(&["view", text(&plan), "-o", text(&plan)]), &["use .html"], &page);
     assert_eq!(fs::read_to_string(&plan).unwrap(), whole);

@@ -169,7 +169,7 @@ fn failed_watching_gives_the_reason() {
         (vec!["--watch-port", "0"], "--watch"),
         (vec!["--pace", "0"], "not between 0.1 and"),
         (vec!["--pace", "1e-300"], "not between 0.1 and"),
-        (vec!["--pace", "fast"], "no number"),
+        (vec!["--pace", "fast"], "is not a number"),
         (vec!["--pace", "nan"], "not between 0.1 and"),
         (vec!["--pace", "2", "--port", "tcp:127.0.0.1:1"], "--pace is for --port sim"),
     ] {

@@ -447,6 +447,6 @@ mod tests {
         let silent =
             || GrowthError::Interrupted(ClientError::StopNotAcknowledged { port: "sim (simulated)".to_owned() });
         assert!(growth_failure(silent(), true).message().ends_with("the robot is simulated"));
-        assert!(growth_failure(silent(), false).message().contains("cut its power"));
+        assert!(growth_failure(silent(), false).message().contains("cut the robot's power"));
     }
 }

@@ -68,7 +68,7 @@ fn dependent_fields_are_adapted_and_reported() {
 fn invalid_answers_are_refused_with_value_limit_and_remedy() {
     for (path, answer, part) in [
         ("geometry.tip_radius_mm", "10", "geometry.tip_radius_mm is 10, below 12: the tube (r_t) must be wider"),
-        ("geometry.tip_radius_mm", "wide", "geometry.tip_radius_mm cannot be \"wide\": give a number"),
+        ("geometry.tip_radius_mm", "wide", "invalid value \"wide\" for geometry.tip_radius_mm: expected a number"),
         ("geometry.tip_radius_mm", "nan", "is NaN"),
         ("planning_radius_mm", "90", "planning_radius_mm is 90, below 98.2"),
         ("motion.tick_hz", "-1", "a whole number"),
@@ -90,7 +90,7 @@ fn the_schema_line_stays_at_the_top() {
     let (text, file) = robot_file::text_of("growbot-a".as_ref()).unwrap();
     let text = format!("#:schema ./robot.json\n{text}");
     let (_, written) = Draft::of(&text, &file, "mine").unwrap().file(&[]).unwrap();
-    assert!(written.starts_with("#:schema ./robot.json\n# mine: begun by"), "{written}");
+    assert!(written.starts_with("#:schema ./robot.json\n# mine: created by"), "{written}");
     assert_eq!(written.matches("#:schema").count(), 1);
 }
 

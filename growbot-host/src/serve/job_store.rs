@@ -431,7 +431,7 @@ mod tests {
             let (_directory, places) = of_version(version);
             let message = JobStore::open(&places).err().unwrap().to_string();
             let found = format!("{which} release of growbot (tables {version}, this release uses {VERSION})");
-            for part in ["jobs.sqlite", &found, "move the file away", "rebuilt from the run logs"] {
+            for part in ["jobs.sqlite", &found, "move the file away", "rebuilds the list from the run logs"] {
                 assert!(message.contains(part), "{message}");
             }
             let database = Connection::open(places.database()).unwrap();

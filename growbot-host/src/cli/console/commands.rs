@@ -205,7 +205,7 @@ mod tests {
         for (line, part) in [
             ("stop now", "`stop` takes no arguments: remove \"now\""),
             ("status 1 2", "remove \"1 2\""),
-            ("quit please", "`quit` takes nothing"),
+            ("quit please", "`quit` takes no arguments"),
             ("plam 0,0,100,0,90", "unknown command \"plam\" (did you mean plan?)"),
             ("layers 1 2", "\"1 2\" is not a layer number"),
             ("layers -1", "\"-1\" is not a layer number"),

@@ -376,7 +376,7 @@ mod tests {
     fn errors_are_displayed_and_long_output_opens_an_overlay() {
         let mut console = console();
         console.press(":stop now\n");
-        assert!(console.says("`stop` takes nothing"));
+        assert!(console.says("`stop` takes no arguments"));
         console.press("g");
         assert!(console.says("stores no plan"));
         console.press(":plan 20,0,0,0,90\n");
