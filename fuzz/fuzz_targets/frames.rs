@@ -5,7 +5,7 @@
 
 #![no_main]
 
-use growbot_core::link::frame::{self, Header, FrameDecoder};
+use growbot_core::link::frame::{self, FrameDecoder, Header};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {

@@ -7,9 +7,9 @@
 use embedded_storage::nor_flash::MultiwriteNorFlash;
 #[allow(unused_imports, reason = "not every robot has every sensor")]
 use growbot_core::robot::{
-    Board, BoardKind, ChopperMode, DigitalInput, DriverSettings, Fan, Feed, FeedStrategy, Filament, FilamentMotion,
-    Geometry, Head, HeadRotation, Heater, LayerDescription, Material, Motion, Pause, PinOverrides, Robot,
-    RobotDescription, Sensors, Supply, Thermistor, Tip, Wall,
+    BoardDescription, BoardKind, ChopperMode, DigitalInput, DriverSettings, Fan, Feed, FeedStrategy, Filament,
+    FilamentMotion, Geometry, Head, HeadRotation, Heater, LayerDescription, Material, Motion, Pause, PinOverrides,
+    Robot, RobotDescription, Sensors, Supply, Thermistor, Tip, Wall,
 };
 use heapless::String;
 

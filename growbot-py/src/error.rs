@@ -190,11 +190,7 @@ impl From<ScenePlanError> for Error {
 /// Returns the error for a number outside of these limits.
 pub fn outside(name: &str, value: f64, [min, max]: [f64; 2], unit: &str) -> Error {
     let limit = if value < min { min } else { max };
-    let message = format!(
-        "{name} is {} {unit}: give {} to {}",
-        CompactNumber(&value),
-        CompactNumber(&min),
-        CompactNumber(&max)
-    );
+    let message =
+        format!("{name} is {} {unit}: give {} to {}", CompactNumber(&value), CompactNumber(&min), CompactNumber(&max));
     Error::with(ErrorKind::Input, message, value, limit)
 }
