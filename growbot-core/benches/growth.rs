@@ -43,7 +43,7 @@ fn growth(criterion: &mut Criterion) {
         bencher.iter(|| {
             let mut hanging = SaggingBody::new(&robot, &start.frame());
             let grown = grow_open_loop(&start, black_box(&plain).iter().copied(), &growth_only, 1, |laid| {
-                hanging.add_layer(laid)
+                hanging.add_layer(laid);
             });
             (grown, hanging)
         });

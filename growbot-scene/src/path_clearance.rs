@@ -73,7 +73,7 @@ fn pieces(path: &[Segment], base_from_start: &Frame) -> Vec<PathPiece> {
         match *segment {
             Segment::Helicoid { curve, radius, length } => divide(&base_from_tip, &curve, radius, length, &mut pieces),
             plain => {
-                pieces.extend(arc_segments(&[plain], &base_from_tip).into_iter().flatten().map(PathPiece::Stretch))
+                pieces.extend(arc_segments(&[plain], &base_from_tip).into_iter().flatten().map(PathPiece::Stretch));
             }
         }
         base_from_tip *= segment.step();

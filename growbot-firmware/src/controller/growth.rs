@@ -198,7 +198,7 @@ impl<B: Board> Controller<B> {
                 self.home(handover);
             }
             State::Growing if handover.can_accept_move() && self.motion.feeding.is_none() => {
-                self.lay_or_pause(handover)
+                self.lay_or_pause(handover);
             }
             State::Paused if self.motion.feeding.is_none() && self.motion.maintained.is_none() => {
                 self.pause_or_continue(handover);

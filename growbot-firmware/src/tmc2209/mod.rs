@@ -173,7 +173,7 @@ impl<W: SingleWireUart> Tmc2209<W> {
                 self.end(now);
             }
             (PollState::Look(register, look), TransactionResult::Read(value)) => {
-                self.look(register, look, value, now, in_use)
+                self.look(register, look, value, now, in_use);
             }
             _ => {
                 self.node().problem = Some(DriverProblem::Silent);

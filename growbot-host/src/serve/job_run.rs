@@ -172,7 +172,7 @@ impl RobotWorker {
     /// Sends a notice about a job.
     fn notify_job(&self, job: &Job, event: NotificationEvent, why: Option<&str>) {
         self.with_notification_context(|about| {
-            self.shared.notify_event(&NotificationContext { job: Some(&job.id), ..*about }, event, why)
+            self.shared.notify_event(&NotificationContext { job: Some(&job.id), ..*about }, event, why);
         });
     }
 

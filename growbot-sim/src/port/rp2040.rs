@@ -349,10 +349,10 @@ impl Rp2040Emulator {
             match output {
                 ProcessOutput::Step(motor) => tip.step(*motor),
                 ProcessOutput::Direction(Motor::Head) => {
-                    tip.set_direction(Motor::Head, on_when(self.levels.head_high_is_positive))
+                    tip.set_direction(Motor::Head, on_when(self.levels.head_high_is_positive));
                 }
                 ProcessOutput::Direction(Motor::Feed) => {
-                    tip.set_direction(Motor::Feed, on_when(self.levels.feed_high_is_forward))
+                    tip.set_direction(Motor::Feed, on_when(self.levels.feed_high_is_forward));
                 }
                 ProcessOutput::Enable(motor) => tip.set_enabled(*motor, on_when(!self.levels.enable_low)),
                 ProcessOutput::HeaterEnable => {

@@ -231,7 +231,7 @@ impl TuiApp {
                 }
             }
             Ok(ConsoleCommand::Wait(_)) => {
-                self.model.log("this port runs in real time: + and - change the speed on sim only")
+                self.model.log("this port runs in real time: + and - change the speed on sim only");
             }
             Ok(ConsoleCommand::Help) => self.model.popup = Some(help()),
             Ok(ConsoleCommand::Quit) => self.quit = true,
