@@ -5,13 +5,13 @@
 
 #![no_main]
 
-use growbot_core::link::frame::{self, FrameDecoder, Header};
+use growbot_core::link::frame::{self, FrameDecoder, FrameHeader};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
     let [length, changes, rest @ ..] = bytes else { return };
     let (body, rest) = rest.split_at(rest.len().min(usize::from(*length)));
-    let header = Header { kind: 4, session: 0x1A2B_3C4D, seq: 7, ack: 0 };
+    let header = FrameHeader { kind: 4, session: 0x1A2B_3C4D, seq: 7, ack: 0 };
     let Ok(sent) = frame::encode(&header, body) else { return };
     let mut arrived = sent.to_vec();
     for change in rest.chunks_exact(2).take(usize::from(*changes)) {

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use growbot_client::port::Port;
 use growbot_client::robot_file;
-use growbot_core::link::frame::{self, Header, MAX_BODY_LEN};
+use growbot_core::link::frame::{self, FrameHeader, MAX_BODY_LEN};
 use growbot_core::link::message::{Hello, HostName, Message, SCHEMA_HASH, State};
 use growbot_core::robot::Robot;
 use growbot_sim::port::sim::Sim;
@@ -23,7 +23,7 @@ const SESSION: u32 = 7;
 fn send(sim: &mut Sim, seq: &mut u16, kind: u8, body: &[u8]) {
     // Each frame is a new request, because the board does not execute a repeated request again.
     *seq = frame::next_seq(*seq);
-    let header = Header { kind, session: SESSION, seq: *seq, ack: 0 };
+    let header = FrameHeader { kind, session: SESSION, seq: *seq, ack: 0 };
     if let Ok(bytes) = frame::encode(&header, body) {
         sim.send(&bytes).expect("a simulated line does not break");
     }

@@ -4,8 +4,9 @@ use core::fmt;
 
 /// A number in a short form: decimal, or with an exponent if the decimal form would need more than a dozen zeros.
 /// ```
-/// use growbot_core::number::Short;
-/// assert_eq!(format!("{} {} {}", Short(&0.774), Short(&1e7), Short(&-1e308)), "0.774 10000000 -1e308");
+/// use growbot_core::compact_number::CompactNumber;
+/// assert_eq!(format!("{} {}", CompactNumber(&0.774), CompactNumber(&1e7)), "0.774 10000000");
+/// assert_eq!(CompactNumber(&-1e308).to_string(), "-1e308");
 /// ```
 #[derive(Debug, Clone, Copy)]
 pub struct CompactNumber<'a>(pub &'a f64);

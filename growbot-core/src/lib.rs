@@ -39,7 +39,7 @@
 //!
 //! ```
 //! use growbot_core::layer::grow;
-//! use growbot_core::plan::{Planner, miss, plan};
+//! use growbot_core::plan::{Planner, goal_error, plan};
 //! use growbot_core::pose::Pose;
 //! use growbot_core::robot::Robot;
 //! use growbot_core::slicing::{Slicing, layers};
@@ -57,7 +57,7 @@
 //! let layers: Vec<_> = layers(&path, &robot, Slicing::Exact).map(|sliced| sliced.layer).collect();
 //! assert_eq!(layers.len(), 833);
 //! let base_from_tip = grow(&start.frame(), layers);
-//! assert!(miss(&base_from_tip, &goal).distance < 1e-9);
+//! assert!(goal_error(&base_from_tip, &goal).distance < 1e-9);
 //! ```
 #![no_std]
 #![forbid(unsafe_code)]

@@ -39,10 +39,10 @@ pub struct EncoderMapping {
 /// describe it.
 ///
 /// ```
-/// use growbot_firmware::emulated_tip::{ENCODER_TURNS, EncoderMapping, encoder_level};
+/// use growbot_firmware::emulated_tip::{ENCODER_OK, EncoderMapping, encoder_level};
 /// // An edge every 112.5 steps.
 /// let (pitch, mapping) = (225 * 128, EncoderMapping::default());
-/// let level = |steps| encoder_level(steps, pitch, ENCODER_TURNS, mapping);
+/// let level = |steps| encoder_level(steps, pitch, ENCODER_OK, mapping);
 /// assert!(level(0) && level(56) && !level(57) && !level(112) && level(113) && !level(-1));
 /// ```
 pub const fn encoder_level(feed_steps: i32, pitch: u32, state: u32, mapping: EncoderMapping) -> bool {

@@ -3,9 +3,9 @@
 //! - [`body`]: the layers of a plan or a run log, with the frame of each
 //! - [`mesh`]: the printed wall as a closed surface, written by [`stl`] and [`glb`]
 //! - [`obstacles`]: the scene around it as surfaces
-//! - [`table`]: centreline and layers as CSV
+//! - [`centreline_csv`]: centreline and layers as CSV
 //! - [`tum`]: the path of the tip as a trajectory
-//! - [`recording`]: the events of a run log over time, as MCAP. Each `message` is JSON ([`messages`]), or CDR in the
+//! - [`mcap`]: the events of a run log over time. Each `message` is JSON ([`foxglove`]), or CDR in the
 //!   types of ROS 2 (`ros2`).
 //!
 //! - **STL** has no indices, so its readers weld corners whose 32-bit numbers are equal. A ring that 32-bit numbers
