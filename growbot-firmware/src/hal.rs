@@ -1,6 +1,6 @@
 //! The traits of a board, beyond those of embedded-hal.
 //!
-//! Levels are logical. A board whose wiring inverts a pin wraps it in [`crate::polarity::Polarized`]. A robot may lack
+//! Levels are logical. A board whose wiring inverts a pin wraps it in [`crate::invertible_pin::InvertiblePin`]. A robot may lack
 //! some sensors: the firmware never reads pins that the robot's description does not name.
 
 use core::ops::DerefMut;

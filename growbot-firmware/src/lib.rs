@@ -5,8 +5,8 @@
 //! simulation on the desktop. A layer takes this path through it:
 //!
 //! 1. [`link`] and [`controller`]: it arrives in a `Layers` message, is checked, and is stored in the [`layer_store`];
-//! 2. [`stepping::Material`] and [`stepping::Turn`]: it becomes steps and ticks of 64 sectors;
-//! 3. [`stepping::Handover`]: it passes to the step interrupt;
+//! 2. [`stepping::TurnPlanner`] and [`stepping::Turn`]: it becomes steps and ticks of 64 sectors;
+//! 3. [`stepping::Mailbox`]: it passes to the step interrupt;
 //! 4. [`stepping::Engine`]: it becomes step pulses, tick by tick;
 //! 5. on the way back, the steps made become the layer as built, and a `Laid` message.
 //!

@@ -55,7 +55,7 @@
 //! | `0x16C` | [`HANG`] | host | 1: the main loop is to hang while the watchdog is fed, as a test |
 //! | `0x1000` | [`ROBOT`] | host | the robot description, bytes |
 //! | `0x2_0000` | [`JOURNAL_FLASH`] | board | its flash, [`FLASH_AREA_BYTES`] bytes: survives a reset of the board |
-//! | `0x8_0000` | [`DESCRIPTION`] | board | the flash of the robot's description, as that of the journal |
+//! | `0x8_0000` | [`DESCRIPTION_FLASH`] | board | the flash of the robot's description, as that of the journal |
 //! | `0xC_0000` | [`ALARMS`] | board | the latest tick of each remainder by [`ALARM_WORDS`] |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
 //!
@@ -71,7 +71,7 @@
 //!   [`STEP_OVERRUN`]. The positions [`HEAD_STEPS`] and [`FEED_STEPS`] still count such steps.
 //! - The host writes [`THERMISTOR_RAW`], then 1 to [`THERMISTOR_LIVE`]. From then on the board reads the latest value
 //!   at any rate, like that of its own ADC, so that a slow host does not look like a broken sensor.
-//! - The board writes to [`JOURNAL_FLASH`] and [`DESCRIPTION`] as to flash: it programs words by clearing bits, and erases
+//! - The board writes to [`JOURNAL_FLASH`] and [`DESCRIPTION_FLASH`] as to flash: it programs words by clearing bits, and erases
 //!   sectors of [`FLASH_SECTOR_BYTES`] bytes by setting all bits. The zeros of the new memory do not count as erased.
 //! - Pairs (`_LO`, `_HI`) are read high, low, high, until both highs agree. Each pair lies in eight aligned bytes.
 //!

@@ -1,7 +1,7 @@
 //! The heater: regulation of the nozzle's temperature, and the conditions under which it is switched off.
 //!
-//! Call [`Heater::update`] ten times a second with the mean of the period's conversions ([`Oversampler`]) and the load of
-//! the nozzle ([`Demand`]). It returns the duty. `regulation` computes it while the nozzle approaches a target and
+//! Call [`Heater::update`] ten times a second with the mean of the period's conversions
+//! ([`Oversampler`](crate::oversampler::Oversampler)) and the load of the nozzle ([`Demand`]). It returns the duty. `regulation` computes it while the nozzle approaches a target and
 //! holds it. `tuning` computes it while the gains are measured. `supervision` compares the reading with the behaviour
 //! that the `model` predicts for the nozzle.
 //!

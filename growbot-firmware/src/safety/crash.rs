@@ -66,7 +66,7 @@ pub fn encode(head: &[u32; HEAD_WORDS], places: &MemoryLayout, stack: impl Fn(u3
     words
 }
 
-/// Decodes the crash from the retained words. `None` if they are not a valid record of [`words`].
+/// Decodes the crash from the retained words. `None` if they are not a valid record of [`encode`].
 #[must_use]
 pub fn decode(words: &[u32; RETAINED_WORDS]) -> Option<CrashWords> {
     let [mark, crash @ .., sum] = *words;

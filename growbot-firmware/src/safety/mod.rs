@@ -1,10 +1,10 @@
 //! Safety of an unattended robot.
 //!
 //! - [`transitions`]: the table of states and events.
-//! - [`inputs`]: the inputs that indicate danger: supply, drivers, filament. Each must persist before it counts.
+//! - [`input_monitor`]: the inputs that indicate danger: supply, drivers, filament. Each must persist before it counts.
 //! - [`crash`]: the record of a crash of the firmware, for the next start.
 //! - [`retained`]: the state that survives a reset: the record of the latest fault, and the activity before the reset.
-//! - [`proof_of_life`]: the conditions for feeding the watchdog.
+//! - [`liveness`]: the conditions for feeding the watchdog.
 //!
 //! [`crate::heater`] finds the nozzle's own faults, and [`crate::stepping`] those of head and feed. After any fault the
 //! controller switches everything off at once and latches the first one.

@@ -68,7 +68,7 @@ impl RetainedState {
         bytes
     }
 
-    /// Decodes a copy. `None` if the bytes are not a valid result of [`Retained::to_bytes`].
+    /// Decodes a copy. `None` if the bytes are not a valid result of [`RetainedState::to_bytes`].
     #[must_use]
     pub fn from_bytes(bytes: &[u8; COPY_BYTES]) -> Option<Self> {
         generation_of(bytes)?;

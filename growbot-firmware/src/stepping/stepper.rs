@@ -5,7 +5,7 @@ use embedded_hal::digital::OutputPin;
 use super::moves::EngineFault;
 
 /// A stepper driver: step, direction and enable pins. Levels are logical. A board with inverted wiring wraps its pins
-/// in [`crate::polarity::Polarized`].
+/// in [`crate::invertible_pin::InvertiblePin`].
 pub struct StepperPins<S, D, E> {
     /// Step pin. A rising edge is a step.
     pub step: S,

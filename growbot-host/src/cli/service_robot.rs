@@ -50,7 +50,7 @@ pub fn find_service_robot(port: &SelectedPort) -> Result<Option<ServiceRobot>, F
     owner_within(port, RESPONSE_TIMEOUT)
 }
 
-/// Like [`owner`], but for an emergency, in which a service that hangs must not delay the stop.
+/// Like [`find_service_robot`], but for an emergency, in which a service that hangs must not delay the stop.
 pub fn owner_in_emergency(port: &SelectedPort) -> Option<ServiceRobot> {
     owner_within(port, EMERGENCY).ok().flatten()
 }
