@@ -14,7 +14,7 @@ use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
 use growbot_client::growth::{Command, CommandQueue, GrowthError, GrowthOptions, Job, OnParked, grow_job};
 use growbot_client::run_log::{
-    BoardRecord, BoardStatus, GrowthResult, Origin, OutcomeKind, RunEvent, RunLog, RunLogError, to_run_events,
+    BoardRecord, BoardStatus, GrowthResult, OutcomeKind, RunEvent, RunLog, RunLogError, RunOrigin, to_run_events,
 };
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::robot::Robot as Described;
@@ -189,8 +189,11 @@ impl BoardWorker {
         let (port, link) = (self.name.clone(), self.link()?);
         let job = Job::of_plan(robot, plan);
         let fed_back = conditions.feedback().then_some(noise);
-        let origin =
-            Origin { port: &port, imperfection: simulated.then_some(&imperfection), ignores_scene: task.ignores_scene };
+        let origin = RunOrigin {
+            port: &port,
+            imperfection: simulated.then_some(&imperfection),
+            ignores_scene: task.ignores_scene,
+        };
         let begun = match &task.log {
             None => Ok(RunLog::disabled()),
             Some(file) if task.replace => RunLog::replace(file, plan, &job, fed_back, origin),
