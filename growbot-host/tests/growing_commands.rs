@@ -230,7 +230,7 @@ fn invalid_responses_of_boards_are_reported() {
     assert_refused(&status(&FakeBoard::garbage()), &["no valid frame", "115200"]);
     assert_refused(&status(&FakeBoard::of_frame_version(9)), &["version 9", "this side 2"]);
     assert_refused(&status(&FakeBoard::of_schema(0x1234)), &["0000000000001234", "flash"]);
-    assert_refused(&status(&FakeBoard::that_hangs_up()), &["broke", "closed"]);
+    assert_refused(&status(&FakeBoard::that_hangs_up()), &["lost the connection", "closed"]);
 }
 
 #[test]
