@@ -482,7 +482,7 @@ impl Growth {
             let known = Command::ALL.map(Command::name).join(", ");
             Error::with(
                 ErrorKind::Input,
-                format!("there is no command {name:?}: give one of {known}"),
+                format!("unknown command {name:?}: give one of {known}"),
                 name.as_str(),
                 known,
             )

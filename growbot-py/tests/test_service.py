@@ -84,7 +84,7 @@ def test_a_growth_can_be_left_and_met_again(lab: Path) -> None:
         growth.pause()
         next(event for event in growth if isinstance(event, growbot.events.StateChanged) and event.state == "paused")
         growth.continue_()
-        with pytest.raises(growbot.InputError, match="there is no command"):
+        with pytest.raises(growbot.InputError, match="unknown command"):
             growth.send_command("jump")
     # The end of the block has stopped the growth.
     assert growth.ended and growth.result is not None and growth.result["outcome"] == "stopped"

@@ -223,7 +223,7 @@ class ServiceGrowth:
             self._service.bytes(f"/jobs/{self._job}/live/commands/{name}", {})
         else:
             known = ", ".join(_COMMANDS + _TASKS)
-            raise InputError(f"there is no command {name!r}: give one of {known}", name, known)
+            raise InputError(f"unknown command {name!r}: give one of {known}", name, known)
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -290,7 +290,7 @@ class ServiceBoard:
     def attach(self) -> ServiceGrowth:
         robot = self._require_service().json(f"/robots/{self._robot}")
         if robot["job"] is None:
-            raise BoardError(f"robot {self._robot} has no job under way: grow one", "none", "a job")
+            raise BoardError(f"robot {self._robot} has no active job: grow one", "none", "a job")
         return ServiceGrowth(self._require_service(), self._robot, robot["job"], None)
 
     def status_json(self) -> str:
