@@ -2,6 +2,7 @@
 """Compares the mutants that survived with the list of equivalent mutants.
 
     check.py EQUIVALENT.TOML REPOSITORY OUTPUT...
+    check.py EQUIVALENT.TOML REPOSITORY            without a report: each entry names a function and a line that exist
 
 Each OUTPUT is the directory that tests/mutants/run wrote for a group: all.json, and the reports own/ and all/ of
 cargo-mutants. An entry of the list is
@@ -18,6 +19,7 @@ survivor is listed, and if every listed mutant of the groups that were run exist
 """
 
 import json
+import re
 import sys
 import tomllib
 from pathlib import Path
@@ -58,6 +60,22 @@ def outcomes(report):
             yield outcome["scenario"]["Mutant"], outcome["summary"]
 
 
+def missing(entry, repository):
+    """Returns what an entry names and the source does not have, or None."""
+    path = repository / entry["file"]
+    if not path.is_file():
+        return "no such file"
+    text = path.read_text()
+    if entry["line"] not in (line.strip() for line in text.splitlines()):
+        return "no such line"
+    function = re.search(r" in (.*)$", entry["mutation"])
+    names = re.sub(r"<.*?>", "", function[1]).split("::") if function else []
+    absent = [name for name in names if not re.search(rf"\b{name}\b", text)]
+    if absent or (names and not re.search(rf"\bfn {names[-1]}\b", text)):
+        return f"no {'::'.join(names)}"
+    return None
+
+
 def main():
     listed_in, repository, outputs = Path(sys.argv[1]), Path(sys.argv[2]), [Path(output) for output in sys.argv[3:]]
     equivalent, problems = {}, []
@@ -67,7 +85,12 @@ def main():
             problems.append(f"listed twice: {key}")
         if not entry["reason"].strip():
             problems.append(f"listed without a reason: {key}")
+        if what := missing(entry, repository):
+            problems.append(f"listed as equivalent, but there is {what}: {key}")
         equivalent[key] = entry["reason"]
+    if not outputs:
+        print("\n".join(problems) or f"{len(equivalent)} equivalent mutants, each in a line that exists")
+        return 1 if problems else 0
 
     counts = {"CaughtMutant": 0, "MissedMutant": 0, "Timeout": 0, "Unviable": 0}
     existing, files, by_own = set(), set(), 0
