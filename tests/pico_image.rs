@@ -15,8 +15,8 @@ const MEMORY: u64 = 0x2000_0000;
 const FLASH_SECTIONS: [&str; 6] = [".boot2", ".vector_table", ".text", ".rodata", ".data", ".interrupts"];
 const RAM_SECTIONS: [&str; 4] = [".data", ".interrupts", ".bss", ".uninit"];
 
-/// Functions of the firmware that the linker places in memory, because an interrupt executes them. A missing one would be
-/// read from flash while the flash is written.
+/// Functions of the firmware that the linker places in memory, because an interrupt executes them. A missing one would
+/// be read from flash while the flash is written.
 const FUNCTIONS_IN_RAM: [&str; 20] = [
     "growbot_firmware::stepping::axis_move::AxisMoveRun::tick",
     "growbot_firmware::stepping::engine::Engine::finish",

@@ -1,14 +1,14 @@
 //! A growth in closed loop that stays clear of the obstacles of a scene.
 //!
 //! Layers come out differently from the plan, and each correction is another body. The host that corrects a growth must
-//! have each correction checked before it is sent to a board. [`ClearanceGuard::check`] proves that the remaining body stays
-//! clear of all obstacles. The distance is half the tube plus 3 standard deviations of the expected position of the tip
-//! along it. If measured directions differ more than expected from the computed ones, the deviations are scaled up
-//! accordingly. The margin of the scene is available for the growth to use up.
+//! have each correction checked before it is sent to a board. [`ClearanceGuard::check`] proves that the remaining body
+//! stays clear of all obstacles. The distance is half the tube plus 3 standard deviations of the expected position of
+//! the tip along it. If measured directions differ more than expected from the computed ones, the deviations are scaled
+//! up accordingly. The margin of the scene is available for the growth to use up.
 //!
-//! If a correction is too near, another path is planned through the scene ([`ClearanceGuard::ensure_clear`]). It starts from the
-//! forecast of the tip after the layers in progress. If there is none, the growth has to pause, and [`TooNear`]
-//! contains place and reason.
+//! If a correction is too near, another path is planned through the scene ([`ClearanceGuard::ensure_clear`]). It starts
+//! from the forecast of the tip after the layers in progress. If there is none, the growth has to pause, and
+//! [`TooNear`] contains place and reason.
 //!
 //! The deviation is the estimator's own, propagated over the remaining layers and their measurements
 //! (`Tracker::forecast`). It is the root of the sum over the axes, which no direction exceeds. It is scaled by the root

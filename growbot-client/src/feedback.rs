@@ -1,8 +1,8 @@
 //! Feedback: passes the measurements of each layer to the tracker, and the tracker's plan for the rest to the job.
 //!
 //! [`Tracker`] is the loop itself; this module contains its two ends. [`Feedback::record_layer`] converts pulses of the
-//! filament's encoder into growth and gravity into a direction. [`Feedback::replan_rest`] converts the rest of the path into
-//! layers in bytes, with a plan id. [`crate::growth`] decides which of them are sent to the board, and when.
+//! filament's encoder into growth and gravity into a direction. [`Feedback::replan_rest`] converts the rest of the path
+//! into layers in bytes, with a plan id. [`crate::growth`] decides which of them are sent to the board, and when.
 //!
 //! From a layer to an amendment:
 //!

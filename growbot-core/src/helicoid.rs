@@ -143,8 +143,8 @@ impl HelicoidIntegrator {
         self.advance_with_keep_alive(length, &mut || ());
     }
 
-    /// Like [`HelicoidIntegrator::advance`], but calls `keep_alive` in each step so that a board can feed its watchdog. Past a narrow
-    /// neck the integration takes a second on a microcontroller.
+    /// Like [`HelicoidIntegrator::advance`], but calls `keep_alive` in each step so that a board can feed its watchdog.
+    /// Past a narrow neck the integration takes a second on a microcontroller.
     #[inline(never)]
     pub fn advance_with_keep_alive(&mut self, length: f64, keep_alive: &mut dyn FnMut()) {
         let force = self.curve.p.norm().max(f64::MIN_POSITIVE);

@@ -164,8 +164,8 @@ impl Pose {
         self.pitch
     }
 
-    /// Reports whether the pose points straight up or down, to [`Self::VERTICAL_TOLERANCE_RAD`]. Then its direction does not depend
-    /// on its heading.
+    /// Reports whether the pose points straight up or down, to [`Self::VERTICAL_TOLERANCE_RAD`]. Then its direction
+    /// does not depend on its heading.
     #[must_use]
     pub fn is_vertical(&self) -> bool {
         core::f64::consts::FRAC_PI_2 - self.pitch.abs() <= Self::VERTICAL_TOLERANCE_RAD

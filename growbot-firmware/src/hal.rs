@@ -1,7 +1,7 @@
 //! The traits of a board, beyond those of embedded-hal.
 //!
-//! Levels are logical. A board whose wiring inverts a pin wraps it in [`crate::invertible_pin::InvertiblePin`]. A robot may lack
-//! some sensors: the firmware never reads pins that the robot's description does not name.
+//! Levels are logical. A board whose wiring inverts a pin wraps it in [`crate::invertible_pin::InvertiblePin`]. A robot
+//! may lack some sensors: the firmware never reads pins that the robot's description does not name.
 
 use core::ops::DerefMut;
 

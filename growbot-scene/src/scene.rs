@@ -127,8 +127,8 @@ impl Scene {
     }
 
     /// Returns the distance from a point to the nearest obstacle surface, at most `within`, mm. It is not negative
-    /// inside a mesh; use [`Scene::contains`] for that. A path that begins outside a mesh and stays clear of its surface
-    /// stays outside.
+    /// inside a mesh; use [`Scene::contains`] for that. A path that begins outside a mesh and stays clear of its
+    /// surface stays outside.
     #[must_use]
     #[inline]
     pub fn distance_within(&self, point: &Vector3<f64>, within: f64) -> f64 {

@@ -1,7 +1,7 @@
 //! The truth about a growth on a simulated tip: the true position of its plastic.
 //!
-//! A program that opens a port to a simulated robot also gets its [`SimulatedTip`]. [`grow_with_ground_truth`] follows a growth with it,
-//! and replaces the body according to steps or sensors by the one that the tip has laid.
+//! A program that opens a port to a simulated robot also gets its [`SimulatedTip`]. [`grow_with_ground_truth`] follows
+//! a growth with it, and replaces the body according to steps or sensors by the one that the tip has laid.
 
 use growbot_client::arrival::Arrival;
 use growbot_client::client::ClientError;

@@ -1,4 +1,5 @@
-//! Runs every interruption of a growth of 300 layers, and 10,000 growths over bad lines: `cargo recovery-campaign [JOBS]`.
+//! Runs every interruption of a growth of 300 layers, and 10,000 growths over bad lines: `cargo recovery-campaign
+//! [JOBS]`.
 
 use std::process::ExitCode;
 use std::sync::Mutex;

@@ -25,8 +25,8 @@ pub fn build_image(alias: &str) {
     assert!(status.is_ok_and(|status| status.success()), "cargo {alias} failed");
 }
 
-/// Returns the path of a board's image (`an386` or `stm32f405`), as `cargo build-an386` and `cargo build-stm32f405` build
-/// it.
+/// Returns the path of a board's image (`an386` or `stm32f405`), as `cargo build-an386` and `cargo build-stm32f405`
+/// build it.
 ///
 /// # Panics
 /// Panics if the image has not been built, because a test without its image proves nothing.

@@ -62,8 +62,8 @@ impl Client {
     /// the emergency stop.
     ///
     /// # Errors
-    /// A refusal. [`ClientError::StopNotAcknowledged`] if it is unknown whether the board has stopped. The power must then be
-    /// cut.
+    /// A refusal. [`ClientError::StopNotAcknowledged`] if it is unknown whether the board has stopped. The power must
+    /// then be cut.
     pub fn stop(&mut self) -> Result<StopOutcome, ClientError> {
         match self.request("to stop", &Message::Stop(Empty {})) {
             Ok(_) => Ok(StopOutcome::ByRequest),

@@ -82,8 +82,8 @@ pub fn grow_closed_loop(
     grow_closed_loop_while(task, disturbance, sensors, seed, tip, |_, _| true)
 }
 
-/// Like [`grow_closed_loop`], but stops when `goes_on` returns false. `goes_on` is called before the first layer and after
-/// each correction, with the layer just commanded. It may replace the tracker's path.
+/// Like [`grow_closed_loop`], but stops when `goes_on` returns false. `goes_on` is called before the first layer and
+/// after each correction, with the layer just commanded. It may replace the tracker's path.
 pub fn grow_closed_loop_while<'a>(
     task: &GrowthTask<'a>,
     disturbance: &Disturbance,

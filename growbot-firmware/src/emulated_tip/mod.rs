@@ -71,7 +71,8 @@
 //!   [`STEP_OVERRUN`]. The positions [`HEAD_STEPS`] and [`FEED_STEPS`] still count such steps.
 //! - The host writes [`THERMISTOR_RAW`], then 1 to [`THERMISTOR_LIVE`]. From then on the board reads the latest value
 //!   at any rate, like that of its own ADC, so that a slow host does not look like a broken sensor.
-//! - The board writes to [`JOURNAL_FLASH`] and [`DESCRIPTION_FLASH`] as to flash: it programs words by clearing bits, and erases
+//! - The board writes to [`JOURNAL_FLASH`] and [`DESCRIPTION_FLASH`] as to flash: it programs words by clearing bits,
+//!   and erases
 //!   sectors of [`FLASH_SECTOR_BYTES`] bytes by setting all bits. The zeros of the new memory do not count as erased.
 //! - Pairs (`_LO`, `_HI`) are read high, low, high, until both highs agree. Each pair lies in eight aligned bytes.
 //!

@@ -1,9 +1,9 @@
 //! The heater: regulation of the nozzle's temperature, and the conditions under which it is switched off.
 //!
 //! Call [`Heater::update`] ten times a second with the mean of the period's conversions
-//! ([`Oversampler`](crate::oversampler::Oversampler)) and the load of the nozzle ([`Demand`]). It returns the duty. `regulation` computes it while the nozzle approaches a target and
-//! holds it. `tuning` computes it while the gains are measured. `supervision` compares the reading with the behaviour
-//! that the `model` predicts for the nozzle.
+//! ([`Oversampler`](crate::oversampler::Oversampler)) and the load of the nozzle ([`Demand`]). It returns the duty.
+//! `regulation` computes it while the nozzle approaches a target and holds it. `tuning` computes it while the gains are
+//! measured. `supervision` compares the reading with the behaviour that the `model` predicts for the nozzle.
 //!
 //! Before the heater heats, both of its switches are tested (`proof_test`). Power flows only while a reading is younger
 //! than half a second. Too high a temperature is a fault whether the heater is on or off. All other checks apply only

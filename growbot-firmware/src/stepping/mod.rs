@@ -4,8 +4,8 @@
 //! Layer --Material::lay--> Turn (steps and ticks of 64 sectors) --Handover--> Engine --tick by tick--> step pins
 //! ```
 //!
-//! [`TurnPlanner::next_turn`] does the floating-point work in the controller's time, a layer ahead. The [`Engine`] runs in the
-//! step interrupt, where it only adds and compares integers. The two exchange data only through the [`Mailbox`].
+//! [`TurnPlanner::next_turn`] does the floating-point work in the controller's time, a layer ahead. The [`Engine`] runs
+//! in the step interrupt, where it only adds and compares integers. The two exchange data only through the [`Mailbox`].
 //!
 //! The engine also reads the inputs that need an immediate reaction: the index mark at each step of the head, the
 //! filament's encoder, and the emergency stop.

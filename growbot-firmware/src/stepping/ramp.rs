@@ -1,8 +1,8 @@
 //! Ramps: acceleration and deceleration of a turn.
 //!
-//! The sectors of a turn are laid out in *virtual ticks*. A real tick advances virtual time by the *rate*, [`FULL_RATE`] at
-//! most: an accumulator adds it up, and each time it overflows a virtual tick is due. Both axes therefore slow down
-//! together and lay the same plastic at any rate, to the step.
+//! The sectors of a turn are laid out in *virtual ticks*. A real tick advances virtual time by the *rate*,
+//! [`FULL_RATE`] at most: an accumulator adds it up, and each time it overflows a virtual tick is due. Both axes
+//! therefore slow down together and lay the same plastic at any rate, to the step.
 //!
 //! From rest the rate begins at the speed that the motors can reach at an instant, and rises evenly. Before the end of
 //! a turn it falls in time, to a rate that allows a stop, or to the entry rate of the next turn. Slopes and rates come

@@ -9,8 +9,8 @@
 //! `speed` gives every sector time in proportion to its material, so that the feed is steady and the head is slower
 //! where more material is needed.
 //!
-//! Turns come from [`Material::next_turn`](super::Material::lay), which carries the lean that the layers before have left
-//! owing.
+//! Turns come from [`Material::next_turn`](super::Material::lay), which carries the lean that the layers before have
+//! left owing.
 
 use core::f64::consts::{PI, TAU};
 

@@ -59,8 +59,8 @@ impl TurnPlanner {
     /// laid.
     ///
     /// # Errors
-    /// Returns [`StepRateError`] if a sector needs more than one step in two ticks, the layer has no height or needs feed
-    /// taken back, or its profile needs more acceleration than the motors have. A layer that
+    /// Returns [`StepRateError`] if a sector needs more than one step in two ticks, the layer has no height or needs
+    /// feed taken back, or its profile needs more acceleration than the motors have. A layer that
     /// [`growbot_core::layer_bytes::decode_checked`] has accepted never fails. After an error the layer does not count.
     pub fn next_turn(&mut self, bytes: &LayerBytes, robot: &Robot, backwards: bool) -> Result<Turn, StepRateError> {
         let fields = RawLayer::from_bytes(bytes);

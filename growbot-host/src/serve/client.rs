@@ -185,8 +185,8 @@ impl ServiceClient {
     /// `take` returns false.
     ///
     /// # Errors
-    /// [`ServiceError`], mostly because the service has ended. `after` is then the number of the latest line, from which
-    /// the caller can resume.
+    /// [`ServiceError`], mostly because the service has ended. `after` is then the number of the latest line, from
+    /// which the caller can resume.
     pub fn follow(&self, job: &str, after: &mut u64, mut take: impl FnMut(&str) -> bool) -> Result<(), ServiceError> {
         self.runtime.block_on(async {
             let path = format!("/jobs/{job}/events?after={after}");

@@ -1,7 +1,8 @@
 //! The service: one process that owns robots and handles the requests of programs and pages.
 //!
 //! - [`Service`] holds the robots, the jobs and a counter of changes.
-//! - [`config`] describes the configured robots. `robot_worker` is one robot, with the thread that owns its board. `job_run`
+//! - [`config`] describes the configured robots. `robot_worker` is one robot, with the thread that owns its board.
+//!   `job_run`
 //!   is a job on its board.
 //! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `audit` records all commands.
 //! - [`api`] is the HTTP interface, with `event_stream`s. `openapi` completes its OpenAPI document.

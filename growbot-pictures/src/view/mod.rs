@@ -124,7 +124,8 @@ impl Subject<'_> {
         })
     }
 
-    /// Returns up to [`MAX_POLYLINE_POINTS`] points of the tip's path if all plastic lay as commanded, mm, after the start.
+    /// Returns up to [`MAX_POLYLINE_POINTS`] points of the tip's path if all plastic lay as commanded, mm, after the
+    /// start.
     /// `None` unless the plastic is known to lie otherwise.
     fn commanded(&self, layers: &Layers) -> Option<Vec<Vector3<f64>>> {
         let commanded = layers.commanded.as_ref()?;
@@ -139,8 +140,8 @@ impl Subject<'_> {
         Some([self.plan.start.position()].into_iter().chain(places).collect())
     }
 
-    /// Returns up to [`MAX_POLYLINE_POINTS`] points of the tip's path as feedback estimated it, mm, after the start. `None`
-    /// without feedback.
+    /// Returns up to [`MAX_POLYLINE_POINTS`] points of the tip's path as feedback estimated it, mm, after the start.
+    /// `None` without feedback.
     fn estimated(&self) -> Option<Vec<Vector3<f64>>> {
         let Self { robot, plan, .. } = self;
         let path = self.run?.estimated(&Job::of_plan(robot, plan), plan)?;

@@ -1,8 +1,8 @@
 //! The firmware of a Pico in the emulator `rp2040js`, connected to the simulated tip at the pins.
 //!
-//! Node runs the image (`tests/rp2040/emulator-server.js`, which describes the messages). The tip receives the edges of the steps
-//! and of the enable signals, and the shares of each millisecond in which heater and fan were on. The board receives
-//! the readings of the tip's sensors, as levels of pins and as voltages at its converter.
+//! Node runs the image (`tests/rp2040/emulator-server.js`, which describes the messages). The tip receives the edges of
+//! the steps and of the enable signals, and the shares of each millisecond in which heater and fan were on. The board
+//! receives the readings of the tip's sensors, as levels of pins and as voltages at its converter.
 //!
 //! Time is virtual. It passes only while the host waits, and all runs of a job are equal. Both sides run in lock-step:
 //! the emulator stops at the first step after which a sensor reading could change, and after a millisecond at the
@@ -172,8 +172,8 @@ impl Rp2040Emulator {
         Ok(Self::with(bench, robot, variation))
     }
 
-    /// Like [`Rp2040Emulator::start`], and writes the costs of the step interrupt and the stack to a file every few seconds
-    /// (`tests/rp2040/figures.js`).
+    /// Like [`Rp2040Emulator::start`], and writes the costs of the step interrupt and the stack to a file every few
+    /// seconds (`tests/rp2040/figures.js`).
     ///
     /// # Errors
     /// Those of [`Rp2040Emulator::start`].
