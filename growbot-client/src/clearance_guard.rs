@@ -8,7 +8,7 @@
 //!
 //! If a correction is too near, another path is planned through the scene ([`ClearanceGuard::ensure_clear`]). It starts
 //! from the forecast of the tip after the layers in progress. If there is none, the growth has to pause, and
-//! [`TooNear`] contains place and reason.
+//! [`ClearanceViolation`] contains place and reason.
 //!
 //! The deviation is the estimator's own, propagated over the remaining layers and their measurements
 //! (`Tracker::forecast`). It is the root of the sum over the axes, which no direction exceeds. It is scaled by the root

@@ -81,7 +81,7 @@ pub fn is_standard_input(path: &Path) -> bool {
 
 /// Opens a file, or standard input for `-`. A pipe that the shell has opened (`<(command)`, named /dev/fd/N) is
 /// accepted. A named pipe, a device or a socket is not, because opening or reading it might wait for ever. The file
-/// becomes an input of this program, to which [`crate::files`] does not write.
+/// becomes an input of this program, to which [`crate::atomic_file`] does not write.
 ///
 /// # Errors
 /// [`InputError::Unreadable`], [`InputError::NotAFile`] or [`InputError::WouldOverwrite`].
@@ -152,7 +152,7 @@ pub fn note_standard_input() -> Result<(), FileError> {
     Ok(())
 }
 
-/// A stream of lines, none of which may be longer than [`LONGEST_TEXT`]. The stream may have any length, and a line
+/// A stream of lines, none of which may be longer than [`MAX_TEXT_BYTES`]. The stream may have any length, and a line
 /// that does not end cannot exhaust the memory.
 pub struct BoundedLines<R> {
     lines: R,
@@ -197,7 +197,7 @@ pub fn read_bytes(path: &Path, max: u64) -> Result<Vec<u8>, InputError> {
 /// Reads the whole text of a file, or of standard input for `-`, without a byte order mark.
 ///
 /// # Errors
-/// If it cannot be opened or read, is longer than [`LONGEST_TEXT`], or is not UTF-8.
+/// If it cannot be opened or read, is longer than [`MAX_TEXT_BYTES`], or is not UTF-8.
 pub fn read_text(path: &Path) -> Result<String, InputError> {
     text_of(read_bytes(path, MAX_TEXT_BYTES)?, path)
 }

@@ -4,16 +4,16 @@
 //!
 //! - [`robot_file`]: descriptions of robots, built in or from TOML files;
 //! - [`pose_text`]: poses as users type them; [`degrees`]: angles in text form;
-//! - [`plan`]: a path with its properties; [`warning`]: reasons against growing it; [`clearance`]: whether a body would
+//! - [`plan`]: a path with its properties; [`warning`]: reasons against growing it; [`self_collision`]: whether a body would
 //!   collide with itself;
-//! - [`plan_file`]: plans as JSON, and their checks; [`through_scene`]: plans past obstacles;
+//! - [`plan_file`]: plans as JSON, and their checks; [`scene_planning`]: plans past obstacles;
 //! - [`port`]: the line to a board; [`client`]: requests to it and their responses;
 //! - [`growth`]: a whole job; [`feedback`]: its layers planned again as they are measured; [`arrival`]: the errors at
 //!   the goal;
 //! - [`maintenance`]: presets of materials, and maintenance commands;
 //! - [`run_log`]: the log of a growth, its events and its result; [`run_clock`]: its time; [`forecast`]: its finish
 //!   time;
-//! - [`input`], [`files`], [`printable`], [`suggest`]: bounded reading, atomic writing, text without control
+//! - [`input`], [`atomic_file`], [`sanitize`], [`suggest`]: bounded reading, atomic writing, text without control
 //!   characters, and suggestions for mistyped names.
 //!
 //! The feature `schema` derives JSON Schemas of plans, run logs and results.

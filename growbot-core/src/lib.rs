@@ -27,7 +27,7 @@
 //! | [`kinematics`] | one step of growth (Eq 4), chained (Eq 5) without drift |
 //! | [`curvature`], [`robot`] | the tightest bend (Eq 7); a robot's description, checked once |
 //! | [`dubins2`], [`two_plane`] | the shortest path in a plane; two such paths in space |
-//! | [`shortest`], [`to_point`] | the shortest path in space; that to a position, in any direction |
+//! | [`shortest`], [`to_position`] | the shortest path in space; that to a position, in any direction |
 //! | [`plan`] | a path that is checked to arrive |
 //! | [`path`], [`helicoid`] | arcs, straight lines and helicoidal arcs, of which a path consists |
 //! | [`slicing`], [`layer`] | the layers of a path; one layer |

@@ -89,7 +89,7 @@ pub fn min_clearance(scene: &Scene, stretches: &[impl Curve], tolerance: f64) ->
 /// Number of distance queries of [`min_clearance_until`] between two checks of the clock.
 const QUERIES_PER_CLOCK_CHECK: u32 = 512;
 
-/// Like [`least`], but returns `None` if it is not found before `deadline`. A long body beside a wall needs a distance
+/// Like [`min_clearance`], but returns `None` if it is not found before `deadline`. A long body beside a wall needs a distance
 /// query for every two tolerances.
 #[must_use]
 pub fn min_clearance_until(

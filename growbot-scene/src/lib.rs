@@ -1,13 +1,14 @@
 //! Scenes of obstacles, the certified clearance of a growing body in them, and paths through them.
 //!
-//! - [`mod@file`]: scene files, with meshes and clouds in their own files ([`read`]);
-//! - [`scene`]: the distance of a point from the obstacles, which are [`shapes`] in [`tree`]s;
-//! - [`motion`]: centrelines of arcs and lines; [`clear`]: proof that one is clear of the obstacles; [`body`]: the same
-//!   for a plan's path;
-//! - [`narrowest`]: the place where a body is nearest to the obstacles; [`shown`]: the part of a scene that views show;
+//! - [`scene_file`]: scene files, with meshes and clouds in their own files ([`read`]);
+//! - [`scene`]: the distance of a point from the obstacles, which are [`shapes`] in [`bvh`]s;
+//! - [`centreline`]: centrelines of arcs and lines; [`clearance`]: proof that one is clear of the obstacles;
+//!   [`path_clearance`]: the same for a plan's path;
+//! - [`closest_approach`]: the place where a body is nearest to the obstacles; [`obstacle_selection`]: the part of a
+//!   scene that views show;
 //! - [`planner`]: a path through a scene, or the proof that none exists;
-//! - [`examples`]: random scenes for experiments;
-//! - [`families`]: random scenes for tests and measurements.
+//! - [`demo_scenes`]: random scenes for experiments;
+//! - [`random_scenes`]: random scenes for tests and measurements.
 //!
 //! Lengths are in mm, angles in radians. All results are the same on every machine.
 //!

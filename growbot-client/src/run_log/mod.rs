@@ -7,7 +7,7 @@
 //! interrupted is resumed from its log. For a simulated tip, the log also contains the true position of its plastic.
 //!
 //! - [`RunLog`]: writes a log; [`RecordedRun`]: reads it; [`Events`]: its lines, with a count of unreadable ones;
-//! - [`RunEvent`]: the events of a log, with [`Header`] in the first line and [`GrowthResult`] in the last.
+//! - [`RunEvent`]: the events of a log, with [`RunHeader`] in the first line and [`GrowthResult`] in the last.
 //!
 //! The position of a simulated layer's plastic is logged once two later layers have begun, because it no longer changes
 //! then. Views, exports and `replay` show that body and the commanded one beside it. The commanded body is the one that

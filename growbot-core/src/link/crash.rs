@@ -87,7 +87,7 @@ pub const fn cause_code(cause: ResetCause) -> u32 {
 pub struct CrashRecord {
     /// The cause of the crash, and of the reset that followed.
     pub cause: ResetCause,
-    /// The boot in which the crash occurred ([`super::message::BoardHello::boot_id`]).
+    /// The boot in which the crash occurred ([`super::message::BoardInfo::boot_id`]).
     pub boot_id: u32,
     /// CRC-32C of the image that crashed. `None` if the image was not sealed.
     pub image: Option<u32>,

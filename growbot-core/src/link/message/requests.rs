@@ -61,7 +61,7 @@ pub struct AppendLayers {
 }
 
 /// Replaces all layers from an index on in one operation. The board deletes the stored layers from that index on, and
-/// the job gets a new identifier. More layers follow with [`Layers`], under the new identifier.
+/// the job gets a new identifier. More layers follow with [`AppendLayers`], under the new identifier.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Amend {
     /// Identifier of the job before the change.
