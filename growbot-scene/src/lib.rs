@@ -15,7 +15,7 @@
 //! ```
 //! use growbot_scene::clearance::RequiredClearance;
 //! use growbot_scene::centreline::TipPose;
-//! use growbot_scene::planner::{Goal, PlanningProblem, SearchBudget, SearchOutcome, search};
+//! use growbot_scene::planner::{PlannerGoal, PlanningProblem, SearchBudget, SearchOutcome, search};
 //! use growbot_scene::scene::Scene;
 //! use growbot_scene::shapes::Shape;
 //! use nalgebra::Vector3;
@@ -26,7 +26,7 @@
 //! let problem = PlanningProblem {
 //!     scene: &scene,
 //!     start: TipPose { position: Vector3::zeros(), direction: Vector3::z() },
-//!     goal: Goal::Position { at: Vector3::new(0.0, 0.0, 800.0), tolerance: 0.0 },
+//!     goal: PlannerGoal::Position { at: Vector3::new(0.0, 0.0, 800.0), tolerance: 0.0 },
 //!     radius: 100.0,
 //!     required_clearance: RequiredClearance { distance: 28.0, tolerance: 0.03 },
 //!     max_length: 2000.0,

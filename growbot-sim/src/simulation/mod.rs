@@ -101,7 +101,7 @@ impl<'a> Simulation<'a> {
     /// use growbot_sim::simulation::Simulation;
     /// let robot = robot_file::load("growbot-a".as_ref()).unwrap();
     /// let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("200,100,600,0,45").unwrap());
-    /// let plan = Plan::make(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
+    /// let plan = Plan::new(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
     ///
     /// let mut simulation = Simulation::new(&plan, &robot, Slicing::Exact);
     /// assert!(simulation.run(1).arrival.normalized_position_error < 1e-9);
