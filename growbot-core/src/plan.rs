@@ -83,7 +83,7 @@ pub(crate) const MIN_SEGMENT: f64 = 1e-9;
 const UNMOVED: f64 = 1e-10;
 
 /// The error of a tip at a goal.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct GoalError {
     /// Distance, mm.
     pub distance: f64,

@@ -6,10 +6,11 @@ use nalgebra::Vector2;
 
 use super::estimator::{Estimator, SystematicErrors};
 use super::measurement::{MeasuredQuantities, Measurement, SensorNoise};
-use super::reference::{GoalError, ReferenceTrajectory};
+use super::reference::ReferenceTrajectory;
 use crate::angle::wrap_positive;
 use crate::layer::Layer;
 use crate::path::{Leg, MAX_SEGMENTS, Segment, end};
+use crate::plan::GoalError;
 use crate::pose::{Frame, Pose};
 use crate::robot::Robot;
 
