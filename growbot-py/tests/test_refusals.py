@@ -253,3 +253,11 @@ def test_nothing_leaks() -> None:
     gc.collect()
     # The limit is less than a small object for each call.
     assert resident() - before < max(calls * 24, 2_000_000)
+
+
+def test_a_name_of_another_release_is_refused_with_the_known_ones() -> None:
+    for name in ("Simulated", "Summary", "repeat", "Partial", "campaign", "merge"):
+        with pytest.raises(AttributeError) as refused:
+            getattr(growbot, name)
+        assert str(refused.value).startswith(f"growbot has no {name!r} in this release: use one of Board, BoardError, ")
+        assert "simulate_repeated" in str(refused.value)

@@ -489,9 +489,9 @@ fn wrong_header(fields: &Value, file: &str) -> ReadRunLogError {
         None => return wrong("its header has no \"format\"".to_string()),
         Some(FORMAT) => {}
         Some(format) => {
-            let by = fields.get("growbot").and_then(Value::as_str).unwrap_or("of its time");
+            let version = fields.get("growbot").and_then(Value::as_str).unwrap_or("of unknown version");
             return wrong(format!(
-                "its format is {format:?}, but this version reads {FORMAT:?}: use growbot {by}, which wrote it"
+                "its format is {format:?}, but this version reads {FORMAT:?}: use the growbot that wrote it ({version})"
             ));
         }
     }

@@ -151,6 +151,13 @@ pub fn run() -> ExitCode {
         }
         Err(error) => return estop::usage_error(&error),
     };
+    if let Err(error) = growbot_host::settings::check_environment() {
+        // A variable that growbot does not read must not prevent a robot from stopping.
+        if !matches!(cli.command, Some(CliCommand::Estop(_) | CliCommand::Stop(_))) {
+            return Failure::from(error).report();
+        }
+        growbot_host::warning!("{error}");
+    }
     let done = match cli.command {
         Some(CliCommand::Robots(args)) => robots::run(&args),
         Some(CliCommand::Schema(args)) => schema::run(&args),

@@ -11,8 +11,8 @@ use aide::openapi::{Info, OpenApi};
 use aide::transform::TransformOperation;
 use axum::body::Bytes;
 use axum::extract::{DefaultBodyLimit, Path, Query, State};
-use axum::http::StatusCode;
 use axum::http::header::{CONTENT_TYPE, HeaderMap};
+use axum::http::{Method, StatusCode, Uri};
 use axum::response::sse::{Event, Sse};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
@@ -137,7 +137,6 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         .route("/jobs/{job}/events/ws", get(event_routes::socket_of_job))
         .route("/events", get(event_routes::of_robots))
         .route("/events/ws", get(event_routes::socket_of_robots))
-        .fallback(nowhere)
         .layer(DefaultBodyLimit::max(MAX_BODY))
         .finish_api(&mut document);
     (router, openapi::complete(&document))
@@ -148,8 +147,9 @@ fn describe(words: &'static str) -> impl Fn(TransformOperation) -> TransformOper
     move |operation| operation.description(words).default_response::<Problem>()
 }
 
-async fn nowhere() -> Problem {
-    Problem::not_found("address", "here")
+/// Rejects a request for a path that this release does not have.
+pub async fn unknown_route(method: Method, uri: Uri) -> Problem {
+    Problem::unknown_route(&method, uri.path())
 }
 
 fn find_robot<'a>(service: &'a Service, name: &str) -> Result<&'a Arc<RobotWorker>, Problem> {
@@ -385,6 +385,7 @@ async fn maintain(
 
 /// The robot to plan for.
 #[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 struct PlanQuery {
     /// Name of the robot in the service.
     robot: String,
@@ -422,6 +423,7 @@ async fn new_plan(
 
 /// Name of a scene's file.
 #[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 struct SceneUploadQuery {
     /// File name. Its extension is the format: .toml, .stl, .obj, .ply, .glb or .pcd.
     name: String,
@@ -452,6 +454,7 @@ async fn view_plan(State(service): ServiceState, Path(number): Path<u64>) -> Res
 
 /// Limit of a list of jobs.
 #[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 struct JobListQuery {
     /// Maximum number of jobs. The default is 100, and the service lists at most 1000.
     #[schemars(range(max = 4_294_967_295_u32))]

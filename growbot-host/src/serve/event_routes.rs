@@ -18,6 +18,7 @@ const MAX_HEARD: usize = 1024;
 
 /// Start of a stream of events.
 #[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct EventQuery {
     after: Option<u64>,
 }

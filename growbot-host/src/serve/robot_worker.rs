@@ -12,7 +12,9 @@ use growbot_client::growth::{Command, CommandQueue};
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::plan::Plan;
 use growbot_client::robot_file;
-use growbot_core::link::message::{BoardInfo, Cancel, Fault, MaintenanceTask, Message, PauseCause, State, Status};
+use growbot_core::link::message::{
+    BoardInfo, Cancel, Empty, Fault, MaintenanceTask, Message, PauseCause, State, Status,
+};
 use growbot_core::robot::Robot;
 use growbot_scene::scene_file::LoadedScene;
 use growbot_sim::ground_truth::SimulatedTip;
@@ -364,11 +366,11 @@ impl RobotWorker {
     }
 
     /// Owns the robot until the process ends.
-    fn run(self: Arc<Self>, asked: &Receiver<PendingRequest>) {
+    fn run(self: Arc<Self>, requests: &Receiver<PendingRequest>) {
         let mut switches_on = true;
         loop {
             let left = match self.connect(switches_on) {
-                Ok(connection) => self.serve_board(connection, asked),
+                Ok(connection) => self.serve_board(connection, requests),
                 Err(why) => LinkState::Lost(why),
             };
             let why = match left {
@@ -377,7 +379,7 @@ impl RobotWorker {
                 LinkState::Leased(loan, reply) => {
                     // The port is closed now. The client that waits for it may be gone.
                     let _ = reply.send(Ok(()));
-                    self.wait_for_lease_end(&loan, asked);
+                    self.wait_for_lease_end(&loan, requests);
                     continue;
                 }
             };
@@ -388,8 +390,10 @@ impl RobotWorker {
                 known.connection_error = Some(why.clone());
             });
             let until = Instant::now() + RECONNECT_INTERVAL;
-            while let Ok(asked) = asked.recv_timeout(until.saturating_duration_since(Instant::now())) {
-                asked.answer(Err(format!("robot {} is not connected: {why}", self.name)));
+            while let Ok(request) = requests.recv_timeout(until.saturating_duration_since(Instant::now())) {
+                let is_stopped = matches!(request.ask, RobotRequest::Stop) && self.stop_without_session().is_ok();
+                let refusal = || format!("robot {} is not connected: {why}", self.name);
+                request.answer(if is_stopped { Ok(()) } else { Err(refusal()) });
             }
         }
     }
@@ -434,6 +438,14 @@ impl RobotWorker {
         };
         let hello = client.open_session_for(&robot).map_err(|error| error.to_string())?;
         Ok(BoardConnection { client, simulation, robot, hello })
+    }
+
+    /// Stops a board with which the service has no session, because its firmware is of another release.
+    fn stop_without_session(&self) -> Result<(), String> {
+        let any = robot_file::load(robot_file::DEFAULT.as_ref()).map_err(|error| error.to_string())?;
+        let opened = port::open(&self.port()?, &any, &TipSettings::default()).map_err(|error| error.to_string())?;
+        let stopped = Client::new(opened.port, &self.entry.port).request("to stop", &Message::Stop(Empty {}));
+        stopped.map(drop).map_err(|error| error.to_string())
     }
 
     /// Owns a connected board until the connection is lost or the port is leased.

@@ -186,6 +186,7 @@ fn site(
         .route("/robots.css", get(|| async { ([(CONTENT_TYPE, "text/css")], STYLE) }))
         .route(&format!("{}/openapi.json", api::PREFIX), get(openapi))
         .nest(api::PREFIX, router)
+        .fallback(api::unknown_route)
         .layer(from_fn_with_state(Arc::clone(door), limit_concurrency))
         .layer(from_fn_with_state(Arc::clone(door), buffer_body))
         .layer(map_request(insert))
