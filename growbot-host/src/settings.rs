@@ -324,8 +324,8 @@ mod tests {
             assert!(named(name).is_ok(), "{name}");
         }
         for name in ["our lab", "a/b", "a?b", "", "l\u{e4}b", &"a".repeat(MAX_NAME + 1)] {
-            let said = named(name).unwrap_err().to_string();
-            assert!(said.contains("rename it") && said.contains(name), "{said}");
+            let message = named(name).unwrap_err().to_string();
+            assert!(message.contains("rename it") && message.contains(name), "{message}");
         }
     }
 

@@ -408,12 +408,12 @@ impl SelectedPort {
         self.name.is_simulated()
     }
 
-    /// Returns the speed of the robot's clock, in multiples of real time. `asked` is the requested speed of a simulated
+    /// Returns the speed of the robot's clock, in multiples of real time. `requested` is the requested speed of a simulated
     /// robot. `None` if it is not known.
-    fn pace(&self, asked: Option<f64>) -> Option<f64> {
+    fn pace(&self, requested: Option<f64>) -> Option<f64> {
         match self.name.resident() {
             Some(name) => StateDir::of(name).ok()?.pace(),
-            None if self.name.is_virtual() => asked,
+            None if self.name.is_virtual() => requested,
             None => Some(1.0),
         }
     }

@@ -87,7 +87,7 @@ impl Problem {
     }
 
     /// An HTTP error with its status and text, for requests that were rejected before a handler ran.
-    pub fn of(status: StatusCode, text: &str) -> Self {
+    pub fn from_status(status: StatusCode, text: &str) -> Self {
         let reason = status.canonical_reason().unwrap_or("refused");
         match status {
             _ if text.is_empty() => Self::new(status, reason, reason),
