@@ -128,7 +128,7 @@ pub enum NoPathError {
         "no path of the planner two-plane is clear of the scene, and it does not search for others: use the planner \
          shortest, which does"
     )]
-    NotClear,
+    TwoPlaneBlocked,
     /// No path was found with the effort, or within the time.
     #[error("no path was found with this effort and time limit; one may exist: raise --effort or --time-limit")]
     NotFound,
@@ -336,12 +336,12 @@ pub fn load_verified_scene(
         return Err(SceneCheckError::OtherScene { file, plan: written.hash.clone(), here });
     }
     let found = tube_clearance_mm(plan, robot, &loaded);
-    let said = written.clearance_mm;
+    let claimed = written.clearance_mm;
     // The claimed clearance was found by the same proof, to its tolerance. This rejects NaN too.
-    if said <= found + 2.0 * CLEARANCE_TOLERANCE_MM && found >= loaded.margin {
-        Ok((SceneClearance { file, hash: loaded.hash, clearance: said.min(found) }, loaded))
+    if claimed <= found + 2.0 * CLEARANCE_TOLERANCE_MM && found >= loaded.margin {
+        Ok((SceneClearance { file, hash: loaded.hash, clearance: claimed.min(found) }, loaded))
     } else {
-        Err(SceneCheckError::ClearanceOverstated { file, claimed: said, found })
+        Err(SceneCheckError::ClearanceOverstated { file, claimed, found })
     }
 }
 
@@ -410,7 +410,7 @@ impl LegSearch<'_> {
         };
         if self.search.planner == Planner::TwoPlane {
             let why = planner::check_feasibility(&problem).map(|why| NoPathError::because(why, need.distance, left));
-            return Err(why.unwrap_or(NoPathError::NotClear).into());
+            return Err(why.unwrap_or(NoPathError::TwoPlaneBlocked).into());
         }
         let work = self.through.effort.saturating_mul(WORK_PER_EFFORT);
         let budget =
@@ -450,14 +450,14 @@ mod tests {
                          radius_mm = 60\n[[capsule]]\nfrom_mm = [-500, 100, 500]\nto_mm = [500, 100, 500]\n\
                          radius_mm = 20\n";
 
-    struct Asked {
+    struct PlanFixture {
         directory: tempfile::TempDir,
         robot: Robot,
         start: Pose,
         search: PlanOptions,
     }
 
-    impl Asked {
+    impl PlanFixture {
         fn new() -> Self {
             let directory = tempfile::tempdir().unwrap();
             fs::write(directory.path().join("scene.toml"), SCENE).unwrap();
@@ -504,7 +504,7 @@ mod tests {
 
     #[test]
     fn plans_are_clear_of_the_scene_and_read_back() {
-        let asked = Asked::new();
+        let fixture = PlanFixture::new();
         let chains = [
             vec![position(0.0, 0.0, 800.0)],
             vec![pose("0,100,700,0,90")],
@@ -512,7 +512,7 @@ mod tests {
             vec![position(0.0, 200.0, 300.0), pose("0,0,900,0,45")],
         ];
         for goals in chains {
-            let plan = asked.plan(&goals).unwrap();
+            let plan = fixture.plan(&goals).unwrap();
             let scene = plan.scene.clone().unwrap();
             assert!(scene.clearance >= 5.0, "{scene:?}");
             assert!(plan.warnings.iter().all(|warning| warning.code != crate::warning::SELF_COLLISION));
@@ -536,23 +536,23 @@ mod tests {
 
     #[test]
     fn a_plan_is_refused_if_its_scene_is_changed_or_missing() {
-        let asked = Asked::new();
-        let text = PlanFile::from(&asked.plan(&[position(0.0, 0.0, 800.0)]).unwrap()).to_text();
-        fs::write(asked.scene(), SCENE.replace("= 60", "= 61")).unwrap();
+        let fixture = PlanFixture::new();
+        let text = PlanFile::from(&fixture.plan(&[position(0.0, 0.0, 800.0)]).unwrap()).to_text();
+        fs::write(fixture.scene(), SCENE.replace("= 60", "= 61")).unwrap();
         let refused = plan_file::read(&text, "plan.json", None);
         assert!(matches!(refused, Err(PlanFileError::Scene(SceneCheckError::OtherScene { .. }))));
-        fs::remove_file(asked.scene()).unwrap();
+        fs::remove_file(fixture.scene()).unwrap();
         let refused = plan_file::read(&text, "plan.json", None);
         assert!(matches!(refused, Err(PlanFileError::Scene(SceneCheckError::Scene(_)))));
     }
 
     #[test]
     fn no_plan_exceeds_the_maximum_length() {
-        let asked = Asked::new();
+        let fixture = PlanFixture::new();
         let goals = [position(200.0, 0.0, 300.0), position(0.0, 0.0, 800.0)];
-        let free = asked.plan(&goals).unwrap().requirements.length;
+        let free = fixture.plan(&goals).unwrap().requirements.length;
         for max_length in [free + 1.0, 700.0, 300.0] {
-            match asked.plan_within(&goals, max_length) {
+            match fixture.plan_within(&goals, max_length) {
                 Ok(plan) => assert!(plan.requirements.length <= max_length && max_length > free),
                 // The second leg is 539 mm at least.
                 Err(ScenePlanError::NoPath(NoPathError::TooFar { distance, left })) => {
@@ -565,11 +565,11 @@ mod tests {
 
     #[test]
     fn the_proof_of_a_long_body_ends_at_its_deadline() {
-        let asked = Asked::new();
+        let fixture = PlanFixture::new();
         // For 100 m beside a wall, fifty million distances matter, all of the same size.
         let wall = "[[halfspace]]\npoint_mm = [0, 0, -900]\nnormal = [0, 0, 1]\n";
-        fs::write(asked.scene(), SCENE.to_owned() + wall).unwrap();
-        let (file, loaded) = (asked.scene(), load(asked.scene().as_ref()).unwrap());
+        fs::write(fixture.scene(), SCENE.to_owned() + wall).unwrap();
+        let (file, loaded) = (fixture.scene(), load(fixture.scene().as_ref()).unwrap());
         let start = parse_pose("0,0,-500,0,0").unwrap();
         let within = |seconds: f64| {
             let deadline = Some(Instant::now() + Duration::from_secs_f64(seconds));
@@ -585,7 +585,7 @@ mod tests {
                 max_length,
             };
             let far = [pose("100000,0,-500,0,0")];
-            plan(&asked.robot, &start, &far, &asked.search, &through).unwrap().scene.unwrap().clearance
+            plan(&fixture.robot, &start, &far, &fixture.search, &through).unwrap().scene.unwrap().clearance
         };
         // A plan that had no time reports only the clearance that it was made for.
         assert_eq!(within(0.0), loaded.margin + CLEARANCE_TOLERANCE_MM);
@@ -594,22 +594,22 @@ mod tests {
 
     #[test]
     fn the_two_plane_planner_tries_only_two_plane_paths() {
-        let asked = Asked::new();
-        let asked = Asked { search: PlanOptions { planner: Planner::TwoPlane, ..asked.search }, ..asked };
-        let refused = |goal| match asked.plan(&[goal]) {
+        let fixture = PlanFixture::new();
+        let fixture = PlanFixture { search: PlanOptions { planner: Planner::TwoPlane, ..fixture.search }, ..fixture };
+        let refused = |goal| match fixture.plan(&[goal]) {
             Err(ScenePlanError::NoPath(no_path)) => no_path,
             other => panic!("{other:?}"),
         };
-        assert_eq!(refused(pose("0,0,800,0,90")), NoPathError::NotClear);
+        assert_eq!(refused(pose("0,0,800,0,90")), NoPathError::TwoPlaneBlocked);
         assert!(matches!(refused(pose("0,0,310,0,90")), NoPathError::Goal { .. }));
-        assert_eq!(NoPathError::NotClear.code(), "none-at-resolution");
-        assert!(asked.plan(&[pose("300,0,300,0,0")]).is_ok());
+        assert_eq!(NoPathError::TwoPlaneBlocked.code(), "none-at-resolution");
+        assert!(fixture.plan(&[pose("300,0,300,0,0")]).is_ok());
     }
 
     #[test]
     fn unreachable_goals_are_refused_with_the_reason() {
-        let asked = Asked::new();
-        let refused = |goal| match asked.plan(&[goal]) {
+        let fixture = PlanFixture::new();
+        let refused = |goal| match fixture.plan(&[goal]) {
             Err(ScenePlanError::NoPath(no_path)) => no_path,
             other => panic!("{other:?}"),
         };
@@ -623,7 +623,7 @@ mod tests {
             size[side / 2] = 10.0;
             format!("[[box]]\ncenter_mm = {centre:?}\nsize_mm = {size:?}\n")
         });
-        fs::write(asked.scene(), SCENE.to_owned() + &box_round_the_goal.collect::<String>()).unwrap();
+        fs::write(fixture.scene(), SCENE.to_owned() + &box_round_the_goal.collect::<String>()).unwrap();
         assert!(matches!(refused(position(0.0, 0.0, 2000.0)), NoPathError::Separated { .. }));
     }
 }

@@ -25,7 +25,10 @@ def spec(growths_per_cell: int = 700, growths_per_chunk: int = 300) -> growbot.C
     return growbot.CampaignSpec(
         robots=[growbot.Robot(), growbot.Robot("growbot-a3")],  # type: ignore[arg-type]
         goals=[(0, 0, 150), (60, 0, 300, 0, 45)],  # type: ignore[arg-type]
-        conditions=[growbot.Conditions(noise_percent=10), growbot.Conditions(bias_percent=2, sag=True)],  # type: ignore[arg-type]
+        conditions=[  # type: ignore[arg-type]
+            growbot.Conditions(noise_percent=10),
+            growbot.Conditions(bias_percent=2, sag=True),
+        ],
         growths_per_cell=growths_per_cell,
         first_seed=5,
         growths_per_chunk=growths_per_chunk,
@@ -38,7 +41,10 @@ def test_order_chunks_and_threads_do_not_show() -> None:
     assert growbot.run_campaign(spec(growths_per_chunk=5600)).hash == whole.hash
     chunks = list(range(spec().chunk_count))
     random.Random(1).shuffle(chunks)
-    assert growbot.merge_chunks(spec(), (growbot.run_chunk(spec(), chunk) for chunk in chunks)).to_json() == whole.to_json()
+    assert (
+        growbot.merge_chunks(spec(), (growbot.run_chunk(spec(), chunk) for chunk in chunks)).to_json()
+        == whole.to_json()
+    )
     robot, goal, conditions = spec().cell(5)
     alone = growbot.simulate_repeated(growbot.plan(START, goal, robot=robot), 700, seed=5, conditions=conditions)
     assert alone == whole.summaries[5]
@@ -47,7 +53,9 @@ def test_order_chunks_and_threads_do_not_show() -> None:
 
 
 def test_joblib() -> None:
-    partials = joblib.Parallel(n_jobs=2)(joblib.delayed(growbot.run_chunk)(spec(), chunk) for chunk in range(spec().chunk_count))
+    partials = joblib.Parallel(n_jobs=2)(
+        joblib.delayed(growbot.run_chunk)(spec(), chunk) for chunk in range(spec().chunk_count)
+    )
     assert growbot.merge_chunks(spec(), partials).hash == growbot.run_campaign(spec()).hash
 
 
@@ -104,7 +112,8 @@ def main():
             assert left[0] == 0, "no worker was killed"
             memory = client.run(lambda: __import__("resource").getrusage(0).ru_maxrss, on_error="ignore")
             import resource
-            print(result.hash, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, *memory.values(), time.time() - begun)
+            own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+            print(result.hash, own, *memory.values(), time.time() - begun)
 
 if __name__ == "__main__":
     main()
@@ -131,6 +140,9 @@ def test_dask_and_lost_workers_change_no_byte(tmp_path: Path) -> None:
     wanted = growbot.run_campaign(one).hash
     for kills in (0, 2):
         found = by_dask(tmp_path, growths, layers, kills)
-        print(f"Dask, {growths} growths of {layers} layers, {kills} workers killed: memory (kB) {found[1:-1]}, {found[-1]} s")
+        print(
+            f"Dask, {growths} growths of {layers} layers, {kills} workers killed: "
+            f"memory (kB) {found[1:-1]}, {found[-1]} s"
+        )
         assert found[0] == wanted
         assert all(int(memory) < 500_000 for memory in found[1:-1])

@@ -230,8 +230,11 @@ fn a_mesh_with_an_inverted_face_is_not_a_solid() {
     let (_directory, path) = written("flipped.obj", wedge.replace("f 2 3 4", "f 4 3 2"));
     let refusal = load(&path).unwrap_err();
     assert!(matches!(refusal, SceneError::FlippedFaces { flipped: 3, .. }), "{refusal}");
-    let said = refusal.to_string();
-    assert!(said.contains("3 edges") && said.contains("inside out") && said.contains("solid = false"), "{said}");
+    let message = refusal.to_string();
+    assert!(
+        message.contains("3 edges") && message.contains("inside out") && message.contains("solid = false"),
+        "{message}"
+    );
     // If all faces are inside out, they enclose the same volume.
     let (_directory, path) =
         written("outside.obj", "v 0 0 0\nv 100 0 0\nv 0 100 0\nv 0 0 100\nf 2 3 1\nf 4 2 1\nf 4 3 2\nf 3 4 1\n");

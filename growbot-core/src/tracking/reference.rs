@@ -10,6 +10,7 @@ use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
 use crate::kinematics::step;
 use crate::path::Segment;
+use crate::plan::GoalError;
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::trigonometry;
 
@@ -85,15 +86,6 @@ impl Piece {
         let planned = PieceShape { length: self.planned.length * share, ..self.planned };
         Self { length: self.length * share, planned, ..self }
     }
-}
-
-/// The error at the end of a reference trajectory.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct GoalError {
-    /// Distance from the goal, mm.
-    pub distance: f64,
-    /// Angle between the directions of growth, radians.
-    pub angle: f64,
 }
 
 /// The rest of a path as a reference trajectory.

@@ -6,10 +6,11 @@ use nalgebra::Vector2;
 
 use super::estimator::{Estimator, SystematicErrors};
 use super::measurement::{MeasuredQuantities, Measurement, SensorNoise};
-use super::reference::{GoalError, ReferenceTrajectory};
+use super::reference::ReferenceTrajectory;
 use crate::angle::wrap_positive;
 use crate::layer::Layer;
 use crate::path::{Leg, MAX_SEGMENTS, Segment, end};
+use crate::plan::GoalError;
 use crate::pose::{Frame, Pose};
 use crate::robot::Robot;
 
@@ -342,12 +343,12 @@ mod tests {
         for direction in [DirectionSensor::Tip, DirectionSensor::Gravity] {
             let sensors = SimulatedSensors { noise: NOISE, odometry_scale: 0.0, direction };
             let mut tracker = Tracker::new(&robot, &start, &path, &legs, NOISE);
-            let (mut truth, mut index, mut told) = (start.frame(), 0, Vec::new());
+            let (mut truth, mut index, mut predicted) = (start.frame(), 0, Vec::new());
             while let Some(layer) = tracker.next_layer() {
                 if index == 100 {
                     let tip = direction == DirectionSensor::Tip;
                     let seen = MeasuredQuantities { growth: true, direction: tip, up: !tip };
-                    told = tracker.forecast(tracker.remaining_layers(), seen).collect();
+                    predicted = tracker.forecast(tracker.remaining_layers(), seen).collect();
                 }
                 let laid = disturbance.lay(5, index, &layer);
                 truth *= laid.step();
@@ -355,8 +356,8 @@ mod tests {
                 tracker.replan(&[]);
                 index += 1;
             }
-            let (told, known) = (*told.last().unwrap(), tracker.estimate().position_sd);
-            assert!((told / known - 1.0).abs() < 0.1, "{told} {known}");
+            let (predicted, known) = (*predicted.last().unwrap(), tracker.estimate().position_sd);
+            assert!((predicted / known - 1.0).abs() < 0.1, "{predicted} {known}");
         }
     }
 

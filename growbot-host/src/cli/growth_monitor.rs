@@ -98,7 +98,7 @@ impl GrowthMonitor<'_> {
         let forecast = self.pace.map(|pace| Forecast { period_s, pace });
         self.log.set_forecast(forecast);
         if let Some(watch) = &self.watch {
-            watch.runs_at(self.pace);
+            watch.set_pace(self.pace);
         }
         let mut show = GrowthProgress::new(self.plan.requirements.layers, self.laid as u64, forecast);
         let mut logging = LogHealth::default();
@@ -270,7 +270,7 @@ impl LogHealth {
         let Some(words) = words else { return };
         say(&words);
         if let Some(watch) = watch {
-            watch.warn(self.fails.then_some(words));
+            watch.set_warning(self.fails.then_some(words));
         }
     }
 }
@@ -437,12 +437,12 @@ mod tests {
             (Outcome::Lost, false),
         ];
         for (outcome, emergency) in outcomes {
-            let said = |simulated| {
+            let message = |simulated| {
                 let Err(failure) = outcome_result(outcome, emergency, simulated) else { panic!("{outcome:?}") };
                 failure.message().to_owned()
             };
-            assert!(said(true).contains("simulated") && !said(true).contains("power"), "{}", said(true));
-            assert!(!said(false).contains("simulated"), "{}", said(false));
+            assert!(message(true).contains("simulated") && !message(true).contains("power"), "{}", message(true));
+            assert!(!message(false).contains("simulated"), "{}", message(false));
         }
         let silent =
             || GrowthError::Interrupted(ClientError::StopNotAcknowledged { port: "sim (simulated)".to_owned() });

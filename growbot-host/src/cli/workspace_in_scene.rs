@@ -151,15 +151,15 @@ fn json_of(question: &WorkspaceQuery, through: &SceneOptions, answer: &SceneWork
 /// Returns the goals as rows of CSV.
 fn csv(answer: &SceneWorkspace) -> String {
     let mut text = "x_mm,y_mm,z_mm,answer,because,length_mm\n".to_owned();
-    for asked in &answer.goals {
-        let because = REASONS.iter().find(|(_, is_this)| is_this(&asked.reachability)).map_or("", |(name, _)| *name);
-        let (said, length) = match asked.reachability {
+    for result in &answer.goals {
+        let because = REASONS.iter().find(|(_, is_this)| is_this(&result.reachability)).map_or("", |(name, _)| *name);
+        let (verdict, length) = match result.reachability {
             Reachability::Reachable(length) => ("path", length.to_string()),
             Reachability::NotFound => ("not_found", String::new()),
             _ => ("none", String::new()),
         };
-        let at = asked.position;
-        text += &format!("{},{},{},{said},{because},{length}\n", at.x, at.y, at.z);
+        let at = result.position;
+        text += &format!("{},{},{},{verdict},{because},{length}\n", at.x, at.y, at.z);
     }
     text
 }

@@ -11,8 +11,8 @@ use aide::openapi::{Info, OpenApi};
 use aide::transform::TransformOperation;
 use axum::body::Bytes;
 use axum::extract::{DefaultBodyLimit, Path, Query, State};
-use axum::http::StatusCode;
 use axum::http::header::{CONTENT_TYPE, HeaderMap};
+use axum::http::{Method, StatusCode, Uri};
 use axum::response::sse::{Event, Sse};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
@@ -98,7 +98,7 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         .api_route(
             "/robots/{robot}/commands",
             post_with(
-                order,
+                send_command,
                 describe(
                     "Send a command. The response to an emergency stop is sent after the board has confirmed that \
                      everything is off.",
@@ -128,16 +128,15 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         .route("/robots/{robot}/port-lease", post(lease_port))
         .route("/page-urls", get(addresses))
         .route("/plans/{number}/view", get(view_plan))
-        .route("/jobs/{job}/log", get(log))
-        .route("/jobs/{job}/view", get(view))
+        .route("/jobs/{job}/log", get(job_log))
+        .route("/jobs/{job}/view", get(job_view))
         .route("/jobs/{job}/live/", get(live))
         .route("/jobs/{job}/live/updates", get(live_updates))
-        .route("/jobs/{job}/live/commands/{command}", post(live_order))
-        .route("/jobs/{job}/events", get(event_routes::of_job))
-        .route("/jobs/{job}/events/ws", get(event_routes::socket_of_job))
-        .route("/events", get(event_routes::of_robots))
-        .route("/events/ws", get(event_routes::socket_of_robots))
-        .fallback(nowhere)
+        .route("/jobs/{job}/live/commands/{command}", post(send_live_command))
+        .route("/jobs/{job}/events", get(event_routes::job_stream))
+        .route("/jobs/{job}/events/ws", get(event_routes::job_socket))
+        .route("/events", get(event_routes::robot_stream))
+        .route("/events/ws", get(event_routes::robot_socket))
         .layer(DefaultBodyLimit::max(MAX_BODY))
         .finish_api(&mut document);
     (router, openapi::complete(&document))
@@ -148,8 +147,9 @@ fn describe(words: &'static str) -> impl Fn(TransformOperation) -> TransformOper
     move |operation| operation.description(words).default_response::<Problem>()
 }
 
-async fn nowhere() -> Problem {
-    Problem::not_found("address", "here")
+/// Rejects a request for a path that this release does not have.
+pub async fn unknown_route(method: Method, uri: Uri) -> Problem {
+    Problem::unknown_route(&method, uri.path())
 }
 
 fn find_robot<'a>(service: &'a Service, name: &str) -> Result<&'a Arc<RobotWorker>, Problem> {
@@ -310,13 +310,13 @@ async fn resume(
     let keeper = Arc::clone(find_robot(&service, &job.robot)?);
     run_blocking(move || {
         let begins = keeper.lock_job_start();
-        let asked = keeper
+        let outcome = keeper
             .ensure_idle()
             .and_then(|()| ensure_resumable(&job))
             .and_then(|()| keeper.request(RobotRequest::Resume(Box::new(job.clone())), COMMAND_TIMEOUT));
         drop(begins);
-        service.shared.audit.note(by, &job.robot, "resume", asked.as_ref().err().map(String::as_str));
-        asked.map_err(Problem::conflict)?;
+        service.shared.audit.note(by, &job.robot, "resume", outcome.as_ref().err().map(String::as_str));
+        outcome.map_err(Problem::conflict)?;
         found_job(&service, &id).map(Json)
     })
     .await
@@ -331,17 +331,17 @@ fn ensure_resumable(job: &Job) -> Result<(), String> {
     }
 }
 
-async fn order(
+async fn send_command(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
     Path(name): Path<String>,
-    Json(CommandRequest { command: order }): Json<CommandRequest>,
+    Json(CommandRequest { command }): Json<CommandRequest>,
 ) -> ApiResult<RobotStatus> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
     run_blocking(move || {
-        let given = run_command(&keeper, order);
-        service.shared.audit.note(by, &name, order.name(), given.as_ref().err().map(String::as_str));
+        let given = run_command(&keeper, command);
+        service.shared.audit.note(by, &name, command.name(), given.as_ref().err().map(String::as_str));
         given.map_err(Problem::conflict)?;
         Ok(Json(keeper.status()))
     })
@@ -370,14 +370,14 @@ async fn maintain(
     run_blocking(move || {
         let robot = keeper.description().map_err(Problem::conflict)?;
         let understood = keeper.presets().task(&task, &value, &robot);
-        let asked = match (understood, keeper.status().job) {
+        let outcome = match (understood, keeper.status().job) {
             (None, _) => return Err(Problem::bad(format!("unknown maintenance task {task:?}"))),
             (Some(Err(why)), _) => return Err(Problem::bad(why)),
             (Some(Ok(_)), Some(_)) => Err(format!("robot {name} has an active job: pause the job and use its page")),
             (Some(Ok(task)), None) => keeper.request(RobotRequest::Task(task), COMMAND_TIMEOUT),
         };
-        service.shared.audit.note(by, &name, &task, asked.as_ref().err().map(String::as_str));
-        asked.map_err(Problem::conflict)?;
+        service.shared.audit.note(by, &name, &task, outcome.as_ref().err().map(String::as_str));
+        outcome.map_err(Problem::conflict)?;
         Ok(Json(keeper.status()))
     })
     .await
@@ -385,6 +385,7 @@ async fn maintain(
 
 /// The robot to plan for.
 #[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 struct PlanQuery {
     /// Name of the robot in the service.
     robot: String,
@@ -422,6 +423,7 @@ async fn new_plan(
 
 /// Name of a scene's file.
 #[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 struct SceneUploadQuery {
     /// File name. Its extension is the format: .toml, .stl, .obj, .ply, .glb or .pcd.
     name: String,
@@ -452,6 +454,7 @@ async fn view_plan(State(service): ServiceState, Path(number): Path<u64>) -> Res
 
 /// Limit of a list of jobs.
 #[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 struct JobListQuery {
     /// Maximum number of jobs. The default is 100, and the service lists at most 1000.
     #[schemars(range(max = 4_294_967_295_u32))]
@@ -470,7 +473,7 @@ async fn job(State(service): ServiceState, Path(id): Path<String>) -> ApiResult<
     found_job(&service, &id).map(Json)
 }
 
-async fn log(State(service): ServiceState, Path(id): Path<String>) -> Result<Response, Problem> {
+async fn job_log(State(service): ServiceState, Path(id): Path<String>) -> Result<Response, Problem> {
     let job = found_job(&service, &id)?;
     let path = service.shared.jobs_to_read().log_path(&job.id);
     let bytes = fs::read(path).map_err(|error| Problem::conflict(format!("its run log cannot be read: {error}")))?;
@@ -507,7 +510,7 @@ async fn live_updates(State(service): ServiceState, Path(id): Path<String>) -> R
     }
 }
 
-async fn live_order(
+async fn send_live_command(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
     Path((id, order)): Path<(String, String)>,
@@ -532,7 +535,7 @@ async fn live_order(
     Ok(StatusCode::ACCEPTED.into_response())
 }
 
-async fn view(State(service): ServiceState, Path(id): Path<String>) -> Result<Html<String>, Problem> {
+async fn job_view(State(service): ServiceState, Path(id): Path<String>) -> Result<Html<String>, Problem> {
     page_of(&service, found_job(&service, &id)?, None).await
 }
 

@@ -58,11 +58,11 @@ impl RobotWorker {
         self.set_job_state(&job, JobState::Active, None);
         let mut growing = RunningJob::new(self, &job, &board_job, &[], log, Some(reply));
         let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
-        let orders = Arc::clone(&growing.orders);
+        let commands = Arc::clone(&growing.commands);
         let BoardConnection { client, simulation, .. } = connection;
         let grown =
             grow_with_ground_truth(simulation.as_mut(), &board_job, &mut |event| growing.ingest(event), |on_event| {
-                grow_job(client, &board_job, manner, &orders, on_event)
+                grow_job(client, &board_job, manner, &commands, on_event)
             });
         growing.end(grown, &plan)
     }
@@ -140,14 +140,14 @@ impl RobotWorker {
         let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
         self.set_job_state(job, JobState::Active, None);
         let mut growing = RunningJob::new(self, job, &board_job, &record.known_layers(), log, reply);
-        let orders = Arc::clone(&growing.orders);
+        let commands = Arc::clone(&growing.commands);
         let grown = resume_job(
             &mut connection.client,
             &board_job,
             record.known_layers(),
             OnInterrupted::Redo,
             manner,
-            &orders,
+            &commands,
             &mut |event| growing.ingest(event),
         );
         growing.end(grown, &plan)
@@ -202,8 +202,8 @@ struct RunningJob<'a> {
     keeper: &'a RobotWorker,
     job: &'a Job,
     log: RunLog,
-    orders: Arc<CommandQueue>,
-    live: Arc<LiveGrowth>,
+    commands: Arc<CommandQueue>,
+    live_growth: Arc<LiveGrowth>,
     forecast: Option<Forecast>,
     layers: u32,
     laid: u32,
@@ -220,22 +220,22 @@ impl<'a> RunningJob<'a> {
         mut log: RunLog,
         reply: Option<Reply>,
     ) -> Self {
-        let orders = Arc::new(CommandQueue::default());
-        let live = LiveGrowth::new(board_job, known, Some(Arc::clone(&orders)));
-        live.set_pace(keeper.pace());
+        let commands = Arc::new(CommandQueue::default());
+        let live_growth = LiveGrowth::new(board_job, known, Some(Arc::clone(&commands)));
+        live_growth.set_pace(keeper.pace());
         let period_s = board_job.robot.description().layer.period_s;
         let forecast = keeper.pace().map(|pace| Forecast { period_s, pace });
         log.set_forecast(forecast);
         keeper.update_state(|known| {
-            (known.commands, known.live_growth) = (Some(Arc::clone(&orders)), Some(Arc::clone(&live)));
+            (known.commands, known.live_growth) = (Some(Arc::clone(&commands)), Some(Arc::clone(&live_growth)));
             known.command_error = None;
             known.job = Some(job.id.clone());
         });
-        Self { keeper, job, log, orders, live, forecast, layers: job.layers, laid: job.laid, reply }
+        Self { keeper, job, log, commands, live_growth, forecast, layers: job.layers, laid: job.laid, reply }
     }
 
     fn ingest(&mut self, event: &JobEvent) {
-        self.live.ingest(event);
+        self.live_growth.ingest(event);
         if let Err(error) = self.log.record(event) {
             self.keeper.update_state(|known| known.command_error = Some(error.to_string()));
         }
@@ -320,15 +320,15 @@ impl<'a> RunningJob<'a> {
     /// Leaves a job that continues or waits without its host. The thread resumes it when the connection is back. It
     /// then repeats a stop that the board may not have received.
     fn detach(&mut self, why: &str) -> LinkState {
-        self.live.supersede();
-        let stops = self.orders.stop_requested();
+        self.live_growth.supersede();
+        let stops = self.commands.stop_requested();
         self.keeper.update_state(|known| known.stop_on_reconnect |= stops);
         self.confirm_start();
         LinkState::Lost(why.to_owned())
     }
 
     fn close(&mut self, result: &GrowthResult, why: Option<String>) {
-        self.live.end(result.clone());
+        self.live_growth.end(result.clone());
         if let Err(error) = self.log.end(result) {
             crate::warning!("{error}");
         }

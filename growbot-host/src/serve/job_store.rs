@@ -79,7 +79,7 @@ pub enum JobStoreError {
 
 impl JobStoreError {
     /// Converts an error of the operating system about a file.
-    pub fn of(path: &Path, error: &std::io::Error) -> Self {
+    pub fn from_io(path: &Path, error: &std::io::Error) -> Self {
         Self::File { path: path.to_path_buf(), reason: error.to_string() }
     }
 }
@@ -168,13 +168,13 @@ const COLUMNS: &str =
 impl JobStore {
     /// Opens the list of jobs. A missing or damaged list is rebuilt from the run logs.
     pub fn open(places: &ServicePaths) -> Result<Self, JobStoreError> {
-        places.create().map_err(|error| JobStoreError::of(places.state_dir(), &error))?;
+        places.create().map_err(|error| JobStoreError::from_io(places.state_dir(), &error))?;
         let path = places.database();
         let is_new = !path.exists();
         let mut jobs = Self { database: Connection::open(&path)?, logs: places.logs() };
         if !is_new && !jobs.is_sound() {
             let aside = path.with_extension("damaged");
-            fs::rename(&path, &aside).map_err(|error| JobStoreError::of(&path, &error))?;
+            fs::rename(&path, &aside).map_err(|error| JobStoreError::from_io(&path, &error))?;
             crate::warning!(
                 "the list of jobs is damaged: it was rebuilt from the run logs, and the old file is kept as {}",
                 aside.display()
@@ -220,12 +220,12 @@ impl JobStore {
 
     fn is_sound(&self) -> bool {
         let checked: Result<String, _> = self.database.query_row("PRAGMA integrity_check", [], |row| row.get(0));
-        checked.is_ok_and(|said| said == "ok")
+        checked.is_ok_and(|result| result == "ok")
     }
 
     /// Enters a job for each run log.
     fn rebuild(&self) -> Result<(), JobStoreError> {
-        let entries = fs::read_dir(&self.logs).map_err(|error| JobStoreError::of(&self.logs, &error))?;
+        let entries = fs::read_dir(&self.logs).map_err(|error| JobStoreError::from_io(&self.logs, &error))?;
         for path in entries.flatten().map(|entry| entry.path()) {
             let Some(id) = path.file_stem().and_then(|id| id.to_str()) else { continue };
             let Some((_, robot)) = id.split_once('_') else { continue };

@@ -12,7 +12,9 @@ use growbot_client::growth::{Command, CommandQueue};
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::plan::Plan;
 use growbot_client::robot_file;
-use growbot_core::link::message::{BoardInfo, Cancel, Fault, MaintenanceTask, Message, PauseCause, State, Status};
+use growbot_core::link::message::{
+    BoardInfo, Cancel, Empty, Fault, MaintenanceTask, Message, PauseCause, State, Status,
+};
 use growbot_core::robot::Robot;
 use growbot_scene::scene_file::LoadedScene;
 use growbot_sim::ground_truth::SimulatedTip;
@@ -112,7 +114,7 @@ pub enum RobotRequest {
 
 /// A request in the queue of a robot's thread, with the channel on which its response is sent.
 pub struct PendingRequest {
-    pub ask: RobotRequest,
+    pub request: RobotRequest,
     pub reply: Sender<Result<(), String>>,
     /// True once the thread has taken the request or the caller has given it up, whichever comes first.
     claimed: Arc<AtomicBool>,
@@ -122,12 +124,12 @@ impl PendingRequest {
     /// Takes the request. Returns false if the caller has given it up, except for an emergency stop.
     fn claim(&self) -> bool {
         let is_given_up = self.claimed.swap(true, Ordering::AcqRel);
-        !is_given_up || matches!(self.ask, RobotRequest::EmergencyStop)
+        !is_given_up || matches!(self.request, RobotRequest::EmergencyStop)
     }
 
-    pub(super) fn answer(self, answer: Result<(), String>) {
+    pub(super) fn respond(self, response: Result<(), String>) {
         // The caller may no longer wait for the response.
-        let _ = self.reply.send(answer);
+        let _ = self.reply.send(response);
     }
 }
 
@@ -137,7 +139,7 @@ pub struct RobotWorker {
     pub(super) entry: RobotEntry,
     pub(super) shared: Arc<ServiceContext>,
     known: Mutex<WorkerState>,
-    asks: Sender<PendingRequest>,
+    requests: Sender<PendingRequest>,
     /// Condition that was reported last in notices. `None` if this process has reported none.
     last_alert: Mutex<Option<AlertState>>,
     /// Lock from the check for an active job to the start of a new job.
@@ -183,7 +185,7 @@ pub enum LinkState {
 impl RobotWorker {
     /// Starts a thread that owns a robot.
     pub(super) fn start(name: &str, entry: &RobotEntry, shared: Arc<ServiceContext>) -> Arc<Self> {
-        let (asks, asked) = mpsc::channel();
+        let (sender, requests) = mpsc::channel();
         let known =
             Mutex::new(WorkerState { connection_error: Some("it is looked for".to_owned()), ..WorkerState::default() });
         let keeper = Arc::new(Self {
@@ -191,25 +193,25 @@ impl RobotWorker {
             entry: entry.clone(),
             shared,
             known,
-            asks,
+            requests: sender,
             last_alert: Mutex::default(),
             job_start: Mutex::default(),
         });
         let own = Arc::clone(&keeper);
-        let spawned = thread::Builder::new().name(format!("robot {name}")).spawn(move || own.run(&asked));
+        let spawned = thread::Builder::new().name(format!("robot {name}")).spawn(move || own.run(&requests));
         if let Err(error) = spawned {
             keeper.update_state(|known| known.connection_error = Some(format!("cannot start its thread: {error}")));
         }
         keeper
     }
 
-    fn state(&self) -> MutexGuard<'_, WorkerState> {
+    fn lock_state(&self) -> MutexGuard<'_, WorkerState> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Changes the known state and wakes all connections that wait for changes.
     pub(super) fn update_state(&self, change: impl FnOnce(&mut WorkerState)) {
-        change(&mut self.state());
+        change(&mut self.lock_state());
         self.shared.signal_change();
     }
 
@@ -218,17 +220,17 @@ impl RobotWorker {
     pub(super) fn record_status(&self, status: Status) {
         let condition = AlertState::from_status(&status);
         self.update_state(|known| known.status = Some(status));
-        let mut told = self.last_alert.lock().unwrap_or_else(PoisonError::into_inner);
-        if told.as_ref() != Some(&condition) {
+        let mut reported = self.last_alert.lock().unwrap_or_else(PoisonError::into_inner);
+        if reported.as_ref() != Some(&condition) {
             self.with_notification_context(|about| self.shared.notify_alert(about, &condition));
-            *told = Some(condition);
+            *reported = Some(condition);
         }
     }
 
-    /// Calls `tell` with the robot and its job, for a notice.
-    pub(super) fn with_notification_context(&self, tell: impl FnOnce(&NotificationContext)) {
+    /// Calls `send` with the robot and its job, for a notice.
+    pub(super) fn with_notification_context(&self, send: impl FnOnce(&NotificationContext)) {
         let view = self.status();
-        tell(&NotificationContext {
+        send(&NotificationContext {
             robot: &self.name,
             simulated: view.simulated,
             job: view.job.as_deref(),
@@ -260,7 +262,7 @@ impl RobotWorker {
     #[must_use]
     pub fn status(&self) -> RobotStatus {
         let (simulated, pace) = (self.is_simulated(), self.pace());
-        let known = self.state();
+        let known = self.lock_state();
         let status = known.status.as_ref().filter(|_| known.connection_error.is_none());
         let celsius = |centi: i32| f64::from(centi) / 100.0;
         let fault = status.and_then(|status| status.fault);
@@ -293,7 +295,7 @@ impl RobotWorker {
 
     /// Returns the description that the board reported, otherwise the configured or default one.
     pub fn description(&self) -> Result<Robot, String> {
-        if let Some(robot) = &self.state().robot {
+        if let Some(robot) = &self.lock_state().robot {
             return Ok(robot.clone());
         }
         let robot = self.entry.robot.as_deref().unwrap_or(robot_file::DEFAULT);
@@ -308,13 +310,13 @@ impl RobotWorker {
 
     /// Returns the active growth if it belongs to this job.
     pub fn live(&self, job: &str) -> Option<Arc<LiveGrowth>> {
-        let known = self.state();
+        let known = self.lock_state();
         known.live_growth.clone().filter(|_| known.job.as_deref() == Some(job))
     }
 
     /// Queues a command for the active growth. Returns false if no growth is active.
     pub fn send_command(&self, order: Command) -> bool {
-        let known = self.state();
+        let known = self.lock_state();
         known.commands.as_ref().map(|orders| orders.push(order)).is_some()
     }
 
@@ -326,7 +328,7 @@ impl RobotWorker {
     /// Returns an error if the robot has an active job. A job that has just ended may still be known to the thread, so
     /// the state is read from the list of jobs.
     pub(super) fn ensure_idle(&self) -> Result<(), String> {
-        let job = self.state().job.clone();
+        let job = self.lock_state().job.clone();
         let is_active = |id: &String| {
             let job = self.shared.jobs_to_read().get(id);
             job.is_ok_and(|job| job.is_some_and(|job| job.state == JobState::Active))
@@ -340,12 +342,12 @@ impl RobotWorker {
     ///
     /// # Errors
     /// The reason why the request was rejected, or that it timed out.
-    pub fn request(&self, ask: RobotRequest, limit: Duration) -> Result<(), String> {
-        let (reply, answer) = mpsc::channel();
+    pub fn request(&self, request: RobotRequest, limit: Duration) -> Result<(), String> {
+        let (reply, response) = mpsc::channel();
         let settled = Arc::new(AtomicBool::new(false));
-        let asked = PendingRequest { ask, reply, claimed: Arc::clone(&settled) };
-        self.asks.send(asked).map_err(|_| "its thread has ended: restart the service".to_owned())?;
-        answer.recv_timeout(limit).unwrap_or_else(|_| {
+        let pending = PendingRequest { request, reply, claimed: Arc::clone(&settled) };
+        self.requests.send(pending).map_err(|_| "its thread has ended: restart the service".to_owned())?;
+        response.recv_timeout(limit).unwrap_or_else(|_| {
             let (robot, limit) = (&self.name, limit.as_secs_f64());
             // A request that times out is given up, because it would otherwise run later, when the user no longer
             // expects it.
@@ -364,11 +366,11 @@ impl RobotWorker {
     }
 
     /// Owns the robot until the process ends.
-    fn run(self: Arc<Self>, asked: &Receiver<PendingRequest>) {
+    fn run(self: Arc<Self>, requests: &Receiver<PendingRequest>) {
         let mut switches_on = true;
         loop {
             let left = match self.connect(switches_on) {
-                Ok(connection) => self.serve_board(connection, asked),
+                Ok(connection) => self.serve_board(connection, requests),
                 Err(why) => LinkState::Lost(why),
             };
             let why = match left {
@@ -377,7 +379,7 @@ impl RobotWorker {
                 LinkState::Leased(loan, reply) => {
                     // The port is closed now. The client that waits for it may be gone.
                     let _ = reply.send(Ok(()));
-                    self.wait_for_lease_end(&loan, asked);
+                    self.wait_for_lease_end(&loan, requests);
                     continue;
                 }
             };
@@ -388,8 +390,10 @@ impl RobotWorker {
                 known.connection_error = Some(why.clone());
             });
             let until = Instant::now() + RECONNECT_INTERVAL;
-            while let Ok(asked) = asked.recv_timeout(until.saturating_duration_since(Instant::now())) {
-                asked.answer(Err(format!("robot {} is not connected: {why}", self.name)));
+            while let Ok(pending) = requests.recv_timeout(until.saturating_duration_since(Instant::now())) {
+                let is_stopped = matches!(pending.request, RobotRequest::Stop) && self.stop_without_session().is_ok();
+                let refusal = || format!("robot {} is not connected: {why}", self.name);
+                pending.respond(if is_stopped { Ok(()) } else { Err(refusal()) });
             }
         }
     }
@@ -436,8 +440,16 @@ impl RobotWorker {
         Ok(BoardConnection { client, simulation, robot, hello })
     }
 
+    /// Stops a board with which the service has no session, because its firmware is of another release.
+    fn stop_without_session(&self) -> Result<(), String> {
+        let any = robot_file::load(robot_file::DEFAULT.as_ref()).map_err(|error| error.to_string())?;
+        let opened = port::open(&self.port()?, &any, &TipSettings::default()).map_err(|error| error.to_string())?;
+        let stopped = Client::new(opened.port, &self.entry.port).request("to stop", &Message::Stop(Empty {}));
+        stopped.map(drop).map_err(|error| error.to_string())
+    }
+
     /// Owns a connected board until the connection is lost or the port is leased.
-    fn serve_board(&self, mut connection: BoardConnection, asked: &Receiver<PendingRequest>) -> LinkState {
+    fn serve_board(&self, mut connection: BoardConnection, requests: &Receiver<PendingRequest>) -> LinkState {
         let active = self.shared.jobs().active(&self.name).ok().flatten();
         self.update_state(|known| {
             known.connection_error = None;
@@ -446,7 +458,7 @@ impl RobotWorker {
         });
         self.record_status(connection.hello.status.clone());
         if let Some(job) = active {
-            let stops = self.state().stop_on_reconnect;
+            let stops = self.lock_state().stop_on_reconnect;
             let left = match stops {
                 true => self.apply_pending_stop(&mut connection, &job),
                 false => self.reattach_job(&mut connection, &job),
@@ -456,8 +468,8 @@ impl RobotWorker {
             }
         }
         loop {
-            let done = match asked.try_recv() {
-                Ok(asked) if asked.claim() => self.handle_request(&mut connection, asked),
+            let done = match requests.try_recv() {
+                Ok(pending) if pending.claim() => self.handle_request(&mut connection, pending),
                 Ok(_) => LinkState::Ready,
                 Err(_) => self.poll_status(&mut connection.client),
             };
@@ -473,7 +485,7 @@ impl RobotWorker {
         let looked = client.event(wait).and_then(|_| client.status());
         match looked {
             Ok(status) => {
-                let is_new = self.state().status.as_ref() != Some(&status);
+                let is_new = self.lock_state().status.as_ref() != Some(&status);
                 if is_new {
                     self.record_status(status);
                 }
@@ -483,12 +495,12 @@ impl RobotWorker {
         }
     }
 
-    fn handle_request(&self, connection: &mut BoardConnection, asked: PendingRequest) -> LinkState {
+    fn handle_request(&self, connection: &mut BoardConnection, pending: PendingRequest) -> LinkState {
         let client = &mut connection.client;
-        let done = match asked.ask {
-            RobotRequest::Grow(new) => return self.start_job(connection, *new, asked.reply),
-            RobotRequest::Resume(job) => return self.resume(connection, &job, asked.reply),
-            RobotRequest::Lend(loan) => return LinkState::Leased(loan, asked.reply),
+        let done = match pending.request {
+            RobotRequest::Grow(new) => return self.start_job(connection, *new, pending.reply),
+            RobotRequest::Resume(job) => return self.resume(connection, &job, pending.reply),
+            RobotRequest::Lend(loan) => return LinkState::Leased(loan, pending.reply),
             RobotRequest::Cancel => client.status().and_then(|status| {
                 let cancel = Message::Cancel(Cancel { plan_id: status.plan_id });
                 client.request("to discard the body", &cancel).map(drop)
@@ -502,7 +514,7 @@ impl RobotWorker {
             Err(error @ (ClientError::Port(_) | ClientError::NoResponse { .. })) => LinkState::Lost(error.to_string()),
             _ => LinkState::Ready,
         };
-        let _ = asked.reply.send(done.map_err(|error| error.to_string()));
+        let _ = pending.reply.send(done.map_err(|error| error.to_string()));
         left
     }
 }

@@ -63,7 +63,9 @@ class CampaignSpec:
                     given = type(item).__name__
                     raise InputTypeError(f"{name} holds a {given}: give growbot.{kind.__name__}", given, kind.__name__)
             object.__setattr__(self, name, items)
-        goals = tuple(_numbers(f"goals[{index}]", goal, (3, 5)) for index, goal in enumerate(_listed("goals", self.goals)))
+        goals = tuple(
+            _numbers(f"goals[{index}]", goal, (3, 5)) for index, goal in enumerate(_listed("goals", self.goals))
+        )
         object.__setattr__(self, "goals", goals)
         object.__setattr__(self, "start", _numbers("start", self.start, (5,)))
         _whole("growths_per_cell", self.growths_per_cell, 1, 1 << 53)
@@ -136,7 +138,9 @@ class CampaignResult:
 
     def table(self) -> npt.NDArray[np.void]:
         """Returns a structured array with a row for each cell: cell, robot, goal, conditions (indices) and growth_count.
-        The distance from the goal has mean_mm, sd_mm, p50_mm, p95_mm and max_mm. mean_direction_error_deg comes last."""
+
+        The distance from the goal has mean_mm, sd_mm, p50_mm, p95_mm and max_mm. mean_direction_error_deg comes last.
+        """
         import numpy as np
 
         names = ("mean", "sd", "p50", "p95", "max")

@@ -50,7 +50,7 @@ pub fn serve(place: &StateDir, robot: &Robot, pace: f64, ready: impl FnOnce()) -
         .map(listen)
         .map_err(|error| place.failed("listen at", path, error))?;
     let began = Instant::now();
-    let mut player = SimServer { sim, store, pace, began, hosts: BTreeMap::new(), owner: None, asked: began };
+    let mut player = SimServer { sim, store, pace, began, hosts: BTreeMap::new(), owner: None, last_request: began };
     ready();
     let ended = player.run(&asks);
     drop(held);
@@ -79,7 +79,7 @@ type Asks = Receiver<(u64, ConnectionEvent)>;
 
 /// Starts a thread that accepts connections, and one for each of them.
 fn listen(listener: UnixListener) -> Asks {
-    let (say, said) = mpsc::channel();
+    let (sender, events) = mpsc::channel();
     thread::spawn(move || {
         for (host, stream) in (0..).zip(listener.incoming()) {
             // No file descriptors are available at present.
@@ -87,11 +87,11 @@ fn listen(listener: UnixListener) -> Asks {
                 thread::sleep(Duration::from_millis(100));
                 continue;
             };
-            let say = say.clone();
-            thread::spawn(move || read_requests(host, stream, &say));
+            let sender = sender.clone();
+            thread::spawn(move || read_requests(host, stream, &sender));
         }
     });
-    said
+    events
 }
 
 fn read_requests(host: u64, stream: UnixStream, say: &Sender<(u64, ConnectionEvent)>) {
@@ -127,7 +127,7 @@ struct SimServer {
     /// Number of the host that owns the line.
     owner: Option<u64>,
     /// Time of the latest request.
-    asked: Instant,
+    last_request: Instant,
 }
 
 impl SimServer {
@@ -141,8 +141,8 @@ impl SimServer {
             self.answer_waiting();
             let wait = if due > STEP { Duration::ZERO } else { LOOK };
             match asks.recv_timeout(wait) {
-                Ok((host, said)) => {
-                    if self.take(host, said)? == Power::Off {
+                Ok((host, event)) => {
+                    if self.take(host, event)? == PowerState::Unpowered {
                         return Ok(());
                     }
                     self.store.save(&self.sim)?;
@@ -164,7 +164,7 @@ impl SimServer {
     fn due(&mut self) -> Duration {
         let waited_for = self.owner.is_some()
             && self.hosts.values().all(|host| host.waits.is_none())
-            && self.asked.elapsed() < PATIENCE;
+            && self.last_request.elapsed() < PATIENCE;
         let real = self.now().div_f64(self.pace);
         let behind = self.began.elapsed().saturating_sub(real);
         if waited_for || behind > MAX_BEHIND {
@@ -203,7 +203,7 @@ impl SimServer {
             if write_response(&mut host.stream, &Response::Bytes { bytes, now_us: micros(now) }).is_err() {
                 gone.push(*name);
             }
-            self.asked = Instant::now();
+            self.last_request = Instant::now();
         }
         for host in gone {
             self.forget(host);
@@ -217,16 +217,16 @@ impl SimServer {
         }
     }
 
-    fn take(&mut self, name: u64, said: ConnectionEvent) -> Result<Power, SimDaemonError> {
-        let ask = match said {
+    fn take(&mut self, name: u64, event: ConnectionEvent) -> Result<PowerState, SimDaemonError> {
+        let ask = match event {
             ConnectionEvent::Connected(stream) => {
                 self.hosts
                     .insert(name, ClientConnection { stream, queue: VecDeque::new(), is_open: false, waits: None });
-                return Ok(Power::On);
+                return Ok(PowerState::Powered);
             }
             ConnectionEvent::Disconnected => {
                 self.forget(name);
-                return Ok(Power::On);
+                return Ok(PowerState::Powered);
             }
             ConnectionEvent::Request(ask) => ask,
         };
@@ -235,7 +235,7 @@ impl SimServer {
         }
         let is_off = ask == Request::PowerOff;
         if self.owner == Some(name) {
-            self.asked = Instant::now();
+            self.last_request = Instant::now();
         }
         let answer = self.handle_request(name, ask);
         if let (Some(answer), Some(host)) = (answer, self.hosts.get_mut(&name))
@@ -243,7 +243,7 @@ impl SimServer {
         {
             self.forget(name);
         }
-        Ok(if is_off { Power::Off } else { Power::On })
+        Ok(if is_off { PowerState::Unpowered } else { PowerState::Powered })
     }
 
     /// Executes the request of a host. `None` if the response is sent later.
@@ -254,7 +254,7 @@ impl SimServer {
             Request::Open { exclusive: true, .. } if self.owner.is_some() => return Some(Response::Busy),
             Request::Open { exclusive: alone, .. } => {
                 if alone {
-                    (self.owner, self.asked) = (Some(name), Instant::now());
+                    (self.owner, self.last_request) = (Some(name), Instant::now());
                 }
                 self.hosts.get_mut(&name)?.is_open = true;
             }
@@ -280,9 +280,9 @@ impl SimServer {
 
 /// Power state of the robot after a request.
 #[derive(PartialEq, Eq)]
-enum Power {
-    On,
-    Off,
+enum PowerState {
+    Powered,
+    Unpowered,
 }
 
 /// Time after which a host that accepts no bytes counts as gone.

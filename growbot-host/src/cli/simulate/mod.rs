@@ -55,7 +55,7 @@ pub struct SimulateArgs {
     goal: PlanSourceArgs,
     /// Slicing of the path: into layers that end where it does, or into whole steps, rounded up, as in the paper
     #[arg(long, value_name = "HOW", value_enum, default_value = "exact")]
-    slice: Slice,
+    slice: SliceArg,
     /// Height of the whole steps, mm [default: the robot's layer.height_mm]
     #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = step_mm)]
     step: Option<f64>,
@@ -110,7 +110,7 @@ Examples:
 
 /// Slicing of a path on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Slice {
+enum SliceArg {
     /// Equal layers that end where the path does
     Exact,
     /// Whole steps, rounded up (the paper's)
@@ -186,12 +186,12 @@ impl SimulateArgs {
     /// Returns the slicing. `height` is the robot's full layer, mm.
     fn slicing(&self, height: f64) -> Result<Slicing, Failure> {
         match (self.slice, self.step) {
-            (Slice::Whole, _) if self.feedback => Err(Failure::bad_input(
+            (SliceArg::Whole, _) if self.feedback => Err(Failure::bad_input(
                 "--feedback plans each layer separately, so --slice whole has no effect: remove one of them",
             )),
-            (Slice::Whole, step) => Ok(Slicing::Whole { step: step.unwrap_or(height) }),
-            (Slice::Exact, None) => Ok(Slicing::Exact),
-            (Slice::Exact, Some(_)) => {
+            (SliceArg::Whole, step) => Ok(Slicing::Whole { step: step.unwrap_or(height) }),
+            (SliceArg::Exact, None) => Ok(Slicing::Exact),
+            (SliceArg::Exact, Some(_)) => {
                 Err(Failure::bad_input("--step is the height of whole steps: add --slice whole, or remove --step"))
             }
         }
