@@ -11,6 +11,7 @@ use std::{fs, io, thread};
 use growbot_client::port::Port;
 use growbot_core::link::message::ResetCause;
 use growbot_core::robot::Robot;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::persistence::PersistentMemory;
 use super::protocol::{PROTOCOL_VERSION, Request, Response, micros};
@@ -210,6 +211,15 @@ impl SimServer {
         }
     }
 
+    /// Returns whether the owner still has its end of the line open. The thread that reads from it may report its end
+    /// only after the request of the next owner.
+    fn has_connected_owner(&self) -> bool {
+        let Some(owner) = self.owner.and_then(|owner| self.hosts.get(&owner)) else { return false };
+        let mut ends = [PollFd::new(&owner.stream, PollFlags::empty())];
+        let polled = poll(&mut ends, Some(&Timespec::default()));
+        polled.is_err() || !ends[0].revents().contains(PollFlags::HUP)
+    }
+
     fn forget(&mut self, host: u64) {
         self.hosts.remove(&host);
         if self.owner == Some(host) {
@@ -251,7 +261,7 @@ impl SimServer {
         let now = self.now();
         match ask {
             Request::Open { release, .. } if release != PROTOCOL_VERSION => return Some(Response::OtherRelease),
-            Request::Open { exclusive: true, .. } if self.owner.is_some() => return Some(Response::Busy),
+            Request::Open { exclusive: true, .. } if self.has_connected_owner() => return Some(Response::Busy),
             Request::Open { exclusive: alone, .. } => {
                 if alone {
                     (self.owner, self.last_request) = (Some(name), Instant::now());
