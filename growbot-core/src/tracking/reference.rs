@@ -378,12 +378,16 @@ impl Linear {
     fn pull(&self, reference: &mut ReferenceTrajectory) {
         let mut at = self.dual(&reference.multipliers);
         for _ in 0..NEWTON_STEPS {
-            let Some(step) = at.hessian.cholesky().map(|cholesky| cholesky.solve(&at.slope)) else { break };
+            let step = at.hessian.cholesky().map(|cholesky| cholesky.solve(&at.slope));
+            let Some(step) = step.filter(|step| step.norm().is_finite()) else { break };
             let decrease = step.dot(&at.slope);
             let (mut share, mut next) = (1.0, self.dual(&(reference.multipliers - step)));
             while next.value > at.value - 1e-4 * share * decrease && share > 1e-3 {
                 share *= 0.5;
                 next = self.dual(&(reference.multipliers - step * share));
+            }
+            if !next.value.is_finite() {
+                break;
             }
             reference.multipliers -= step * share;
             at = next;
@@ -494,6 +498,23 @@ mod tests {
         }
         // Paths of three bends without a line allow no correction.
         assert!(missed <= 4, "{missed} of 40");
+    }
+
+    #[test]
+    fn a_path_of_any_length_is_corrected() {
+        for length in [1e3, 1e4, 1e5, 2e5, 1e6, 1e7] {
+            let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+            let goal = Pose::from_degrees([0.0, 0.0, length, 0.0, 90.0]).unwrap();
+            let mut random = Rng::new(&[7]);
+            let mut reference = ReferenceTrajectory::from_path(&[Segment::Straight { length }], 100.0);
+            for _ in 0..50 {
+                let mut off = start.frame();
+                off.translation.vector += random.normal_vector() * 3.0;
+                off.rotation = super::super::estimator::rotation(&(random.normal_vector() * 0.01)) * off.rotation;
+                let miss = reference.correct(&off, &goal, 0.01, 0.774);
+                assert!(miss.distance < 1e-3 * length, "{length} mm: {miss:?}");
+            }
+        }
     }
 
     #[test]

@@ -364,23 +364,6 @@ mod tests {
     }
 
     #[test]
-    fn a_path_of_200_m_is_corrected_without_a_panic() {
-        let (robot, (start, _)) = (robot_a(), poses());
-        let length = 200_000.0;
-        let goal = Pose::from_degrees([0.0, 0.0, length, 0.0, 90.0]).unwrap();
-        let path = [Segment::Straight { length }];
-        let legs = [Leg { goal, segment_count: 1 }];
-        let disturbance = Disturbance { growth_noise: 0.1, ..Disturbance::default() };
-        let sensors = SimulatedSensors { noise: NOISE, odometry_scale: 0.0, direction: DirectionSensor::Tip };
-        let task = GrowthTask { robot: &robot, start, path: &path, legs: &legs };
-        for disturbance in [disturbance, Disturbance::default()] {
-            let grown = grow_closed_loop(&task, &disturbance, &sensors, 1, |_, _, base_from_tip| *base_from_tip);
-            let missed = goal_error(&grown.base_from_tip, &goal);
-            assert!(missed.distance < 1e-3 * length, "{missed:?}");
-        }
-    }
-
-    #[test]
     fn forecast_deviations_match_later_estimates() {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
