@@ -88,7 +88,7 @@ fn feedback_follows_a_straight_path_and_reports_the_greatest_distance_from_it() 
         assert!(result["warnings"].is_null() && !ran.err.contains("far-from-plan"), "{result}");
         let text = fs::read_to_string(&log).unwrap();
         let end: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
-        assert_eq!((&end["event"], &end["plan_deviation"]), (&"end".into(), deviation));
+        assert_eq!((&end["event"], &end["result"]["plan_deviation"]), (&"end".into(), deviation));
     }
     let page = directory.path().join("page.html").to_str().unwrap().to_owned();
     assert_eq!(growbot(&["view", &log, "-o", &page]).code, Some(0));

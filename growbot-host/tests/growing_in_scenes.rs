@@ -212,7 +212,8 @@ fn a_plan_keeps_the_expected_deviation_of_its_robot_unless_another_margin_is_giv
     // The text shows the margin, and a plan file keeps it.
     let file = fixture.path("near.json");
     let shown = growbot(&["plan", "--to", LEVEL, "--scene", &wall, "--margin", "0.01", "-o", &file]);
-    assert!(shown.err.contains("near-obstacle"), "{}", shown.err);
+    assert!(shown.out.contains("\n  margin    0.01 mm\n"), "{}", shown.out);
+    assert!(shown.out.contains("warning (near-obstacle): "), "{}", shown.out);
     for command in ["simulate", "view", "layers"] {
         let output = fixture.path(&format!("{command}.html"));
         let args = if command == "view" { vec![command, &file, "-o", &output] } else { vec![command, &file] };
@@ -240,7 +241,7 @@ fn the_grown_body_is_checked_for_contact() {
     assert_eq!(result["warnings"][1]["code"], "touches-obstacle");
     assert!(result["scene"]["obstacle"].as_str().unwrap().starts_with("the half space"), "{result}");
     assert!(touches.err.contains("touches-obstacle"), "{}", touches.err);
-    let end = &events(&log, "end")[0];
+    let end = &events(&log, "end")[0]["result"];
     assert_eq!((&end["scene"], &end["plan_deviation"]), (&result["scene"], &result["plan_deviation"]));
     let clear = json(&grow(&["--bias", "-1"]));
     assert_eq!(clear["scene"]["contact"], false);

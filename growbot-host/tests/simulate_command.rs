@@ -75,6 +75,7 @@ fn a_growth_is_printed_as_a_table_or_line_with_the_seed() {
         "normalized_position_error",
         "path_length_mm",
         "pitch_error_deg",
+        "plan_deviation",
         "position_error_mm",
         "seed",
     ];

@@ -245,7 +245,7 @@ fn an_example_is_determined_by_its_seed_and_passable() {
 fn scene_shows_what_was_read_from_a_file() {
     let fixture = Fixture::new();
     let shown = fixture.done(&["scene", &fixture.path("room.toml")]).out;
-    assert!(shown.contains("  x          -200.00 to     200.00 mm\n"), "{shown}");
+    assert!(shown.contains("  x          -215.00 to     215.00 mm\n"), "{shown}");
     assert!(
         shown.contains("3 boxes, balls and capsules, 1 half spaces") && shown.contains("margin    5 mm"),
         "{shown}"

@@ -384,7 +384,7 @@ impl Board {
         check_growable(&plan, &conditions, self.simulated, force)?;
         let ignore_scene = ignore_scene.map_or(Ok(false), |value| flag("ignore_scene", value))?;
         let ignores_scene = ignore_scene && (scene.is_some() || plan.inner.scene.is_some());
-        let scene = if ignore_scene { None } else { scene_for_growth(py, &plan, scene)? };
+        let scene = if ignore_scene { None } else { scene_for_growth(&plan, scene)? };
         let (events, messages) = if self.simulated {
             let (sender, receiver) = mpsc::sync_channel(AHEAD);
             (EventSender::Bounded(sender), receiver)

@@ -22,14 +22,14 @@ use crate::scene::Scene;
 
 /// Returns the scene for the growth of a plan. If a scene is given, the plan must be clear in it. Otherwise it is the
 /// scene through which the plan was made.
-pub fn scene_for_growth(py: Python<'_>, plan: &Plan, scene: Option<&Bound<PyAny>>) -> Result<Option<Scene>, Error> {
-    if let Some(scene) = scene {
-        let scene = Scene::given(scene)?;
+pub fn scene_for_growth(plan: &Plan, scene: Option<&Bound<PyAny>>) -> Result<Option<Scene>, Error> {
+    if let Some(given) = scene {
+        let scene = Scene::given(given)?;
         let file = scene.file.display().to_string();
         let found = check_clearance(&plan.inner, &plan.robot, &file, &scene.loaded)
             .map_err(|unclear| Error::new(ErrorKind::Input, format!("{unclear}; or set ignore_scene=True")))?;
         if let Some(near) = near_obstacle(&plan.inner, &plan.robot, &scene.loaded, found.clearance) {
-            warn(py, &near.message)?;
+            warn(given.py(), &near.message)?;
         }
         return Ok(Some(scene));
     }

@@ -172,7 +172,8 @@ def test_a_twisted_body_is_shown_as_it_was_laid() -> None:
     assert grown.position_error_mm > 20
     assert np.allclose(end_of(START, grown.layers()), grown.final_pose.position_mm, atol=1e-6)
     assert f"{grown.position_error_mm:.3f} mm" in grown.html()
-    assert grown.plan_deviation_mm >= grown.position_error_mm - 1e-3
+    # The tip lies a little nearer to another part of the path than to its end.
+    assert 0.9 * grown.position_error_mm < grown.plan_deviation_mm <= grown.position_error_mm
 
 
 def test_a_sagging_body_is_shown_with_its_sag() -> None:

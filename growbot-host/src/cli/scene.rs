@@ -7,6 +7,7 @@ use growbot_client::atomic_file::format_from_extension;
 use growbot_client::plan_file::format_hash;
 use growbot_client::sanitize::json_line;
 use growbot_host::output::{is_standard_output, print, write_to};
+use growbot_pictures::figures::fixed;
 use growbot_scene::demo_scenes::{DemoScene, to_toml};
 use growbot_scene::scene::{Cloud, Mesh};
 use growbot_scene::scene_file::{self, SceneBox};
@@ -103,7 +104,9 @@ impl SceneInfo {
             Some(SceneBox { min_mm, max_mm }) => ["x", "y", "z"]
                 .iter()
                 .zip(min_mm.iter().zip(max_mm))
-                .map(|(axis, (min, max))| format!("  {axis}       {min:>10.2} to {max:>10.2} mm\n"))
+                .map(|(axis, (min, max))| {
+                    format!("  {axis}       {:>10} to {:>10} mm\n", fixed(*min, 2), fixed(*max, 2))
+                })
                 .collect(),
             None => "  no box    half spaces have no bounds\n".to_owned(),
         };

@@ -163,7 +163,6 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
                 let layers = simulation.layers_as_laid(&laid);
                 PlanDeviation::of(&plan, &robot, &centreline(&plan.start.frame(), layers))
             });
-            warn(deviation.as_ref().and_then(PlanDeviation::warning).as_slice());
             let table = table::growth(&plan.goal, &outcome, deviation.as_ref(), &disturbances, seed);
             (table, json_line(&SimulatedGrowth::new(&outcome, deviation, &simulation, seed)))
         }
