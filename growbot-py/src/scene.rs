@@ -89,7 +89,7 @@ impl Scene {
     }
 
     /// Box that holds everything but half spaces, mm: the smallest and the greatest x, y and z. It shows axes and units
-    /// that were read otherwise than expected. None if there is nothing else.
+    /// that were read otherwise than expected. None for a scene of half spaces alone.
     #[getter]
     fn box_mm(&self) -> Option<([f64; 3], [f64; 3])> {
         self.loaded.bounding_box().map(|bounds| (bounds.min_mm, bounds.max_mm))

@@ -109,8 +109,8 @@ pub fn measured(subject: &Subject) -> Option<String> {
         Arrival::of(&reached.frame(), &subject.plan.goal, subject.plan.requirements.length);
     let says = if by == "steps" { "say" } else { "says" };
     let strayed =
-        deviation(subject).map_or_else(String::new, |found| format!(", up to {:.2} mm off the plan", found.max_mm));
-    Some(format!("arrived {mm:.2} mm and {deg:.2}° off the goal{strayed}, as the {by} {says}"))
+        deviation(subject).map_or_else(String::new, |found| format!("; up to {:.2} mm off the plan", found.max_mm));
+    Some(format!("arrived {mm:.2} mm and {deg:.2}° off the goal, as the {by} {says}{strayed}"))
 }
 
 /// Returns the row with the greatest distance of a body from its plan.
