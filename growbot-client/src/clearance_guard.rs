@@ -405,7 +405,7 @@ mod tests {
     fn balls(centres: &[[f64; 3]]) -> LoadedScene {
         let ball = |centre: &[f64; 3]| Shape::Ball { centre: (*centre).into(), radius: 50.0 };
         let scene = Scene::new(centres.iter().map(ball).collect(), vec![], vec![], vec![]);
-        LoadedScene { scene, margin: 0.0, hash: 0 }
+        LoadedScene { scene, margin: Some(0.0), hash: 0 }
     }
 
     fn tracker<'a>(robot: &'a Robot, plan: &'a Plan) -> Tracker<'a> {
@@ -515,7 +515,7 @@ mod tests {
         };
         let walls = [(76.5, 0.0), (-76.5, 0.0), (0.0, 76.5), (0.0, -76.5)].map(|(x, y)| wall(x, y));
         let scene = Scene::new(walls.to_vec(), vec![], vec![], vec![]);
-        let loaded = LoadedScene { scene, margin: 5.0, hash: 0 };
+        let loaded = LoadedScene { scene, margin: Some(5.0), hash: 0 };
         for tilt_noise in [0.004, 0.008] {
             let disturbance = Disturbance { tilt_noise, ..Disturbance::default() };
             for seed in 0..12 {

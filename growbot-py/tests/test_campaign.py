@@ -85,6 +85,34 @@ def test_a_cell_without_a_plan_is_told() -> None:
     assert result.growth_count == 3 and np.isnan(result.table()["mean_mm"][1])
 
 
+def test_chunks_of_another_campaign_twice_or_missing_are_refused() -> None:
+    chunks = [growbot.run_chunk(spec(), chunk) for chunk in range(spec().chunk_count)]
+    for wrong, words in (
+        (chunks[:-1], "1 of 19 chunks are missing, the first is 18"),
+        (chunks + chunks[3:4], "chunk 3 was added before"),
+    ):
+        with pytest.raises(growbot.InputError, match=words):
+            growbot.merge_chunks(spec(), wrong)
+    other = growbot.CampaignSpec(
+        (growbot.Robot("growbot-a6"), growbot.Robot("growbot-a3")), *(spec().goals, spec().conditions), 700,
+        first_seed=5, growths_per_chunk=300,
+    )
+    with pytest.raises(growbot.InputError, match="another campaign"):
+        growbot.merge_chunks(other, chunks)
+    result = growbot.CampaignResult(spec())
+    with pytest.raises(growbot.InputTypeError):
+        result.add(chunks[0].summaries[0])  # type: ignore[arg-type]
+    # Equal numbers of other types are the same campaign.
+    same = growbot.CampaignSpec(spec().robots, spec().goals, spec().conditions, np.int64(700), first_seed=5, growths_per_chunk=300)  # type: ignore[arg-type]
+    assert same.hash == spec().hash != other.hash
+
+
+def test_a_campaign_refuses_what_no_cell_could_plan() -> None:
+    for wrong in ({"planner": "fastest"}, {"planner": None}, {"radius_mm": -1}, {"radius_mm": float("nan")}, {"radius_mm": "wide"}):
+        with pytest.raises((growbot.InputError, growbot.InputTypeError)):
+            growbot.CampaignSpec((growbot.Robot(),), ((0, 0, 150),), (growbot.Conditions(),), 3, **wrong)  # type: ignore[arg-type]
+
+
 #: Program for a separate process: a cluster of two workers that are processes.
 DASK = """
 import os, signal, sys, time

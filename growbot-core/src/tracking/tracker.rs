@@ -335,6 +335,36 @@ mod tests {
     }
 
     #[test]
+    fn a_straight_path_is_followed_while_layers_are_in_flight() {
+        let (robot, (start, _)) = (robot_a(), poses());
+        let goal = Pose::from_degrees([0.0, 0.0, 600.0, 0.0, 90.0]).unwrap();
+        let path = [Segment::Straight { length: 600.0 }];
+        let legs = [Leg { goal, segment_count: 1 }];
+        let disturbance = Disturbance { growth_noise: 0.1, ..Disturbance::default() };
+        let exact = SensorNoise { odometry: 0.0, direction: 0.0 };
+        let sensors = SimulatedSensors { noise: exact, odometry_scale: 0.0, direction: DirectionSensor::Gravity };
+        for under_way in [0, 2] {
+            for seed in 0..5 {
+                let mut tracker = Tracker::new(&robot, &start, &path, &legs, exact);
+                let (mut truth, mut index, mut farthest) = (start.frame(), 0, 0.0_f64);
+                let mut queue: VecDeque<Layer> = tracker.remaining_layers().take(under_way).collect();
+                tracker.replan(queue.make_contiguous());
+                loop {
+                    queue.extend(tracker.next_layer());
+                    let Some(layer) = queue.pop_front() else { break };
+                    let laid = disturbance.lay(seed, index, &layer);
+                    truth *= laid.step();
+                    farthest = farthest.max(truth.translation.vector.xy().norm());
+                    tracker.record_layer(&layer, &sensors.measure(seed, index, &layer, &laid, &truth));
+                    tracker.replan(queue.make_contiguous());
+                    index += 1;
+                }
+                assert!(farthest < 0.1, "{under_way} under way, seed {seed}: {farthest} mm from the line");
+            }
+        }
+    }
+
+    #[test]
     fn forecast_deviations_match_later_estimates() {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;

@@ -111,7 +111,7 @@ enum CliCommand {
     NewRobot(new_robot::NewRobotArgs),
     Rmin(rmin::RminArgs),
     Plan(Box<plan::PlanArgs>),
-    Scene(scene::DemoSceneArgs),
+    Scene(scene::SceneInfoArgs),
     Layers(layers::LayersArgs),
     View(view::ViewArgs),
     Workspace(workspace::WorkspaceArgs),

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use growbot_client::margin::planning_margin_mm;
 use growbot_client::plan_file::{PoseJson, format_hash};
 use growbot_client::sanitize::json_line;
 use growbot_client::scene_planning::{SceneOptions, ScenePlanError};
@@ -18,17 +19,20 @@ use super::Failure;
 pub struct SceneSearch<'a> {
     /// File of the scene.
     pub scene: &'a Path,
+    /// Margin that is given, mm. `None` for that of the scene or of the robot.
+    pub margin: Option<f64>,
     /// Effort of the search for each goal.
     pub effort: u64,
 }
 
 /// Plans to all goals and prints the result. `output` gets each goal, as CSV.
 pub fn run(question: &WorkspaceQuery, room: &SceneSearch, output: Option<&Path>, json: bool) -> Result<(), Failure> {
-    let loaded = scene_file::load(room.scene)?;
+    let mut loaded = scene_file::load(room.scene)?;
+    loaded.margin = room.margin.or(loaded.margin);
     let through = SceneOptions {
         file: &room.scene.display().to_string(),
         loaded: &loaded,
-        margin: loaded.margin,
+        margin: planning_margin_mm(question.robot, &loaded),
         grown: None,
         effort: room.effort,
         deadline: None,

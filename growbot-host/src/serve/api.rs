@@ -24,6 +24,7 @@ use growbot_client::plan_file::PlanFile;
 use growbot_client::run_log::{RecordedRun, utc_now};
 use growbot_client::warning::BLOCKING;
 use growbot_core::job::{job_layers, plan_id};
+use growbot_scene::scene_file::SceneBox;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -434,6 +435,9 @@ struct SceneUploadQuery {
 struct SceneUploadResponse {
     /// Name of the scene, for the field `scene` of a plan or job request.
     scene: String,
+    /// Box that holds everything but half spaces, as it was read. `null` if there is nothing else.
+    #[serde(rename = "box")]
+    bounds: Option<SceneBox>,
 }
 
 async fn new_scene(
@@ -443,8 +447,11 @@ async fn new_scene(
     bytes: Bytes,
 ) -> ApiResult<SceneUploadResponse> {
     require_control(access)?;
-    run_blocking(move || Ok(Json(SceneUploadResponse { scene: scene_store::store(service.places(), &name, &bytes)? })))
-        .await
+    run_blocking(move || {
+        let (scene, bounds) = scene_store::store(service.places(), &name, &bytes)?;
+        Ok(Json(SceneUploadResponse { scene, bounds }))
+    })
+    .await
 }
 
 async fn view_plan(State(service): ServiceState, Path(number): Path<u64>) -> Result<Html<String>, Problem> {

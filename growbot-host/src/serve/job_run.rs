@@ -40,7 +40,7 @@ impl RobotWorker {
             around.iter().fold(feedback, Feedback::with_scene)
         });
         if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
-            let remedy = "set a larger margin_mm in the scene or another radius for the plan, or set ignore_scene";
+            let remedy = "set a larger margin_mm or another radius for the plan, or set ignore_scene";
             return refuse(&reply, &format!("{too_near}: {remedy}"));
         }
         let imperfection = ErrorModel::default();
@@ -64,7 +64,7 @@ impl RobotWorker {
             grow_with_ground_truth(simulation.as_mut(), &board_job, &mut |event| growing.ingest(event), |on_event| {
                 grow_job(client, &board_job, manner, &commands, on_event)
             });
-        growing.end(grown, &plan)
+        growing.end(grown, (&robot, &plan), scene.as_ref())
     }
 
     /// Resumes an unfinished job at a client's request.
@@ -104,8 +104,11 @@ impl RobotWorker {
                 return Err(stored.to_string());
             }
             may(hello.status.state)?;
-            let scene = record.feedback.is_some().then(|| record.scene(&plan, &robot, None)).transpose();
-            let scene = scene.map_err(|error| error.to_string())?.flatten();
+            let scene = match (record.scene(&plan, &robot, None), record.feedback.is_some()) {
+                (Err(error), true) => return Err(error.to_string()),
+                // Without feedback, the scene serves only to compare the finished body with it.
+                (scene, _) => scene.ok().flatten(),
+            };
             Ok((record, robot, plan, scene))
         };
         let (record, robot, plan, scene) = match opened() {
@@ -135,7 +138,8 @@ impl RobotWorker {
         };
         let mut board_job = BoardJob::of_plan(&robot, &plan);
         (board_job.plan_id, board_job.layers) = (record.plan_id, record.layers.clone());
-        let around = scene.as_ref().map(|scene| SceneContext::new(&robot, scene, plan.radius));
+        let around = scene.as_ref().filter(|_| record.feedback.is_some());
+        let around = around.map(|scene| SceneContext::new(&robot, scene, plan.radius));
         let feedback = record.feedback(&board_job, &plan, around.as_ref());
         let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
         self.set_job_state(job, JobState::Active, None);
@@ -150,7 +154,7 @@ impl RobotWorker {
             &commands,
             &mut |event| growing.ingest(event),
         );
-        growing.end(grown, &plan)
+        growing.end(grown, (&robot, &plan), scene.as_ref())
     }
 
     /// Stops the job that was active when the connection was lost, because a stop was sent then.
@@ -281,13 +285,19 @@ impl<'a> RunningJob<'a> {
     }
 
     /// Records the outcome of the growth.
-    fn end(mut self, grown: Result<GrowthReport, GrowthError>, plan: &Plan) -> LinkState {
+    fn end(
+        mut self,
+        grown: Result<GrowthReport, GrowthError>,
+        (robot, plan): (&Robot, &Plan),
+        scene: Option<&LoadedScene>,
+    ) -> LinkState {
         self.keeper.update_state(|known| (known.commands, known.live_growth, known.finish_utc) = (None, None, None));
         let simulated = self.keeper.is_simulated();
         match grown {
             Ok(grown) if grown.outcome == Outcome::Lost => self.detach("the board has not responded for too long"),
             Ok(grown) => {
-                let mut result = GrowthResult::new(&grown, plan, None, simulated);
+                let mut result =
+                    GrowthResult::new(&grown, (robot, plan), scene.map(|loaded| &loaded.scene), None, simulated);
                 let missing = self.log.missing_lines();
                 result.log_lines_missing = (missing > 0).then_some(missing);
                 self.laid = u32::try_from(grown.as_built.len()).unwrap_or(u32::MAX);
