@@ -1,10 +1,10 @@
 //! Robots and pins for this crate's tests.
 
 pub mod fake_i2c_bus;
-pub mod preemption;
 /// The fake flash of the simulated board.
 #[path = "../../growbot-sim/src/tip/flash.rs"]
 pub mod flash;
+pub mod preemption;
 
 use core::convert::Infallible;
 use std::cell::RefCell;

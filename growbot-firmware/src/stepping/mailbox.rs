@@ -337,9 +337,8 @@ impl Mailbox {
     #[must_use]
     pub fn feed_steps_per_tick(&self) -> f64 {
         // Both values must belong to one sector, so the step interrupt must not run between the reads.
-        let (steps, ticks) = exclusive::with(|_| {
-            (self.sector_feed.load(Ordering::Acquire), self.sector_ticks.load(Ordering::Acquire))
-        });
+        let (steps, ticks) =
+            exclusive::with(|_| (self.sector_feed.load(Ordering::Acquire), self.sector_ticks.load(Ordering::Acquire)));
         f64::from(steps) / f64::from(ticks.max(1))
     }
 

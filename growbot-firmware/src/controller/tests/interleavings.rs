@@ -115,7 +115,8 @@ impl Trial {
         }
         let change = self.change;
         let begun = bench.ticks();
-        let passed = bench.preempt(&self.points, move |pins, begins| change.apply(pins, begins), |bench| self.work.act(bench));
+        let passed =
+            bench.preempt(&self.points, move |pins, begins| change.apply(pins, begins), |bench| self.work.act(bench));
         assert_eq!(bench.ticks(), begun);
         if self.points.iter().any(|point| *point > passed) {
             return passed;
@@ -132,7 +133,8 @@ impl Trial {
     }
 
     fn check(&self, bench: &mut Bench, start: i64) {
-        let what = format!("{:?}, {:?}, {} after the end, at {:?}", self.work, self.change, self.after_end, self.points);
+        let what =
+            format!("{:?}, {:?}, {} after the end, at {:?}", self.work, self.change, self.after_end, self.points);
         let status = bench.status();
         let states = bench.states();
         let is_changed = !self.points.is_empty();
@@ -158,7 +160,10 @@ impl Trial {
         let turn = i64::from(bench.robot.description().head.steps_per_turn);
         let moved = bench.motors.moved.head - start;
         let over = moved - i64::from(status.layers_laid) * turn;
-        let told = format!("{} laid, {:?}, and {moved} steps of {turn} a turn: {what}", status.layers_laid, status.interrupted);
+        let told = format!(
+            "{} laid, {:?}, and {moved} steps of {turn} a turn: {what}",
+            status.layers_laid, status.interrupted
+        );
         match status.interrupted {
             None => assert_eq!(over, 0, "{told}"),
             Some(interrupted) => {

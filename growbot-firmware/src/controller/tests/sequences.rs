@@ -136,7 +136,10 @@ fn check(bench: &mut Bench, input: &str, before: State, what: &[&str]) {
     }
     let starts = matches!(input, "start" | "tune" | "preheat" | "dry run");
     let was_at_rest = !may_heat(before);
-    assert!(!(was_at_rest && works) || starts || input == "resume", "{input} leads from {before:?} to {state:?}: {what:?}");
+    assert!(
+        !(was_at_rest && works) || starts || input == "resume",
+        "{input} leads from {before:?} to {state:?}: {what:?}"
+    );
 }
 
 /// Runs a sequence of inputs.
