@@ -1,6 +1,6 @@
 //! Interruptions of a growth by loss of the host, the cable, the board or its power. A host then resumes the growth.
 
-use std::cell::{Cell, RefCell};
+use std::cell::Cell;
 use std::rc::Rc;
 use std::time::Duration;
 
