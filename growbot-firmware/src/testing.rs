@@ -91,6 +91,11 @@ impl FakePins {
         self.0.borrow_mut().failed.push(number);
     }
 
+    /// Makes a pin work again.
+    pub fn repair(&self, number: usize) {
+        self.0.borrow_mut().failed.retain(|failed| *failed != number);
+    }
+
     /// Returns whether the pin works.
     pub fn works(&self, number: usize) -> bool {
         !self.0.borrow().failed.contains(&number)

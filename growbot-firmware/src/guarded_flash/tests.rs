@@ -94,7 +94,7 @@ fn a_repair_refused_at_a_start_is_made_before_the_next_record() {
         let laid = u32::from(is_valid);
         assert_eq!(journal.job().map(|job| job.layers_laid), Some(laid));
         supply.set(true);
-        journal.record_laid(laid, &LAYER, true).unwrap();
+        journal.record_laid(laid, &LAYER, false).unwrap();
         // At the next start the cells read the other way, unless they were programmed again.
         flash.read_weak_as(if is_valid { &[0xff; 32] } else { &record });
         assert_eq!(Journal::open(flash).job().map(|job| job.layers_laid), Some(laid + 1), "valid: {is_valid}");

@@ -12,7 +12,7 @@ use growbot_core::link::message::{Cancel, Fault, Message, State, Status};
 
 use super::bench::{Bench, WARM};
 use super::requests::{PLAN, bends, stop};
-use super::tip::{EMERGENCY_STOP, INDEX};
+use super::tip::{EMERGENCY_STOP, FILAMENT_MOTION};
 use crate::safety::transitions::Event;
 use crate::testing::{FakePins, fast_robot, number_from_environment};
 
@@ -33,7 +33,7 @@ enum Work {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Change {
     Nothing,
-    /// The index sensor can no longer be read.
+    /// The pin of the encoder cannot be read in this tick.
     Failure,
     /// The emergency stop is pressed for this tick.
     Press,
@@ -46,7 +46,8 @@ impl Change {
     fn apply(self, pins: &FakePins, begins: bool) {
         match self {
             Self::Nothing => {}
-            Self::Failure => pins.fail(INDEX),
+            Self::Failure if begins => pins.fail(FILAMENT_MOTION),
+            Self::Failure => pins.repair(FILAMENT_MOTION),
             Self::Press => pins.set(EMERGENCY_STOP, begins),
         }
     }
