@@ -40,7 +40,8 @@ fn suggestion(error: &Error) -> Option<String> {
     let kinds = [ContextKind::SuggestedSubcommand, ContextKind::SuggestedArg, ContextKind::SuggestedValue];
     kinds.into_iter().find_map(|kind| match error.get(kind)? {
         ContextValue::String(meant) => Some(meant).filter(|meant| !may_move(meant)).cloned(),
-        ContextValue::Strings(meant) => meant.iter().find(|meant| !may_move(meant)).cloned(),
+        // The best one is the last.
+        ContextValue::Strings(meant) => meant.iter().rfind(|meant| !may_move(meant)).cloned(),
         _ => None,
     })
 }

@@ -485,6 +485,7 @@ impl RobotWorker {
 
     fn handle_request(&self, connection: &mut BoardConnection, asked: PendingRequest) -> LinkState {
         let client = &mut connection.client;
+        let is_cancel = matches!(asked.ask, RobotRequest::Cancel);
         let done = match asked.ask {
             RobotRequest::Grow(new) => return self.start_job(connection, *new, asked.reply),
             RobotRequest::Resume(job) => return self.resume(connection, &job, asked.reply),
@@ -498,6 +499,9 @@ impl RobotWorker {
             RobotRequest::ClearFault => client.clear_fault(),
             RobotRequest::Task(task) => client.maintain(task),
         };
+        if is_cancel && done.is_ok() {
+            self.give_up_interrupted("discarded: the board has deleted the body");
+        }
         let left = match &done {
             Err(error @ (ClientError::Port(_) | ClientError::NoResponse { .. })) => LinkState::Lost(error.to_string()),
             _ => LinkState::Ready,

@@ -80,6 +80,11 @@ impl Disturbance {
         matches!(self, Self::WatchdogReset | Self::PinReset | Self::PowerLoss)
     }
 
+    /// Reports whether another host takes the board.
+    pub fn is_other_host(self) -> bool {
+        !(self.is_of_line() || self.is_reset() || self == Self::HostKilled)
+    }
+
     /// Reports whether another host ends the growth, unless it is done.
     pub fn is_stop(self) -> bool {
         matches!(self, Self::OtherStops | Self::OtherLeavesIdle)
@@ -105,6 +110,8 @@ pub struct DisturbedLine {
     silence: HostSilencePolicy,
     disturbances: Vec<(usize, Disturbance)>,
     frames: usize,
+    /// Number of visits of other hosts so far.
+    visits: u32,
     /// Time on the board's clock after which the line fails.
     limit: Duration,
     is_killed: bool,
@@ -132,6 +139,7 @@ impl DisturbedLine {
             silence,
             disturbances: disturbances.to_vec(),
             frames: 0,
+            visits: 0,
             limit,
             is_killed: false,
             held: [None, None],
@@ -149,7 +157,8 @@ impl DisturbedLine {
     fn pass(&mut self, direction: Direction, frame: Vec<u8>) -> Result<Vec<u8>, PortError> {
         let held = self.held[direction as usize].take();
         let mut arriving = vec![frame];
-        for (_, disturbance) in self.disturbances.clone().into_iter().filter(|(at, _)| *at == self.frames) {
+        let at = self.frames;
+        for (_, disturbance) in self.disturbances.clone().into_iter().filter(|(frame, _)| *frame == at) {
             match disturbance {
                 Disturbance::Lost => arriving.clear(),
                 Disturbance::Doubled => arriving.extend(arriving.clone()),
@@ -170,7 +179,8 @@ impl DisturbedLine {
     }
 
     /// Another host takes the board over.
-    fn visit(&self, disturbance: Disturbance) {
+    fn visit(&mut self, disturbance: Disturbance) {
+        self.visits += 1;
         let mut board = self.board.borrow_mut();
         let goodbye = Message::Goodbye(Empty {});
         let stop = Message::Stop(Empty {});
@@ -186,7 +196,7 @@ impl DisturbedLine {
             Disturbance::OtherRestarts => vec![stop, resume(laid), start, goodbye],
             _ => vec![],
         };
-        converse(&mut board, 0x0700_0001 + self.frames as u32, &requests);
+        converse(&mut board, 0x0700_0000 + self.visits, &requests);
     }
 
     fn check(&self) -> Result<(), PortError> {
