@@ -127,6 +127,19 @@ impl Subject<'_> {
                 return Err(format!("done with {} of {} layers", attempt.logged.len(), self.as_built.len()));
             }
             None | Some(Outcome::Done) => {}
+            Some(outcome) if disturbances.iter().all(|(_, one)| one.is_reset()) => {
+                if attempt.logged.len() == self.as_built.len() {
+                    return Err(format!("{} with all layers in the log", outcome.name()));
+                }
+                let is_fault = attempt.board.borrow().state() == State::Fault;
+                if is_fault != matches!(outcome, Outcome::Fault(_)) {
+                    return Err(format!(
+                        "{}, but the board is {}",
+                        outcome.name(),
+                        attempt.board.borrow().state().name()
+                    ));
+                }
+            }
             Some(Outcome::Stopped) if has(Disturbance::is_stop) => {}
             Some(Outcome::Interrupted) if has(|one| one.is_reset() || one.is_stop()) => {}
             // A host waits for the end of one silent owner, and gives up if another host takes the board meanwhile.
