@@ -59,16 +59,19 @@ impl Client {
         }
     }
 
-    /// Returns the state of the board if this client's session is open. A session never opens again, so it was open when
-    /// the board made the status.
+    /// Checks that this client's session is open. A session never opens again, so an earlier status belongs to it.
     ///
     /// # Errors
     /// Like [`Client::request`]. [`Refusal::NoSession`] if the session has ended.
-    pub fn status_in_session(&mut self) -> Result<Status, ClientError> {
-        let status = self.status()?;
+    pub fn check_session(&mut self) -> Result<(), ClientError> {
         // The board serves this request in the open session only. No layer has this index, so the response is short.
-        self.request("for its session", &Message::ReadLayers(ReadLayers { first: u32::MAX }))?;
-        Ok(status)
+        self.request("for its session", &Message::ReadLayers(ReadLayers { first: u32::MAX })).map(drop)
+    }
+
+    /// Reports whether events have arrived that [`Client::event`] has not returned yet.
+    #[must_use]
+    pub fn has_events(&self) -> bool {
+        !self.events.is_empty()
     }
 
     /// Stops the board by a request, after which its body can be resumed. If the board does not respond, stops it by

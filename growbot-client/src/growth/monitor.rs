@@ -190,7 +190,13 @@ impl JobRunner<'_> {
         questions: &mut StatusPoll,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Option<Outcome>, ClientError> {
-        let status = self.client.status_in_session()?;
+        let status = self.client.status()?;
+        let has_ended = status.state == State::Idle || status.plan_id != self.job.plan_id;
+        let misses_layers = status.layers_laid as usize > self.built.as_built.len() && !self.client.has_events();
+        if self.is_started && (has_ended || misses_layers) {
+            // The board serves the status without a session, but reports layers in the session only.
+            self.client.check_session()?;
+        }
         let outcome = self.apply_status(&status, on_event)?;
         on_event(&JobEvent::Status(status));
         if let Some(Outcome::Fault(Fault::WatchdogReset | Fault::ProcessorFault | Fault::StackOverflow)) = outcome
