@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use growbot_core::link::message::{
-    BootReport, Empty, FaultRecord, LatestFault, Maintain, MaintenanceTask, Message, Refusal, SensorReadings, Status,
+    BootReport, Empty, FaultRecord, LatestFault, Maintain, MaintenanceTask, Message, ReadLayers, Refusal,
+    SensorReadings, Status,
 };
 
 use super::clock::{ClockDrift, ClockSample, ClockWatch};
@@ -56,6 +57,21 @@ impl Client {
             }
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }
+    }
+
+    /// Checks that this client's session is open. A session never opens again, so an earlier status belongs to it.
+    ///
+    /// # Errors
+    /// Like [`Client::request`]. [`Refusal::NoSession`] if the session has ended.
+    pub fn check_session(&mut self) -> Result<(), ClientError> {
+        // The board serves this request in the open session only. No layer has this index, so the response is short.
+        self.request("for its session", &Message::ReadLayers(ReadLayers { first: u32::MAX })).map(drop)
+    }
+
+    /// Reports whether events have arrived that [`Client::event`] has not returned yet.
+    #[must_use]
+    pub fn has_events(&self) -> bool {
+        !self.events.is_empty()
     }
 
     /// Stops the board by a request, after which its body can be resumed. If the board does not respond, stops it by

@@ -72,7 +72,7 @@ pub enum Outcome {
     ClockDrift(ClockDrift),
     /// A long pause has switched the heater off. The body can be resumed.
     Parked,
-    /// The board has restarted, or another host has taken it. The body can be resumed.
+    /// The board has restarted, or another host has taken it or left it idle. The body can be resumed.
     Interrupted,
     /// The board is silent. It may still be growing.
     Lost,
@@ -304,6 +304,8 @@ struct JobRunner<'a> {
     silence: HostSilencePolicy,
     feedback: Option<Feedback<'a>>,
     parked: OnParked,
+    /// True once the board has accepted a start.
+    is_started: bool,
     sent: UploadState,
     built: LaidProgress,
     board: BoardClock,
@@ -391,6 +393,7 @@ impl<'a> JobRunner<'a> {
             silence: manner.silence,
             feedback: manner.feedback,
             parked: manner.parked,
+            is_started: false,
             sent: UploadState::new(job, hello.layer_capacity),
             built: LaidProgress::default(),
             board: BoardClock { boot_id: hello.boot_id, began_ms: None, ended_ms: 0 },
@@ -422,6 +425,8 @@ impl<'a> JobRunner<'a> {
         self.request_accepted(
             "to start",
             &Message::Start(Start { plan_id: self.job.plan_id, on_host_silence: self.silence }),
-        )
+        )?;
+        self.is_started = true;
+        Ok(())
     }
 }

@@ -23,7 +23,7 @@ use growbot_client::growth::Command;
 use growbot_client::plan_file::PlanFile;
 use growbot_client::run_log::{RecordedRun, utc_now};
 use growbot_client::warning::BLOCKING;
-use growbot_core::job::{job_layers, plan_id};
+use growbot_core::job::{MAX_JOB_LAYERS, job_layers, plan_id};
 use growbot_scene::scene_file::SceneBox;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -238,14 +238,21 @@ fn make_job(
     access: Access,
     key: Option<&str>,
 ) -> Result<(StatusCode, Json<Job>), Problem> {
-    let before =
-        || match key.map_or(Ok(None), |key| service.shared.jobs().find_by_key(key)).map_err(Problem::internal)? {
-            Some(job) if job.robot != keeper.name => Err(Problem::bad(format!(
+    let hash = wanted.hash();
+    let before = || {
+        let found = key.map_or(Ok(None), |key| service.shared.jobs().find_by_key(key)).map_err(Problem::internal)?;
+        match found {
+            Some((job, _)) if job.robot != keeper.name => Err(Problem::bad(format!(
                 "the idempotency key was used for job {} on robot {}: use a new key for each job",
                 job.id, job.robot
             ))),
-            job => Ok(job),
-        };
+            Some((job, of)) if of != hash => Err(Problem::conflict(format!(
+                "the idempotency key was used for job {}, whose request was another: use a new key for each job",
+                job.id
+            ))),
+            found => Ok(found.map(|(job, _)| job)),
+        }
+    };
     if let Some(job) = before()? {
         return Ok((StatusCode::OK, Json(job)));
     }
@@ -258,6 +265,7 @@ fn make_job(
         )));
     }
     let PlanInScene { plan, scene } = wanted.resolve(&robot, service.places(), access)?;
+    ensure_storable(plan.requirements.layers)?;
     let preventing = plan.warnings.iter().find(|warning| BLOCKING.contains(&warning.code.as_str()));
     if let Some(warning) = preventing.filter(|_| !wanted.force) {
         return Err(Problem::conflict(format!(
@@ -288,7 +296,7 @@ fn make_job(
         reason: None,
         id,
     };
-    service.shared.jobs().insert(&job, key).map_err(Problem::internal)?;
+    service.shared.jobs().insert(&job, key.map(|key| (key, &*hash))).map_err(Problem::internal)?;
     let scene = scene.filter(|_| !wanted.ignore_scene);
     let new = NewJob { job: job.clone(), plan, robot, scene, feedback: wanted.feedback };
     if let Err(why) = keeper.request(RobotRequest::Grow(Box::new(new)), COMMAND_TIMEOUT) {
@@ -299,6 +307,17 @@ fn make_job(
         return Err(Problem::conflict(why));
     }
     Ok((StatusCode::CREATED, Json(job)))
+}
+
+/// Returns an error if no board can store a job of this many layers, before any of them is computed.
+fn ensure_storable(layers: usize) -> Result<(), Problem> {
+    if layers <= MAX_JOB_LAYERS as usize {
+        return Ok(());
+    }
+    Err(Problem::conflict(format!(
+        "the plan has {layers} layers, but a board can store {MAX_JOB_LAYERS}: choose a nearer goal, or a robot with \
+         higher layers"
+    )))
 }
 
 async fn resume(

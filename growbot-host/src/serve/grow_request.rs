@@ -6,7 +6,9 @@ use growbot_client::margin::planning_margin_mm;
 use growbot_client::plan::{Goal, Plan, PlanOptions};
 use growbot_client::plan_file::{self, LoadedPlan};
 use growbot_client::pose_text::{parse_goal, parse_pose};
+use growbot_client::sanitize::json_line;
 use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
+use growbot_core::hash::Hasher;
 use growbot_core::plan::Planner;
 use growbot_core::robot::Robot;
 use growbot_scene::scene_file::{LoadedScene, MAX_LENGTH, load};
@@ -65,6 +67,13 @@ pub struct PlanInScene {
 }
 
 impl GrowRequest {
+    /// Returns the hash of the request, by which a repetition with the same idempotency key is recognised.
+    pub fn hash(&self) -> String {
+        let mut hasher = Hasher::default();
+        hasher.write_bytes(json_line(self).as_bytes());
+        format!("{:016x}", hasher.finish())
+    }
+
     /// Returns the plan. `robot` is the robot that is to grow it.
     pub fn resolve(&self, robot: &Robot, places: &ServicePaths, access: Access) -> Result<PlanInScene, Problem> {
         let scene = self.scene_file(places, access)?;

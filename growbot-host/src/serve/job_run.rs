@@ -180,6 +180,13 @@ impl RobotWorker {
         });
     }
 
+    /// Records that the board no longer has the bodies of the robot's interrupted jobs.
+    pub(super) fn give_up_interrupted(&self, why: &str) {
+        if let Err(error) = self.shared.jobs().give_up_interrupted(&self.name, why) {
+            crate::warning!("{error}");
+        }
+    }
+
     /// Records the state of a job.
     fn set_job_state(&self, job: &Job, state: JobState, why: Option<&str>) {
         if state == JobState::Done {
@@ -274,6 +281,8 @@ impl<'a> RunningJob<'a> {
     /// Informs the client that the job has started.
     fn confirm_start(&mut self) {
         if let Some(reply) = self.reply.take() {
+            // A board has one body, so it has discarded that of any other job.
+            self.keeper.give_up_interrupted("discarded: the robot has begun another job");
             let _ = reply.send(Ok(()));
         }
     }

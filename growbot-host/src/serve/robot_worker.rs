@@ -497,6 +497,7 @@ impl RobotWorker {
 
     fn handle_request(&self, connection: &mut BoardConnection, pending: PendingRequest) -> LinkState {
         let client = &mut connection.client;
+        let is_cancel = matches!(pending.request, RobotRequest::Cancel);
         let done = match pending.request {
             RobotRequest::Grow(new) => return self.start_job(connection, *new, pending.reply),
             RobotRequest::Resume(job) => return self.resume(connection, &job, pending.reply),
@@ -510,6 +511,9 @@ impl RobotWorker {
             RobotRequest::ClearFault => client.clear_fault(),
             RobotRequest::Task(task) => client.maintain(task),
         };
+        if is_cancel && done.is_ok() {
+            self.give_up_interrupted("discarded: the board has deleted the body");
+        }
         let left = match &done {
             Err(error @ (ClientError::Port(_) | ClientError::NoResponse { .. })) => LinkState::Lost(error.to_string()),
             _ => LinkState::Ready,
