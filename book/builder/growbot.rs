@@ -93,7 +93,8 @@ impl Growbot {
                 let field =
                     robot["fields"].as_array().and_then(|all| all.iter().find(|field| field["field"] == **path));
                 let default = field.and_then(|field| field["value"].as_str()).unwrap_or("");
-                let value = if default.is_empty() { "-".to_owned() } else { format!("`{}`", default.replace('|', "\\|")) };
+                let value =
+                    if default.is_empty() { "-".to_owned() } else { format!("`{}`", default.replace('|', "\\|")) };
                 let is = |what: &str, so: bool| field.is_some_and(|field| field[what] == so);
                 let mark = if is("assumed", true) {
                     "\\*"

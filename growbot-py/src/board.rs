@@ -233,7 +233,8 @@ impl BoardWorker {
         };
         match grown {
             Ok(grown) => {
-                let mut result = GrowthResult::new(&grown, (robot.as_ref(), plan.as_ref()), known_scene, seed, simulated);
+                let mut result =
+                    GrowthResult::new(&grown, (robot.as_ref(), plan.as_ref()), known_scene, seed, simulated);
                 let _ = log.end(&result);
                 result.log_lines_missing = Some(log.missing_lines()).filter(|missing| *missing > 0);
                 let error = outcome_error(&result);

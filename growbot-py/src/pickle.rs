@@ -36,12 +36,16 @@ pub fn of(plan: &Plan) -> PlanState {
     });
     let scene = plan.scene.as_ref().map(|scene| (scene.file.clone(), scene.hash, scene.clearance, scene.margin));
     let shortest = plan.planner == Planner::Shortest;
-    let warnings = plan.warnings.iter().map(|found| (found.code.clone(), found.message.clone(), found.value, found.limit));
+    let warnings =
+        plan.warnings.iter().map(|found| (found.code.clone(), found.message.clone(), found.value, found.limit));
     (shortest, plan.radius, state_of(&plan.start), legs.collect(), segments.collect(), scene, warnings.collect())
 }
 
 /// Returns the plan of these values.
-pub fn plan(robot: &Robot, (shortest, radius, start, legs, segments, scene, warnings): PlanState) -> Result<Plan, Error> {
+pub fn plan(
+    robot: &Robot,
+    (shortest, radius, start, legs, segments, scene, warnings): PlanState,
+) -> Result<Plan, Error> {
     let path = segments.iter().map(|numbers| segment(numbers)).collect::<Result<Vec<_>, _>>()?;
     let start = pose_from(start)?;
     let requirements = requirements(&path, robot);

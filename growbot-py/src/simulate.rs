@@ -209,9 +209,7 @@ impl SimulationResult {
     #[getter]
     fn plan_deviation_mm(&self, py: Python<'_>) -> f64 {
         let start = self.plan.start.frame();
-        py.detach(|| {
-            PlanDeviation::of(&self.plan, &self.robot, &centreline(&start, self.laid.iter().copied())).max_mm
-        })
+        py.detach(|| PlanDeviation::of(&self.plan, &self.robot, &centreline(&start, self.laid.iter().copied())).max_mm)
     }
 
     /// Returns the layers of the body as it lies: a structured array of shape (n,) with the fields layer, segment
