@@ -150,6 +150,22 @@ impl MoveTracker {
 impl<B: Board> Controller<B> {
     /// Handles a report of the step engine.
     pub(super) fn handle_report(&mut self, report: Report, handover: &Mailbox) {
+        let fault = match report {
+            Report::IndexNotFound => Fault::IndexNotFound,
+            Report::IndexMissing => Fault::IndexMissing,
+            Report::IndexStuck => Fault::IndexStuck,
+            Report::HeadStepsLost => Fault::HeadStepsLost,
+            Report::FilamentJam => Fault::FilamentJam,
+            Report::Hardware => Fault::Hardware,
+            Report::Homed | Report::Laid(_) | Report::Fed | Report::Rotated => {
+                return self.handle_ended_move(report, handover);
+            }
+        };
+        self.latch_fault(fault, handover);
+    }
+
+    /// Handles the report of a move that has ended. It latches no fault, so it can be called while a fault is latched.
+    pub(super) fn handle_ended_move(&mut self, report: Report, handover: &Mailbox) {
         let growing = matches!(self.state, State::Growing | State::Paused);
         match report {
             Report::Homed | Report::Fed | Report::Rotated if self.motion.finish_maintenance(self.now_us) => {}
@@ -167,14 +183,8 @@ impl<B: Board> Controller<B> {
                 let back = self.motion.feeding.take() == Some(Feeding::Back);
                 self.motion.retracted_steps = if back { self.retract_steps() } else { 0 };
             }
-            Report::IndexNotFound => self.latch_fault(Fault::IndexNotFound, handover),
-            Report::IndexMissing => self.latch_fault(Fault::IndexMissing, handover),
-            Report::IndexStuck => self.latch_fault(Fault::IndexStuck, handover),
-            Report::HeadStepsLost => self.latch_fault(Fault::HeadStepsLost, handover),
-            Report::FilamentJam => self.latch_fault(Fault::FilamentJam, handover),
-            Report::Hardware => self.latch_fault(Fault::Hardware, handover),
-            // These are late reports of moves from before everything was switched off.
-            Report::Homed | Report::Laid(_) | Report::Fed | Report::Rotated => {}
+            // The others are late reports of moves from before everything was switched off.
+            _ => {}
         }
     }
 

@@ -344,7 +344,7 @@ impl<B: Board> Controller<B> {
         while let Some(report) = handover.pop_ended_move() {
             // The head is homed again before the next layer.
             if report != Report::Homed {
-                self.handle_report(report, handover);
+                self.handle_ended_move(report, handover);
             }
         }
         let sectors = handover.take_sectors_done();
