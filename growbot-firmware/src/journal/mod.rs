@@ -77,7 +77,7 @@ pub struct StoredLayer {
     pub interrupted: bool,
 }
 
-/// The journal in one area of flash. It uses the whole area, up to [`MAX_SECTORS`] sectors.
+/// The journal in one area of flash. It uses the whole area, up to `MAX_SECTORS` sectors.
 ///
 /// The slots of records are numbered through all sectors, without the first record of each sector.
 pub struct Journal<F> {
