@@ -2,7 +2,7 @@
 
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread;
 use std::time::Duration;
@@ -16,15 +16,27 @@ use super::{Port, PortError};
 const CONNECT: Duration = Duration::from_secs(5);
 /// Time after which a connection that accepts no byte is given up.
 const STALLED: Duration = Duration::from_secs(2);
+/// Interval at which an end that has left the line to an emergency stop checks whether the stop is over.
+const YIELD_POLL_INTERVAL: Duration = Duration::from_millis(5);
 
 /// A robot at the other end of a stream of bytes.
 pub struct Stream {
     name: String,
     bytes: Bytes,
-    /// True if an emergency stop of this program has taken the line.
-    emergency: Arc<AtomicBool>,
-    /// True if this is the end that the emergency stop uses.
-    is_for_emergency: bool,
+    /// Number of ends of this line with which an emergency stop is being sent.
+    emergencies: Arc<AtomicU32>,
+    role: StreamRole,
+}
+
+/// Use of an end of a line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum StreamRole {
+    /// Requests and responses. It yields to emergency stops.
+    Requests,
+    /// An emergency stop that has not been sent.
+    Emergency,
+    /// An emergency stop that is being sent. All ends for requests yield until this one is dropped.
+    ActiveEmergency,
 }
 
 enum Bytes {
@@ -93,7 +105,7 @@ impl Stream {
     }
 
     fn new(name: String, bytes: Bytes) -> Self {
-        Self { name, bytes, emergency: Arc::default(), is_for_emergency: false }
+        Self { name, bytes, emergencies: Arc::default(), role: StreamRole::Requests }
     }
 
     fn lost(&self, error: &io::Error) -> PortError {
@@ -102,20 +114,21 @@ impl Stream {
 
     /// Reports whether the line is left to the emergency stop of another thread.
     fn is_left_to_emergency(&self) -> bool {
-        !self.is_for_emergency && self.emergency.load(Ordering::Relaxed)
+        self.role == StreamRole::Requests && self.emergencies.load(Ordering::SeqCst) > 0
     }
 
-    /// Leaves the line to the emergency stop of another thread, which ends the program once it is finished.
+    /// Leaves the line to the emergency stops of other threads, until the last of their ends is dropped.
     fn block_if_yielded(&self) {
         while self.is_left_to_emergency() {
-            thread::sleep(Duration::from_millis(100));
+            thread::sleep(YIELD_POLL_INTERVAL);
         }
     }
 
-    /// Silences all other ends of this line in this program.
-    fn take_line(&self) {
-        if self.is_for_emergency {
-            self.emergency.store(true, Ordering::Relaxed);
+    /// Silences the ends of this line for requests in this program, until this end is dropped.
+    fn take_line(&mut self) {
+        if self.role == StreamRole::Emergency {
+            self.role = StreamRole::ActiveEmergency;
+            self.emergencies.fetch_add(1, Ordering::SeqCst);
         }
     }
 
@@ -124,8 +137,16 @@ impl Stream {
             Bytes::Tcp(stream) => Bytes::Tcp(stream.try_clone()?),
             Bytes::Serial(serial) => Bytes::Serial(serial.try_clone()?),
         };
-        let emergency = Arc::clone(&self.emergency);
-        Ok(Self { name: self.name.clone(), bytes, emergency, is_for_emergency: true })
+        let emergencies = Arc::clone(&self.emergencies);
+        Ok(Self { name: self.name.clone(), bytes, emergencies, role: StreamRole::Emergency })
+    }
+}
+
+impl Drop for Stream {
+    fn drop(&mut self) {
+        if self.role == StreamRole::ActiveEmergency {
+            self.emergencies.fetch_sub(1, Ordering::SeqCst);
+        }
     }
 }
 
@@ -137,10 +158,10 @@ fn is_timeout(error: &io::Error) -> bool {
 impl Port for Stream {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         self.block_if_yielded();
-        let emergency = &self.emergency;
+        let (emergencies, yields) = (&self.emergencies, self.role == StreamRole::Requests);
         let sent = match &mut self.bytes {
             Bytes::Tcp(stream) => stream.write_all(bytes),
-            Bytes::Serial(serial) => serial.send(bytes, || emergency.load(Ordering::Relaxed)),
+            Bytes::Serial(serial) => serial.send(bytes, || yields && emergencies.load(Ordering::SeqCst) > 0),
         };
         self.block_if_yielded();
         sent.map_err(|error| self.lost(&error))
@@ -150,11 +171,11 @@ impl Port for Stream {
         self.block_if_yielded();
         // A timeout of zero would mean to wait for ever.
         let timeout = timeout.max(Duration::from_millis(1));
-        let (emergency, leaves) = (&self.emergency, !self.is_for_emergency);
+        let (emergencies, yields) = (&self.emergencies, self.role == StreamRole::Requests);
         let received = match &mut self.bytes {
             Bytes::Tcp(stream) => stream.set_read_timeout(Some(timeout)).and_then(|()| stream.read(buffer)),
             Bytes::Serial(serial) => {
-                let received = serial.receive(buffer, timeout, || leaves && emergency.load(Ordering::Relaxed));
+                let received = serial.receive(buffer, timeout, || yields && emergencies.load(Ordering::SeqCst) > 0);
                 received.and_then(|count| count.ok_or_else(|| io::ErrorKind::WouldBlock.into()))
             }
         };

@@ -1,7 +1,7 @@
 //! `growbot cancel`: discards the body that the board stores.
 
 use clap::Args;
-use growbot_core::link::message::{Cancel, Message};
+use growbot_core::link::message::{Cancel, PassiveRequest};
 use growbot_host::output::print;
 
 use super::service_robot::find_service_robot;
@@ -33,7 +33,7 @@ pub fn run(args: &CancelArgs) -> Result<(), Failure> {
     if plan_id == 0 {
         return Ok(print(&format!("the {}board does not store a body\n", port.kind()))?);
     }
-    client.request("to discard the body", &Message::Cancel(Cancel { plan_id }))?;
+    client.request("to discard the body", &PassiveRequest::Cancel(Cancel { plan_id }))?;
     Ok(print(&format!(
         "plan {plan_id:016x} discarded by the {}board after {} layers\n",
         port.kind(),

@@ -1,7 +1,6 @@
 //! One robot of the service. A thread owns its board and reconnects to it when its port comes back.
 
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
@@ -12,25 +11,25 @@ use growbot_client::growth::{Command, CommandQueue};
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::plan::Plan;
 use growbot_client::robot_file;
-use growbot_core::link::message::{BoardInfo, Cancel, Fault, MaintenanceTask, Message, PauseCause, State, Status};
+use growbot_client::stop_signal::{Generation, Permit, StopLevel, StopSignal};
+use growbot_core::link::message::{Cancel, Fault, MaintenanceTask, PassiveRequest, PauseCause, State, Status};
 use growbot_core::robot::Robot;
 use growbot_scene::scene_file::LoadedScene;
-use growbot_sim::ground_truth::SimulatedTip;
-use growbot_sim::port::{self, OpenPort, PortName, TipSettings};
+use growbot_sim::port::{self, PortName};
 use growbot_sim::sim_daemon::StateDir;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::ServiceContext;
 use super::config::RobotEntry;
+use super::connector::{BoardConnection, ConfiguredPort, Connector};
 use super::job_store::{Job, JobState};
 use super::notification::{AlertState, NotificationContext};
 use super::port_lease::PortLease;
-use crate::sim_process::switch_on;
+use super::stop_file::StopFile;
+use super::stopper::Stopper;
+use super::{ServiceContext, ServicePaths};
 use crate::watch::LiveGrowth;
 
-/// Time after which a connection to a missing port is tried again.
-const RECONNECT_INTERVAL: Duration = Duration::from_secs(1);
 /// Time between two status requests to a board without a job. A request to the robot waits at most this long.
 const STATUS_POLL_INTERVAL: Duration = Duration::from_millis(100);
 
@@ -85,6 +84,9 @@ pub struct RobotStatus {
     pub finish_utc: Option<String>,
     /// Reason why the board did not carry out the latest command, or why the run log cannot be written. Null otherwise.
     pub command_error: Option<String>,
+    /// Stop that the board has not confirmed. It is sent before anything else, also after a restart of the service.
+    /// Null if there is none.
+    pub pending_stop: Option<StopLevel>,
 }
 
 /// A job to start.
@@ -95,17 +97,21 @@ pub struct NewJob {
     /// Scene that corrections of the path keep clear of.
     pub scene: Option<LoadedScene>,
     pub feedback: bool,
+    /// Permit of the moment at which the order arrived.
+    pub permit: Permit,
 }
 
 /// A request to a robot's thread.
 pub enum RobotRequest {
     Grow(Box<NewJob>),
-    Resume(Box<Job>),
+    Resume(Box<Job>, Permit),
     Cancel,
-    Stop,
-    EmergencyStop,
-    ClearFault,
-    Task(MaintenanceTask),
+    ClearFault(Permit),
+    Task(MaintenanceTask, Permit),
+    /// Wake the thread, because a stop was raised.
+    Wake,
+    /// The board has confirmed this stop to the stop thread.
+    StopConfirmed(Generation),
     /// Close the port until the lease ends.
     Lend(PortLease),
 }
@@ -114,17 +120,22 @@ pub enum RobotRequest {
 pub struct PendingRequest {
     pub ask: RobotRequest,
     pub reply: Sender<Result<(), String>>,
-    /// True once the thread has taken the request or the caller has given it up, whichever comes first.
-    claimed: Arc<AtomicBool>,
+    claim: Claim,
+}
+
+/// Shared state of a request: true once the robot's thread has taken it or its caller has given it up, whichever comes
+/// first.
+#[derive(Clone, Default)]
+pub struct Claim(Arc<AtomicBool>);
+
+impl Claim {
+    /// Takes the request or gives it up. Returns false if that had happened before.
+    pub fn take(&self) -> bool {
+        !self.0.swap(true, Ordering::AcqRel)
+    }
 }
 
 impl PendingRequest {
-    /// Takes the request. Returns false if the caller has given it up, except for an emergency stop.
-    fn claim(&self) -> bool {
-        let is_given_up = self.claimed.swap(true, Ordering::AcqRel);
-        !is_given_up || matches!(self.ask, RobotRequest::EmergencyStop)
-    }
-
     pub(super) fn answer(self, answer: Result<(), String>) {
         // The caller may no longer wait for the response.
         let _ = self.reply.send(answer);
@@ -138,6 +149,13 @@ pub struct RobotWorker {
     pub(super) shared: Arc<ServiceContext>,
     known: Mutex<WorkerState>,
     asks: Sender<PendingRequest>,
+    pub(super) connector: Arc<dyn Connector>,
+    /// Stops of the robot, and the permits of the orders to it.
+    signal: Arc<StopSignal>,
+    stop_file: StopFile,
+    pub(super) stopper: Stopper,
+    /// Number of stops whose callers wait for the board's confirmation.
+    stops_in_progress: AtomicU32,
     /// Condition that was reported last in notices. `None` if this process has reported none.
     last_alert: Mutex<Option<AlertState>>,
     /// Lock from the check for an active job to the start of a new job.
@@ -158,16 +176,8 @@ pub struct WorkerState {
     pub live_growth: Option<Arc<LiveGrowth>>,
     pub finish_utc: Option<String>,
     pub command_error: Option<String>,
-    /// True if a stop was sent that the board may not have received before the connection was lost.
-    pub stop_on_reconnect: bool,
-}
-
-/// An open connection to a board.
-pub struct BoardConnection {
-    pub client: Client,
-    pub simulation: Option<Box<dyn SimulatedTip>>,
-    pub robot: Robot,
-    pub hello: BoardInfo,
+    /// True if the growth whose connection was lost had an order to pause that the board may not have received.
+    pub pauses_on_reconnect: bool,
 }
 
 /// State of a connection after a request, a job or a check of the board.
@@ -182,8 +192,32 @@ pub enum LinkState {
 
 impl RobotWorker {
     /// Starts a thread that owns a robot.
-    pub(super) fn start(name: &str, entry: &RobotEntry, shared: Arc<ServiceContext>) -> Arc<Self> {
+    pub(super) fn start(
+        name: &str,
+        entry: &RobotEntry,
+        places: &ServicePaths,
+        shared: Arc<ServiceContext>,
+    ) -> Arc<Self> {
+        let port = ConfiguredPort(entry.port.clone());
+        Self::start_with(name, entry, Arc::new(port), places, shared)
+    }
+
+    /// Starts a thread that reaches its robot through this connector.
+    pub(super) fn start_with(
+        name: &str,
+        entry: &RobotEntry,
+        connector: Arc<dyn Connector>,
+        places: &ServicePaths,
+        shared: Arc<ServiceContext>,
+    ) -> Arc<Self> {
         let (asks, asked) = mpsc::channel();
+        let signal = Arc::<StopSignal>::default();
+        let (stop_file, left) = StopFile::open(places, name);
+        // No permit is valid until the board has confirmed this stop.
+        if let Some(level) = left {
+            signal.raise(level);
+        }
+        let stopper = Stopper::start(&entry.port, &signal, Arc::clone(&connector));
         let known =
             Mutex::new(WorkerState { connection_error: Some("it is looked for".to_owned()), ..WorkerState::default() });
         let keeper = Arc::new(Self {
@@ -192,6 +226,11 @@ impl RobotWorker {
             shared,
             known,
             asks,
+            connector,
+            signal,
+            stop_file,
+            stopper,
+            stops_in_progress: AtomicU32::new(0),
             last_alert: Mutex::default(),
             job_start: Mutex::default(),
         });
@@ -288,6 +327,7 @@ impl RobotWorker {
             job: known.job.clone(),
             finish_utc: known.finish_utc.clone(),
             command_error: known.command_error.clone(),
+            pending_stop: self.signal.level(),
         }
     }
 
@@ -313,9 +353,57 @@ impl RobotWorker {
     }
 
     /// Queues a command for the active growth. Returns false if no growth is active.
-    pub fn send_command(&self, order: Command) -> bool {
+    pub(super) fn send_command(&self, order: Command, permit: &Permit) -> bool {
         let known = self.state();
-        known.commands.as_ref().map(|orders| orders.push(order)).is_some()
+        known.commands.as_ref().map(|orders| orders.push_with(order, permit.clone())).is_some()
+    }
+
+    /// Returns the robot's stops.
+    pub(super) fn signal(&self) -> &Arc<StopSignal> {
+        &self.signal
+    }
+
+    /// Raises a stop: all earlier orders are void, and the thread sends the stop to the board before anything else.
+    pub(super) fn raise_stop(&self, level: StopLevel) -> StopInProgress<'_> {
+        self.stops_in_progress.fetch_add(1, Ordering::SeqCst);
+        let generation = self.signal.raise(level);
+        self.notify_thread(RobotRequest::Wake);
+        self.shared.signal_change();
+        StopInProgress { worker: self, generation }
+    }
+
+    /// Records that the board has confirmed an emergency stop to the stop thread.
+    pub(super) fn record_emergency_stop(&self) {
+        self.update_state(|known| {
+            if let Some(status) = &mut known.status {
+                status.state = State::EmergencyStop;
+            }
+        });
+    }
+
+    /// Stores the unconfirmed stop on disk, or removes the confirmed one.
+    pub(super) fn sync_stop_file(&self) {
+        self.stop_file.sync(&self.signal);
+        self.shared.signal_change();
+    }
+
+    /// Drops a stop that the board has not confirmed, at a person's request.
+    pub(super) fn withdraw_stop(&self) -> Result<(), String> {
+        let name = &self.name;
+        let Some((_, generation)) = self.signal.pending() else {
+            return Err(format!("robot {name} has no unconfirmed stop: there is nothing to withdraw"));
+        };
+        if self.stops_in_progress.load(Ordering::SeqCst) > 0 || !self.signal.confirm(generation) {
+            return Err(format!("robot {name} is being stopped now: withdraw the stop once it has failed"));
+        }
+        self.sync_stop_file();
+        Ok(())
+    }
+
+    /// Sends the thread a message that needs no response.
+    pub(super) fn notify_thread(&self, ask: RobotRequest) {
+        // A thread that has ended needs none.
+        let _ = self.asks.send(PendingRequest { ask, reply: mpsc::channel().0, claim: Claim::default() });
     }
 
     /// Locks the start of jobs. While the guard is held, no other caller can start a job.
@@ -341,19 +429,26 @@ impl RobotWorker {
     /// # Errors
     /// The reason why the request was rejected, or that it timed out.
     pub fn request(&self, ask: RobotRequest, limit: Duration) -> Result<(), String> {
+        self.request_claimed(ask, &Claim::default(), limit)
+    }
+
+    /// Like [`Self::request`], but the caller can give the request up by its claim before the thread has taken it.
+    ///
+    /// # Errors
+    /// Like [`Self::request`].
+    pub(super) fn request_claimed(&self, ask: RobotRequest, claim: &Claim, limit: Duration) -> Result<(), String> {
         let (reply, answer) = mpsc::channel();
-        let settled = Arc::new(AtomicBool::new(false));
-        let asked = PendingRequest { ask, reply, claimed: Arc::clone(&settled) };
+        let asked = PendingRequest { ask, reply, claim: claim.clone() };
         self.asks.send(asked).map_err(|_| "its thread has ended: restart the service".to_owned())?;
         answer.recv_timeout(limit).unwrap_or_else(|_| {
             let (robot, limit) = (&self.name, limit.as_secs_f64());
             // A request that times out is given up, because it would otherwise run later, when the user no longer
             // expects it.
-            Err(match settled.swap(true, Ordering::AcqRel) {
-                false => {
+            Err(match claim.take() {
+                true => {
                     format!("robot {robot} did not accept the request within {limit:.0} s; it was cancelled: try again")
                 }
-                true => {
+                false => {
                     format!(
                         "robot {robot} accepted the request, but did not finish it within {limit:.0} s: check the \
                          robot's state"
@@ -375,7 +470,8 @@ impl RobotWorker {
                 LinkState::Ready => continue,
                 LinkState::Lost(why) => why,
                 LinkState::Leased(loan, reply) => {
-                    // The port is closed now. The client that waits for it may be gone.
+                    // The port is closed now, with its duplicate. The client that waits for it may be gone.
+                    self.stopper.publish(None);
                     let _ = reply.send(Ok(()));
                     self.wait_for_lease_end(&loan, asked);
                     continue;
@@ -383,57 +479,45 @@ impl RobotWorker {
             };
             // A user who switches the simulated robot off later wants it to stay off.
             switches_on = false;
+            self.stopper.publish(None);
             self.update_state(|known| {
                 (known.commands, known.live_growth, known.finish_utc) = (None, None, None);
                 known.connection_error = Some(why.clone());
             });
-            let until = Instant::now() + RECONNECT_INTERVAL;
+            let until = Instant::now() + self.connector.reconnect_interval();
             while let Ok(asked) = asked.recv_timeout(until.saturating_duration_since(Instant::now())) {
-                asked.answer(Err(format!("robot {} is not connected: {why}", self.name)));
+                self.answer_without_board(asked, || format!("robot {} is not connected: {why}", self.name));
             }
         }
     }
 
-    fn connect(&self, switches_on: bool) -> Result<BoardConnection, String> {
-        let name = self.port()?;
-        let configured = self.entry.robot.as_ref().map(PathBuf::from);
-        let mut robot = match &configured {
-            Some(robot) => Some(robot_file::load(robot).map_err(|error| error.to_string())?),
-            None => None,
-        };
-        if let PortName::SimDaemon(name) = &name {
-            let place = StateDir::of(name).map_err(|error| error.to_string())?;
-            if switches_on && !place.is_on() {
-                let pace = self.entry.pace.unwrap_or(1.0);
-                switch_on(&place, configured.as_deref(), pace).map_err(|error| error.to_string())?;
-            }
-            robot = place.robot().map_err(|error| error.to_string())?.or(robot);
+    /// Answers a request while the port is closed.
+    pub(super) fn answer_without_board(&self, asked: PendingRequest, why: impl Fn() -> String) {
+        match asked.ask {
+            RobotRequest::StopConfirmed(generation) => self.confirm_stop(generation),
+            _ => asked.answer(Err(why())),
         }
-        let robot = match robot {
-            Some(robot) => Some(robot),
-            None if name.is_simulated() => {
-                Some(robot_file::load(robot_file::DEFAULT.as_ref()).map_err(|e| e.to_string())?)
+    }
+
+    fn confirm_stop(&self, generation: Generation) {
+        // A newer stop stays, and is sent next.
+        self.signal.confirm(generation);
+        self.sync_stop_file();
+    }
+
+    /// Sends the stop that the board has not confirmed, without a session. Returns false if there is none.
+    pub(super) fn deliver_stop(&self, client: &mut Client) -> Result<bool, String> {
+        let mut is_stopped = false;
+        while let Some((level, generation)) = self.signal.pending() {
+            match level {
+                StopLevel::Stop => client.stop().map(drop),
+                StopLevel::EmergencyStop => client.emergency_stop(),
             }
-            None => None,
-        };
-        // On a real port the board reports which robot it is.
-        let any = robot_file::load(robot_file::DEFAULT.as_ref()).map_err(|error| error.to_string())?;
-        let settings = TipSettings::default();
-        let opened = port::open(&name, robot.as_ref().unwrap_or(&any), &settings).map_err(|error| error.to_string())?;
-        let OpenPort { port, simulated_tip: simulation } = opened;
-        let mut client = Client::new(port, &self.entry.port);
-        let hello = client.identify().map_err(|error| error.to_string())?;
-        let robot = match robot {
-            Some(robot) => robot,
-            None => robot_file::load(hello.robot_name.as_str().as_ref()).map_err(|_| {
-                format!(
-                    "its board's robot is {}, which is not built in: set `robot` for it in growbot.toml",
-                    hello.robot_name
-                )
-            })?,
-        };
-        let hello = client.open_session_for(&robot).map_err(|error| error.to_string())?;
-        Ok(BoardConnection { client, simulation, robot, hello })
+            .map_err(|error| error.to_string())?;
+            is_stopped = true;
+            self.confirm_stop(generation);
+        }
+        Ok(is_stopped)
     }
 
     /// Owns a connected board until the connection is lost or the port is leased.
@@ -445,10 +529,10 @@ impl RobotWorker {
             known.job = active.as_ref().map(|job| job.id.clone());
         });
         self.record_status(connection.hello.status.clone());
+        let is_virtual = self.port().is_ok_and(|port| port.is_virtual());
         if let Some(job) = active {
-            let stops = self.state().stop_on_reconnect;
-            let left = match stops {
-                true => self.apply_pending_stop(&mut connection, &job),
+            let left = match connection.is_stopped {
+                true => self.end_stopped_job(&job),
                 false => self.reattach_job(&mut connection, &job),
             };
             if matches!(left, LinkState::Lost(_)) {
@@ -456,10 +540,20 @@ impl RobotWorker {
             }
         }
         loop {
-            let done = match asked.try_recv() {
-                Ok(asked) if asked.claim() => self.handle_request(&mut connection, asked),
-                Ok(_) => LinkState::Ready,
-                Err(_) => self.poll_status(&mut connection.client),
+            match self.deliver_stop(&mut connection.client) {
+                Ok(false) => {}
+                Ok(true) => match connection.client.status() {
+                    Ok(status) => self.record_status(status),
+                    Err(error) => return LinkState::Lost(error.to_string()),
+                },
+                Err(why) => return LinkState::Lost(why),
+            }
+            // The time of a virtual clock passes only while this thread waits for the board, so it waits for requests.
+            let next = if is_virtual { asked.recv().ok() } else { asked.try_recv().ok() };
+            let done = match next {
+                Some(asked) if asked.claim.take() => self.handle_request(&mut connection, asked),
+                Some(_) => LinkState::Ready,
+                None => self.poll_status(&mut connection.client),
             };
             if !matches!(done, LinkState::Ready) {
                 return done;
@@ -475,6 +569,7 @@ impl RobotWorker {
             Ok(status) => {
                 let is_new = self.state().status.as_ref() != Some(&status);
                 if is_new {
+                    self.void_if_stopped_elsewhere(status.state);
                     self.record_status(status);
                 }
                 LinkState::Ready
@@ -483,27 +578,54 @@ impl RobotWorker {
         }
     }
 
+    /// Voids all earlier orders if the board has entered a stop or a fault that this service has not ordered.
+    pub(super) fn void_if_stopped_elsewhere(&self, state: State) {
+        let is_off = |state| matches!(state, State::Stopped | State::EmergencyStop | State::Fault);
+        let was_on = self.state().status.as_ref().is_some_and(|status| !is_off(status.state));
+        if was_on && is_off(state) && self.signal.level().is_none() {
+            self.signal.void();
+        }
+    }
+
     fn handle_request(&self, connection: &mut BoardConnection, asked: PendingRequest) -> LinkState {
         let client = &mut connection.client;
         let done = match asked.ask {
             RobotRequest::Grow(new) => return self.start_job(connection, *new, asked.reply),
-            RobotRequest::Resume(job) => return self.resume(connection, &job, asked.reply),
+            RobotRequest::Resume(job, permit) => return self.resume(connection, &job, permit, asked.reply),
+            RobotRequest::Wake | RobotRequest::StopConfirmed(_) => return LinkState::Ready,
             RobotRequest::Lend(loan) => return LinkState::Leased(loan, asked.reply),
             RobotRequest::Cancel => client.status().and_then(|status| {
-                let cancel = Message::Cancel(Cancel { plan_id: status.plan_id });
+                let cancel = PassiveRequest::Cancel(Cancel { plan_id: status.plan_id });
                 client.request("to discard the body", &cancel).map(drop)
             }),
-            RobotRequest::Stop => client.stop().map(drop),
-            RobotRequest::EmergencyStop => client.emergency_stop(),
-            RobotRequest::ClearFault => client.clear_fault(),
-            RobotRequest::Task(task) => client.maintain(task),
+            RobotRequest::ClearFault(permit) => client.clear_fault(&permit),
+            RobotRequest::Task(task, permit) => client.maintain(task, &permit),
         };
         let left = match &done {
             Err(error @ (ClientError::Port(_) | ClientError::NoResponse { .. })) => LinkState::Lost(error.to_string()),
             _ => LinkState::Ready,
         };
+        if self.port().is_ok_and(|port| port.is_virtual())
+            && let Ok(status) = client.status()
+        {
+            // It is not polled, so this is how the effect is seen.
+            self.record_status(status);
+        }
         let _ = asked.reply.send(done.map_err(|error| error.to_string()));
         left
+    }
+}
+
+/// A stop whose caller waits for the board's confirmation. Until it is dropped, the stop cannot be withdrawn.
+pub struct StopInProgress<'a> {
+    worker: &'a RobotWorker,
+    /// Number of the stop.
+    pub generation: Generation,
+}
+
+impl Drop for StopInProgress<'_> {
+    fn drop(&mut self) {
+        self.worker.stops_in_progress.fetch_sub(1, Ordering::SeqCst);
     }
 }
 
