@@ -19,7 +19,7 @@ use growbot_client::port::{Port, PortError};
 use growbot_client::robot_file;
 use growbot_client::run_log::{RecordedRun, RunLog};
 use growbot_client::stop_signal::Permit;
-use growbot_core::link::message::{Empty, EnergizingRequest, HostSilencePolicy, Message, ResetCause, State};
+use growbot_core::link::message::{Empty, EnergizingRequest, HostSilencePolicy, ResetCause, State};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;

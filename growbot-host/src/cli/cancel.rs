@@ -26,6 +26,7 @@ pub fn run(args: &CancelArgs) -> Result<(), Failure> {
     if let Some(owned) = find_service_robot(&port)? {
         return owned.cancel();
     }
+    port.require_running_robot("the cancellation")?;
     let robot = args.robot.load()?;
     let mut client = port.client(&robot)?;
     let hello = client.open_session()?;

@@ -27,6 +27,7 @@ pub fn run(args: &StopArgs) -> Result<(), Failure> {
     if let Some(owned) = find_service_robot(&port)? {
         return owned.stop();
     }
+    port.require_running_robot("the stop")?;
     let robot = args.robot.load()?;
     let mut client = port.client(&robot)?;
     client.request("to stop", &PassiveRequest::Stop(Empty {})).map_err(|error| match error {

@@ -211,7 +211,7 @@ async fn run_blocking<T: Send + 'static>(
     spawn_blocking(what).await.map_err(Problem::internal)?
 }
 
-async fn new_job(
+pub(super) async fn new_job(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
     Extension(permits): Extension<ArrivalPermits>,
@@ -292,7 +292,7 @@ pub(super) fn make_job(
     if let Some(job) = before()? {
         return Ok((StatusCode::OK, Json(job)));
     }
-    keeper.ensure_idle().map_err(Problem::conflict)?;
+    keeper.ensure_idle().and_then(|()| order.claim.check()).map_err(Problem::conflict)?;
     let layers: Vec<_> = job_layers(&plan.path, &robot).collect();
     let id = service.shared.jobs().new_id(&keeper.name);
     let job = Job {

@@ -56,6 +56,8 @@ pub struct FakeBoard {
     receiver: FrameDecoder,
     detector: EmergencyStopDetector,
     sent: VecDeque<u8>,
+    /// Number of frames that it has received.
+    pub frames: u32,
 }
 
 impl FakeBoard {
@@ -76,6 +78,7 @@ impl FakeBoard {
             receiver: FrameDecoder::default(),
             detector: EmergencyStopDetector::new(),
             sent: VecDeque::new(),
+            frames: 0,
         }
     }
 
@@ -140,6 +143,7 @@ impl FakeBoard {
 
     fn handle(&mut self, frame: &LinkFrame) {
         self.uptime_ms += 1;
+        self.frames += 1;
         let request = Message::decode_request(frame.header.kind, &frame.body).unwrap();
         let answer = match request {
             Message::Ack(_) | Message::Goodbye(_) => return,
@@ -231,16 +235,30 @@ pub struct FakeLine {
     board: Arc<Mutex<FakeBoard>>,
     /// True once the service of this line was killed.
     is_killed: Arc<AtomicBool>,
+    /// True once the robot's thread is to panic at its next use of the line.
+    thread_ends: Arc<AtomicBool>,
+    /// True once it has.
+    thread_ended: Arc<AtomicBool>,
 }
 
 impl FakeLine {
     pub fn new(robot: Robot) -> Self {
-        Self { board: Arc::new(Mutex::new(FakeBoard::new(robot))), is_killed: Arc::default() }
+        Self {
+            board: Arc::new(Mutex::new(FakeBoard::new(robot))),
+            is_killed: Arc::default(),
+            thread_ends: Arc::default(),
+            thread_ended: Arc::default(),
+        }
     }
 
     /// Returns a line to the same board for another service.
     pub fn for_next_service(&self) -> Self {
-        Self { board: Arc::clone(&self.board), is_killed: Arc::default() }
+        Self {
+            board: Arc::clone(&self.board),
+            is_killed: Arc::default(),
+            thread_ends: Arc::default(),
+            thread_ended: Arc::default(),
+        }
     }
 
     pub fn board(&self) -> MutexGuard<'_, FakeBoard> {
@@ -250,6 +268,16 @@ impl FakeLine {
     /// Ends the thread of the service that uses this line, at its next use of the line and without a goodbye.
     pub fn kill_service(&self) {
         self.is_killed.store(true, Ordering::SeqCst);
+    }
+
+    /// Lets the robot's thread panic at its next use of the line. The rest of the service lives on.
+    pub fn end_thread(&self) {
+        self.thread_ends.store(true, Ordering::SeqCst);
+    }
+
+    /// Reports whether the robot's thread has not panicked.
+    pub fn has_thread(&self) -> bool {
+        !self.thread_ended.load(Ordering::SeqCst)
     }
 
     fn lost() -> PortError {
@@ -268,6 +296,10 @@ struct FakePort {
 impl FakePort {
     /// Returns the board if bytes pass to it.
     fn reach(&self) -> Result<Option<MutexGuard<'_, FakeBoard>>, PortError> {
+        if self.line.thread_ends.load(Ordering::SeqCst) && !self.is_for_emergency && !std::thread::panicking() {
+            self.line.thread_ended.store(true, Ordering::SeqCst);
+            resume_unwind(Box::new("the thread ends"));
+        }
         if self.line.is_killed.load(Ordering::SeqCst) {
             if !self.is_for_emergency && !std::thread::panicking() {
                 resume_unwind(Box::new("the service was killed"));

@@ -133,6 +133,14 @@ impl Claim {
     pub fn take(&self) -> bool {
         !self.0.swap(true, Ordering::AcqRel)
     }
+
+    /// Returns an error if the request is given up.
+    pub fn check(&self) -> Result<(), String> {
+        if self.0.load(Ordering::Acquire) {
+            return Err("its requester has gone before it began, so it does not begin: request it again".to_owned());
+        }
+        Ok(())
+    }
 }
 
 impl PendingRequest {
@@ -438,6 +446,7 @@ impl RobotWorker {
     /// Like [`Self::request`].
     pub(super) fn request_claimed(&self, ask: RobotRequest, claim: &Claim, limit: Duration) -> Result<(), String> {
         let (reply, answer) = mpsc::channel();
+        claim.check()?;
         let asked = PendingRequest { ask, reply, claim: claim.clone() };
         self.asks.send(asked).map_err(|_| "its thread has ended: restart the service".to_owned())?;
         answer.recv_timeout(limit).unwrap_or_else(|_| {

@@ -4,23 +4,28 @@
 //! All pairs run as a test. `cargo stop-triples` runs all triples.
 
 use std::collections::BTreeMap;
+use std::future::poll_fn;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
+use std::task::Poll;
 use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
+use axum::extract::{Path, State};
+use axum::http::HeaderMap;
+use axum::{Extension, Json};
 use growbot_client::robot_file;
-use growbot_core::link::message::{MaintenanceTask, PauseCause, State};
+use growbot_core::link::message::{MaintenanceTask, PauseCause, State as BoardState};
 
-use super::api::{Access, Order, make_job};
+use super::api::{Access, Order, make_job, new_job};
 use super::audit::{Audit, CommandSource};
 use super::commands::{COMMAND_TIMEOUT, RobotCommand, run_command};
 use super::config::{NotifyEntry, RobotEntry};
 use super::fake_board::{FakeLine, LineState};
 use super::grow_request::GrowRequest;
-use super::job_store::JobStore;
+use super::job_store::{Job, JobState, JobStore};
 use super::notifier::Notifier;
-use super::robot_worker::{Claim, RobotRequest, RobotWorker};
+use super::robot_worker::{Claim, NewJob, RobotRequest, RobotWorker};
 use super::{Service, ServiceContext, ServicePaths};
 
 /// Number of cases at a time.
@@ -215,11 +220,13 @@ impl<'a> Case<'a> {
         }
         let mut board = self.line.board();
         match step {
-            Step::BoardLosesHost if board.state == State::Growing => {
-                (board.state, board.pause) = (State::Paused, PauseCause::HostSilent);
+            Step::BoardLosesHost if board.state == BoardState::Growing => {
+                (board.state, board.pause) = (BoardState::Paused, PauseCause::HostSilent);
             }
-            Step::BoardParks if matches!(board.state, State::Growing | State::Paused) => board.state = State::Parked,
-            Step::BoardFails => board.state = State::Fault,
+            Step::BoardParks if matches!(board.state, BoardState::Growing | BoardState::Paused) => {
+                board.state = BoardState::Parked
+            }
+            Step::BoardFails => board.state = BoardState::Fault,
             Step::BoardLosesPower => board.lose_power(),
             Step::LineLost => board.line = LineState::Missing,
             Step::LineSilent => board.line = LineState::Silent,
@@ -242,7 +249,11 @@ impl<'a> Case<'a> {
 }
 
 fn start(service: &Service, name: &str, line: &FakeLine) -> Arc<RobotWorker> {
-    let entry = RobotEntry { port: "tcp:127.0.0.1:1".to_owned(), robot: Some(ROBOT.to_owned()), pace: None };
+    start_at("tcp:127.0.0.1:1", service, name, line)
+}
+
+fn start_at(port: &str, service: &Service, name: &str, line: &FakeLine) -> Arc<RobotWorker> {
+    let entry = RobotEntry { port: port.to_owned(), robot: Some(ROBOT.to_owned()), pace: None };
     RobotWorker::start_with(name, &entry, Arc::new(line.clone()), &service.places, Arc::clone(&service.shared))
 }
 
@@ -305,4 +316,124 @@ fn every_triple_of_orders_and_faults_heats_only_as_ordered() {
     let (failures, count) = failures(3);
     println!("{count} sequences, {} broken", failures.len());
     assert!(failures.is_empty(), "{} of {count}:\n{}", failures.len(), failures.join("\n"));
+}
+
+/// Waits until `is_so` returns true.
+fn wait_until(is_so: impl Fn() -> bool) {
+    let began = Instant::now();
+    while !is_so() {
+        assert!(began.elapsed() < CONNECT_LIMIT);
+        sleep(Duration::from_millis(1));
+    }
+}
+
+#[test]
+fn a_stop_reaches_a_growth_that_is_being_prepared() {
+    let directory = tempfile::tempdir().unwrap();
+    let service = service(&directory);
+    let case = Case::new(&service, "lab".to_owned());
+    case.wait_for_connection();
+    let worker = &case.worker;
+    let wanted = GrowRequest { to: Some("0,0,8,0,90".to_owned()), ..GrowRequest::default() };
+    let robot = worker.description().unwrap();
+    let access = Access::Control(CommandSource::Socket);
+    let plan = wanted.resolve(&robot, &service.places, access).unwrap_or_else(|_| panic!("no plan")).plan;
+    let job = Job {
+        id: "20261123T014500123_lab".to_owned(),
+        robot: "lab".to_owned(),
+        name: "a body".to_owned(),
+        state: JobState::Active,
+        plan_id: String::new(),
+        layers: 8,
+        laid: 0,
+        length_mm: 8.0,
+        simulated: false,
+        ignore_scene: false,
+        created_utc: String::new(),
+        ended_utc: None,
+        reason: None,
+    };
+    let permit = worker.signal().permit();
+    let new = NewJob { job, plan, robot, scene: None, feedback: false, permit: permit.clone() };
+    thread::scope(|scope| {
+        // The preparation needs the list of jobs, which this test holds.
+        let jobs = service.shared.jobs();
+        let grow = scope.spawn(|| worker.request(RobotRequest::Grow(Box::new(new)), COMMAND_TIMEOUT));
+        wait_until(|| worker.status().job.is_some());
+        let stop = scope.spawn(|| run_command(worker, RobotCommand::Stop, &permit));
+        wait_until(|| worker.status().pending_stop.is_some());
+        drop(jobs);
+        assert!(grow.join().unwrap().unwrap_err().contains("stopped after this order"));
+        assert_eq!(stop.join().unwrap(), Ok(()));
+    });
+    let board = case.line.board();
+    assert!(board.violations.is_empty() && board.state == BoardState::Stopped, "{:?}", board.violations);
+}
+
+#[test]
+fn an_idle_thread_on_a_virtual_clock_sends_nothing() {
+    let directory = tempfile::tempdir().unwrap();
+    let service = service(&directory);
+    let line = FakeLine::new(robot_file::load(ROBOT.as_ref()).unwrap());
+    let worker = start_at("sim", &service, "lab", &line);
+    wait_until(|| worker.status().connection_error.is_none());
+    let frames = line.board().frames;
+    sleep(20 * SETTLE);
+    assert_eq!(line.board().frames, frames);
+    // It still carries out requests and stops.
+    let permit = worker.signal().permit();
+    let task = MaintenanceTask::Preheat { target_centi_c: 20_000 };
+    line.board().may_heat = true;
+    assert_eq!(worker.request(RobotRequest::Task(task, permit.clone()), COMMAND_TIMEOUT), Ok(()));
+    assert_eq!(worker.status().board_state.as_deref(), Some(BoardState::Maintenance.name()));
+    assert_eq!(run_command(&worker, RobotCommand::Stop, &permit), Ok(()));
+    assert_eq!(line.board().state, BoardState::Stopped);
+}
+
+#[test]
+fn an_emergency_stop_reaches_the_board_although_the_thread_has_ended() {
+    let directory = tempfile::tempdir().unwrap();
+    let service = service(&directory);
+    let mut case = Case::new(&service, "lab".to_owned());
+    case.wait_for_connection();
+    case.step(Step::Grow);
+    case.line.end_thread();
+    // The thread ends at its next use of the line. The stop does not use it.
+    wait_until(|| !case.line.has_thread());
+    let permit = case.worker.signal().permit();
+    assert_eq!(run_command(&case.worker, RobotCommand::EmergencyStop, &permit), Ok(()));
+    assert_eq!(case.line.board().state, BoardState::EmergencyStop);
+}
+
+#[test]
+fn a_job_whose_requester_has_gone_does_not_begin() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut service = service(&directory);
+    let line = FakeLine::new(robot_file::load(ROBOT.as_ref()).unwrap());
+    let worker = start(&service, "lab", &line);
+    service.robots.insert("lab".to_owned(), Arc::clone(&worker));
+    wait_until(|| worker.status().connection_error.is_none());
+    let service = Arc::new(service);
+    let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
+    let wanted = GrowRequest { to: Some("0,0,8,0,90".to_owned()), ..GrowRequest::default() };
+    runtime.block_on(async {
+        // The plan is ready, and waits for this lock, when the requester goes.
+        let begins = worker.lock_job_start();
+        let mut order = Box::pin(new_job(
+            State(Arc::clone(&service)),
+            Extension(Access::Control(CommandSource::Socket)),
+            Extension(service.permits()),
+            Path("lab".to_owned()),
+            HeaderMap::new(),
+            Json(wanted),
+        ));
+        assert!(poll_fn(|context| Poll::Ready(order.as_mut().poll(context).is_pending())).await);
+        drop(order);
+        drop(begins);
+    });
+    let audit = || std::fs::read_to_string(service.places.audit()).unwrap();
+    wait_until(|| !audit().is_empty());
+    assert!(audit().contains("requester has gone"), "{}", audit());
+    assert_eq!(service.shared.jobs_to_read().latest(1).unwrap(), []);
+    assert_eq!(line.board().state, BoardState::Idle);
 }
