@@ -10,7 +10,7 @@ use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerEncoder;
 use growbot_core::link::message::{
-    AppendLayers, BeginJob, EnergizingRequest, Fault, HostSilencePolicy, Message, PassiveRequest, Start, State,
+    AppendLayers, BeginJob, EnergizingRequest, Fault, HostSilencePolicy, PassiveRequest, Start, State,
 };
 use growbot_core::robot::Robot;
 use growbot_sim::port::emulator::Emulator;

@@ -24,9 +24,7 @@ use growbot_client::robot_file;
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::crash::CrashRecord;
-use growbot_core::link::message::{
-    Empty, EnergizingRequest, Fault, HostSilencePolicy, Message, ResetCause, State, Status,
-};
+use growbot_core::link::message::{Empty, EnergizingRequest, Fault, HostSilencePolicy, ResetCause, State, Status};
 use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;

@@ -12,8 +12,8 @@ use growbot_client::port::stream::Stream;
 use growbot_client::robot_file;
 use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{
-    BeginJob, BootReport, Empty, EnergizingRequest, Fault, HostSilencePolicy, ImageCheck, Message, PassiveRequest,
-    Refusal, Start, State,
+    BeginJob, BootReport, Empty, EnergizingRequest, Fault, HostSilencePolicy, ImageCheck, PassiveRequest, Refusal,
+    Start, State,
 };
 use growbot_sim::image_seal::seal;
 use growbot_tests::{firmware, netduinoplus2};

@@ -8,6 +8,7 @@ use std::thread;
 use std::time::Duration;
 
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::serial::Serial;
 use super::{Port, PortError};
@@ -16,6 +17,8 @@ use super::{Port, PortError};
 const CONNECT: Duration = Duration::from_secs(5);
 /// Time after which a connection that accepts no byte is given up.
 const STALLED: Duration = Duration::from_secs(2);
+/// Timeout of a read of bytes that have arrived. A timeout of zero would mean to wait for ever.
+const AT_ONCE: Duration = Duration::from_millis(1);
 /// Interval at which an end that has left the line to an emergency stop checks whether the stop is over.
 const YIELD_POLL_INTERVAL: Duration = Duration::from_millis(5);
 
@@ -150,6 +153,16 @@ impl Drop for Stream {
     }
 }
 
+/// Waits until bytes have arrived or the timeout is over.
+fn wait_for_bytes(stream: &TcpStream, timeout: Duration) -> io::Result<()> {
+    let timeout = Timespec { tv_sec: timeout.as_secs().cast_signed(), tv_nsec: timeout.subsec_nanos().into() };
+    match poll(&mut [PollFd::new(stream, PollFlags::IN)], Some(&timeout)) {
+        Ok(0) => Err(io::ErrorKind::WouldBlock.into()),
+        Ok(_) => Ok(()),
+        Err(error) => Err(error.into()),
+    }
+}
+
 /// Reports whether an error only means that the timeout is over.
 fn is_timeout(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
@@ -169,11 +182,15 @@ impl Port for Stream {
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
         self.block_if_yielded();
-        // A timeout of zero would mean to wait for ever.
-        let timeout = timeout.max(Duration::from_millis(1));
         let (emergencies, yields) = (&self.emergencies, self.role == StreamRole::Requests);
         let received = match &mut self.bytes {
-            Bytes::Tcp(stream) => stream.set_read_timeout(Some(timeout)).and_then(|()| stream.read(buffer)),
+            Bytes::Tcp(stream) => wait_for_bytes(stream, timeout).and_then(|()| {
+                // Bytes that arrive during an emergency stop belong to it.
+                match yields && emergencies.load(Ordering::SeqCst) > 0 {
+                    true => Err(io::ErrorKind::WouldBlock.into()),
+                    false => stream.set_read_timeout(Some(AT_ONCE)).and_then(|()| stream.read(buffer)),
+                }
+            }),
             Bytes::Serial(serial) => {
                 let received = serial.receive(buffer, timeout, || yields && emergencies.load(Ordering::SeqCst) > 0);
                 received.and_then(|count| count.ok_or_else(|| io::ErrorKind::WouldBlock.into()))
@@ -201,5 +218,47 @@ impl Port for Stream {
     fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
         // Without this port, an interrupted program advises to cut the power.
         self.try_clone().ok().map(|line| Box::new(line) as Box<dyn Port + Send>)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::TcpListener;
+    use std::sync::mpsc::RecvTimeoutError;
+
+    use super::*;
+
+    /// The far end accepts one connection, as a robot behind TCP does.
+    #[test]
+    fn an_emergency_stop_uses_the_open_connection_and_returns_it() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let mut line = Stream::tcp(&listener.local_addr().unwrap().to_string()).unwrap();
+        let (mut board, _) = listener.accept().unwrap();
+        let mut receive = [0; 8];
+        for _ in 0..3 {
+            let mut stop = line.emergency_port().unwrap();
+            // The end for requests waits already. It leaves what arrives to the stop.
+            let (received, arrived) = mpsc::channel();
+            let worker = thread::spawn(move || {
+                let mut bytes = [0; 8];
+                let mut count = 0;
+                while count == 0 {
+                    count = line.receive(&mut bytes, CONNECT).unwrap();
+                }
+                received.send(bytes.get(..count).unwrap().to_vec()).unwrap();
+                line
+            });
+            stop.send_emergency_stop().unwrap();
+            board.read_exact(&mut receive).unwrap();
+            assert_eq!(receive, EMERGENCY_STOP);
+            board.write_all(b"off").unwrap();
+            let mut bytes = [0; 8];
+            assert_eq!(stop.receive(&mut bytes, CONNECT).unwrap(), 3);
+            assert_eq!(arrived.recv_timeout(Duration::ZERO), Err(RecvTimeoutError::Timeout));
+            drop(stop);
+            board.write_all(b"on").unwrap();
+            assert_eq!(arrived.recv_timeout(CONNECT).unwrap(), b"on");
+            line = worker.join().unwrap();
+        }
     }
 }

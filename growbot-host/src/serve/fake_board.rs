@@ -51,7 +51,7 @@ pub struct FakeBoard {
     uptime_ms: u64,
     /// True while the last order of a person allows heat.
     pub may_heat: bool,
-    /// Requests that made the board heat although nobody had ordered it.
+    /// Requests that made the board heat without a valid order of a person.
     pub violations: Vec<String>,
     receiver: FrameDecoder,
     detector: EmergencyStopDetector,

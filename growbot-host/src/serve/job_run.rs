@@ -279,6 +279,7 @@ impl<'a> RunningJob<'a> {
             JobEvent::Status(status) => {
                 let finish = self.forecast.and_then(|of| of.finish_of(OffsetDateTime::now_utc(), status));
                 self.keeper.update_state(|known| known.finish_utc = finish.map(utc_text));
+                self.keeper.void_if_stopped_elsewhere(status.state);
                 self.keeper.record_status(status.clone());
                 self.confirm_start();
             }

@@ -2,9 +2,8 @@
 //!
 //! - [`Service`] holds the robots, the jobs and a counter of changes.
 //! - [`config`] describes the configured robots. `robot_worker` is one robot, with the thread that owns its board, and
-//!   `connector` the ways to reach it. `stopper` sends its emergency stops, and `stop_file` keeps an unconfirmed stop.
-//!   `job_run`
-//!   is a job on its board.
+//!   `connector` the ways to reach it. `robot_stops` are its stops, `stopper` sends the emergency stops, and `stop_file`
+//!   keeps an unconfirmed stop. `job_run` is a job on its board.
 //! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `audit` records all commands.
 //! - [`api`] is the HTTP interface, with `event_stream`s. `openapi` completes its OpenAPI document.
 //! - [`server`] listens on the loopback interface, behind a token, and on a socket of the user. `limits` bounds the
@@ -32,6 +31,7 @@ mod openapi;
 mod paths;
 pub mod port_lease;
 mod problem;
+mod robot_stops;
 mod robot_worker;
 mod scene_store;
 pub mod server;

@@ -159,11 +159,11 @@ pub struct RobotWorker {
     asks: Sender<PendingRequest>,
     pub(super) connector: Arc<dyn Connector>,
     /// Stops of the robot, and the permits of the orders to it.
-    signal: Arc<StopSignal>,
-    stop_file: StopFile,
+    pub(super) signal: Arc<StopSignal>,
+    pub(super) stop_file: StopFile,
     pub(super) stopper: Stopper,
     /// Number of stops whose callers wait for the board's confirmation.
-    stops_in_progress: AtomicU32,
+    pub(super) stops_in_progress: AtomicU32,
     /// Condition that was reported last in notices. `None` if this process has reported none.
     last_alert: Mutex<Option<AlertState>>,
     /// Lock from the check for an active job to the start of a new job.
@@ -250,7 +250,7 @@ impl RobotWorker {
         keeper
     }
 
-    fn state(&self) -> MutexGuard<'_, WorkerState> {
+    pub(super) fn state(&self) -> MutexGuard<'_, WorkerState> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -366,48 +366,6 @@ impl RobotWorker {
         known.commands.as_ref().map(|orders| orders.push_with(order, permit.clone())).is_some()
     }
 
-    /// Returns the robot's stops.
-    pub(super) fn signal(&self) -> &Arc<StopSignal> {
-        &self.signal
-    }
-
-    /// Raises a stop: all earlier orders are void, and the thread sends the stop to the board before anything else.
-    pub(super) fn raise_stop(&self, level: StopLevel) -> StopInProgress<'_> {
-        self.stops_in_progress.fetch_add(1, Ordering::SeqCst);
-        let generation = self.signal.raise(level);
-        self.notify_thread(RobotRequest::Wake);
-        self.shared.signal_change();
-        StopInProgress { worker: self, generation }
-    }
-
-    /// Records that the board has confirmed an emergency stop to the stop thread.
-    pub(super) fn record_emergency_stop(&self) {
-        self.update_state(|known| {
-            if let Some(status) = &mut known.status {
-                status.state = State::EmergencyStop;
-            }
-        });
-    }
-
-    /// Stores the unconfirmed stop on disk, or removes the confirmed one.
-    pub(super) fn sync_stop_file(&self) {
-        self.stop_file.sync(&self.signal);
-        self.shared.signal_change();
-    }
-
-    /// Drops a stop that the board has not confirmed, at a person's request.
-    pub(super) fn withdraw_stop(&self) -> Result<(), String> {
-        let name = &self.name;
-        let Some((_, generation)) = self.signal.pending() else {
-            return Err(format!("robot {name} has no unconfirmed stop: there is nothing to withdraw"));
-        };
-        if self.stops_in_progress.load(Ordering::SeqCst) > 0 || !self.signal.confirm(generation) {
-            return Err(format!("robot {name} is being stopped now: withdraw the stop once it has failed"));
-        }
-        self.sync_stop_file();
-        Ok(())
-    }
-
     /// Sends the thread a message that needs no response.
     pub(super) fn notify_thread(&self, ask: RobotRequest) {
         // A thread that has ended needs none.
@@ -508,27 +466,6 @@ impl RobotWorker {
         }
     }
 
-    fn confirm_stop(&self, generation: Generation) {
-        // A newer stop stays, and is sent next.
-        self.signal.confirm(generation);
-        self.sync_stop_file();
-    }
-
-    /// Sends the stop that the board has not confirmed, without a session. Returns false if there is none.
-    pub(super) fn deliver_stop(&self, client: &mut Client) -> Result<bool, String> {
-        let mut is_stopped = false;
-        while let Some((level, generation)) = self.signal.pending() {
-            match level {
-                StopLevel::Stop => client.stop().map(drop),
-                StopLevel::EmergencyStop => client.emergency_stop(),
-            }
-            .map_err(|error| error.to_string())?;
-            is_stopped = true;
-            self.confirm_stop(generation);
-        }
-        Ok(is_stopped)
-    }
-
     /// Owns a connected board until the connection is lost or the port is leased.
     fn serve_board(&self, mut connection: BoardConnection, asked: &Receiver<PendingRequest>) -> LinkState {
         let active = self.shared.jobs().active(&self.name).ok().flatten();
@@ -587,15 +524,6 @@ impl RobotWorker {
         }
     }
 
-    /// Voids all earlier orders if the board has entered a stop or a fault that this service has not ordered.
-    pub(super) fn void_if_stopped_elsewhere(&self, state: State) {
-        let is_off = |state| matches!(state, State::Stopped | State::EmergencyStop | State::Fault);
-        let was_on = self.state().status.as_ref().is_some_and(|status| !is_off(status.state));
-        if was_on && is_off(state) && self.signal.level().is_none() {
-            self.signal.void();
-        }
-    }
-
     fn handle_request(&self, connection: &mut BoardConnection, asked: PendingRequest) -> LinkState {
         let client = &mut connection.client;
         let done = match asked.ask {
@@ -622,19 +550,6 @@ impl RobotWorker {
         }
         let _ = asked.reply.send(done.map_err(|error| error.to_string()));
         left
-    }
-}
-
-/// A stop whose caller waits for the board's confirmation. Until it is dropped, the stop cannot be withdrawn.
-pub struct StopInProgress<'a> {
-    worker: &'a RobotWorker,
-    /// Number of the stop.
-    pub generation: Generation,
-}
-
-impl Drop for StopInProgress<'_> {
-    fn drop(&mut self) {
-        self.worker.stops_in_progress.fetch_sub(1, Ordering::SeqCst);
     }
 }
 

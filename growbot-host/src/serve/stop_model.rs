@@ -4,10 +4,9 @@
 //! All pairs run as a test. `cargo stop-triples` runs all triples.
 
 use std::collections::BTreeMap;
-use std::future::poll_fn;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
-use std::task::Poll;
+use std::task::{Context, Waker};
 use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
@@ -224,7 +223,7 @@ impl<'a> Case<'a> {
                 (board.state, board.pause) = (BoardState::Paused, PauseCause::HostSilent);
             }
             Step::BoardParks if matches!(board.state, BoardState::Growing | BoardState::Paused) => {
-                board.state = BoardState::Parked
+                board.state = BoardState::Parked;
             }
             Step::BoardFails => board.state = BoardState::Fault,
             Step::BoardLosesPower => board.lose_power(),
@@ -416,9 +415,10 @@ fn a_job_whose_requester_has_gone_does_not_begin() {
     let service = Arc::new(service);
     let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
     let wanted = GrowRequest { to: Some("0,0,8,0,90".to_owned()), ..GrowRequest::default() };
-    runtime.block_on(async {
+    {
+        let _runtime = runtime.enter();
         // The plan is ready, and waits for this lock, when the requester goes.
-        let begins = worker.lock_job_start();
+        let _begins = worker.lock_job_start();
         let mut order = Box::pin(new_job(
             State(Arc::clone(&service)),
             Extension(Access::Control(CommandSource::Socket)),
@@ -427,13 +427,37 @@ fn a_job_whose_requester_has_gone_does_not_begin() {
             HeaderMap::new(),
             Json(wanted),
         ));
-        assert!(poll_fn(|context| Poll::Ready(order.as_mut().poll(context).is_pending())).await);
+        assert!(order.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_pending());
         drop(order);
-        drop(begins);
-    });
+    }
     let audit = || std::fs::read_to_string(service.places.audit()).unwrap();
     wait_until(|| !audit().is_empty());
     assert!(audit().contains("requester has gone"), "{}", audit());
     assert_eq!(service.shared.jobs_to_read().latest(1).unwrap(), []);
     assert_eq!(line.board().state, BoardState::Idle);
+}
+
+#[test]
+fn a_stop_of_another_origin_voids_earlier_orders() {
+    let directory = tempfile::tempdir().unwrap();
+    let service = service(&directory);
+    let mut case = Case::new(&service, "lab".to_owned());
+    case.wait_for_connection();
+    for step in [Step::Preheat, Step::Grow] {
+        for state in [BoardState::EmergencyStop, BoardState::Fault, BoardState::Stopped] {
+            case.line.board().state = BoardState::Idle;
+            wait_until(|| case.worker.status().board_state.as_deref() == Some(BoardState::Idle.name()));
+            assert_eq!(case.carry_out(step), Ok(()));
+            wait_until(|| case.worker.status().target_c.is_some());
+            let permit = case.worker.signal().permit();
+            assert!(permit.is_valid());
+            case.line.board().state = state;
+            wait_until(|| case.worker.status().board_state.as_deref() == Some(state.name()));
+            assert!(!permit.is_valid(), "{step:?} {state:?}");
+            wait_until(|| case.worker.status().job.is_none());
+        }
+    }
+    let permit = case.worker.signal().permit();
+    assert_eq!(run_command(&case.worker, RobotCommand::Cancel, &permit), Ok(()));
+    assert!(!permit.is_valid(), "a cancellation");
 }

@@ -9,8 +9,8 @@ use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
 use growbot_core::link::message::{
-    AppendLayers, BeginJob, EnergizingRequest, HostSilencePolicy, MAX_LAYERS_PER_MESSAGE, Message, PassiveRequest,
-    Start, State, Status,
+    AppendLayers, BeginJob, EnergizingRequest, HostSilencePolicy, MAX_LAYERS_PER_MESSAGE, PassiveRequest, Start, State,
+    Status,
 };
 use growbot_core::robot::Robot;
 use growbot_sim::port::sim::Sim;

@@ -10,7 +10,7 @@ use growbot_client::growth::{
 };
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::{Empty, HostSilencePolicy, Message, ResetCause, State, Status};
+use growbot_core::link::message::{HostSilencePolicy, ResetCause, State, Status};
 use growbot_sim::port::sim::Sim;
 
 use super::{Board, CuttablePort, ReferenceGrowth};

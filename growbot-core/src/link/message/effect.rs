@@ -74,6 +74,7 @@ passive_requests! {
 
 /// Effect of a message.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a message is as large")]
 pub enum Effect {
     /// A request that heats and moves nothing.
     Passive(PassiveRequest),
