@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 use std::io;
 use std::panic::resume_unwind;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::sleep;
 use std::time::Duration;
@@ -239,6 +239,8 @@ pub struct FakeLine {
     thread_ends: Arc<AtomicBool>,
     /// True once it has.
     thread_ended: Arc<AtomicBool>,
+    /// Number of times that the robot's thread has waited for bytes.
+    waits: Arc<AtomicU32>,
 }
 
 impl FakeLine {
@@ -248,6 +250,7 @@ impl FakeLine {
             is_killed: Arc::default(),
             thread_ends: Arc::default(),
             thread_ended: Arc::default(),
+            waits: Arc::default(),
         }
     }
 
@@ -258,6 +261,7 @@ impl FakeLine {
             is_killed: Arc::default(),
             thread_ends: Arc::default(),
             thread_ended: Arc::default(),
+            waits: Arc::default(),
         }
     }
 
@@ -273,6 +277,11 @@ impl FakeLine {
     /// Lets the robot's thread panic at its next use of the line. The rest of the service lives on.
     pub fn end_thread(&self) {
         self.thread_ends.store(true, Ordering::SeqCst);
+    }
+
+    /// Returns the number of times that the robot's thread has waited for bytes.
+    pub fn waits(&self) -> u32 {
+        self.waits.load(Ordering::SeqCst)
     }
 
     /// Reports whether the robot's thread has not panicked.
@@ -334,6 +343,9 @@ impl Port for FakePort {
             }
             None => 0,
         };
+        if !self.is_for_emergency {
+            self.line.waits.fetch_add(1, Ordering::SeqCst);
+        }
         if count == 0 {
             self.now += timeout;
             sleep(WAIT);

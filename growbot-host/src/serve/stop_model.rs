@@ -31,6 +31,8 @@ use super::{Service, ServiceContext, ServicePaths};
 const PARALLEL: usize = 96;
 /// Time after each step for what the robot's thread does by itself.
 const SETTLE: Duration = Duration::from_millis(8);
+/// Number of waits for bytes in which the robot's thread carries out what is queued.
+const SETTLE_WAITS: u32 = 8;
 /// Maximum time until the robot's thread has connected again.
 const CONNECT_LIMIT: Duration = Duration::from_secs(20);
 const ROBOT: &str = "growbot-a2";
@@ -151,18 +153,29 @@ impl<'a> Case<'a> {
         self.wait_for_connection();
         for step in steps {
             self.step(step);
-            sleep(SETTLE);
+            self.settle();
         }
         // However the case ends, the line comes back and the service follows.
         self.line.board().line = LineState::Up;
         self.wait_for_connection();
-        sleep(SETTLE);
+        self.settle();
         let board = self.line.board();
         let mut violations = board.violations.clone();
         if self.model.must_be_off && board.is_hot() {
             violations.push(format!("{} after a stop", board.state.name()));
         }
         violations
+    }
+
+    /// Gives the robot's thread time for what it does by itself. A thread that is connected carries out what is queued.
+    fn settle(&self) {
+        let waits = self.line.waits();
+        sleep(SETTLE);
+        let began = Instant::now();
+        while self.line.waits() < waits + SETTLE_WAITS && self.worker.status().connection_error.is_none() {
+            assert!(began.elapsed() < CONNECT_LIMIT, "{}: {:?}", self.name, self.worker.status());
+            sleep(Duration::from_millis(1));
+        }
     }
 
     fn wait_for_connection(&self) {
