@@ -117,7 +117,7 @@ fn compare<'a>(goals: impl Iterator<Item = &'a [f64; 5]>) -> Compared {
 
         let mut held: Vec<LayerBytes> = Vec::new();
         while held.len() < expected.layers as usize {
-            let read = Message::ReadLayers(ReadLayers { first: held.len() as u32 });
+            let read = PassiveRequest::ReadLayers(ReadLayers { first: held.len() as u32 });
             let Message::StoredLayers(StoredLayers { layers, .. }) = client.request("for layers", &read).unwrap()
             else {
                 panic!("no layers for {goal:?}");
